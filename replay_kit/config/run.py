@@ -91,6 +91,11 @@ class MeasurementConfig(_Section):
     use_inverted: bool = Field(
         default=True, description="Use profiles that were computed from a dive's pings and depth-averaged current instead of these."
     )
+    flight_bias: bool = Field(
+        default=True,
+        description="Take the flight model's error, in proportion to the way through the water, from the mean currents of dives, as the "
+        "dives before show it; mean currents then count beside profiles that were computed from them.",
+    )
     dead_reckoning: Literal["corrected", "through_water"] = Field(
         default="corrected",
         description="Whether dead-reckoned positions include a current; through_water: they do not, and give the depth-averaged current of "

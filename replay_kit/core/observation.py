@@ -202,6 +202,9 @@ class PathMean:
         dive: Number of the dive, or of the dive before the drift; as in ``Observation``.
         source: The message that completed it.
         fixes: Before and after the path; None where they are not known.
+        stated: As the log states it, true east and true north [m/s], where the flight model's error was taken from ``velocity``; None
+            elsewhere.
+        beside_profiles: Whether profiles that were computed from it, among other things, are used too.
     """
 
     time_ns: int
@@ -216,6 +219,8 @@ class PathMean:
     dive: int
     source: Source
     fixes: tuple[Fix, Fix] | None = None
+    stated: tuple[float, float] | None = None
+    beside_profiles: bool = False
 
     def __repr__(self) -> str:
         """Return when and over what path the mean was taken, and the mean."""

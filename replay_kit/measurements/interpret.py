@@ -12,7 +12,7 @@ from replay_kit.config.mapping import ProfileMap, TopicMap, VelocityMap
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
-from replay_kit.core.observation import Measurement, Source
+from replay_kit.core.observation import Measurement, PathMean, Source
 from replay_kit.measurements.current.mean import MeanCurrent
 from replay_kit.measurements.events import MALFORMED, NOT_A_KIND, Event, Skipped, malformed
 from replay_kit.measurements.messages import mavlink_vehicle
@@ -63,9 +63,14 @@ def initial_state(system: int | None = None) -> MeasurementState:
 
 
 def observations(messages: Iterable[Message], config: MeasurementConfig | None = None) -> Iterator[Measurement]:
-    """Yield the profiles and mean currents in a stream of messages: what a post-mission script loops over."""
+    """Yield the profiles and mean currents in a stream of messages: what a post-mission script loops over.
+
+    A mean current beside profiles that were computed from it is left out: without the flight model's bias it would count twice.
+    """
     for events in events_of(messages, config or MeasurementConfig()):
-        yield from (event for event in events if isinstance(event, Measurement))
+        for event in events:
+            if isinstance(event, Measurement) and not (isinstance(event, PathMean) and event.beside_profiles):
+                yield event
 
 
 def events_of(messages: Iterable[Message], config: MeasurementConfig, system: int | None = None) -> Iterator[list[Event]]:

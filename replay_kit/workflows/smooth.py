@@ -28,6 +28,7 @@ from replay_kit.results import ResultWriter
 from replay_kit.results.summary import ReplaySummary
 from replay_kit.workflows.replay.build import Forecasts, build, flow_at
 from replay_kit.workflows.replay.estimation import EstimationState, assimilate
+from replay_kit.workflows.replay.flight_bias import FlightState, as_used
 from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, forecasts_of, reading
 from replay_kit.workflows.replay.look_ahead import open_readers
 from replay_kit.workflows.replay.outputs import Weights, write
@@ -121,10 +122,15 @@ def _events(
     settings, advance = config.logs, reading(readers, progress, "reading the logs")
     merged = merge(readers, settings.reorder_window, settings.start_ns, settings.end_ns)
     kept: list[VehicleState | Measurement] = []
-    statistics = RunStatistics()
+    statistics, flight = RunStatistics(), FlightState()
     for events in events_of(merged, config.measurements, settings.system):
         advance()
-        kept += [event for event in events if isinstance(event, kinds)]
+        for stated in events:
+            flight, event = as_used(flight, stated, config.measurements)
+            if isinstance(event, kinds) and (
+                config.measurements.flight_bias or not (isinstance(event, PathMean) and event.beside_profiles)
+            ):
+                kept.append(event)
         statistics = statistics.after_events(event for event in events if not isinstance(event, kinds))
     return kept, statistics.with_order(merged)
 

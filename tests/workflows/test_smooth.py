@@ -11,6 +11,7 @@ from replay_kit.logs import open_log
 from replay_kit.results.report import report_html
 from replay_kit.results.views.contents import Contents
 from replay_kit.workflows.library import settings_of
+from replay_kit.workflows.replay.flight_bias import FlightState, as_used
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.smooth import STATIC, published_times, smooth
 from tests.places import SAMPLES
@@ -37,7 +38,10 @@ def test_grids_are_those_of_the_smoother_at_the_published_times(tmp_path):
     estimator = build_evolving(read_series(SAMPLES / "ensemble.nc", config.forecast), config.estimator, config.time, config.gating)
     log = open_log(SAMPLES / "glider.mcap", config.logs)
     end = config.logs.end_ns
-    measured = list(rk.observations(message for message in log.messages() if message.time_ns <= end))
+    measured, flight = [], FlightState()
+    for stated in rk.observations(message for message in log.messages() if message.time_ns <= end):
+        flight, used = as_used(flight, stated, config.measurements)
+        measured.append(used)
     slices = Contents(result).slices
     flows = smooth_states(estimator, measured, slices.time_ns.tolist())
     assert slices.time_ns.size == 4

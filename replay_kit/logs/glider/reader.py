@@ -101,9 +101,11 @@ class GliderReader(LogFile):
         return sum(count for at, _, count in self._columns.skipped if at == topic)
 
     def _dacs(self) -> Iterator[Entry]:
-        also_in = next((topic for _, topic, _, _ in self._adcp if topic in (INVERTED, PROFILES)), None)
+        # an inversion weighs the mean current against the pings; profiles that were only shifted to it hold nothing else of it
+        found = {topic for _, topic, _, _ in self._adcp}
+        named = {"also_in": PROFILES} if PROFILES in found else {"inverted_in": INVERTED} if INVERTED in found else {}
         for mean in self._means.means:
-            yield mean.end.time_ns, "/dac", _DAC, _dac(mean, self._dialect.dac_kind) | ({"also_in": also_in} if also_in else {})
+            yield mean.end.time_ns, "/dac", _DAC, _dac(mean, self._dialect.dac_kind) | named
 
     def _positions(self) -> Iterator[Entry]:
         """Yield the track, one position a minute; the first and the deepest sample are treated like the others."""

@@ -34,7 +34,8 @@ def seaglider_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
 
     A profile's time is the end of its leg, where the position is known: the deepest point for the descent, the last
     sample or the end fix, whichever is earlier, for the ascent. The inversion itself needs the fix after the dive.
-    Because it takes the dive's pings and mean current, ``also_in`` of these and ``computed_from`` of the profiles name each other.
+    Because it takes the dive's pings and mean current, ``also_in`` of the pings, ``inverted_in`` of the mean current and ``computed_from``
+    of the profiles name each other.
 
     Raises:
         LogError: A variable has a unit that is not understood.

@@ -31,6 +31,7 @@ class MeanCurrent:
         end: The fix after it; None when not stated.
         dive: Number of its dive; None when not stated.
         max_depth: Greatest depth of its dive [m]; NaN when not stated.
+        inverted: Whether its dive has profiles that were computed from it, among other things.
     """
 
     velocity: tuple[float, float]
@@ -39,6 +40,7 @@ class MeanCurrent:
     end: Fix | None
     dive: int | None
     max_depth: float = math.nan
+    inverted: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +84,7 @@ def stated_mean(dives: Dives, mean: MeanCurrent, dive: int, source: Source, conf
     error = mean.error_std if math.isfinite(mean.error_std) else _error(path, end, config.dac_std, config)
     done = None if dives.done is not None and dives.done[1].time_ns <= end.time_ns else dives.done
     whole = path_mean(path, replace(end, source=source), mean.velocity, error, "dac", dive)
+    whole = replace(whole, beside_profiles=mean.inverted and config.use_inverted)
     if not _is_path(whole):
         return dives, "depth-averaged current: no way leads from its first fix to its last"
     return replace(dives, done=done), whole

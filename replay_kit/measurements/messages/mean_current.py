@@ -19,7 +19,8 @@ def depth_averaged_current(payload: Mapping[str, Any]) -> MeanCurrent | str:
     std = number(payload.get("error"))
     start, end = (_fix(payload.get(name)) for name in ("start_fix", "end_fix"))
     believed = std if STD_BELIEVED[0] <= std <= STD_BELIEVED[1] else math.nan
-    return MeanCurrent(velocity, believed, start, end, dive_number(payload.get("dive")), number(payload.get("max_depth")))
+    dive, inverted = dive_number(payload.get("dive")), bool(payload.get("inverted_in"))
+    return MeanCurrent(velocity, believed, start, end, dive, number(payload.get("max_depth")), inverted)
 
 
 def _fix(stated: Any) -> Fix | None:

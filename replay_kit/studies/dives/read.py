@@ -53,7 +53,7 @@ def read_dives(logs: Sequence[Path], config: RunConfig) -> tuple[Dive, ...]:
     """
     # decoding takes longer than interpreting
     messages = list(merge(open_readers(logs, config), config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns))
-    given = [event for event in _events(messages, config) if isinstance(event, Measurement)]
+    given = [event for event in _events(messages, config) if isinstance(event, Measurement) and not _beside_profiles(event)]
     inverted, sources = (_events(messages, _using(config, inverted=use)) for use in (True, False))
     profiles = [event for event in inverted if isinstance(event, Observation) and np.isfinite(event.common_std)]
     means, fixes = [], []
@@ -78,6 +78,11 @@ def read_dives(logs: Sequence[Path], config: RunConfig) -> tuple[Dive, ...]:
         names = ", ".join(str(path) for path in logs)
         raise MeasurementError(f"{names}: expected at least two dives with profiles or mean currents, got {len(dives)}; give more logs")
     return dives
+
+
+def _beside_profiles(event: Measurement) -> bool:
+    """Return whether a measurement is a mean current beside profiles that were computed from it."""
+    return isinstance(event, PathMean) and event.beside_profiles
 
 
 def _using(config: RunConfig, *, inverted: bool) -> RunConfig:

@@ -46,6 +46,10 @@ class MonitoringState:
         return any(finding.name in _WITHOUT_PROFILES for finding in self.checks.findings)
 
 
+def _with_mean(means: tuple[PathMean, ...], event: Checked) -> tuple[PathMean, ...]:
+    return (*means, event) if isinstance(event, PathMean) else means
+
+
 def monitor(
     state: MonitoringState, event: Checked, config: RunConfig, speeds: EnsembleSpeeds | None, summary: PingSummary | None = None
 ) -> tuple[MonitoringState, Checked, tuple[Finding, ...]]:
@@ -62,10 +66,13 @@ def monitor(
         MeasurementError: The log cannot be used, or a contradiction is to stop the run.
     """
     if config.consistency.on_failure == "ignore":
-        return state, event, ()
+        return replace(state, means=_with_mean(state.means, event)), event, ()
+    if isinstance(event, PathMean) and event.beside_profiles:
+        # the profiles were computed from it
+        return replace(state, means=_with_mean(state.means, event)), event, ()
     through_water = config.measurements.dead_reckoning == "through_water"
     checks, checked = check(state.checks, event, speeds, through_water, summary)
-    means = (*state.means, event) if isinstance(event, PathMean) else state.means
+    means = _with_mean(state.means, event)
     if checks.findings is state.checks.findings:
         return MonitoringState(checks, means, state.gated), checked, ()
     new = tuple(_as_stated(finding, config) for finding in checks.findings[len(state.checks.findings) :])

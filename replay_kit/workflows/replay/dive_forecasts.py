@@ -71,7 +71,7 @@ def forecast_mean(state: ForecastState, mean: PathMean, backgrounds: Array | Non
     """
     if mean.kind != "dac" or mean.fixes is None:
         return state, ()
-    dive = dive_mean(state, mean, backgrounds)
+    dive = dive_mean(state, mean, _UNKNOWN if backgrounds is None else backgrounds)
     before = _MODEL.initial() if state.model is None else state.model
     outcome = _outcome(state, before, dive, mean)
     after = replace(
@@ -93,11 +93,11 @@ def next_surfacing(state: ForecastState) -> DiveForecast | None:
     return _forecast(state, state.model, coming, fix, state.outcomes[-1].forecast.dive + 1)
 
 
-def dive_mean(state: ForecastState, mean: PathMean, backgrounds: Array | None) -> DiveMean:
+def dive_mean(state: ForecastState, mean: PathMean, backgrounds: Array) -> DiveMean:
     """Return what a mean current with fixes says, with the dive's own profiles and with what the ensemble and the estimate say of it."""
     assert mean.fixes is not None
     start, end = mean.fixes
-    seconds, velocity = (end.time_ns - start.time_ns) * 1e-9, np.array(mean.velocity)
+    seconds, velocity = (end.time_ns - start.time_ns) * 1e-9, np.array(mean.stated or mean.velocity)
     way = np.array(to_local(Projection(start.longitude, start.latitude), end.longitude, end.latitude)) / seconds - velocity
     return DiveMean(
         time_ns=(start.time_ns + end.time_ns) // 2,
@@ -106,7 +106,7 @@ def dive_mean(state: ForecastState, mean: PathMean, backgrounds: Array | None) -
         surface_share=float(mean.weight @ np.exp(-mean.depth / SURFACE_DEPTH)),
         velocity=velocity,
         inverted=_along(state.sums, mean) if state.dive == mean.dive else None,
-        backgrounds=_UNKNOWN if backgrounds is None else backgrounds,
+        backgrounds=backgrounds,
     )
 
 

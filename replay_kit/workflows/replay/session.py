@@ -12,6 +12,7 @@ from typing import Any
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
+from replay_kit.core.dive_forecast import DiveOutcome
 from replay_kit.core.finding import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState
@@ -26,6 +27,7 @@ from replay_kit.workflows.replay.build import flow_at
 from replay_kit.workflows.replay.consistency import MonitoringState
 from replay_kit.workflows.replay.dive_forecasts import ForecastState, forecast_mean, forecast_step
 from replay_kit.workflows.replay.estimation import EstimationState, assimilate
+from replay_kit.workflows.replay.flight_bias import FlightState, as_used
 from replay_kit.workflows.replay.outputs import Findings, LogWarning, Output, write
 from replay_kit.workflows.replay.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.publishing import PublishingState, depth_slices, publish_step, publish_windows, withdraw_windows
@@ -47,6 +49,7 @@ class ReplayState:
         statistics: What was counted.
         monitoring: Of the consistency checks.
         forecasts: Of the surfacings expected.
+        flight: Of the flight model's error.
         last_ns: Time of the last message [ns, UTC].
     """
 
@@ -56,6 +59,7 @@ class ReplayState:
     statistics: RunStatistics = field(default_factory=RunStatistics)
     monitoring: MonitoringState = field(default_factory=MonitoringState)
     forecasts: ForecastState = field(default_factory=ForecastState)
+    flight: FlightState = field(default_factory=FlightState)
     last_ns: int = 0
 
 
@@ -105,13 +109,15 @@ class Session:
         """The states of all stages; None while observations wait, for which there is no state yet."""
         if self._buffer:
             return None
-        return ReplayState(self.estimation, self.publishing, self.planning, self.statistics, self.monitoring, self.forecasts, self.last_ns)
+        return ReplayState(
+            self.estimation, self.publishing, self.planning, self.statistics, self.monitoring, self.forecasts, self.flight, self.last_ns
+        )
 
     def restore(self, state: ReplayState) -> None:
         """Continue from a state."""
         self.estimation, self.publishing, self.planning = state.estimation, state.publishing, state.planning
         self.statistics, self.monitoring, self.last_ns = state.statistics, state.monitoring, state.last_ns
-        self.forecasts = state.forecasts
+        self.forecasts, self.flight = state.forecasts, state.flight
         self.estimator = consistency.trusting(self._built, self.monitoring)
 
     def summarised(self, events: Iterable[Event]) -> Iterator[PingSummary]:
@@ -129,17 +135,28 @@ class Session:
             pings: What ``summarised`` gives of its profiles and those that follow; None for these events alone.
         """
         pings = self.summarised(events) if pings is None else pings
-        self.statistics = self.statistics.after_events(event for event in events if not isinstance(event, self._inputs))
+        self.statistics = self.statistics.after_events(
+            event for event in events if not isinstance(event, self._inputs) and not _aside(event)
+        )
         for given in events:
-            event = self._monitored(given, pings) if isinstance(given, Checked) else given
+            if isinstance(given, PathMean) and given.beside_profiles and not self.config.measurements.flight_bias:
+                self._expect(forecast_mean(self.forecasts, given))
+                continue
+            event = self._corrected(self._monitored(given, pings) if isinstance(given, Checked) else given)
             if isinstance(event, self._inputs):
                 self._buffer.append(event)
                 self._n_observations += isinstance(event, Measurement)
                 if self._n_observations == self.estimator.block_size or len(self._buffer) == _BUFFERED:
                     self.assimilate_buffer()
             elif isinstance(event, PathMean):
-                self.forecasts, outcomes = forecast_mean(self.forecasts, event)
-                self._write(outcomes)
+                self._expect(forecast_mean(self.forecasts, event))
+
+    def _corrected(self, event: Event) -> Event:
+        """Return an event as the estimate is given it: of a mean current without the flight model's error, from which it can be rebuilt."""
+        self.flight, used = as_used(self.flight, event, self.config.measurements)
+        if isinstance(used, PathMean) and used is not event:
+            self.monitoring = replace(self.monitoring, means=(*self.monitoring.means[:-1], used))
+        return used
 
     def _monitored(self, event: Checked, pings: Iterator[PingSummary]) -> Checked:
         """Return an event as it may be used, after what it showed of the log was acted on."""
@@ -186,8 +203,8 @@ class Session:
                 self.publishing, outputs = publish_step(self.publishing, step, self._levels, self.config.output, after)
                 self._write(outputs)
             with self.clock.stage("expect"):
-                self.forecasts, outcomes = forecast_step(self.forecasts, step)
-            self._write(outcomes)
+                expected = forecast_step(self.forecasts, step)
+            self._expect(expected)
             self._plan(plans.after_step, step, after)
         self._publish_windows()
 
@@ -216,9 +233,19 @@ class Session:
                 self.planning, outputs = stage(self.problem, self.planning, *arguments)
             self._write(outputs)
 
+    def _expect(self, expected: tuple[ForecastState, tuple[DiveOutcome, ...]]) -> None:
+        """Take up the state of the forecasts of surfacings, and write the outcomes of those that came."""
+        self.forecasts, outcomes = expected
+        self._write(outcomes)
+
     def _write(self, outputs: Iterable[Output]) -> None:
         """Write outputs, if there is a result."""
         if self.writer is not None:
             for output in outputs:
                 with self.clock.stage("write"):
                     write(self.writer, output)
+
+
+def _aside(event: Event) -> bool:
+    """Return whether an event is a mean current beside profiles that were computed from it: not used, it is no loss."""
+    return isinstance(event, PathMean) and event.beside_profiles
