@@ -4,6 +4,7 @@ import math
 import mmap
 import os
 import tempfile
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,13 @@ def large_array(shape: tuple[int, ...]) -> Array:
             "folder with room, or choose less with --region and --levels"
         ) from error
     return np.frombuffer(mapped).reshape(shape)
+
+
+def one_by_one(array: Array) -> Iterator[Array]:
+    """Yield the parts of an array along its first axis; of one on disk, each is let go before the next."""
+    for part in array:
+        yield part
+        release(array)
 
 
 def release(array: Array) -> None:

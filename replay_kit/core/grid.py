@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array, release
+from replay_kit.core.arrays import Array, one_by_one, release
 from replay_kit.core.text import span_text, time_text
 
 
@@ -115,8 +115,7 @@ class Ensemble:
 def component_rms(velocity: Array) -> float:
     """Return the root mean square of a component [m/s], member by member; ``velocity`` of shape (E, ...), NaN where dry."""
     square, count = 0.0, 0
-    for member in velocity:
+    for member in one_by_one(velocity):
         wet = member[np.isfinite(member)]
         square, count = square + float(wet @ wet), count + wet.size
-    release(velocity)
     return float(np.sqrt(square / count)) if count else float("nan")

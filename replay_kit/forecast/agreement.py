@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array, release
+from replay_kit.core.arrays import Array, one_by_one
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import component_rms
 from replay_kit.core.text import count_text
@@ -24,7 +24,7 @@ def common_water(velocity: Array, labels: tuple[str, ...], source: str) -> tuple
     """
     wet, anywhere = np.ones(velocity.shape[2:], dtype=bool), np.zeros(velocity.shape[2:], dtype=bool)
     counts = []
-    for member in velocity:
+    for member in one_by_one(velocity):
         own = np.isfinite(member).all(axis=0)
         wet &= own
         anywhere |= own
@@ -44,9 +44,8 @@ def common_water(velocity: Array, labels: tuple[str, ...], source: str) -> tuple
             f"taken for land: {count_text(int((anywhere & ~wet).sum()), 'point')} without values in {int(np.count_nonzero(missing))} of "
             f"{len(labels)} members, most in '{labels[worst]}' ({int(missing[worst])} of {int(anywhere.sum())} points)",
         )
-    for member in velocity if missing.any() else ():
+    for member in one_by_one(velocity) if missing.any() else ():
         member[:, ~wet] = np.nan
-    release(velocity)
     return velocity, wet, notes
 
 
@@ -59,7 +58,7 @@ def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tu
     notes = []
     seen: dict[bytes, str] = {}
     same = []
-    for label, member in zip(labels, velocity, strict=True):
+    for label, member in zip(labels, one_by_one(velocity), strict=True):
         key = hashlib.blake2b(member.tobytes()).digest()
         if key in seen:
             same.append(f"'{label}' and '{seen[key]}'")
@@ -71,6 +70,6 @@ def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tu
     rms = component_rms(velocity)
     if not _ODD_SPEEDS[0] < rms < _ODD_SPEEDS[1]:
         notes.append(f"{WARNING}currents of {rms:.3g} m/s rms are no usual ones; check the attribute units of the velocities")
-    if len(labels) > 3 and np.sqrt(np.nanmean(velocity.mean(axis=0) ** 2)) < 1e-3 * rms:
+    if len(labels) > 3 and np.sqrt(np.nanmean(np.square(sum(one_by_one(velocity)) / len(velocity)))) < 1e-3 * rms:
         notes.append(f"{WARNING}the members cancel out in their mean, as anomalies do; give the background as bg_*.nc with --ensemble too")
     return tuple(notes)

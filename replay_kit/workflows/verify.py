@@ -25,7 +25,7 @@ from replay_kit.results import CONTRACT_VERSION, Difference, Digest, Recorded, f
 from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.planner import PlannerFactory
-from replay_kit.workflows.replay.provenance import BATHYMETRY, file_hash, with_bathymetry
+from replay_kit.workflows.replay.provenance import BATHYMETRY, FOLLOWED, file_hash, with_bathymetry
 from replay_kit.workflows.replay.region import REGION_RECORD, from_record
 from replay_kit.workflows.replay.replay import replay
 
@@ -110,7 +110,8 @@ def _others_that_differ(one: Recorded, other: Recorded) -> tuple[str, ...]:
     made = {name: data for name, data in other.attachments.items() if name != SUMMARY_NAME or name in one.attachments}
     attachments = [f"attachment {name}" for name in _unequal(one.attachments, made)]
     ours, theirs = ({name: _without_truth(values) for name, values in recorded.metadata.items()} for recorded in (one, other))
-    ignored = {_VERSIONS} if _contract(one) == _contract(other) else {_VERSIONS, "contract"}
+    # how a log grew is not repeated: its final files are replayed at once
+    ignored = {_VERSIONS, FOLLOWED} if _contract(one) == _contract(other) else {_VERSIONS, FOLLOWED, "contract"}
     metadata = [f"metadata {name}" for name in _unequal(ours, theirs) if name not in ignored]
     digests = ["the digests"] if one.digests != other.digests else []
     return (*attachments, *metadata, *digests)

@@ -52,6 +52,8 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
         options.json.write_text(json.dumps(result, indent=1))
         if result["scaling"]:
             scaling.draw(result["scaling"], options.json)
+        if "size" in names and not options.tiny:
+            size.draw(result["rows"], options.json)
     return result
 
 

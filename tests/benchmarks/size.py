@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 import xarray as xr
+from matplotlib.figure import Figure
 
 from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig, ForecastConfig
@@ -42,6 +43,8 @@ SIZES = (
 )
 GROWTH = (30, 60, 120, 240)
 LARGEST = (240, 240, 50, 95, 360.0, 4000.0)
+#: As the default was set up before, dense: nodes a level, seconds, peak memory [MB]; 8 levels, 50 members.
+DENSE = ((100, 2.0, 35.0), (256, 2.3, 57.0), (527, 3.5, 81.0), (900, 7.8, 172.0), (1600, 25.3, 470.0), (3600, 133.0, 2400.0))
 # Nodes up to which the dense way is made.
 _DENSE = 600
 
@@ -225,3 +228,17 @@ def rows(tiny: bool) -> list[Row]:
     done.append(growth_row(GROWTH, 8, 50, 300, alone))
     done.append(alone(lambda: from_zarr_row(*LARGEST, 300)))
     return done
+
+
+def draw(found: list[Row], path: Path) -> None:
+    """Write the growth of time and memory with the nodes of a level, before and now, as PNG."""
+    growth = next(each for each in found if "times_s" in each)
+    figure = Figure(figsize=(8.0, 3.2), layout="constrained")
+    panels = figure.subplots(1, 2)
+    for panel, now, column, name in zip(panels, (growth["times_s"], growth["memory_mb"]), (1, 2), ("time", "memory"), strict=True):
+        panel.loglog([each[0] for each in DENSE], [each[column] for each in DENSE], "s--", color="0.5", label="before, dense")
+        panel.loglog([side**2 for side in GROWTH], now, "o-", label=f"now, exponent {growth[f'exponent_of_{name}']:.2f}")
+        panel.set(xlabel="nodes of a level", ylabel={"time": "processor time [s]", "memory": "peak memory [MB]"}[name])
+        panel.grid(alpha=0.3)
+        panel.legend(fontsize=8)
+    figure.savefig(path.with_suffix(".png"), dpi=110)

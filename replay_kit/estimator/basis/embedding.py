@@ -65,7 +65,10 @@ def _on_lattice(lattice: StreamFunctionLattice, nodes: Array, velocity: Array, n
     factor = factored(band)
     solution = np.asarray(solve(factor, right), dtype=np.float64)
     for _ in range(_ROUNDS if single else 0):
-        residual = right - equations.product(solution) - ridge * solution
+        # in place: of a large region each of these arrays is a tenth of the memory that the embedding takes
+        residual = equations.product(solution)
+        residual += ridge * solution
+        np.subtract(right, residual, out=residual)
         if np.all(np.linalg.norm(residual, axis=0) <= _RESIDUAL * np.linalg.norm(right, axis=0)):
             break
         solution += solve(factor, residual)

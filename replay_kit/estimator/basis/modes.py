@@ -224,7 +224,10 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
     # the first copy is not shifted, but weighted
     scale = SHIFT_WEIGHTS[0] if shift > 0.0 else 1.0
     weights = found.products[: n_members * n_levels].reshape(n_members, n_levels, -1) / scale
-    latents = embed(functions, nodes, np.hstack([mean.reshape(n_levels, -1).T, found.vectors]), config.nugget)
+    given = np.hstack([mean.reshape(n_levels, -1).T, found.vectors])
+    # a view, so that no second copy of the vectors takes memory beside the band of a large region
+    found = replace(found, vectors=given[:, n_levels:])
+    latents = embed(functions, nodes, given, config.nugget)
     velocity_modes = functions.velocity(nodes, latents[:, n_levels:]).reshape(2 * len(nodes), -1)
     apart = correlation_length(ensemble) if config.shift_distance is None else config.shift_distance
     missed = shifted_residual(ensemble, mean.reshape(n_levels, -1), velocity_modes, apart)

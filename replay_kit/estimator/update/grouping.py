@@ -7,7 +7,7 @@ from math import cos, hypot, isfinite, radians
 
 import numpy as np
 
-from replay_kit.core.arrays import release
+from replay_kit.core.arrays import one_by_one
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation, PathMean, Source, VehicleState
 
@@ -130,9 +130,8 @@ def current_gradient(ensemble: Ensemble) -> float:
         wet = np.delete(grid.wet, -1, axis=axis) & np.delete(grid.wet, 0, axis=axis)
         if wet.any():
             # one member at a time: ensembles may be larger than memory
-            squares = [float(np.sum(np.square(np.diff(member, axis=axis) / way)[:, wet])) for member in ensemble.velocity]
+            squares = [float(np.sum(np.square(np.diff(member, axis=axis) / way)[:, wet])) for member in one_by_one(ensemble.velocity)]
             found.append(float(np.sqrt(sum(squares) / (ensemble.n_members * np.count_nonzero(wet)))))
-    release(ensemble.velocity)
     return max(found)
 
 

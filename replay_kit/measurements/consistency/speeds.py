@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from replay_kit.core.arrays import IN_MEMORY, Array, release
+from replay_kit.core.arrays import IN_MEMORY, Array, one_by_one
 
 # m/s; no region's currents have an RMS speed outside, and no model resolves much faster ones
 _LEAST_RMS, _MOST_RMS, _MOST_SPEED, _PERCENTILE = 0.004, 1.5, 4.0, 99.9
@@ -46,12 +46,11 @@ class EnsembleSpeeds:
 def ensemble_speeds(levels: Array, velocity: Array) -> EnsembleSpeeds:
     """Return the speeds of an ensemble, shape (E, 2, Z, J, I) [m/s], NaN where dry; a dry level has those of the first one."""
     total, count = np.zeros(levels.size), np.zeros(levels.size, dtype=np.int64)
-    for member in velocity:
+    for member in one_by_one(velocity):
         squared = np.square(member).sum(axis=0)
         wet = np.isfinite(squared)
         count += wet.sum(axis=(1, 2))
         total += np.where(wet, squared, 0.0).sum(axis=(1, 2))
-    release(velocity)
     mean = total / np.maximum(count, 1)
     return EnsembleSpeeds(levels, np.where(count > 0, mean, mean[0]))
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from rich.console import Console
 
+from replay_kit.core.arrays import IN_MEMORY
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.observation import Observation
 from replay_kit.logs import merge
@@ -23,8 +24,10 @@ from replay_kit.workflows.fleet.run import Outcome, failure
 from replay_kit.workflows.replay.inputs import forecasts_of
 from replay_kit.workflows.replay.look_ahead import open_readers
 
-#: Of the set-up: nodes a level times levels, seconds, memory [MB]; 50 members, 300 modes, 8 levels.
-SET_UP = ((800, 2.0, 35.0), (2048, 2.3, 57.0), (4216, 3.5, 81.0), (7200, 7.8, 172.0), (12800, 25.3, 470.0), (28800, 133.0, 2400.0))
+#: Of the set-up: nodes a level, seconds, memory [MB]; 8 levels, 50 members, 300 modes (``python -m tests.benchmarks size``).
+SET_UP = ((527, 1.9, 104.0), (900, 2.6, 124.0), (3600, 5.9, 251.0), (14_400, 25.8, 838.0), (57_600, 138.8, 3842.0))
+#: For each value of a component beyond those 8 levels and 50 members [s], from 120 x 120 x 30 x 50 and 240 x 240 x 50 x 95.
+VALUE_S = 6e-7
 #: For reading, checking, updating with and writing one profile [s]: 450 of the sample survey, and 8 ms with 2,400 weights.
 PROFILE_S = 0.0098
 # What the interpreter and the libraries take before the first array [MB].
@@ -70,15 +73,16 @@ def _expected(mission: Mission) -> Expected:
     if not profiles and not config.measurements.use_dac:
         raise MeasurementError(f"{job.logs[0]}: the log gives no profile; replay-kit info says what is in it")
     nodes, levels = math.prod(ensemble.grid.east.shape), int(ensemble.grid.levels.size)
-    set_up_s, memory = (grown(nodes * levels, [(size, row[k]) for size, *row in SET_UP]) for k in range(2))
+    set_up_s, memory = (grown(nodes, [(size, row[k]) for size, *row in SET_UP]) for k in range(2))
+    values = nodes * max(levels * ensemble.n_members - 8 * 50, 0)
     return Expected(
         mission=mission.name,
         profiles=profiles,
         nodes=nodes,
         levels=levels,
-        set_up_s=set_up_s,
+        set_up_s=set_up_s + VALUE_S * values,
         replay_s=profiles * PROFILE_S,
-        memory_mb=_BASE_MB + memory + 2e-6 * ensemble.velocity.nbytes,
+        memory_mb=_BASE_MB + memory + 2e-6 * min(ensemble.velocity.nbytes, IN_MEMORY),
     )
 
 

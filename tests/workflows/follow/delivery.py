@@ -54,7 +54,7 @@ class Sea:
     def at_once(self, out: Path, config: RunConfig = CONFIG) -> Path:
         """Replay what is in the inbox in the end, planned at the same times."""
         when = config.planner.model_copy(update={"when": "surfacing"})
-        logs = tuple(sorted(path for path in self.inbox.iterdir() if path.suffix == ".mcap"))
+        logs = tuple(sorted(path for path in self.inbox.iterdir() if path.suffix in (".mcap", ".tlog")))
         replay(replace(self.job, logs=logs, out=out), config.model_copy(update={"planner": when}), planner_of)
         return out
 

@@ -12,10 +12,13 @@ import pytest
 from replay_kit import open_result
 from replay_kit.core.errors import ForecastError
 from replay_kit.workflows.follow.memory import read_memory
+from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay import replay as replaying
 from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.instalments import Instalment, delivered, dives_of
+from tests.places import SAMPLES
 from tests.workflows.follow.delivery import CONFIG, Sea, contents
 from tests.workflows.replay.interrupted import Killed, make_ocean
 
@@ -97,13 +100,23 @@ def test_an_interrupt_leaves_whole_files_alone(ocean, dives, tmp_path):
 
 
 @pytest.mark.full
-def test_a_growing_log_is_replayed_up_to_what_is_whole(ocean, tmp_path):
-    data = (ocean / "glider.mcap").read_bytes()
-    sea = Sea(ocean, tmp_path, goal=None)
-    sea.follow([sea.put("glider.mcap", data[: k * len(data) // 4]) for k in (2, 3, 4)])
+@pytest.mark.parametrize("name", ["glider.mcap", "glider.tlog"])
+def test_a_growing_log_is_replayed_up_to_what_is_whole(name, ocean, tmp_path):
+    folder = ocean if name == "glider.mcap" else SAMPLES
+    data = (folder / name).read_bytes()
+    sea = Sea(folder, tmp_path, goal=None)
+    sea.follow([sea.put(name, data[: k * len(data) // 4]) for k in (2, 3, 4)])
     assert same(sea, tmp_path)
     assert sum("grew from" in text for text in sea.told) >= 1
     assert sum("replayed in" in text for text in sea.told) >= 2
+
+
+@pytest.mark.full
+def test_a_followed_result_can_be_made_again_from_its_files(ocean, dives, tmp_path):
+    sea = Sea(ocean, tmp_path, goal=None)
+    sea.follow([sea.put(one.name, one.data) for one in dives])
+    verdict = verify(sea.out, [sea.inbox, ocean], planner_of)
+    assert verdict.same, verdict
 
 
 def test_what_does_not_belong_is_told_and_left_out(ocean, dives, tmp_path):
