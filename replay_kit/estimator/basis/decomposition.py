@@ -34,13 +34,11 @@ class Decomposition:
         vectors: shape (2N, r), orthonormal columns.
         singular_values: shape (min(M, 2N),), of all directions, decreasing.
         products: shape (M, r), of each slice with the vectors.
-        residual_square: shape (M,), of each slice's part outside the vectors.
     """
 
     vectors: Array
     singular_values: Array
     products: Array
-    residual_square: Array
 
 
 def decompose(blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | None) -> Decomposition:
@@ -56,12 +54,11 @@ def decompose(blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | N
         columns = _gathered(blocks, n_slices, n_nodes)
         vectors, values = exact_svd(columns, n_modes)
         products = columns.T @ vectors
-        return Decomposition(vectors, values, products, np.sum((columns - vectors @ products.T) ** 2, axis=0))
+        return Decomposition(vectors, values, products)
     of_slices = _by_nodes if n_slices > 2 * n_nodes else _by_slices
-    vectors, values, products, square = of_slices(blocks, n_slices, n_nodes, n_modes)
+    vectors, values, products = of_slices(blocks, n_slices, n_nodes, n_modes)
     sign = _signs(vectors)
-    residual_square = np.maximum(square - np.einsum("mr,mr->m", products, products), 0.0)
-    return Decomposition(vectors * sign, values, products * sign, residual_square)
+    return Decomposition(vectors * sign, values, products * sign)
 
 
 def exact_svd(columns: Array, n_modes: int | None) -> tuple[Array, Array]:
@@ -79,12 +76,11 @@ def _gathered(blocks: SliceBlocks, n_slices: int, n_nodes: int) -> Array:
     return by_component.reshape(n_slices, -1).T
 
 
-def _by_slices(blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | None) -> tuple[Array, Array, Array, Array]:
-    """Return vectors, singular values, products, and the slices' squared norms, by A'A."""
+def _by_slices(blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | None) -> tuple[Array, Array, Array]:
+    """Return vectors, singular values and products, by A'A."""
     gram = np.zeros((n_slices, n_slices), order="F")
     for _, block in blocks():
         gram = scipy.linalg.blas.dsyrk(1.0, block.reshape(n_slices, -1).T, beta=1.0, c=gram, trans=1, lower=1, overwrite_c=1)
-    square = np.diag(gram).copy()
     values, right = _leading(gram, n_modes)
     scale = values[: right.shape[1]]
     by_component = np.empty((2, n_nodes, scale.size))
@@ -94,14 +90,14 @@ def _by_slices(blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | 
     vectors = by_component.reshape(2 * n_nodes, -1)
     upper = np.asarray(np.linalg.cholesky(vectors.T @ vectors)).T
     inverse = scipy.linalg.solve_triangular(upper, np.eye(scale.size))
-    return vectors @ inverse, values, (right * scale) @ inverse, square
+    return vectors @ inverse, values, (right * scale) @ inverse
 
 
-def _by_nodes(blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | None) -> tuple[Array, Array, Array, Array]:
+def _by_nodes(blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | None) -> tuple[Array, Array, Array]:
     """Return the same by A A'."""
     columns = _gathered(blocks, n_slices, n_nodes)
     values, vectors = _leading(columns @ columns.T, n_modes)
-    return vectors, values, columns.T @ vectors, np.einsum("nm,nm->m", columns, columns)
+    return vectors, values, columns.T @ vectors
 
 
 def _leading(gram: Array, n_modes: int | None) -> tuple[Array, Array]:

@@ -23,6 +23,7 @@ from replay_kit.core.flow.lattice import lattice_over
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator.basis.decomposition import decompose, exact_svd
 from replay_kit.estimator.basis.embedding import LEAST_NUGGET, embed
+from replay_kit.estimator.basis.representation import ErrorField, error_field, shifted_residual
 from replay_kit.estimator.basis.shifts import SHIFT_WEIGHTS, shifted_copies
 from replay_kit.estimator.basis.slices import cell_size, correlation_length, ensemble_slices, slice_blocks, surface_speed
 
@@ -49,7 +50,8 @@ class Basis:
         singular_values: shape (R,), of all modes, R >= r.
         member_weights: shape (E, Z, r).
         mean_weights: shape (Z, r), of the ensemble mean, as far as the modes span it; None where its amplitude is certain.
-        truncation_std: shape (Z,) [m/s], RMS truncation error of the members for each component.
+        truncation_std: shape (Z,) [m/s], RMS over the nodes of what the basis leaves of currents like the members.
+        error_field: How that varies over the nodes; None where it is the same everywhere, or stated.
     """
 
     grid: Grid
@@ -61,6 +63,7 @@ class Basis:
     member_weights: Array
     truncation_std: Array
     mean_weights: Array | None = None
+    error_field: ErrorField | None = None
 
     @property
     def n_modes(self) -> int:
@@ -105,6 +108,17 @@ class Basis:
             modes = self.horizontal.velocity(points[here], self.modes).reshape(-1, self.n_modes)
             out[here] = fit_residual(modes, velocity[here].T.ravel() - offset).reshape(2, -1).T
         return out
+
+    def local_error(self, places: Array, error_std: Array) -> Array:
+        """Return the representation error at places by level, shape (P, Z) [m/s].
+
+        Args:
+            places: shape (P, 2) [m], local east and north.
+            error_std: shape (Z,) [m/s], its root mean square over the nodes.
+        """
+        if self.error_field is None:
+            return np.broadcast_to(error_std, (len(places), error_std.size))
+        return np.asarray(error_std * self.error_field.at(places))
 
     def representation_std(self, config: EstimatorConfig) -> Array:
         """Return the representation error by level, shape (Z,) [m/s]: the configured one, else that of the truncation."""
@@ -210,11 +224,14 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
     # the first copy is not shifted, but weighted
     scale = SHIFT_WEIGHTS[0] if shift > 0.0 else 1.0
     weights = found.products[: n_members * n_levels].reshape(n_members, n_levels, -1) / scale
-    truncated = found.residual_square[: n_members * n_levels].reshape(n_members, n_levels).sum(axis=0) / scale**2
     given = np.hstack([mean.reshape(n_levels, -1).T, found.vectors])
     # a view, so that no second copy of the vectors takes memory beside the band of a large region
     found = replace(found, vectors=given[:, n_levels:])
     latents = embed(functions, nodes, given, config.nugget)
+    velocity_modes = functions.velocity(nodes, latents[:, n_levels:]).reshape(2 * len(nodes), -1)
+    apart = correlation_length(ensemble) if config.shift_distance is None else config.shift_distance
+    missed = shifted_residual(ensemble, mean.reshape(n_levels, -1), velocity_modes, apart)
+    error = np.hypot(missed, ensemble.representation_error_std)
     return Basis(
         grid,
         functions,
@@ -223,6 +240,7 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
         latents[:, n_levels:],
         found.singular_values,
         weights,
-        np.hypot(np.sqrt(truncated / (2 * len(nodes) * n_members)), ensemble.representation_error_std),
+        np.sqrt(np.mean(error**2, axis=1)),
         found.products[-n_levels:] / mean_scale if mean_scale else None,
+        error_field(error, nodes) if config.representation_error_std is None else None,
     )

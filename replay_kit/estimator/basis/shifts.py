@@ -24,7 +24,7 @@ def shifted_copies(fields: Array, nodes: Array, shift: float) -> Array:
         nodes: shape (N, 2) [m].
         shift: [m].
     """
-    return np.concatenate([weight * fields[..., source] for weight, source in zip(SHIFT_WEIGHTS, _sources(nodes, shift), strict=True)])
+    return np.concatenate([weight * fields[..., source] for weight, source in zip(SHIFT_WEIGHTS, shift_sources(nodes, shift), strict=True)])
 
 
 def shift_operators(velocity_modes: Array, projector: Array, nodes: Array, shift: float) -> Array:
@@ -41,7 +41,7 @@ def shift_operators(velocity_modes: Array, projector: Array, nodes: Array, shift
     """
     if shift == 0.0:
         return np.eye(velocity_modes.shape[1])[None]
-    sources = zip(SHIFT_WEIGHTS, _sources(nodes, shift), strict=True)
+    sources = zip(SHIFT_WEIGHTS, shift_sources(nodes, shift), strict=True)
     return np.stack([weight * (projector @ velocity_modes[source]).T for weight, source in sources])
 
 
@@ -67,7 +67,7 @@ def projector(velocity_modes: Array) -> Array:
     return np.asarray(np.linalg.pinv(r) @ q.T)
 
 
-def _sources(nodes: Array, shift: float) -> NDArray[np.intp]:
+def shift_sources(nodes: Array, shift: float) -> NDArray[np.intp]:
     """Return for each copy the row of a field, shape (2N,), that each of its rows repeats, shape (5, 2N)."""
     offsets = shift * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     _, source = cKDTree(nodes).query(nodes[None] + offsets[:, None])

@@ -68,12 +68,13 @@ def column_operator(operator: ObservationOperator, screened: ScreenedGroup) -> C
     middle = ProfileGroup(tuple(screened.profiles[i] for i in screened.used))
     east, north = to_local(grid.projection, middle.longitude, middle.latitude)
     known, unknown = operator.current(float(east), float(north), middle.time_ns)
+    (of_levels,) = operator.basis.local_error(np.array([[east, north]], dtype=np.float64), operator.representation_std)
     functions = operator.basis.depth_functions
     oscillations = operator.oscillations
 
     def factors(profile: Observation, used: NDArray[np.intp]) -> tuple[Array, BinNoise]:
         depth = profile.depth[used]
-        representation = np.interp(depth, grid.levels, operator.representation_std)
+        representation = np.interp(depth, grid.levels, of_levels)
         noise = bin_noise(depth, profile.error_std[used], representation, profile.common_std, profile.correlation_depth)
         of_biases = operator.biases.bins(depth, None).depth
         return np.hstack([depth_weights(functions, depth, grid.levels), oscillations.weights(depth), of_biases]), noise

@@ -73,7 +73,8 @@ class ObservationOperator:
         known, unknown = self.current(float(east), float(north), time_ns)
         weights = depth_weights(self.basis.depth_functions, depth, grid.levels)
         velocity = np.column_stack(rotate_to_local(*place, *observation.velocity[used].T))
-        representation = np.interp(depth, grid.levels, self.representation_std)
+        (of_levels,) = self.basis.local_error(np.array([[east, north]], dtype=np.float64), self.representation_std)
+        representation = np.interp(depth, grid.levels, of_levels)
         noise = bin_noise(depth, observation.error_std[used], representation, observation.common_std, observation.correlation_depth)
         relative = relative_velocity(observation, used, grid.projection)
         of_biases = self.biases.bins(depth, relative)
@@ -109,6 +110,6 @@ class ObservationOperator:
             back = (int(mean.path_time_ns[k]) - mean.time_ns) / _NS
             for c in range(2):
                 oscillating[c] += self.oscillations.at(knots[k] @ self.oscillations.factor(c), back)
-        noise = mean_noise(mean, grid.levels, self.representation_std)
+        noise = mean_noise(mean, self.basis, np.column_stack([east, north]), self.representation_std)
         rows = np.hstack([design.T, oscillating, np.zeros((2, self.biases.size))]) / noise.std[0]
         return LinearObservation(np.ones((1, 1)), noise, local_mean(mean, grid.projection) - known, rows)

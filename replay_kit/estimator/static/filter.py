@@ -217,7 +217,9 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         """Return the noise of a profile's usable bins."""
         levels, depth = self.basis.grid.levels, observation.depth[used]
         common, correlation = observation.common_std, observation.correlation_depth
-        own, extra = observation.error_std[used], np.interp(depth, levels, self.representation_std)
+        place = to_local(self.basis.grid.projection, observation.longitude, observation.latitude)
+        (of_levels,) = self.basis.local_error(np.array([place], dtype=np.float64), self.representation_std)
+        own, extra = observation.error_std[used], np.interp(depth, levels, of_levels)
         if self.error_std is not None:
             own, extra = np.full(used.size, self.error_std), np.zeros(used.size)
             common, correlation = 0.0 if np.isfinite(common) else np.inf, 0.0

@@ -32,15 +32,18 @@ class PathRows(Bins):
         return np.asarray(np.tensordot(weights, self.design, axes=([-2, -1], [1, 2])))
 
 
-def mean_noise(mean: PathMean, levels: Array, representation_std: Array) -> BinNoise:
+def mean_noise(mean: PathMean, basis: Basis, places: Array, representation_std: Array) -> BinNoise:
     """Return the noise of a mean along a path, as that of one bin.
 
     Args:
         mean: The mean.
-        levels: shape (Z,) [m].
+        basis: Basis flows.
+        places: shape (m, 2) [m], local east and north, of the points.
         representation_std: shape (Z,) [m/s], representation error of the basis, by level.
     """
-    std = float(np.hypot(mean.error_std, mean.weight @ np.interp(mean.depth, levels, representation_std)))
+    by_level = basis.local_error(places, representation_std)
+    of_points = [np.interp(depth, basis.grid.levels, error) for depth, error in zip(mean.depth, by_level, strict=True)]
+    std = float(np.hypot(mean.error_std, mean.weight @ np.array(of_points)))
     return BinNoise(np.array([[1.0 / std]]), np.array([[std]]), float(np.log(std)))
 
 
@@ -54,7 +57,7 @@ def path_rows(mean: PathMean, basis: Basis, representation_std: Array) -> PathRo
     grid = basis.grid
     places = np.column_stack(to_local(grid.projection, mean.longitude, mean.latitude))
     by_level = depth_means(mean, basis)
-    noise = mean_noise(mean, grid.levels, representation_std)
+    noise = mean_noise(mean, basis, places, representation_std)
     offset = np.einsum("mz,cmz->c", by_level, basis.horizontal.velocity(places, basis.offset))
     design = by_level.T @ basis.horizontal.velocity(places, basis.modes)
     return PathRows(np.ones((1, 1)), noise, local_mean(mean, grid.projection) - offset, design / noise.std[0])

@@ -128,7 +128,10 @@ def test_letkf_equals_hunt_s_analysis_column_by_column():
 def test_letkf_without_a_taper_is_the_etkf():
     """A radius far beyond the region: every column has the same analysis, that of the sample covariance."""
     observations, _, values = profiles(4)
-    local, everywhere = build_letkf(SMALL, EstimatorConfig(), 1e10), build_baseline("etkf", SMALL, EstimatorConfig(modes=None))
+    local, everywhere = (
+        build_letkf(SMALL, EstimatorConfig(), 1e10),
+        build_baseline("etkf", SMALL, EstimatorConfig(modes=None, representation_error_std=0.0)),
+    )
     state, said = run(local, observations)
     other, other_said = run(everywhere, observations)
     for ours, theirs in zip(said, other_said, strict=True):

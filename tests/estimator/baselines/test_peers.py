@@ -35,7 +35,7 @@ def uncompressed_rows(estimator, place):
     weights = depth_weights(DepthFunctions("hat", 1.0), DEPTHS, GRID.levels)
     row = functions_at(basis.horizontal, place[None])
     design = np.vstack([np.kron(weights, row[c] @ basis.modes) for c in range(2)])
-    error = np.hypot(STD, np.interp(DEPTHS, GRID.levels, basis.truncation_std))
+    error = np.hypot(STD, np.interp(DEPTHS, GRID.levels, basis.local_error(place[None], basis.truncation_std)[0]))
     return design, (weights @ (row @ basis.offset).T).T.ravel(), np.tile(error, 2)
 
 

@@ -17,6 +17,7 @@ from replay_kit.estimator.basis.noise import bin_noise
 from replay_kit.estimator.evolving import build_evolving
 from tests import synthetic
 from tests.reference import estimator as slow
+from tests.reference.representation import error_at
 
 SMALL = synthetic.ensemble(n_members=6, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
 DEPTH = 10.0 + 20.0 * np.arange(9)
@@ -51,7 +52,7 @@ def seen(estimator, observation, common):
     rows = estimator.rows(observation, used)
     values = rows.values
     depth_factor = rows.noise.unwhiten @ rows.q @ rows.r
-    representation = np.interp(observation.depth, SMALL.grid.levels, estimator.representation_std)
+    representation = np.interp(observation.depth, SMALL.grid.levels, error_at(estimator, observation.longitude, observation.latitude))
     noise = covariance(observation.depth, observation.error_std, representation, common, observation.correlation_depth)
     design = np.vstack([np.kron(depth_factor, rows.basis[c]) for c in range(2)])
     return slow.kalman_update(estimator.prior.mean, estimator.prior.covariance(), design, values.T.ravel(), np.kron(np.eye(2), noise))
@@ -149,7 +150,7 @@ def test_the_innovation_of_relative_profiles_is_chi_square_with_those_degrees_of
     rows = estimator.rows(observation, used)
     zero = rows.values
     rng, n = np.random.default_rng(11), 300
-    representation = np.interp(observation.depth, SMALL.grid.levels, estimator.representation_std)
+    representation = np.interp(observation.depth, SMALL.grid.levels, error_at(estimator, observation.longitude, observation.latitude))
     std = np.hypot(observation.error_std, representation)
     bins = rows.noise.unwhiten @ rows.q @ rows.r
     factor = np.linalg.cholesky(estimator.prior.covariance() + 1e-14 * np.eye(estimator.prior.mean.size))

@@ -84,12 +84,13 @@ def test_the_filter_is_the_joint_gaussian_of_all_observations():
         assert flow.time_ns == at
 
 
-@pytest.mark.parametrize("n_times", [1, 3])
-def test_without_forgetting_and_change_it_is_the_static_filter(n_times):
-    (only,) = forecasts(1)
+# of several times other members stand for all where the representation error is found, so it is stated there
+@pytest.mark.parametrize(("n_times", "error_std"), [(1, None), (3, 0.02)])
+def test_without_forgetting_and_change_it_is_the_static_filter(n_times, error_std):
+    (only,), config = forecasts(1), CONFIG.model_copy(update={"representation_error_std": error_std})
     members = [replace(only, time_ns=k * DAY) for k in range(n_times)]
-    estimator = build_evolving(members, CONFIG, TimeConfig(scale="static", dropped_std=0.0))
-    static = build_estimator(only, CONFIG)
+    estimator = build_evolving(members, config, TimeConfig(scale="static", dropped_std=0.0))
+    static = build_estimator(only, config)
     state, still = estimator.initial(), static.initial()
     for observation in profiles(12):
         state, said = estimator.step(state, observation)

@@ -15,6 +15,7 @@ from replay_kit.estimator.update.compression import dependence_inflation
 from tests import synthetic
 from tests.reference import estimator as slow
 from tests.reference.lattice import matrix as functions_at
+from tests.reference.representation import error_at
 
 SMALL = synthetic.ensemble(n_members=5, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
 DEFAULT = EstimatorConfig()
@@ -83,7 +84,7 @@ def test_online_equals_batch(preset):
         if preset == "paper":
             std = np.full(used.sum(), 0.12)
         else:
-            std = np.hypot(0.05, np.interp(observation.depth[used], basis.grid.levels, basis.truncation_std))
+            std = np.hypot(0.05, np.interp(observation.depth[used], basis.grid.levels, basis.local_error(point, basis.truncation_std)[0]))
         variances.append(np.tile(std**2, 2))
     h, y, r = np.vstack(rows), np.concatenate(values), np.diag(np.concatenate(variances))
     mean, cov, _, _ = slow.kalman_update(estimator.prior.mean, estimator.prior.covariance(), h, y, r)
@@ -101,7 +102,8 @@ def test_innovation_std_and_residual_are_those_of_the_uncompressed_profile():
     depth, value = observation.depth[used], local_values(SMALL.grid, observation).reshape(2, -1).T[used]
     np.testing.assert_allclose(innovation.innovation[used], value - before.velocity(east, north, depth), atol=1e-12)
     np.testing.assert_allclose(innovation.residual[used], value - after.velocity(east, north, depth), atol=1e-12)
-    error_std = np.hypot(0.05, np.interp(depth, SMALL.grid.levels, estimator.representation_std))
+    representation = error_at(estimator, observation.longitude, observation.latitude)
+    error_std = np.hypot(0.05, np.interp(depth, SMALL.grid.levels, representation))
     expected = np.hypot(before.standard_error(east, north, depth), error_std[:, None])
     np.testing.assert_allclose(innovation.innovation_std[used], expected, rtol=1e-10)
     assert np.isnan(innovation.innovation[~used]).all()
@@ -193,7 +195,8 @@ def test_correlated_bins_move_the_estimate_as_the_inflated_errors_would_and_pape
     estimator = build_estimator(SMALL, DEFAULT)
     state, innovation = estimator.step(estimator.initial(), smooth)
     assert innovation.error_inflation > 5.0
-    own = np.hypot(smooth.error_std, np.interp(depth, SMALL.grid.levels, estimator.representation_std))
+    representation = error_at(estimator, smooth.longitude, smooth.latitude)
+    own = np.hypot(smooth.error_std, np.interp(depth, SMALL.grid.levels, representation))
     weights = depth_weights(estimator.basis.depth_functions, depth, SMALL.grid.levels)
     kernel = functions_at(estimator.basis.horizontal, np.array([[1e3, 2e3]]))
     h = np.vstack([np.kron(weights, kernel[c] @ estimator.basis.modes) for c in range(2)])

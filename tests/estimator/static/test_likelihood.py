@@ -13,6 +13,7 @@ from replay_kit.estimator.static.likelihood import predict_jointly
 from tests import synthetic
 from tests.reference import estimator as slow
 from tests.reference.lattice import matrix as functions_at
+from tests.reference.representation import error_at
 
 SMALL = synthetic.ensemble(n_members=6, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
 ESTIMATOR = build_estimator(SMALL, EstimatorConfig(modes=10))
@@ -34,7 +35,7 @@ def dense(profiles, bins):
                 rows.append(np.kron(weights[k], (kernel @ basis.modes)[component]))
                 offsets.append(weights[k] @ (kernel @ basis.offset)[component])
                 values.append(measured[component][k])
-                representation = np.interp(profile.depth[bin_at], grid.levels, ESTIMATOR.representation_std)
+                representation = np.interp(profile.depth[bin_at], grid.levels, error_at(ESTIMATOR, profile.longitude, profile.latitude))
                 errors.append(np.hypot(profile.error_std[bin_at], representation))
     h = np.array(rows)
     mean = np.array(offsets) + h @ ESTIMATOR.prior.mean

@@ -15,6 +15,7 @@ from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.update.path_mean import path_rows
 from tests import synthetic
 from tests.reference import estimator as slow
+from tests.reference.representation import error_at
 
 LEVELS = np.array([5.0, 90.0, 220.0])
 SMALL = synthetic.ensemble(n_members=8, shape=(4, 5), levels=LEVELS)
@@ -66,7 +67,11 @@ def test_a_static_estimate_takes_a_mean_as_the_textbook_does(n_profiles):
     for observation in synthetic.random_profiles(SMALL.grid, max(n_profiles, 1), seed=5, speed=0.05)[:n_profiles]:
         state, _ = estimator.step(state, observation)
     path = dive()
-    std = float(np.hypot(path.error_std, path.weight @ np.interp(path.depth, LEVELS, estimator.representation_std)))
+    of_points = [
+        np.interp(depth, LEVELS, error_at(estimator, *place))
+        for place, depth in zip(zip(path.longitude, path.latitude, strict=True), path.depth, strict=True)
+    ]
+    std = float(np.hypot(path.error_std, path.weight @ np.array(of_points)))
     rows = path_rows(path, estimator.basis, estimator.representation_std)
     size = estimator.state_size
     design, value = rows.design.reshape(2, size) * std, rows.values.ravel()
