@@ -23,7 +23,7 @@ from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
 from replay_kit.core.flow.netcdf import to_dataset
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator import ReducedBasisEstimator, build_estimator
-from replay_kit.estimator.basis.modes import DEFAULT_LENGTH_IN_CELLS
+from replay_kit.estimator.basis.modes import DEFAULT_LENGTH_IN_CELLS, mean_variance
 from replay_kit.estimator.basis.slices import cell_size, ensemble_slices
 from replay_kit.estimator.prior.hybrid import HybridPrior
 from replay_kit.estimator.prior.localised import gaspari_cohn
@@ -130,14 +130,17 @@ def dense(world: Ensemble, estimator: ReducedBasisEstimator) -> tuple[float, flo
     lengths = [DEFAULT_LENGTH_IN_CELLS * side for side in cell_size(grid)]
     values, vectors = np.linalg.eigh(velocity_kernel(HorizontalKernel(*lengths, 1.0), grid.nodes, grid.nodes))
     slices = ensemble_slices(world)
-    columns = (slices - slices.mean(axis=0)).reshape(-1, slices.shape[2]).T
+    mean = slices.mean(axis=0)
+    of_mean = np.sqrt(mean_variance(EstimatorConfig()) * len(slices)) * mean
+    columns = np.concatenate([(slices - mean).reshape(-1, slices.shape[2]), of_mean]).T
     velocities = scipy.linalg.svd(columns, full_matrices=False)[0][:, : estimator.basis.n_modes]
     modes = vectors @ ((vectors.T @ velocities) * (values / (values + EstimatorConfig().nugget * values[-1]))[:, None])
     ours = estimator.basis.horizontal.velocity(grid.nodes, estimator.basis.modes).reshape(modes.shape)
     modes *= np.sign(np.sum(modes * ours, axis=0))
     apart = np.hypot(*(grid.nodes[:, None] - grid.nodes).T)
     taper = np.tile(gaspari_cohn(apart, settings.radius), (2, 2))
-    fields = np.einsum("z,fzr->fr", prior.vertical[0], prior.factor / np.sqrt(settings.sample_share)) @ modes.T
+    # the last row is the mean's amplitude, which is not localised
+    fields = np.einsum("z,fzr->fr", prior.vertical[0], prior.factor[:-1] / np.sqrt(settings.sample_share)) @ modes.T
     projector = np.linalg.pinv(modes)
     theirs = (1.0 - settings.sample_share) * projector @ (taper * (fields.T @ fields)) @ projector.T
     took = time.process_time() - start

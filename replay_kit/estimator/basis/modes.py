@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
@@ -192,6 +193,12 @@ def _paper_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
     return Basis(grid, functions, depth_functions, np.zeros((size, n_levels)), modes, singular_values, weights, np.zeros(n_levels))
 
 
+def _n_corners(wet: NDArray[np.bool_]) -> int:
+    """Return how many corners wet cells, shape (J, I), have: the values of a stream function that they see."""
+    cells = np.pad(wet, 1)
+    return int(np.count_nonzero(cells[1:, 1:] | cells[:-1, 1:] | cells[1:, :-1] | cells[:-1, :-1]))
+
+
 def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) -> Basis:
     """Hat functions of depth; SVD of the velocity anomalies about the ensemble mean, which is the offset.
 
@@ -220,7 +227,9 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
         mean[:] = slices.mean(axis=0).reshape(mean.shape)
         copies = shifted_copies(slices - mean.reshape(n_levels, -1), nodes, shift).reshape(-1, 2, len(nodes))
         n_slices, spanned = len(copies), lambda: iter([(slice(None), with_mean(copies, slice(None)))])
-    found = decompose(spanned, n_slices + (n_levels if mean_scale else 0), len(nodes), config.modes)
+    # copies, taken node by node, diverge, and modes beyond the number of flows without divergence would be alike
+    n_modes = min(config.modes or 2 * len(nodes), _n_corners(grid.wet[0])) if shift > 0.0 else config.modes
+    found = decompose(spanned, n_slices + (n_levels if mean_scale else 0), len(nodes), n_modes)
     # the first copy is not shifted, but weighted
     scale = SHIFT_WEIGHTS[0] if shift > 0.0 else 1.0
     weights = found.products[: n_members * n_levels].reshape(n_members, n_levels, -1) / scale

@@ -9,7 +9,6 @@ The part that no flow without divergence carries is in it.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.grid import Ensemble
@@ -26,11 +25,11 @@ class ErrorField:
 
     Attributes:
         relative: shape (Z, N), the error at each node over its root mean square at the level.
-        tree: The nodes.
+        nodes: shape (N, 2) [m].
     """
 
     relative: Array
-    tree: cKDTree
+    nodes: Array
 
     def at(self, places: Array) -> Array:
         """Return the error over the level's root mean square at places, that of the nearest node: shape (P, Z).
@@ -38,7 +37,8 @@ class ErrorField:
         Args:
             places: shape (P, 2) [m], local east and north.
         """
-        return np.asarray(self.relative[:, self.tree.query(places)[1]].T)
+        nearest = [np.argmin(np.sum((self.nodes - place) ** 2, axis=1)) for place in places]
+        return np.asarray(self.relative[:, nearest].T)
 
 
 def error_field(error_std: Array, nodes: Array) -> ErrorField:
@@ -49,7 +49,7 @@ def error_field(error_std: Array, nodes: Array) -> ErrorField:
         nodes: shape (N, 2) [m].
     """
     level = np.sqrt(np.mean(error_std**2, axis=1, keepdims=True))
-    return ErrorField(np.divide(error_std, level, out=np.ones_like(error_std), where=level > 0.0), cKDTree(nodes))
+    return ErrorField(np.divide(error_std, level, out=np.ones_like(error_std), where=level > 0.0), nodes)
 
 
 def shifted_residual(ensemble: Ensemble, mean: Array, velocity_modes: Array, shift: float) -> Array:

@@ -100,9 +100,12 @@ def with_land(ensemble):
 
 
 def test_a_truth_in_the_span_is_found():
-    """The stated error of 1 cm/s against anomalies of some 20 cm/s leaves little of the prior."""
+    """The stated error of 1 cm/s against anomalies of some 20 cm/s leaves little of the prior.
+
+    The default allows for what shifted members show that its basis leaves out, and so trusts the measurements a little less.
+    """
     by_key = {(row.method, row.rung): row for row in table_of(combination())}
-    assert by_key["default", "full"].rel_error < 0.01
+    assert by_key["default", "full"].rel_error < 0.015
     assert by_key["default", "full"].bound < 1e-3
     assert by_key["default", "members"].rel_error > by_key["default", "full"].rel_error
     assert by_key["naive3d", ""].rel_error < 0.01
@@ -129,9 +132,9 @@ def test_the_bound_counts_what_the_basis_keeps_whole():
 def test_rows_are_those_that_exist():
     ensemble = synthetic.ensemble(n_members=6, shape=(4, 5))
     rows = table_of(leave_out(ensemble, 0))
-    # five members of four levels: 20 slices, 16 anomalies about the mean; no 400, 300 or 200
+    # five members of four levels: 20 slices, 16 anomalies about the mean and the mean; no 400, 300 or 200
     asked = [(row.method, row.rung, row.modes) for row in rows if row.rung]
-    assert asked == [("paper", "full", 20), ("paper", "members", 5), ("default", "full", 16), ("default", "members", 5)]
+    assert asked == [("paper", "full", 20), ("paper", "members", 5), ("default", "full", 20), ("default", "members", 5)]
     elements = {row.method: row.elements for row in rows if row.rung in ("members", "")}
     # the latent values of a level times r, on a lattice and at the nodes, and for whole flows 2 N Z a mode
     assert elements == {"naive3d": 40 * 4 * 5, "paper": 200, "default": 19 * 18 * 5, "nearest": None, "ensemble_mean": None}
