@@ -17,7 +17,7 @@ from planners.shooting.layout import Layout
 from planners.shooting.schedule import schedule_of
 from planners.shooting.spline import FlowSpline
 from planners.shooting.stream import stream_of
-from planners.solver import HOUR, KM, MOST_ITERATIONS, Recent
+from planners.solver import HOUR, KM, Recent
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -168,20 +168,17 @@ class MissionSolution:
 _programs = Recent[Program](8)
 
 
-def solve_mission(
-    model: MissionModel, data: MissionData, guess: MissionGuess, *, warm_start: bool = False, max_iterations: int = MOST_ITERATIONS
-) -> MissionSolution:
+def solve_mission(model: MissionModel, data: MissionData, guess: MissionGuess, *, warm_start: bool = False) -> MissionSolution:
     """Return the local optimum that IPOPT finds from a guess.
 
     Args:
-        model: What the graph is built from.
+        model: What the program is made from.
         data: Its parameters.
         guess: Where to begin.
         warm_start: Whether the guess is the optimum of nearly the same problem.
-        max_iterations: Of IPOPT.
     """
     program, shape = model.program, model.shape
-    solver = program.solver(warm_start, max_iterations)
+    solver = program.solver(warm_start)
     unknowns, lower, upper = _unknowns(model.vehicle, shape, data, guess)
     program.functions.give(_case(model, data))
     answer = solver(x0=unknowns, lbx=lower, ubx=upper, lbg=program.lower, ubg=program.upper)

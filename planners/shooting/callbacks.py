@@ -69,20 +69,19 @@ class Program:
                 "hess_lag", [unknowns, none, one, limits], [functions.hessian.sparsity], lambda x, _, f, g: (hessian(x, float(f[0]), g),)
             ),
         }
-        self._solvers: dict[tuple[bool, int], Any] = {}
+        self._solvers: dict[bool, Any] = {}
 
-    def solver(self, warm_start: bool = False, max_iterations: int = MOST_ITERATIONS) -> Any:
+    def solver(self, warm_start: bool = False) -> Any:
         """Return the solver for a guess that is nearly optimal (``warm_start``) or not; all share the same functions."""
-        key = warm_start, max_iterations
-        if key not in self._solvers:
+        if warm_start not in self._solvers:
             x = ca.MX.sym("x", self.functions.layout.n_unknowns)
             cost, constraints = self._value(x)
             options = {
                 **OPTIONS,
                 **(WARM if warm_start else {}),
-                "ipopt.max_iter": max_iterations,
+                "ipopt.max_iter": MOST_ITERATIONS,
                 "no_nlp_grad": True,
                 **self._derivatives,
             }
-            self._solvers[key] = ca.nlpsol("mission", "ipopt", {"x": x, "f": cost, "g": constraints}, options)
-        return self._solvers[key]
+            self._solvers[warm_start] = ca.nlpsol("mission", "ipopt", {"x": x, "f": cost, "g": constraints}, options)
+        return self._solvers[warm_start]
