@@ -25,7 +25,7 @@ from replay_kit.workflows.replay.inputs import forecasts_of
 from replay_kit.workflows.replay.look_ahead import open_readers
 
 #: Of the set-up: nodes a level, seconds, memory [MB]; 8 levels, 50 members, 300 modes (``python -m tests.benchmarks size``).
-SET_UP = ((527, 1.9, 104.0), (900, 2.6, 124.0), (3600, 5.9, 251.0), (14_400, 25.8, 838.0), (57_600, 138.8, 3842.0))
+SET_UP = ((527, 2.4, 102.0), (900, 3.5, 124.0), (3600, 6.2, 255.0), (14_400, 27.1, 772.0), (57_600, 136.1, 3311.0))
 #: For each value of a component beyond those 8 levels and 50 members [s], from 120 x 120 x 30 x 50 and 240 x 240 x 50 x 95.
 VALUE_S = 6e-7
 #: For reading, checking, updating with and writing one profile [s]: 450 of the sample survey, and 8 ms with 2,400 weights.
