@@ -138,7 +138,7 @@ def test_usage_errors_and_help_keep_their_codes_and_words(tmp_path):
 
 
 def test_help_keeps_units(tmp_path):
-    twin, replay = run_command(tmp_path, ["twin", "--help"]), run_command(tmp_path, ["replay", "--help"])
+    twin, replay = run_command(tmp_path, ["twin", "--help-all"]), run_command(tmp_path, ["replay", "--help-all"])
     assert twin.returncode == replay.returncode == 0
     for said in ("[m/s]", "[m]", "[degrees]"):
         assert said in twin.stdout
