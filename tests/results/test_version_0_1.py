@@ -1,6 +1,7 @@
 """A result of version 0.1 can still be opened: by the library, and by every command that takes a result.
 
-``data/version_0_1.mcap`` was made by the code of 22 November 2026, contract version 2: ``twin --vehicle glider --pings 20 --seed 3`` of the sample
+``data/version_0_1.mcap`` was made by the code of 22 November 2026, contract version 2:
+``twin --vehicle glider --pings 20 --seed 3`` of the sample
 truth, ``replay --levels 5,500 --modes 2 --goal=152.8,-40.1,300`` of it with the sample ensemble.
 """
 
