@@ -224,4 +224,9 @@ def with_n_legs(task: MissionTask, attempt: Attempt, n_legs: int) -> Attempt:
     first, last = np.searchsorted(ends, at - at[0], side="right"), np.minimum(np.searchsorted(ends, at), len(ends) - 1)
     limited = replace(task, turns=tuple(float(turns[begin : end + 1].min()) for begin, end in zip(first, last, strict=True)))
     goals = goal_steps_of(limited, passed, goal_legs_of(passed, n_legs))
-    return replace(attempt, yo_depths=limited.yo_depths(n_legs), guess=MissionGuess(places, headings, np.full(n_legs, task.angle_of(at[0]))), goals=goals)
+    return replace(
+        attempt,
+        yo_depths=limited.yo_depths(n_legs),
+        guess=MissionGuess(places, headings, np.full(n_legs, task.angle_of(at[0]))),
+        goals=goals,
+    )

@@ -29,7 +29,7 @@ def logs_in(path: Path) -> list[Path]:
     if not gliders and not streams:
         names = ", ".join(file.name for file in held[:5]) or "no file"
         raise LogError(
-            f"{path}: expected a ROS 2 bag (with {_BAG}), a glider's files (.nc, .gli, .pld1) or logs that end in one of {', '.join(STREAMS)}; "
+            f"{path}: expected a ROS 2 bag (with {_BAG}), a glider's files (.nc, .gli, .pld1) or logs ({', '.join(STREAMS)}); "
             f"the folder holds {names}; give the logs themselves"
         )
     return [*gliders, *streams]

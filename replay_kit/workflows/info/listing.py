@@ -109,14 +109,14 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
         print_lines(console, [f"Unknown type: {others} more topics, in which nothing looks like a position, a depth or a velocity"])
 
 
-def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Sequence[Path] = (), config: Path | None = None) -> list[str]:
+def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Sequence[Path] = (), options: Sequence[str] = ()) -> list[str]:
     """Return what to type next: a line with the command, and for some a line of what to do then; names in them may hold ends of lines.
 
     Args:
         logs: The logs of a mission.
         paths: As they were given.
         ensemble: The files of its forecast; empty without.
-        config: The configuration that was used; None without.
+        options: Words of the command line that give the settings that were used.
     """
     missions: dict[str, list[Path]] = {}
     for log in logs:
@@ -129,7 +129,7 @@ def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Seque
     given, forecast = (" ".join(shlex.quote(str(path)) for path in files) for files in (paths, ensemble or [Path("FORECAST.nc")]))
     contents = [log.content for log in logs]
     if any(content.bins or content.mean_currents for content in contents):
-        settings = "" if config is None else f"--config {shlex.quote(str(config))} "
+        settings = "".join(f"{shlex.quote(word)} " for word in options)
         return [f"Next: replay-kit replay {given} --ensemble {forecast} {settings}-o RESULT.mcap"]
     if any(log.is_result for log in logs):
         return [f"Next: replay-kit report {given}"]
