@@ -12,7 +12,7 @@ from tests.results.report.html_of import elements, text_of
 
 def _mine(contents: Contents) -> Section:
     data = {"depths": {"depth_m": contents.track.depth.tolist()}}
-    layout = {"yaxis": {"title": {"text": "depth [m]"}}, "xaxis": {"title": {"text": "number of the position"}}}
+    layout = {"yaxis": {"title": {"text": "depth [m]"}}, "xaxis": {"title": {"text": "position [number]"}}}
     figure = Figure(
         "mine",
         "Depths",
