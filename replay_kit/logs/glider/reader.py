@@ -56,7 +56,7 @@ class GliderReader(LogFile):
             LogError: A variable has a unit that is not understood.
         """
         super().__init__(path, input, config, wanted)
-        self._files_read, self._dialect = files, files[0].dialect
+        self._dialect = files[0].dialect
         self.format = self._dialect.name
         notes: list[str] = [f"{self._dialect.title}: {len(files)} files are one log"] if len(files) > 1 else []
         self.files = tuple(part.content.path for part in files)
