@@ -28,12 +28,14 @@ class GatingConfig(BaseModel):
 
 #: Keys of ``[gating]`` by their names in ``[trust]``, as the table was called in results of version 2.
 RENAMED_KEYS = {"watch": "inflate", "watch_profiles": "inflation_profiles"}
+#: Keys that are no more, at the values that changed nothing.
+_DROPPED = re.compile(r"(?m)^flight_model = false\n")
 
 
 def with_current_keys(toml: str) -> str:
-    """Return the recorded configuration of a result, as TOML, with ``[trust]`` and its keys under their current names."""
+    """Return a result's configuration, as TOML, with ``[trust]`` and its keys by their current names, without dropped ones."""
 
     def renamed(table: re.Match[str]) -> str:
         return re.sub(r"(?m)^\w+(?= =)", lambda key: RENAMED_KEYS.get(key[0], key[0]), table[0]).replace("[trust]", "[gating]", 1)
 
-    return re.sub(r"(?m)^\[trust\]\n(?:(?!\[).*\n?)*", renamed, toml)
+    return re.sub(r"(?m)^\[trust\]\n(?:(?!\[).*\n?)*", renamed, _DROPPED.sub("", toml))

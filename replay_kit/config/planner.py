@@ -51,9 +51,6 @@ class PlannerConfig(BaseModel):
     clearance: Annotated[float, Option("--clearance")] = Field(
         default=20.0, ge=0.0, description="Least height of a plan above the bottom [m]."
     )
-    flight_model: bool = Field(
-        default=False, description="Compute a mission's speed from glide angle and buoyancy, instead of a constant speed."
-    )
     flow_step: float = Field(
         default=43200.0, gt=0.0, description="Time between the estimates that a mission is planned on where the current changes [s]."
     )
