@@ -138,5 +138,5 @@ def test_an_added_objective_ranks_the_missions_that_are_found(solved, monkeypatc
     assert _weights(asked) == _weights(task)
     plans = [to_plan(asked, [attempt]) for attempt in (few, many)]
     assert [best_departure([replace(plan, settings=which.request.settings) for plan in plans]) for which in (task, asked)] == [1, 0]
-    with pytest.raises(PlanError, match="expected one of time, energy, closest, rest, or weights"):
+    with pytest.raises(PlanError, match=r"expected one of time, energy, closest.*, rest, or weights"):
         with_settings(task, objective="speed")
