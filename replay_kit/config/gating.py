@@ -18,9 +18,6 @@ class GatingConfig(BaseModel):
     gate_probability: float = Field(
         default=1e-5, gt=0.0, lt=0.5, description="probability that a profile with sound errors exceeds the gate"
     )
-    soften_factor: float = Field(
-        default=2.0, gt=0.0, description="K: number of prior standard deviations by which a softened profile may move the estimate, about"
-    )
     adapt_errors: bool = Field(default=True, description="increase a profile's errors to those that the scatter of its own bins shows")
     inflate: bool = Field(default=True, description="inflate the estimate's covariance when most profiles lie outside its prediction")
     inflation_profiles: int = Field(default=20, ge=4, description="number of latest profiles on which the inflation is decided")
@@ -29,7 +26,7 @@ class GatingConfig(BaseModel):
 #: Keys of ``[gating]`` by their names in ``[trust]``, as the table was called in results of version 2.
 RENAMED_KEYS = {"watch": "inflate", "watch_profiles": "inflation_profiles"}
 #: Keys that are no more, at the values that changed nothing.
-_DROPPED = re.compile(r"(?m)^flight_model = false\n")
+_DROPPED = re.compile(r"(?m)^(?:flight_model = false|soften_factor = 2\.0)\n")
 
 
 def with_current_keys(toml: str) -> str:
