@@ -85,7 +85,7 @@ class PositionRun:
 
     def found(self, vehicle: VehicleState, named: frozenset[str]) -> Finding | None:
         """Return that the receiver repeats its position, if it does."""
-        if not self.is_frozen:
+        if not self.is_unusable:
             return None
         return Finding(
             findings.FROZEN,
@@ -98,12 +98,7 @@ class PositionRun:
 
     @property
     def is_unusable(self) -> bool:
-        """Whether pings at the last position are not to be used."""
-        return self.is_frozen
-
-    @property
-    def is_frozen(self) -> bool:
-        """Whether the receiver repeats a position while the vehicle dives."""
+        """Whether the receiver repeats a position while the vehicle dives, so that pings at it are not to be used."""
         return (
             self.fixes >= _FROZEN_FIXES
             and self.last_ns - self.since_ns >= _FROZEN_TIME * 1e9

@@ -116,19 +116,19 @@ def run(*states):
 
 def test_a_position_that_stays_while_the_vehicle_dives_is_frozen():
     dive = [state(200.0 * k, 150.0, 7.0 * k) for k in range(4)]
-    assert run(*dive).is_frozen
+    assert run(*dive).is_unusable
     # one short of each bound
-    assert not run(*dive[:3]).is_frozen
-    assert not run(*(state(199.9 * k, 150.0, 7.0 * k) for k in range(4))).is_frozen
-    assert not run(*(state(200.0 * k, 150.0, 20.0 / 3.0 * k - 1e-9) for k in range(4))).is_frozen
-    assert not run(*(state(200.0 * k, 150.0, float("nan")) for k in range(4))).is_frozen
-    assert not run(*(state(200.0 * k, 150.0 + 1e-9 * k, 7.0 * k) for k in range(4))).is_frozen
+    assert not run(*dive[:3]).is_unusable
+    assert not run(*(state(199.9 * k, 150.0, 7.0 * k) for k in range(4))).is_unusable
+    assert not run(*(state(200.0 * k, 150.0, 20.0 / 3.0 * k - 1e-9) for k in range(4))).is_unusable
+    assert not run(*(state(200.0 * k, 150.0, float("nan")) for k in range(4))).is_unusable
+    assert not run(*(state(200.0 * k, 150.0 + 1e-9 * k, 7.0 * k) for k in range(4))).is_unusable
 
 
 def test_the_depths_of_a_run_are_those_known():
     found = run(*(state(200.0 * k, 150.0, depth) for k, depth in enumerate([float("nan"), 30.0, float("nan"), 5.0])))
     assert (found.shallowest, found.deepest, found.fixes) == (5.0, 30.0, 4)
-    assert found.is_frozen
+    assert found.is_unusable
 
 
 ENSEMBLE = EnsembleSpeeds(np.array([0.0, 100.0]), np.array([0.01, 0.01]))
