@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, get_args
 
 from replay_kit.cli.console import console_beside, progress, write_json, write_text
 from replay_kit.cli.options import (
@@ -22,6 +22,7 @@ from replay_kit.cli.options import (
 )
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.objective import ObjectiveName
 from replay_kit.core.paths import check_paths
 
 if TYPE_CHECKING:
@@ -75,7 +76,8 @@ class Aim:
         str | None,
         option(
             "--objective",
-            "What is minimised: time, energy, closest, or weights of hours, kJ and km from the goal, as time=1,energy=0.02,closest=5. "
+            f"What is minimised: {', '.join(get_args(ObjectiveName))}, or weights of hours, kJ and km from the goal, as "
+            "time=1,energy=0.02,closest=5. "
             "Default: time.",
             metavar="NAME|WEIGHTS",
         ),

@@ -15,7 +15,7 @@ from replay_kit.core.message import LogReport
 from replay_kit.core.observation import Observation, PathMean, VehicleState, usable
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.unchanged import check_unchanged, stamps_of
-from replay_kit.logs import open_log, open_logs
+from replay_kit.logs import open_logs
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, interpret
 from replay_kit.measurements.mapping.suggest import NAMED, sample_key, suggested_entries
@@ -153,15 +153,6 @@ def inspect_logs(paths: Sequence[Path], config: RunConfig, progress: Progress = 
 
 def _advance(progress: Progress, before: int, logs: int, log: LogFile) -> None:
     progress(before + log.share_read(), logs, f"reading: {log.path}")
-
-
-def inspect_log(path: Path, config: RunConfig, full: bool = False) -> LogInfo:
-    """Return what one log holds; as ``inspect_logs``.
-
-    Raises:
-        LogError: The log cannot be opened.
-    """
-    return _inspect(open_log(path, 0, config.logs), config, full)
 
 
 def _inspect(log: LogFile, config: RunConfig, full: bool, advance: Callable[[], None] = lambda: None) -> LogInfo:
