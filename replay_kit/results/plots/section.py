@@ -26,9 +26,11 @@ def section_panels(contents: Contents, at: At | None) -> Panels:
         contents: Of the result.
         at: Not used: a section follows the track.
     """
-    bins, notes = contents.bins, list(contents.notes)
+    bins, notes = contents.section, list(contents.notes)
     if bins.time_ns.size == 0:
-        return Panels([missing("Section along the track", "The result holds no profile of the current that was used.")], 1, notes)
+        return Panels([missing("Section along the track", "The result holds no profile that was used, and no estimate.")], 1, notes)
+    if not contents.bins.time_ns.size:
+        notes.append("No profile of the current was used: the section shows the estimate along the track alone.")
     time_ns, depths, values = gridded(bins)
     if not np.isfinite(bins.estimated).any():
         notes.append("The result holds no estimate: the section shows measured minus estimated alone, which it holds for each bin.")

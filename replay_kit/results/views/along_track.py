@@ -17,6 +17,9 @@ from replay_kit.results.schemas import decode
 from replay_kit.results.topics import read_messages
 from replay_kit.results.views.track import Track, thinned
 
+# Times and depths of a section without profiles.
+_SECTION = 160, 40
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BinsAlongTrack:
@@ -154,6 +157,30 @@ def bins_along_track(
     # measured minus the residual before smoothing
     replayed = estimated + residual - used[["replayed_residual_east", "replayed_residual_north"]].to_numpy(np.float64)
     return BinsAlongTrack(time_ns, distance, depth, estimated, residual, replayed, error, kept.size, wanted.size - kept.size)
+
+
+def estimate_along_track(track: Track, history: EstimateHistory, estimate: FlowEstimate) -> BinsAlongTrack:
+    """Return the estimate along a track without profiles, down to the deepest position, as bins without a measurement.
+
+    Args:
+        track: At least one position.
+        history: Of the estimate.
+        estimate: The last estimate.
+    """
+    deepest = min(float(np.nanmax(track.depth, initial=estimate.levels[0])), float(estimate.levels[-1]))
+    times = np.unique(np.linspace(track.time_ns[0], track.time_ns[-1], _SECTION[0]).astype(np.int64))
+    depths = deepest * (np.arange(_SECTION[1]) + 0.5) / _SECTION[1]
+    time_ns, depth = np.repeat(times, depths.size), np.tile(depths, times.size)
+    east, north, distance = track.at(time_ns)
+    estimated = np.full((depth.size, 2), np.nan)
+    for time, here in _by_time(time_ns):
+        # before the first measurement the estimate is not in the result
+        flow = history.after(time)
+        if flow is not None:
+            estimated[here] = flow.velocity(east[here], north[here], depth[here])
+    error = estimate.standard_error(east, north, depth) if estimate.n_modes else np.full(estimated.shape, np.nan)
+    none = np.full(estimated.shape, np.nan)
+    return BinsAlongTrack(time_ns, distance, depth, estimated, none, none, error, times.size, 0)
 
 
 def mean_currents(result: ResultFile, track: Track, history: EstimateHistory) -> MeanCurrents:

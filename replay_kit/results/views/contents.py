@@ -12,7 +12,14 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Projection
 from replay_kit.core.seabed import Seabed
 from replay_kit.results.result import ResultFile
-from replay_kit.results.views.along_track import BinsAlongTrack, EstimateHistory, MeanCurrents, bins_along_track, mean_currents
+from replay_kit.results.views.along_track import (
+    BinsAlongTrack,
+    EstimateHistory,
+    MeanCurrents,
+    bins_along_track,
+    estimate_along_track,
+    mean_currents,
+)
 from replay_kit.results.views.last_plan import LastPlan, last_plan, published_seabed
 from replay_kit.results.views.record import RunRecord, read_record, summary_of
 from replay_kit.results.views.slices import CurrentSlices, published_slices, slices_of
@@ -90,6 +97,13 @@ class Contents:
     def bins(self) -> BinsAlongTrack:
         """Bins used along the track."""
         return bins_along_track(self.result, self.track, self.history, self.estimate, PROFILES_SHOWN)
+
+    @cached_property
+    def section(self) -> BinsAlongTrack:
+        """What a section shows: the bins used, or without any the estimate along the track, if there are both."""
+        if self.bins.time_ns.size or self.estimate is None or not self.track.time_ns.size:
+            return self.bins
+        return estimate_along_track(self.track, self.history, self.estimate)
 
     @cached_property
     def mean_currents(self) -> MeanCurrents:

@@ -24,11 +24,12 @@ _SMOOTHED = ("measured", "estimated before smoothing", "smoothed", "measured min
 
 def along_track_section(contents: Contents) -> Section:
     """Return depth against time along the track, and the mean currents of the dives."""
-    bins, missing, figures = contents.bins, [], []
+    bins, missing, figures = contents.section, [], []
     if bins.time_ns.size:
         figures.append(_profiles(bins))
-    else:
-        missing.append("The result holds no profile of the current that was used: there is no section.")
+    if not contents.bins.time_ns.size:
+        without = "the section shows the estimate along the track alone" if bins.time_ns.size else "there is no section"
+        missing.append(f"The result holds no profile of the current that was used: {without}.")
     if bins.time_ns.size and not np.isfinite(bins.estimated).any():
         missing.append("Without an estimate, the section shows the difference to the estimate alone, which the result holds for each bin.")
     means = contents.mean_currents
@@ -170,6 +171,12 @@ def _limit(values: Array) -> float:
 
 
 def _caption(bins: BinsAlongTrack) -> str:
+    if not np.isfinite(bins.residual).any():
+        return (
+            "The estimate just after the last measurement before each time, along the local axes; it rests on the mean currents of the "
+            "dives. How it changes with depth is known from the ensemble only. The standard error "
+            "is that of the last estimate at these places."
+        )
     thinned = f" Of {bins.profiles + bins.left_out:,} profiles {bins.profiles:,} are shown, evenly spread." if bins.left_out else ""
     smoothed = (
         " The result is smoothed: its estimate knows the measurements after each time too; before smoothing it is that of the replay."
