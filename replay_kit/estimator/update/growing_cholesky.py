@@ -48,6 +48,25 @@ class GrowingCholesky:
         new.forward[: new.ends[n]] *= scale
         return new
 
+    def dense(self, n: int) -> Array:
+        """Return L of the first n profiles as one matrix, shape (K, K)."""
+        whole = np.zeros((self.ends[n], self.ends[n]))
+        for left, corner, start, stop in self._panels(n):
+            whole[start:stop, :start], whole[start:stop, start:stop] = left[:, :start], np.tril(corner)
+        return whole
+
+    def refactored(self, n: int, lower: Array, forward: Array) -> "GrowingCholesky":
+        """Return a factor of the first n profiles' rows with another L, shape (K, K), and another f, shape (K, 1 + b)."""
+        new = self._copy(n)
+        new.forward[: self.ends[n]] = forward
+        panels = []
+        for (left, corner), (_, _, start, stop) in zip(new.panels, self._panels(n), strict=True):
+            left, corner = np.zeros_like(left), np.zeros_like(corner, order="F")
+            left[: stop - start], corner[: stop - start, : stop - start] = lower[start:stop, :start], lower[start:stop, start:stop]
+            panels.append((left, corner))
+        new.panels = panels
+        return new
+
     def _copy(self, n: int) -> "GrowingCholesky":
         _, n_levels, _ = self.depth.shape
         new = GrowingCholesky(n_levels, self.basis.shape[2], max(16, 2 * n), self.forward.shape[1])

@@ -133,6 +133,10 @@ class ObservationSpacePosterior(Posterior):
         by_level = basis[:, None, None] * np.eye(n_levels)[..., None]  # (2 n, Z, Z, s)
         return self._rows_of(by_level.reshape(len(basis), n_levels, n_levels * basis.shape[1]))
 
+    def rows_times(self, weights: Array) -> Array:
+        """Return H times weights, shape (K,); ``weights`` of shape (Z, r)."""
+        return self._rows_times(weights[None], 0, self.n)[:, 0]
+
     def rescaled(self, prior: Prior, factor: float) -> "ObservationSpacePosterior":
         """Return the same mean with the covariance multiplied by a factor, that of ``prior``."""
         return replace(self, prior=prior, factor=self.factor.rescaled(self.n, 1.0 / np.sqrt(factor)))
