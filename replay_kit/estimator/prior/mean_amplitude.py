@@ -5,11 +5,11 @@ innovations e about w0, of covariance S, and their rows H,
 
     J = (H m)' S^-1 H m,    b = (H m)' S^-1 e,
 
-its likelihood is proportional to exp(b a - J a^2 / 2). Under a prior N(0, k) of a its posterior has the variance v = 1 / (1 / k + J) and
-the mean v b, and k has the marginal likelihood (1 + k J)^-1/2 exp(v b^2 / 2). Whether they agree on a mean that is wrong as a whole, members
-cannot say, so k is averaged over a few values, of which half of the weight is on none: where the mean is right an estimate hardly loses,
-and where it is wrong the first profiles say so. A Gaussian N(shift, variance) of a that has the same posterior mean and variance stands
-for that mixture, so an estimate remains one Gaussian.
+its likelihood is proportional to exp(b a - J a^2 / 2). Under a prior N(0, k) of a its posterior has the variance v = 1 / (1 / k + J)
+and the mean v b, and k has the marginal likelihood (1 + k J)^-1/2 exp(v b^2 / 2). Whether they agree on a mean that is wrong as a whole,
+members cannot say, so k is averaged over a few values, of which half of the weight is on none: where the mean is right an estimate
+hardly loses, and where it is wrong the first profiles say so. A Gaussian N(shift, variance) of a that has the same posterior mean and
+variance stands for that mixture, so an estimate remains one Gaussian.
 """
 
 from dataclasses import dataclass, replace
@@ -24,14 +24,15 @@ from replay_kit.estimator.prior.hybrid import HybridPrior, PriorSettings
 # The variances that are averaged over, and their weights before the log.
 _VARIANCES = np.array([0.0, 0.03, 0.1, 0.3])
 _WEIGHTS = np.array([0.5, 0.5 / 3, 0.5 / 3, 0.5 / 3])
-_LEAST_VARIANCE = 1e-6
+# Least variance of the Gaussian that stands for the mixture.
+_LEAST = 1e-6
 # Numbers of profiles, or of groups of them, after which the average is taken again; later the amplitude is known.
 _COUNTS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 28)
 
 
 @dataclass(frozen=True, slots=True)
 class MeanAmplitude:
-    """The Gaussian of how far the amplitude of the ensemble mean is from 1.
+    """The Gaussian, before the log, of how far the amplitude of the ensemble mean is from 1, that stands for the mixture after it.
 
     Attributes:
         shift: Its mean.
@@ -65,8 +66,8 @@ class MeanAmplitude:
         precision = information / (1.0 - self.variance * information)
         total = (self.shift + self.variance * score) / variance - self.shift / self.variance
         mean, spread = mixture(precision, total)
-        # a mixture of two peaks may be wider than the likelihood alone, and one that excludes any deviation must stay a Gaussian
-        own = 1.0 / np.clip(1.0 / spread - precision, 1.0 / _VARIANCES[-1], 1.0 / _LEAST_VARIANCE)
+        # a mixture of two peaks may be wider than any of its Gaussians: its mean is kept, its variance is that of the widest
+        own = 1.0 / np.clip(1.0 / spread - precision, 1.0 / _VARIANCES[-1], 1.0 / _LEAST)
         shift = own * (mean * (1.0 / own + precision) - total)
         return MeanAmplitude(float(shift), float(own), profiles if profiles < _COUNTS[-1] else None)
 

@@ -223,12 +223,14 @@ def hand_over(before: ReducedBasisEstimator, state: FilterState, after: ReducedB
     no_bias = np.zeros((len(state.posterior.prior_bias_sensitivity), *after.prior_weights.shape))
     begun = replace(state, posterior=initial(new, no_bias), spread=spread, mean_amplitude=amplitude)
     points = overlap(before.basis.grid, after.basis.grid)
-    if not len(points):
-        return begun, 0.0
-    next_modes, next_offset = velocities_at(after.basis, points)
-    said = learnt(old, state.posterior, *velocities_at(before.basis, points), next_modes, after.representation_std)
+    said = None
+    if len(points):
+        next_modes, next_offset = velocities_at(after.basis, points)
+        said = learnt(old, state.posterior, *velocities_at(before.basis, points), next_modes, after.representation_std)
     if said is None:
-        return begun, 0.0
+        # what the mean's amplitude is elsewhere, the log does not say
+        elsewhere = new if amplitude is None else after.prior
+        return replace(begun, posterior=initial(elsewhere, no_bias), mean_amplitude=after.mean_amplitude), 0.0
     innovation = said.values.copy()
     innovation[:, 0] -= said.of(next_offset + next_modes @ after.by_level(new.mean).T)
     prior, sensitivity = conditioned(new, said.design(next_modes), innovation)
