@@ -238,7 +238,7 @@ class EstimatorConfig(_Section):
         default=None,
         ge=0.0,
         description="Variance of the amplitude of the ensemble mean, whose mean is 1; 0 takes the mean's amplitude as certain; preset "
-        "default only. Default: 0.1.",
+        "default only. Default: averaged over 0 to 0.3 by the likelihood of the first profiles; 0.1 through time.",
     )
     shift_distance: float | None = Field(
         default=None,

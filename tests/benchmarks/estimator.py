@@ -42,7 +42,10 @@ class Work:
 
     @cached_property
     def estimators(self) -> dict[str, ReducedBasisEstimator]:
-        settings = {"hybrid": EstimatorConfig(modes=None, length_horizontal=10_000.0), "paper": EstimatorConfig(modes=None, preset="paper")}
+        settings = {
+            "hybrid": EstimatorConfig(modes=None, length_horizontal=10_000.0, mean_variance=0.1),
+            "paper": EstimatorConfig(modes=None, preset="paper"),
+        }
         return {name: build_estimator(self.world[0], config) for name, config in settings.items()}
 
     @cached_property

@@ -84,4 +84,6 @@ def build_depth_average(ensemble: Ensemble, config: EstimatorConfig, depth: floa
     if depth is None or not depth > 0.0:
         raise ConfigError(f"depth_average: expected a depth > 0 m to average to, got {depth}; give a goal below the surface")
     full = build_estimator(ensemble, config)
-    return DepthAverage(full.basis, full.prior, full.error_std, full.representation_std, full.time_ns, depth=depth)
+    return DepthAverage(
+        full.basis, full.prior, full.error_std, full.representation_std, full.time_ns, mean_amplitude=full.mean_amplitude, depth=depth
+    )

@@ -22,6 +22,7 @@ from replay_kit.core.flow.covariance import symmetric
 from replay_kit.core.flow.hybrid import HybridCovariance
 from replay_kit.core.flow.reduction import Reduction
 from replay_kit.estimator.prior.hybrid import HybridPrior, Prior, PriorSettings
+from replay_kit.estimator.prior.mean_amplitude import AmplitudePrior
 
 #: Least and largest amplitude that a fit gives.
 AMPLITUDES = (0.05, 20.0)
@@ -114,6 +115,8 @@ def hybrid_parts(prior: Prior) -> HybridCovariance | None:
         if parts is None:
             return None
         return HybridCovariance(np.sqrt(prior.amplitude) * parts.factor, parts.vertical, prior.amplitude * parts.horizontal)
+    if isinstance(prior, AmplitudePrior):
+        return hybrid_parts(prior.whole)
     if not isinstance(prior, HybridPrior):
         return None
     n_modes = prior.factor.shape[2]

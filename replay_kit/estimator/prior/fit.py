@@ -35,8 +35,8 @@ _LEVEL_ERROR_STD = 0.05
 _COLUMNS = (5, 25, 150)
 # The share hardly depends on the modes and functions of depth of little energy, and the cost goes with the cube of their number.
 _MODES, _DEPTH_FUNCTIONS = 50, 8
-# Nodes of the localised part, and of the score.
-_NODES, _SCORED = 1200, 600
+# Nodes of the localised part, and of the score at most.
+_NODES, _SCORED = 1200, 300
 _LEFT_OUT = 6
 # Of a member left out, for the amplitude.
 _AMPLITUDE_COLUMNS = 10
@@ -117,19 +117,23 @@ def choose_settings(members: Members, length: float, config: EstimatorConfig) ->
     if config.sample_share is not None:
         return PriorSettings(config.sample_share, shift, radius)
     start = PriorSettings(_SHARE_OF_FEW, shift, radius)
-    fitted = config.shift_distance is None
-    advance = counted("fitting the prior", (2 if fitted else 1) * min(_LEFT_OUT, members.weights.shape[0]))
-    rows = score_sample_shares(members, start, SHARES, _LEFT_OUT, advance)
-    if not rows:
+    if members.weights.shape[0] < 4:
         return start
-    chosen = min(rows, key=lambda row: row.score)
+    few, left_out = members.leading(), _spread_over(members.weights.shape[0], _LEFT_OUT)
+    fitted, some = config.shift_distance is None, left_out[::2]
+    advance = counted("fitting the prior", len(left_out) + (len(some) if fitted else 0))
+    scores = _scores(few, start, SHARES, left_out, advance)[:, 0]
+    share = int(np.argmin(scores.mean(axis=0)))
+    chosen = replace(start, sample_share=SHARES[share])
     if not fitted:
-        return chosen.settings
-    nearer = replace(chosen.settings, shift=_NEARER * length)
-    (alike,) = score_sample_shares(members, nearer, (nearer.sample_share,), _LEFT_OUT, advance)
-    if alike.score >= chosen.score:
-        return chosen.settings
-    return best([alike, *score_sample_shares(members, nearer, [share for share in SHARES if share != nearer.sample_share], _LEFT_OUT)])
+        return chosen
+    # most often the first of them say that the other shift suits less well
+    nearer = replace(chosen, shift=_NEARER * length)
+    if _scores(few, nearer, (SHARES[share],), some, advance)[:, 0].mean() >= scores[::2, share].mean():
+        return chosen
+    others = _scores(few, nearer, SHARES, left_out, lambda: None)[:, 0].mean(axis=0)
+    better = others.min() < scores.mean(axis=0)[share]
+    return replace(nearer, sample_share=SHARES[int(np.argmin(others))]) if better else chosen
 
 
 def fit_settings(members: Members, length: float, left_out: int, advance: Callable[[], None] = lambda: None) -> list[FitRow]:
@@ -178,18 +182,30 @@ def score_sample_shares(
         left_out: Number of members left out in turn, evenly spread over the ensemble.
         advance: Called after each member.
     """
-    few = members.leading()
-    n_members = few.weights.shape[0]
+    n_members = members.weights.shape[0]
     if n_members < 4:
         return []
-    by_member = []
-    for scored in each_call(_score_member, ((few, member, settings, shares) for member in _spread_over(n_members, left_out))):
-        by_member.append(scored)
-        advance()
-    log_score, coverage = np.mean(by_member, axis=0)
+    log_score, coverage = _scores(members.leading(), settings, shares, _spread_over(n_members, left_out), advance).mean(axis=0)
     return [
         FitRow(replace(settings, sample_share=share), float(s), float(c)) for share, s, c in zip(shares, log_score, coverage, strict=True)
     ]
+
+
+def _scores(few: Members, settings: PriorSettings, shares: Sequence[float], left_out: Sequence[int], advance: Callable[[], None]) -> Array:
+    """Return the logarithmic score and the coverage of each member left out, shape (members, 2, shares).
+
+    Args:
+        few: All members, in the leading modes.
+        settings: Shift and radius; its share is not used.
+        shares: Of the sample covariance, to try.
+        left_out: The members' positions.
+        advance: Called after each member.
+    """
+    by_member = []
+    for scored in each_call(_score_member, ((few, member, settings, shares) for member in left_out)):
+        by_member.append(scored)
+        advance()
+    return np.array(by_member)
 
 
 def _score_member(members: Members, member: int, settings: PriorSettings, shares: Sequence[float]) -> Array:
@@ -252,7 +268,7 @@ def measure_columns(members: Members, truth: Array, n_columns: int, rng: np.rand
 
 
 def score_withheld(members: Members, truth: Array, prior: Array, rows: Array, information: Array) -> tuple[float, float]:
-    """Return the logarithm of CRPS over the mean absolute anomaly, over some 600 nodes, and the coverage of 90 % intervals.
+    """Return the logarithm of CRPS over the mean absolute anomaly, over at most 300 nodes, and the coverage of 90 % intervals.
 
     Args:
         members: Their modes.
@@ -262,7 +278,7 @@ def score_withheld(members: Members, truth: Array, prior: Array, rows: Array, in
         information: shape (Z, r), the same times what was measured.
     """
     n_levels, n_modes = truth.shape
-    modes = members.velocity_modes[:: max(1, len(members.nodes) // _SCORED)]
+    modes = members.velocity_modes[:: -(-len(members.nodes) // _SCORED)]
     cross = np.matmul(rows, prior.reshape(n_levels, n_modes, -1)).reshape(-1, prior.shape[0])  # H P
     innovation = np.matmul(cross.reshape(len(cross), n_levels, n_modes), rows.T).reshape(len(cross), -1)
     innovation[np.diag_indices_from(innovation)] += 1.0

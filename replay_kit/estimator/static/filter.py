@@ -22,8 +22,10 @@ from replay_kit.estimator.basis.slices import cell_size, correlation_length
 from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.prior.amplitude import ScaledPrior, scaled_prior
 from replay_kit.estimator.prior.fit import choose_settings, left_out_amplitude, members_in_basis
-from replay_kit.estimator.prior.hybrid import Prior, diagonal_prior, hybrid_prior, with_mean_amplitude
+from replay_kit.estimator.prior.hybrid import HybridPrior, Prior, diagonal_prior, hybrid_prior, with_mean_amplitude
+from replay_kit.estimator.prior.mean_amplitude import AmplitudePrior, MeanAmplitude, before_the_log
 from replay_kit.estimator.static.group import fitting_step, group_innovation, group_steps
+from replay_kit.estimator.static.mean_amplitude import with_mean_averaged
 from replay_kit.estimator.static.spread import SpreadFit
 from replay_kit.estimator.static.state import FilterState
 from replay_kit.estimator.update.biases import NAMES, significant_bias_notes, unit_bias_rows
@@ -32,7 +34,7 @@ from replay_kit.estimator.update.covariance import PosteriorCovariance
 from replay_kit.estimator.update.evaluation import evaluate_observation
 from replay_kit.estimator.update.group_step import Stepped
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup, current_gradient
-from replay_kit.estimator.update.observation_space import initial
+from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
 from replay_kit.estimator.update.path_mean import PathRows, path_rows, predict_path_mean
 from replay_kit.estimator.update.posterior import Posterior, PredictedObservation, PriorCrossCovariance, means
 from replay_kit.estimator.update.representation import inflated, select_representation
@@ -50,6 +52,7 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         representation_std: shape (Z,) [m/s], representation error of the basis, by level.
         time_ns: Time of the forecast.
         gating: Gate and covariance inflation; None accepts every profile with its stated errors (paper).
+        mean_amplitude: Gaussian of the ensemble mean's amplitude before the log, which is then averaged; None where its variance is given.
         spread: Amplitude of the prior's covariance before the log, which is then fitted to it; None leaves the covariance as it is.
         grouping: Which profiles are combined; None combines none.
     """
@@ -62,6 +65,7 @@ class ReducedBasisEstimator(Estimator[FilterState]):
     gating: GatingConfig | None = None
     spread: SpreadFit | None = None
     grouping: Grouping | None = None
+    mean_amplitude: MeanAmplitude | None = None
 
     supports_path_means = True
     # the products of so many observations with the prior covariance are computed together: it is read once for all
@@ -90,7 +94,13 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         """Return the prior of an amplitude as a state."""
         no_bias = np.zeros((len(NAMES), *self.prior_weights.shape))
         prior = self.prior if spread is None else ScaledPrior(self.prior, spread.amplitude)
-        return FilterState(initial(prior, no_bias), None, spread=spread)
+        return FilterState(initial(prior, no_bias), None, spread=spread, mean_amplitude=self.mean_amplitude)
+
+    def prior_with(self, amplitude: MeanAmplitude) -> Prior:
+        """Return the prior with a Gaussian of the ensemble mean's amplitude."""
+        if self.basis.mean_weights is None or not isinstance(self.prior, HybridPrior):
+            return self.prior
+        return AmplitudePrior(self.prior, self.basis.mean_weights, amplitude)
 
     def step(self, state: FilterState, observation: Measurement) -> tuple[FilterState, Innovation]:
         """Return the state after an observation, and the innovation.
@@ -121,7 +131,7 @@ class ReducedBasisEstimator(Estimator[FilterState]):
     def assimilated(self, state: FilterState, source: Iterable[Measurement]) -> Iterator[tuple[FilterState, Innovation]]:
         """Yield the state after each observation, and its innovation, with the prior's amplitude as it is."""
         source = iter(source)
-        while block := [self.linearised(observation) for observation in islice(source, self.block_size)]:
+        while block := [self.linearised(observation) for observation in islice(source, self._block(state))]:
             prefetched: Iterator[PriorCrossCovariance] = iter(())
             made_by: Posterior | None = None
             for index, (screened, rows) in enumerate(block):
@@ -141,6 +151,12 @@ class ReducedBasisEstimator(Estimator[FilterState]):
                     state, innovation = self._updated(state, screened, rows, predict_path_mean(posterior, rows))
                 yield state, innovation
 
+    def _block(self, state: FilterState) -> int:
+        """Return how many observations to take together: the prior of an average of the mean's amplitude is another one."""
+        posterior, amplitude = state.posterior, state.mean_amplitude
+        due = amplitude.until_due(posterior.n) if amplitude and isinstance(posterior, ObservationSpacePosterior) else None
+        return min(self.block_size, due or self.block_size)
+
     def _updated(
         self, state: FilterState, screened: Screened, rows: ProfileRows | PathRows, predicted: PredictedObservation[Posterior]
     ) -> tuple[FilterState, Innovation]:
@@ -158,8 +174,8 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         # the posterior's own prior may be an earlier posterior
         prior = rows.matvec(self.prior_weights)
         score = update.bias_score(state.bias_score, screened.observation, bias_rows)
-        after = FilterState(posterior, time_ns, monitor, screened.observation, score, state.spread)
-        return after, update.to_innovation(screened, prior, inflation)
+        after = FilterState(posterior, time_ns, monitor, screened.observation, score, state.spread, state.mean_amplitude)
+        return with_mean_averaged(after, self.basis.mean_weights), update.to_innovation(screened, prior, inflation)
 
     def linearised(self, observation: Measurement) -> tuple[Screened, ProfileRows | PathRows | None]:
         """Return a measurement after screening, and its rows; None without a usable bin."""
@@ -268,11 +284,14 @@ def build_estimator(ensemble: Ensemble, config: EstimatorConfig, gating: GatingC
     members = members_in_basis(basis)
     settings = choose_settings(members, correlation_length(ensemble), config)
     prior = hybrid_prior(members.weights, members.velocity_modes, members.nodes, settings)
-    if basis.mean_weights is not None:
-        prior = with_mean_amplitude(prior, basis.mean_weights, mean_variance(config))
-    spread = None
+    spread, amplitude = None, None
     if config.spread == "fit" or (config.spread is None and ensemble.made_from):
         expected = left_out_amplitude(members, settings)
         spread = SpreadFit(expected, expected, 0, 0.5 * float(np.sqrt(np.prod(cell_size(ensemble.grid)))))
+    if basis.mean_weights is not None:
+        # one of both is fitted to the log
+        amplitude = before_the_log() if config.mean_variance is None and spread is None and not isinstance(config.spread, float) else None
+        prior = with_mean_amplitude(prior, basis.mean_weights, amplitude.variance if amplitude else mean_variance(config))
     scaled, grouping = scaled_prior(prior, config.spread), Grouping(current_gradient(ensemble))
-    return ReducedBasisEstimator(basis, scaled, None, basis.representation_std(config), ensemble.time_ns, gating, spread, grouping)
+    representation_std = basis.representation_std(config)
+    return ReducedBasisEstimator(basis, scaled, None, representation_std, ensemble.time_ns, gating, spread, grouping, amplitude)

@@ -15,6 +15,7 @@ from replay_kit.core.observation import Innovation, Measurement, Observation
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.basis.noise import BinNoise
 from replay_kit.estimator.prior.hybrid import Prior
+from replay_kit.estimator.static.mean_amplitude import with_mean_averaged
 from replay_kit.estimator.static.spread import SpreadFit
 from replay_kit.estimator.static.state import FilterState
 from replay_kit.estimator.update.compression import ProfileRows
@@ -137,6 +138,7 @@ def step_group(estimator: _Estimator, state: FilterState, group: ProfileGroup) -
         posterior = inflated(posterior, inflation)
     seen = replace(state, last=screened.profiles[int(screened.used[-1])])
     changed = replace(seen, posterior=posterior, time_ns=time_ns, monitor=monitor, bias_score=score)
+    changed = with_mean_averaged(changed, estimator.basis.mean_weights)
     prior = identity.matvec(estimator.prior_weights)
     return results_of(GroupResult(screened, update, before, after, prior, inflation), (state, changed), state)
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Measurement
+from replay_kit.estimator.prior.mean_amplitude import MeanAmplitude
 from replay_kit.estimator.static.spread import SpreadFit
 from replay_kit.estimator.update.biases import BiasScore
 from replay_kit.estimator.update.gate import ConsistencyMonitor
@@ -23,6 +24,7 @@ class FilterState:
         last: The last measurement with a usable bin; an equal one that follows is a duplicate.
         bias_score: Of systematic errors of the instrument.
         spread: Amplitude of the prior's covariance; None as it is given.
+        mean_amplitude: Gaussian of the ensemble mean's amplitude, while it is averaged and after; None where its variance is given.
     """
 
     posterior: Posterior
@@ -31,6 +33,7 @@ class FilterState:
     last: Measurement | None = None
     bias_score: BiasScore = _NO_SCORE
     spread: SpreadFit | None = None
+    mean_amplitude: MeanAmplitude | None = None
 
     @property
     def mean(self) -> Array:

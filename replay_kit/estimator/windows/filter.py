@@ -206,7 +206,7 @@ class WindowedEstimator(Estimator[WindowedState]):
 def hand_over(before: ReducedBasisEstimator, state: FilterState, after: ReducedBasisEstimator) -> tuple[FilterState, float]:
     """Return the next window's first state, with what the one before learnt where they overlap, and what was lost of it [m/s].
 
-    The amplitude of the prior's covariance, where it is fitted to the log, is kept as it is from then on.
+    The amplitudes of the prior's covariance and of the ensemble mean, where they are fitted to the log, are kept as they are from then on.
 
     Args:
         before: Estimator of the window before.
@@ -217,17 +217,22 @@ def hand_over(before: ReducedBasisEstimator, state: FilterState, after: ReducedB
     spread = None if state.spread is None else replace(state.spread, apart=(), past=None)
     if spread is not None:
         old, new = ScaledPrior(old, spread.amplitude), ScaledPrior(new, spread.amplitude)
+    amplitude = None if state.mean_amplitude is None else state.mean_amplitude.ended()
+    if amplitude is not None:
+        old, new = before.prior_with(amplitude), after.prior_with(amplitude)
     no_bias = np.zeros((len(state.posterior.prior_bias_sensitivity), *after.prior_weights.shape))
-    begun = replace(state, posterior=initial(new, no_bias), spread=spread)
+    begun = replace(state, posterior=initial(new, no_bias), spread=spread, mean_amplitude=amplitude)
     points = overlap(before.basis.grid, after.basis.grid)
-    if not len(points):
-        return begun, 0.0
-    next_modes, next_offset = velocities_at(after.basis, points)
-    said = learnt(old, state.posterior, *velocities_at(before.basis, points), next_modes, after.representation_std)
+    said = None
+    if len(points):
+        next_modes, next_offset = velocities_at(after.basis, points)
+        said = learnt(old, state.posterior, *velocities_at(before.basis, points), next_modes, after.representation_std)
     if said is None:
-        return begun, 0.0
+        # what the mean's amplitude is elsewhere, the log does not say
+        elsewhere = new if amplitude is None else after.prior
+        return replace(begun, posterior=initial(elsewhere, no_bias), mean_amplitude=after.mean_amplitude), 0.0
     innovation = said.values.copy()
-    innovation[:, 0] -= said.of(next_offset + next_modes @ after.prior_weights.T)
+    innovation[:, 0] -= said.of(next_offset + next_modes @ after.by_level(new.mean).T)
     prior, sensitivity = conditioned(new, said.design(next_modes), innovation)
     return replace(begun, posterior=initial(prior, sensitivity)), said.loss
 

@@ -20,7 +20,7 @@ def conditions(tables: PaperTables) -> str:
         f"on the estimates after Table II's last ping, with {modes}. Relative error: RMSE over the RMS speed of the truth, over all "
         "wet grid points. Bound: the least-squares fit of the truth within a method's span. `paper` and the naive basis take "
         "R = (0.01 m/s)^2 in Table I and (0.12 m/s)^2 in Table II for every bin; `default` takes the bins' own error, 0.01 and "
-        f"{tables.noise:g} m/s, and adds what its truncated basis leaves out."
+        f"{tables.noise:g} m/s, and adds what its basis leaves of members that are shifted by a correlation length, at the profile's place."
     )
 
 
@@ -31,7 +31,8 @@ def sparse_logs(tables: PaperTables) -> tuple[str, ...]:
     return (
         _against_mean(tables.sparse),
         f"*Diagonal prior.* The members' anomalies at neighbouring levels correlate {low:.2f} to {high:.2f}. The paper's prior keeps the "
-        "variances of the weights alone and ignores this; the prior of `default` has covariances between depths.",
+        "variances of the weights alone and ignores this; the prior of `default` has covariances between depths. "
+        "It also takes the strength of the ensemble mean, which its flow has whole, as uncertain.",
         f"*Gaussians in depth.* With l_z = {kernel.length:g} m their matrix on these levels has condition {kernel.condition:.1e}, and a "
         f"current of 1 m/s at all depths is fitted as {kernel.least_share:.2f} m/s at {kernel.least_depth:.0f} m and "
         f"{kernel.largest_share:.2f} m/s at {kernel.largest_depth:.0f} m. Where levels are closer than l_z the matrix is nearly singular: "
@@ -84,5 +85,14 @@ def _ordering(rows: Sequence[ErrorRow]) -> str:
     return (
         "*Order of the modes.* Latents are velocities divided by the kernel's eigenvalues, in depth and in the horizontal, so their SVD "
         "puts first the components that the smallest eigenvalues amplify; the SVD of velocities orders by the flow. The least RMSE "
-        f"that any weights could give (bound): {listed}."
+        f"that any weights could give (bound): {listed}.{_nearer_spans(rows)}"
     )
+
+
+def _nearer_spans(rows: Sequence[ErrorRow]) -> str:
+    """Return where the paper's modes span the truth better than as many of the default's, so that their order explains no error."""
+    default = {row.modes: row.bound for row in rows if row.rung and row.method == "default"}
+    nearer = [str(row.modes) for row in rows if row.rung and row.method == "paper" and row.bound < default.get(row.modes, 0.0)]
+    if not nearer:
+        return ""
+    return f" With {', '.join(nearer)} modes {LABELS['paper']} is the nearer to this truth: there the order explains no error."

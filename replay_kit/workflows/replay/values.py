@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from scipy.sparse import sparray, spmatrix
 
 from replay_kit.estimator.update.buffer import Buffer
-from replay_kit.estimator.update.observation_space import GrowingCholesky
+from replay_kit.estimator.update.growing_cholesky import GrowingCholesky
 
 # The functions and classes of other libraries that a pickle of these values may name; nothing else is loaded.
 _FUNCTIONS = {("numpy._core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "scalar"), ("numpy._core.numeric", "_frombuffer")}

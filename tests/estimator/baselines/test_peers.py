@@ -81,7 +81,7 @@ def test_dapper_s_letkf():
 
 
 def test_filterpy_s_kalman_filter():
-    config = EstimatorConfig(modes=12)
+    config = EstimatorConfig(modes=12, mean_variance=0.1)
     observations, places, values = profiles(4)
     estimator = build_estimator(SMALL, config)
     state, said = run(estimator, observations)

@@ -60,7 +60,7 @@ def seen(estimator, observation, common):
 
 @pytest.mark.parametrize(("common", "length"), [(0.05, 0.0), (0.0, 40.0), (0.02, 40.0)])
 def test_a_profile_with_shared_errors_equals_the_textbook(common, length):
-    estimator = build_estimator(SMALL, EstimatorConfig(modes=8))
+    estimator = build_estimator(SMALL, EstimatorConfig(modes=8, mean_variance=0.1))
     (observation,) = synthetic.random_profiles(SMALL.grid, 1, seed=3, speed=0.05)
     observation = replace(observation, common_std=common, correlation_depth=length)
     shallow = replace(observation, depth=DEPTH, velocity=observation.velocity[:9], error_std=observation.error_std[:9])

@@ -21,7 +21,7 @@ from tests.reference import evolving as slow
 
 DAY = 86_400 * 10**9
 LEVELS = np.array([5.0, 90.0, 220.0])
-CONFIG = EstimatorConfig(modes=12, sample_share=0.6)
+CONFIG = EstimatorConfig(modes=12, sample_share=0.6, mean_variance=0.1)
 WHOLE = TimeConfig(dropped_std=0.0)
 
 

@@ -18,7 +18,7 @@ from tests.reference.lattice import matrix as functions_at
 from tests.reference.representation import error_at
 
 SMALL = synthetic.ensemble(n_members=5, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
-DEFAULT = EstimatorConfig()
+DEFAULT = EstimatorConfig(mean_variance=0.1)
 
 
 def run(estimator, observations):
@@ -68,7 +68,7 @@ def test_paper_equals_a_dense_twin():
 
 @pytest.mark.parametrize("preset", ["default", "paper"])
 def test_online_equals_batch(preset):
-    config = EstimatorConfig(preset=preset, modes=10)
+    config = EstimatorConfig(preset=preset, modes=10, mean_variance=0.1)
     estimator = build_estimator(SMALL, config)
     observations = synthetic.random_profiles(SMALL.grid, 15, seed=2)
     state, _ = run(estimator, observations)

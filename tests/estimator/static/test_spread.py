@@ -20,7 +20,7 @@ from tests import synthetic
 GIVEN = synthetic.ensemble(n_members=6, shape=(6, 7), levels=np.array([5.0, 90.0, 220.0]))
 GRID = GIVEN.grid
 MADE = replace(GIVEN, made_from="lags")
-CONFIG = EstimatorConfig(modes=20)
+CONFIG = EstimatorConfig(modes=20, mean_variance=0.1)
 ESTIMATOR = build_estimator(MADE, CONFIG)
 # so near one another that nearly all would be left out by the usual spacing
 ESTIMATOR = replace(ESTIMATOR, spread=replace(ESTIMATOR.spread, spacing=10.0))

@@ -26,7 +26,7 @@ from tests.estimator.update.test_path_mean import dive
 LEVELS = np.array([5.0, 60.0, 150.0, 300.0])
 ENSEMBLE = synthetic.ensemble(n_members=24, shape=(6, 7), levels=LEVELS)
 OTHERS = Ensemble(ENSEMBLE.grid, ENSEMBLE.velocity[1:], None, "the others")
-CONFIG = EstimatorConfig(modes=20)
+CONFIG = EstimatorConfig(modes=20, mean_variance=0.1)
 
 
 def mission(heading, scale, n=110):

@@ -19,7 +19,7 @@ from tests.reference.representation import error_at
 
 LEVELS = np.array([5.0, 90.0, 220.0])
 SMALL = synthetic.ensemble(n_members=8, shape=(4, 5), levels=LEVELS)
-CONFIG = EstimatorConfig(modes=8, sample_share=0.6)
+CONFIG = EstimatorConfig(modes=8, sample_share=0.6, mean_variance=0.1)
 STATIC = TimeConfig(scale="static", dropped_std=0.0)
 HOUR = 3600 * 10**9
 

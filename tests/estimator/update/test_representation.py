@@ -30,7 +30,8 @@ from tests.reference.lattice import matrix as functions_at
 LEVELS = np.array([5.0, 90.0, 220.0])
 WORLD = synthetic.ensemble(n_members=9, shape=(5, 7), levels=LEVELS)
 DEPTH = 10.0 + 20.0 * np.arange(11)
-ESTIMATORS = {name: build_estimator(WORLD, EstimatorConfig(preset=name, length_vertical=60.0, modes=20)) for name in ("default", "paper")}
+CONFIG = EstimatorConfig(length_vertical=60.0, modes=20, mean_variance=0.1)
+ESTIMATORS = {name: build_estimator(WORLD, CONFIG.model_copy(update={"preset": name})) for name in ("default", "paper")}
 
 
 def observed(places, seed=0, depth=DEPTH):
@@ -143,7 +144,7 @@ def test_rows_in_few_directions_take_the_span_form_and_more_than_the_weights_beg
     everywhere = run(estimator, observed(places("scattered", 13)))[0].posterior
     assert isinstance(everywhere.prior, FullCovariancePrior)
     assert everywhere.n_rows == 0
-    many = build_estimator(synthetic.ensemble(n_members=40, shape=(8, 9), levels=LEVELS), EstimatorConfig(modes=None))
+    many = build_estimator(synthetic.ensemble(n_members=40, shape=(8, 9), levels=LEVELS), EstimatorConfig(modes=None, mean_variance=0.1))
     observations = observed(places("repeated", 40))
     assert isinstance(run(many, observations[:31])[0].posterior, ObservationSpacePosterior)
     assert isinstance(run(many, observations)[0].posterior, ReducedSubspacePosterior)
@@ -320,7 +321,9 @@ def test_with_many_weights_no_matrix_of_them_is_made(monkeypatch):
 
 def test_the_factors_of_an_estimate_are_its_covariance():
     # few members and pings in many modes: the factors are fewer numbers than half of the matrix
-    many = build_estimator(synthetic.ensemble(n_members=4, shape=(8, 9), levels=np.linspace(5.0, 220.0, 12)), EstimatorConfig(modes=40))
+    many = build_estimator(
+        synthetic.ensemble(n_members=4, shape=(8, 9), levels=np.linspace(5.0, 220.0, 12)), EstimatorConfig(modes=40, mean_variance=0.1)
+    )
     state, _ = run(many, observed(places("dense track", 2)))
     for posterior in (state.posterior, as_span(state).posterior, representation.inflated(state.posterior, 2.0)):
         factors = PosteriorCovariance(posterior).factors()

@@ -204,6 +204,19 @@ def test_the_way_through_the_pings_ends_in_table_2(study):
     assert ("worse than the ensemble mean" in said.split(";")[0]) == bool(worse)
 
 
+def test_the_order_of_the_modes_is_blamed_only_where_the_paper_s_span_is_the_farther(study):
+    tables = study[0]
+    number = next(row.modes for row in tables.table1 if row.rung and row.method == "default")
+
+    def said(bound_of_paper):
+        rows = [replace(row, modes=number, bound=bound_of_paper if row.method == "paper" else 0.05) for row in tables.table1]
+        return sparse_logs(replace(tables, table1=tuple(rows)))[-1]
+
+    assert "explains no error" not in said(0.06)
+    assert f"With {number}" in said(0.04)
+    assert "explains no error" in said(0.04)
+
+
 def test_targets_are_reached_by_the_truth_s_own_plans(study):
     rows = {row.flow: row for row in study[0].table3}
     assert list(rows) == ["truth", "depth_averaged_truth", "naive3d", "paper", "default", "nearest", "ensemble_mean"]
