@@ -61,6 +61,8 @@ _LEGS_OUT_OF_REACH = 24
 _SHORTER = 1.25, 1.5, 2.0
 # The rest of an earlier plan that takes so many times as long as the route is reconsidered.
 _RECONSIDERED = 1.02
+# Share of a route's time on the lattice that it takes off it at least.
+_ON_LATTICE = 0.985
 
 
 def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[Attempt]:
@@ -79,14 +81,16 @@ def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[A
         )
     if not task.is_finite:
         return []
+    attempts = [] if warm is None else rest_of(task, warm)
+    if any(is_feasible(task, attempt) for attempt in attempts):
+        # a plan made at each surfacing is not told against the bound, which would take longer than the plan
+        water = water_of(task)
+        attempts += _reconsidered(task, water, attempts[0])
+        return attempts + _from_habit(task, water, attempts)
     water, bound = bound_of(task) if _is_bounded(task) else (water_of(task), None)
     if bound is not None and bound.goal >= 0:
         return [replace(_approach(task, water, bound), bound=bound)]
-    attempts = [] if warm is None else rest_of(task, warm)
-    if any(is_feasible(task, attempt) for attempt in attempts):
-        attempts += _reconsidered(task, water, attempts[0])
-    else:
-        attempts += _solve_anew(task, water, bound)
+    attempts += _solve_anew(task, water, bound)
     attempts += _from_habit(task, water, attempts)
     return [replace(attempt, bound=bound) for attempt in attempts]
 
@@ -128,7 +132,7 @@ def _search(task: MissionTask, water: Water, rings: tuple[Ring, ...], bound: Bou
     """Return the attempts with the number of legs that a route clear of rings suggests and, unless once is enough, with fewer or more."""
     settings, passage = task.settings, passage_past_goals(task, water, rings)
     solve = _solver(task, water, passage)
-    likely = likely_legs(task, passage)
+    likely = likely_legs(task, passage.passed[-1])
     if not passage.route.arrives and settings.legs is None:
         likely = min(likely, _LEGS_OUT_OF_REACH)
     passed = passage.passed
@@ -169,10 +173,10 @@ def _solver(task: MissionTask, water: Water, passage: Passage) -> Callable[[tupl
     return solve
 
 
-def likely_legs(task: MissionTask, passage: Passage) -> int:
-    """Return the number of legs that the time of a passage takes."""
+def likely_legs(task: MissionTask, seconds: float) -> int:
+    """Return the number of legs that a passage of some time takes."""
     longest = task.leg_time(task.vehicle.angles[0])
-    return int(np.clip(np.ceil(passage.passed[-1] / longest - 1e-6), len(task.goals), task.settings.max_legs))
+    return int(np.clip(np.ceil(seconds / longest - 1e-6), len(task.goals), task.settings.max_legs))
 
 
 def _fewest_legs(task: MissionTask, bound: Bound | None) -> int:
@@ -192,7 +196,7 @@ def _approach(task: MissionTask, water: Water, bound: Bound) -> Attempt:
     """Return the mission that comes nearest to a goal out of reach: along the route of the front, or heading at the goal itself."""
     passage = passage_past_goals(task, water, task.rings)
     route, settings, goal = passage.route, task.settings, task.goals[bound.goal, :2]
-    n_legs = max(settings.legs or min(likely_legs(task, passage), _LEGS_OUT_OF_REACH), len(task.goals))
+    n_legs = max(settings.legs or min(likely_legs(task, passage.passed[-1]), _LEGS_OUT_OF_REACH), len(task.goals))
     ahead = task.leg_time(task.vehicle.angles[0])
 
     def on_route(_at: Array, now: float, _goal: int) -> Array:
@@ -216,10 +220,14 @@ def _reconsidered(task: MissionTask, water: Water, rest: Attempt) -> list[Attemp
     """Return the attempts from a new route where that is clearly quicker than the rest of an earlier plan."""
     if task.settings.legs is not None or task.reference_path is not None or task.settings.weights.time == 0.0:
         return []
-    passage = passage_past_goals(task, water, task.rings)
-    likely, legs = likely_legs(task, passage), len(rest.legs.headings)
-    if not passage.route.arrives or float(rest.flight.time[-1]) <= _RECONSIDERED * passage.passed[-1] or likely >= legs:
-        return []
+    legs, lasts = len(rest.legs.headings), float(rest.flight.time[-1])
+    for quick in (True, False):
+        # a route on the lattice is hardly longer than one off it
+        passage = passage_past_goals(task, water, task.rings, quick=quick)
+        share = _ON_LATTICE if quick else 1.0
+        likely = likely_legs(task, share * passage.passed[-1])
+        if not passage.route.arrives or lasts <= share * _RECONSIDERED * passage.passed[-1] or likely >= legs:
+            return []
     solve, found = _solver(task, water, passage), list[Attempt]()
     for n_legs in (likely, likely + 1):
         if n_legs < legs and not any(is_feasible(task, attempt) for attempt in found):

@@ -60,7 +60,7 @@ def test_the_front_gives_the_number_of_legs_and_the_bound_the_fewest():
     flow = still_flow()
     task = mission_task(flow, request_in(flow, (-10e3, 0.0), (10e3, 0.0)))
     water, bound = bound_of(task)
-    likely = likely_legs(task, passage_past_goals(task, water, task.rings))
+    likely = likely_legs(task, passage_past_goals(task, water, task.rings).passed[-1])
     # a leg leads as far as a glide to 300 m and back at 15 degrees
     assert likely == int(np.ceil(20e3 / (600.0 / np.tan(np.deg2rad(15.0)))))
     assert likely - 1 <= _fewest_legs(task, bound) <= likely
