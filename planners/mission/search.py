@@ -59,6 +59,8 @@ from replay_kit.core.progress import announce
 _LEGS_OUT_OF_REACH = 24
 # Multiples of the likely number of legs that are tried where one or two more do not hold either.
 _SHORTER = 1.25, 1.5, 2.0
+# A mission among obstacles that takes so many times as long as the route is tried with a leg more.
+_DETOUR = 1.015
 # The rest of an earlier plan that takes so many times as long as the route is reconsidered.
 _RECONSIDERED = 1.02
 # Share of a route's time on the lattice that it takes off it at least.
@@ -156,6 +158,12 @@ def _search(task: MissionTask, water: Water, rings: tuple[Ring, ...], bound: Bou
         last = solve(add_leg(last.goals.legs, last.legs.angles) if next_one else goal_legs_of(passed, n_legs), False)
         attempts.append(last)
     best = best_of(task, attempts)
+    if wider is not None and is_feasible(task, best) and best.flight.time[-1] > _DETOUR * passed[-1] and not task.is_late:
+        # beside obstacles legs that bend more often may be quicker than fewer
+        more = min(best.goals.legs[-1] + 1, settings.max_legs)
+        if all(more != done.goals.legs[-1] for done in attempts):
+            attempts.append(solve(add_leg(best.goals.legs, best.legs.angles), False))
+            best = best_of(task, attempts)
     if wider is not None and best not in widely and is_feasible(task, best) and not task.is_late:
         attempts.append(wider(best.goals.legs, False))
     return attempts
@@ -286,8 +294,14 @@ def add_leg(goal_legs: tuple[int, ...], angles: Array) -> tuple[int, ...]:
     return tuple(number + int(k >= shallowest) for k, number in enumerate(goal_legs))
 
 
-def rest_of(task: MissionTask, warm: MissionPlan) -> list[Attempt]:
-    """Return the attempt with the legs of an earlier plan that are still to be flown; none when there are none, or not as many as asked."""
+def rest_of(task: MissionTask, warm: MissionPlan, fewer: bool = False) -> list[Attempt]:
+    """Return the attempt with the legs of an earlier plan that are still to be flown; none when there are none, or not as many as asked.
+
+    Args:
+        task: The problem.
+        warm: The earlier plan.
+        fewer: Whether other numbers of legs are tried where these miss a goal by far.
+    """
     begun = warm.legs_flown(task.request.start_time_ns)
     left = len(warm.headings_deg) - begun
     goal_legs = tuple(number - begun for number in warm.goal_legs if number > begun)
@@ -299,4 +313,4 @@ def rest_of(task: MissionTask, warm: MissionPlan) -> list[Attempt]:
     goals = GoalSteps(goal_legs, task.goal_steps(goal_legs, left, (warm.goal_times[-len(goal_legs) :] - begins) / durations))
     places = np.column_stack(to_local(task.region.grid.projection, *warm.surfacings[begun:].T))
     guess = MissionGuess(places, np.deg2rad(warm.headings_deg[begun:]), np.deg2rad(warm.glide_angles_deg[begun:]))
-    return [solve_legs(task, guess, goals, None)]
+    return [solve_legs(task, guess, goals, None, fewer=fewer)]

@@ -37,6 +37,8 @@ _EFFORT = 1500
 _ROUNDS_WITH_MARGIN = 3
 # New half-planes must lower the cost by this share.
 _PROGRESS = 1e-3
+# A path beyond its half-planes by more than this does not come within them in further rounds without gain [m].
+_HELD = 5.0
 # Half-planes placed around leg ends that moved by less than this [m] would be the same.
 _SAME = 1.0
 # Legs that miss by so many tolerances where time counts do not come within one where only the miss distance does.
@@ -124,7 +126,8 @@ def _solve_within_half_planes(problem: LegsProblem, free: Attempt, guess: Missio
         gained = not np.isfinite(before) or solution.objective < before - _PROGRESS * abs(before)
         moved = float(np.max(np.abs(solution.guess.places - at.places)))
         spent = (iterations - free.iterations) * problem.n_legs >= _EFFORT
-        if moved < _SAME or spent or (best.violation is None and not gained):
+        held = best.violation is None or solution.plane_violation > _HELD
+        if moved < _SAME or spent or (held and not gained):
             break
         at, before = solution.guess, solution.objective
         assert solution.places is not None, "what was solved has places"
