@@ -104,7 +104,13 @@ def solve_with_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) 
     missed = not task.settings.weighs_distance and bool(np.any(before.miss > task.settings.tolerance))
     closest = missed or task.settings.objective == "closest"
     for _ in range(_ROUNDS_WITH_MARGIN):
-        solution = _solve(problem, at, _with_margin(_standing_walls(problem, _points_along(problem, at)), margin), closest=closest, warm_start=best is not None)
+        solution = _solve(
+            problem,
+            at,
+            _with_margin(_standing_walls(problem, _points_along(problem, at)), margin),
+            closest=closest,
+            warm_start=best is not None,
+        )
         iterations += solution.iterations
         if best is not None and solution.objective > best.objective - _PROGRESS * abs(best.objective):
             break
@@ -118,7 +124,9 @@ def _solve_within_half_planes(problem: LegsProblem, free: Attempt, guess: Missio
     task, best, at, before, iterations = problem.task, free, guess, np.inf, free.iterations
     for again in range(_ROUNDS):
         announce(f"planning: {problem.n_legs} legs, round {again + 1} along obstacles")
-        solution = _solve(problem, at, (_following_walls if again else _standing_walls)(problem, path), closest=closest, warm_start=again > 0)
+        solution = _solve(
+            problem, at, (_following_walls if again else _standing_walls)(problem, path), closest=closest, warm_start=again > 0
+        )
         flown = _fly(problem, solution, iterations)
         iterations = flown.iterations
         better = flown.violation is None and (best.violation is not None or ranking_key(task, flown) < ranking_key(task, best))
@@ -163,9 +171,7 @@ def _following_walls(problem: LegsProblem, path: Array) -> Walls:
     between, which = (np.take_along_axis(one.reshape(shares.shape), worst[..., 0], axis=2) for one in (shares, near.which))
     ends = _near(problem, path, surfaced, _PLANES)
     both = np.concatenate([ends.which.reshape(*path.shape[:2], -1), which], axis=2)
-    return Walls(
-        np.concatenate([np.ones((*path.shape[:2], _PLANES)), between], axis=2), obstacles=replace(ends, which=both.ravel())
-    )
+    return Walls(np.concatenate([np.ones((*path.shape[:2], _PLANES)), between], axis=2), obstacles=replace(ends, which=both.ravel()))
 
 
 def _surfaced(problem: LegsProblem, n_places: int) -> NDArray[np.bool_]:

@@ -138,7 +138,9 @@ def departures_row(flows: tuple[FlowEstimate, ...], count: int, apart: float = 6
     for k in range(count):
         pair = 2 * (k % (len(flows) // 2))
         one, other = flows[pair : pair + 2]
-        sea = [replace(one, latent=one.latent + s * (other.latent - one.latent), time_ns=round(s * 10.0 * DAY * 1e9)) for s in (0.0, 0.5, 1.0)]
+        sea = [
+            replace(one, latent=one.latent + s * (other.latent - one.latent), time_ns=round(s * 10.0 * DAY * 1e9)) for s in (0.0, 0.5, 1.0)
+        ]
         low, high = (np.array([pick(one.grid.east), pick(one.grid.north)]) for pick in (np.min, np.max))
         begin, course, far = 0.5 * (low + high), rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.15, 0.28) * float(np.min(high - low))
         end = begin + far * np.array([np.sin(course), np.cos(course)])

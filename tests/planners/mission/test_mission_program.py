@@ -94,7 +94,9 @@ def test_half_planes_are_kept_rather_than_the_goal_and_what_is_trespassed_by_is_
     # the steepest leads 857 m: wherever it heads it comes out of a box of 600 m by 200 m, least of all objectives towards the goal
     planes = np.zeros((1, 11, 4, 3))
     planes[0, 9] = [[0.0, 1.0, 300.0], [0.0, -1.0, 300.0], [1.0, 0.0, 100.0], [-1.0, 0.0, 100.0]]
-    found = solve_mission(MissionModel(FLOW, GLIDER, _shape(1, n_planes=4)), replace(data, walls=Walls(np.ones(planes.shape[:3]), planes)), _straight(goal, 1))
+    found = solve_mission(
+        MissionModel(FLOW, GLIDER, _shape(1, n_planes=4)), replace(data, walls=Walls(np.ones(planes.shape[:3]), planes)), _straight(goal, 1)
+    )
     hop = 600.0 / np.tan(np.deg2rad(35.0))
     np.testing.assert_allclose(found.guess.places[0], [0.0, hop], atol=5.0)
     assert found.plane_violation == pytest.approx(hop - 300.0, abs=5.0)

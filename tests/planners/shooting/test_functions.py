@@ -85,7 +85,11 @@ def test_the_functions_and_their_derivatives_are_those_of_the_graph(changing: bo
 def test_half_planes_that_follow_the_places_have_the_derivatives_of_their_distances() -> None:
     model, data = _mission(True, 3, False)
     square = np.array([[0.0, 0.0], [900.0, 0.0], [900.0, 900.0], [0.0, 900.0]])
-    rings = (Ring(square, False, "square"), Ring(square + [-2e3, 500.0], False, "another"), Ring(20.0 * square - 9e3, True, "edge"))
+    rings = (
+        Ring(square, False, "square"),
+        Ring(square + np.array([-2e3, 500.0]), False, "another"),
+        Ring(20.0 * square - 9e3, True, "edge"),
+    )
     rng, size = np.random.default_rng(8), (3, model.shape.n_places, 3)
     # at the end of a step, or on the way there; one of the places has no ring
     near = NearRings(rings, rng.integers(0, 3, size).ravel(), 50.0)
