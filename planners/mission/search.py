@@ -12,7 +12,8 @@ time. A goal at the surface is met where a leg ends, one below it by the dive th
 nearer to when the route does; the last one by a dive that ends there.
 
 4. Constraints. When the path crosses land, an area, shallows or the region's edge, each step's end must lie within the half-planes that
-touch the three nearest of them; they are placed anew around each path found until there is no more gain.
+touch the three nearest of them: first along the route, then following each place as it moves and the steps between, until there is no
+more gain. Where that takes clearly longer than the route, one leg more is tried.
 
 5. Bottom. Where no way round shallows is found, or the mission begins or ends in them, the quickest route through all water is cut into
 legs that turn above the bottom along them (``turning.py``).
@@ -21,7 +22,7 @@ legs that turn above the bottom along them (``turning.py``).
 
 7. Check. The path is integrated again, by Runge-Kutta with steps half as long, and its segments are checked exactly.
 
-The rest of an earlier plan is solved first; where the route takes clearly less time, its number of legs is tried too.
+The rest of an earlier plan is solved first, without the bound; where the route takes clearly less time, its number of legs is tried too.
 """
 
 from collections.abc import Callable

@@ -120,7 +120,7 @@ def solve_with_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) 
 
 
 def _solve_within_half_planes(problem: LegsProblem, free: Attempt, guess: MissionGuess, path: Array, closest: bool) -> Attempt:
-    """Return the best path found within half-planes, placed along a path and anew along each path found until there is no more gain."""
+    """Return the best path found within half-planes: along a path, then following the places until other obstacles bring no more gain."""
     task, best, at, before, iterations = problem.task, free, guess, np.inf, free.iterations
     for again in range(_ROUNDS):
         announce(f"planning: {problem.n_legs} legs, round {again + 1} along obstacles")
