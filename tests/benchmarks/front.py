@@ -161,7 +161,7 @@ def departures_row(flows: tuple[FlowEstimate, ...], count: int, apart: float = 6
     name = f"five departures of {count} missions: 2.5 plans asked, and the best of plans one by one"
     error = {"best_later": float(max(worse, default=np.nan))}
     more = {"plans_median": float(np.median(times)), "plans_most": float(max(times)), "asked_plans": 2.5}
-    return row(name, float(np.mean(together)), "one plan", float(np.mean(alone)), None, error, **more)
+    return row(name, float(np.mean(together)), "one plan", float(np.mean(alone)), 1.0 / 2.5, error, **more)
 
 
 def _error_row(name: str, errors: Array, took: float, peer: str) -> Row:
