@@ -1,8 +1,8 @@
 """The earliest arrival of a mission: the route past its goals, a lower bound of the time that any vehicle of its speed takes, and a guess.
 
 The front knows the mean current of the dives and drifts, and the greatest horizontal speed in the mean of both. The bound gives the vehicle
-every doubt: no margin, half-open water counts as open, it may wait, the goals' discs are enough, its speed is raised by what the shear
-within a leg adds in the second order, and the time is lowered by the lattice's own error.
+every doubt: no margin, half-open water counts as open, it may wait, the goals' discs are enough, its speed is raised by the second-order
+terms of shear within a dive, and the time is lowered by the lattice's own error.
 """
 
 from dataclasses import dataclass
@@ -23,12 +23,10 @@ from planners.route.hazards import Ring
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import true_north_halfway
 
-# What a bound is multiplied by, for the error of the lattice against Zermelo's rays.
-_LATTICE_ERROR = 0.993
-# Where the current on the way is faster than this share of the vehicle's speed, the lattice has so many times more lines, and this error.
-_STRONG, _FINEST, _STRONG_ERROR = 0.9, 2.5, 0.98
-# The same for routes there, and where a goal seems to be out of reach, which is told at once.
-_FINER, _FINER_ERROR = 1.6, 0.965
+# What a bound is multiplied by, for the error of the lattice against Zermelo's rays: elsewhere, and in strong currents.
+_LATTICE_ERROR, _STRONG_ERROR = 0.993, 0.985
+# Where the current on the way is faster than this share of the vehicle's speed, the lattice has so many times more lines.
+_STRONG, _FINER = 0.9, 1.6
 # Kernel lengths around start and goals within which shear counts, and points that it is looked up at in each.
 _AROUND, _SAMPLES = 1.5, 2.0
 # Points on the edge of a goal's disc.
@@ -157,23 +155,23 @@ def bound_of(task: MissionTask) -> tuple[Water, Bound]:
     """
     water = water_of(task)
     bound = _bound_in(task, water, _LATTICE_ERROR, _STRONG * water.speed)
-    if bound is not None and bound.goal < 0:
+    if bound is not None:
         return water, bound
     finer = water_of(task, _FINER)
-    bound = _bound_in(task, finer, _FINER_ERROR, inf) if bound is not None else _bound_in(task, water_of(task, _FINEST), _STRONG_ERROR, inf)
+    bound = _bound_in(task, finer, _STRONG_ERROR, inf)
     assert bound is not None, "no current is faster than infinity"
     # to come near a goal that is out of reach needs no finer lattice
     return (finer if bound.goal < 0 else water), bound
 
 
 def _bound_in(task: MissionTask, water: Water, error: float, strong: float) -> Bound | None:
-    """Return the bound on one lattice; None where the current on the way is too strong for it.
+    """Return the bound on one lattice; None where that is not to be trusted.
 
     Args:
         task: The problem.
         water: Of the lattice.
         error: What its times are multiplied by.
-        strong: A current on the way [m/s] for which it is not to be trusted; infinite to trust it always.
+        strong: A current on the way [m/s], or a goal out of reach, for which it is not to be trusted; infinite to trust it always.
     """
     places, most, radius = _places(task), longest_time(task), task.settings.tolerance
     discs = [np.append(directions_around(complex(place), radius, _ON_DISC), place) for place in places[1:]]
@@ -189,7 +187,7 @@ def _bound_in(task: MissionTask, water: Water, error: float, strong: float) -> B
         front = spread(sea, seeds, np.full(seeds.size, now), most / error, goals)
         best = int(goals[np.argmin(front.times[goals])])
         if not front.times[best] <= most / error:
-            return Bound(inf, most, k, *front.approach(complex(place), most / error))
+            return None if np.isfinite(strong) else Bound(inf, most, k, *front.approach(complex(place), most / error))
         route = front.route_to(best, now, True)
         met = water.current.at(as_complex(route.points), now + route.times)
         if np.max(np.abs(met)) > strong:
@@ -199,15 +197,14 @@ def _bound_in(task: MissionTask, water: Water, error: float, strong: float) -> B
 
 
 def _second_order(task: MissionTask) -> float:
-    """Return what a vehicle gains at most from the shear of the current within a leg [m/s].
+    """Return what a vehicle gains at most from the shear of the current within a dive and its drift [m/s].
 
-    On the way down the deviation w of the current from its mean over the dive carries the vehicle off its mean track, and on the way up
-    back along the same curve on the other side: what the current differs by there cancels over a dive. What is left is the drift d at the
-    surface, whose displacement d (u_s - m), u_s the current there and m the leg's mean, the dives make up for evenly: on average the
-    vehicle is half of it away, where the current differs by some w / l, l the kernel length. The largest d |u_s - m| w / (2 l) around start
-    and goals counts.
+    The deviation w of the current from its mean over a dive of time t carries the vehicle off its mean track by t / (2 pi) times w in the
+    root mean square at most (Wirtinger's inequality), to where w differs by some w / l, l the kernel length: w^2 t / (2 pi l) in the mean.
+    The largest w around start and goals counts.
     """
     flow, angle, drift = task.flow, task.vehicle.angles[0], task.settings.surface_time
+    dive = (task.leg_time(angle) - drift) / task.settings.yos + drift
     shares = shares_of_levels(flow, task.settings.depth, drift / task.leg_time(angle))
     kernel, places = flow.horizontal.kernel, np.vstack([task.start, task.goals])[:, :2]
     lengths = np.array([kernel.length_east, kernel.length_north])
@@ -216,9 +213,8 @@ def _second_order(task: MissionTask) -> float:
     points = np.stack(np.meshgrid(*(np.linspace(low[i], high[i], counts[i]) for i in (0, 1))), axis=-1).reshape(-1, 2)
     by_level = flow.horizontal.velocity(points, task.currents.latent[0][:, : flow.levels.size])
     deviation = by_level - (by_level @ shares)[..., None]
-    adrift = np.linalg.norm(deviation @ shares_of_levels(flow, 0.0, 1.0), axis=0)
-    rms = np.sqrt(np.sum(deviation**2, axis=0) @ np.maximum(shares, 0.0))
-    return drift * float(np.max(adrift * rms)) / (2.0 * float(np.min(lengths)))
+    largest = float(np.max(np.sum(deviation**2, axis=0) @ np.maximum(shares, 0.0)))
+    return dive * largest / (2.0 * np.pi * float(np.min(lengths)))
 
 
 def _places(task: MissionTask) -> Complex:
