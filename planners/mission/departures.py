@@ -20,6 +20,8 @@ from replay_kit.core.errors import PlanError
 
 # Share by which a time in still water may be short of that in the current.
 _ROUGHLY = 1.01
+# Other numbers of legs solved from a neighbour at most; part of a leg that others make up for by steering better.
+_OTHERS, _SOME = 3, 0.25
 # Of the statuses the better one first.
 _RANKS = ("reached", "uncertain", "unreachable")
 
@@ -67,30 +69,45 @@ def _from_neighbour(flow: Sample, request: MissionRequest, before: MissionPlan) 
     if before.status != "reached":
         return None
     task = mission_task(flow, request)
-    attempts = rest_of(task, before)
+    attempts = rest_of(task, before, fewer=True)
     alike = all(max(leg) == task.settings.depth for leg in before.yo_depths)
     if attempts and alike and request.settings.legs is None:
-        attempts += _with_another_number(task, attempts[0])
+        attempts += _with_other_numbers(task, attempts[0])
     made = to_plan(task, attempts)
     return made if made.status == "reached" and not (request.settings.legs is None and _spares_a_leg(made)) else None
 
 
-def _with_another_number(task: MissionTask, attempt: Attempt) -> list[Attempt]:
-    """Return an attempt with a leg more where one misses its goals, with a leg less where that might do; none where neither is so."""
-    feasible, n_legs = is_feasible(task, attempt), len(attempt.legs.headings)
-    wanted = n_legs - 1 if feasible else n_legs + 1
-    if wanted > task.settings.max_legs or (feasible and not _spares_a_leg(to_plan(task, [attempt]))):
-        return []
-    other = with_n_legs(task, attempt, wanted)
-    return [solve_legs(task, other.guess, other.goals, None, fewer=feasible)]
+def _with_other_numbers(task: MissionTask, attempt: Attempt) -> list[Attempt]:
+    """Return attempts with more legs until one meets the goals, where an attempt misses them; with fewer as long as that might do."""
+    found, last = list[Attempt](), attempt
+    while len(found) < _OTHERS:
+        feasible, n_legs = is_feasible(task, last), len(last.legs.headings)
+        if found and feasible != is_feasible(task, attempt):
+            break
+        wanted = _fewer_legs(to_plan(task, [last])) if feasible else n_legs + _missing_legs(task, last)
+        if wanted == n_legs or wanted > task.settings.max_legs:
+            break
+        other = with_n_legs(task, last, wanted)
+        last = solve_legs(task, other.guess, other.goals, None, fewer=True)
+        found.append(last)
+    return found
+
+
+def _missing_legs(task: MissionTask, attempt: Attempt) -> int:
+    """Return how many more legs cover what an attempt misses at the speed it makes good, one at least."""
+    made_good = float(np.linalg.norm(attempt.flight.place[0, -1] - task.start[:2])) / len(attempt.legs.headings)
+    return max(1, int(np.ceil((float(attempt.miss.max()) - task.settings.tolerance) / max(made_good, 1.0) - _SOME)))
 
 
 def _spares_a_leg(plan: MissionPlan) -> bool:
-    """Return whether a mission might do with a leg less: at the shallowest glide angle it would be over in the time of one less."""
+    """Return whether a mission might do with a leg less."""
+    return _fewer_legs(plan) < len(plan.headings_deg)
+
+
+def _fewer_legs(plan: MissionPlan) -> int:
+    """Return with how few legs a mission might do: at the shallowest glide angle they would take as long as it would in still water."""
     settings, vehicle, n_legs = plan.settings, plan.vehicle, len(plan.headings_deg)
-    if n_legs <= len(plan.goals):
-        return False
     along, down = (float(speed) for speed in vehicle.speeds(np, vehicle.angles[0]))
     slower = float(np.mean(vehicle.speeds(np, np.deg2rad(plan.glide_angles_deg))[0])) / along
     longest = 2.0 * settings.yos * max(max(leg) for leg in plan.yo_depths) / down + settings.surface_time
-    return plan.duration * slower <= _ROUGHLY * (n_legs - 1) * longest
+    return min(n_legs, max(len(plan.goals), int(np.ceil(plan.duration * slower / longest / _ROUGHLY - 1e-9))))

@@ -37,7 +37,7 @@ def plan_mission(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRe
         flow: The current, or its estimates for increasing times, between which it is linear.
         request: Start, goals, vehicle, settings and constraints.
         warm: An earlier plan for the same goals. The rest of it is tried first, if it has the number of legs asked for; when it is
-            feasible, nothing else is tried.
+            feasible, nothing else is tried but what the front or the habit finds clearly quicker, and there is no bound.
 
     Raises:
         PlanError: The start or a goal is outside of the region, on land or where the mission may not go, a depth does not fit, or

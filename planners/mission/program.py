@@ -17,6 +17,7 @@ from planners.shooting.layout import Layout
 from planners.shooting.schedule import schedule_of
 from planners.shooting.spline import FlowSpline
 from planners.shooting.stream import stream_of
+from planners.shooting.walls import Walls
 from planners.solver import HOUR, KM, Recent
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
@@ -102,7 +103,7 @@ class MissionData:
         goals: shape (G, 2) [m].
         depths: One for each profile, shape (n_steps + 1,) [m].
         drifts: shape (L,) [s], at the surface after each leg.
-        planes: shape (L, n_places, P, 3): normal (east, north) and offset [m] of normal . place <= offset.
+        walls: What its places keep clear of; None for nothing.
         time_weight: Of an hour.
         miss_weight: Of a squared kilometre of miss distance.
         penalty: Of a kilometre missed, or beyond a half-plane.
@@ -118,7 +119,7 @@ class MissionData:
     goals: Array
     depths: tuple[Array, ...]
     drifts: Array
-    planes: Array
+    walls: Walls | None
     time_weight: float
     miss_weight: float
     penalty: float
@@ -155,6 +156,7 @@ class MissionSolution:
         iterations: IPOPT's.
         return_status: IPOPT's.
         through: shape (L, 2, 2), derivatives of the places where legs end by those where they begin; None where nothing was solved.
+        places: shape (L, n_places, 2) [m], at which half-planes count; None where nothing was solved.
     """
 
     guess: MissionGuess
@@ -163,6 +165,7 @@ class MissionSolution:
     iterations: int
     return_status: str
     through: Array | None
+    places: Array | None = None
 
 
 _programs = Recent[Program](8)
@@ -192,6 +195,7 @@ def solve_mission(model: MissionModel, data: MissionData, guess: MissionGuess, *
         int(statistics["iter_count"]),
         str(statistics["return_status"]),
         program.functions.first(found)[1].places[:, -1, :, :2],
+        program.functions.places(found),
     )
 
 
@@ -216,7 +220,6 @@ def _case(model: MissionModel, data: MissionData) -> MissionCase:
     shape, flow, reference = model.shape, model.flow, data.reference_path
     depths = [data.depths[profile] for profile in shape.profiles]
     schedule = schedule_of(depths, data.drifts, shape.drifts, flow.levels, flow.depth_functions, model.times)
-    planes = np.concatenate([data.planes[..., :2], data.planes[..., 2:] / KM], axis=-1)
     linear, each = (0.0, data.penalty) if data.distance_weight is None else (data.distance_weight, _SMALL)
     return MissionCase(
         stream_of(flow, data.latent) if model.spline is None else model.spline,
@@ -226,7 +229,7 @@ def _case(model: MissionModel, data: MissionData) -> MissionCase:
         data.start,
         data.start_time,
         data.goals,
-        planes,
+        data.walls,
         data.time_weight,
         (data.miss_weight, linear, each),
         data.penalty * _PLANE_COST,

@@ -19,11 +19,12 @@ from planners.mission.check import clearances
 from planners.mission.feedback import Pilot, fly_corrected
 from planners.mission.flight import Currents, Flight, Legs, Sample, currents_of, currents_of_samples, fly_legs
 from planners.mission.flights import legs_of_plan
+from planners.mission.goal_legs import goal_legs_of, goal_steps_of
 from planners.mission.leg import fly_midpoints
 from planners.mission.program import MissionGuess
 from planners.mission.result import to_plan
 from planners.mission.safety_margin import SafetyMargin
-from planners.mission.search import goal_legs_of, goal_steps_of, solve_attempts
+from planners.mission.search import solve_attempts
 from planners.mission.solve import solve_with_margin
 from planners.mission.task import MissionTask, mission_task, turns_of
 from planners.mission.values import MissionPlan, MissionRequest, MonteCarloSummary

@@ -12,7 +12,8 @@ time. A goal at the surface is met where a leg ends, one below it by the dive th
 nearer to when the route does; the last one by a dive that ends there.
 
 4. Constraints. When the path crosses land, an area, shallows or the region's edge, each step's end must lie within the half-planes that
-touch the three nearest of them; they are placed anew around each path found until there is no more gain.
+touch the three nearest of them: first along the route, then following each place as it moves and the steps between, until there is no
+more gain. Where that takes clearly longer than the route, one leg more is tried.
 
 5. Bottom. Where no way round shallows is found, or the mission begins or ends in them, the quickest route through all water is cut into
 legs that turn above the bottom along them (``turning.py``).
@@ -21,12 +22,11 @@ legs that turn above the bottom along them (``turning.py``).
 
 7. Check. The path is integrated again, by Runge-Kutta with steps half as long, and its segments are checked exactly.
 
-The rest of an earlier plan is solved first; where the route takes clearly less time, its number of legs is tried too.
+The rest of an earlier plan is solved first, without the bound; where the route takes clearly less time, its number of legs is tried too.
 """
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -44,6 +44,7 @@ from planners.mission.arrival import (
 )
 from planners.mission.attempt import Attempt, GoalSteps, best_of, goals_met, is_feasible
 from planners.mission.course import Target, along_route, habit
+from planners.mission.goal_legs import add_leg, goal_legs_of, goal_steps_of
 from planners.mission.program import MissionGuess
 from planners.mission.solve import solve_legs
 from planners.mission.task import MissionTask, turns_of
@@ -59,8 +60,12 @@ from replay_kit.core.progress import announce
 _LEGS_OUT_OF_REACH = 24
 # Multiples of the likely number of legs that are tried where one or two more do not hold either.
 _SHORTER = 1.25, 1.5, 2.0
+# A mission among obstacles that takes so many times as long as the route is tried with a leg more.
+_DETOUR = 1.015
 # The rest of an earlier plan that takes so many times as long as the route is reconsidered.
 _RECONSIDERED = 1.02
+# Share of a route's time on the lattice that it takes off it at least.
+_ON_LATTICE = 0.985
 
 
 def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[Attempt]:
@@ -79,14 +84,16 @@ def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[A
         )
     if not task.is_finite:
         return []
+    attempts = [] if warm is None else rest_of(task, warm)
+    if any(is_feasible(task, attempt) for attempt in attempts):
+        # a plan made at each surfacing is not told against the bound, which would take longer than the plan
+        water = water_of(task)
+        attempts += _reconsidered(task, water, attempts[0])
+        return attempts + _from_habit(task, water, attempts)
     water, bound = bound_of(task) if _is_bounded(task) else (water_of(task), None)
     if bound is not None and bound.goal >= 0:
         return [replace(_approach(task, water, bound), bound=bound)]
-    attempts = [] if warm is None else rest_of(task, warm)
-    if any(is_feasible(task, attempt) for attempt in attempts):
-        attempts += _reconsidered(task, water, attempts[0])
-    else:
-        attempts += _solve_anew(task, water, bound)
+    attempts += _solve_anew(task, water, bound)
     attempts += _from_habit(task, water, attempts)
     return [replace(attempt, bound=bound) for attempt in attempts]
 
@@ -128,7 +135,7 @@ def _search(task: MissionTask, water: Water, rings: tuple[Ring, ...], bound: Bou
     """Return the attempts with the number of legs that a route clear of rings suggests and, unless once is enough, with fewer or more."""
     settings, passage = task.settings, passage_past_goals(task, water, rings)
     solve = _solver(task, water, passage)
-    likely = likely_legs(task, passage)
+    likely = likely_legs(task, passage.passed[-1])
     if not passage.route.arrives and settings.legs is None:
         likely = min(likely, _LEGS_OUT_OF_REACH)
     passed = passage.passed
@@ -152,6 +159,12 @@ def _search(task: MissionTask, water: Water, rings: tuple[Ring, ...], bound: Bou
         last = solve(add_leg(last.goals.legs, last.legs.angles) if next_one else goal_legs_of(passed, n_legs), False)
         attempts.append(last)
     best = best_of(task, attempts)
+    if wider is not None and is_feasible(task, best) and best.flight.time[-1] > _DETOUR * passed[-1] and not task.is_late:
+        # beside obstacles legs that bend more often may be quicker than fewer
+        more = min(best.goals.legs[-1] + 1, settings.max_legs)
+        if all(more != done.goals.legs[-1] for done in attempts):
+            attempts.append(solve(add_leg(best.goals.legs, best.legs.angles), False))
+            best = best_of(task, attempts)
     if wider is not None and best not in widely and is_feasible(task, best) and not task.is_late:
         attempts.append(wider(best.goals.legs, False))
     return attempts
@@ -169,10 +182,10 @@ def _solver(task: MissionTask, water: Water, passage: Passage) -> Callable[[tupl
     return solve
 
 
-def likely_legs(task: MissionTask, passage: Passage) -> int:
-    """Return the number of legs that the time of a passage takes."""
+def likely_legs(task: MissionTask, seconds: float) -> int:
+    """Return the number of legs that a passage of some time takes."""
     longest = task.leg_time(task.vehicle.angles[0])
-    return int(np.clip(np.ceil(passage.passed[-1] / longest - 1e-6), len(task.goals), task.settings.max_legs))
+    return int(np.clip(np.ceil(seconds / longest - 1e-6), len(task.goals), task.settings.max_legs))
 
 
 def _fewest_legs(task: MissionTask, bound: Bound | None) -> int:
@@ -192,7 +205,7 @@ def _approach(task: MissionTask, water: Water, bound: Bound) -> Attempt:
     """Return the mission that comes nearest to a goal out of reach: along the route of the front, or heading at the goal itself."""
     passage = passage_past_goals(task, water, task.rings)
     route, settings, goal = passage.route, task.settings, task.goals[bound.goal, :2]
-    n_legs = max(settings.legs or min(likely_legs(task, passage), _LEGS_OUT_OF_REACH), len(task.goals))
+    n_legs = max(settings.legs or min(likely_legs(task, passage.passed[-1]), _LEGS_OUT_OF_REACH), len(task.goals))
     ahead = task.leg_time(task.vehicle.angles[0])
 
     def on_route(_at: Array, now: float, _goal: int) -> Array:
@@ -216,10 +229,14 @@ def _reconsidered(task: MissionTask, water: Water, rest: Attempt) -> list[Attemp
     """Return the attempts from a new route where that is clearly quicker than the rest of an earlier plan."""
     if task.settings.legs is not None or task.reference_path is not None or task.settings.weights.time == 0.0:
         return []
-    passage = passage_past_goals(task, water, task.rings)
-    likely, legs = likely_legs(task, passage), len(rest.legs.headings)
-    if not passage.route.arrives or float(rest.flight.time[-1]) <= _RECONSIDERED * passage.passed[-1] or likely >= legs:
-        return []
+    legs, lasts = len(rest.legs.headings), float(rest.flight.time[-1])
+    for quick in (True, False):
+        # a route on the lattice is hardly longer than one off it
+        passage = passage_past_goals(task, water, task.rings, quick=quick)
+        share = _ON_LATTICE if quick else 1.0
+        likely = likely_legs(task, share * passage.passed[-1])
+        if not passage.route.arrives or lasts <= share * _RECONSIDERED * passage.passed[-1] or likely >= legs:
+            return []
     solve, found = _solver(task, water, passage), list[Attempt]()
     for n_legs in (likely, likely + 1):
         if n_legs < legs and not any(is_feasible(task, attempt) for attempt in found):
@@ -240,46 +257,14 @@ def _from_habit(task: MissionTask, water: Water, attempts: list[Attempt]) -> lis
     return [flown, solve_legs(task, flown.guess, flown.goals, None)]
 
 
-def goal_legs_of(passed: Array, n_legs: int) -> tuple[int, ...]:
-    """Return after which leg each goal is met, counted from 1: the one nearest in time to the route, each goal after a leg of its own.
-
-    Args:
-        passed: shape (G,) [s], increasing; the last is the route's end.
-        n_legs: Number of legs, at least G.
-    """
-    numbers: list[int] = []
-    for k, share in enumerate(passed / passed[-1]):
-        least, most = (numbers[-1] if numbers else 0) + 1, n_legs - (len(passed) - 1 - k)
-        numbers.append(int(np.clip(np.round(n_legs * share), least, most)))
-    return tuple(numbers)
-
-
-def goal_steps_of(task: MissionTask, passed: Array, legs: tuple[int, ...]) -> GoalSteps:
-    """Return when each goal is met.
+def rest_of(task: MissionTask, warm: MissionPlan, fewer: bool = False) -> list[Attempt]:
+    """Return the attempt with the legs of an earlier plan that are still to be flown; none when there are none, or not as many as asked.
 
     Args:
         task: The problem.
-        passed: shape (G,), when the goals are passed [s]; the last ends the mission.
-        legs: In which leg each is met, counted from 1.
+        warm: The earlier plan.
+        fewer: Whether other numbers of legs are tried where these miss a goal by far.
     """
-    within = legs[-1] * passed / passed[-1] - (np.array(legs) - 1.0)
-    return GoalSteps(legs, task.goal_steps(legs, legs[-1], within))
-
-
-def add_leg(goal_legs: tuple[int, ...], angles: Array) -> tuple[int, ...]:
-    """Return after which leg each goal is met with one more leg, on the way to the goal with the shallowest glide angles.
-
-    Args:
-        goal_legs: Before, counted from 1.
-        angles: shape (L,), glide angles of the legs.
-    """
-    mean_angles = [float(np.mean(angles[begin:end])) for begin, end in pairwise((0, *goal_legs))]
-    shallowest = int(np.argmin(mean_angles))
-    return tuple(number + int(k >= shallowest) for k, number in enumerate(goal_legs))
-
-
-def rest_of(task: MissionTask, warm: MissionPlan) -> list[Attempt]:
-    """Return the attempt with the legs of an earlier plan that are still to be flown; none when there are none, or not as many as asked."""
     begun = warm.legs_flown(task.request.start_time_ns)
     left = len(warm.headings_deg) - begun
     goal_legs = tuple(number - begun for number in warm.goal_legs if number > begun)
@@ -291,4 +276,4 @@ def rest_of(task: MissionTask, warm: MissionPlan) -> list[Attempt]:
     goals = GoalSteps(goal_legs, task.goal_steps(goal_legs, left, (warm.goal_times[-len(goal_legs) :] - begins) / durations))
     places = np.column_stack(to_local(task.region.grid.projection, *warm.surfacings[begun:].T))
     guess = MissionGuess(places, np.deg2rad(warm.headings_deg[begun:]), np.deg2rad(warm.glide_angles_deg[begun:]))
-    return [solve_legs(task, guess, goals, None)]
+    return [solve_legs(task, guess, goals, None, fewer=fewer)]

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners.front.route import Route
 from planners.mission.attempt import Attempt, GoalSteps, LegsProblem, ranking_key
@@ -13,7 +14,8 @@ from planners.mission.program import MissionData, MissionGuess, MissionModel, Mi
 from planners.mission.safety_margin import SafetyMargin
 from planners.mission.solved_flight import fly_solution
 from planners.mission.task import REFINED, MissionTask, turns_of
-from planners.route.hazards import half_planes
+from planners.route.hazards import NearRings, Ring, near_rings
+from planners.shooting.walls import Walls
 from planners.solver import HOUR, KM
 from replay_kit.core.arrays import Array
 from replay_kit.core.progress import announce
@@ -26,12 +28,17 @@ _END_OF_LINE = 40.0
 _CLOSEST = 1e-5, 1.0
 # Rounds in which half-planes are placed anew around the path found, and half-planes for each of its points.
 _ROUNDS, _PLANES = 6, 3
+# Between the ends of a step half-planes follow it at one of these shares in each of so many parts.
+_PARTS = 3
+_BETWEEN = (np.arange(18) + 0.5) / 18.0
 # No further rounds after so many iterations times legs: more of them do not help a mission without a solution.
 _EFFORT = 1500
 # Rounds with a safety margin: it is known only roughly.
 _ROUNDS_WITH_MARGIN = 3
 # New half-planes must lower the cost by this share.
 _PROGRESS = 1e-3
+# A path beyond its half-planes by more than this does not come within them in further rounds without gain [m].
+_HELD = 5.0
 # Half-planes placed around leg ends that moved by less than this [m] would be the same.
 _SAME = 1.0
 # Legs that miss by so many tolerances where time counts do not come within one where only the miss distance does.
@@ -97,8 +104,13 @@ def solve_with_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) 
     missed = not task.settings.weighs_distance and bool(np.any(before.miss > task.settings.tolerance))
     closest = missed or task.settings.aim.distance_first
     for _ in range(_ROUNDS_WITH_MARGIN):
-        planes = _planes(problem, _points_along(problem, at), margin)
-        solution = _solve(problem, at, planes, closest=closest, warm_start=best is not None)
+        solution = _solve(
+            problem,
+            at,
+            _with_margin(_standing_walls(problem, _points_along(problem, at)), margin),
+            closest=closest,
+            warm_start=best is not None,
+        )
         iterations += solution.iterations
         if best is not None and solution.objective > best.objective - _PROGRESS * abs(best.objective):
             break
@@ -108,11 +120,13 @@ def solve_with_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) 
 
 
 def _solve_within_half_planes(problem: LegsProblem, free: Attempt, guess: MissionGuess, path: Array, closest: bool) -> Attempt:
-    """Return the best path found within half-planes, placed along a path and anew along each path found until there is no more gain."""
+    """Return the best path found within half-planes: along a path, then following the places until other obstacles bring no more gain."""
     task, best, at, before, iterations = problem.task, free, guess, np.inf, free.iterations
     for again in range(_ROUNDS):
         announce(f"planning: {problem.n_legs} legs, round {again + 1} along obstacles")
-        solution = _solve(problem, at, _planes(problem, path), closest=closest, warm_start=again > 0)
+        solution = _solve(
+            problem, at, (_following_walls if again else _standing_walls)(problem, path), closest=closest, warm_start=again > 0
+        )
         flown = _fly(problem, solution, iterations)
         iterations = flown.iterations
         better = flown.violation is None and (best.violation is not None or ranking_key(task, flown) < ranking_key(task, best))
@@ -120,37 +134,72 @@ def _solve_within_half_planes(problem: LegsProblem, free: Attempt, guess: Missio
         gained = not np.isfinite(before) or solution.objective < before - _PROGRESS * abs(before)
         moved = float(np.max(np.abs(solution.guess.places - at.places)))
         spent = (iterations - free.iterations) * problem.n_legs >= _EFFORT
-        if moved < _SAME or spent or (best.violation is None and not gained):
+        held = best.violation is None or solution.plane_violation > _HELD
+        if moved < _SAME or spent or (held and not gained):
             break
         at, before = solution.guess, solution.objective
-        path = _points_along(problem, at)
+        assert solution.places is not None, "what was solved has places"
+        path = solution.places
     return replace(best, iterations=iterations)
 
 
-def _planes(problem: LegsProblem, path: Array, margin: SafetyMargin | None = None) -> Array:
-    """Return the half-planes, shape (L, n_places, P, 3), of places along a path, shape (L, n_places, 2) [m]."""
-    task, n_places = problem.task, path.shape[1]
-    # between the dives of a leg the glider is at the surface, too
-    depths = np.array([[*steps[1:], *steps[-1:].repeat(n_places - steps.size + 1)] for steps in problem.depths])
-    planes, turns = np.empty((*path.shape[:2], _PLANES, 3)), np.array(turns_of(problem.yo_depths))
+def _with_margin(walls: Walls, margin: SafetyMargin) -> Walls:
+    """Return half-planes that stay, moved by a safety margin."""
+    assert walls.planes is not None, "half-planes that follow the places have no safety margin"
+    planes = walls.planes.reshape(-1, *walls.planes.shape[2:]).copy()
+    planes[..., 2] -= margin.margins(planes[..., :2])
+    return replace(walls, planes=planes.reshape(walls.planes.shape))
+
+
+def _standing_walls(problem: LegsProblem, path: Array) -> Walls:
+    """Return half-planes that touch the rings nearest to the places of a path, shape (L, n_places, 2) [m]."""
+    at, surfaced = np.repeat(path[:, :, None], _PLANES, axis=2), _surfaced(problem, path.shape[1])
+    near = _near(problem, path, surfaced, _PLANES)
+    return Walls(np.ones(at.shape[:3]), near.planes(at.reshape(-1, 2))[0].reshape(*at.shape[:3], 3))
+
+
+def _following_walls(problem: LegsProblem, path: Array) -> Walls:
+    """Return what the places of legs keep clear of, and each third of the steps between them where it is nearest to an obstacle."""
+    surfaced = _surfaced(problem, path.shape[1])
+    begins = np.concatenate([np.vstack([problem.task.start[None, :2], path[:-1, -1]])[:, None], path[:, :-1]], axis=1)
+    adrift = surfaced & np.concatenate([np.full((len(path), 1), False), surfaced[:, :-1]], axis=1)
+    shares = np.tile(_BETWEEN, (*path.shape[:2], 1))
+    along = begins[:, :, None] + shares[..., None] * (path - begins)[:, :, None]
+    near = _near(problem, along, np.repeat(adrift[..., None], shares.shape[2], axis=2), 1)
+    clear = near.clearance(along.reshape(-1, 2)).reshape(*path.shape[:2], _PARTS, -1)
+    worst = np.argmin(clear, axis=3)[..., None] + np.arange(_PARTS)[:, None] * clear.shape[3]
+    between, which = (np.take_along_axis(one.reshape(shares.shape), worst[..., 0], axis=2) for one in (shares, near.which))
+    ends = _near(problem, path, surfaced, _PLANES)
+    both = np.concatenate([ends.which.reshape(*path.shape[:2], -1), which], axis=2)
+    return Walls(np.concatenate([np.ones((*path.shape[:2], _PLANES)), between], axis=2), obstacles=replace(ends, which=both.ravel()))
+
+
+def _surfaced(problem: LegsProblem, n_places: int) -> NDArray[np.bool_]:
+    """Return which places of the legs are at the surface, shape (L, n_places)."""
+    # between the dives of a leg the glider is there, too
+    return np.array([[*steps[1:], *steps[-1:].repeat(n_places - steps.size + 1)] for steps in problem.depths]) <= 0.0
+
+
+def _near(problem: LegsProblem, places: Array, surfaced: NDArray[np.bool_], count: int) -> NearRings:
+    """Return the rings nearest to places of each leg, shape (L, ..., 2) [m]; at the surface or not, shape (L, ...)."""
+    task, rings, turns = problem.task, list[Ring](), np.array(turns_of(problem.yo_depths))
+    which = np.empty((*surfaced.shape, count), dtype=np.intp)
     for turn in np.unique(turns):
-        legs, rings = turns == turn, task.rings_at(float(turn))
-        found = half_planes(rings, path[legs].reshape(-1, 2), (depths[legs] <= 0.0).ravel(), _PLANES, task.settings.margin)
-        planes[legs] = found.reshape(planes[legs].shape)
-    planes = planes.reshape(-1, _PLANES, 3)
-    if margin is not None:
-        planes[..., 2] -= margin.margins(planes[..., :2])
-    return planes.reshape(*path.shape[:2], _PLANES, 3)
+        legs, there = turns == turn, task.rings_at(float(turn))
+        found = near_rings(there, places[legs].reshape(-1, 2), surfaced[legs].ravel(), count)
+        which[legs] = np.where(found >= 0, found + len(rings), -1).reshape(which[legs].shape)
+        rings += there
+    return NearRings(tuple(rings), which.ravel(), task.settings.margin)
 
 
 def _solve(
-    problem: LegsProblem, guess: MissionGuess, planes: Array | None = None, *, closest: bool = False, warm_start: bool = False
+    problem: LegsProblem, guess: MissionGuess, walls: Walls | None = None, *, closest: bool = False, warm_start: bool = False
 ) -> MissionSolution:
     """Return the solver's solution; with ``closest`` only the miss distance counts."""
-    task, shape = problem.task, problem.shape(0 if planes is None else _PLANES)
+    task, shape = problem.task, problem.shape(0 if walls is None else walls.count)
     time_weight, distance_weight, reference_weight = _weights(task)
     time_weight, miss_weight = _CLOSEST if closest else (time_weight, 0.0)
-    if planes is not None:
+    if walls is not None:
         # a kilometre less of a large miss distance must not pay for a kilometre beyond a half-plane
         miss_weight /= max(float(np.max(np.linalg.norm(task.goals[:, :2] - task.start[:2], axis=1))) / KM, 1.0)
     line_end = _END_OF_LINE if shape.has_reference and distance_weight is None else 1.0
@@ -160,10 +209,10 @@ def _solve(
         task.goals[:, :2],
         tuple(problem.depths[problem.yo_depths.index(profile)] for profile in problem.profiles),
         problem.drifts,
-        np.zeros((shape.n_legs, shape.n_places, 0, 3)) if planes is None else planes,
+        walls,
         time_weight,
         miss_weight,
-        1e-6 if closest and planes is None else _PENALTY * line_end,
+        1e-6 if closest and walls is None else _PENALTY * line_end,
         task.currents.latent[0],
         None if closest else distance_weight,
         task.reference_path,

@@ -1,1 +1,1 @@
-"""The region, what lies in the way, and the search of a first route."""
+"""The region, what lies in the way, and the flow in a table."""

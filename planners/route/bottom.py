@@ -186,29 +186,17 @@ def bottom_of(region: Region, bathymetry: Bathymetry | None, clearance: float) -
     return Bottom((mask, cells), clearance, None if edge is None else Ring(edge, True, "the edge of the bathymetry"))
 
 
-def hazard_rings(
-    region: Region, depth: float, no_go: tuple[NoGo, ...] = (), bathymetry: Bathymetry | None = None, clearance: float = 20.0
-) -> tuple[Ring, ...]:
-    """Return all that a vehicle at a depth must keep clear of: the edge of the region first, then no-go areas, land and shallows.
-
-    Land and shallows are one ring for each grid cell beside water.
+def fixed_rings(region: Region, no_go: tuple[NoGo, ...], bottom: Bottom) -> tuple[Ring, ...]:
+    """Return what holds at any depth: the edge of the region and, where it ends before, of the bathymetry; and the no-go areas.
 
     Args:
         region: The water of the forecast.
-        depth: Deepest of the path [m].
         no_go: Areas that must not be entered.
-        bathymetry: Bottom depth, beside the forecast's land.
-        clearance: Least height above the bottom [m].
+        bottom: Of the region.
 
     Raises:
-        PlanError: As for ``bottom_of`` and ``no_go_rings``.
+        PlanError: As for ``no_go_rings``.
     """
-    bottom = bottom_of(region, bathymetry, clearance)
-    return (*fixed_rings(region, no_go, bottom), *bottom.rings(depth))
-
-
-def fixed_rings(region: Region, no_go: tuple[NoGo, ...], bottom: Bottom) -> tuple[Ring, ...]:
-    """Return what holds at any depth: the edge of the region and, where it ends before, of the bathymetry; and the no-go areas."""
     edges = Ring(outline(region.grid), True, "the edge of the region that the forecast covers"), bottom.edge
     areas = [ring for area in no_go for ring in no_go_rings(region.grid.projection, area)]
     return (*(edge for edge in edges if edge is not None), *areas)

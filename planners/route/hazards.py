@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from pyproj import Geod
+from scipy.spatial import cKDTree
 
 from planners.solver import KM
 from replay_kit.core.arrays import Array
@@ -19,6 +20,8 @@ from replay_kit.core.grid import Projection
 
 # Offset of a half-plane that forbids nothing [m].
 _FAR = 1e9
+# A point of a ring this near to a corner is the corner [m].
+_AT_CORNER = 1e-3
 # Largest distance between the corners of an area's edges [m]: on it a parallel of latitude is straight to a few centimetres.
 _EDGE = 1000.0
 _ELLIPSOID = Geod(ellps="WGS84")
@@ -82,8 +85,16 @@ class Ring:
 
     def nearest(self, points: Array) -> Array:
         """Return the nearest point of the ring to each point, shape (n, 2) [m]."""
-        lines = shapely.shortest_line(shapely.points(points), self.line)
-        return np.asarray(shapely.get_coordinates(lines)[1::2], dtype=np.float64)
+        lines = shapely.shortest_line(self.line, shapely.points(points))
+        return np.asarray(shapely.get_coordinates(lines)[::2], dtype=np.float64)
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.corners)
+
+    def is_corner(self, points: Array) -> NDArray[np.bool_]:
+        """Return which points of the ring, shape (n, 2) [m], are corners."""
+        return np.asarray(self._tree.query(points)[0] < _AT_CORNER)
 
     def clearance(self, points: Array) -> Array:
         """Return the distance of points, shape (n, 2) [m], from the ring [m]: negative where it forbids them."""
@@ -155,11 +166,73 @@ def first_crossing(rings: Sequence[Ring], segments: Array, skin: Array) -> tuple
     return name, number, share
 
 
-def half_planes(rings: Sequence[Ring], points: Array, surfacing: NDArray[np.bool_], count: int, margin: float) -> Array:
-    """Return half-planes in which each point may move freely, shape (n, count, 3): normal (east, north) and offset [m].
+@dataclass(frozen=True, slots=True, eq=False)
+class NearRings:
+    """One ring for each of some places, which keeps clear of it.
 
-    Each touches, less the margin, the point of a ring that is nearest; those of the nearest rings are taken. A forbidden point gets the
-    half-plane that leads out.
+    Attributes:
+        rings: All rings.
+        which: shape (n,), the ring of each place; -1 for none.
+        margin: Distance kept [m].
+    """
+
+    rings: tuple[Ring, ...]
+    which: NDArray[np.intp]
+    margin: float
+
+    def clearance(self, points: Array) -> Array:
+        """Return the distance of each point, shape (n, 2) [m], from its ring, shape (n,) [m]; negative inside, infinite without one."""
+        found = np.full(len(points), np.inf)
+        for number in np.unique(self.which[self.which >= 0]):
+            at = self.which == number
+            found[at] = self.rings[number].clearance(points[at])
+        return found
+
+    def planes(self, points: Array) -> tuple[Array, Array]:
+        """Return the half-plane in which each point may move freely, and how it turns as the point moves.
+
+        It touches, less the margin, the point of the ring that is nearest. A forbidden point gets the half-plane that leads out.
+
+        Args:
+            points: shape (n, 2) [m].
+
+        Returns:
+            shape (n, 3), normal (east, north) and offset [m]; shape (n,), curvature of the line of equal distance from the ring [1/m]: that
+            of a circle round a corner, 0 beside an edge.
+        """
+        # those without a ring forbid nothing
+        planes, bend = np.tile([0.0, 0.0, _FAR], (len(points), 1)), np.zeros(len(points))
+        for number in np.unique(self.which[self.which >= 0]):
+            ring, at = self.rings[number], np.flatnonzero(self.which == number)
+            nearest, signed = ring.nearest(points[at]), ring.clearance(points[at])
+            counts = signed != 0.0
+            at, nearest, signed = at[counts], nearest[counts], signed[counts]
+            normal = (nearest - points[at]) / signed[:, None]
+            planes[at] = np.column_stack([normal, np.sum(normal * nearest, axis=1) - self.margin])
+            bend[at] = np.where(ring.is_corner(nearest), 1.0 / signed, 0.0)
+        return planes, bend
+
+
+def near_rings(rings: Sequence[Ring], points: Array, surfacing: NDArray[np.bool_], count: int) -> NDArray[np.intp]:
+    """Return the numbers of the rings nearest to some places, shape (n, count), nearest first; -1 where there are fewer.
+
+    Args:
+        rings: What is forbidden.
+        points: shape (n, 2) [m].
+        surfacing: shape (n,), whether the point is at the surface.
+        count: Rings for each point.
+    """
+    distances = np.full((len(points), len(rings) + count), np.inf)
+    for k, ring in enumerate(rings):
+        signed = ring.clearance(points)
+        counts = (surfacing | (not ring.surface_only)) & (signed != 0.0)
+        distances[counts, k] = signed[counts]
+    order = np.argsort(distances, axis=1, kind="stable")[:, :count]
+    return np.where(np.isfinite(np.take_along_axis(distances, order, axis=1)), order, -1)
+
+
+def half_planes(rings: Sequence[Ring], points: Array, surfacing: NDArray[np.bool_], count: int, margin: float) -> Array:
+    """Return the half-planes of the rings nearest to some places, as ``NearRings`` says, shape (n, count, 3).
 
     Args:
         rings: What is forbidden.
@@ -168,17 +241,9 @@ def half_planes(rings: Sequence[Ring], points: Array, surfacing: NDArray[np.bool
         count: Half-planes for each point.
         margin: Distance kept [m].
     """
-    # the last ones forbid nothing: they fill up where there are fewer rings than planes
-    planes = np.tile([0.0, 0.0, _FAR], (len(points), len(rings) + count, 1))
-    distances = np.full(planes.shape[:2], np.inf)
-    for k, ring in enumerate(rings):
-        nearest, signed = ring.nearest(points), ring.clearance(points)
-        counts = (surfacing | (not ring.surface_only)) & (signed != 0.0)
-        normal = (nearest - points)[counts] / signed[counts, None]
-        planes[counts, k] = np.column_stack([normal, np.sum(normal * nearest[counts], axis=1) - margin])
-        distances[counts, k] = signed[counts]
-    order = np.argsort(distances, axis=1, kind="stable")[:, :count]
-    return np.take_along_axis(planes, order[..., None], axis=1)
+    which = near_rings(rings, points, surfacing, count)
+    planes = NearRings(tuple(rings), which.ravel(), margin).planes(np.repeat(points, count, axis=0))[0]
+    return planes.reshape(len(points), count, 3)
 
 
 def plane_violations(places: Any, planes: Any, n_planes: int) -> Any:

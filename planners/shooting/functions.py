@@ -9,6 +9,7 @@ from planners.shooting.layout import EACH, Layout, hessian_scatter, jacobian_sca
 from planners.shooting.paths import Derivatives, Paths, Starts, derive, derive_twice, fly_paths
 from planners.shooting.schedule import Schedule
 from planners.shooting.stream import Stream
+from planners.shooting.walls import Limits, Walls
 from planners.solver import HOUR, KM
 from replay_kit.core.arrays import Array
 
@@ -47,7 +48,7 @@ class MissionCase:
         start: shape (2,) [m].
         start_time: [s].
         goals: shape (G, 2) [m].
-        planes: shape (L, n_places, P, 3), normal and offset [km].
+        walls: What its places keep clear of; None for nothing.
         time_weight: Of an hour.
         miss_weights: Of a squared kilometre missed, of a kilometre missed, of a kilometre missed along one axis.
         plane_cost: Of a kilometre beyond a half-plane.
@@ -61,7 +62,7 @@ class MissionCase:
     start: Array
     start_time: float
     goals: Array
-    planes: Array
+    walls: Walls | None
     time_weight: float
     miss_weights: tuple[float, float, float]
     plane_cost: float
@@ -78,12 +79,13 @@ class MissionFunctions:
         self._at, self._first_at = b"", b""
         self._paths: Paths | None = None
         self._first: Derivatives | None = None
+        self._limits: Limits | None = None
         self.jacobian, self.hessian = jacobian_scatter(layout), hessian_scatter(layout)
         self._scale = np.array([KM, KM, 1.0, 1.0, HOUR])[: layout.columns.shape[1]]
 
     def give(self, case: MissionCase) -> None:
         """Take the numbers of a mission."""
-        self.case, self._at, self._first_at = case, b"", b""
+        self.case, self._at, self._first_at, self._limits = case, b"", b"", None
 
     def _known(self) -> MissionCase:
         assert self.case is not None, "a case is given before the functions are called"
@@ -107,10 +109,23 @@ class MissionFunctions:
             self._first_at, self._first = self._at, derive(paths, self._frames.first(paths.starts.legs, case.lengths))
         return paths, self._first
 
+    def _limited(self, paths: Paths) -> Limits:
+        """Return the half-planes of the places that count, and those places."""
+        walls = self._known().walls
+        assert walls is not None, "there are half-planes only of something"
+        ends = self._chosen(paths.places) / KM
+        if self._limits is None or self._limits.key != self._at:
+            self._limits = walls.limits(np.concatenate([paths.places[:, :1] / KM, ends[:, :-1]], axis=1), ends, self._at)
+        return self._limits
+
     def _chosen(self, by_step: Array) -> Array:
         """Return what belongs to the places that count, shape (L, n_places, ...): ends of steps under water, and the leg's end."""
         n_wet = self._known().schedule.n_wet
         return by_step[:, 1:] if by_step.shape[1] == n_wet + 1 else np.concatenate([by_step[:, 1 : n_wet + 1], by_step[:, -1:]], axis=1)
+
+    def places(self, unknowns: Array) -> Array:
+        """Return the places at which half-planes and the reference path count, shape (L, n_places, 2) [m]."""
+        return self._chosen(self.paths(unknowns).places)
 
     def value(self, unknowns: Array) -> tuple[float, Array]:
         """Return the cost and the constraints."""
@@ -126,7 +141,7 @@ class MissionFunctions:
         parts = [equal.ravel(), (met - case.goals / KM - miss).ravel()]
         if layout.n_planes:
             cost += case.plane_cost * unknowns[-1]
-            parts.append((_along(case.planes, places) - case.planes[..., 2] - unknowns[-1]).ravel())
+            parts.append((self._limited(paths).beyond - unknowns[-1]).ravel())
         if case.reference is not None:
             reference, slack = case.reference, unknowns[self._reference_at]
             off = np.sum(((places - reference.origin) @ reference.across.T) ** 2, axis=2)
@@ -141,9 +156,13 @@ class MissionFunctions:
     def _reference_at(self) -> int:
         return self.layout.slack_at + 4 * len(self.layout.goals)
 
-    def _places(self, paths: Paths, first: Derivatives) -> tuple[Array, Array]:
-        """Return the places that count [km], shape (L, n_places, 2), and their derivatives by the unknowns, shape (L, n_places, 2, Q)."""
-        return self._chosen(paths.places) / KM, self._chosen(first.places) * (self._scale / KM)
+    def _places(self, paths: Paths, first: Derivatives) -> tuple[Array, Array, Array]:
+        """Return the places that count [km], shape (L, n_places, 2), the derivatives of where their steps begin, and their own.
+
+        Derivatives are by the unknowns, shape (L, n_places, 2, Q).
+        """
+        moved, scale = self._chosen(first.places) * (self._scale / KM), self._scale / KM
+        return self._chosen(paths.places) / KM, np.concatenate([first.places[:, :1] * scale, moved[:, :-1]], axis=1), moved
 
     def gradient(self, unknowns: Array) -> Array:
         """Return the gradient of the cost."""
@@ -155,7 +174,7 @@ class MissionFunctions:
         out[layout.slack_at - EACH + 2] = case.time_weight
         if case.reference is not None:
             reference = case.reference
-            places, moved = self._places(*self.first(unknowns))
+            places, _, moved = self._places(*self.first(unknowns))
             pulls = 2.0 * reference.weights[..., None] * ((places - reference.origin) @ reference.across.T @ reference.across)
             by_leg, columns = np.einsum("lpi,lpiq->lq", pulls, moved), layout.columns
             np.add.at(out, columns[columns >= 0], by_leg[columns >= 0])
@@ -167,14 +186,15 @@ class MissionFunctions:
     def jacobian_entries(self, unknowns: Array) -> Array:
         """Return the entries of the constraints' Jacobian, in the order of its sparsity."""
         case, layout, (paths, first) = self._known(), self.layout, self.first(unknowns)
-        places, moved = self._places(paths, first)
+        places, begins, moved = self._places(paths, first)
         n_legs, n_goals = layout.n_legs, len(layout.goals)
         by_angle = case.lengths * first.coefficients[:, SIGMA, 3] / HOUR
         parts: list[Array] = [moved[:, -1], np.full((n_legs, 3), -1.0), np.ones(n_legs), by_angle]
         parts += [first.places[leg, step] * (self._scale / KM) if step else np.ones(2) for leg, step in layout.goals]
         parts.append(np.tile([-1.0, -1.0, 1.0, 1.0], n_goals))
         if layout.n_planes:
-            parts += [np.einsum("lpni,lpiq->lpnq", case.planes[..., :2], moved), np.full(case.planes.shape[:3], -1.0)]
+            limits = self._limited(paths)
+            parts += [limits.jacobian(begins, moved), np.full(limits.beyond.shape, -1.0)]
         if case.reference is not None:
             reference, slack = case.reference, unknowns[self._reference_at]
             pulls = 2.0 * ((places - reference.origin) @ reference.across.T @ reference.across) / reference.limits[..., None]
@@ -190,7 +210,7 @@ class MissionFunctions:
             multipliers: Of the constraints.
         """
         case, layout, (paths, first) = self._known(), self.layout, self.first(unknowns)
-        places, moved = self._places(paths, first)
+        places, begins, moved = self._places(paths, first)
         n_legs, n_goals = layout.n_legs, len(layout.goals)
         equal = multipliers[: 3 * n_legs].reshape(n_legs, 3)
         weights, at = np.zeros((n_legs, paths.places.shape[1] - 1, 2)), layout.n_equal
@@ -199,20 +219,20 @@ class MissionFunctions:
             if step:
                 weights[leg, step - 1] += of_goal
         pulls = np.zeros(places.shape)
-        if layout.n_planes:
-            of_planes = multipliers[at : at + case.planes[..., 0].size].reshape(case.planes.shape[:3])
-            at += of_planes.size
-            pulls += (of_planes[:, :, None] @ case.planes[..., :2])[:, :, 0]
         curved, of_slack = np.zeros((n_legs, moved.shape[3], moved.shape[3])), 0.0
+        if layout.n_planes:
+            limits = self._limited(paths)
+            of_planes = multipliers[at : at + limits.beyond.size].reshape(limits.beyond.shape)
+            at += of_planes.size
+            pulls += limits.pulls(of_planes)
+            curved += limits.bend(of_planes, begins, moved)
         if case.reference is not None:
             reference, of_limits = case.reference, multipliers[at:].reshape(places.shape[:2])
             each = 2.0 * (of_cost * reference.weights + of_limits / reference.limits)
             pulls += each[..., None] * ((places - reference.origin) @ reference.across.T @ reference.across)
             across = reference.across @ moved
-            curved, of_slack = (
-                np.einsum("lp,lpiq,lpir->lqr", each, across, across, optimize=True),
-                -2.0 * np.sum(of_limits / reference.limits),
-            )
+            curved += np.einsum("lp,lpiq,lpir->lqr", each, across, across, optimize=True)
+            of_slack = -2.0 * np.sum(of_limits / reference.limits)
         n_wet = case.schedule.n_wet
         weights[:, :n_wet] += pulls[:, :n_wet]
         if places.shape[1] > n_wet:
@@ -233,8 +253,3 @@ class MissionFunctions:
         bowl = 2.0 * squared * np.eye(2) + linear * (np.eye(2) / radius - miss[:, :, None] * miss[:, None] / radius**3)
         signs = np.concatenate([np.eye(2), -np.eye(2)])
         return np.asarray(signs @ bowl @ signs.T)
-
-
-def _along(planes: Array, places: Array) -> Array:
-    """Return normal . place of each half-plane, shape (L, n_places, P)."""
-    return np.asarray((planes[..., :2] @ places[..., None])[..., 0])

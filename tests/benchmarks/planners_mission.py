@@ -136,8 +136,7 @@ def _anew(case: Case) -> Solved:
 def solve_here(case: Case) -> Solved:
     """Return what our program finds, its graph built first where it is not yet."""
     shape = MissionShape(N, case.depths.size - 1, (N,), (0,) * N, 0, False)
-    planes = np.zeros((N, shape.n_places, 0, 3))
-    data = MissionData(case.start, 0.0, case.goal[None], (case.depths,), np.zeros(N), planes, 1.0, 0.0, 50.0, case.flow.latent)
+    data = MissionData(case.start, 0.0, case.goal[None], (case.depths,), np.zeros(N), None, 1.0, 0.0, 50.0, case.flow.latent)
 
     corners = case.flow.nodes.min(axis=0), case.flow.nodes.max(axis=0)
 

@@ -18,7 +18,8 @@ def parameters_of(model: MissionModel, data: MissionData) -> Array:
     """Return the numbers of a mission as the graph takes them."""
     flow, reference = model.flow, data.reference_path
     miss_weights = [0.0, data.penalty] if data.distance_weight is None else [data.distance_weight, _SMALL]
-    parts = [data.start, [data.start_time], data.goals.ravel(), *data.depths, data.drifts, data.planes.ravel()]
+    parts = [data.start, [data.start_time], data.goals.ravel(), *data.depths, data.drifts]
+    parts += [] if data.walls is None else [data.walls.planes.ravel()]
     parts += [[data.time_weight, data.miss_weight, data.penalty, *miss_weights]]
     if reference is not None:
         parts += [reference.origin / KM, reference.across.ravel(order="F")]

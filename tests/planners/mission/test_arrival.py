@@ -43,7 +43,8 @@ def test_in_a_uniform_current_the_bound_is_zermelos_to_the_disc_less_the_lattice
     unit = way / np.linalg.norm(way)
     along, across = float(unit @ current), float(unit[0] * current[1] - unit[1] * current[0])
     exact = (np.linalg.norm(way) - SETTINGS.tolerance) / (along + np.sqrt(speed**2 - across**2))
-    assert 0.985 * exact < bound.time < 0.997 * exact
+    # the last leg arrives without the drift that the mean speed has
+    assert 0.985 * exact < bound.time + SETTINGS.surface_time < 0.997 * exact
 
 
 def test_a_goal_by_a_wall_is_reached_though_the_margin_would_forbid_it():
@@ -60,7 +61,7 @@ def test_the_front_gives_the_number_of_legs_and_the_bound_the_fewest():
     flow = still_flow()
     task = mission_task(flow, request_in(flow, (-10e3, 0.0), (10e3, 0.0)))
     water, bound = bound_of(task)
-    likely = likely_legs(task, passage_past_goals(task, water, task.rings))
+    likely = likely_legs(task, passage_past_goals(task, water, task.rings).passed[-1])
     # a leg leads as far as a glide to 300 m and back at 15 degrees
     assert likely == int(np.ceil(20e3 / (600.0 / np.tan(np.deg2rad(15.0)))))
     assert likely - 1 <= _fewest_legs(task, bound) <= likely

@@ -9,8 +9,8 @@ import pytest
 from planners import Bathymetry, Glider, MissionPlan, MissionRequest, MissionSettings, NoGo, Weights, plan_mission
 from planners.mission.arrival import bound_of
 from planners.mission.flight import Legs, currents_of, currents_of_samples, fly_legs, refine_steps
+from planners.mission.goal_legs import add_leg, goal_legs_of
 from planners.mission.leg import fly_midpoints, fly_steps, leg_depths, steps_needed
-from planners.mission.search import add_leg, goal_legs_of
 from planners.mission.task import MissionTask, mission_task
 from planners.route.hazards import Ring, half_planes, no_go_rings
 from replay_kit.core.errors import PlanError

@@ -13,6 +13,7 @@ from planners.mission.program import MissionData, MissionGuess, MissionModel, Mi
 from planners.mission.reference_path import along_line, near_place
 from planners.mission.solve import _points_along, _reference_weights_and_limits
 from planners.mission.task import REFINED, MissionTask, mission_task
+from planners.shooting.walls import Walls
 from planners.solver import HOUR, KM
 from tests.planners.flow_samples import place, still_flow
 
@@ -24,8 +25,9 @@ DIVE = np.array([0.0, 5.0, 40.0, 110.0, 230.0, 300.0, 230.0, 110.0, 40.0, 5.0, 0
 def _data(goal: np.ndarray, n_legs: int, **more: object) -> MissionData:
     given = {"time_weight": 1.0, "miss_weight": 0.0, "penalty": 50.0} | more
     drifts = np.array([*[600.0] * (n_legs - 1), 0.0])
-    planes = given.pop("planes", np.zeros((n_legs, 11, 0, 3)))
-    return MissionData(np.zeros(2), 0.0, goal[None], (DIVE,), drifts, planes, latent=FLOW.latent, **given)
+    planes = given.pop("planes", None)
+    walls = None if planes is None else Walls(np.ones(planes.shape[:3]), planes)
+    return MissionData(np.zeros(2), 0.0, goal[None], (DIVE,), drifts, walls, latent=FLOW.latent, **given)
 
 
 def _shape(n_legs: int, **more: object) -> MissionShape:
@@ -92,7 +94,9 @@ def test_half_planes_are_kept_rather_than_the_goal_and_what_is_trespassed_by_is_
     # the steepest leads 857 m: wherever it heads it comes out of a box of 600 m by 200 m, least of all objectives towards the goal
     planes = np.zeros((1, 11, 4, 3))
     planes[0, 9] = [[0.0, 1.0, 300.0], [0.0, -1.0, 300.0], [1.0, 0.0, 100.0], [-1.0, 0.0, 100.0]]
-    found = solve_mission(MissionModel(FLOW, GLIDER, _shape(1, n_planes=4)), replace(data, planes=planes), _straight(goal, 1))
+    found = solve_mission(
+        MissionModel(FLOW, GLIDER, _shape(1, n_planes=4)), replace(data, walls=Walls(np.ones(planes.shape[:3]), planes)), _straight(goal, 1)
+    )
     hop = 600.0 / np.tan(np.deg2rad(35.0))
     np.testing.assert_allclose(found.guess.places[0], [0.0, hop], atol=5.0)
     assert found.plane_violation == pytest.approx(hop - 300.0, abs=5.0)

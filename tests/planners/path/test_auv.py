@@ -8,13 +8,14 @@ from scipy.optimize import brentq
 
 from planners import Auv, AuvPlan, AuvSettings, PathRequest, plan_path
 from planners.path.plan import _crossed
-from planners.route.bottom import bottom_of, hazard_rings
+from planners.route.bottom import bottom_of
 from planners.route.region import region_of
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from tests.planners.flow_samples import eddying_flow, fitted_flow, place, still_flow
 from tests.planners.mission.test_mission import _area
+from tests.planners.route.all_rings import all_rings
 from tests.reference.zermelo import most_frugal_speed, time_in_jet, time_in_solid_rotation, time_in_uniform_current
 
 BEGIN, END = np.array([-20e3, -12e3]), np.array([18e3, 14e3])
@@ -119,7 +120,7 @@ def test_a_way_round_an_area_goes_down_as_steadily_as_the_straight_one():
 def test_a_crossing_between_two_points_of_a_track_is_seen_in_its_first_and_its_last_part(backward: bool):
     flow = still_flow()
     region, area = region_of(flow.grid), _area(flow, -2e3, -8e3, 2e3, 3e3)
-    rings = hazard_rings(region, 20.0, (area,))
+    rings = all_rings(region, 20.0, (area,))
     # six kilometres between the points, of which the area takes four
     track = np.array([[-9e3, 0.0, 20.0], [-3e3, 0.0, 20.0], [3e3, 0.0, 20.0]])
     past = track + np.array([0.0, 4e3, 0.0])

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.route.bottom import Bathymetry, Bottom, DepthCells, bottom_of, hazard_rings
+from planners.route.bottom import Bathymetry, Bottom, DepthCells, bottom_of
 from planners.route.hazards import NoGo, Ring, first_crossing, no_go_rings
 from planners.route.region import region_of
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from tests.planners.flow_samples import still_flow
+from tests.planners.route.all_rings import all_rings
 
 GRID = still_flow().grid
 
@@ -84,7 +85,7 @@ def test_between_points_of_a_bathymetry_the_shallowest_of_four_holds():
 def test_water_that_the_bathymetry_does_not_cover_is_forbidden():
     part = np.s_[:, :5]
     bathymetry = Bathymetry(GRID.longitude[part], GRID.latitude[part], np.full(GRID.longitude[part].shape, 900.0))
-    rings = hazard_rings(region_of(GRID), 300.0, bathymetry=bathymetry)
+    rings = all_rings(region_of(GRID), 300.0, bathymetry=bathymetry)
     assert [ring.name for ring in rings] == ["the edge of the region that the forecast covers", "the edge of the bathymetry"]
     places = np.array([[GRID.east[3, k], GRID.north[3, k]] for k in (2, 7)])
     assert rings[1].forbids(places).tolist() == [False, True]

@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.route.bottom import Bathymetry, hazard_rings
+from planners.route.bottom import Bathymetry
 from planners.route.hazards import Ring
 from planners.route.region import region_of
 from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import still_flow
+from tests.planners.route.all_rings import all_rings
 from tests.reference import polygon
 
 
@@ -45,17 +46,17 @@ def test_land_and_shallows_are_the_dry_cells_beside_water() -> None:
     wet = grid.wet.copy()
     wet[:, 2:5, 3:6] = False
     region = region_of(replace(grid, wet=wet))
-    edge, *land = hazard_rings(region, 300.0)
+    edge, *land = all_rings(region, 300.0)
     # of nine cells the middle one is beside none that is wet
     assert (edge.outside, len(land), {ring.name for ring in land}) == (True, 8, {"land"})
     nodes = np.column_stack([grid.east[2:5, 3:6].ravel(), grid.north[2:5, 3:6].ravel()])
     held = np.array([ring.forbids(nodes) for ring in land])
     assert held.sum(axis=0).tolist() == [1, 1, 1, 1, 0, 1, 1, 1, 1]
     bottom = np.where(wet[0], 500.0, np.nan)
-    shallows = hazard_rings(region_of(grid), 300.0, bathymetry=Bathymetry(grid.longitude, grid.latitude, bottom))[1:]
+    shallows = all_rings(region_of(grid), 300.0, bathymetry=Bathymetry(grid.longitude, grid.latitude, bottom))[1:]
     # of the four by four cells that have an unknown corner the inner four are beside none that is deep enough
     assert (len(shallows), {ring.name for ring in shallows}) == (12, {"shallower than 320 m"})
     corner = np.array([grid.east[1, 2], grid.north[1, 2]])
     np.testing.assert_allclose(shallows[0].corners[0], corner, atol=1e-6)
     with pytest.raises(PlanError, match="expected one shape"):
-        hazard_rings(region, 300.0, bathymetry=Bathymetry(grid.longitude, grid.latitude, bottom[1:]))
+        all_rings(region, 300.0, bathymetry=Bathymetry(grid.longitude, grid.latitude, bottom[1:]))

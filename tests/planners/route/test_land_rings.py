@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.route.bottom import hazard_rings
 from planners.route.region import region_of
 from tests.planners.flow_samples import still_flow
+from tests.planners.route.all_rings import all_rings
 
 GRID = still_flow((7, 8)).grid
 
@@ -15,7 +15,7 @@ GRID = still_flow((7, 8)).grid
 def land(dry: tuple[slice, slice], levels: slice = slice(None), depth: float = 100.0):
     wet = GRID.wet.copy()
     wet[levels, *dry] = False
-    edge, *rings = hazard_rings(region_of(replace(GRID, wet=wet)), depth)
+    edge, *rings = all_rings(region_of(replace(GRID, wet=wet)), depth)
     assert edge.name.startswith("the edge")
     return rings
 

@@ -11,6 +11,8 @@ from planners.flow import latent_over_time
 from planners.mission.leg import leg_depths
 from planners.mission.program import MissionData, MissionModel, MissionShape, _case
 from planners.mission.reference_path import along_line
+from planners.route.hazards import NearRings, Ring
+from planners.shooting.walls import Walls
 from planners.solver import HOUR, KM
 from tests.planners.flow_samples import LEVELS, eddying_flow
 from tests.reference.mission_program import parameters_of, program_graph
@@ -29,13 +31,15 @@ def _mission(changing: bool, planes: int, guided: bool) -> tuple[MissionModel, M
     shape = MissionShape(n_legs, n_steps, (2, 3), (0, 1, 0), planes, True, (GOAL_STEP, 0), guided)
     vehicle = Glider(flight=SteadyFlight()) if guided else Glider()
     places = (n_legs, shape.n_places)
+    half_planes = np.concatenate([rng.standard_normal((*places, planes, 2)), rng.uniform(-2e3, 2e3, (*places, planes, 1))], axis=-1)
+    walls = Walls(np.ones(half_planes.shape[:3]), half_planes) if planes else None
     data = MissionData(
         np.array([2e3, -1e3]),
         900.0,
         rng.uniform(-3e3, 3e3, (2, 2)),
         tuple(leg_depths(dive, np.array(LEVELS), n_steps) for dive in DIVES),
         np.array([600.0, 300.0, 0.0]),
-        np.concatenate([rng.standard_normal((*places, planes, 2)), rng.uniform(-2e3, 2e3, (*places, planes, 1))], axis=-1),
+        walls,
         0.7,
         0.3,
         40.0,
@@ -76,6 +80,51 @@ def test_the_functions_and_their_derivatives_are_those_of_the_graph(changing: bo
     assert functions.value(x + 1e-3)[0] != found_cost
     assert functions.value(x)[0] == found_cost
     assert np.abs(found[: layout.n_equal]).max() * KM > 1.0
+
+
+def test_half_planes_that_follow_the_places_have_the_derivatives_of_their_distances() -> None:
+    model, data = _mission(True, 3, False)
+    square = np.array([[0.0, 0.0], [900.0, 0.0], [900.0, 900.0], [0.0, 900.0]])
+    rings = (
+        Ring(square, False, "square"),
+        Ring(square + np.array([-2e3, 500.0]), False, "another"),
+        Ring(20.0 * square - 9e3, True, "edge"),
+    )
+    rng, size = np.random.default_rng(8), (3, model.shape.n_places, 3)
+    # at the end of a step, or on the way there; one of the places has no ring
+    near = NearRings(rings, rng.integers(0, 3, size).ravel(), 50.0)
+    near.which[4] = -1
+    walls = Walls(np.where(np.arange(3) < 2, 1.0, rng.uniform(0.1, 0.9, size)), obstacles=near)
+    functions = model.program.functions
+    functions.give(_case(model, replace(data, walls=walls)))
+    at = np.vstack([data.start / KM, rng.uniform(-3.0, 3.0, (2, 2))])
+    legs = np.column_stack([np.roll(at, -1, axis=0), 0.25 + np.arange(1.0, 4.0), rng.uniform(-3, 3, 3), rng.uniform(0.3, 0.6, 3)])
+    x = np.concatenate([legs.ravel(), rng.uniform(0.1, 1.0, functions.layout.n_unknowns - 15)])
+    found = functions.value(x)[1]
+    first = 9 + 2 * len(data.goals)
+    places = functions.places(x)
+    begins = np.concatenate([np.vstack([data.start, legs[:-1, :2] * KM])[:, None], places[:, :-1]], axis=1)
+    for number, beyond in enumerate(found[first:]):
+        leg, place_, plane = np.unravel_index(number, size)
+        point = begins[leg, place_] + walls.shares[leg, place_, plane] * (places[leg, place_] - begins[leg, place_])
+        which = near.which[number]
+        expected = -1e6 if which < 0 else (50.0 - rings[which].clearance(point[None])[0]) / KM
+        assert beyond + x[-1] == pytest.approx(expected, abs=1e-9)
+    multipliers = rng.standard_normal(found.size)
+    multipliers[first + 4] = 0.0
+
+    def slope(x: np.ndarray) -> np.ndarray:
+        entries = _dense(functions.jacobian.sparsity, functions.jacobian_entries(x))
+        return np.asarray(0.8 * functions.gradient(x) + multipliers @ entries)
+
+    steps = 1e-6 * np.eye(x.size)
+    rows = np.column_stack([(functions.value(x + step)[1] - functions.value(x - step)[1]) / 2e-6 for step in steps])
+    # what has no ring is a thousand kilometres inside, too far for differences
+    kept = np.arange(found.size) != first + 4
+    np.testing.assert_allclose(_dense(functions.jacobian.sparsity, functions.jacobian_entries(x))[kept], rows[kept], atol=1e-6)
+    upper = _dense(functions.hessian.sparsity, functions.hessian_entries(x, 0.8, multipliers))
+    bends = np.column_stack([(slope(x + step) - slope(x - step)) / 2e-6 for step in steps])
+    np.testing.assert_allclose(upper, np.triu(bends), rtol=1e-5, atol=1e-5 * np.abs(bends).max())
 
 
 def _dense(sparsity: ca.Sparsity, entries: np.ndarray) -> np.ndarray:
