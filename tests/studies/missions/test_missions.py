@@ -167,10 +167,12 @@ def test_evaluations_are_spread_evenly_and_end_with_the_mission():
 
 def test_innovations_are_counted_and_a_covariance_grows_by_its_factor():
     given = measurements(FLIGHT)
-    estimator = build_evolving([CASE.forecasts[1]], CONFIG.estimator, TimeConfig(scale="static", dropped_std=0.0))
+    # the static estimator averages over the variance of the mean's amplitude where none is stated
+    settings = CONFIG.estimator.model_copy(update={"mean_variance": 0.1})
+    estimator = build_evolving([CASE.forecasts[1]], settings, TimeConfig(scale="static", dropped_std=0.0))
     place = CASE.at.place
     plain = follow(estimator, given, 2, lambda flow, time_ns: flow.velocity(*place))
-    static = follow(build_estimator(CASE.forecasts[1], CONFIG.estimator), given, 2, lambda flow, time_ns: flow.velocity(*place))
+    static = follow(build_estimator(CASE.forecasts[1], settings), given, 2, lambda flow, time_ns: flow.velocity(*place))
     # what is compared with as a static filter is one
     np.testing.assert_allclose(plain.values[-1], static.values[-1], atol=1e-6)
     nis, inside = static.nis("m", required=True)
