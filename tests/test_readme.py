@@ -43,7 +43,8 @@ def commands(code: str) -> list[list[str]]:
     plain = re.fullmatch(r"[\w\s./,=:-]*", code.replace("\\\n", " "))
     assert plain, "a shell block of a README holds commands of words that need no quotes, and nothing else of the shell"
     found = [line.split() for line in code.replace("\\\n", " ").splitlines() if line.strip()]
-    assert all(words[0] == "replay-kit" for words in found), "a shell block of a README holds commands of replay-kit"
+    own = all(words[0] == "replay-kit" or (words[0] == "python" and words[1].startswith("sample_logs/")) for words in found)
+    assert own, "a shell block of a README holds commands of replay-kit, and scripts beside the samples"
     return found
 
 
@@ -64,9 +65,10 @@ def chains(code: str) -> list[list[list[str]]]:
 
 
 SHELL = [(path, name, code) for path, name, language, code in BLOCKS if language == "sh" and "pip install" not in code]
+_LONG = ("experiment paper", "walk/dives", "heir.py")
 CHAINS = [
-    # the paper's study takes long, and its own tests run it on less
-    pytest.param(path, chain, id=f"{name}-{k}", marks=pytest.mark.full if "experiment paper" in code else ())
+    # what takes long: the tests of the paper's study, of following and of what can be added run each on less
+    pytest.param(path, chain, id=f"{name}-{k}", marks=pytest.mark.full if any(word in code for word in _LONG) else ())
     for path, name, code in SHELL
     for k, chain in enumerate(chains(code))
 ]
@@ -102,19 +104,30 @@ def test_shell_blocks(path, chain, tmp_path, monkeypatch):
     monkeypatch.setenv("MPLBACKEND", "agg")
     with_samples(path, tmp_path)
     for words in chain:
-        done = run_command(tmp_path, words[1:])
+        done = run_command(tmp_path, words[1:]) if words[0] == "replay-kit" else _script(tmp_path, words[1:])
         assert done.returncode == 0, f"{' '.join(words)}\n{done.stderr}"
     if path.parent.name == "sample_logs":
         for name in SAMPLES:
             assert (tmp_path / name).read_bytes() == (path.parent / name).read_bytes(), f"{name} came out otherwise"
 
 
+def _script(folder: Path, words: list[str]) -> subprocess.CompletedProcess[str]:
+    """Run Python on a script or ``-c CODE`` in a folder."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"}
+    command = [sys.executable, "-W", "error", *words]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(("name", "first"), [("pilot", "walk_files.py walk"), ("scientist", "walk_files.py year")])
+def test_the_scripts_of_the_walks_are_the_blocks_of_their_pages(name, first):
+    (block,) = [code for path, _, code in SHELL if path == ROOT / "README.md" and first in code]
+    assert (ROOT / "sample_logs" / f"{name}.sh").read_text(encoding="utf-8").endswith(f"\nset -e\n{block}")
+
+
 @pytest.mark.parametrize("code", SCRIPTS)
 def test_python_blocks(code, tmp_path):
     (tmp_path / "sample_logs").symlink_to(ROOT / "sample_logs")
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"}
-    command = [sys.executable, "-W", "error", "-c", code]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    done = _script(tmp_path, ["-c", code])
     assert done.returncode == 0, done.stderr
 
 

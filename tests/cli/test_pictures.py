@@ -80,21 +80,6 @@ def test_the_script_of_a_dives_current(folder, capsys):
     assert measured == pytest.approx([1.5, 23.0], abs=0.4)
 
 
-@pytest.mark.full
-def test_the_script_of_forecasts_prefers_the_sample_log_of_its_own_ocean(capsys, tmp_path):
-    import xarray as xr
-
-    with xr.open_dataset(SAMPLES / "ensemble.nc") as ensemble:
-        small = ensemble.isel(member=slice(10), depth=[0, 2, 4]).load()
-    names = [name for name in small.data_vars if small[name].dims[:1] == ("member",)]
-    small.to_netcdf(tmp_path / "own.nc")
-    small.assign({name: -small[name] for name in names}).to_netcdf(tmp_path / "turned.nc")
-    lines = script(capsys, "which_forecast.py", SAMPLES / "glider.mcap", tmp_path / "turned.nc", tmp_path / "own.nc")
-    assert len(lines) == 3
-    likelihoods = [float(line.split()[0]) for line in lines[1:]]
-    assert likelihoods[0] > likelihoods[1]
-
-
 def test_the_script_of_the_next_three_days(folder, capsys):
     lines = script(capsys, "next_three_days.py", folder / "r.mcap", "153.0,-40.2,0")
     assert len(lines) == 2
