@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from planners.learning.current import Complex
 from planners.learning.loops import Survey
-from planners.learning.rows import Combined, Rows, posterior, rows_at, stacked
+from planners.learning.rows import Combined, Rows, covariance, posterior, rows_at, stacked
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth_means import DepthMeans
 
@@ -41,8 +41,10 @@ class Aim:
         """Return the root mean square error of the end after each survey [m], shape (C,)."""
         rows = rows_at(self.known, survey.points, survey.times)
         rows = rows if self.given is None else stacked(rows, self.given)
-        left = posterior(self.sought, rows, self.variance)
-        return np.asarray(np.sqrt(np.maximum(np.trace(left, axis1=-2, axis2=-1), 0.0)))
+        lower = np.linalg.cholesky(covariance(rows, rows) + self.variance * np.eye(rows.now.shape[-2]))
+        inside = np.linalg.solve(lower, self.sought.cross(rows).swapaxes(-1, -2))
+        left = np.trace(self.sought.variance()) - np.sum(inside**2, axis=(-2, -1))
+        return np.asarray(np.sqrt(np.maximum(left, 0.0)))
 
 
 def allowed_errors(aim: Aim, survey: Survey, allowed: NDArray[np.bool_]) -> Array:

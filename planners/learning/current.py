@@ -1,4 +1,4 @@
-"""Many currents at once, as cubic B-splines of place and linear in time: smooth, with exact derivatives. Vectors are complex, east + i north."""
+"""Many currents at once, as cubic B-splines of place, linear in time, with exact derivatives. Vectors are complex, east + i north."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -95,9 +95,7 @@ def currents_of(flow: FlowEstimate, latent: Sequence[Array], times: Array) -> Cu
     low, high = (np.array([pick(grid.east), pick(grid.north)]) for pick in (np.min, np.max))
     cells = np.maximum(np.ceil((high - low) / [kernel.length_east, kernel.length_north] * _PER_LENGTH), 1.0)
     spacing = (high - low) / cells
-    east, north = (
-        low[axis] + spacing[axis] * np.arange(-_AROUND, int(cells[axis]) + _AROUND + 1, dtype=np.float64) for axis in (0, 1)
-    )
+    east, north = (low[axis] + spacing[axis] * np.arange(-_AROUND, int(cells[axis]) + _AROUND + 1, dtype=np.float64) for axis in (0, 1))
     points = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
     values = np.stack([flow.horizontal.velocity(points, one.T) for one in latent], axis=-1)  # (2, P, S, T)
     table = (values[0] + 1j * values[1]).transpose(1, 2, 0).reshape(len(latent[0]), len(latent), north.size, east.size)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
@@ -118,7 +119,7 @@ def _along_each(corners: Complex, shares: Array) -> Complex:
     legs = np.abs(np.diff(corners, axis=1, prepend=0.0))
     ends = np.concatenate([np.zeros((len(corners), 1)), np.cumsum(legs, axis=1)], axis=1)
     nodes = np.concatenate([np.zeros((len(corners), 1)), corners], axis=1)
-    return np.array([np.interp(share * end[-1], end, node) for share, end, node in zip(shares, ends, nodes, strict=True)])
+    return np.asarray([np.interp(share * end[-1], end, node) for share, end, node in zip(shares, ends, nodes, strict=True)])
 
 
 def _time_along(known: Currents, way: tuple[Complex, Complex], times: Array, size: Array, speed: float) -> Array:
@@ -127,7 +128,7 @@ def _time_along(known: Currents, way: tuple[Complex, Complex], times: Array, siz
     u = known.at(track[None], times[None])[0] * np.conj(tangent)
     ahead = np.sqrt(np.maximum((_COUNTED * speed) ** 2 - u.imag**2, 0.0))
     over_ground = np.where(ahead > 0.0, ahead + u.real, 0.0)
-    return size[:, None] / track.shape[1] / np.maximum(over_ground, _LEAST)
+    return np.asarray(size[:, None] / track.shape[1] / np.maximum(over_ground, _LEAST))
 
 
 def clear(survey: Survey, start: complex, rings: Sequence[Ring], margin: float) -> NDArray[np.bool_]:
@@ -140,7 +141,11 @@ def clear(survey: Survey, start: complex, rings: Sequence[Ring], margin: float) 
         margin: Distance kept [m].
     """
     corners = np.concatenate([np.full((len(survey.corners), 1), start), survey.corners], axis=1)
-    lines = shapely.linestrings(np.stack([corners.real, corners.imag], axis=-1))
+    return clear_lines(shapely.linestrings(np.stack([corners.real, corners.imag], axis=-1)), rings, margin)
+
+
+def clear_lines(lines: NDArray[Any], rings: Sequence[Ring], margin: float) -> NDArray[np.bool_]:
+    """Return which lines keep a margin [m] from rings."""
     found = np.ones(len(lines), dtype=bool)
     for ring in rings:
         if ring.outside:

@@ -138,7 +138,9 @@ def posterior(sought: Combined, measured: Rows, variance: float) -> Array:
         measured: Rows of shape (..., q).
         variance: Of the error of each [m^2/s^2].
     """
-    lower = np.linalg.cholesky(covariance(measured, measured) + variance * np.eye(measured.now.shape[-2]))
+    lower: Array = np.asarray(
+        np.linalg.cholesky(covariance(measured, measured) + variance * np.eye(measured.now.shape[-2])), dtype=np.float64
+    )
     cross = sought.cross(measured).swapaxes(-1, -2)
     inside = _solved(lower, cross)
     return np.asarray(sought.variance() - inside.swapaxes(-1, -2) @ inside)

@@ -186,7 +186,7 @@ def _matrix(by_east: Complex, by_north: Complex) -> Array:
 
 
 def _solved(derivative: Array, miss: Complex, duration: float) -> Complex:
-    """Return the change of velocity that removes a miss, damped where the flow makes the end insensitive; at most the still water's twice."""
+    """Return the change of velocity that removes a miss, damped where the end is insensitive; at most twice that of still water."""
     still = miss / duration
     square = derivative.swapaxes(-1, -2) @ derivative + (0.05 * duration) ** 2 * np.eye(2)
     right = derivative.swapaxes(-1, -2) @ np.stack([miss.real, miss.imag], axis=-1)[..., None]

@@ -1,8 +1,8 @@
 """The uncertainty of a flow's means over depth, as a Gaussian process of few unknowns.
 
-A mean over depth with weights a_j of the levels is h(x) y, with h the modes at a place and y = sum_j a_j w_j: of the weights w of all levels
-only r numbers count for each such mean. Of a static estimate y has the covariance A P A' at all times. Of an estimate through time the
-coefficients of the trajectories count each on its own, as they move the field, and the local corrections by y alone: both are
+A mean over depth with weights a_j of the levels is h(x) y, with h the modes at a place and y = sum_j a_j w_j: of the weights w of all
+levels only r numbers count for each such mean. Of a static estimate y has the covariance A P A' at all times. Of an estimate through time
+the coefficients of the trajectories count each on its own, as they move the field, and the local corrections by y alone: both are
 Ornstein-Uhlenbeck processes with one time scale each, so that the reduced unknowns are of the same kind and nothing is approximated.
 """
 
@@ -104,7 +104,7 @@ def _reduced(flow: FlowEstimate, weights: Array) -> Array:
         return flow.covariance.of_combinations(design)
     by_level = flow.weight_cov.reshape(flow.levels.size, flow.n_modes, flow.levels.size, flow.n_modes)
     half = np.einsum("dz,zrys->drys", weights, by_level, optimize=True)
-    return np.einsum("drys,ey->dres", half, weights, optimize=True).reshape(len(design), len(design))
+    return np.asarray(np.einsum("drys,ey->dres", half, weights, optimize=True).reshape(len(design), len(design)))
 
 
 def _through_time(flow: FlowEstimate, evolution: Evolution, weights: Array) -> DepthMeans:
@@ -131,7 +131,7 @@ def _through_time(flow: FlowEstimate, evolution: Evolution, weights: Array) -> D
 
 
 def _root(covariance: Array) -> Array:
-    """Return a factor of a covariance that may lack its full rank, shape (n, k): directions of 1e-12 of the largest variance are left out."""
+    """Return a factor of a covariance that may lack its full rank, shape (n, k), without directions of 1e-12 of the largest variance."""
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     kept: NDArray[np.bool_] = values > 1e-12 * max(float(values[-1]), 0.0) if values.size else np.zeros(0, dtype=bool)
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))

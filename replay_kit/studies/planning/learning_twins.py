@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners import Glider
 from planners.front.current import shares_of_levels
@@ -144,7 +145,9 @@ def _cov_of_end(known: DepthMeans, currents: Currents, start: complex, planned: 
     return rows.combined(sense.weights).variance()
 
 
-def profiles_of(field: Field, places: Complex, times: Array, begin_ns: int, rng: np.random.Generator, noise: float = 0.09) -> list[Observation]:
+def profiles_of(
+    field: Field, places: Complex, times: Array, begin_ns: int, rng: np.random.Generator, noise: float = 0.09
+) -> list[Observation]:
     """Return whole profiles down to the dives' depth at places, shape (n,) [m], and times [s] since a beginning."""
     depth = np.arange(_BIN, DEPTH + 1.0, _BIN)
     found = []
@@ -242,7 +245,7 @@ def _lane(stretch: Stretch) -> Ring:
     return Ring(np.column_stack([corners.real, corners.imag]), False, "lane", surface_only=True)
 
 
-def _within(grid: Grid, survey: Survey) -> Array:
+def _within(grid: Grid, survey: Survey) -> NDArray[np.bool_]:
     return np.asarray(inside_grid(grid, survey.corners.real, survey.corners.imag).all(axis=1))
 
 
