@@ -112,7 +112,7 @@ def scene_of(flow: FlowEstimate, request: LearnRequest, seconds: float | None, d
     settings = request.settings
     if flow.n_modes == 0:
         raise PlanError(
-            "the estimate states no uncertainty, so that there is nothing to learn (a truth, a member, a mean); give the result of a replay "
+            "the estimate states no uncertainty, so there is nothing to learn (a truth, a member, a mean); give the result of a replay "
             "or a file of --save-estimate"
         )
     goals = request.goals or (request.start,)

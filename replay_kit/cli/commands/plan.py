@@ -39,8 +39,8 @@ class Places:
 
     start: Annotated[str, option("--start", "Where the mission begins [degrees, degrees, m].", metavar="LON,LAT,DEPTH"), PLACE]
     goal: Annotated[
-        list[str], option("--goal", "Where to go [degrees, degrees, m]; may be repeated, in order.", metavar="LON,LAT,DEPTH"), PLACE
-    ]
+        list[str] | None, option("--goal", "Where to go [degrees, degrees, m]; may be repeated, in order.", metavar="LON,LAT,DEPTH"), PLACE
+    ] = None
     no_go: Annotated[
         Path | None,
         option(
@@ -75,8 +75,8 @@ class Aim:
         str | None,
         option(
             "--objective",
-            "What is minimised: time, energy, closest, or weights of hours, kJ and km from the goal, as time=1,energy=0.02,closest=5. "
-            "Default: time.",
+            "What is minimised: time, energy, closest, or weights of hours, kJ and km from the goal, as time=1,energy=0.02,closest=5; "
+            "learn: the error after a survey, map: that of the current in a box. Default: time.",
             metavar="NAME|WEIGHTS",
         ),
     ] = None
@@ -90,6 +90,29 @@ class Aim:
     ] = False
     line: Annotated[bool, flag("--line", "Follow the line from the start to the goal.")] = False
     line_weight: Annotated[float | None, option("--line-weight", "Cross-track penalty with --line [h per h and km].", least=0.0)] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Learning:
+    """What plans that learn are told (--objective learn and map)."""
+
+    then: Annotated[
+        str | None,
+        option("--then", "Where the stretch without fixes after a survey ends, past other places if given.", metavar="LON,LAT,DEPTH[,...]"),
+    ] = None
+    blind: Annotated[float | None, option("--blind", "Duration of that stretch [h].", metavar="HOURS")] = None
+    survey: Annotated[float | None, option("--survey", "Duration of the survey before it [h]. Default: 24.", metavar="HOURS")] = None
+    box: Annotated[
+        str | None, option("--box", "Box to be mapped [degrees], and depths [m]; without them the dives' mean.", metavar="W,S,E,N[,DEPTHS]")
+    ] = None
+    profiles: Annotated[int | None, option("--profiles", "Number of profiles of the map.", metavar="N")] = None
+    profile_error: Annotated[
+        float, option("--profile-error", "Standard deviation of the error of a profile's mean current, each component [m/s].")
+    ] = 0.03
+    others: Annotated[
+        list[Path] | None,
+        option("--others", "Plan of another vehicle, whose profiles come anyway; may be repeated.", metavar="PLAN.mcap"),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -165,6 +188,7 @@ def plan(
     places: Annotated[Places, TO_INPUTS],
     times: Annotated[Times, TO_OPTIONS] = Times(),
     aim: Annotated[Aim, TO_OPTIONS] = Aim(),
+    learning: Annotated[Learning, TO_OPTIONS] = Learning(),
     method: Annotated[Method, TO_OPTIONS] = Method(),
     settings: Settings,
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
@@ -173,10 +197,18 @@ def plan(
     streams = outputs.geojson, outputs.csv, outputs.json_file
     if sum(str(path) == "-" for path in streams) > 1:
         raise ConfigError("--geojson, --csv and --json: only one of them can have standard output; give the others files")
-    check_paths([*flows, settings.file, places.no_go, places.bathymetry], [outputs.out, outputs.waypoints, *streams], outputs.overwrite)
+    others = learning.others or ()
+    check_paths(
+        [*flows, *others, settings.file, places.no_go, places.bathymetry], [outputs.out, outputs.waypoints, *streams], outputs.overwrite
+    )
     least, most = _pair(method.angles, "--angles", "MIN,MAX") or (None, None)
     config = settings.load(planner={"min_angle": least, "max_angle": most})
 
+    if aim.objective in ("learn", "map"):
+        from replay_kit.cli.commands.plan_learning import plan_learning
+
+        return plan_learning(flows, (places, times, aim, learning, method, outputs), config)
+    _refuse_learning(places, learning)
     from replay_kit.workflows.planning.mission import make_mission
     from replay_kit.workflows.planning.outputs import mission_json, print_mission, unsafe_reason, write_mission
 
@@ -197,6 +229,16 @@ def plan(
     return 0 if unsafe is None else _UNSAFE
 
 
+def _refuse_learning(places: Places, learning: Learning) -> None:
+    """Raise ConfigError for options of plans that learn without their objective, and where there is no goal."""
+    if learning != Learning():
+        raise ConfigError(
+            "--then, --blind, --survey, --box, --profiles, --profile-error, --others: expected --objective learn or map beside"
+        )
+    if not places.goal:
+        raise ConfigError("--goal: expected LON,LAT,DEPTH, where to go; only --objective learn with --then and --objective map have none")
+
+
 def _job(flows: tuple[Path, ...], places: Places, times: Times, aim: Aim, method: Method, outputs: Outputs) -> "PlanJob":
     """Return the mission asked for, checked."""
     from replay_kit.workflows.planning.request import MissionKind, PlanJob, departures_of, horizon_of, start_time_of
@@ -205,7 +247,7 @@ def _job(flows: tuple[Path, ...], places: Places, times: Times, aim: Aim, method
     job = PlanJob(
         flows,
         place(places.start, "--start"),
-        tuple(place(text, "--goal") for text in places.goal),
+        tuple(place(text, "--goal") for text in places.goal or ()),
         kind=kind,
         no_go=places.no_go,
         bathymetry=places.bathymetry,
@@ -228,7 +270,7 @@ def _asked(places: Places, times: Times, aim: Aim, method: Method, line_weight: 
     """Return what was asked for beyond the configuration, as it was given."""
     return {
         "start": places.start,
-        "goals": " ".join(places.goal),
+        "goals": " ".join(places.goal or ()),
         "objective": aim.objective,
         "mooring": aim.mooring,
         "spline": method.spline,
