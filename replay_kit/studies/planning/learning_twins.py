@@ -30,7 +30,6 @@ from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation import Flag, Observation, Reason, Source
 from replay_kit.estimator import Estimator
 from replay_kit.studies.missions.scene import own_estimator, withhold
-from replay_kit.studies.planning.job import PlanningJob
 from replay_kit.studies.planning.voyages import sea_of
 from replay_kit.studies.twins.field import Field, build_field
 from replay_kit.studies.twins.reachable import SPEED
@@ -39,8 +38,8 @@ from replay_kit.studies.twins.reachable import SPEED
 SURVEY, BLIND = 28 * 3600.0, 23 * 3600.0
 #: Depth of the dives [m], and the error of a profile's mean current that a survey is planned with [m/s].
 DEPTH, ERROR = 400.0, 0.03
-# Share of a forecast's time after which twins begin, when its members have parted.
-_BEGINS = 0.3
+#: Share of a forecast's time after which twins begin, when its members have parted.
+BEGINS = 0.3
 # Members that are the same field, displaced: correlation, and cells searched.
 _SAME, _CELLS = 0.98, 8
 # Way kept from the edge of the region [m], random loops of a twin, and draws of a start.
@@ -174,7 +173,7 @@ def profiles_of(
     return found
 
 
-def survey_twin(series: Sequence[Ensemble], config: RunConfig, job: PlanningJob, member: int, seed: int) -> SurveyTwin:
+def survey_twin(series: Sequence[Ensemble], config: RunConfig, member: int, seed: int) -> SurveyTwin:
     """Return one twin, flown in all ways.
 
     Raises:
@@ -182,7 +181,7 @@ def survey_twin(series: Sequence[Ensemble], config: RunConfig, job: PlanningJob,
     """
     kept, position = without(series, member)
     case, rng = withhold(kept, position), np.random.default_rng((seed, member))
-    begin_ns = int(case.times_ns[0] + _BEGINS * (case.times_ns[-1] - case.times_ns[0]))
+    begin_ns = int(case.times_ns[0] + BEGINS * (case.times_ns[-1] - case.times_ns[0]))
     estimator, truths = own_estimator(case, config), sea_of(case.truths, config.estimator)
     known = _means(estimator.flow(estimator.predict(estimator.initial(), begin_ns)))
     known = replace(known, time_ns=begin_ns)

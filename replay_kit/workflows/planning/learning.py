@@ -15,13 +15,13 @@ from planners.learning.maps import plan_map
 from planners.learning.survey import plan_survey
 from planners.learning.values import Box, LearnPlan, LearnRequest, LearnSettings, OtherProfiles
 from replay_kit.config.planner import PlannerConfig
-from replay_kit.core.errors import ConfigError, LogError, PlanError
+from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.plan import Place
 from replay_kit.core.progress import announce
 from replay_kit.core.text import time_text
-from replay_kit.results import read_recorded
+from replay_kit.results.views.record import read_planned_legs
 from replay_kit.workflows.planning.adapters import MissionPlanner
 from replay_kit.workflows.planning.areas import area_notes, read_areas
 from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
@@ -227,11 +227,7 @@ def profiles_of_others(paths: tuple[Path, ...]) -> OtherProfiles | None:
     """
     found = list[tuple[float, float, int]]()
     for path in paths:
-        metadata = read_recorded(path).metadata
-        legs, begun = metadata.get("legs"), metadata.get("mission", {})
-        if not legs or "start_time_ns" not in begun:
-            raise LogError(f"{path}: expected a plan of this version of replay-kit plan -o, got a result without its legs; plan it again")
-        found += _middles(legs, begun)
+        found += _middles(*read_planned_legs(path))
     if not found:
         return None
     longitude, latitude, time_ns = zip(*found, strict=True)
