@@ -28,7 +28,7 @@ class Sizes:
     study: Annotated[
         str | None,
         parts(
-            "glides, missions, scenarios, masked, odds, infeasible, replanning; if named, learn, and changing for a forecast of several times"
+            "glides, missions, scenarios, masked, odds, infeasible, replanning; if named, learn, and changing for a forecast through time"
         ),
     ] = None
     pairs: Annotated[int, option("--pairs", "Number of starts and goals of glides, missions and odds, over all truths.", least=1)] = 100
