@@ -56,7 +56,9 @@ def test_posterior_and_mean_are_the_textbook_s(changes):
     np.testing.assert_allclose(posterior(sought.combined(np.eye(4)), measured, 1e-3), left[12:, 12:], rtol=1e-7, atol=1e-10)
     values = np.random.default_rng(0).standard_normal(12)
     weighed = gains(measured, values, 1e-3)
-    np.testing.assert_allclose(weighed @ covariance(measured, sought), joint[12:, :12] @ np.linalg.inv(joint[:12, :12] + 1e-3 * np.eye(12)) @ values)
+    np.testing.assert_allclose(
+        weighed @ covariance(measured, sought), joint[12:, :12] @ np.linalg.inv(joint[:12, :12] + 1e-3 * np.eye(12)) @ values
+    )
     # by way of the unknowns
     unknowns = learnt(means, measured, weighed, end)
     loading = means.loading(means.time_ns + round(end * 1e9))[:, 0]
