@@ -31,7 +31,7 @@ def test_splines_are_the_flow_itself_and_their_gradient_its_derivative():
         differences = (mean().at(at + step, 0.0) - mean().at(at - step, 0.0)) / 2.0
         np.testing.assert_allclose(slope, differences, atol=1e-6 * np.abs(slope).max())
     # free of divergence but for the spline's error
-    assert np.abs((by_east.real + by_north.imag)).max() < 0.02 * np.abs(by_east).max()
+    assert np.abs(by_east.real + by_north.imag).max() < 0.02 * np.abs(by_east).max()
 
 
 @pytest.mark.parametrize("changes", [False, True])
