@@ -54,33 +54,33 @@ class Currents:
         share = np.broadcast_to(number - slot, places.shape)
         which = np.arange(count).reshape(-1, *(1,) * (places.ndim - 1))
         corner = ((which * self.times.size + slot) * rows + row - 1) * columns + column - 1
-        value = self._sum_of(corner, across[0], along[0], share)
+        around = self._around(corner, share)
+        value = _weighed(around, across[0], along[0])
         if not derivatives:
             return value, value, value
-        return (
-            value,
-            self._sum_of(corner, across[1], along[0], share) / self.spacing.real,
-            self._sum_of(corner, across[0], along[1], share) / self.spacing.imag,
-        )
+        by_east = _weighed(around, across[1], along[0]) / self.spacing.real
+        return value, by_east, _weighed(around, across[0], along[1]) / self.spacing.imag
 
-    def _sum_of(self, corner: NDArray[np.intp], across: Array, along: Array, share: Array) -> Complex:
+    def _around(self, corner: NDArray[np.intp], share: Array) -> Complex:
+        """Return the coefficients around points, shape (..., 4, 4), along north first, between two times."""
         _, n_times, rows, columns = self.coefficients.shape
-        flat, slots = self.coefficients.reshape(-1), [(0, 1.0 - share), (rows * columns, share)] if n_times > 1 else [(0, 1.0)]
-        total = np.zeros(corner.shape, dtype=np.complex128)
-        for later, weight in slots:
-            for j in range(4):
-                line = corner + later + j * columns
-                part = sum(across[i] * flat.take(line + i) for i in range(4))
-                total += weight * along[j] * part
-        return total
+        flat, at = self.coefficients.reshape(-1), corner[..., None, None] + columns * np.arange(4)[:, None] + np.arange(4)
+        before = flat.take(at)
+        if n_times == 1:
+            return np.asarray(before)
+        return np.asarray(before + share[..., None, None] * (flat.take(at + rows * columns) - before))
+
+
+def _weighed(around: Complex, across: Array, along: Array) -> Complex:
+    return np.asarray((around * (along[..., :, None] * across[..., None, :])).sum(axis=(-2, -1)))
 
 
 def _hats(share: Array) -> tuple[Array, Array]:
-    """Return the four cubic B-splines that reach a place between two coefficients, shape (4, ...), and their derivatives."""
+    """Return the four cubic B-splines that reach a place between two coefficients, shape (..., 4), and their derivatives."""
     rest = 1.0 - share
     value = [rest**3, 3.0 * share**3 - 6.0 * share**2 + 4.0, 3.0 * rest**3 - 6.0 * rest**2 + 4.0, share**3]
     slope = [-(rest**2), 3.0 * share**2 - 4.0 * share, -3.0 * rest**2 + 4.0 * rest, share**2]
-    return np.stack(value) / 6.0, np.stack(slope) / 2.0
+    return np.stack(value, axis=-1) / 6.0, np.stack(slope, axis=-1) / 2.0
 
 
 def currents_of(flow: FlowEstimate, latent: Sequence[Array], times: Array) -> Currents:

@@ -17,7 +17,7 @@ from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 
 # Samples among which detours are chosen, and standard errors that a gain must exceed.
-_CHOOSING, _ERRORS = 24, 2.0
+_CHOOSING, _ERRORS = 16, 2.0
 # Places that detours pass: shares of the way along and across.
 _ALONG, _ACROSS = (0.25, 0.5), (0.12, -0.12, 0.3, -0.3)
 # Draws of an interval, and the share that it holds.

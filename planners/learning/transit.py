@@ -14,6 +14,8 @@ from replay_kit.core.arrays import Array
 
 # Longest step of the integration [s], and Newton steps for a velocity through water, which are enough where it converges.
 _STEP, _ITERATIONS = 3_600.0, 8
+# Change of the end below which a velocity is as good as it gets [m].
+_CLOSE = 0.5
 # Stages of a step: time share, weight.
 _STAGES = ((0.0, 1.0 / 6.0), (0.5, 1.0 / 3.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 6.0))
 
@@ -114,7 +116,10 @@ def plan_transit(currents: Currents, start: Complex, begin: Array | float, goals
         held = _limited((goal - start) / leg - currents.at(start, time), speed)
         for _ in range(_ITERATIONS):
             end, derivative = end_and_derivative(currents, start, time, held, leg)
-            held = _limited(held + _solved(derivative, goal - end, leg), speed)
+            better = _limited(held + _solved(derivative, goal - end, leg), speed)
+            if np.max(np.abs(better - held)) * leg < _CLOSE:
+                break
+            held = better
         start = fly(currents, start, time, held, leg)[-1]
         time = time + leg
         velocities.append(held)

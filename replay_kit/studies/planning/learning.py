@@ -11,7 +11,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.tasks import each_call
 from replay_kit.studies.planning.job import PlanningJob, StudyReport
 from replay_kit.studies.planning.learning_sea import DetourTwin, MapTwin, detour_twin, map_twin
-from replay_kit.studies.planning.learning_twins import BEGINS, SurveyTwin, survey_twin
+from replay_kit.studies.planning.learning_twins import BEGINS, SurveyTwin, survey_twins
 from replay_kit.studies.planning.pictures import draw_ways
 from replay_kit.studies.planning.world import World
 from replay_kit.studies.reports.tables import NAN, Cell, Criterion, Picture, Table, named_columns
@@ -38,10 +38,12 @@ def learn(world: World) -> StudyReport:
     still = series[round(BEGINS * (len(series) - 1))]
     config = RunConfig(estimator=world.truths[0].config)
     surveys, maps, detours = list[SurveyTwin](), list[MapTwin](), list[DetourTwin]()
-    calls = ((series, config, member, job.seed + k) for k, member in enumerate(_in_turn(members, job.surveys)))
-    for survey in each_call(survey_twin, calls):
-        surveys.append(survey)
-        world.advance(f"learn, survey, truth {survey.member}")
+    turns = _in_turn(members, job.surveys)
+    seeds = {member: [job.seed + k for k, one in enumerate(turns) if one == member] for member in turns}
+    for found_twins in each_call(survey_twins, ((series, config, member, of_member) for member, of_member in seeds.items())):
+        for survey in found_twins:
+            surveys.append(survey)
+            world.advance(f"learn, survey, truth {survey.member}")
     halves = ((still, config, member, job.seed + k, k % 2 == 1) for k, member in enumerate(_in_turn(members, job.maps)))
     for found in each_call(map_twin, halves):
         maps.append(found)

@@ -35,7 +35,7 @@ from replay_kit.studies.twins.reachable import SPEED, place_at
 #: Profiles of a map, dives of one of its legs, half its box's sides [m], and profiles that are known of one half of it.
 PROFILES, DIVES, HALF, KNOWN = 20, 3, (70e3, 50e3), 8
 # Random ways through a box; distance of a mission's goal [m], dives of its legs, and samples of its evidence.
-_RANDOM, _DISTANCE, _YOS, _SAMPLES = 20, (60e3, 90e3), 2, 48
+_RANDOM, _DISTANCE, _YOS, _SAMPLES = 20, (60e3, 90e3), 2, 40
 _EDGE, _DRAWS = 15e3, 300
 
 

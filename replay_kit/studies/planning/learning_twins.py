@@ -173,14 +173,14 @@ def profiles_of(
     return found
 
 
-def survey_twin(series: Sequence[Ensemble], config: RunConfig, member: int, seed: int) -> SurveyTwin:
-    """Return one twin, flown in all ways.
+def survey_twins(series: Sequence[Ensemble], config: RunConfig, member: int, seeds: Sequence[int]) -> tuple[SurveyTwin, ...]:
+    """Return twins of one truth, each flown in all ways.
 
     Raises:
         ForecastError: No stretch that stays in the truth's water was found.
     """
     kept, position = without(series, member)
-    case, rng = withhold(kept, position), np.random.default_rng((seed, member))
+    case = withhold(kept, position)
     begin_ns = int(case.times_ns[0] + BEGINS * (case.times_ns[-1] - case.times_ns[0]))
     estimator, truths = own_estimator(case, config), sea_of(case.truths, config.estimator)
     known = _means(estimator.flow(estimator.predict(estimator.initial(), begin_ns)))
@@ -189,11 +189,14 @@ def survey_twin(series: Sequence[Ensemble], config: RunConfig, member: int, seed
     weights, times = shares_of_levels(truths[0], DEPTH, 0.0), slices(known, 0.0, SURVEY + BLIND)
     of_truth = np.array([(flow.time_ns or 0) - begin_ns for flow in truths]) / 1e9 if len(truths) > 1 else np.zeros(1)
     truth = currents_of(truths[0], [(flow.latent @ weights)[None] for flow in truths], of_truth)
-    start, goal = _drawn(grid, truth, speed, rng)
-    stretch = Stretch(start, np.array([goal]), 0.0, SURVEY, BLIND, speed, ERROR)
-    sea = Sea(known, times, mean_currents(known, times), truth)
-    twin = _Twin(estimator, sea, build_field(*case.truths), stretch, begin_ns, rng)
-    return SurveyTwin(member, _ways(twin))
+    field, sea = build_field(*case.truths), Sea(known, times, mean_currents(known, times), truth)
+    twins = []
+    for seed in seeds:
+        rng = np.random.default_rng((seed, member))
+        start, goal = _drawn(grid, truth, speed, rng)
+        stretch = Stretch(start, np.array([goal]), 0.0, SURVEY, BLIND, speed, ERROR)
+        twins.append(SurveyTwin(member, _ways(_Twin(estimator, sea, field, stretch, begin_ns, rng))))
+    return tuple(twins)
 
 
 def _ways(twin: _Twin) -> dict[str, tuple[Way, ...]]:
