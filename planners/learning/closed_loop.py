@@ -59,10 +59,12 @@ class Flown:
     Attributes:
         misses: shape (S,) [m], distance of each end from the goal.
         offsets: shape (S,) [m], the end less where it was predicted.
+        short: shape (S,) [m], by how much the plan itself ends short of the goal, as the vehicle is too slow for the current it knows of.
     """
 
     misses: Array
     offsets: Complex
+    short: Array
 
     @property
     def miss_90(self) -> float:
@@ -180,7 +182,8 @@ def _flown(sea: Sea, stretch: Stretch, known: Currents, place: Complex, leaves: 
         known = Currents(known.origin, known.spacing, known.times, np.repeat(known.coefficients, sea.count, axis=0))
     planned = plan_transit(known, place, leaves, stretch.goals, stretch.blind, stretch.speed)
     ends = fly_transit(sea.truth, place, leaves, planned)
-    return Flown(np.abs(ends - stretch.goals[-1]), ends - planned.ends[:, -1])
+    last = planned.ends[:, -1]
+    return Flown(np.abs(ends - stretch.goals[-1]), ends - last, np.abs(last - stretch.goals[-1]))
 
 
 def _from_others(sea: Sea, stretch: Stretch, given: Sequence[tuple[Array, Array]]) -> tuple[Rows | None, Array]:

@@ -7,7 +7,8 @@ from scipy.linalg import solve_triangular
 from planners.learning.choose import Aim
 from planners.learning.closed_loop import Sea, Stretch, drawn_sea, fly_survey, slices
 from planners.learning.loops import Survey
-from planners.learning.mapping import Mapping, lawn_mowers, look_ahead, refined
+from planners.learning.mapping import Mapping, look_ahead, refined
+from planners.learning.mowers import lawn_mowers
 from planners.learning.rows import Combined, Rows, covariance, gains, rows_at, unknowns_at
 from planners.learning.scene import Scene, dives_of, scene_of, value_map
 from planners.learning.values import Box, LearnPlan, LearnRequest, Told

@@ -1,6 +1,6 @@
 """A survey before a stretch without fixes: the loop that leaves the least error at the stretch's end, and what it is worth."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import nan
 
 import numpy as np
@@ -18,6 +18,7 @@ from planners.route.hazards import first_crossing
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import grid_bearing_of_true_north, heading_deg
 from replay_kit.core.plan import PlanStatus
 
 # Loops that are named in the table beside waiting, scouting and the plan.
@@ -128,11 +129,13 @@ def _told(scene: Scene, stretch: Stretch, sea: Sea, aim: Aim, found: _Found) -> 
         flown[name] = one
         within = float(np.mean(one.misses <= scene.settings.tolerance))
         rows.append(Told(name, predicted, one.miss_90, *one.interval(), within, name == "this survey"))
+    at = scene.place(scene.start)
+    turn = float(np.rad2deg(grid_bearing_of_true_north(scene.projection, at.longitude, at.latitude)))
     order = [k for k in np.argsort(found.errors) if np.isfinite(found.errors[k]) and k not in (WAITING, SCOUTING)][:_NAMED]
     for k in order:
         corner = complex(found.offered.corners[k, 0]) - stretch.start
-        bearing = float(np.mod(np.rad2deg(np.angle(1j * np.conj(corner))), 360.0))
-        name = f"a loop towards {bearing:.0f} degrees of the map, {abs(corner) / 1e3:.1f} km out"
+        bearing = float(np.mod(heading_deg(corner.real, corner.imag) - turn, 360.0))
+        name = f"a loop towards {bearing:.0f} degrees, {abs(corner) / 1e3:.1f} km out"
         rows.append(Told(name, float(found.errors[k]), nan, nan, nan, nan))
     return tuple(rows), flown
 
@@ -153,7 +156,7 @@ def _plan(
     crossed = _crossed(scene, blind_track)
     miss = float(abs(planned.ends[0, -1] - scene.goals[-1]))
     status: PlanStatus = "unsafe" if crossed else "reached" if miss <= scene.settings.tolerance else "unreachable"
-    message = _words(told, stretch, aim)
+    message = _words(told, stretch) + _out_of_reach(flown["this survey"], stretch, scene.settings.tolerance)
     if status == "unreachable":
         message += (
             f"; the goal is {miss / 1e3:.1f} km out of reach of {stretch.blind / 3600.0:g} h at {stretch.speed:.2f} m/s through water: "
@@ -205,7 +208,15 @@ def _crossed(scene: Scene, track: Array) -> str | None:
     return None if found is None else found[0]
 
 
-def _words(told: tuple[Told, ...], stretch: Stretch, aim: Aim) -> str:
+def _out_of_reach(flown: Flown, stretch: Stretch, tolerance: float) -> str:
+    """Return in how many samples the goal is out of reach, which no survey mends; nothing where it hardly ever is."""
+    share = float(np.mean(flown.short > tolerance))
+    if share < 0.05:
+        return ""
+    return f"; the goal is out of reach of {stretch.speed:.2f} m/s in {100.0 * share:.0f} % of the samples, which no survey mends"
+
+
+def _words(told: tuple[Told, ...], stretch: Stretch) -> str:
     """Return the answer in words: what each is worth, and what to do."""
     by_name = {one.name: one for one in told if one.found == one.found}
     parts = [f"{name} {one.found / 1e3:.1f} km ({one.low / 1e3:.1f} to {one.high / 1e3:.1f})" for name, one in by_name.items()]
@@ -217,8 +228,3 @@ def _words(told: tuple[Told, ...], stretch: Stretch, aim: Aim) -> str:
     elif scouting is not None and plan.found >= scouting.low:
         words += "; scouting ahead and back is as good"
     return words
-
-
-def with_notes(plan: LearnPlan, notes: tuple[str, ...]) -> LearnPlan:
-    """Return a plan with more of what should be known."""
-    return replace(plan, notes=(*plan.notes, *notes))

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from replay_kit.cli.commands.plan_learning import Learning, plan_learning, refuse_learning
 from replay_kit.cli.console import console_beside, progress, write_json, write_text
 from replay_kit.cli.options import (
     MCAP,
@@ -68,7 +69,7 @@ class Times:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Aim:
+class Aim(Learning):
     """What the mission is for."""
 
     objective: Annotated[
@@ -90,29 +91,6 @@ class Aim:
     ] = False
     line: Annotated[bool, flag("--line", "Follow the line from the start to the goal.")] = False
     line_weight: Annotated[float | None, option("--line-weight", "Cross-track penalty with --line [h per h and km].", least=0.0)] = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Learning:
-    """What plans that learn are told (--objective learn and map)."""
-
-    then: Annotated[
-        str | None,
-        option("--then", "Where the stretch without fixes after a survey ends, past other places if given.", metavar="LON,LAT,DEPTH[,...]"),
-    ] = None
-    blind: Annotated[float | None, option("--blind", "Duration of that stretch [h].", metavar="HOURS")] = None
-    survey: Annotated[float | None, option("--survey", "Duration of the survey before it [h]. Default: 24.", metavar="HOURS")] = None
-    box: Annotated[
-        str | None, option("--box", "Box to be mapped [degrees], and depths [m]; without them the dives' mean.", metavar="W,S,E,N[,DEPTHS]")
-    ] = None
-    profiles: Annotated[int | None, option("--profiles", "Number of profiles of the map.", metavar="N")] = None
-    profile_error: Annotated[
-        float, option("--profile-error", "Standard deviation of the error of a profile's mean current, each component [m/s].")
-    ] = 0.03
-    others: Annotated[
-        list[Path] | None,
-        option("--others", "Plan of another vehicle, whose profiles come anyway; may be repeated.", metavar="PLAN.mcap"),
-    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,7 +166,6 @@ def plan(
     places: Annotated[Places, TO_INPUTS],
     times: Annotated[Times, TO_OPTIONS] = Times(),
     aim: Annotated[Aim, TO_OPTIONS] = Aim(),
-    learning: Annotated[Learning, TO_OPTIONS] = Learning(),
     method: Annotated[Method, TO_OPTIONS] = Method(),
     settings: Settings,
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
@@ -197,7 +174,7 @@ def plan(
     streams = outputs.geojson, outputs.csv, outputs.json_file
     if sum(str(path) == "-" for path in streams) > 1:
         raise ConfigError("--geojson, --csv and --json: only one of them can have standard output; give the others files")
-    others = learning.others or ()
+    others = aim.others or ()
     check_paths(
         [*flows, *others, settings.file, places.no_go, places.bathymetry], [outputs.out, outputs.waypoints, *streams], outputs.overwrite
     )
@@ -205,10 +182,8 @@ def plan(
     config = settings.load(planner={"min_angle": least, "max_angle": most})
 
     if aim.objective in ("learn", "map"):
-        from replay_kit.cli.commands.plan_learning import plan_learning
-
-        return plan_learning(flows, (places, times, aim, learning, method, outputs), config)
-    _refuse_learning(places, learning)
+        return plan_learning(flows, (places, times, aim, method, outputs), config)
+    refuse_learning(places.goal, aim)
     from replay_kit.workflows.planning.mission import make_mission
     from replay_kit.workflows.planning.outputs import mission_json, print_mission, unsafe_reason, write_mission
 
@@ -227,16 +202,6 @@ def plan(
     if outputs.out is not None:
         write_mission(outputs.out, outputs.overwrite, planned, job, _asked(places, times, aim, method, job.kind.cross_track_weight), config)
     return 0 if unsafe is None else _UNSAFE
-
-
-def _refuse_learning(places: Places, learning: Learning) -> None:
-    """Raise ConfigError for options of plans that learn without their objective, and where there is no goal."""
-    if learning != Learning():
-        raise ConfigError(
-            "--then, --blind, --survey, --box, --profiles, --profile-error, --others: expected --objective learn or map beside"
-        )
-    if not places.goal:
-        raise ConfigError("--goal: expected LON,LAT,DEPTH, where to go; only --objective learn with --then and --objective map have none")
 
 
 def _job(flows: tuple[Path, ...], places: Places, times: Times, aim: Aim, method: Method, outputs: Outputs) -> "PlanJob":

@@ -15,8 +15,9 @@ from planners.learning.closed_loop import Sea, mean_currents
 from planners.learning.current import currents_of
 from planners.learning.detours import compare, voyage_of
 from planners.learning.loops import Survey
-from planners.learning.mapping import Mapping, lawn_mowers, random_waypoints
+from planners.learning.mapping import Mapping
 from planners.learning.maps import choose_map, realised
+from planners.learning.mowers import lawn_mowers, random_waypoints
 from planners.learning.scene import Scene, scene_of
 from planners.learning.values import LearnRequest, LearnSettings
 from planners.learning.ways import fly_voyage

@@ -162,4 +162,4 @@ def test_profiles_of_others_count():
 
 
 def test_ninety_percent_is_that():
-    assert Flown(np.arange(101.0), np.zeros(101, dtype=complex)).miss_90 == pytest.approx(90.0)
+    assert Flown(np.arange(101.0), np.zeros(101, dtype=complex), np.zeros(101)).miss_90 == pytest.approx(90.0)

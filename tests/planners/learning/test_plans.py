@@ -8,8 +8,9 @@ import pytest
 from planners import Glider, NoGo
 from planners.learning.closed_loop import drawn_sea
 from planners.learning.detours import Evidence, plan_detour
-from planners.learning.mapping import Mapping, lawn_mowers, look_ahead, random_waypoints, refined
+from planners.learning.mapping import Mapping, look_ahead, refined
 from planners.learning.maps import covariance_now, plan_map, realised
+from planners.learning.mowers import lawn_mowers, random_waypoints
 from planners.learning.scene import scene_of
 from planners.learning.survey import plan_survey
 from planners.learning.values import Box, LearnRequest, LearnSettings, OtherProfiles

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, OneTruth, folder, name_page, parts
 from replay_kit.cli.console import console_beside, progress, write_json
@@ -10,6 +10,9 @@ from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_O
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError, EstimatorError
 from replay_kit.core.paths import check_folder, check_paths
+
+if TYPE_CHECKING:
+    from replay_kit.studies.planning import PlanningJob
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,14 +80,52 @@ def planning(
     from replay_kit.studies import planning as study
     from replay_kit.workflows.fleet.workers import calls_made_by
 
-    by_name = (study.THROUGH_TIME, study.LEARNING)
-    possible = [name for name in study.STUDIES if name not in by_name and (truths.truth is None or name != study.WITHOUT_TRUTH)]
+    chosen = _chosen(sizes, truths.truth is not None)
+    check_paths(read, [*study.replaced_files(out, chosen), outputs.json_file], outputs.overwrite)
+    job = _job(chosen, truths, sizes)
+    # before anything is read or made
+    job.check(study.STUDIES)
+    members, withheld = truths.read(config.forecast)
+    series = read_series(truths.ensemble, config.forecast) if {study.THROUGH_TIME, study.LEARNING} & set(chosen) else ()
+
+    with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads) as advance:
+        for result in study.run_planning(members, withheld, config.estimator, job, advance, series):
+            # made before the first study, so that a folder that cannot be made is reported at once
+            out.mkdir(exist_ok=True)
+            if result.reports:
+                study.write_planning(out, result)
+    console = console_beside(outputs.json_file)
+    study.print_planning(result, console)
+    console.print(f"{out}: report.md, planning.json, tables as CSV, pictures as PNG", soft_wrap=True)
+    name_page(console, out)
+    write_json(outputs.json_file, study.to_json(result))
+    if all(report.failed for report in result.reports):
+        raise EstimatorError(f"experiment planning: every study failed, the first with {result.reports[0].failed}")
+    return 0
+
+
+def _chosen(sizes: Sizes, own_truth: bool) -> tuple[str, ...]:
+    """Return the names of the studies asked for; without any, those that need not be named.
+
+    Raises:
+        ConfigError: ``--learn`` is given beside another study.
+    """
+    from replay_kit.studies import planning as study
+
     if sizes.learn and sizes.study not in (None, study.LEARNING):
         raise ConfigError(f"--learn and --study: expected one of them, or --study learn, got --study {sizes.study}")
     named = study.LEARNING if sizes.learn else sizes.study
-    chosen = tuple(possible) if named is None else tuple(named.split(","))
-    check_paths(read, [*study.replaced_files(out, chosen), outputs.json_file], outputs.overwrite)
-    job = study.PlanningJob(
+    if named is not None:
+        return tuple(named.split(","))
+    left = (study.THROUGH_TIME, study.LEARNING, *((study.WITHOUT_TRUTH,) if own_truth else ()))
+    return tuple(name for name in study.STUDIES if name not in left)
+
+
+def _job(chosen: tuple[str, ...], truths: Truths, sizes: Sizes) -> "PlanningJob":
+    """Return the job of some studies."""
+    from replay_kit.studies import planning as study
+
+    return study.PlanningJob(
         chosen,
         truths.leave_out,
         sizes.pairs,
@@ -101,22 +142,3 @@ def planning(
         maps=sizes.maps,
         detours=sizes.detours,
     )
-    # before anything is read or made
-    job.check(study.STUDIES)
-    members, withheld = truths.read(config.forecast)
-    series = read_series(truths.ensemble, config.forecast) if set(by_name) & set(chosen) else ()
-
-    with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads) as advance:
-        for result in study.run_planning(members, withheld, config.estimator, job, advance, series):
-            # made before the first study, so that a folder that cannot be made is reported at once
-            out.mkdir(exist_ok=True)
-            if result.reports:
-                study.write_planning(out, result)
-    console = console_beside(outputs.json_file)
-    study.print_planning(result, console)
-    console.print(f"{out}: report.md, planning.json, tables as CSV, pictures as PNG", soft_wrap=True)
-    name_page(console, out)
-    write_json(outputs.json_file, study.to_json(result))
-    if all(report.failed for report in result.reports):
-        raise EstimatorError(f"experiment planning: every study failed, the first with {result.reports[0].failed}")
-    return 0

@@ -62,10 +62,10 @@ def value_figure(contents: Contents) -> Figure | None:
         "value": {"longitude": column(value["longitude"]), "latitude": column(value["latitude"]), "value": column(value["value"])},
         "surfacings": _line([{"longitude": start[0], "latitude": start[1]}, *fixes]),
     }
-    traces: list[dict[str, Any]] = [_field(unit), _trace("surfacings", "surfacings", "solid")]
+    traces: list[dict[str, Any]] = [_field(unit), *_trace("surfacings", "surfacings", "solid")]
     if len(blind) > 1:
         data["without_fixes"] = _line(blind)
-        traces.append(_trace("without_fixes", "without fixes", "dot"))
+        traces += _trace("without_fixes", "without fixes", "dot")
     layout = {
         "height": 520,
         "xaxis": {"title": {"text": "longitude [° east]"}, "constrain": "domain"},
@@ -107,17 +107,19 @@ def _field(unit: str) -> dict[str, Any]:
     }
 
 
-def _trace(table: str, name: str, dash: str) -> dict[str, Any]:
-    return {
-        "type": "scatter",
+def _trace(table: str, name: str, dash: str) -> list[dict[str, Any]]:
+    """Return a line over a light one, to be seen on both ends of the colour scale."""
+    where = {"type": "scatter", "x": f"${table}.longitude", "y": f"${table}.latitude"}
+    halo = {**where, "mode": "lines", "line": {"color": "#ffffff", "width": 5}, "showlegend": False, "hoverinfo": "skip"}
+    line = {
+        **where,
         "mode": "lines+markers",
-        "x": f"${table}.longitude",
-        "y": f"${table}.latitude",
         "name": name,
-        "line": {"color": {"$color": "ink"}, "width": 1.8, "dash": dash},
-        "marker": {"size": 5, "color": {"$color": "ink"}},
+        "line": {"color": "#1b2733", "width": 1.8, "dash": dash},
+        "marker": {"size": 6, "color": "#1b2733", "line": {"color": "#ffffff", "width": 1}},
         "hovertemplate": f"{name}: %{{x:.4f}}, %{{y:.4f}}<extra></extra>",
     }
+    return [halo, line]
 
 
 def _line(places: list[dict[str, Any]]) -> dict[str, Any]:
