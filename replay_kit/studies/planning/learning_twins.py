@@ -241,9 +241,9 @@ def _ways(twin: _Twin) -> dict[str, tuple[Way, ...]]:
 
 
 def _lane(stretch: Stretch) -> Ring:
-    """Return a lane across the way ahead in which nothing surfaces: it begins 2 km ahead, and is 10 km wide and longer than the way."""
+    """Return a lane across the way ahead in which nothing surfaces: it begins 2 km ahead, and is 20 km wide and longer than the way."""
     ahead = (stretch.goals[0] - stretch.start) / abs(stretch.goals[0] - stretch.start)
-    corners = stretch.start + ahead * np.array([2e3 - 5e3j, 2e3 + 5e3j, 60e3 + 5e3j, 60e3 - 5e3j])
+    corners = stretch.start + ahead * np.array([2e3 - 10e3j, 2e3 + 10e3j, 60e3 + 10e3j, 60e3 - 10e3j])
     return Ring(np.column_stack([corners.real, corners.imag]), False, "lane", surface_only=True)
 
 
