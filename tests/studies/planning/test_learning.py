@@ -2,18 +2,21 @@
 
 from dataclasses import replace
 
+import matplotlib.figure
 import numpy as np
 import pytest
 
 from replay_kit.config.run import EstimatorConfig, RunConfig
 from replay_kit.core.errors import ConfigError
-from replay_kit.studies.planning import STUDIES
+from replay_kit.studies.jobs.progress import Advance
+from replay_kit.studies.planning import STUDIES, learning
 from replay_kit.studies.planning import learning_sea as sea
 from replay_kit.studies.planning import learning_twins as twins
 from replay_kit.studies.planning.job import PlanningJob
 from replay_kit.studies.planning.learning import learning_calls, report_of
 from replay_kit.studies.planning.learning_sea import DetourTwin, MapTwin, detour_twin, map_twin
 from replay_kit.studies.planning.learning_twins import SurveyTwin, Way, copies_of, survey_twins, without
+from replay_kit.studies.planning.world import build_world
 from tests import synthetic
 from tests.command import invoke
 
@@ -82,9 +85,26 @@ def test_every_check_of_the_study_can_fail():
     assert "offered in 1 of 1" in bad.findings[1]
 
 
-def test_the_study_is_run_by_name_alone(tmp_path):
-    assert learning_calls(PlanningJob(("learn",), surveys=2, maps=3, detours=4)) == 9
-    assert "learn" in STUDIES
+def test_the_study_flies_each_truth_in_turn(monkeypatch):
+    monkeypatch.setattr(learning, "survey_twins", lambda series, config, member, seeds: tuple(twin(1e3 + k, 500.0) for k in seeds))
+    monkeypatch.setattr(learning, "map_twin", lambda *_: MapTwin(0, _[-1], 0.1, 0.04, 0.04, 0.05, 0.045, 0.05))
+    monkeypatch.setattr(learning, "detour_twin", lambda *_: DetourTwin(0, 50.0, 50.0, 55.0, -4.0, False))
+    job = PlanningJob(("learn",), "1,3", surveys=5, maps=4, detours=3, seed=7)
+    assert learning_calls(job) == 12
+    world = build_world(MEMBERS, None, CONFIG.estimator, job, Advance())
+    report = STUDIES["learn"].run(world)
+    waiting = report.tables[1].column("waiting [m]")
+    np.testing.assert_array_equal(np.sort(waiting), 1e3 + 7 + np.arange(5))
+    assert [table.name for table in report.tables] == ["learn_surveys", "learn_twins", "learn_maps", "learn_missions"]
+    assert [row[1] for row in report.tables[2].rows] == ["no", "yes", "no", "yes"]
+    figure = matplotlib.figure.Figure()
+    report.pictures[0].draw(figure)
+    assert len(figure.axes[0].get_legend().get_texts()) == 6
+    with pytest.raises(ConfigError, match="leaves members out in turn"):
+        STUDIES["learn"].run(replace(world, truths=(replace(world.truths[0], case=replace(world.truths[0].case, member=None)),)))
+
+
+def test_the_command_takes_it_by_name_alone(tmp_path):
     with pytest.raises(ConfigError, match="maps"):
         PlanningJob(("learn",), maps=0).check(STUDIES)
     synthetic.write_ocean(tmp_path, 4)
@@ -92,8 +112,3 @@ def test_the_study_is_run_by_name_alone(tmp_path):
     refused = invoke(["experiment", "planning", "--ensemble", ensemble, "--learn", "--study", "odds", "-o", out])
     assert refused.exit_code == 2
     assert "--learn and --study" in refused.output
-    # a region that holds no stretch of 23 hours is told
-    done = invoke(
-        ["experiment", "planning", "--ensemble", ensemble, "--learn", "--surveys", "1", "--maps", "1", "--detours", "1", "-o", out]
-    )
-    assert "give a larger region" in done.output
