@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from planners.front.bound import Bound
 from planners.mission.check import Violation
 from planners.mission.flight import Flight, Legs
+from planners.mission.objectives.objective import Found
 from planners.mission.program import MissionGuess, MissionShape
 from planners.mission.task import REFINED, MissionTask, YoDepths
 from planners.solver import HOUR, KM
@@ -137,8 +138,9 @@ def energy_of(task: MissionTask, attempt: Attempt) -> float:
 def ranking_key(task: MissionTask, attempt: Attempt) -> tuple[bool, float, float]:
     """Return the key that attempts are sorted by: feasible ones first, by cost; the others by miss distance and deviation."""
     settings, duration, feasible = task.settings, float(attempt.flight.time[-1]), is_feasible(task, attempt)
-    miss = 0.0 if feasible and settings.objective != "closest" else float(np.max(attempt.miss)) + (_UNSAFE if attempt.violation else 0.0)
-    cost = settings.weights.cost(duration, energy_of(task, attempt), float(np.sum(attempt.miss)))
+    miss = 0.0 if feasible and not settings.aim.distance_first else float(np.max(attempt.miss)) + (_UNSAFE if attempt.violation else 0.0)
+    miss_sum, angles = float(np.sum(attempt.miss)), attempt.legs.angles
+    cost = settings.aim.cost(Found(task.vehicle, angles, attempt.yo_depths, duration, energy_of(task, attempt), miss_sum))
     if task.reference_path is not None:
         cost += task.reference_path.weight * duration / HOUR * (attempt.deviation[1] / KM) ** 2
         miss += excess_deviation(task, attempt)

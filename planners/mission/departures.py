@@ -8,6 +8,7 @@ import numpy as np
 
 from planners.mission.attempt import Attempt, is_feasible
 from planners.mission.flight import Sample
+from planners.mission.objectives.objective import Found
 from planners.mission.plan import plan_mission
 from planners.mission.result import to_plan
 from planners.mission.scenarios import with_n_legs
@@ -53,9 +54,10 @@ def best_departure(plans: Sequence[MissionPlan]) -> int:
 
     def rank(plan: MissionPlan) -> tuple[int, float]:
         named = _RANKS.index(plan.status) if plan.status in _RANKS else len(_RANKS)
-        miss = float(np.sum(plan.closest_approach))
-        counts = plan.status in ("reached", "uncertain") and plan.settings.objective != "closest"
-        return named, plan.settings.weights.cost(plan.duration, plan.energy, miss) if counts else miss
+        miss, aim = float(np.sum(plan.closest_approach)), plan.settings.aim
+        if plan.status not in ("reached", "uncertain") or aim.distance_first:
+            return named, miss
+        return named, aim.cost(Found(plan.vehicle, np.deg2rad(plan.glide_angles_deg), plan.yo_depths, plan.duration, plan.energy, miss))
 
     return min(range(len(plans)), key=lambda k: rank(plans[k]))
 

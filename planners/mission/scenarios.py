@@ -25,7 +25,7 @@ from planners.mission.result import to_plan
 from planners.mission.safety_margin import SafetyMargin
 from planners.mission.search import goal_legs_of, goal_steps_of, solve_attempts
 from planners.mission.solve import solve_with_margin
-from planners.mission.task import MissionTask, mission_task
+from planners.mission.task import MissionTask, mission_task, turns_of
 from planners.mission.values import MissionPlan, MissionRequest, MonteCarloSummary
 from planners.route.bottom import Bathymetry
 from planners.route.hazards import NoGo
@@ -219,5 +219,14 @@ def with_n_legs(task: MissionTask, attempt: Attempt, n_legs: int) -> Attempt:
     places = np.column_stack([np.interp(at, flight.time, flight.place[0, :, i]) for i in (0, 1)])
     headings = np.interp(at - 0.5 * at[0], flight.time, np.unwrap(attempt.legs.headings)[flight.leg])
     passed = flight.time[attempt.goals.points(flight)]
-    goals = goal_steps_of(task, passed, goal_legs_of(passed, n_legs))
-    return replace(attempt, guess=MissionGuess(places, headings, np.full(n_legs, task.angle_of(at[0]))), goals=goals)
+    # a leg over several turns as high as the highest of their dives
+    ends, turns = flight.time[flight.ends], np.array(turns_of(attempt.yo_depths))
+    first, last = np.searchsorted(ends, at - at[0], side="right"), np.minimum(np.searchsorted(ends, at), len(ends) - 1)
+    limited = replace(task, turns=tuple(float(turns[begin : end + 1].min()) for begin, end in zip(first, last, strict=True)))
+    goals = goal_steps_of(limited, passed, goal_legs_of(passed, n_legs))
+    return replace(
+        attempt,
+        yo_depths=limited.yo_depths(n_legs),
+        guess=MissionGuess(places, headings, np.full(n_legs, task.angle_of(at[0]))),
+        goals=goals,
+    )

@@ -229,7 +229,7 @@ def _reconsidered(task: MissionTask, water: Water, rest: Attempt) -> list[Attemp
 
 def _from_habit(task: MissionTask, water: Water, attempts: list[Attempt]) -> list[Attempt]:
     """Return the course of a pilot who heads at the goal at each surfacing, and what is solved from it, where it is better than all."""
-    if task.settings.legs is not None or not _is_bounded(task) or task.settings.objective == "closest":
+    if task.settings.legs is not None or not _is_bounded(task) or task.settings.aim.distance_first:
         return []
     # a course that takes longer than the best attempt is not flown to its end
     feasible = [float(attempt.flight.time[-1]) for attempt in attempts if is_feasible(task, attempt)]

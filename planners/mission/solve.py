@@ -63,7 +63,7 @@ def solve_legs(
     n_legs, settings = len(guess.headings), task.settings
     problem = LegsProblem(task, n_legs, goals)
     # where the miss distance is weighed against other costs, a goal that is not met is no failure
-    closest, weighed = settings.objective == "closest", settings.weighs_distance or task.reference_path is not None
+    closest, weighed = settings.aim.distance_first, settings.weighs_distance or task.reference_path is not None
     unreachable = route is not None and not route.arrives and not weighed
     solution = _solve(problem, guess, closest=closest or unreachable, warm_start=route is None)
     best = _fly(problem, solution, 0)
@@ -95,7 +95,7 @@ def solve_with_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) 
     task = replace(task, turns=turns_of(before.yo_depths))
     problem, at, best, iterations = LegsProblem(task, len(before.guess.headings), before.goals), before.guess, None, 0
     missed = not task.settings.weighs_distance and bool(np.any(before.miss > task.settings.tolerance))
-    closest = missed or task.settings.objective == "closest"
+    closest = missed or task.settings.aim.distance_first
     for _ in range(_ROUNDS_WITH_MARGIN):
         planes = _planes(problem, _points_along(problem, at), margin)
         solution = _solve(problem, at, planes, closest=closest, warm_start=best is not None)

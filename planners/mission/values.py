@@ -7,40 +7,17 @@ from typing import Literal
 
 import numpy as np
 
+from planners.mission.objectives import OBJECTIVES
+from planners.mission.objectives.objective import Objective, Weights
 from planners.route.bottom import Bathymetry
 from planners.route.hazards import NoGo
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
+from replay_kit.core.objective import ObjectiveName
 from replay_kit.core.plan import Place
 
 MissionStatus = Literal["reached", "uncertain", "partial", "unreachable", "unsafe", "failed"]
-Objective = Literal["time", "energy", "closest"]
-
-
-@dataclass(frozen=True, slots=True)
-class Weights:
-    """The cost of a mission as a weighted sum.
-
-    Attributes:
-        time: Cost of an hour.
-        energy: Cost of a kilojoule.
-        closest: Cost of a kilometre of miss distance; None when each goal must be met as closely as possible, at any cost.
-    """
-
-    time: float = 0.0
-    energy: float = 0.0
-    closest: float | None = None
-
-    def __post_init__(self) -> None:
-        """Raise PlanError for weights that are negative or all zero."""
-        values = (self.time, self.energy, self.closest or 0.0)
-        if not all(0.0 <= value < float("inf") for value in values) or not any(values):
-            raise PlanError(f"weights of a mission are {self}; expected numbers of 0 or more, at least one of them above 0")
-
-    def cost(self, duration: float, energy: float, miss: float) -> float:
-        """Return the cost of a mission of a duration [s], an energy [J] and a sum of miss distances [m]."""
-        return self.time * duration / 3600.0 + self.energy * energy / 1e3 + (self.closest or 0.0) * miss / 1e3
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +46,7 @@ class MissionSettings:
     depth: float = 500.0
     yos: int = 1
     surface_time: float = 0.0
-    objective: Objective | Weights = "time"
+    objective: ObjectiveName | Weights = "time"
     tolerance: float = 250.0
     legs: int | None = None
     max_legs: int = 60
@@ -82,6 +59,8 @@ class MissionSettings:
 
     def __post_init__(self) -> None:
         """Raise PlanError for settings outside their range."""
+        if not isinstance(self.objective, Weights) and self.objective not in OBJECTIVES:
+            raise PlanError(f"a mission's objective is {self.objective!r}; expected one of {', '.join(OBJECTIVES)}, or weights")
         positive = {name: getattr(self, name) for name in ("depth", "yos", "tolerance", "max_legs", "max_duration", "steps", "time_limit")}
         for name, value in {**positive, "legs": 1 if self.legs is None else self.legs}.items():
             if not value > 0:
@@ -91,11 +70,14 @@ class MissionSettings:
                 raise PlanError(f"a mission's {name} is {getattr(self, name)!r}; expected 0 or more")
 
     @property
+    def aim(self) -> Objective:
+        """The objective."""
+        return Objective(self.objective) if isinstance(self.objective, Weights) else OBJECTIVES[self.objective]
+
+    @property
     def weights(self) -> Weights:
-        """The objective as weights; ``closest`` prefers the quicker of two equally close missions."""
-        if isinstance(self.objective, Weights):
-            return self.objective
-        return Weights(energy=1.0) if self.objective == "energy" else Weights(time=1.0)
+        """What the optimiser minimises with a given number of legs."""
+        return self.aim.weights
 
     @property
     def weighs_distance(self) -> bool:

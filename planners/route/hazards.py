@@ -80,10 +80,6 @@ class Ring:
         """Return which points, shape (n, 2) [m], the ring forbids."""
         return np.asarray(self.inside(points) != self.outside)
 
-    def is_near(self, points: Array, distance: float) -> NDArray[np.bool_]:
-        """Return which points, shape (n, 2) [m], the ring forbids or are no farther than a distance [m] from it."""
-        return np.asarray(self.forbids(points) | shapely.dwithin(self.line, shapely.points(points), distance))
-
     def nearest(self, points: Array) -> Array:
         """Return the nearest point of the ring to each point, shape (n, 2) [m]."""
         lines = shapely.shortest_line(shapely.points(points), self.line)

@@ -63,7 +63,8 @@ _COMMANDS = {
     ),
     "plan": (
         "FLOW... --start LON,LAT,DEPTH --goal LON,LAT,DEPTH",
-        "Plan a mission of dives: headings, glide angles and surfacings to one goal or several, near a place, or along a line.",
+        "Plan a mission of dives: headings, glide angles and surfacings to one goal or several, near a place, or along a line; or what to "
+        "measure before a stretch without fixes (--objective learn) and for a map (--objective map).",
     ),
     "twin": ("--truth FILE[#member] -o X.mcap|X.tlog", "Make a log by moving a vehicle with a simulated ADCP through a known current."),
     "synthesize": (
@@ -103,10 +104,11 @@ _STUDIES = {
     ),
 }
 _EVERY = {**_COMMANDS, **{f"experiment {_name}": _words for _name, _words in _STUDIES.items()}}
-_HELP = ("--help", "-h")
+_EVERY_OPTION = "--help-all"
+_HELP = ("--help", "-h", _EVERY_OPTION)
 _ANYWHERE = {*_HELP, "--version", "-q", "--quiet", "-v", "--verbose", "--log"}
 _ROOT_OPTIONS = [
-    ("-h, --help", "Show this help, or that of a command."),
+    ("-h, --help", "Show this help, or that of a command; --help-all shows all of its options."),
     ("--version", "Show the version."),
     ("--install-completion", "Install the completion of commands and options in the shell."),
 ]
@@ -180,7 +182,7 @@ def run(arguments: list[str]) -> int:
         return app(words, error_console=_NO_CONSOLE) or 0
     # the defaults of options are those of the program
     with app.app_stack(apps):
-        sys.stdout.write(_help_text(chain, apps[-1]))
+        sys.stdout.write(_help_text(chain, apps[-1], _EVERY_OPTION in arguments))
     # without a command the help is shown, but nothing was done
     return 0 if words != arguments else 2
 
@@ -205,16 +207,18 @@ def _command_first(arguments: list[str]) -> list[str]:
     return arguments
 
 
-def _help_text(chain: tuple[str, ...], command: App) -> str:
+def _help_text(chain: tuple[str, ...], command: App, every: bool) -> str:
     width = shutil.get_terminal_size((reporting.PIPE_WIDTH, 24)).columns
     usage, about = _EVERY.get(" ".join(chain), ("COMMAND", command.help))
+    hidden = 0
     if command.default_command is None:
         known = {name: words for name, (_, words) in (_STUDIES if chain else _COMMANDS).items()}
         groups = [command_group(known if chain else {**known, "experiment": str(experiment.help)}), ("Options", _ROOT_OPTIONS)]
     else:
-        groups = option_groups(command.assemble_argument_collection())
+        groups, hidden = option_groups(command.assemble_argument_collection(), every)
     form = " ".join(("Usage: replay-kit", *chain, usage, "[OPTIONS]"))
-    return layout(form, about or "", groups, width)
+    more = f"{hidden} more options, and what each accepts: replay-kit {' '.join(chain)} {_EVERY_OPTION}" if hidden else ""
+    return layout(form, about or "", groups, width, more)
 
 
 def report(error: CycloptsError | ReplayKitError | OSError | KeyboardInterrupt) -> int:

@@ -1,5 +1,6 @@
 """The help of a command, laid out for the width of the terminal; cyclopts' own loads rich and assembles the options twice."""
 
+import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 
@@ -8,12 +9,25 @@ from cyclopts.argument import Argument
 
 # Columns from which a description begins; longer names have a line of their own.
 _NAMES = 26
-# What a command with more options than this shows first: what it requires, and these.
-_MANY = 30
-_COMMON = {"--goal", "--start", "--end", "--region", "--levels", "--modes", "--place-ensemble", "--config", "--json", "--overwrite"}
+# A command with more options than this shows some of them in its help, and all with --help-all: what it requires, the common
+# ones, and those of its own that are not for rare cases.
+_MANY = 16
+_COMMON = {
+    *("--goal", "--start", "--end", "--region", "--levels", "--members", "--modes", "--place-ensemble", "--config", "--json"),
+    *("--overwrite", "--depth", "--surface-time", "--samples", "--speed", "--tolerance", "--without"),
+}
+_RARE = {
+    *("--truth-radius", "--checkpoint", "--include-inputs", "--interval", "--until-idle", "--goal-file", "--notify", "--write-unsafe"),
+    *("--waypoint-tolerance", "--surfacings-only", "--line-weight", "--spline", "--time-limit", "--arrive", "--scheduler", "--workers"),
+    *("--scenarios", "--fresh", "--archive", "--every", "--mean-factors", "--then", "--blind", "--survey", "--box", "--profiles"),
+    *("--profile-error", "--others", "--surveys", "--maps", "--detours"),
+}
+# Up to a full stop or semicolon, not one in a name such as .mcap; and the default at the end.
+_FIRST_SENTENCE = re.compile(r"(.*?)(?=[.;](?:\s|$)|$).*?( \[default: [^]]*\])?$", re.DOTALL)
+_SETTINGS_FROM = 4  # order of the groups of settings, after those of a command's own options
 
 
-def layout(usage: str, about: str, groups: Iterable[tuple[str, Iterable[tuple[str, str]]]], width: int) -> str:
+def layout(usage: str, about: str, groups: Iterable[tuple[str, Iterable[tuple[str, str]]]], width: int, more: str = "") -> str:
     """Return a help text no line of which is wider than the terminal.
 
     Args:
@@ -21,25 +35,36 @@ def layout(usage: str, about: str, groups: Iterable[tuple[str, Iterable[tuple[st
         about: What the command does.
         groups: Heading and entries, each the names of an option, or of a command, and its description.
         width: Columns of the terminal.
+        more: Last line: where to look further.
     """
     lines = [*textwrap.wrap(usage, width, subsequent_indent="  "), "", *textwrap.wrap(about, width)]
     for heading, entries in groups:
         lines += ["", f"{heading}:"]
         for names, description in entries:
             lines += _entry(names, description, width)
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, "", *textwrap.wrap(more, width)] if more else lines) + "\n"
 
 
-def option_groups(arguments: ArgumentCollection) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Return the options of a command under their headings, those that must be given first; of many options the common ones first."""
+def option_groups(arguments: ArgumentCollection, every: bool = True) -> tuple[list[tuple[str, list[tuple[str, str]]]], int]:
+    """Return the options of a command under their headings, and how many are left out; those that must be given come first.
+
+    Args:
+        arguments: Of the command.
+        every: Show all options with their whole descriptions. If not, and there are many: those needed most, each with its first sentence.
+    """
     shown = [argument for argument in arguments if argument.show]
-    groups: dict[str, list[Argument]] = {"Common options": []} if len(shown) > _MANY else {}
+    many = len(shown) > _MANY
+    groups: dict[str, list[Argument]] = {"Common options": []} if many else {}
     # the order of groups is theirs, that of options the order in which they are written
     for argument in sorted(shown, key=lambda argument: _group(argument)[0]):
-        common = "Common options" in groups and (argument.required or not _COMMON.isdisjoint(argument.names))
-        groups.setdefault("Common options" if common else _group(argument)[1], []).append(argument)
+        order, heading = _group(argument)
+        common = many and (argument.required or not _COMMON.isdisjoint(argument.names))
+        if every or not many or common or (order < _SETTINGS_FROM and _RARE.isdisjoint(argument.names)):
+            groups.setdefault("Common options" if common else heading, []).append(argument)
+    brief = many and not every
     ordered = ((heading, sorted(those, key=lambda argument: not argument.required)) for heading, those in groups.items())
-    return [(heading, [(_names(argument), _description(argument)) for argument in those]) for heading, those in ordered]
+    entries = [(heading, [(_names(argument, brief), _description(argument, brief)) for argument in those]) for heading, those in ordered]
+    return entries, len(shown) - sum(len(those) for those in groups.values())
 
 
 def command_group(commands: Mapping[str, str]) -> tuple[str, list[tuple[str, str]]]:
@@ -52,22 +77,27 @@ def _group(argument: Argument) -> tuple[int, str]:
     return group.sort_key, group.name
 
 
-def _names(argument: Argument) -> str:
-    """Return the names of an option, short ones first, with the form of its value."""
+def _names(argument: Argument, brief: bool) -> str:
+    """Return the names of an option, short ones first, with the form of its value; in brief without ``--section.key``."""
     form = argument.parameter.metavar or "|".join(argument.get_choices() or ())
     if not argument.name.startswith("-"):
         return argument.name
     if not form and bool not in (argument.hint, *getattr(argument.hint, "__args__", ())):
         form = {int: "COUNT", float: "NUMBER"}.get(argument.hint, "TEXT")
-    return ", ".join(sorted(argument.names, key=lambda name: name.startswith("--"))) + (f" {form}" if form else "")
+    names = [name for name in argument.names if not brief or "." not in name]
+    return ", ".join(sorted(names, key=lambda name: name.startswith("--"))) + (f" {form}" if form else "")
 
 
-def _description(argument: Argument) -> str:
+def _description(argument: Argument, brief: bool) -> str:
+    """Return what an option does and its default; in brief the first sentence."""
     default = argument.field_info.default if argument.parameter.show_default is not False else None
     notes = [" [required]"] if argument.required else []
     if isinstance(default, int | float | str) and not isinstance(default, bool):
         notes.append(f" [default: {default:g}]" if isinstance(default, float) else f" [default: {default}]")
-    return f"{argument.parameter.help or ''}{''.join(notes)}"
+    text = argument.parameter.help or ""
+    if brief and not argument.required:
+        text = "".join(_FIRST_SENTENCE.match(text).groups(""))  # type: ignore[union-attr]
+    return f"{text}{''.join(notes)}"
 
 
 def _entry(names: str, description: str, width: int) -> Iterator[str]:

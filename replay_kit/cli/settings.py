@@ -33,6 +33,20 @@ class Settings:
         """The file of ``--config``; None without."""
         return vars(self).get("config")
 
+    def words(self) -> list[str]:
+        """Return the options that give these settings again, without those of the file."""
+        found = []
+        for entry in fields(self):
+            value = vars(self)[entry.name]
+            if not entry.metadata or value is None:
+                continue
+            section, _, key = entry.metadata["path"].replace("_", "-").rpartition(".")
+            if isinstance(value, bool):
+                found.append(f"--{section}.{'' if value else 'no-'}{key}")
+            else:
+                found += [f"--{section}.{key}={one}" for one in (value if isinstance(value, list) else [value])]
+        return found
+
     def load(self, **sections: Mapping[str, object]) -> RunConfig:
         """Return the settings: options over the file of ``--config`` over the defaults.
 

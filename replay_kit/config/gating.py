@@ -18,9 +18,6 @@ class GatingConfig(BaseModel):
     gate_probability: float = Field(
         default=1e-5, gt=0.0, lt=0.5, description="probability that a profile with sound errors exceeds the gate"
     )
-    soften_factor: float = Field(
-        default=2.0, gt=0.0, description="K: number of prior standard deviations by which a softened profile may move the estimate, about"
-    )
     adapt_errors: bool = Field(default=True, description="increase a profile's errors to those that the scatter of its own bins shows")
     inflate: bool = Field(default=True, description="inflate the estimate's covariance when most profiles lie outside its prediction")
     inflation_profiles: int = Field(default=20, ge=4, description="number of latest profiles on which the inflation is decided")
@@ -28,12 +25,14 @@ class GatingConfig(BaseModel):
 
 #: Keys of ``[gating]`` by their names in ``[trust]``, as the table was called in results of version 2.
 RENAMED_KEYS = {"watch": "inflate", "watch_profiles": "inflation_profiles"}
+#: Keys that are no more, at the values that changed nothing.
+_DROPPED = re.compile(r"(?m)^(?:flight_model = false|soften_factor = 2\.0)\n")
 
 
 def with_current_keys(toml: str) -> str:
-    """Return the recorded configuration of a result, as TOML, with ``[trust]`` and its keys under their current names."""
+    """Return a result's configuration, as TOML, with ``[trust]`` and its keys by their current names, without dropped ones."""
 
     def renamed(table: re.Match[str]) -> str:
         return re.sub(r"(?m)^\w+(?= =)", lambda key: RENAMED_KEYS.get(key[0], key[0]), table[0]).replace("[trust]", "[gating]", 1)
 
-    return re.sub(r"(?m)^\[trust\]\n(?:(?!\[).*\n?)*", renamed, toml)
+    return re.sub(r"(?m)^\[trust\]\n(?:(?!\[).*\n?)*", renamed, _DROPPED.sub("", toml))

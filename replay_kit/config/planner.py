@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from replay_kit.config.option import Option
+from replay_kit.core.objective import ObjectiveName
 
 
 class PlannerConfig(BaseModel):
@@ -40,7 +41,7 @@ class PlannerConfig(BaseModel):
         default=None, ge=1, description="Number of surfacings of a mission, from its first plan on. Default: the best number."
     )
     max_legs: int = Field(default=60, ge=1, description="Largest number of surfacings of a mission considered.")
-    objective: Literal["time", "energy", "closest"] = Field(default="time", description="What a mission minimises.")
+    objective: ObjectiveName = Field(default="time", description="What a mission minimises.")
     min_angle: float = Field(default=15.0, gt=0.0, lt=90.0, description="Shallowest glide angle of a mission [degrees].")
     max_angle: float = Field(default=35.0, gt=0.0, lt=90.0, description="Steepest glide angle of a mission [degrees].")
     margin: float = Field(default=50.0, ge=0.0, description="Distance that a mission keeps from land, shallows and no-go areas [m].")
@@ -49,9 +50,6 @@ class PlannerConfig(BaseModel):
     )
     clearance: Annotated[float, Option("--clearance")] = Field(
         default=20.0, ge=0.0, description="Least height of a plan above the bottom [m]."
-    )
-    flight_model: bool = Field(
-        default=False, description="Compute a mission's speed from glide angle and buoyancy, instead of a constant speed."
     )
     flow_step: float = Field(
         default=43200.0, gt=0.0, description="Time between the estimates that a mission is planned on where the current changes [s]."

@@ -20,6 +20,7 @@ class Finding:
         cause: The likely cause.
         advice: What to check or set.
         severity: What follows.
+        distrusts: Whether the instrument's profiles are not used: neither later ones nor those before.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Finding:
     cause: str
     advice: str
     severity: Severity = "inconsistent"
+    distrusts: bool = False
 
     def __str__(self) -> str:
         """Return it as a sentence."""

@@ -1,20 +1,22 @@
-"""The logs in a folder: the parts of a ROS 2 bag, or a glider's files."""
+"""The logs in a folder: the parts of a ROS 2 bag, a glider's files, or other logs."""
 
 import re
 from pathlib import Path
 
 from replay_kit.core.errors import LogError
 
+#: Endings of logs that are written message by message, and may grow while they are read; in lower case.
+STREAMS = (".mcap", ".tlog", ".bin", ".pd0", ".enx", ".ens", ".ad2cp", ".000")
 _BAG = "metadata.yaml"
 _PART = re.compile(r"^\s*-\s+[\"']?([^\s\"':]+\.(?:mcap|db3)(?:\.zstd)?)[\"']?\s*$", re.MULTILINE)
 _GLIDER = re.compile(r".*\.(nc|nc4|cdf)|.*\.(gli|pld1)\.(sub|raw|all)(\.\d+)?(\.gz)?|.*\.(gli|pld1)(\.\d+)?(\.gz)?", re.IGNORECASE)
 
 
 def logs_in(path: Path) -> list[Path]:
-    """Return the logs that a name stands for: the file itself; of a folder the parts of its ROS 2 bag, or a glider's files in it.
+    """Return the logs that a name stands for: the file itself; of a folder the parts of its ROS 2 bag, or the logs in it.
 
     Raises:
-        LogError: The folder holds neither.
+        LogError: The folder holds none.
     """
     if not path.is_dir():
         return [path]
@@ -23,14 +25,14 @@ def logs_in(path: Path) -> list[Path]:
     held = sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
     # SeaExplorer numbers its files without leading zeros
     gliders = sorted((file for file in held if _GLIDER.fullmatch(file.name)), key=lambda file: [*map(int, re.findall(r"\d+", file.name))])
-    bags = [file for file in held if file.suffix == ".mcap"]
-    if not gliders and not bags:
+    streams = [file for file in held if file.suffix.lower() in STREAMS]
+    if not gliders and not streams:
         names = ", ".join(file.name for file in held[:5]) or "no file"
         raise LogError(
-            f"{path}: expected a ROS 2 bag (with {_BAG}), MCAP files or a glider's files (.nc, .gli, .pld1), the folder holds {names}; "
-            "give the logs themselves"
+            f"{path}: expected a ROS 2 bag (with {_BAG}), a glider's files (.nc, .gli, .pld1) or logs ({', '.join(STREAMS)}); "
+            f"the folder holds {names}; give the logs themselves"
         )
-    return [*gliders, *bags]
+    return [*gliders, *streams]
 
 
 def _bag(path: Path) -> list[Path]:

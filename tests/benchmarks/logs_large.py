@@ -15,7 +15,7 @@ from replay_kit.logs import open_log
 from replay_kit.logs.mcap import overview
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows import convert as converting
-from replay_kit.workflows.info.inspect import LogInfo, inspect_log
+from replay_kit.workflows.info.inspect import LogInfo, inspect_logs
 from tests.benchmarks.estimator import row
 from tests.benchmarks.logs_replay import padded
 from tests.benchmarks.measure import seconds
@@ -79,8 +79,8 @@ def _counts(info: LogInfo) -> dict[str, int]:
 
 def _info_rows(what: str, path: Path) -> list[Row]:
     config, size = load_config(None), sum(chunk.uncompressed_size for chunk in _summary(path).chunk_indexes) / 1e6
-    by_index_s, by_index = seconds(lambda: inspect_log(path, config))
-    full_s, full = seconds(lambda: inspect_log(path, config, full=True))
+    by_index_s, by_index = seconds(lambda: inspect_logs([path], config)[0])
+    full_s, full = seconds(lambda: inspect_logs([path], config, full=True)[0])
     stock_s, stock = seconds(lambda: _stock_counts(path))
     summary_s, _ = seconds(lambda: _summary(path))
     differ = float(_counts(by_index) != stock)

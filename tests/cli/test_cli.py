@@ -20,7 +20,7 @@ from replay_kit.forecast import read_truth
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies import twins
 from replay_kit.studies.twins import Twin, make_twin
-from replay_kit.workflows.info.inspect import inspect_log
+from replay_kit.workflows.info.inspect import inspect_logs
 from tests import synthetic
 from tests.command import run_command
 from tests.places import ROOT
@@ -138,7 +138,7 @@ def test_usage_errors_and_help_keep_their_codes_and_words(tmp_path):
 
 
 def test_help_keeps_units(tmp_path):
-    twin, replay = run_command(tmp_path, ["twin", "--help"]), run_command(tmp_path, ["replay", "--help"])
+    twin, replay = run_command(tmp_path, ["twin", "--help-all"]), run_command(tmp_path, ["replay", "--help-all"])
     assert twin.returncode == replay.returncode == 0
     for said in ("[m/s]", "[m]", "[degrees]"):
         assert said in twin.stdout
@@ -212,7 +212,7 @@ def test_the_box_of_a_track_across_the_antimeridian_is_narrow(tmp_path):
         for k, (lon, lat) in enumerate(places)
     ]
     write_mcap_log(tmp_path / "log.mcap", messages)
-    found = inspect_log(tmp_path / "log.mcap", RunConfig())
+    found = inspect_logs([tmp_path / "log.mcap"], RunConfig())[0]
     assert found.content.positions == 3
     np.testing.assert_allclose(found.content.box, (179.25, -20.5, 180.25, -19.5), rtol=0, atol=1e-12)
     assert found.content.depths is None

@@ -96,7 +96,7 @@ def test_help_lists_what_the_libraries_have() -> None:
         (["experiment", "planning"], PLANNING_STUDIES),
         (["experiment", "accuracy"], METHODS),
     ):
-        said = invoke([*words, "--help"], columns=400).stdout
+        said = invoke([*words, "--help-all"], columns=400).stdout
         assert all(name in said for name in names), words
 
 
@@ -119,9 +119,9 @@ def test_a_misspelt_word_names_the_nearest(arguments, nearest) -> None:
 
 def test_help_is_as_wide_as_it_is_told_to_be() -> None:
     for columns in (60, 100, 240):
-        lines = invoke(["replay", "--help"], columns=columns).stdout.splitlines()
+        lines = invoke(["replay", "--help-all"], columns=columns).stdout.splitlines()
         assert columns - 10 < max(map(len, lines)) <= columns
-    wide, told = (python("-m", "replay_kit", "qc", "--help", env=env) for env in ({}, {"COLUMNS": "80"}))
+    wide, told = (python("-m", "replay_kit", "qc", "--help-all", env=env) for env in ({}, {"COLUMNS": "80"}))
     assert 150 < max(map(len, wide.splitlines())) <= 160
     assert 70 < max(map(len, told.splitlines())) <= 80
 

@@ -1,4 +1,4 @@
-"""The layout of help: nothing is cut, what is common comes first, every option is there."""
+"""The layout of help: it fits a screen, nothing is cut, what is common comes first; --help-all has every option."""
 
 import pytest
 
@@ -11,6 +11,11 @@ COMMANDS = [(name,) for name in _COMMANDS] + [("experiment", name) for name in _
 
 def headings(text: str) -> list[str]:
     return [line for line in text.splitlines() if line.endswith(":") and not line.startswith(" ")]
+
+
+def options(text: str) -> list[str]:
+    """Return the first name of each entry."""
+    return [line.split()[0].rstrip(",") for line in text.splitlines() if line.startswith("  ") and line[2] != " "]
 
 
 def test_names_and_descriptions_stand_in_columns() -> None:
@@ -36,7 +41,7 @@ def test_names_and_descriptions_stand_in_columns() -> None:
 
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
 def test_no_line_is_wider_than_the_terminal_and_every_option_is_there(words) -> None:
-    done = invoke([*words, "--help"], columns=80)
+    done = invoke([*words, "--help-all"], columns=80)
     assert done.exit_code == 0
     assert max(map(len, done.stdout.splitlines())) <= 80
     command = app
@@ -49,35 +54,42 @@ def test_no_line_is_wider_than_the_terminal_and_every_option_is_there(words) -> 
     assert headings(done.stdout)[-1] == "Reporting:"
 
 
+@pytest.mark.parametrize("words", [(), ("experiment",), *COMMANDS], ids=" ".join)
+def test_help_fits_a_screen_and_says_how_to_see_the_rest(words) -> None:
+    said, whole = (invoke([*words, option], columns=100).stdout for option in ("--help", "--help-all"))
+    assert len(said.splitlines()) <= 50
+    hidden = len(options(whole)) - len(options(said))
+    assert hidden >= 0
+    assert set(options(said)) <= set(options(whole))
+    last = f"{hidden} more options, and what each accepts: {' '.join(('replay-kit', *words))} --help-all"
+    assert (last in " ".join(said.split())) == (hidden > 0)
+    assert (said == whole) == (hidden == 0)
+
+
 def test_the_common_options_of_a_long_list_come_first() -> None:
-    said = invoke(["replay", "--help"], columns=80).stdout
+    said = invoke(["replay", "--help-all"], columns=80).stdout
     found = headings(said)
     assert found[:6] == ["Common options:", "Inputs:", "Outputs:", "Options:", "Settings:", "Section logs of the settings:"]
-    common = said[said.index("Common options:") : said.index("Inputs:")]
-    first = [line.split()[0].rstrip(",") for line in common.splitlines() if line.startswith("  ") and line[2] != " "]
-    assert first[:3] == ["LOG", "--ensemble", "-o"]
-    assert set(first) == {
-        "LOG",
-        "--ensemble",
-        "-o",
-        "--goal",
-        "--config",
-        "--overwrite",
-        "--json",
-        "--start",
-        "--end",
-        "--region",
-        "--levels",
-    } | {
-        "--place-ensemble",
-        "--modes",
+    common = options(said[said.index("Common options:") : said.index("Inputs:")])
+    assert common[:3] == ["LOG", "--ensemble", "-o"]
+    assert set(common[3:]) == {
+        *("--goal", "--config", "--overwrite", "--json", "--start", "--end", "--region", "--levels", "--members"),
+        *("--place-ensemble", "--modes", "--without"),
     }
     # a short list has no such heading
     assert headings(invoke(["synthesize", "--help"]).stdout) == ["Outputs:", "Options:", "Reporting:"]
 
 
+def test_of_a_long_list_the_help_has_first_sentences_short_names_and_defaults() -> None:
+    said = " ".join(invoke(["replay", "--help"], columns=100).stdout.split())
+    assert "--levels Z1,Z2,... Depth levels used [m] --place-ensemble" in said
+    assert "--modes N|all Number of modes per level, fewer where fewer exist [default: 300]" in said
+    # what must be given is told whole
+    assert "may be repeated. --members says what a member is. [required]" in said
+
+
 def test_forms_choices_and_defaults_are_told() -> None:
-    said = " ".join(invoke(["twin", "--help"], columns=80).stdout.split())
+    said = " ".join(invoke(["twin", "--help-all"], columns=80).stdout.split())
     assert "--vehicle vessel|glider A vessel surveys at random positions, a glider dives. [default: vessel]" in said
     assert "--pings COUNT Number of ADCP pings. [default: 450]" in said
     assert "--noise NUMBER Standard deviation of each velocity component of a bin [m/s]. [default: 0.09]" in said

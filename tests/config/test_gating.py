@@ -29,4 +29,7 @@ def test_a_recorded_configuration_keeps_its_values_under_the_current_names(tmp_p
 
 def test_a_current_configuration_stays_as_it_is():
     assert with_current_keys("[gating]\ninflate = true\n") == "[gating]\ninflate = true\n"
+    # a key that is no more goes where it changed nothing, and is refused where it did
+    assert with_current_keys("[planner]\nseed = 0\nflight_model = false\nspeed = 0.3\n") == "[planner]\nseed = 0\nspeed = 0.3\n"
+    assert "flight_model = true" in with_current_keys("[planner]\nflight_model = true\n")
     assert "gating" in RunConfig.model_fields

@@ -79,7 +79,7 @@ def test_a_command_without_a_log_uses_the_last_lead(tmp_path):
 
 
 def test_the_help_says_each_of_these_cases():
-    option = " ".join(invoke(["fit", "--help"], columns=600).stdout.split())
+    option = " ".join(invoke(["fit", "--help-all"], columns=600).stdout.split())
     for said in (option, ForecastConfig.model_fields["lead"].description):
         assert "the nearest is taken" in said
         assert "all dated leads" in said

@@ -10,7 +10,7 @@ from rich.console import Console
 from replay_kit.config.run import LogConfig, RunConfig
 from replay_kit.logs import open_log
 from replay_kit.workflows.convert import convert, convert_json, print_converted
-from replay_kit.workflows.info.inspect import inspect_log
+from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.info.listing import info_json, print_info
 from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.logs.glider import glider_samples as gliders
@@ -51,7 +51,7 @@ def test_info_and_convert_say_what_no_checksum_covers(tmp_path: Path, kind: str,
     read = log.report()
     assert dict(read.unchecked) == ({} if what is None else {what: sum(read.read.values())})
     line = f"Without a checksum, so that damage cannot be detected: {path}: {what} ({sum(read.read.values())})"
-    found, summary = inspect_log(path, RunConfig()), convert([path], tmp_path / "out.mcap", False, LogConfig())
+    found, summary = inspect_logs([path], RunConfig())[0], convert([path], tmp_path / "out.mcap", False, LogConfig())
     for show, value in ((print_info, found), (print_converted, summary)):
         text = StringIO()
         show(value, Console(file=text, width=400))

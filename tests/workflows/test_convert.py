@@ -193,7 +193,7 @@ def test_late_fixes_become_frames_too(tmp_path: Path) -> None:
 
 def test_the_help_names_every_format() -> None:
     for command in ("replay", "convert"):
-        said = " ".join(invoke([command, "--help"], columns=400).output.split())
+        said = " ".join(invoke([command, "--help-all"], columns=400).output.split())
         assert "MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP)" in said
 
 

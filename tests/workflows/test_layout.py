@@ -1,8 +1,10 @@
 """The layout of a result: every panel finds its topic, schema and field in the file."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
@@ -11,7 +13,7 @@ from mcap.reader import make_reader
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, RunConfig
 from replay_kit.core.plan import Place
-from replay_kit.results.layout.layout import layout_of, named_paths
+from replay_kit.results.layout.layout import layout_of
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay
@@ -36,6 +38,18 @@ def result(tmp_path_factory) -> Path:
     job = ReplayJob((folder / "glider.mcap",), folder / "ensemble.nc", out, goal=Place(152.3, -39.8, 150.0))
     replay(replace(job, ensemble=(folder / "ensemble.nc",)), CONFIG, planner_of)
     return out
+
+
+def named_paths(layout: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return the topics that the panels of a layout name, each with the path of a field in its messages; empty for whole messages."""
+    named: list[tuple[str, str]] = []
+    for config in layout["configById"].values():
+        named += [(topic, settings.get("colorField", "")) for topic, settings in config.get("topics", {}).items()]
+        named += [(topic, "") for topic in (*config.get("topicColors", {}), config.get("followTopic")) if topic]
+        paths = [path["value"] for path in config.get("paths", ())] + [config[key] for key in ("topicPath",) if key in config]
+        named += [(topic, field) for topic, _, field in (path.partition(".") for path in paths)]
+        named += [(config["topicToRender"], "")] if "topicToRender" in config else []
+    return named
 
 
 def held(result: Path):

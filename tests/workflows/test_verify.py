@@ -79,7 +79,8 @@ def with_the_keys_of_version_2(name: str, data: bytes) -> bytes:
     old = (
         data.replace(b"[gating]", b"[trust]")
         .replace(b"\ninflation_profiles =", b"\nwatch_profiles =")
-        .replace(b"\ninflate =", b"\nwatch =")
+        .replace(b"\ninflate =", b"\nsoften_factor = 2.0\nwatch =")
+        .replace(b"\nsamples = 0", b"\nflight_model = false\nsamples = 0")
     )
     assert name != "config.toml" or old != data
     return old if name == "config.toml" else data

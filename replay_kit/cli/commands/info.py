@@ -81,7 +81,8 @@ def info(
     print_infos(found, console, outputs.verbose)
     if check is not None:
         print_import_check(check, console)
-    following = next_command(found, logs, ensemble, settings.file) if logs else []
+    given = [*([] if settings.file is None else ["--config", str(settings.file)]), *settings.words()]
+    following = next_command(found, logs, ensemble, given) if logs else []
     print_lines(console, following)
     if suggest is not None:
         write_text(suggest, suggestions({topic: sample for log in reversed(found) for topic, sample in log.unknown.items()}))

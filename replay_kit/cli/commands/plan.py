@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, get_args
 
 from replay_kit.cli.commands.plan_learning import Learning, plan_learning, refuse_learning
 from replay_kit.cli.console import console_beside, progress, write_json, write_text
@@ -23,6 +23,7 @@ from replay_kit.cli.options import (
 )
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.objective import ObjectiveName
 from replay_kit.core.paths import check_paths
 
 if TYPE_CHECKING:
@@ -76,8 +77,8 @@ class Aim(Learning):
         str | None,
         option(
             "--objective",
-            "What is minimised: time, energy, closest, or weights of hours, kJ and km from the goal, as time=1,energy=0.02,closest=5; "
-            "learn: the error after a survey, map: that of the current in a box. Default: time.",
+            f"What is minimised: {', '.join(get_args(ObjectiveName))}, or weights of hours, kJ and km from the goal, as "
+            "time=1,energy=0.02,closest=5; learn: the error after a survey, map: that of the current in a box. Default: time.",
             metavar="NAME|WEIGHTS",
         ),
     ] = None

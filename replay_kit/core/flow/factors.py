@@ -52,11 +52,6 @@ class CovarianceFactors:
     directions: Array
     matrix: Array
 
-    @property
-    def n_stored(self) -> int:
-        """Number of elements to store."""
-        return n_stored(self.prior, len(self.directions))
-
     def __call__(self, levels: Levels | None) -> Array:
         """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
         cov = self.prior.covariance(levels)

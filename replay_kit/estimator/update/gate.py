@@ -23,6 +23,8 @@ from replay_kit.core.observation import Decision
 
 #: Share of the noise variance above which a direction's prior variance is significant.
 SIGNIFICANT_SHARE = 0.01
+#: Prior standard deviations by which a softened profile may move the estimate, about.
+SOFTENING = 2.0
 #: A softening that inflates the error variance by less than this factor is none.
 LEAST_SOFTENING = 1.1
 # Upper end of the 95 % band: one profile in forty lies beyond it.
@@ -92,7 +94,7 @@ def gate_innovation(
     exceeds = statistic > threshold or bool(np.any(significant > chi_square_threshold(config.gate_probability / dof, 1)))
     decision: Decision = "rejected" if exceeds else "accepted"
     if config.gate == "soften" or (exceeds and not is_consistent):
-        softened = float(np.max(softened_variance(values, scale, along, config.soften_factor)))
+        softened = float(np.max(softened_variance(values, scale, along, SOFTENING)))
         decision, scale = "softened" if softened > scale * LEAST_SOFTENING else "accepted", softened
     return GateResult(decision, statistic, dof, threshold, exceeds, scale, values)
 

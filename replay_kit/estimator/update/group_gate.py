@@ -111,7 +111,7 @@ def gate_profiles(stack: ProfileStack, mean: Array, cov: Array, how: tuple[Gatin
         exceeds = (statistic > threshold) | np.any(significant & (squared > one[:, None]), axis=1)
         decision = np.where(exceeds, DECISIONS.index("rejected"), 0)
         soft = np.full(n, config.gate == "soften") | (exceeds & (not is_consistent))
-        softened = single.softened_variance(values, scale[:, None], along, config.soften_factor).max(axis=1)
+        softened = single.softened_variance(values, scale[:, None], along, single.SOFTENING).max(axis=1)
         decision = np.where(soft, np.where(softened > scale * single.LEAST_SOFTENING, DECISIONS.index("softened"), 0), decision)
         scale = np.where(soft, softened, scale)
     if correlated:

@@ -79,7 +79,7 @@ def learnt(prior: Prior, posterior: Posterior, modes: Array, offset: Array, next
     """
     n_levels = posterior.n_levels
     change = modes @ (posterior.mean - prior.mean).reshape(n_levels, -1).T  # (2P, Z)
-    across, vertical = _combinations(prior, modes, n_levels)
+    across, vertical = _combinations(prior, modes)
     kept = _projected(next_modes, across @ (across.T @ change @ vertical.T) @ vertical)
     lost = change - kept
     design = np.einsum("qz,kr->qkzr", vertical, across.T @ modes).reshape(-1, n_levels, modes.shape[1])
@@ -101,7 +101,7 @@ def learnt(prior: Prior, posterior: Posterior, modes: Array, offset: Array, next
     return found
 
 
-def _combinations(prior: Prior, modes: Array, n_levels: int) -> tuple[Array, Array]:
+def _combinations(prior: Prior, modes: Array) -> tuple[Array, Array]:
     """Return orthonormal combinations of the velocities at points, shape (2P, k), and functions of depth, shape (q, Z)."""
     across, strength, _ = np.linalg.svd(modes * prior.mode_std(), full_matrices=False)
     across = across[:, : _count(strength**2)]

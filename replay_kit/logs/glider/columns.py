@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.logs.glider import units
-from replay_kit.logs.glider.dialects import QUANTITIES, TIMES, Dialect, Names
+from replay_kit.logs.glider.dialect import QUANTITIES, TIMES, Dialect, Names
 from replay_kit.logs.glider.netcdf import NetcdfFile
 
 #: Columns of one length by name; ``time`` and names that end in it hold ns UTC, 0 where unknown.

@@ -5,15 +5,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from replay_kit.logs.glider.dialects import Dialect, dialect_of
+from replay_kit.logs.glider.dialect import Dialect
+from replay_kit.logs.glider.dialects import dialect_of
 from replay_kit.logs.glider.missions import mission_of
 from replay_kit.logs.glider.netcdf import NetcdfFile, open_netcdf
 from replay_kit.logs.glider.recognise import is_seaexplorer
 from replay_kit.logs.glider.seaexplorer import open_seaexplorer
 
 _HEAD = 1 << 12
-#: Dialects of which a mission is many files: one a profile, or one a segment.
-_PARTS = ("gliderdac", "seaexplorer")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,13 +55,12 @@ def grouped(paths: Sequence[Path]) -> list[list[int]]:
     """
     groups: dict[tuple[str, ...], list[int]] = {}
     for place, path in enumerate(paths):
-        mission = _mission(path)
-        groups.setdefault(mission if mission[0] in _PARTS else (str(place),), []).append(place)
+        groups.setdefault(_mission(path) or (str(place),), []).append(place)
     return list(groups.values())
 
 
 def _mission(path: Path) -> tuple[str, ...]:
-    """Return the name of a file's dialect, and those of its missions."""
+    """Return the names of a file's dialect and missions; none where a mission is one file, or the dialect is not known."""
     found: list[Dialect | None] = []
 
     def choose(names: Collection[str], attributes: Mapping[str, Any]) -> Collection[str]:
@@ -72,6 +70,5 @@ def _mission(path: Path) -> tuple[str, ...]:
     with open(path, "rb") as file:
         if is_seaexplorer(file.read(_HEAD)):
             return "seaexplorer", *mission_of(NetcdfFile(path, {}, {}, ()), "seaexplorer")
-    content = open_netcdf(path, choose)
-    name = found[0].name if found[0] is not None else ""
-    return name, *mission_of(content, name)
+    content, dialect = open_netcdf(path, choose), found[0]
+    return (dialect.name, *mission_of(content, dialect.name)) if dialect is not None and dialect.in_parts else ()

@@ -1,9 +1,8 @@
 """A glider's files of any known dialect as messages of the kinds that other logs hold."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -11,15 +10,13 @@ import numpy as np
 from replay_kit.config.run import LogConfig
 from replay_kit.core.message import Message
 from replay_kit.logs.glider.absolute import PROFILES, absolute_profiles
-from replay_kit.logs.glider.ad2cp import midas_pings, seaexplorer_pings
 from replay_kit.logs.glider.columns import Columns, joined, read_columns
 from replay_kit.logs.glider.currents import DiveMean, End, mean_currents
-from replay_kit.logs.glider.dialects import Dialect
+from replay_kit.logs.glider.dialect import Dialect
 from replay_kit.logs.glider.files import GliderFile
 from replay_kit.logs.glider.fixes import Fixes, fixes_of
 from replay_kit.logs.glider.missions import mission_of
-from replay_kit.logs.glider.netcdf import NetcdfFile
-from replay_kit.logs.glider.seaglider import INVERTED, seaglider_pings
+from replay_kit.logs.glider.seaglider import INVERTED
 from replay_kit.logs.reader import Entry, LogFile
 from replay_kit.logs.shared.notes import by_variable, gather
 from replay_kit.logs.shared.payloads import FIX, location_fix, number, stamp
@@ -30,10 +27,6 @@ _DECIMATED_NS = 60 * _NS
 # m; samples of one time that lie farther apart have no depth of their own
 _ONE_DEPTH = 5.0
 _DAC = "replay_kit.DepthAveragedCurrent"
-#: The ADCP of the dialects that have one: what yields its pings from a file.
-_PINGS: Mapping[str, Callable[[NetcdfFile, list[str]], Iterator[Entry]]] = MappingProxyType(
-    {"seaglider": seaglider_pings, "seaexplorer": seaexplorer_pings, "midas": midas_pings}
-)
 
 
 class GliderReader(LogFile):
@@ -63,7 +56,7 @@ class GliderReader(LogFile):
             LogError: A variable has a unit that is not understood.
         """
         super().__init__(path, input, config, wanted)
-        self._files_read, self._dialect = files, files[0].dialect
+        self._dialect = files[0].dialect
         self.format = self._dialect.name
         notes: list[str] = [f"{self._dialect.title}: {len(files)} files are one log"] if len(files) > 1 else []
         self.files = tuple(part.content.path for part in files)
@@ -71,7 +64,8 @@ class GliderReader(LogFile):
         self._columns = joined([read_columns(part.content, self._dialect, notes) for part in files])
         self._fixes, self._lost_fixes = fixes_of(self._columns, notes)
         self._means = mean_currents(self._columns, self._fixes, self._dialect.ascent_share, notes)
-        self._adcp = [entry for part in files for entry in _pings(part.content, self._dialect, notes)]
+        pings = self._dialect.pings
+        self._adcp = [] if pings is None else [entry for part in files for entry in pings(part.content, notes)]
         self._adcp += absolute_profiles(self._columns, self._means.means, notes)
         self._notes = (*by_variable(_counted(notes)), *_heading_note(self._columns, self._dialect))
         self.statistics.notes = self._notes
@@ -128,11 +122,6 @@ class GliderReader(LogFile):
                 stated = [(name, float(samples[name][k])) for name in angles]
                 fix["metadata"] += [{"key": name, "value": f"{value:.2f}"} for name, value in stated if math.isfinite(value)]
                 yield time_ns, "/vehicle/position", FIX, fix
-
-
-def _pings(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Iterator[Entry]:
-    read = _PINGS.get(dialect.name)
-    return iter(()) if read is None else read(file, notes)
 
 
 def _depth_at_times(samples: Mapping[str, Any]) -> Any:

@@ -2,10 +2,8 @@
 
 from replay_kit.core.finding import Finding
 from replay_kit.core.observation import Observation, PathMean
-from replay_kit.measurements.consistency.geometry import DepthCounts, PositionRun
 from replay_kit.measurements.consistency.pairs import Explanation
 from replay_kit.measurements.consistency.raw import RawHistory
-from replay_kit.measurements.consistency.speeds import SpeedCounts
 
 DEAD = "dead or stale instrument"
 COMPASS = "compass or instrument turned"
@@ -16,8 +14,6 @@ DEPTH = "depths above the surface"
 FROZEN = "frozen positions"
 ENSEMBLE_UNIT = "unit of the ensemble"
 ENSEMBLE = "log and ensemble contradict each other"
-#: After these the profiles of an instrument are not used, neither later ones nor those before.
-DISTRUSTED = frozenset({COMPASS, DEPTH})
 # Scale from which no slip but that of a unit explains a ratio.
 _GROSS = 8.0
 
@@ -36,48 +32,6 @@ def dead(history: RawHistory, ping: Observation) -> Finding:
         "an instrument that is off or hangs, or a logger that repeats its last message",
         "those profiles are not used; check the instrument's power and its logger",
     )
-
-
-def wrong_depths(counts: DepthCounts, ping: Observation) -> Finding:
-    """Return the finding of bins above the surface."""
-    return Finding(
-        DEPTH,
-        ping.time_ns,
-        f"{ping.source.topic}: most bins of {counts.above} of {counts.pings} pings lie above the surface",
-        "the sign of depth, or an instrument that looks up and is read as looking down, or the other way round",
-        "its profiles are not used; check depth_positive and orientation of the mapping, or the ping's orientation",
-    )
-
-
-def frozen(run: PositionRun) -> Finding:
-    """Return the finding of a receiver that repeats its position."""
-    return Finding(
-        FROZEN,
-        run.last_ns,
-        f"{run.fixes} positions over {(run.last_ns - run.since_ns) * 1e-9:.0f} s are equal to the last digit "
-        f"while the vehicle moved between {run.shallowest:.0f} and {run.deepest:.0f} m",
-        "a receiver without a fix that repeats its last one",
-        "pings at such positions are not used; check the receiver, or give the dead-reckoned positions of the vehicle",
-    )
-
-
-def odd_speeds(counts: SpeedCounts, ping: Observation) -> Finding:
-    """Return the finding of speeds that no current explains."""
-    return Finding(
-        UNIT,
-        ping.time_ns,
-        speed_ratio(counts, ping),
-        "velocities in cm/s or mm/s that are taken for m/s, or an ensemble in another unit",
-        "state measurements.velocity_unit (m/s when the log is right), and check the ensemble's unit",
-        "unusable",
-    )
-
-
-def speed_ratio(counts: SpeedCounts, ping: Observation) -> str:
-    """Return how much faster or slower the profiles are than the ensemble."""
-    ratio = counts.ratio
-    words = f"{ratio:.3g} times as fast" if ratio > 1.0 else f"{1.0 / ratio:.3g} times as slow"
-    return f"{ping.source.topic}: {counts.pings} pings are {words} as the ensemble's currents"
 
 
 def unit(explanation: Explanation, mean: PathMean, topic: str) -> Finding:
@@ -114,6 +68,7 @@ def turned(explanation: Explanation, what: str, time_ns: int, topic: str) -> Fin
         f"{topic}: {what}; relative to the vehicle the profiles look {_names(explanation)} ({_strength(explanation)})",
         "the compass, the sign of the heading or of the declination, or how the instrument is mounted",
         "its profiles are not used, the estimate is rebuilt without them; correct the heading or the mounting and replay again",
+        distrusts=True,
     )
 
 

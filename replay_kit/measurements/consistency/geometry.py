@@ -3,7 +3,10 @@
 import math
 from dataclasses import dataclass, replace
 
-from replay_kit.core.observation import VehicleState
+from replay_kit.core.finding import Finding
+from replay_kit.core.observation import Observation, VehicleState
+from replay_kit.measurements.consistency import findings
+from replay_kit.measurements.consistency.summary import PingSummary
 
 # Share of the pings above the surface, and the number of them, from which depths are wrong.
 _MOST_ABOVE, _LEAST_PINGS = 0.1, 5
@@ -25,9 +28,22 @@ class DepthCounts:
     pings: int = 0
     above: int = 0
 
-    def after(self, is_above: bool | None) -> "DepthCounts":
-        """Return the counts after a ping, by whether most of its bins are above the surface; None for one that does not tell."""
-        return self if is_above is None else DepthCounts(self.pings + 1, self.above + is_above)
+    def after(self, ping: Observation, summary: PingSummary) -> "DepthCounts":
+        """Return the counts after a ping."""
+        return self if summary.is_above is None else DepthCounts(self.pings + 1, self.above + summary.is_above)
+
+    def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
+        """Return that the bins are above the surface, if they are."""
+        if not self.is_wrong:
+            return None
+        return Finding(
+            findings.DEPTH,
+            ping.time_ns,
+            f"{ping.source.topic}: most bins of {self.above} of {self.pings} pings lie above the surface",
+            "the sign of depth, or an instrument that looks up and is read as looking down, or the other way round",
+            "its profiles are not used; check depth_positive and orientation of the mapping, or the ping's orientation",
+            distrusts=True,
+        )
 
     @property
     def is_wrong(self) -> bool:
@@ -67,9 +83,22 @@ class PositionRun:
         most = depth if not self.deepest >= depth and math.isfinite(depth) else self.deepest
         return replace(self, last_ns=vehicle.time_ns, fixes=self.fixes + 1, shallowest=least, deepest=most)
 
+    def found(self, vehicle: VehicleState, named: frozenset[str]) -> Finding | None:
+        """Return that the receiver repeats its position, if it does."""
+        if not self.is_unusable:
+            return None
+        return Finding(
+            findings.FROZEN,
+            self.last_ns,
+            f"{self.fixes} positions over {(self.last_ns - self.since_ns) * 1e-9:.0f} s are equal to the last digit "
+            f"while the vehicle moved between {self.shallowest:.0f} and {self.deepest:.0f} m",
+            "a receiver without a fix that repeats its last one",
+            "pings at such positions are not used; check the receiver, or give the dead-reckoned positions of the vehicle",
+        )
+
     @property
-    def is_frozen(self) -> bool:
-        """Whether the receiver repeats a position while the vehicle dives."""
+    def is_unusable(self) -> bool:
+        """Whether the receiver repeats a position while the vehicle dives, so that pings at it are not to be used."""
         return (
             self.fixes >= _FROZEN_FIXES
             and self.last_ns - self.since_ns >= _FROZEN_TIME * 1e9

@@ -5,19 +5,18 @@ all logs of a mission.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from replay_kit.core.finding import Finding
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
-from replay_kit.measurements.consistency import findings
-from replay_kit.measurements.consistency.geometry import DepthCounts, PositionRun
+from replay_kit.measurements.consistency import checks, findings
 from replay_kit.measurements.consistency.pairs import Explanation
 from replay_kit.measurements.consistency.raw import RawHistory
 from replay_kit.measurements.consistency.sources import SourceStatistics
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, SpeedCounts
+from replay_kit.measurements.consistency.speeds import EnsembleSpeeds
 from replay_kit.measurements.consistency.summary import PingSummary, summaries
 
 # Pairs before which nothing is said: of mean currents, of dives relative to the vehicle, of the platform's motion, of gross units.
@@ -36,17 +35,15 @@ class Instrument:
 
     Attributes:
         raw: Of its raw values.
-        depths: Of the depths of its bins.
         sources: Of its profiles and other measurements of the current.
-        speeds: Of its speeds.
+        pings: What each check of pings remembers.
         is_believed: Whether its profiles are used.
         named: Names of what was found.
     """
 
     raw: RawHistory = field(default_factory=RawHistory)
-    depths: DepthCounts = field(default_factory=DepthCounts)
     sources: SourceStatistics = field(default_factory=SourceStatistics)
-    speeds: SpeedCounts = field(default_factory=SpeedCounts)
+    pings: tuple[checks.PingCheck, ...] = field(default_factory=lambda: checks.PING_CHECKS)
     is_believed: bool = True
     named: frozenset[str] = frozenset()
 
@@ -57,16 +54,16 @@ class ConsistencyState:
 
     Attributes:
         instruments: By topic.
-        positions: The positions since the last one that differed.
-        frozen_named: Whether a dead receiver was told.
+        positions: What each check of positions remembers.
+        named: Names of what was found of the positions.
         pings: Pings judged.
         absolute_pings: Number of those that are not relative to a platform of unknown velocity.
         findings: What was found, in order.
     """
 
     instruments: Mapping[str, Instrument] = field(default_factory=dict)
-    positions: PositionRun = field(default_factory=PositionRun)
-    frozen_named: bool = False
+    positions: tuple[checks.PositionCheck, ...] = field(default_factory=lambda: checks.POSITION_CHECKS)
+    named: frozenset[str] = frozenset()
     pings: int = 0
     absolute_pings: int = 0
     findings: tuple[Finding, ...] = ()
@@ -125,10 +122,16 @@ def _with(state: ConsistencyState, topic: str, instrument: Instrument, found: tu
 
 
 def _after_position(state: ConsistencyState, vehicle: VehicleState) -> ConsistencyState:
-    run = state.positions.after(vehicle)
-    if run.is_frozen and not state.frozen_named:
-        return replace(state, positions=run, frozen_named=True, findings=(*state.findings, findings.frozen(run)))
-    return replace(state, positions=run)
+    positions = tuple(each.after(vehicle) for each in state.positions)
+    found = _new((each.found(vehicle, state.named) for each in positions), state.named)
+    if not found:
+        return replace(state, positions=positions)
+    return replace(state, positions=positions, named=state.named | {each.name for each in found}, findings=state.findings + found)
+
+
+def _new(found: Iterable[Finding | None], named: frozenset[str]) -> tuple[Finding, ...]:
+    """Return what was found and has not been named before."""
+    return tuple(finding for finding in found if finding is not None and finding.name not in named)
 
 
 def _after_ping(
@@ -143,14 +146,14 @@ def _after_ping(
     if wrong:
         instrument = replace(instrument, raw=raw)
     else:
-        instrument = _measured(instrument, raw, summary)
+        instrument = _measured(instrument, raw, ping, summary)
         found += _of_ping(instrument, ping)
     if found:
         named = frozenset(finding.name for finding in found)
-        distrusted = bool(named & findings.DISTRUSTED)
+        distrusted = any(finding.distrusts for finding in found)
         instrument = replace(instrument, named=instrument.named | named, is_believed=instrument.is_believed and not distrusted)
     reason = Reason.DEAD if wrong else Reason.NONE
-    if not instrument.is_believed or state.positions.is_frozen:
+    if not instrument.is_believed or any(each.is_unusable for each in state.positions):
         reason |= Reason.INCONSISTENT
     absolute = state.absolute_pings + math.isfinite(ping.common_std)
     state = replace(
@@ -163,22 +166,16 @@ def _after_ping(
     return state, unused(ping, reason) if reason else ping
 
 
-def _measured(instrument: Instrument, raw: RawHistory, ping: PingSummary) -> Instrument:
+def _measured(instrument: Instrument, raw: RawHistory, ping: Observation, summary: PingSummary) -> Instrument:
     """Return an instrument after a ping that is neither dead nor stale, and the history of its raw values."""
-    sources = instrument.sources if ping.near is None else instrument.sources.after_ping(ping.near)
-    depths, speeds = instrument.depths.after(ping.is_above), instrument.speeds.after(ping.speed)
-    return Instrument(raw, depths, sources, speeds, instrument.is_believed, instrument.named)
+    sources = instrument.sources if summary.near is None else instrument.sources.after_ping(summary.near)
+    after = tuple(each.after(ping, summary) for each in instrument.pings)
+    return Instrument(raw, sources, after, instrument.is_believed, instrument.named)
 
 
 def _of_ping(instrument: Instrument, ping: Observation) -> list[Finding]:
     """Return what a ping established about its instrument."""
-    found = []
-    if instrument.depths.is_wrong and findings.DEPTH not in instrument.named:
-        found.append(findings.wrong_depths(instrument.depths, ping))
-    if instrument.speeds.is_odd and findings.UNIT not in instrument.named:
-        found.append(findings.odd_speeds(instrument.speeds, ping))
-    elif instrument.speeds.contradict_ensemble and not instrument.named & {findings.UNIT, findings.ENSEMBLE}:
-        found.append(findings.ensemble_contradicts(findings.speed_ratio(instrument.speeds, ping), ping.time_ns))
+    found = list(_new((each.found(ping, instrument.named) for each in instrument.pings), instrument.named))
     if findings.COMPASS not in instrument.named:
         sources = instrument.sources
         for statistics, what in ((sources.motion, findings.OF_MOTION), (sources.track, findings.OF_TRACK)):

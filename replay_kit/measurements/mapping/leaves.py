@@ -48,12 +48,11 @@ def _walk(value: Any, path: tuple[str, ...]) -> Iterator[Leaf]:
 def _walk_list(items: Sequence[Any], path: tuple[str, ...]) -> Iterator[Leaf]:
     if all(isinstance(item, Mapping) for item in items):
         # every item is taken to be like the first
-        for inner in _walk(items[0], ()):
-            if len(inner.shape) < 2:
-                gathered = [list(found.values) for item in items for found in _walk(item, ()) if found.path == inner.path]
-                if len(gathered) == len(items):
-                    shape = (len(items), *inner.shape)
-                    yield _leaf((*path, "*", *inner.path.split(".")), shape, [v for row in gathered for v in row])
+        within = [{leaf.path: leaf for leaf in _walk(item, ())} for item in items]
+        for inner in within[0].values():
+            if len(inner.shape) < 2 and all(inner.path in found for found in within):
+                values = [value for found in within for value in found[inner.path].values]
+                yield _leaf((*path, "*", *inner.path.split(".")), (len(items), *inner.shape), values)
     elif all(item is None or _is_number(item) for item in items):
         yield _leaf(path, (len(items),), items)
     elif all(item is None or _is_row(item) for item in items):

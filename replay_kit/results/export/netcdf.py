@@ -74,7 +74,7 @@ def to_dataset(tables: Mapping[str, pd.DataFrame], projection: Projection) -> xr
             continue
         coordinates = [f"{table}_{name}" for name in _COORDINATES if name in rows]
         for column in rows:
-            dataset[f"{table}_{column}"] = (table, _values(rows[column]), _attributes(table, str(column), coordinates))
+            dataset[f"{table}_{column}"] = (table, _values(rows[column]), _attributes(table, str(column)))
         dataset = dataset.set_coords(coordinates)
     return dataset
 
@@ -97,7 +97,7 @@ def _values(column: pd.Series) -> Any:
     return np.array(texts, dtype=f"S{max(map(len, texts))}")
 
 
-def _attributes(table: str, column: str, coordinates: list[str]) -> dict[str, Any]:
+def _attributes(table: str, column: str) -> dict[str, Any]:
     attrs: dict[str, Any] = {"long_name": f"{column.replace('_', ' ')} ({table})"}
     if column in _COORDINATES or (column in ATTRIBUTES and column != "estimate_time"):
         return attrs | {key: value for key, value in ATTRIBUTES[column].items() if key != "long_name"}

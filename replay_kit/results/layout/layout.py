@@ -47,18 +47,6 @@ def layout_text(layout: Mapping[str, Any]) -> str:
     return json.dumps(layout, indent=1, allow_nan=False) + "\n"
 
 
-def named_paths(layout: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the topics that the panels of a layout name, each with the path of a field in its messages; empty for whole messages."""
-    named: list[tuple[str, str]] = []
-    for config in layout["configById"].values():
-        named += [(topic, settings.get("colorField", "")) for topic, settings in config.get("topics", {}).items()]
-        named += [(topic, "") for topic in (*config.get("topicColors", {}), config.get("followTopic")) if topic]
-        paths = [path["value"] for path in config.get("paths", ())] + [config[key] for key in ("topicPath",) if key in config]
-        named += [(topic, field) for topic, _, field in (path.partition(".") for path in paths)]
-        named += [(config["topicToRender"], "")] if "topicToRender" in config else []
-    return named
-
-
 def require_topics(topics: Sequence[str], name: str) -> None:
     """Raise LogError when a file has none of the topics of a result."""
     if not any(topic.startswith(("/flow/", "/plan/")) for topic in topics):

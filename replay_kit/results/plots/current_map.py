@@ -45,7 +45,7 @@ def map_panels(contents: Contents, at: At | None) -> Panels:
         notes.append("The result holds no current: the map shows positions alone.")
         return Panels([Panel("track", partial(_marks, contents, None, at), 0.8)], 1, notes)
     depth, time = f"{slices.depths[0]:g} m", time_text(int(slices.time_ns[-1]))[:16]
-    panels = [Panel(f"{depth}, {time}", partial(_current, contents, slices, at), _height(contents, slices))]
+    panels = [Panel(f"{depth}, {time}", partial(_current, contents, slices, at), _height(slices))]
     if np.isfinite(slices.fields[0, -1, 2:]).any():
         panels.append(Panel("standard error", partial(_error, contents, slices, at), panels[0].height))
     else:
@@ -229,7 +229,7 @@ def _widen(contents: Contents, axes: Axes) -> None:
         put(centre - half, centre + half)
 
 
-def _height(contents: Contents, slices: CurrentSlices) -> float:
+def _height(slices: CurrentSlices) -> float:
     """Return the height of a map over its width, with room for its legend and without its colour bar."""
     shape = (slices.north[-1] - slices.north[0]) / (slices.east[-1] - slices.east[0])
     return float(np.clip(0.68 * shape + 0.2, 0.4, 1.2))

@@ -1,27 +1,24 @@
 """The report: its sections in order, as a page."""
 
 from collections.abc import Callable
+from pkgutil import resolve_name
 
 from replay_kit.results.page import page_html
 from replay_kit.results.page.section import Section
-from replay_kit.results.report.sections.again import again_section
-from replay_kit.results.report.sections.current_map import map_section
-from replay_kit.results.report.sections.in_words import words_section
-from replay_kit.results.report.sections.plan import plan_section
-from replay_kit.results.report.sections.sections_along_track import along_track_section
-from replay_kit.results.report.sections.trust import trust_section
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.contents import Contents
 
-#: The sections from top to bottom; each is a pure function of the opened result.
-SECTIONS: tuple[Callable[[Contents], Section], ...] = (
-    words_section,
-    map_section,
-    along_track_section,
-    trust_section,
-    plan_section,
-    again_section,
+# Module and function of each section, from top to bottom.
+_LISTED = (
+    "in_words:words_section",
+    "current_map:map_section",
+    "sections_along_track:along_track_section",
+    "trust:trust_section",
+    "plan:plan_section",
+    "again:again_section",
 )
+#: The sections in that order; each is a pure function of the opened result.
+SECTIONS: tuple[Callable[[Contents], Section], ...] = tuple(resolve_name(f"{__package__}.sections.{name}") for name in _LISTED)
 
 
 def report_html(result: ResultFile, notes: tuple[str, ...] = ()) -> str:

@@ -241,7 +241,7 @@ def _fit(held: Held) -> _Answer:
     found: Sequence[Mapping[str, Any]] = held.summary.get("consistency", ())
     text = [f"{_WORDS.get(one['severity'], 'contradiction')}: {one['name']}, {one['evidence']}; {one['set']}" for one in found]
     if not held.summary:
-        text.append("the run did not finish: no verdict")
+        text.append("no verdict: the run did not finish, or an earlier version made the result")
     text += list(held.summary.get("verdict", ()))
     values = {"findings": list(found), "verdict": list(held.summary.get("verdict", ())), "nis_per_dof": held.summary.get("nis_per_dof")}
     return Line("fit", "Fit", tuple(text), held.last_ns), values

@@ -13,6 +13,7 @@ from replay_kit.core.plan import Place
 from replay_kit.core.text import count_text, place_text
 from replay_kit.core.unchanged import Stamp, stamps_of
 from replay_kit.forecast import ensemble_files
+from replay_kit.logs.folders import STREAMS
 from replay_kit.results.status.held import Held, read_held
 from replay_kit.results.status.status import Status, status_of
 from replay_kit.results.summary import ReplaySummary
@@ -20,7 +21,6 @@ from replay_kit.workflows.follow import memory as remembered
 from replay_kit.workflows.follow.goals import read_goal, with_goal
 from replay_kit.workflows.follow.notify import alarm_line, key_of, new_alarms, notify, standing
 from replay_kit.workflows.follow.options import FollowOptions
-from replay_kit.workflows.follow.sources import GROWING
 from replay_kit.workflows.follow.watch import Clock, Watched, look_again
 from replay_kit.workflows.replay.build import Forecasts, read_forecasts
 from replay_kit.workflows.replay.inputs import Following, ReplayJob
@@ -157,7 +157,7 @@ class Follower:
         """Replay the files that are used; those that are new and make it fail are set aside."""
         began, used, self._due = self._clock.idle_s(), self._memory.used, False
         # those that grow may change, up to what is read of them
-        whole = [*(path for path in used if path.suffix.lower() not in GROWING), *ensemble_files(self._job.ensemble)]
+        whole = [*(path for path in used if path.suffix.lower() not in STREAMS), *ensemble_files(self._job.ensemble)]
         stamps = stamps_of(whole)
         try:
             self._run(used)

@@ -11,9 +11,8 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.text import time_text
 from replay_kit.core.unchanged import Stamp, stamps_of
 from replay_kit.logs import open_log
+from replay_kit.logs.folders import STREAMS
 
-#: Endings of files that are written to while they are read; others come whole.
-GROWING = (".mcap", ".tlog", ".bin", ".pd0", ".enx", ".ens", ".ad2cp", ".000")
 #: A first message this much older or younger than those of all other files is a clock's error [ns].
 _FAR_NS = 366 * 86_400 * 10**9
 # How much later than the present a clock may be [ns].
@@ -65,7 +64,7 @@ def order(path: Path) -> tuple[bool, list[int], str]:
 
 def settled(before: Mapping[Path, Stamp], now: Mapping[Path, Stamp]) -> dict[Path, Stamp]:
     """Return the files of the second of two looks that are whole: unchanged between them, or of a kind that grows."""
-    return {path: stamp for path, stamp in now.items() if before.get(path) == stamp or path.suffix.lower() in GROWING}
+    return {path: stamp for path, stamp in now.items() if before.get(path) == stamp or path.suffix.lower() in STREAMS}
 
 
 def examine(path: Path, stamp: Stamp, config: LogConfig) -> Source:

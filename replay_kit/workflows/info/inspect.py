@@ -15,7 +15,7 @@ from replay_kit.core.message import LogReport
 from replay_kit.core.observation import Observation, PathMean, VehicleState, usable
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.unchanged import check_unchanged, stamps_of
-from replay_kit.logs import open_log, open_logs
+from replay_kit.logs import open_logs
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, interpret
 from replay_kit.measurements.mapping.suggest import NAMED, sample_key, suggested_entries
@@ -94,9 +94,16 @@ class LogInfo:
     files: tuple[Path, ...] = ()
 
     @property
+    def is_result(self) -> bool:
+        """Whether it is what a replay wrote."""
+        return any(topic.schema == "replay_kit.FlowEstimate" for topic in self.topics.values())
+
+    @property
     def missing(self) -> str:
-        """What a replay still needs; empty for a log that has it all."""
+        """What a replay still needs; empty for a log that has it all, and for a result."""
         content, lacks = self.content, []
+        if self.is_result:
+            return ""
         if not content.positions and not content.bins:
             lacks.append("positions")
         if not content.bins and not content.mean_currents:
@@ -107,7 +114,7 @@ class LogInfo:
     def mappable(self) -> Mapping[str, str]:
         """Topics of unknown types in which something looks usable, and as what."""
         found = {}
-        for key, entry in suggested_entries(self.unknown).items():
+        for key, entry in suggested_entries({} if self.is_result else self.unknown).items():
             kinds = [line.rpartition("= ")[2].strip('"') for line in entry.splitlines() if line.lstrip("# ").startswith("kind = ")]
             found[key.replace("\n", ", name ")] = kinds[0]
         return found
@@ -119,6 +126,8 @@ class LogInfo:
             return "replay: it has positions and profiles of the current"
         if self.content.mean_currents:
             return "replay: it has mean currents between fixes, which alone estimate a field; no usable profile of the current"
+        if self.is_result:
+            return "a result of a replay, to be opened with status, report, plot, export or plan"
         if self.content.positions:
             return "positions only: no usable profile of the current"
         return "nothing yet: neither positions nor profiles of the current"
@@ -144,15 +153,6 @@ def inspect_logs(paths: Sequence[Path], config: RunConfig, progress: Progress = 
 
 def _advance(progress: Progress, before: int, logs: int, log: LogFile) -> None:
     progress(before + log.share_read(), logs, f"reading: {log.path}")
-
-
-def inspect_log(path: Path, config: RunConfig, full: bool = False) -> LogInfo:
-    """Return what one log holds; as ``inspect_logs``.
-
-    Raises:
-        LogError: The log cannot be opened.
-    """
-    return _inspect(open_log(path, 0, config.logs), config, full)
 
 
 def _inspect(log: LogFile, config: RunConfig, full: bool, advance: Callable[[], None] = lambda: None) -> LogInfo:

@@ -104,19 +104,19 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
         print_lines(console, [f"Missing for a replay: {log.missing}"])
     mappable = log.mappable
     print_lines(console, (f"Unknown type: {topic} looks like a {kind}" for topic, kind in mappable.items()))
-    others = len(log.unknown) - len(mappable) - sum(" and " in topic.rpartition(", name ")[2] for topic in mappable)
+    others = 0 if log.is_result else len(log.unknown) - len(mappable) - sum(" and " in topic.rpartition(", name ")[2] for topic in mappable)
     if others:
         print_lines(console, [f"Unknown type: {others} more topics, in which nothing looks like a position, a depth or a velocity"])
 
 
-def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Sequence[Path] = (), config: Path | None = None) -> list[str]:
+def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Sequence[Path] = (), options: Sequence[str] = ()) -> list[str]:
     """Return what to type next: a line with the command, and for some a line of what to do then; names in them may hold ends of lines.
 
     Args:
         logs: The logs of a mission.
         paths: As they were given.
         ensemble: The files of its forecast; empty without.
-        config: The configuration that was used; None without.
+        options: Words of the command line that give the settings that were used.
     """
     missions: dict[str, list[Path]] = {}
     for log in logs:
@@ -129,8 +129,10 @@ def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Seque
     given, forecast = (" ".join(shlex.quote(str(path)) for path in files) for files in (paths, ensemble or [Path("FORECAST.nc")]))
     contents = [log.content for log in logs]
     if any(content.bins or content.mean_currents for content in contents):
-        settings = "" if config is None else f"--config {shlex.quote(str(config))} "
+        settings = "".join(f"{shlex.quote(word)} " for word in options)
         return [f"Next: replay-kit replay {given} --ensemble {forecast} {settings}-o RESULT.mcap"]
+    if any(log.is_result for log in logs):
+        return [f"Next: replay-kit report {given}"]
     if any(log.mappable for log in logs):
         return [f"Next: replay-kit info {given} --suggest map.toml", f"Correct map.toml, then: replay-kit info {given} --config map.toml"]
     return [f"Next: replay-kit info {given} ANOTHER_LOG", "ANOTHER_LOG is the log of this mission that has what is missing"]

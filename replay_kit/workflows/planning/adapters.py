@@ -126,7 +126,6 @@ class MissionPlanner:
         Raises:
             PlanError: The vehicle's numbers are such that nothing glides.
         """
-        flight = planners.SteadyFlight() if config.flight_model else None
         settings = planners.MissionSettings(
             depth=config.depth,
             yos=config.dives,
@@ -139,7 +138,7 @@ class MissionPlanner:
             margin=config.margin,
             clearance=config.clearance,
         )
-        glider = planners.Glider(config.speed, flight, config.min_angle, config.max_angle, max_depth=config.depth_limit)
+        glider = planners.Glider(config.speed, None, config.min_angle, config.max_angle, max_depth=config.depth_limit)
         return cls(glider, settings, config.flow_step, config.samples, config.seed)
 
     def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: PlanResult | None) -> PlanResult:

@@ -7,8 +7,8 @@ from typing import get_args
 
 from planners import Line, MissionPlan, MissionRequest, Mooring, Weights, plan_line, plan_mission, plan_mooring
 from planners.mission.flight import Sample
-from planners.mission.values import Objective
 from replay_kit.core.errors import ConfigError, PlanError
+from replay_kit.core.objective import ObjectiveName
 from replay_kit.core.plan import Place
 from replay_kit.core.time import parse_duration, parse_time
 
@@ -179,20 +179,20 @@ class PlanJob:
             raise ConfigError(f"--risk: expected a share from 0 to below 1 and --samples, got {self.risk:g} and {count}")
 
 
-def objective_of(text: str) -> Objective | Weights:
+def objective_of(text: str) -> ObjectiveName | Weights:
     """Return an objective by its name, or weights such as ``time=1,energy=0.02,closest=5``.
 
     Raises:
         ConfigError: It is neither.
     """
-    for name in get_args(Objective):
+    for name in get_args(ObjectiveName):
         if text == name:
             return name  # type: ignore[no-any-return]
     try:
         pairs = [part.partition("=") for part in text.split(",")]
         return Weights(**{name: float(value) for name, _, value in pairs})
     except (TypeError, ValueError, PlanError) as error:
-        known = ", ".join(get_args(Objective))
+        known = ", ".join(get_args(ObjectiveName))
         raise ConfigError(f"--objective: expected one of {known}, or weights time=A,energy=B,closest=C, got {text!r}") from error
 
 

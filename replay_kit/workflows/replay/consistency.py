@@ -22,8 +22,6 @@ _TELLING, _TELLING_OF_MEANS = "a mean current, GPS drift or bottom track", "prof
 # Measurements beyond the gate that are remembered.
 _MOST_GATED = 256
 _SHEAR_ALONE = "all profiles are relative to the platform, so that they give the shear alone"
-# After these a run without any profile still has a result: the estimate without them.
-_WITHOUT_PROFILES = findings.DISTRUSTED | {findings.FROZEN}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,8 +40,8 @@ class MonitoringState:
 
     @property
     def explains_no_profile(self) -> bool:
-        """Whether a finding is the reason that no profile may be used."""
-        return any(finding.name in _WITHOUT_PROFILES for finding in self.checks.findings)
+        """Whether a finding is the reason that no profile may be used: such a run still has a result, the estimate without them."""
+        return any(finding.distrusts or finding.name == findings.FROZEN for finding in self.checks.findings)
 
 
 def _with_mean(means: tuple[PathMean, ...], event: Checked) -> tuple[PathMean, ...]:
@@ -133,7 +131,7 @@ def checked_speeds(ensemble: Ensemble, config: RunConfig) -> EnsembleSpeeds | No
 
 def is_distrusted(found: Iterable[Finding]) -> bool:
     """Return whether findings leave an instrument unused, so that the estimate is rebuilt without it."""
-    return any(finding.name in findings.DISTRUSTED for finding in found)
+    return any(finding.distrusts for finding in found)
 
 
 def trusting(estimator: Any, state: MonitoringState) -> Any:

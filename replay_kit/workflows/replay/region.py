@@ -114,7 +114,7 @@ def find_region(
         if points > _MOST * whole:
             return None
         what = "the log's positions and" if goal is None else "the log's positions, the goal and"
-        return FoundRegion(region, margin, False, extent.box, _note(extent, region, what, margin, length))
+        return FoundRegion(region, margin, False, extent.box, _note(extent, region, what, margin))
 
 
 def _is_static(extent: Extent, config: RunConfig) -> bool:
@@ -177,11 +177,11 @@ def _first_window(extent: Extent, place: Array, margin: float, length: float, mo
             f"the vehicle (correlation length {length / 1e3:.1f} km); allow more with forecast.window_points, or state the region"
         )
     what = "windows of this size follow the vehicle (--netcdf and --save-estimate hold the last one), with"
-    note = _note(extent, region, what, margin, length)
+    note = _note(extent, region, what, margin)
     return FoundRegion(region, margin, True, extent.box, note)
 
 
-def _note(extent: Extent, region: Region, what: str, margin: float, length: float) -> str:
+def _note(extent: Extent, region: Region, what: str, margin: float) -> str:
     taken, whole = (" x ".join(map(str, shape)) for shape in (extent.shape_in(region), extent.shape))
     return (
         f"of the forecast {taken} of {whole} points a level are read, {text(region)}: {what} {margin / 1e3:.0f} km around, "

@@ -14,7 +14,7 @@ from replay_kit.logs import open_log
 from replay_kit.logs.adcp.pd0 import by_configuration
 from replay_kit.logs.adcp.records import scan
 from replay_kit.measurements import observations
-from replay_kit.workflows.info.inspect import inspect_log
+from replay_kit.workflows.info.inspect import inspect_logs
 from tests.logs.adcp import raw_adcp_samples as samples
 from tests.logs.adcp.raw_adcp_samples import Survey, adcp_messages, write
 
@@ -58,7 +58,7 @@ def test_the_change_is_told_with_the_ping_and_what_changed(tmp_path):
         "at ping 10: cells 12 -> 7, cell size 1 m -> 2 m, coordinates beam -> earth; "
         "at ping 25: cells 7 -> 12, cell size 2 m -> 1 m, coordinates earth -> beam",
     )
-    assert inspect_log(path, RunConfig()).report.notes == told
+    assert inspect_logs([path], RunConfig())[0].report.notes == told
     log = open_log(write(tmp_path, joined({0: SURVEY})))
     list(log.messages())
     assert log.report().notes == ()

@@ -22,7 +22,7 @@ from replay_kit.logs.adcp.records import AD2CP_TEXT, lose_between, scan
 from replay_kit.logs.shared.statistics import ReadStatistics
 from replay_kit.measurements import observations
 from replay_kit.workflows.convert import convert
-from replay_kit.workflows.info.inspect import inspect_log
+from replay_kit.workflows.info.inspect import inspect_logs
 from tests.logs.adcp import raw_adcp_samples as samples
 from tests.logs.adcp.raw_adcp_samples import Survey, adcp_messages, write
 from tests.reference.adcp_records import slow_records
@@ -90,16 +90,16 @@ def test_a_bottom_that_too_few_beams_found_leaves_the_velocity_to_the_gps(tmp_pa
 
 def test_a_file_with_neither_says_why_it_is_not_used(tmp_path):
     path = write(tmp_path, samples.pd0(Survey(bottom_track=False, gps=False)))
-    info = inspect_log(path, RunConfig(measurements=MeasurementConfig(use_relative=False)))
+    info = inspect_logs([path], RunConfig(measurements=MeasurementConfig(use_relative=False)))[0]
     assert info.not_used == {"/adcp": {"velocity relative to the platform, whose own motion is not known": 30}}
 
 
 def test_a_magnetic_heading_without_a_declination_is_refused_until_one_is_given(tmp_path):
     path = write(tmp_path, samples.pd0(Survey(gps=False)))
-    (reason,) = inspect_log(path, RunConfig()).not_used["/adcp"]
+    (reason,) = inspect_logs([path], RunConfig())[0].not_used["/adcp"]
     assert "measurements.magnetic_declination" in reason
     stated = RunConfig(measurements=MeasurementConfig(magnetic_declination=15.8))
-    (reason,) = inspect_log(path, stated).not_used["/adcp"]
+    (reason,) = inspect_logs([path], stated)[0].not_used["/adcp"]
     assert reason == "no position within 600 s"
 
 

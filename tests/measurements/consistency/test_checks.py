@@ -9,15 +9,16 @@ from replay_kit.core.observation import Flag, Observation, RawValues, Reason, So
 from replay_kit.measurements.consistency.geometry import DepthCounts, PositionRun
 from replay_kit.measurements.consistency.monitor import unused
 from replay_kit.measurements.consistency.raw import RawHistory, raw_values
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, SpeedCounts, ensemble_speeds, odd_ensemble_speeds
+from replay_kit.measurements.consistency.speed_counts import SpeedCounts
+from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds, odd_ensemble_speeds
 from replay_kit.measurements.consistency.summary import summaries
 
 SOURCE = Source(0, "/adcp", 0, 0)
 
 
-def _summary(one):
-    (found,) = summaries([one], ENSEMBLE)
-    return found
+def _after(counts, one):
+    (summary,) = summaries([one], ENSEMBLE)
+    return counts.after(one, summary)
 
 
 def ping(velocity, depth=None, std=0.01):
@@ -91,11 +92,11 @@ def test_pings_with_most_bins_above_the_surface_are_counted():
     at_surface = replace(above, reasons=np.full(4, Reason.AT_SURFACE, np.int32))
     counts = DepthCounts()
     for one in (below, half, at_surface):
-        counts = counts.after(_summary(one).is_above)
+        counts = _after(counts, one)
     assert counts == DepthCounts(2, 0)
     for number in range(5):
         assert not counts.is_wrong
-        counts = counts.after(_summary(above).is_above)
+        counts = _after(counts, above)
         assert counts.above == number + 1
     assert counts.is_wrong
     assert not DepthCounts(50, 5).is_wrong
@@ -115,19 +116,19 @@ def run(*states):
 
 def test_a_position_that_stays_while_the_vehicle_dives_is_frozen():
     dive = [state(200.0 * k, 150.0, 7.0 * k) for k in range(4)]
-    assert run(*dive).is_frozen
+    assert run(*dive).is_unusable
     # one short of each bound
-    assert not run(*dive[:3]).is_frozen
-    assert not run(*(state(199.9 * k, 150.0, 7.0 * k) for k in range(4))).is_frozen
-    assert not run(*(state(200.0 * k, 150.0, 20.0 / 3.0 * k - 1e-9) for k in range(4))).is_frozen
-    assert not run(*(state(200.0 * k, 150.0, float("nan")) for k in range(4))).is_frozen
-    assert not run(*(state(200.0 * k, 150.0 + 1e-9 * k, 7.0 * k) for k in range(4))).is_frozen
+    assert not run(*dive[:3]).is_unusable
+    assert not run(*(state(199.9 * k, 150.0, 7.0 * k) for k in range(4))).is_unusable
+    assert not run(*(state(200.0 * k, 150.0, 20.0 / 3.0 * k - 1e-9) for k in range(4))).is_unusable
+    assert not run(*(state(200.0 * k, 150.0, float("nan")) for k in range(4))).is_unusable
+    assert not run(*(state(200.0 * k, 150.0 + 1e-9 * k, 7.0 * k) for k in range(4))).is_unusable
 
 
 def test_the_depths_of_a_run_are_those_known():
     found = run(*(state(200.0 * k, 150.0, depth) for k, depth in enumerate([float("nan"), 30.0, float("nan"), 5.0])))
     assert (found.shallowest, found.deepest, found.fixes) == (5.0, 30.0, 4)
-    assert found.is_frozen
+    assert found.is_unusable
 
 
 ENSEMBLE = EnsembleSpeeds(np.array([0.0, 100.0]), np.array([0.01, 0.01]))
@@ -155,7 +156,7 @@ def test_speeds_beyond_a_factor_of_eight_contradict_the_ensemble_and_are_odd_whe
     for _ in range(30):
         assert not counts.contradict_ensemble
         assert not counts.is_odd
-        counts = counts.after(_summary(ping(cells, std=1e-6)).speed)
+        counts = _after(counts, ping(cells, std=1e-6))
     assert counts.contradict_ensemble is far
     assert counts.is_odd is odd
     assert counts.ratio == pytest.approx(factor)
@@ -163,14 +164,14 @@ def test_speeds_beyond_a_factor_of_eight_contradict_the_ensemble_and_are_odd_whe
 
 def test_noise_alone_is_not_fast():
     # 1 m/s of stated error in each component, and as much measured
-    counts = SpeedCounts().after(_summary(ping(np.ones((5, 2)), std=1.0)).speed)
+    counts = _after(SpeedCounts(), ping(np.ones((5, 2)), std=1.0))
     assert (counts.pings, counts.fast, counts.slow) == (1, 0, 0)
 
 
 def test_one_outlier_among_the_bins_changes_nothing():
     cells = np.tile([0.06, 0.08], (5, 1))
     cells[2] = 1e6
-    assert SpeedCounts().after(_summary(ping(cells, std=1e-6)).speed).fast == 0
+    assert _after(SpeedCounts(), ping(cells, std=1e-6)).fast == 0
 
 
 def test_an_ensembles_speeds_are_those_of_its_levels():

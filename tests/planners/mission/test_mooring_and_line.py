@@ -7,13 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from planners import Line, MissionPlan, MissionRequest, MissionSettings, Mooring, NoGo, plan_line, plan_mission, plan_mooring
+from planners import Line, MissionPlan, MissionRequest, MissionSettings, Mooring, NoGo, Weights, plan_line, plan_mission, plan_mooring
 from planners.mission.attempt import ranking_key
 from planners.mission.program import MissionShape
 from planners.mission.reference_path import ReferencePath, along_line, near_place
 from planners.mission.solve import _reference_weights_and_limits, _weights
 from planners.mission.task import MissionTask, mission_task
-from planners.mission.values import Weights
 from planners.vehicle import Glider
 from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
@@ -52,7 +51,7 @@ def test_of_the_weights_the_largest_is_one():
 
 def test_being_off_a_guide_costs_by_the_hour_and_the_squared_kilometre():
     task = _task(along_line(np.zeros(2), np.array([1e3, 0.0]), 5.0, 1e3), Weights(time=2.0))
-    legs = SimpleNamespace(headings=np.zeros(2))
+    legs = SimpleNamespace(headings=np.zeros(2), angles=np.zeros(2))
     attempt = SimpleNamespace(
         legs=legs, yo_depths=(), flight=SimpleNamespace(time=np.array([0.0, 3.0 * HOURS])), miss=np.zeros(1), violation=None
     )

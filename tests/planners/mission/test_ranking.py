@@ -6,13 +6,18 @@ import numpy as np
 import pytest
 
 from planners import Glider, MissionRequest, MissionSettings, Weights
-from planners.mission.attempt import Attempt, energy_of, excess_deviation, goals_met, ranking_key
+from planners.mission.attempt import Attempt, best_of, energy_of, excess_deviation, goals_met, ranking_key
 from planners.mission.check import Violation
+from planners.mission.departures import best_departure
+from planners.mission.objectives import OBJECTIVES
+from planners.mission.objectives.objective import Found, Objective
 from planners.mission.reference_path import near_place
+from planners.mission.result import to_plan
 from planners.mission.search import solve_attempts
 from planners.mission.solve import _weights
 from planners.mission.task import MissionTask, mission_task
 from planners.vehicle import SteadyFlight
+from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import place, still_flow
 
 DEPTH, HOUR = 300.0, 3600.0
@@ -117,3 +122,21 @@ def test_the_solver_weighs_time_and_hotel_load_against_misses_and_straying(solve
     assert _weights(weighed(task, time=1.0, energy=0.1, closest=2.0)) == (pytest.approx(1.18 / 2.0), 1.0, 0.0)
     guided = replace(weighed(task, time=1.0, energy=0.1), reference_path=replace(near_place(np.zeros(2), 1000.0, HOUR, False), weight=4.0))
     assert _weights(guided) == (pytest.approx(1.18 / 4.0), None, 1.0)
+
+
+def test_an_added_objective_ranks_the_missions_that_are_found(solved, monkeypatch: pytest.MonkeyPatch) -> None:
+    task, few, many = solved
+
+    def surfacings(found: Found) -> float:
+        assert found.glide_angles.shape == (len(found.yo_depths),)
+        return float(len(found.yo_depths))
+
+    monkeypatch.setitem(OBJECTIVES, "rest", Objective(Weights(time=1.0), surfacings))
+    asked = with_settings(task, objective="rest", legs=None)
+    assert best_of(task, [few, many]) is many
+    assert best_of(asked, [many, few]) is few
+    assert _weights(asked) == _weights(task)
+    plans = [to_plan(asked, [attempt]) for attempt in (few, many)]
+    assert [best_departure([replace(plan, settings=which.request.settings) for plan in plans]) for which in (task, asked)] == [1, 0]
+    with pytest.raises(PlanError, match=r"expected one of time, energy, closest.*, rest, or weights"):
+        with_settings(task, objective="speed")

@@ -14,7 +14,7 @@ from planners.mission.flights import fly_mission, legs_of_plan
 from planners.mission.safety_margin import SafetyMargin, tolerance_factor
 from planners.mission.scenarios import most_violations_allowed, passes_binomial_test, points_at, summarise_flights, with_n_legs
 from planners.mission.search import solve_attempts
-from planners.mission.task import mission_task
+from planners.mission.task import mission_task, turns_of
 from planners.vehicle import Glider
 from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import eddying_flow, place, uniform_flow
@@ -190,6 +190,17 @@ def test_headings_of_a_way_cut_anew_are_those_at_the_middle_of_each_leg_the_shor
     # the middles of four legs are after 0.625, 1.875, 3.125 and 4.375 hours
     expected = np.interp([0.625, 1.875, 3.125, 4.375], np.arange(6), turning[flight.leg])
     np.testing.assert_allclose(np.column_stack([np.sin(headings), np.cos(headings)]), np.column_stack([np.sin(expected), np.cos(expected)]))
+
+
+def test_dives_of_a_way_cut_anew_turn_as_high_as_the_highest_that_they_replace():
+    task = mission_task(FLOW, MissionRequest(START, (GOAL,), Glider(), SETTINGS))
+    before = solve_attempts(task)[0]
+    hours = Flight(3600.0 * np.arange(6), np.zeros(6), before.flight.place[:, :6], np.array([0, 0, 1, 2, 3, 4]), np.arange(1, 6))
+    turns = (300.0, 250.0, 200.0, 280.0, 300.0)
+    limited = replace(before, flight=hours, yo_depths=tuple((0.0, turn, 0.0) for turn in turns))
+    # legs of 50 minutes: the second lies over hours 0 and 1, ..., the last within hour 4
+    assert turns_of(with_n_legs(task, limited, 6).yo_depths) == (300.0, 250.0, 200.0, 200.0, 280.0, 300.0)
+    assert turns_of(with_n_legs(task, limited, 5).yo_depths) == turns
 
 
 def test_margins_are_the_mean_deviation_towards_a_half_plane_and_so_many_standard_deviations():

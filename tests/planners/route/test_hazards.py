@@ -38,7 +38,6 @@ def test_a_ring_is_its_slow_twin_point_by_point(ring: Ring) -> None:
     np.testing.assert_array_equal(ring.forbids(points), inside != ring.outside)
     np.testing.assert_allclose(ring.clearance(points), np.where(inside != ring.outside, -away, away), rtol=1e-10, atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(ring.nearest(points) - points, axis=1), away, rtol=1e-10, atol=1e-9)
-    np.testing.assert_array_equal(ring.is_near(points, 150.0), (inside != ring.outside) | (away <= 150.0))
 
 
 def test_land_and_shallows_are_the_dry_cells_beside_water() -> None:

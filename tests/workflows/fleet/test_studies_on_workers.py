@@ -90,7 +90,7 @@ def test_the_switch_is_on_every_command_of_the_studies_and_gives_the_same_table(
     assert done.exit_code == 0, done.output
     assert (tmp_path / "here.json").read_bytes() == (tmp_path / "there.json").read_bytes()
     for command in ("experiment accuracy", "experiment missions", "experiment planning", "experiment dives", "experiment paper", "fit"):
-        assert {"--scheduler", "--workers"} <= set(invoke([*command.split(), "--help"]).stdout.split())
+        assert {"--scheduler", "--workers"} <= set(invoke([*command.split(), "--help-all"]).stdout.split())
 
 
 def test_rows_of_arrays_arrive_as_they_were_sent(cluster):

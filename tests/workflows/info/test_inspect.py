@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from replay_kit.config.run import load_config
-from replay_kit.workflows.info.inspect import inspect_log
+from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.info.listing import print_info
 from tests.command import invoke
 from tests.measurements.carriers import json_mcap
@@ -42,7 +42,7 @@ def test_a_suggested_mapping_is_printed_alone(log):
 
 
 def test_a_suggested_mapping_makes_the_topic_usable(log, tmp_path):
-    before = inspect_log(log, load_config(None))
+    before = inspect_logs([log], load_config(None))[0]
     assert set(before.unknown) == {"/vendor/nav", "/vendor/text"}
     code, _ = run_info(log, "--suggest", tmp_path / "map.toml")
     assert code == 0
@@ -54,13 +54,13 @@ def test_a_depth_averaged_current_is_no_position(tmp_path):
     (tmp_path / "dac.mcap").write_bytes(
         json_mcap([(0, "/dac", "replay_kit.DepthAveragedCurrent", {"start_fix": {"lat": 1.0, "lon": 2.0}})])
     )
-    found = inspect_log(tmp_path / "dac.mcap", load_config(None))
+    found = inspect_logs([tmp_path / "dac.mcap"], load_config(None))[0]
     assert found.unknown == {}
     assert found.not_used == {"/dac": {"depth-averaged current: it is not a number": 1}}
 
 
 def test_every_note_of_the_reader_and_what_is_damaged_or_unchecked_is_printed(log):
-    found = inspect_log(log, load_config(None))
+    found = inspect_logs([log], load_config(None))[0]
     told = {"notes": ("the clock was set twice",), "undecodable": {"/raw": (7, "no schema")}, "unchecked": {"chunks": 3}}
     text = io.StringIO()
     print_info(replace(found, report=replace(found.report, **told)), Console(file=text, width=200))

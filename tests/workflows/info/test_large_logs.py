@@ -6,7 +6,7 @@ import pytest
 
 from replay_kit.config.run import load_config
 from replay_kit.logs.mcap import overview
-from replay_kit.workflows.info.inspect import inspect_log, inspect_logs
+from replay_kit.workflows.info.inspect import inspect_logs
 from tests.command import invoke
 from tests.measurements.carriers import json_mcap
 from tests.measurements.samples import fix, ping
@@ -28,7 +28,7 @@ def log(tmp_path, monkeypatch):
 
 
 def test_a_large_log_is_described_by_its_index(log):
-    found = inspect_log(log, load_config(None))
+    found = inspect_logs([log], load_config(None))[0]
     # a hundred of each topic that has so many
     assert found.sampled == 202
     assert {name: topic.messages for name, topic in found.topics.items()} == {"/adcp": 2, "/vehicle/fix": 400, "/vendor/text": 400}

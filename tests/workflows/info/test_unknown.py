@@ -82,6 +82,19 @@ def test_the_next_command_has_the_ensemble_that_was_given(tmp_path):
     assert invoke(["synthesize", "--ensemble", str(forecast), "--truth", str(tmp_path / "t.nc"), "--members", "3"]).exit_code == 0
     said = invoke(["info", str(log), "--ensemble", str(forecast)]).stdout
     assert said.rstrip().endswith(f"Next: replay-kit replay {log} --ensemble {forecast} -o RESULT.mcap")
+    # and the settings, under the names that do not depend on the command
+    options = ["--levels", "5,150", "--measurements.no-use-dac", "--measurements.use-drift", "--remap", "/a b=/c", "--remap", "/d=/e"]
+    said = invoke(["info", str(log), "--ensemble", str(forecast), *options]).stdout
+    words = [
+        "--forecast.levels=5,150",
+        "--measurements.no-use-dac",
+        "--measurements.use-drift",
+        "--logs.remap=/a b=/c",
+        "--logs.remap=/d=/e",
+    ]
+    last = said.rstrip().splitlines()[-1]
+    assert last.startswith(f"Next: replay-kit replay {log} --ensemble {forecast} ")
+    assert sorted(shlex.split(last)[6:-2]) == sorted(words)
 
 
 def test_notes_of_several_logs_are_printed_once_and_whole_lists_on_request(tmp_path):

@@ -26,7 +26,7 @@ def along_track_section(contents: Contents) -> Section:
     """Return depth against time along the track, and the mean currents of the dives."""
     bins, missing, figures = contents.bins, [], []
     if bins.time_ns.size:
-        figures.append(_profiles(contents, bins))
+        figures.append(_profiles(bins))
     else:
         missing.append("The result holds no profile of the current that was used: there is no section.")
     if bins.time_ns.size and not np.isfinite(bins.estimated).any():
@@ -104,7 +104,7 @@ def _rows(bins: BinsAlongTrack, deepest: float) -> int:
     return int(np.clip(deepest / max(apart, 1e-3), 1, _ROWS))
 
 
-def _profiles(contents: Contents, bins: BinsAlongTrack) -> Figure:
+def _profiles(bins: BinsAlongTrack) -> Figure:
     time_ns, depths, values = gridded(bins)
     names, _ = quantities_of(bins)
     traces: list[dict[str, Any]] = []
