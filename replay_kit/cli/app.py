@@ -63,7 +63,8 @@ _COMMANDS = {
     ),
     "plan": (
         "FLOW... --start LON,LAT,DEPTH --goal LON,LAT,DEPTH",
-        "Plan a mission of dives: headings, glide angles and surfacings to one goal or several, near a place, or along a line.",
+        "Plan a mission of dives: headings, glide angles and surfacings to one goal or several, near a place, or along a line; or what to "
+        "measure before a stretch without fixes (--objective learn) and for a map (--objective map).",
     ),
     "twin": ("--truth FILE[#member] -o X.mcap|X.tlog", "Make a log by moving a vehicle with a simulated ADCP through a known current."),
     "synthesize": (

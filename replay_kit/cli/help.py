@@ -19,7 +19,8 @@ _COMMON = {
 _RARE = {
     *("--truth-radius", "--checkpoint", "--include-inputs", "--interval", "--until-idle", "--goal-file", "--notify", "--write-unsafe"),
     *("--waypoint-tolerance", "--surfacings-only", "--line-weight", "--spline", "--time-limit", "--arrive", "--scheduler", "--workers"),
-    *("--scenarios", "--fresh", "--archive", "--every", "--mean-factors"),
+    *("--scenarios", "--fresh", "--archive", "--every", "--mean-factors", "--then", "--blind", "--survey", "--box", "--profiles"),
+    *("--profile-error", "--others", "--surveys", "--maps", "--detours"),
 }
 # Up to a full stop or semicolon, not one in a name such as .mcap; and the default at the end.
 _FIRST_SENTENCE = re.compile(r"(.*?)(?=[.;](?:\s|$)|$).*?( \[default: [^]]*\])?$", re.DOTALL)

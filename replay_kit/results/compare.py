@@ -21,8 +21,8 @@ from replay_kit.results.digest import DIGEST_NAME, Digest
 from replay_kit.results.mcap_writer import CONFIG_NAME
 
 _FIELDS_SHOWN = 10
-# What the readers raise on a damaged file: their own errors, and what bytes taken for lengths and numbers lead to.
-_DAMAGED = (McapError, DecodeError, zstandard.ZstdError, struct.error, ValueError, LookupError, OverflowError, EOFError)
+#: What the readers raise on a damaged file: their own errors, and what bytes taken for lengths and numbers lead to.
+DAMAGED = (McapError, DecodeError, zstandard.ZstdError, struct.error, ValueError, LookupError, OverflowError, EOFError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,7 @@ def read_recorded(path: Path) -> Recorded:
             raise KeyError("replay_kit.inputs: ensemble")
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}; check the file and its permissions") from error
-    except _DAMAGED as error:
+    except DAMAGED as error:
         why = f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
         raise LogError(f"{path}: expected a whole result of replay-kit replay, but {why}; give the file of replay's --out") from error
     return Recorded(metadata, config, tuple(digests), attachments)
@@ -148,7 +148,7 @@ def _messages(path: Path) -> Iterator[Written]:
                     name, definition = ((schema.name, schema.encoding), schema.data) if schema else (None, b"")
                     times = record.log_time, record.publish_time, record.sequence
                     yield Written(channel.topic, *times, record.data, channel.message_encoding, name, definition)
-        except _DAMAGED:
+        except DAMAGED:
             # an unfinished file ends where it ends
             return
 
@@ -173,7 +173,7 @@ def _contents(a: Written, b: Written) -> Iterator[str]:
         if decode is not None:
             yield from _fields(decode(a.data), decode(b.data), "")
             return
-    except _DAMAGED:
+    except DAMAGED:
         pass
     yield from _values(a.data, b.data, "data")
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
 
+from replay_kit.cli.commands.plan_learning import Learning, plan_learning, refuse_learning
 from replay_kit.cli.console import console_beside, progress, write_json, write_text
 from replay_kit.cli.options import (
     MCAP,
@@ -40,8 +41,8 @@ class Places:
 
     start: Annotated[str, option("--start", "Where the mission begins [degrees, degrees, m].", metavar="LON,LAT,DEPTH"), PLACE]
     goal: Annotated[
-        list[str], option("--goal", "Where to go [degrees, degrees, m]; may be repeated, in order.", metavar="LON,LAT,DEPTH"), PLACE
-    ]
+        list[str] | None, option("--goal", "Where to go [degrees, degrees, m]; may be repeated, in order.", metavar="LON,LAT,DEPTH"), PLACE
+    ] = None
     no_go: Annotated[
         Path | None,
         option(
@@ -69,7 +70,7 @@ class Times:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Aim:
+class Aim(Learning):
     """What the mission is for."""
 
     objective: Annotated[
@@ -77,8 +78,7 @@ class Aim:
         option(
             "--objective",
             f"What is minimised: {', '.join(get_args(ObjectiveName))}, or weights of hours, kJ and km from the goal, as "
-            "time=1,energy=0.02,closest=5. "
-            "Default: time.",
+            "time=1,energy=0.02,closest=5; learn: the error after a survey, map: that of the current in a box. Default: time.",
             metavar="NAME|WEIGHTS",
         ),
     ] = None
@@ -175,10 +175,16 @@ def plan(
     streams = outputs.geojson, outputs.csv, outputs.json_file
     if sum(str(path) == "-" for path in streams) > 1:
         raise ConfigError("--geojson, --csv and --json: only one of them can have standard output; give the others files")
-    check_paths([*flows, settings.file, places.no_go, places.bathymetry], [outputs.out, outputs.waypoints, *streams], outputs.overwrite)
+    others = aim.others or ()
+    check_paths(
+        [*flows, *others, settings.file, places.no_go, places.bathymetry], [outputs.out, outputs.waypoints, *streams], outputs.overwrite
+    )
     least, most = _pair(method.angles, "--angles", "MIN,MAX") or (None, None)
     config = settings.load(planner={"min_angle": least, "max_angle": most})
 
+    if aim.objective in ("learn", "map"):
+        return plan_learning(flows, (places, times, aim, method, outputs), config)
+    refuse_learning(places.goal, aim)
     from replay_kit.workflows.planning.mission import make_mission
     from replay_kit.workflows.planning.outputs import mission_json, print_mission, unsafe_reason, write_mission
 
@@ -207,7 +213,7 @@ def _job(flows: tuple[Path, ...], places: Places, times: Times, aim: Aim, method
     job = PlanJob(
         flows,
         place(places.start, "--start"),
-        tuple(place(text, "--goal") for text in places.goal),
+        tuple(place(text, "--goal") for text in places.goal or ()),
         kind=kind,
         no_go=places.no_go,
         bathymetry=places.bathymetry,
@@ -230,7 +236,7 @@ def _asked(places: Places, times: Times, aim: Aim, method: Method, line_weight: 
     """Return what was asked for beyond the configuration, as it was given."""
     return {
         "start": places.start,
-        "goals": " ".join(places.goal),
+        "goals": " ".join(places.goal or ()),
         "objective": aim.objective,
         "mooring": aim.mooring,
         "spline": method.spline,

@@ -57,7 +57,7 @@ class Evolution:
 
     def __call__(self, flow: Flow, time_ns: int) -> Flow:
         """Return the flow for a time; for one before the last observation, at the time of that observation."""
-        return self._after(time_ns).flow(flow, time_ns if self.time_ns is None else max(time_ns, self.time_ns))
+        return self.unknowns_at(time_ns).flow(flow, time_ns if self.time_ns is None else max(time_ns, self.time_ns))
 
     def flow(self, flow: Flow, time_ns: int) -> Flow:
         """Return the flow of the unknowns as they are.
@@ -89,7 +89,7 @@ class Evolution:
             seed: The same seed gives the same currents.
         """
         times = [time_ns if self.time_ns is None else max(time_ns, self.time_ns) for time_ns in times_ns]
-        rng, first = np.random.default_rng(seed), self._after(times[0])
+        rng, first = np.random.default_rng(seed), self.unknowns_at(times[0])
         factor = root_of(first.covariance())
         unknowns = first.mean + rng.standard_normal((n, factor.shape[1])) @ factor.T
         mean_flow, drawn = flow.mean_flow(), list[list[Flow]]()
@@ -106,8 +106,8 @@ class Evolution:
         """Return the evolution without the forecast's times that are over."""
         return self if self.time_ns is None else replace(self, process=self.process.since(self.time_ns))
 
-    def _after(self, time_ns: int) -> "Evolution":
-        """Return the unknowns at a time: each decays, and process noise keeps the prior's variance of 1."""
+    def unknowns_at(self, time_ns: int) -> "Evolution":
+        """Return the unknowns at a time [ns, UTC]: each decays, and process noise keeps the prior's variance of 1."""
         if self.time_ns is None or time_ns <= self.time_ns:
             return self
         past = (time_ns - self.time_ns) / 1e9 / self.process.scales

@@ -77,13 +77,17 @@ class ProcessModel:
 
     def loading(self, time_ns: int) -> Array:
         """Return the effect of one unit of each unknown on the weights, shape (F + B, Z, r)."""
-        return np.concatenate([self._interpolate(time_ns, lambda k: self.trajectories[k]), self._spread_at(time_ns) * self.local])
+        return np.concatenate([self.trajectories_at(time_ns), self.spread_at(time_ns) * self.local])
+
+    def trajectories_at(self, time_ns: int) -> Array:
+        """Return T_f at a time [ns, UTC], shape (F, Z, r)."""
+        return self._interpolate(time_ns, lambda k: self.trajectories[k])
 
     def weights(self, unknowns: Array, time_ns: int) -> Array:
         """Return the weights of unknowns, shape (F + B,), about the basis's offset: shape (Z, r)."""
         coefficients, rest = np.split(unknowns, [self.trajectories.shape[1]])
         moved = self._interpolate(time_ns, lambda k: np.tensordot(coefficients, self.trajectories[k], 1))
-        return np.asarray(self.mean_at(time_ns) + moved + self._spread_at(time_ns) * np.tensordot(rest, self.local, 1))
+        return np.asarray(self.mean_at(time_ns) + moved + self.spread_at(time_ns) * np.tensordot(rest, self.local, 1))
 
     def project(self, basis: Array, time_ns: int) -> Array:
         """Return the effect of one unit of each unknown on the current at a place, level by level: shape (F + B, Z, c) [m/s].
@@ -95,9 +99,10 @@ class ProcessModel:
             time_ns: [ns, UTC].
         """
         trajectories = self._interpolate(time_ns, lambda k: self.trajectories[k] @ basis.T)
-        return np.concatenate([trajectories, self._spread_at(time_ns) * (self.local @ basis.T)])
+        return np.concatenate([trajectories, self.spread_at(time_ns) * (self.local @ basis.T)])
 
-    def _spread_at(self, time_ns: int) -> float:
+    def spread_at(self, time_ns: int) -> float:
+        """Return s at a time [ns, UTC]."""
         return float(self._interpolate(time_ns, lambda k: self.spread[k]))
 
     def _interpolate(self, time_ns: int, at: Callable[[int], Array]) -> Array:

@@ -12,7 +12,9 @@ from mcap.reader import make_reader
 
 from replay_kit.config.gating import with_current_keys
 from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Flag, Reason
+from replay_kit.results.compare import DAMAGED
 from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
 from replay_kit.results.result import ResultFile
 from replay_kit.results.schemas import decode
@@ -41,6 +43,24 @@ def read_record(path: Path) -> RunRecord:
         attached = {record.name: record.data for record in reader.iter_attachments() if record.name in (CONFIG_NAME, SUMMARY_NAME)}
     summary = json.loads(attached[SUMMARY_NAME]) if SUMMARY_NAME in attached else None
     return RunRecord(metadata, attached.get(CONFIG_NAME, b"").decode(), summary)
+
+
+def read_planned_legs(path: Path) -> tuple[Mapping[str, str], Mapping[str, str]]:
+    """Return the legs of a plan in a result of its own, JSON by number, and where and when they begin.
+
+    Raises:
+        LogError: It cannot be read, or is no plan with legs.
+    """
+    try:
+        metadata = read_record(path).metadata
+        legs, begun = metadata["legs"], metadata["mission"]
+        int(begun["start_time_ns"])
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror}; check the file and its permissions") from error
+    except DAMAGED as error:
+        why = f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
+        raise LogError(f"{path}: expected a plan of this version's replay-kit plan -o, but {why}; plan it again") from error
+    return legs, begun
 
 
 def bathymetry_name(record: RunRecord) -> str:

@@ -36,6 +36,9 @@ class PlanningJob:
         crossings: Missions of days in a sea that changes.
         crossing: Least and largest distance from their start to their goal [m].
         seed: Of all random draws.
+        surveys: Twins of a survey before a stretch without fixes.
+        maps: Twins of a map, every other of a box known by half.
+        detours: Twins of missions that may go by a detour.
     """
 
     studies: tuple[str, ...]
@@ -54,11 +57,28 @@ class PlanningJob:
     crossings: int = 40
     crossing: tuple[float, float] = (80e3, 120e3)
     seed: int = 0
+    surveys: int = 60
+    maps: int = 24
+    detours: int = 36
 
     def check(self, known: Collection[str]) -> None:
         """Raise ConfigError when an option is wrong."""
         check_names("--study", self.studies, known)
-        counts = ("pairs", "pings", "legs", "scenarios", "samples", "fresh", "masks", "replans", "crossings", "noise")
+        counts = (
+            "pairs",
+            "pings",
+            "legs",
+            "scenarios",
+            "samples",
+            "fresh",
+            "masks",
+            "replans",
+            "crossings",
+            "noise",
+            "surveys",
+            "maps",
+            "detours",
+        )
         check_positive(**{name: getattr(self, name) for name in counts})
         check_not_negative(seed=self.seed)
 

@@ -1,6 +1,6 @@
 """The pictures of the studies of planning, drawn on matplotlib figures that are handed in."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -118,6 +118,19 @@ def _around(axes: Any, points: Array) -> None:
     middle, half = 0.5 * (low + high), 0.6 * float(np.max(high - low)) + 5.0
     axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
     axes.set_aspect("equal")
+
+
+def draw_ways(misses: Mapping[str, Array], figure: Any) -> None:
+    """Draw, for each kind of survey, the share of the stretches that end within a distance [km] of their goals."""
+    axes = figure.subplots()
+    styles = ((GREY, ":"), (BLACK, "--"), (VERMILION, "-."), (BLUE, "-"), (BLUE, ":"), (VERMILION, ":"))
+    for (way, values), (color, line) in zip(misses.items(), styles, strict=False):
+        share = np.arange(1, values.size + 1) / values.size
+        axes.step(np.sort(values), share, where="post", color=color, linestyle=line, label=way)
+    axes.axhline(0.9, color=GREY, linewidth=0.8)
+    axes.set(xlabel="distance from the goal [km]", ylabel="share of the stretches", ylim=(0.0, 1.02), xlim=(0.0, None))
+    axes.legend(frameon=False)
+    axes.grid(alpha=0.3)
 
 
 def draw_replanned(misses: Array, near: float, figure: Any) -> None:

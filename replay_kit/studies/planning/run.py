@@ -11,6 +11,7 @@ from replay_kit.studies.planning.arrivals import glides, missions
 from replay_kit.studies.planning.changing import changing
 from replay_kit.studies.planning.infeasible import infeasible
 from replay_kit.studies.planning.job import PlanningJob, PlanningResult, StudyReport
+from replay_kit.studies.planning.learning import learn, learning_calls
 from replay_kit.studies.planning.masked import masked
 from replay_kit.studies.planning.odds import odds
 from replay_kit.studies.planning.replanning import replanning
@@ -40,6 +41,7 @@ STUDIES: Mapping[str, Study] = {
     "infeasible": Study(infeasible, lambda job: 10),
     "replanning": Study(replanning, lambda job: job.replans),
     "changing": Study(changing, lambda job: job.crossings),
+    "learn": Study(learn, learning_calls),
 }
 
 

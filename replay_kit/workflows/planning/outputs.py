@@ -9,6 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
+from planners import MissionPlan
 from planners.mission.waypoints import Waypoints
 from planners.output.mission import as_glide, legs_table, to_csv, to_geojson, to_json
 from planners.output.waypoints import waypoint_json, waypoint_text
@@ -178,7 +179,7 @@ def write_mission(
     read = {**{f"flow{k}": flow for k, flow in enumerate(job.flows)}, "no_go": job.no_go, "bathymetry": job.bathymetry}
     mission = planned.plan
     legs = {str(row["leg"]): json.dumps(row) for row in legs_table(mission, planned.ellipses)}
-    about = {**plan_metadata(read, options), "mission": {"status": mission.status, "message": mission.message}, "legs": legs}
+    about = {**plan_metadata(read, options), "mission": _about(mission), "legs": legs}
     if planned.departures:
         about["departures"] = {row["departure"]: json.dumps(row) for row in departures_table(planned)}
     with ResultWriter(path, overwrite) as writer:
@@ -186,6 +187,12 @@ def write_mission(
         if planned.bathymetry is not None:
             writer.seabed(mission.start_time_ns, seabed_of(planned.bathymetry, planned.region))
         writer.plan(_published(planned, job.battery), planned.projection)
+
+
+def _about(mission: MissionPlan) -> dict[str, str]:
+    """Return what the legs begin with, as text."""
+    start = {"start_time_ns": mission.start_time_ns, "longitude": mission.start.longitude, "latitude": mission.start.latitude}
+    return {"status": mission.status, "message": mission.message, **{name: str(value) for name, value in start.items()}}
 
 
 def _published(planned: PlannedMission, battery: float | None) -> Plan:

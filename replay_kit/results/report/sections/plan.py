@@ -7,6 +7,7 @@ import numpy as np
 
 from replay_kit.results.page.section import Figure, Section, column, number, table_html
 from replay_kit.results.report.sections.last_plan import last_plan_html, profile_figure, what_is_missing
+from replay_kit.results.report.sections.learning import learning_html, value_figure
 from replay_kit.results.report.sections.waypoint import waypoint_figure
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.last_plan import LastPlan
@@ -23,6 +24,9 @@ def plan_section(contents: Contents) -> Section:
         why = f"No plan was found: {note}" if note else "The result holds no plan: no goal was given, or none was due"
         return Section("plan", "Plan", missing=[f"{why}; replay-kit plan makes one on this estimate."])
     figures = [profile_figure(contents, plan)] if len(plan.track) else []
+    value = value_figure(contents)
+    if value is not None:
+        figures.append(value)
     waypoint = waypoint_figure(contents)
     if waypoint is not None:
         figures.append(waypoint)
@@ -31,6 +35,7 @@ def plan_section(contents: Contents) -> Section:
     html = (
         last_plan_html(contents, plan)
         + _departures_html(contents)
+        + learning_html(contents)
         + _legs_html(plan)
         + _plans_html(contents)
         + _figures_of_surfacings(contents)

@@ -1,0 +1,156 @@
+"""Surveys from a place and back to it in a given time: their shapes, their times, and where they may not go."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from planners.learning.current import Complex, Currents
+from planners.route.hazards import Ring
+from replay_kit.core.arrays import Array
+
+#: Position of waiting and of scouting straight ahead and back among the loops of ``shapes``.
+WAITING, SCOUTING = 0, 1
+# Directions of the loops, and their corners, relative to a direction and of any size.
+_DIRECTIONS = 16
+_SHAPES = (
+    (1.0 + 0j, 0.5 + 0j, 0j),
+    (1.0 + 0j, 0.7 + 0.7j, 0j),
+    (1.0 + 0j, 0.7 - 0.7j, 0j),
+    (1.0 + 0.25j, 1.0 - 0.25j, 0j),
+)
+# Points along a loop at which its current counts, and rounds in which its size is fitted to its time.
+_POINTS, _ROUNDS = 48, 6
+# Share of a vehicle's speed that a survey counts on: the rest makes up for a current that is not as known.
+_COUNTED = 0.9
+# Least speed over ground [m/s]; where a current leaves less a loop cannot be flown.
+_LEAST = 0.02
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Survey:
+    """Surveys of one duration, C of them.
+
+    Attributes:
+        corners: shape (C, W) [m], after the start, to which the last returns.
+        ends: shape (C, n) [m], where each dive ends.
+        profiles: shape (C, n) [m], its middle: where its mean current counts.
+        times: shape (n,) [s], of the profiles.
+        flown: shape (C,), whether it can be flown in the current that is known.
+    """
+
+    corners: Complex
+    ends: Complex
+    profiles: Complex
+    times: Array
+    flown: NDArray[np.bool_]
+
+    def picked(self, which: Sequence[int] | NDArray[np.intp]) -> "Survey":
+        """Return some of the surveys."""
+        index = np.asarray(which)
+        return Survey(self.corners[index], self.ends[index], self.profiles[index], self.times, self.flown[index])
+
+    @property
+    def points(self) -> Array:
+        """Places of the profiles, shape (C, n, 2) [m]."""
+        return np.stack([self.profiles.real, self.profiles.imag], axis=-1)
+
+
+def shapes(ahead: complex) -> Complex:
+    """Return the corners of loops in all directions, shape (65, 3), of any size, relative to the start: first waiting, then scouting ahead.
+
+    Args:
+        ahead: The direction in which the stretch without fixes leads, of any length above 0.
+    """
+    turns = ahead / abs(ahead) * np.exp(2j * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS)
+    loops = (np.array(_SHAPES)[:, None, :] * turns[:, None]).reshape(-1, 3)
+    return np.concatenate([np.zeros((1, 3)), loops])
+
+
+def random_shapes(rng: np.random.Generator, count: int) -> Complex:
+    """Return corners of loops at random, shape (count, 3), of any size, relative to the start."""
+    first, turn, size = rng.uniform(0.0, 2.0 * np.pi, count), rng.uniform(-0.5 * np.pi, 0.5 * np.pi, count), rng.uniform(0.3, 1.0, count)
+    one = np.exp(1j * first)
+    return np.stack([one, size * one * np.exp(1j * turn), np.zeros(count)], axis=1)
+
+
+def timed(known: Currents, start: complex, shape: Complex, span: tuple[float, float, int], speed: float) -> Survey:
+    """Return surveys of such shapes that take a given time in the current that is known.
+
+    Args:
+        known: One current.
+        start: [m].
+        shape: shape (C, W), corners of any size relative to the start, the last 0; all 0 to wait.
+        span: When they begin [s], for how long [s], and their number of dives.
+        speed: Greatest through water [m/s].
+    """
+    begin, duration, n_dives = span
+    lengths = np.abs(np.diff(shape, axis=1, prepend=0.0)).sum(axis=1)
+    moves = lengths > 0.0
+    unit = shape / np.where(moves, lengths, 1.0)[:, None]
+    size = np.where(moves, speed * _COUNTED * duration, 0.0)
+    share = (np.arange(_POINTS) + 0.5) / _POINTS
+    track, tangent = _along(unit, share)
+    times = np.broadcast_to(begin + duration * share, track.shape)
+    for _ in range(_ROUNDS):
+        spent = _time_along(known, (start + size[:, None] * track, tangent), times, size, speed)
+        size *= np.clip(duration / np.maximum(spent.sum(axis=1), 1e-9), 0.2, 1.6)
+    spent = _time_along(known, (start + size[:, None] * track, tangent), times, size, speed)
+    held_back = np.any(spent >= (1.0 - 1e-9) * size[:, None] / _POINTS / _LEAST, axis=1)
+    flown = ~moves | (~held_back & (np.abs(spent.sum(axis=1) / duration - 1.0) < 0.05))
+    done = np.concatenate([np.zeros((len(size), 1)), np.cumsum(spent, axis=1)], axis=1)
+    at = np.arange(1, 2 * n_dives + 1) / (2 * n_dives)
+    shares = np.array([np.interp(at, one / max(one[-1], 1e-9), np.linspace(0.0, 1.0, _POINTS + 1)) for one in done])
+    places = start + size[:, None] * _along_each(unit, shares)
+    return Survey(start + size[:, None] * unit, places[:, 1::2], places[:, ::2], begin + duration * at[::2], flown)
+
+
+def _along(corners: Complex, share: Array) -> tuple[Complex, Complex]:
+    """Return places at shares of the way from 0 past corners, shape (C, p), and unit vectors along it; 0 for a loop that stays."""
+    shares = np.broadcast_to(share, (len(corners), share.size))
+    before, after = _along_each(corners, shares - 1e-6), _along_each(corners, shares + 1e-6)
+    way = after - before
+    return _along_each(corners, shares), way / np.maximum(np.abs(way), 1e-30)
+
+
+def _along_each(corners: Complex, shares: Array) -> Complex:
+    legs = np.abs(np.diff(corners, axis=1, prepend=0.0))
+    ends = np.concatenate([np.zeros((len(corners), 1)), np.cumsum(legs, axis=1)], axis=1)
+    nodes = np.concatenate([np.zeros((len(corners), 1)), corners], axis=1)
+    return np.asarray([np.interp(share * end[-1], end, node) for share, end, node in zip(shares, ends, nodes, strict=True)])
+
+
+def _time_along(known: Currents, way: tuple[Complex, Complex], times: Array, size: Array, speed: float) -> Array:
+    """Return the time of each piece of loops [s], shape (C, p), along which a vehicle keeps."""
+    track, tangent = way
+    u = known.at(track[None], times[None])[0] * np.conj(tangent)
+    ahead = np.sqrt(np.maximum((_COUNTED * speed) ** 2 - u.imag**2, 0.0))
+    over_ground = np.where(ahead > 0.0, ahead + u.real, 0.0)
+    return np.asarray(size[:, None] / track.shape[1] / np.maximum(over_ground, _LEAST))
+
+
+def clear(survey: Survey, start: complex, rings: Sequence[Ring], margin: float) -> NDArray[np.bool_]:
+    """Return which surveys keep clear of what is forbidden, shape (C,).
+
+    Args:
+        survey: C of them.
+        start: [m].
+        rings: What is forbidden, for surfacing too.
+        margin: Distance kept [m].
+    """
+    corners = np.concatenate([np.full((len(survey.corners), 1), start), survey.corners], axis=1)
+    return clear_lines(shapely.linestrings(np.stack([corners.real, corners.imag], axis=-1)), rings, margin)
+
+
+def clear_lines(lines: NDArray[Any], rings: Sequence[Ring], margin: float) -> NDArray[np.bool_]:
+    """Return which lines keep a margin [m] from rings."""
+    found = np.ones(len(lines), dtype=bool)
+    for ring in rings:
+        if ring.outside:
+            found &= shapely.covers(ring.area, lines) & ~shapely.dwithin(ring.line, lines, margin)
+        else:
+            found &= ~shapely.dwithin(ring.area, lines, margin)
+    return found

@@ -1,0 +1,206 @@
+"""The next profiles of a map of a box's current, against lawn-mowers, and what both are worth in samples."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from planners.learning.choose import Aim
+from planners.learning.closed_loop import Sea, Stretch, drawn_sea, fly_survey, slices
+from planners.learning.loops import Survey
+from planners.learning.mapping import Mapping, look_ahead, refined
+from planners.learning.mowers import lawn_mowers
+from planners.learning.rows import Combined, Rows, covariance, gains, rows_at, unknowns_at
+from planners.learning.scene import Scene, dives_of, scene_of, value_map
+from planners.learning.values import Box, LearnPlan, LearnRequest, Told
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import to_local, unwrap_longitude
+
+# Places along the longer side of a box at which the current counts; draws of an interval, and the share that it holds.
+_ALONG, _DRAWS, _HOLDS = 11, 400, 0.9
+# A lawn-mower is offered when the plan is no better than by this share.
+_AS_GOOD = 0.01
+
+
+def plan_map(flow: FlowEstimate, request: LearnRequest, box: Box) -> LearnPlan:
+    """Return the profiles that leave the least error of the current in a box.
+
+    Args:
+        flow: The estimate, with its uncertainty.
+        request: Start, number of profiles, and how they are brought.
+        box: Whose current counts.
+
+    Raises:
+        PlanError: The box is outside or on land, no leg may be flown, or nothing is left to learn.
+    """
+    if request.profiles < 1:
+        raise PlanError(f"profiles of a map: expected 1 or more, got {request.profiles}")
+    scene = scene_of(flow, request, None, box.depths)
+    places, counted = _places(scene, box)
+    times: Array = scene.begin + scene.leg_time * np.arange(request.profiles + 1, dtype=np.float64)
+    which = tuple(range(1, len(box.depths) + 1)) or (0,)
+    given = scene.aim(Combined(rows_at(scene.known, places[:1], times[-1:]), np.eye(2))).given
+    mapping = Mapping(scene.known, scene.mean, places, which, scene.start, times, scene.speed, scene.settings.error**2, given)
+    before = mapping.before()
+    if before <= 0.5 * scene.settings.error:
+        raise PlanError(
+            f"no uncertainty is left to reduce: the current in the box is known to {before:.3f} m/s, and a profile errs by "
+            f"{scene.settings.error:g} m/s; choose another box"
+        )
+    survey, after, mower, mower_error, is_mower = choose_map(scene, mapping)
+    notes = () if counted > 0.99 else (f"{100.0 * (1.0 - counted):.0f} % of the box lie outside of the region or on land and do not count",)
+    return _plan(scene, request, (mapping, survey, after), (mower, mower_error, is_mower), notes)
+
+
+def choose_map(scene: Scene, mapping: Mapping) -> tuple[Survey, float, Survey, float, bool]:
+    """Return the survey and its error, the best lawn-mower and its error, and whether that is the survey.
+
+    Raises:
+        PlanError: No leg may be flown.
+    """
+    ahead = look_ahead(mapping, scene.allowed, covariance_now(scene, mapping))
+    mowers = lawn_mowers(mapping)
+    begins = np.concatenate([np.full((len(mowers.ends), 1), mapping.start), mowers.ends[:, :-1]], axis=1)
+    free: NDArray[np.bool_] = np.asarray(np.all(scene.allowed(begins.ravel(), mowers.ends.ravel()).reshape(mowers.ends.shape), axis=1))
+    errors = np.where(free, mapping.errors(mowers), np.inf)
+    k = int(np.argmin(errors))
+    mower, mower_error = mowers.picked([k]), float(errors[k])
+    tried = [refined(mapping, scene.allowed, one, scene.settings.seed) for one in ([ahead, mower] if free[k] else [ahead])]
+    survey, error = min(tried, key=lambda one: one[1])
+    if mower_error <= error * (1.0 + _AS_GOOD):
+        return mower, mower_error, mower, mower_error, True
+    return survey, error, mower, mower_error, False
+
+
+def covariance_now(scene: Scene, mapping: Mapping) -> Array:
+    """Return the covariance of the unknowns when a plan begins, shape (n, n), as if the profiles of others were made by then."""
+    own = unknowns_at(scene.known, scene.begin)
+    cov = covariance(own, own)
+    if mapping.given is None:
+        return cov
+    lower = np.linalg.cholesky(covariance(mapping.given, mapping.given) + mapping.variance * np.eye(len(mapping.given.now)))
+    inside = solve_triangular(lower, covariance(mapping.given, own), lower=True)
+    return np.asarray(cov - inside.T @ inside)
+
+
+def _places(scene: Scene, box: Box) -> tuple[Array, float]:
+    """Return the places of a box whose current counts, shape (P, 2) [m], and their share of all.
+
+    Raises:
+        PlanError: None lies in water within the region, or a depth is not within the levels.
+    """
+    grid, region = scene.known.flow.grid, scene.task.region
+    name = f"the box from {box.west:g}, {box.south:g} to {box.east:g}, {box.north:g}"
+    deep = [depth for depth in box.depths if not 0.0 <= depth <= float(grid.levels[-1])]
+    if deep:
+        raise PlanError(f"{name}: expected depths from the surface to {grid.levels[-1]:g} m, the deepest level, got {deep[0]:g} m")
+    shape = np.array([(box.east - box.west) * np.cos(np.deg2rad(0.5 * (box.south + box.north))), box.north - box.south])
+    count = np.maximum(np.round(_ALONG * shape / shape.max()).astype(int), 2)
+    west = float(unwrap_longitude(np.array([box.west]), scene.projection.longitude)[0])
+    longitude, latitude = np.meshgrid(np.linspace(west, west + box.east - box.west, count[0]), np.linspace(box.south, box.north, count[1]))
+    points = np.column_stack(to_local(scene.projection, longitude.ravel(), latitude.ravel()))
+    inside: NDArray[np.bool_] = np.asarray(np.all(np.isfinite(points), axis=1))
+    inside[inside] = region.inside_outline(points[inside])
+    if not inside.any():
+        raise PlanError(
+            f"{name} lies outside of the estimate's region, longitude {grid.longitude.min():.3f} to {grid.longitude.max():.3f}, latitude "
+            f"{grid.latitude.min():.3f} to {grid.latitude.max():.3f}; choose a box within it"
+        )
+    deepest = max(box.depths, default=0.0)
+    wet = inside.copy()
+    wet[inside] = region.wet(np.column_stack([points[inside], np.full(int(inside.sum()), deepest)]))
+    if not wet.any():
+        raise PlanError(f"{name} lies on land or in water shallower than {deepest:g} m; choose a box in water")
+    return points[wet], float(wet.mean())
+
+
+def realised(sea: Sea, mapping: Mapping, survey: Survey | None, noise: Array) -> Array:
+    """Return the root mean square error of a component in the box after a survey flown in each true current [m/s], shape (S,).
+
+    Args:
+        sea: What it is flown in; its currents are means over the dives.
+        mapping: What is to be mapped; of the dives' mean alone.
+        survey: One; None for none.
+        noise: shape (S, N, 2) of unit variance, errors of the profiles.
+    """
+    end = float(mapping.times[-1])
+    box = mapping.box[:, 0] + 1j * mapping.box[:, 1]
+    true = sea.truth.at(np.broadcast_to(box, (sea.count, box.size)), end) - sea.mean.at(box[None], end)
+    left = np.stack([true.real, true.imag], axis=-1)
+    if survey is not None:
+        stretch = Stretch(mapping.start, box[:1], float(mapping.times[0]), end - float(mapping.times[0]), 0.0, mapping.speed, 0.0)
+        places, met, _ = fly_survey(sea, stretch, survey)
+        found = met - np.stack([sea.mean.at(one[None], time)[0] for one, time in zip(places.T, survey.times, strict=True)], axis=1)
+        values = np.stack([found.real, found.imag], axis=-1) + np.sqrt(mapping.variance) * noise
+        rows = rows_at(mapping.known, np.stack([places.real, places.imag], axis=-1), survey.times)
+        left = left - estimated(mapping, rows, values.reshape(sea.count, -1))
+    return np.asarray(np.sqrt(np.mean(left**2, axis=(1, 2))))
+
+
+def estimated(mapping: Mapping, rows: Rows, values: Array) -> Array:
+    """Return the box's currents less the estimate's after measurements, shape (S, P, 2), at the end, of the dives' mean."""
+    sought = rows_at(mapping.known, mapping.box, np.full(len(mapping.box), mapping.times[-1]))
+    weighed = gains(rows, values, mapping.variance)
+    return np.asarray(np.einsum("smq,sq->sm", covariance(sought, rows), weighed).reshape(len(values), -1, 2))
+
+
+def _interval(errors: Array) -> tuple[float, float, float]:
+    """Return the root mean square of errors, shape (S,), and an interval that holds it with a probability of 90 %, by bootstrap."""
+    rng, square = np.random.default_rng(0), errors**2
+    drawn = np.sqrt(square[rng.integers(0, errors.size, (_DRAWS, errors.size))].mean(axis=1))
+    low, high = np.quantile(drawn, [0.5 - 0.5 * _HOLDS, 0.5 + 0.5 * _HOLDS])
+    return float(np.sqrt(square.mean())), float(low), float(high)
+
+
+def _plan(
+    scene: Scene,
+    request: LearnRequest,
+    chosen: tuple[Mapping, Survey, float],
+    peer: tuple[Survey, float, bool],
+    notes: tuple[str, ...],
+) -> LearnPlan:
+    """Return the plan with its message, its evidence and its track."""
+    (mapping, survey, after), (mower, mower_error, is_mower) = chosen, peer
+    before = mapping.before()
+    named: list[tuple[str, float, Survey | None]] = [("no profiles", before, None), ("the best lawn-mower", mower_error, mower)]
+    named.append(("this plan", after, survey))
+    # samples are of the dives' mean: of other depths the prediction stands alone
+    sea = None
+    if mapping.which == (0,) and mapping.given is None:
+        span = slices(scene.known, scene.begin, float(mapping.times[-1]))
+        sea = drawn_sea(scene.known, span, scene.settings.samples, scene.settings.seed)
+    noise = np.random.default_rng(scene.settings.seed + 1).standard_normal((scene.settings.samples, survey.times.size, 2))
+    told = []
+    for name, predicted, one in named:
+        if np.isfinite(predicted):
+            figures = (np.nan,) * 3 if sea is None else _interval(realised(sea, mapping, one, noise))
+            told.append(Told(name, predicted, *figures, np.nan, name == "this plan"))
+    legs, times, track = dives_of(scene, scene.start, survey.ends[0], mapping.times)
+    words = f"{request.profiles} profiles reduce the error of the current in the box from {before:.3f} to {after:.3f} m/s"
+    words += " along a lawn-mower, than which nothing better was found" if is_mower else f"; the best lawn-mower to {mower_error:.3f} m/s"
+    last = scene.place(complex(survey.ends[0, -1]))
+    sought = mapping.sought()
+    aim = Aim(scene.known, Combined(sought, np.eye(len(sought.now)) / np.sqrt(len(sought.now))), mapping.variance, mapping.given)
+    return LearnPlan(
+        status="reached",
+        message=words,
+        objective="map",
+        start=request.start,
+        goal=last,
+        start_time_ns=request.start_time_ns,
+        vehicle=request.vehicle,
+        depth=scene.settings.depth,
+        legs=legs,
+        track_time=times,
+        track=track,
+        miss=0.0,
+        before=before,
+        after=after,
+        told=tuple(told),
+        value=value_map(scene, aim, float(mapping.profile_times[0]), mapping.box[:, 0] + 1j * mapping.box[:, 1], "m/s"),
+        found_name="error in the box",
+        unit="m/s",
+        notes=notes,
+        figures={"samples": 0 if sea is None else scene.settings.samples, "surfacings": int(survey.times.size)},
+    )

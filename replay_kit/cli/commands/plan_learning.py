@@ -1,0 +1,157 @@
+"""``plan --objective learn`` and ``map``."""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from replay_kit.cli.console import console_beside, progress, write_json, write_text
+from replay_kit.cli.options import numbers, option, place
+from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from replay_kit.cli.commands.plan import Aim, Method, Outputs, Places, Times
+    from replay_kit.core.plan import Place
+    from replay_kit.workflows.planning.learning import LearnJob
+
+Asked = tuple["Places", "Times", "Aim", "Method", "Outputs"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Learning:
+    """What plans that learn are told (--objective learn and map)."""
+
+    then: Annotated[
+        str | None,
+        option("--then", "Where the stretch without fixes after a survey ends, past other places if given.", metavar="LON,LAT,DEPTH[,...]"),
+    ] = None
+    blind: Annotated[float | None, option("--blind", "Duration of that stretch [h].", metavar="HOURS")] = None
+    survey: Annotated[float | None, option("--survey", "Duration of the survey before it [h]. Default: 24.", metavar="HOURS")] = None
+    box: Annotated[
+        str | None, option("--box", "Box to be mapped [degrees], and depths [m]; without them the dives' mean.", metavar="W,S,E,N[,DEPTHS]")
+    ] = None
+    profiles: Annotated[int | None, option("--profiles", "Number of profiles of the map.", metavar="N")] = None
+    profile_error: Annotated[
+        float, option("--profile-error", "Standard deviation of the error of a profile's mean current, each component [m/s].")
+    ] = 0.03
+    others: Annotated[
+        list[Path] | None,
+        option("--others", "Plan of another vehicle, whose profiles come anyway; may be repeated.", metavar="PLAN.mcap"),
+    ] = None
+
+
+def plan_learning(flows: tuple[Path, ...], asked: Asked, config: RunConfig) -> int:
+    """Return 0: a plan that is of no use is a result.
+
+    Args:
+        flows: The estimate.
+        asked: The command's options.
+        config: All settings, the command's laid over them.
+
+    Raises:
+        ConfigError: Options do not go together.
+    """
+    from replay_kit.workflows.planning.learning import make_learning
+    from replay_kit.workflows.planning.learning_outputs import learning_csv, learning_geojson, learning_json, print_learning, write_learning
+
+    outputs = asked[-1]
+    _refuse(asked)
+    job = _job(flows, asked, config)
+    with progress():
+        learnt = make_learning(job, config.planner)
+    print_learning(learnt, console_beside(outputs.geojson, outputs.csv, outputs.json_file))
+    write_json(outputs.json_file, learning_json(learnt))
+    if outputs.geojson is not None:
+        write_text(outputs.geojson, learning_geojson(learnt))
+    if outputs.csv is not None:
+        write_text(outputs.csv, learning_csv(learnt))
+    if outputs.out is not None:
+        write_learning(outputs.out, outputs.overwrite, learnt, job, _given(asked), config)
+    return 0
+
+
+def refuse_learning(goal: list[str] | None, asked: Learning) -> None:
+    """Raise ConfigError for options of plans that learn without their objective, and where there is no goal."""
+    if any(getattr(asked, one.name) != one.default for one in fields(Learning)):
+        raise ConfigError("--then, --blind, --survey, --box, --profiles, --profile-error, --others: expected --objective learn or map")
+    if not goal:
+        raise ConfigError("--goal: expected LON,LAT,DEPTH, where to go; only --objective learn with --then and --objective map have none")
+
+
+def _refuse(asked: Asked) -> None:
+    """Raise ConfigError for options that only missions have."""
+    _, times, aim, method, outputs = asked
+    given = {
+        "--depart": times.depart,
+        "--horizon": times.horizon,
+        "--mooring": aim.mooring,
+        "--line": aim.line or None,
+        "--risk": method.risk,
+        "--time-limit": method.time_limit,
+        "--battery": method.battery,
+        "--waypoints": outputs.waypoints,
+    }
+    names = [name for name, value in given.items() if value is not None]
+    if names:
+        raise ConfigError(
+            f"{', '.join(names)}: expected a mission, got --objective {aim.objective}; leave {'it' if len(names) == 1 else 'them'} out"
+        )
+
+
+def _job(flows: tuple[Path, ...], asked: Asked, config: RunConfig) -> "LearnJob":
+    """Return what is asked for, checked."""
+    from replay_kit.workflows.planning.learning import LearnJob
+    from replay_kit.workflows.planning.request import start_time_of
+
+    places, times, aim, _, _ = asked
+    job = LearnJob(
+        "map" if aim.objective == "map" else "learn",
+        flows,
+        place(places.start, "--start"),
+        tuple(place(text, "--goal") for text in places.goal or ()),
+        () if aim.then is None else _places(aim.then),
+        aim.blind,
+        aim.survey,
+        None if aim.box is None else _box(aim.box),
+        aim.profiles,
+        aim.profile_error,
+        tuple(aim.others or ()),
+        places.no_go,
+        places.bathymetry or config.planner.bathymetry_path,
+        None if times.start_time is None else start_time_of(times.start_time),
+    )
+    job.check()
+    return job
+
+
+def _places(text: str) -> tuple["Place", ...]:
+    """Return the places of ``--then``, three numbers each."""
+    values = numbers(text, "--then")
+    if len(values) % 3:
+        raise ConfigError(f"--then: expected LON,LAT,DEPTH[,LON,LAT,DEPTH...], got '{text}': {len(values)} numbers are no whole places")
+    return tuple(place(",".join(repr(one) for one in values[k : k + 3]), "--then") for k in range(0, len(values), 3))
+
+
+def _box(text: str) -> tuple[float, ...]:
+    """Return the numbers of ``--box``."""
+    values = numbers(text, "--box")
+    if len(values) < 4:
+        raise ConfigError(f"--box: expected W,S,E,N[,DEPTHS], got '{text}': {len(values)} numbers")
+    return values
+
+
+def _given(asked: Asked) -> dict[str, object]:
+    """Return what was asked for beyond the configuration, as it was given."""
+    places, times, aim, _, _ = asked
+    return {
+        "start": places.start,
+        "goals": " ".join(places.goal) if places.goal else None,
+        "objective": aim.objective,
+        "then": aim.then,
+        "blind": aim.blind,
+        "survey": aim.survey,
+        "box": aim.box,
+        "profiles": aim.profiles,
+        "profile_error": aim.profile_error,
+        "start_time": times.start_time,
+    }

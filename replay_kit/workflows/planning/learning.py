@@ -1,0 +1,248 @@
+"""``plan --objective learn`` and ``map``: what is asked for, checked against the estimate, and the plan that answers it."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import inf
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from planners import Bathymetry, NoGo
+from planners.learning.detours import plan_detour
+from planners.learning.maps import plan_map
+from planners.learning.survey import plan_survey
+from planners.learning.values import Box, LearnPlan, LearnRequest, LearnSettings, OtherProfiles
+from replay_kit.config.planner import PlannerConfig
+from replay_kit.core.errors import ConfigError, PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.grid import Grid, Projection
+from replay_kit.core.plan import Place
+from replay_kit.core.progress import announce
+from replay_kit.core.text import time_text
+from replay_kit.results.views.record import read_planned_legs
+from replay_kit.workflows.planning.adapters import MissionPlanner
+from replay_kit.workflows.planning.areas import area_notes, read_areas
+from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
+from replay_kit.workflows.planning.currents import KnownCurrent, known_current
+from replay_kit.workflows.planning.inputs import read_flow
+
+#: Objectives of plans that learn.
+OBJECTIVES = ("learn", "map")
+# Hours of a survey where none are stated; samples of surveys and maps, and of missions, which are planned anew many times in each.
+_SURVEY_H, _SAMPLES, _MISSIONS = 24.0, 200, 64
+
+
+@dataclass(frozen=True, slots=True)
+class LearnJob:
+    """A plan that learns, and the files that it is planned on.
+
+    Attributes:
+        objective: ``learn`` or ``map``.
+        flows: Files of the estimate; one.
+        start: Where it begins.
+        goals: Of an ordinary mission.
+        then: Of a stretch without fixes, in order.
+        blind: Duration of that stretch [h]; None without.
+        survey: Duration of the survey before it [h]; None for 24.
+        box: Whose current is mapped: west, south, east, north, depths; None without.
+        profiles: That a map may take; None without.
+        error: Standard deviation of the error of a profile's mean current [m/s].
+        others: Results with plans of others, whose profiles come anyway.
+        no_go: GeoJSON of areas; None for none.
+        bathymetry: NetCDF with the depth of the bottom; None for none.
+        start_time_ns: When it begins [ns, UTC]; None for the estimate's time.
+    """
+
+    objective: Literal["learn", "map"]
+    flows: tuple[Path, ...]
+    start: Place
+    goals: tuple[Place, ...] = ()
+    then: tuple[Place, ...] = ()
+    blind: float | None = None
+    survey: float | None = None
+    box: tuple[float, ...] | None = None
+    profiles: int | None = None
+    error: float = 0.03
+    others: tuple[Path, ...] = ()
+    no_go: Path | None = None
+    bathymetry: Path | None = None
+    start_time_ns: int | None = None
+
+    def check(self) -> None:
+        """Refuse options that do not go together.
+
+        Raises:
+            ConfigError: One needs another that is not given, or excludes it, or is out of range.
+        """
+        maps, blind = self.objective == "map", self.blind is not None or bool(self.then)
+        refusals = (
+            (len(self.flows) > 1, "--objective learn and map: expected one estimate; how errors of several files relate is not known"),
+            (not maps and (self.box or self.profiles), "--box and --profiles: expected --objective map beside them"),
+            (maps and (blind or self.survey or self.goals), "--objective map: expected no --goal, --then, --blind and --survey"),
+            (maps and not (self.box and self.profiles), "--objective map: expected --box W,S,E,N[,DEPTHS] and --profiles N"),
+            (blind and not (self.blind is not None and self.then), "--then and --blind: expected both: where to, and for how many hours"),
+            (blind and bool(self.goals), "--goal and --then: expected one of them; the stretch without fixes ends at --then"),
+            (not maps and not blind and self.survey is not None, "--survey: expected --then and --blind beside it"),
+            (
+                not maps and not blind and not self.goals,
+                "--objective learn: expected --then and --blind, or --goal for a mission with fixes",
+            ),
+        )
+        for refused, message in refusals:
+            if refused:
+                raise ConfigError(message)
+        for name, value in (
+            ("--blind", self.blind),
+            ("--survey", self.survey),
+            ("--profile-error", self.error),
+            ("--profiles", self.profiles),
+        ):
+            if value is not None and not 0.0 < value < inf:
+                raise ConfigError(f"{name}: expected a number above 0, got {value:g}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Learnt:
+    """A plan that learns, and what it was planned on.
+
+    Attributes:
+        plan: The plan.
+        projection: The local frame of its track.
+        no_go: Areas that it keeps out of.
+        bathymetry: Bottom that it stays above; None without.
+        region: Of the estimate.
+    """
+
+    plan: LearnPlan
+    projection: Projection
+    no_go: tuple[NoGo, ...]
+    bathymetry: Bathymetry | None
+    region: Grid
+
+
+def make_learning(job: LearnJob, config: PlannerConfig) -> Learnt:
+    """Return the plan of a job.
+
+    Args:
+        job: What is asked for, checked.
+        config: ``[planner]`` with the command's options laid over it.
+
+    Raises:
+        PlanError: It cannot be planned, or the stretch outlasts the forecast.
+        ForecastError: The bathymetry is unusable.
+        LogError: A plan of others is unusable.
+    """
+    announce("reading the estimate")
+    known = known_current([(path, read_flow(path)) for path in job.flows], config.flow_step)
+    flow, begin_ns = known.first, job.start_time_ns or known.first.time_ns or 0
+    if job.start_time_ns is not None:
+        known.check_time("--start-time", job.start_time_ns)
+    seconds = _seconds(job)
+    _check_horizon(known, begin_ns, seconds, job)
+    areas = () if job.no_go is None else read_areas(job.no_go)
+    notes = () if job.no_go is None else area_notes(job.no_go, flow.grid)
+    bottom = None if job.bathymetry is None else read_bathymetry(job.bathymetry, flow.grid)
+    if bottom is not None:
+        notes += bathymetry_notes(bottom, flow.grid)
+    request = LearnRequest(
+        job.start,
+        job.then or job.goals,
+        MissionPlanner.of(config).vehicle,
+        _settings(job, config, flow),
+        areas,
+        bottom,
+        begin_ns,
+        profiles_of_others(job.others),
+        job.profiles or 0,
+    )
+    announce("comparing surveys")
+    plan = _planned(job, flow, request)
+    if seconds is None and known.ends_ns is not None:
+        notes += known.notes(begin_ns, begin_ns + round(plan.duration * 1e9))
+    notes += _too_sure(known, plan.duration)
+    return Learnt(replace(plan, notes=(*plan.notes, *notes)), flow.grid.projection, areas, bottom, flow.grid)
+
+
+def _planned(job: LearnJob, flow: FlowEstimate, request: LearnRequest) -> LearnPlan:
+    if job.box is not None:
+        west, south, east, north, *depths = job.box
+        return plan_map(flow, request, Box(west, south, east, north, tuple(depths)))
+    if job.blind is None:
+        return plan_detour(flow, request)
+    return plan_survey(flow, request, 3600.0 * (job.survey or _SURVEY_H), 3600.0 * job.blind)
+
+
+def _settings(job: LearnJob, config: PlannerConfig, flow: FlowEstimate) -> LearnSettings:
+    drawn = _MISSIONS if job.goals else _SAMPLES
+    deepest = float(flow.grid.levels[-1])
+    return LearnSettings(
+        depth=config.depth if "depth" in config.model_fields_set else min(config.depth, deepest),
+        dives=config.dives,
+        surface_time=config.surface_time,
+        error=job.error,
+        margin=config.margin,
+        clearance=config.clearance,
+        tolerance=config.tolerance,
+        samples=config.samples if "samples" in config.model_fields_set else drawn,
+        seed=config.seed,
+    )
+
+
+def _seconds(job: LearnJob) -> float | None:
+    """Return how long survey and stretch last [s]; None where that follows from the plan."""
+    return None if job.blind is None else 3600.0 * ((job.survey or _SURVEY_H) + job.blind)
+
+
+def _check_horizon(known: KnownCurrent, begin_ns: int, seconds: float | None, job: LearnJob) -> None:
+    """Raise PlanError where survey and stretch outlast the forecast."""
+    last = known.ends_ns
+    if last is None or seconds is None or begin_ns + seconds * 1e9 <= last:
+        return
+    left = (last - begin_ns) / 3.6e12
+    raise PlanError(
+        f"--blind {job.blind:g}: expected survey and stretch to end within the forecast, {left:.1f} h from the start at "
+        f"{time_text(begin_ns)} to {time_text(last)}, got {seconds / 3600.0:g} h; choose shorter ones, or the estimate of a longer forecast"
+    )
+
+
+def _too_sure(known: KnownCurrent, duration: float) -> tuple[str, ...]:
+    """Return the warning that an estimate which does not change is too sure of a plan that takes long; none elsewhere."""
+    hours = duration / 3600.0
+    if known.process is not None:
+        return ()
+    lasts = f"for some {known.hours_known:.0f} h" if np.isfinite(known.hours_known) else "for a time that is not known"
+    return (
+        f"the estimate does not change with time and holds {lasts}, the plan takes {hours:.0f} h: where the sea changes all errors told "
+        "here are too small, two days later by several times; use the estimate of a replay through a forecast of several times",
+    )
+
+
+def profiles_of_others(paths: tuple[Path, ...]) -> OtherProfiles | None:
+    """Return the profiles that the plans in some results bring, one between two surfacings; those of stretches without fixes bring none.
+
+    Raises:
+        LogError: A file is no result with a plan of legs.
+    """
+    found = list[tuple[float, float, int]]()
+    for path in paths:
+        found += _middles(*read_planned_legs(path))
+    if not found:
+        return None
+    longitude, latitude, time_ns = zip(*found, strict=True)
+    return OtherProfiles(np.array(longitude), np.array(latitude), np.array(time_ns, dtype=np.int64))
+
+
+def _middles(legs: Mapping[str, str], begun: Mapping[str, str]) -> list[tuple[float, float, int]]:
+    """Return longitude, latitude and time [ns, UTC] of the middle of each leg that ends with a fix."""
+    start_ns, found = int(begun["start_time_ns"]), list[tuple[float, float, int]]()
+    before = float(begun["longitude"]), float(begun["latitude"]), 0.0
+    for text in (legs[key] for key in sorted(legs, key=int)):
+        row = json.loads(text)
+        after = float(row["longitude"]), float(row["latitude"]), float(row["surfacing_s"])
+        if not row.get("blind", False):
+            middle = [0.5 * (one + other) for one, other in zip(before, after, strict=True)]
+            found.append((middle[0], middle[1], start_ns + round(middle[2] * 1e9)))
+        before = after
+    return found

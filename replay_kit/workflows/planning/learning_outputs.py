@@ -1,0 +1,214 @@
+"""A plan that learns for people and other programs: tables, JSON, GeoJSON, CSV, a result MCAP."""
+
+import csv
+import io
+import json
+from collections.abc import Mapping
+from math import isfinite, nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from planners.learning.values import LearnPlan
+from replay_kit.config.run import RunConfig
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.plan import Area, Plan
+from replay_kit.core.text import time_text
+from replay_kit.results import ResultWriter
+from replay_kit.results.text import print_table
+from replay_kit.workflows.planning.adapters import over_bottom
+from replay_kit.workflows.planning.learning import LearnJob, Learnt
+from replay_kit.workflows.planning.seabed import seabed_of
+from replay_kit.workflows.replay.provenance import plan_metadata, run_settings_toml
+
+_COLUMNS = ("leg", "heading_deg", "glide_angle_deg", "pitch_deg", "depth_m", "speed", "surfacing_s", "longitude", "latitude", "blind")
+
+
+def print_learning(learnt: Learnt, console: Console) -> None:
+    """Print a plan that learns: its answer, the candidates, and the commands from surfacing to surfacing."""
+    plan = learnt.plan
+    console.print(f"{plan.status}: {plan.message}", soft_wrap=True)
+    for note in plan.notes:
+        console.print(f"note: {note}", soft_wrap=True)
+    columns = (
+        "candidate",
+        f"predicted error [{plan.unit}]",
+        f"{plan.found_name} in samples [{plan.unit}]",
+        "of 90 %",
+        "within tolerance",
+        "",
+    )
+    if plan.objective == "mission":
+        columns = (*columns[:4], "arrives", "")
+    print_table(console, "Candidates", columns, [_told_cells(row) for row in told_table(plan)])
+    heads = "leg", "heading", "speed [m/s]", "after [h]", "UTC", "surfacing at", ""
+    print_table(console, None, heads, [_leg_cells(row, plan.start_time_ns) for row in legs_table(plan)])
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
+
+
+def _told_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
+    interval = "-" if row["low"] is None else f"{_number(row['low'])} to {_number(row['high'])}"
+    within = "-" if row["within"] is None else f"{100.0 * row['within']:.0f} %"
+    return row["name"], _number(row["predicted"]), _number(row["found"]), interval, within, "planned" if row["chosen"] else ""
+
+
+def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:
+    when = time_text(start_ns + round(row["surfacing_s"] * 1e9)) if start_ns else "-"
+    where = f"{row['longitude']:.4f}, {row['latitude']:.4f}"
+    kind = "without fixes" if row["blind"] else ""
+    return str(row["leg"]), f"{row['heading_deg']:.1f}", f"{row['speed']:.2f}", f"{row['surfacing_s'] / 3600.0:.2f}", when, where, kind
+
+
+def legs_table(plan: LearnPlan) -> list[dict[str, Any]]:
+    """Return the legs, one row each; the keys that missions have too mean the same."""
+    angle = plan.vehicle.min_angle
+    pitch = float(np.rad2deg(plan.vehicle.pitch(np.array(np.deg2rad(angle)))))
+    return [
+        {
+            "leg": number,
+            "heading_deg": leg.heading_deg,
+            "glide_angle_deg": angle,
+            "pitch_deg": pitch,
+            "depth_m": plan.depth,
+            "speed": leg.speed,
+            "surfacing_s": leg.ends_s,
+            "longitude": leg.ends_at[0],
+            "latitude": leg.ends_at[1],
+            "blind": leg.blind,
+        }
+        for number, leg in enumerate(plan.legs, 1)
+    ]
+
+
+def told_table(plan: LearnPlan) -> list[dict[str, Any]]:
+    """Return the candidates, one row each, with null for what is not known."""
+    names = ("predicted", "found", "low", "high", "within")
+    return [
+        {"name": one.name, **{name: _finite(getattr(one, name)) for name in names}, "chosen": one.chosen, "unit": plan.unit}
+        for one in plan.told
+    ]
+
+
+def _finite(value: float) -> float | None:
+    return value if isfinite(value) else None
+
+
+def learning_json(learnt: Learnt) -> dict[str, Any]:
+    """Return a plan that learns for ``--json``."""
+    plan = learnt.plan
+    return {
+        "status": plan.status,
+        "message": plan.message,
+        "objective": plan.objective,
+        "start": [plan.start.longitude, plan.start.latitude, plan.start.depth],
+        "goal": [plan.goal.longitude, plan.goal.latitude, plan.goal.depth],
+        "start_time": time_text(plan.start_time_ns) if plan.start_time_ns else None,
+        "duration_s": plan.duration,
+        "miss_m": plan.miss,
+        "unit": plan.unit,
+        "error_before": plan.before,
+        "error_after": plan.after,
+        "found": plan.found_name,
+        "candidates": told_table(plan),
+        "value": {
+            "unit": plan.value.unit,
+            "longitude": plan.value.longitude.tolist(),
+            "latitude": plan.value.latitude.tolist(),
+            "value": plan.value.value.tolist(),
+        },
+        "legs": legs_table(plan),
+        "figures": dict(plan.figures),
+        "notes": list(plan.notes),
+    }
+
+
+def learning_geojson(learnt: Learnt) -> str:
+    """Return track and surfacings as GeoJSON text."""
+    plan = learnt.plan
+    longitude, latitude = to_geographic(learnt.projection, plan.track[:, 0], plan.track[:, 1])
+    line = {"type": "LineString", "coordinates": np.column_stack([longitude, latitude]).tolist()}
+    about = {"status": plan.status, "message": plan.message, "objective": plan.objective, "duration_s": plan.duration}
+    features = [{"type": "Feature", "geometry": line, "properties": about}]
+    for row in legs_table(plan):
+        point = {"type": "Point", "coordinates": [row["longitude"], row["latitude"]]}
+        features.append({"type": "Feature", "geometry": point, "properties": row})
+    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1) + "\n"
+
+
+def learning_csv(learnt: Learnt) -> str:
+    """Return the legs as CSV text, one line a leg."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(legs_table(learnt.plan))
+    return text.getvalue()
+
+
+def write_learning(path: Path, overwrite: bool, learnt: Learnt, job: LearnJob, options: Mapping[str, object], config: RunConfig) -> None:
+    """Write a plan that learns as a result MCAP of its own.
+
+    Args:
+        path: The result.
+        overwrite: Replace an existing one.
+        learnt: The plan.
+        job: What was asked for; its files are recorded with their hashes.
+        options: What was asked for beyond the configuration, recorded as it was given; None for what was not.
+        config: All settings, attached as ``config.toml``.
+
+    Raises:
+        ConfigError: The result exists and may not be replaced, or cannot be written.
+        ReplayKitError: It could not be written whole.
+    """
+    plan = learnt.plan
+    read = {**{f"flow{k}": flow for k, flow in enumerate(job.flows)}, "no_go": job.no_go, "bathymetry": job.bathymetry}
+    read |= {f"others{k}": other for k, other in enumerate(job.others)}
+    start = {"start_time_ns": plan.start_time_ns, "longitude": plan.start.longitude, "latitude": plan.start.latitude}
+    about = {
+        **plan_metadata(read, options),
+        "mission": {"status": plan.status, "message": plan.message, **{name: str(value) for name, value in start.items()}},
+        "legs": {str(row["leg"]): json.dumps(row) for row in legs_table(plan)},
+        "learning": {name: json.dumps(value) for name, value in learning_json(learnt).items() if name not in ("legs", "message")},
+    }
+    made = config.planner.model_copy(update={"kind": "mission", "samples": int(plan.figures["samples"])})
+    with ResultWriter(path, overwrite) as writer:
+        writer.start(learnt.projection, plan.start_time_ns, about, run_settings_toml(config.model_copy(update={"planner": made})))
+        if learnt.bathymetry is not None:
+            writer.seabed(plan.start_time_ns, seabed_of(learnt.bathymetry, learnt.region))
+        writer.plan(_published(learnt), learnt.projection)
+
+
+def _published(learnt: Learnt) -> Plan:
+    """Return the plan as results hold it: that of its first leg with the whole track."""
+    plan, rows = learnt.plan, legs_table(learnt.plan)
+    angle = np.deg2rad(plan.vehicle.min_angle)
+    along, down = (float(speed) for speed in plan.vehicle.speeds(np, angle))
+    heading = rows[0]["heading_deg"] if rows else 0.0
+    local = np.deg2rad(heading)
+    made = Plan(
+        status=plan.status,
+        start=plan.start,
+        goal=plan.goal,
+        start_time_ns=plan.start_time_ns,
+        heading_deg=heading,
+        glide_angle_deg=plan.vehicle.min_angle,
+        speed=float(np.hypot(along, down)),
+        velocity_through_water=np.array([along * np.sin(local), along * np.cos(local), down]),
+        duration=plan.duration,
+        closest_approach=plan.miss,
+        track_time=plan.track_time,
+        track=plan.track,
+        message=plan.message,
+        statistics={**plan.figures, **{f"leg_{row['leg']:03d}": json.dumps(row) for row in rows}},
+        energy=nan,
+        areas=tuple(Area(area.name, area.surface_only, _open_ring(area.polygon)) for area in learnt.no_go),
+    )
+    return over_bottom(made, learnt.bathymetry, learnt.projection)
+
+
+def _open_ring(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    return corners[:-1] if corners[0] == corners[-1] else corners

@@ -1,0 +1,133 @@
+"""Plans that learn from the command line: what they write, and what they refuse."""
+
+import csv
+import io
+import json
+
+import pytest
+from mcap.reader import make_reader
+
+from tests.command import invoke
+from tests.planners.learning.scenes import NOON, static, through_time
+
+START, THEN, GOAL = "--start=152.45,-39.66,0", "--then=152.62,-39.62,0", "--goal=152.8,-39.6,0"
+SMALL = ("--depth", "290", "--samples", "20", "--profile-error", "0.02")
+
+
+@pytest.fixture(scope="module")
+def flows(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("learning")
+    static().save(folder / "static.nc")
+    through_time().save(folder / "changing.nc")
+    static().mean_flow().save(folder / "sure.nc")
+    return folder
+
+
+def run(*arguments, code=0):
+    done = invoke(["plan", *map(str, arguments)])
+    assert done.exit_code == code, done.output
+    return done
+
+
+@pytest.fixture(scope="module")
+def survey(flows, tmp_path_factory):
+    out = tmp_path_factory.mktemp("written")
+    files = ("-o", out / "plan.mcap", "--json", out / "plan.json", "--csv", out / "plan.csv", "--geojson", out / "plan.geojson")
+    ask = ("--objective", "learn", THEN, "--blind", "20", "--survey", "20")
+    return out, run(flows / "static.nc", START, *ask, *SMALL, *files).output
+
+
+def test_everything_a_survey_writes_agrees(survey):
+    out, said = survey
+    answer = json.loads((out / "plan.json").read_text())
+    assert answer["message"] in said
+    assert (answer["status"], answer["objective"], answer["unit"]) == ("reached", "survey", "m")
+    names = [one["name"] for one in answer["candidates"]]
+    assert names[:4] == ["leaving now", "waiting as long", "scouting ahead and back", "this survey"]
+    assert answer["error_after"] < answer["error_before"]
+    table = list(csv.DictReader(io.StringIO((out / "plan.csv").read_text())))
+    assert [row["blind"] for row in table] == ["False"] * (len(table) - 1) + ["True"]
+    features = json.loads((out / "plan.geojson").read_text())["features"]
+    assert len(features) == len(table) + 1 == len(answer["legs"]) + 1
+    # a static estimate is too sure, and says so
+    assert any("does not change with time" in note for note in answer["notes"])
+    with (out / "plan.mcap").open("rb") as file:
+        records = {record.name: record.metadata for record in make_reader(file).iter_metadata()}
+    assert json.loads(records["learning"]["candidates"]) == answer["candidates"]
+    assert int(records["mission"]["start_time_ns"]) == NOON
+
+
+def test_a_second_glider_is_told_of_the_first(survey, flows):
+    out, _ = survey
+    ask = ("--objective", "learn", THEN, "--blind", "20", "--survey", "20", "--json", "-")
+    alone = json.loads((out / "plan.json").read_text())
+    second = json.loads(run(flows / "static.nc", START, *ask, *SMALL, "--others", out / "plan.mcap").stdout)
+    assert second["error_before"] < 0.8 * alone["error_before"]
+    assert second["error_after"] < alone["error_after"]
+
+
+def test_the_report_shows_what_the_next_profile_is_worth(survey):
+    out, _ = survey
+    assert invoke(["report", str(out / "plan.mcap"), "-o", str(out / "report.html")]).exit_code == 0
+    page = (out / "report.html").read_text()
+    assert "Value of the next profile" in page
+    assert "waiting as long" in page
+
+
+def test_a_map_and_a_mission_are_answered(flows):
+    box = ("--objective", "map", "--box=152.3,-39.75,152.7,-39.45", "--profiles", "4", "--dives", "3", "--json", "-")
+    mapped = json.loads(run(flows / "changing.nc", START, *box, *SMALL).stdout)
+    assert (mapped["objective"], mapped["unit"], len(mapped["legs"])) == ("map", "m/s", 4)
+    mission = json.loads(run(flows / "static.nc", START, GOAL, "--objective", "learn", "--dives", "4", "--json", "-", *SMALL).stdout)
+    assert mission["objective"] == "mission"
+    assert [one["chosen"] for one in mission["candidates"]].count(True) == 1
+
+
+@pytest.mark.parametrize(
+    ("flow", "more", "words"),
+    [
+        ("changing.nc", (THEN, "--blind", "200"), "--blind 200: expected survey and stretch to end within the forecast"),
+        ("static.nc", (THEN, "--blind", "20", "--survey", "3"), "cannot return"),
+        ("sure.nc", (THEN, "--blind", "20"), "states no uncertainty"),
+        ("static.nc", (THEN, "--blind", "20", "--tolerance", "1e6"), "no uncertainty is left"),
+        ("static.nc", (THEN,), "--then and --blind: expected both"),
+        ("static.nc", ("--blind", "20"), "--then and --blind: expected both"),
+        ("static.nc", (THEN, "--blind", "-1"), "--blind: expected a number above 0"),
+        ("static.nc", (THEN, "--blind", "20", GOAL), "expected one of them"),
+        ("static.nc", (GOAL, "--survey", "20"), "--survey: expected --then"),
+        ("static.nc", (), "expected --then and --blind, or --goal"),
+        ("static.nc", ("--then=152.6,-39.6", "--blind", "20"), "no whole places"),
+        ("static.nc", (THEN, "--blind", "20", "--horizon", "72h"), "--horizon: expected a mission"),
+        ("static.nc", (THEN, "--blind", "20", "--box=1,2,3,4"), "expected --objective map"),
+        ("static.nc", (THEN, "--blind", "20", "--others", "absent.mcap"), "absent.mcap"),
+    ],
+)
+def test_a_survey_is_refused_with_one_clear_error(flows, flow, more, words):
+    done = invoke(["plan", str(flows / flow), START, "--objective", "learn", *more, "--depth", "290"])
+    assert done.exit_code not in (0, 1), done.output
+    assert words in done.output
+    assert "Traceback" not in done.output
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (("--profiles", "4"), "--objective map: expected --box"),
+        (("--box=152.3,-39.7,152.6,-39.5",), "--objective map: expected --box"),
+        (("--box=152.3,-39.7,152.6", "--profiles", "4"), "--box: expected W,S,E,N[,DEPTHS]"),
+        (("--box=10,50,11,51", "--profiles", "4"), "outside of the estimate's region"),
+        (("--box=152.6,-39.7,152.3,-39.5", "--profiles", "4"), "west below east"),
+        (("--box=152.3,-39.7,152.6,-39.5", "--profiles", "4", GOAL), "--objective map: expected no --goal"),
+    ],
+)
+def test_a_map_is_refused_with_one_clear_error(flows, more, words):
+    done = invoke(["plan", str(flows / "static.nc"), START, "--objective", "map", *more, "--depth", "290"])
+    assert done.exit_code not in (0, 1), done.output
+    assert words in done.output
+
+
+def test_missions_take_none_of_the_options_of_plans_that_learn(flows):
+    for more, words in (((GOAL, "--blind", "20"), "--objective learn or map"), ((), "--goal: expected LON,LAT,DEPTH")):
+        done = invoke(["plan", str(flows / "static.nc"), START, *more])
+        assert done.exit_code == 2
+        assert words in done.output

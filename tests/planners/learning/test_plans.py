@@ -1,0 +1,220 @@
+"""Whole plans that learn: surveys, maps, detours, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planners import Glider, NoGo
+from planners.learning.closed_loop import drawn_sea
+from planners.learning.detours import Evidence, plan_detour
+from planners.learning.mapping import Mapping, look_ahead, refined
+from planners.learning.maps import covariance_now, plan_map, realised
+from planners.learning.mowers import lawn_mowers, random_waypoints
+from planners.learning.scene import scene_of
+from planners.learning.survey import plan_survey
+from planners.learning.values import Box, LearnRequest, LearnSettings, OtherProfiles
+from planners.learning.ways import Voyage, fly_voyage
+from replay_kit.core.errors import PlanError
+from replay_kit.core.geodesy import to_geographic, to_local
+from replay_kit.core.plan import Place
+from tests.planners.learning.scenes import DEPTH, HOUR, NOON, SPEED, known, static, through_time
+
+GRID = static().grid
+SETTINGS = LearnSettings(depth=DEPTH, samples=40, error=0.02)
+
+
+def spot(east, north, depth=0.0):
+    longitude, latitude = to_geographic(GRID.projection, east, north)
+    return Place(float(longitude), float(latitude), depth)
+
+
+def area(low, high, surface_only=False):
+    corners = [spot(*one) for one in ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))]
+    return NoGo(tuple((one.longitude, one.latitude) for one in corners), "the lane", surface_only)
+
+
+ASKED = LearnRequest(spot(-8e3, 0.0), (spot(8e3, 3e3),), Glider(), SETTINGS, start_time_ns=NOON)
+SURVEY, BLIND = 20.0 * HOUR, 20.0 * HOUR
+
+
+@pytest.fixture(scope="module")
+def planned():
+    return plan_survey(static(), ASKED, SURVEY, BLIND)
+
+
+def told(plan, name):
+    return next(one for one in plan.told if one.name == name)
+
+
+def test_a_survey_returns_and_its_stretch_ends_at_the_goal(planned):
+    assert planned.status == "reached"
+    assert planned.duration == pytest.approx(SURVEY + BLIND)
+    assert planned.after < 0.7 * planned.before
+    blind = [leg for leg in planned.legs if leg.blind]
+    back = to_local(GRID.projection, *planned.legs[-1 - len(blind)].ends_at)
+    np.testing.assert_allclose(back, [-8e3, 0.0], atol=300.0)
+    np.testing.assert_allclose(to_local(GRID.projection, *blind[-1].ends_at), [8e3, 3e3], atol=5.0)
+    assert np.all(np.diff(planned.track_time) > 0.0)
+    assert planned.track[:, 2].max() == DEPTH
+    assert {"leaving now", "waiting as long", "scouting ahead and back", "this survey"} <= {one.name for one in planned.told}
+    assert planned.after <= told(planned, "scouting ahead and back").predicted * 1.001
+    assert told(planned, "this survey").found < told(planned, "leaving now").found
+    assert planned.value.value.max() > 0.0
+    # one profile is worth most on the way or near it, not at the region's edge
+    best = np.argmax(planned.value.value)
+    assert abs(complex(*to_local(GRID.projection, planned.value.longitude[best], planned.value.latitude[best]))) < 20e3
+
+
+def test_a_lane_keeps_the_survey_out_and_lets_the_stretch_pass_below(planned):
+    lane = area((-6e3, -9e3), (6e3, 9e3), surface_only=True)
+    around = plan_survey(static(), replace(ASKED, no_go=(lane,)), SURVEY, BLIND)
+    assert around.status == "reached"
+    assert "scouting ahead and back" not in {one.name for one in around.told}
+    assert around.after >= planned.after
+    surfacings = np.array([to_local(GRID.projection, *leg.ends_at) for leg in around.legs if not leg.blind])
+    assert not np.any((np.abs(surfacings[:, 0]) < 6e3) & (np.abs(surfacings[:, 1]) < 9e3))
+    wall = plan_survey(static(), replace(ASKED, no_go=(area((-2e3, -9e3), (2e3, 9e3)),)), SURVEY, BLIND)
+    assert (wall.status, "crosses the lane" in wall.message) == ("unsafe", True)
+
+
+def test_others_leave_less_to_learn(planned):
+    taken = [leg.ends_at for leg in planned.legs if not leg.blind]
+    others = OtherProfiles(*np.array(taken).T, np.full(len(taken), NOON))
+    second = plan_survey(static(), replace(ASKED, others=others), SURVEY, BLIND)
+    assert second.before < 0.8 * planned.before
+    assert second.after < planned.after
+
+
+def test_a_survey_in_a_sea_that_changes_is_less_sure_of_itself():
+    plan = plan_survey(through_time(), replace(ASKED, settings=replace(SETTINGS, samples=20)), SURVEY, BLIND)
+    assert plan.after < plan.before
+    assert told(plan, "this survey").found < told(plan, "leaving now").found
+
+
+def test_a_map_is_no_worse_than_its_lawn_mowers_and_its_samples_say_so():
+    box = Box(*_corners(-20e3, -15e3), *_corners(20e3, 15e3))
+    asked = replace(ASKED, start=spot(-20e3, 0.0), goals=(), profiles=5, settings=replace(SETTINGS, dives=3))
+    plan = plan_map(static(), asked, box)
+    assert plan.objective == "map"
+    assert plan.after < plan.before
+    assert plan.after <= told(plan, "the best lawn-mower").predicted * 1.001
+    assert told(plan, "this plan").found == pytest.approx(plan.after, rel=0.25)
+    assert told(plan, "no profiles").found == pytest.approx(plan.before, rel=0.25)
+    assert len(plan.legs) == 5
+    deep = plan_map(static(), asked, replace(box, depths=(60.0, 200.0)))
+    assert np.isnan(told(deep, "this plan").found)
+    assert deep.after < deep.before
+
+
+def _corners(east, north):
+    one = spot(east, north)
+    return one.longitude, one.latitude
+
+
+def test_the_search_s_own_error_is_that_of_its_profiles():
+    scene = scene_of(static(), replace(ASKED, goals=(), profiles=4, settings=replace(SETTINGS, dives=3)), None)
+    box = np.stack(np.meshgrid([-15e3, 0.0, 15e3], [-10e3, 10e3]), axis=-1).reshape(-1, 2)
+    mapping = Mapping(scene.known, scene.mean, box, (0,), scene.start, scene.leg_time * np.arange(5.0), scene.speed, 4e-4)
+    survey = look_ahead(mapping, scene.allowed, covariance_now(scene, mapping))
+    error = mapping.errors(survey)[0]
+    better, found = refined(mapping, scene.allowed, survey, 0)
+    assert found <= error * 1.01
+    assert mapping.errors(better)[0] == pytest.approx(found)
+    assert error < mapping.errors(random_waypoints(mapping, np.random.default_rng(0), 10)).mean()
+    mowers = lawn_mowers(mapping)
+    lengths = np.abs(np.diff(mowers.ends, axis=1, prepend=scene.start))
+    assert lengths.max() < scene.leg_time * (SPEED + 0.3)
+    sea = drawn_sea(scene.known, np.zeros(1), 30, 1)
+    assert realised(sea, mapping, survey, np.zeros((30, 4, 2))).mean() < realised(sea, mapping, None, np.zeros((30, 4, 2))).mean()
+
+
+def test_missions_with_fixes_are_told_to_go_straight_where_no_detour_pays():
+    asked = replace(ASKED, start=spot(-25e3, 0.0), goals=(spot(25e3, 5e3),), settings=replace(SETTINGS, dives=4, samples=20))
+    plan = plan_detour(static(), asked)
+    assert "no detour pays" in plan.message
+    assert told(plan, "straight ahead").chosen
+    assert told(plan, "straight ahead").found <= told(plan, "straight ahead, nothing learnt").found
+    np.testing.assert_allclose(to_local(GRID.projection, *plan.legs[-1].ends_at), [25e3, 5e3], atol=1.0)
+
+
+def test_a_detour_pays_only_beyond_two_standard_errors():
+    one = np.ones(3)
+    assert Evidence(one, one, one, 1j, 2.1, 1.0).pays
+    assert not Evidence(one, one, one, 1j, 1.9, 1.0).pays
+
+
+def test_a_voyage_in_a_known_sea_arrives_when_it_must():
+    still = replace(known(), root=1e-6 * known().root)
+    sea = drawn_sea(known(), np.zeros(1), 2, 0)
+    calm = replace(sea, known=still, truth=replace(sea.truth, coefficients=np.zeros_like(sea.truth.coefficients)))
+    calm = replace(calm, mean=replace(sea.mean, coefficients=np.zeros_like(sea.mean.coefficients)))
+    voyage = Voyage(-15e3 + 0j, 15e3 + 0j, 0.0, 0.3, 2.0 * HOUR, 40, 0.02)
+    arrival = fly_voyage(calm, voyage, np.zeros((2, 40, 2)))
+    np.testing.assert_allclose(arrival, (30e3 - 1.5e3) / 0.3, atol=HOUR / 2)
+    assert np.all(fly_voyage(calm, voyage, np.zeros((2, 40, 2)), 10e3j) > arrival)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"survey": 3.0 * HOUR}, "cannot return: it holds 1 surfacings"),
+        ({"settings": replace(SETTINGS, tolerance=1e6)}, "no uncertainty is left to reduce"),
+        ({"flow": static().mean_flow()}, "states no uncertainty"),
+        ({"start": Place(0.0, 0.0, 0.0)}, "outside the forecast's region"),
+        (
+            {
+                "no_go": (
+                    area((-10e3, -2e3), (-9e3, 2e3)),
+                    area((-7e3, -2e3), (-6e3, 2e3)),
+                    area((-10e3, 1e3), (-6e3, 2e3)),
+                    area((-10e3, -2e3), (-6e3, -1e3)),
+                )
+            },
+            "areas",
+        ),
+    ],
+)
+def test_a_survey_that_makes_no_sense_is_refused(change, words):
+    flow, survey = change.pop("flow", static()), change.pop("survey", SURVEY)
+    if words == "areas":
+        # boxed in: the shortest loops of a day do not fit
+        with pytest.raises(PlanError, match="can leave and return"):
+            plan_survey(flow, replace(ASKED, **change), survey, BLIND)
+        return
+    with pytest.raises(PlanError, match=words):
+        plan_survey(flow, replace(ASKED, **change), survey, BLIND)
+
+
+@pytest.mark.parametrize(
+    ("box", "words"),
+    [
+        ((10.0, 50.0, 11.0, 51.0), "outside of the estimate's region"),
+        ((152.2, -39.8, 152.5, -39.5, (5000.0,)), "expected depths"),
+    ],
+)
+def test_a_box_that_makes_no_sense_is_refused(box, words):
+    asked = replace(ASKED, goals=(), profiles=3)
+    with pytest.raises(PlanError, match=words):
+        plan_map(static(), asked, Box(*box))
+
+
+def test_a_box_on_land_or_inside_out_is_refused():
+    wet = GRID.wet.copy()
+    wet[:, :, 6:] = False
+    flow = replace(static(), grid=replace(GRID, wet=wet))
+    east = float(GRID.longitude.max())
+    with pytest.raises(PlanError, match="on land"):
+        plan_map(flow, replace(ASKED, goals=(), profiles=3), Box(east - 0.2, -39.8, east - 0.05, -39.5))
+    with pytest.raises(PlanError, match="west below east"):
+        Box(2.0, 0.0, 1.0, 1.0)
+    with pytest.raises(PlanError, match="profiles of a map"):
+        plan_map(flow, replace(ASKED, goals=()), Box(152.2, -39.8, 152.5, -39.5))
+    with pytest.raises(PlanError, match="20 or more"):
+        LearnSettings(samples=3)
+    with pytest.raises(PlanError, match="error of a plan"):
+        LearnSettings(error=0.0)
+    with pytest.raises(PlanError, match="one goal"):
+        plan_detour(static(), replace(ASKED, goals=(spot(0.0, 0.0), spot(8e3, 0.0))))
+    with pytest.raises(PlanError, match="less than a surfacing"):
+        plan_detour(static(), replace(ASKED, goals=(spot(-7.5e3, 0.0),)))
