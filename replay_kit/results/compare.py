@@ -137,7 +137,7 @@ def _messages(path: Path) -> Iterator[Written]:
     channels: dict[int, Channel] = {}
     with path.open("rb") as file:
         try:
-            for record in StreamReader(file, record_size_limit=None).records:
+            for record in StreamReader(file, record_size_limit=path.stat().st_size).records:
                 if isinstance(record, Schema):
                     schemas[record.id] = record
                 elif isinstance(record, Channel):

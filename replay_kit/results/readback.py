@@ -41,7 +41,7 @@ def check_written(path: Path, messages: Mapping[str, int], attachments: int) -> 
     try:
         found = _Found()
         with path.open("rb") as file:
-            for record in _Records(file, emit_chunks=True, validate_crcs=True, record_size_limit=None).records:
+            for record in _Records(file, emit_chunks=True, validate_crcs=True, record_size_limit=path.stat().st_size).records:
                 found.add(record)
             found.check_summary(file)
         read, summary = found.by_topic(found.messages), found.by_topic(found.stated)
