@@ -36,7 +36,7 @@ def print_learning(learnt: Learnt, console: Console) -> None:
         "candidate",
         f"predicted error [{plan.unit}]",
         f"{plan.found_name} in samples [{plan.unit}]",
-        "of 90 %",
+        "interval of 90 %",
         "within tolerance",
         "",
     )
