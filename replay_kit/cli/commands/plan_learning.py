@@ -1,43 +1,20 @@
 """``plan --objective learn`` and ``map``."""
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
+from replay_kit.cli.commands.plan_options import Aim, Learning, Method, Outputs, Places, Times
 from replay_kit.cli.console import console_beside, progress, write_json, write_text
-from replay_kit.cli.options import numbers, option, place
+from replay_kit.cli.options import numbers, place
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from replay_kit.cli.commands.plan import Aim, Method, Outputs, Places, Times
     from replay_kit.core.plan import Place
     from replay_kit.workflows.planning.learning import LearnJob
 
-Asked = tuple["Places", "Times", "Aim", "Method", "Outputs"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Learning:
-    """What plans that learn are told (--objective learn and map)."""
-
-    then: Annotated[
-        str | None,
-        option("--then", "Where the stretch without fixes after a survey ends, past other places if given.", metavar="LON,LAT,DEPTH[,...]"),
-    ] = None
-    blind: Annotated[float | None, option("--blind", "Duration of that stretch [h].", metavar="HOURS")] = None
-    survey: Annotated[float | None, option("--survey", "Duration of the survey before it [h]. Default: 24.", metavar="HOURS")] = None
-    box: Annotated[
-        str | None, option("--box", "Box to be mapped [degrees], and depths [m]; without them the dives' mean.", metavar="W,S,E,N[,DEPTHS]")
-    ] = None
-    profiles: Annotated[int | None, option("--profiles", "Number of profiles of the map.", metavar="N")] = None
-    profile_error: Annotated[
-        float, option("--profile-error", "Standard deviation of the error of a profile's mean current, each component [m/s].")
-    ] = 0.03
-    others: Annotated[
-        list[Path] | None,
-        option("--others", "Plan of another vehicle, whose profiles come anyway; may be repeated.", metavar="PLAN.mcap"),
-    ] = None
+Asked = tuple[Places, Times, Aim, Method, Outputs]
 
 
 def plan_learning(flows: tuple[Path, ...], asked: Asked, config: RunConfig) -> int:
