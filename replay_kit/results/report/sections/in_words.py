@@ -8,13 +8,13 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.text import time_text
 from replay_kit.results.page.section import Section, cm, items_html, number, table_html
-from replay_kit.results.report.sections.warnings import next_steps, what_looks_wrong
+from replay_kit.results.report.sections.warnings import next_steps, what_looks_wrong, what_was_chosen
 from replay_kit.results.views.contents import Contents
 
 
 def words_section(contents: Contents) -> Section:
     """Return the answer in words."""
-    wrong = what_looks_wrong(contents)
+    wrong, chosen = what_looks_wrong(contents), what_was_chosen(contents)
     html = (
         _part("What was measured", [_measured(contents)])
         + _part("What was found", _found(contents))
@@ -24,6 +24,7 @@ def words_section(contents: Contents) -> Section:
         + (f'<div class="wrong">{items_html(wrong)}</div>' if wrong else "<p>Nothing that the tests of this page look for.</p>")
         + f"<h3>What to do next</h3>{items_html(next_steps(contents))}"
         + _current_here(contents)
+        + (f"<h3>How it was read and set up</h3>{items_html(chosen)}" if chosen else "")
     )
     missing = [*contents.notes, *([contents.without_estimate] if contents.without_estimate else [])]
     return Section("answer", "The answer", html, missing=missing)
@@ -61,7 +62,8 @@ def _measured(contents: Contents) -> str:
 
 
 def _depths(depth: Array) -> str:
-    return f"{np.nanmin(depth):.0f} to {np.nanmax(depth):.0f} m"
+    # whole numbers have no negative zero
+    return f"{round(float(np.nanmin(depth)))} to {round(float(np.nanmax(depth)))} m"
 
 
 def _found(contents: Contents) -> list[str]:

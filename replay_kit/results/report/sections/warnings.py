@@ -9,8 +9,11 @@ from replay_kit.results.page.section import number
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.trust import calibration
 
-#: Notes of a run that only state what was chosen.
-_NEUTRAL = ("modes a level", "prior: ", "no goal was given", "could not be decoded")
+#: Notes of a run that only state what was read and chosen.
+_NEUTRAL = (
+    *("modes a level", "prior: ", "no goal was given", "could not be decoded", "members: ", "variance of the prior multiplied"),
+    *("the recorder's stamps are", "since its start against", "were read by their names", "each counted once"),
+)
 
 
 #: What a plan's status asks for; without an entry, its goal is not reached.
@@ -26,7 +29,7 @@ def what_looks_wrong(contents: Contents) -> list[str]:
     """Return what a reader should look into, as escaped sentences."""
     summary = contents.summary
     out = [text for test in (_losses, _nis, _bias, _improvement, _rejections, _surfacings) if (text := test(contents))]
-    out += [escape(_sentence(note)) for note in summary.get("notes", ()) if not any(word in note for word in _NEUTRAL)]
+    out += [escape(_sentence(note)) for note in summary.get("notes", ()) if not _is_neutral(note)]
     events = contents.result.events
     known = set(summary.get("notes", ()))
     out += [
@@ -35,6 +38,11 @@ def what_looks_wrong(contents: Contents) -> list[str]:
         if text not in known
     ]
     return out
+
+
+def what_was_chosen(contents: Contents) -> list[str]:
+    """Return how the inputs were read and what was chosen, as escaped sentences."""
+    return [escape(_sentence(note)) for note in contents.summary.get("notes", ()) if _is_neutral(note)]
 
 
 def next_steps(contents: Contents) -> list[str]:
@@ -65,6 +73,10 @@ def next_steps(contents: Contents) -> list[str]:
     if contents.estimate is None and len(contents.result.observations):
         out.append("Replay the log again without <code>--no-estimate</code>, or to its end, for the current and its uncertainty.")
     return out or ["Nothing: the estimate agrees with what was measured."]
+
+
+def _is_neutral(note: str) -> bool:
+    return any(word in note for word in _NEUTRAL)
 
 
 def _sentence(text: str) -> str:
