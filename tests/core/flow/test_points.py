@@ -94,7 +94,7 @@ def test_a_time_before_the_last_observation_is_refused() -> None:
         evolving().velocity_at(*HERE, TIME_NS - 10**9)
 
 
-@pytest.mark.parametrize("time", [1.7e18, np.datetime64("NaT"), "yesterday", [TIME_NS, None], True])
+@pytest.mark.parametrize("time", [1.7e18, np.datetime64("NaT", "ns"), "yesterday", [TIME_NS, None], True])
 def test_other_times_are_refused(flow: FlowEstimate, time) -> None:
     with pytest.raises(ConfigError, match="ISO 8601"):
         replace(flow, later=constant).velocity_at(*HERE, time)
