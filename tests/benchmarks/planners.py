@@ -20,6 +20,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.horizontal import NodeKernel
 from replay_kit.estimator.basis.modes import embed_member
 from replay_kit.forecast import read_ensemble
 from tests.benchmarks import planners_mission, planners_scenario
@@ -146,7 +147,7 @@ def _inside(flow: FlowEstimate, rng: np.random.Generator) -> Array:
 
 def flow_row(tiny: bool) -> Row:
     """The Hessian of where a flight of twelve RK4 steps ends, against the same field differentiated by CasADi."""
-    flow = _flows(tiny)[0]
+    flow = _on_nodes(_flows(tiny)[0])
     begin, weights, latent = ca.MX.sym("begin", 3), ca.MX.sym("weights", 3), ca.MX.sym("latent", *flow.latent.shape)
     field = field_function(flow)
     through, step, given = ca.DM([0.2, 0.1, 0.01]), 900.0, ca.DM(flow.latent)
@@ -170,6 +171,23 @@ def flow_row(tiny: bool) -> Row:
     unequal = max(float(np.abs(np.asarray(field(at, given)).ravel() - flow.velocity(*at)).max()) for at in points)
     error = {"velocity": unequal, "mean": apart}
     return row(f"Hessian of {len(points)} flights of 12 steps, {len(flow.nodes)} nodes", ours_s, "automatic", theirs_s, 1.0, error)
+
+
+def _on_nodes(flow: FlowEstimate) -> FlowEstimate:
+    """Return a flow of kernels at nodes, of currents of the same size drawn at random where the estimate is a sum of other functions."""
+    if isinstance(flow.horizontal, NodeKernel):
+        return flow
+    shape = 2 * len(flow.nodes), flow.levels.size
+    drawn = replace(
+        flow,
+        horizontal=NodeKernel(flow.horizontal.kernel, flow.nodes),
+        latent=np.random.default_rng(0).normal(size=shape),
+        modes=np.zeros((shape[0], 0)),
+        covariance=None,
+    )
+    points = np.column_stack([flow.nodes, np.full(len(flow.nodes), 100.0)]).T
+    size, asked = (float(np.sqrt(np.mean(one.velocity(*points) ** 2))) for one in (drawn, flow))
+    return replace(drawn, latent=drawn.latent * asked / size)
 
 
 def _plain(flow: FlowEstimate, latent: Any) -> Callable[[Any], Any]:
