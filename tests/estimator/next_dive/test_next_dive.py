@@ -32,13 +32,12 @@ def one(settings, h):
 
 
 @pytest.mark.parametrize("inverted", [False, True])
-def test_the_filter_is_the_gaussian_of_all_dives_at_once(monkeypatch, inverted):
-    monkeypatch.setattr(filter, "_JUMP", 1e-40)
+def test_the_filter_is_the_gaussian_of_all_dives_at_once(inverted):
     settings = combinations()
     chosen = [17, 404, 700]
     given = dives(4, inverted=inverted)
     last = replace(given[-1], inverted=None)
-    whole = DiveModel(Settings(*(getattr(settings, name)[chosen] for name in ("white_std", "variance", "scales", "background"))))
+    whole = DiveModel(Settings(*(getattr(settings, name)[chosen] for name in ("white_std", "variance", "scales", "background"))), 1e-40)
     state = whole.initial()
     for dive in given[:-1]:
         state = whole.step(state, dive)
