@@ -78,7 +78,8 @@ class GroundState:
         latest: Last fix at the surface; None before the first.
         path: Since the fix before the dive; None at the surface.
         ahead: What the estimate said of the dive before it began; None where nothing.
-        surfaced: Path of a dive and the fix that ended it, until all measurements of that time have come.
+        surfaced: Path of a dive, the fix that ended it and its number, 0 where none is known, until all measurements of that time have
+            come.
         last: The last dive; None before the first.
         concluded: Outcome of the last dive, until the next one begins.
     """
@@ -89,7 +90,7 @@ class GroundState:
     latest: VehicleState | None = None
     path: Path | None = None
     ahead: Ahead | None = None
-    surfaced: tuple[Path, VehicleState] | None = None
+    surfaced: tuple[Path, VehicleState, int] | None = None
     last: LastDive | None = None
     concluded: DiveOutcome | None = None
 
@@ -117,10 +118,12 @@ def ground_step(
         state = concluded(state)
     detection, end = detect_surfacing(state.detection, first, surface_depth)
     begins = _in_dive(detection) and (end is not None or not _in_dive(state.detection))
-    state = replace(state, detection=detection)
     if end is not None:
-        surfaced = None if state.path is None or end.time_ns <= state.path.start.time_ns else (state.path, end)
+        # a dive's profiles may have waited for the fix after it
+        number = detection.dive if first.time_ns <= end.time_ns else state.detection.dive
+        surfaced = None if state.path is None or end.time_ns <= state.path.start.time_ns else (state.path, end, number)
         state = replace(state, path=None, surfaced=surfaced)
+    state = replace(state, detection=detection)
     outcomes: tuple[DiveOutcome, ...] = ()
     if begins:
         state = concluded(state)
@@ -133,7 +136,7 @@ def concluded(state: GroundState) -> GroundState:
     """Return the state after the last dive, if it has ended: with its outcome, and what it teaches of the next one."""
     if state.surfaced is None:
         return state
-    path, end = state.surfaced
+    path, end, number = state.surfaced
     mean = path_mean(path, end, (0.0, 0.0), 0.0, "dac", 0)
     assert mean.fixes is not None
     start, fix = mean.fixes
@@ -150,7 +153,7 @@ def concluded(state: GroundState) -> GroundState:
         position_std=FIXES_STD,
     )
     before, basis = state.before, _basis(state)
-    number = state.detection.dive or before.state.dives + 1
+    number = number or before.state.dives + 1
     return replace(
         state,
         model=_MODEL.step(before.state, dive),
