@@ -6,7 +6,7 @@ import numpy as np
 
 from replay_kit.core.dive_forecast import SHARES, Basis, DiveForecast, DiveOutcome, ellipse_of, forecast_place
 from replay_kit.core.observation import Fix
-from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Persistence
+from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Mixture, Persistence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +32,9 @@ class Before:
             number: Of the dive.
             basis: What it is expected from.
         """
-        expected = self.model.forecast(self.state, dive)
+        return self._placed(self.model.forecast(self.state, dive), dive, start, number, basis)
+
+    def _placed(self, expected: Mixture, dive: DiveMean, start: Fix, number: int, basis: Basis) -> DiveForecast:
         longitude, latitude = forecast_place(start, dive.seconds, dive.way + expected.mean)
         cov = dive.seconds**2 * expected.cov
         inner, outer = (ellipse_of(longitude, latitude, cov, radius) for radius in expected.radii(SHARES))
@@ -59,12 +61,13 @@ class Before:
             basis: What it was expected from.
         """
         start, end = fixes
+        expected = self.model.forecast(self.state, dive)
         last = self.persistence.velocity
         off = np.nan if last is None else float(np.hypot(*(dive.velocity - last)))
         return DiveOutcome(
-            forecast=self.forecast(dive, start, number, basis),
+            forecast=self._placed(expected, dive, start, number, basis),
             fix=Fix(*end),
-            log_score=self.model.forecast(self.state, dive).log_density(dive.velocity),
+            log_score=expected.log_density(dive.velocity),
             persistent_log_score=self.persistence.log_density(dive.velocity),
             persistent_distance=off * dive.seconds,
         )
