@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -10,6 +11,10 @@ from replay_kit.core.geodesy import heading_deg, to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix
 from replay_kit.core.surfacing import Ellipse
+
+#: What a dive's end is expected from: the way through the water by the flight model and the mean currents of the dives before; or their
+#: mean velocities over ground, beside the estimate of the current or alone.
+Basis = Literal["mean_currents", "estimate", "displacements"]
 
 #: Shares of surfacings that the inner and the outer ellipse should hold.
 SHARES = (0.5, 0.9)
@@ -29,7 +34,9 @@ class DiveForecast:
         inner: The ellipse that should hold half of such surfacings.
         outer: The ellipse that should hold nine in ten.
         persistent_radius: Radius of the circle about the place with the last dive's mean current that should hold nine in ten, given how
-            much mean currents have changed from dive to dive [m]; NaN before a first change.
+            much mean currents have changed from dive to dive [m]; NaN before a first change. Without mean currents it is their velocity
+            over ground.
+        basis: What it is expected from.
     """
 
     dive: int
@@ -41,6 +48,7 @@ class DiveForecast:
     inner: Ellipse
     outer: Ellipse
     persistent_radius: float
+    basis: Basis = "mean_currents"
 
     @property
     def radius(self) -> float:
@@ -55,9 +63,10 @@ class DiveOutcome:
     Attributes:
         forecast: Made without anything that was measured in the dive, but for its way through the water.
         fix: At which the vehicle surfaced.
-        log_score: Logarithm of the density of the dive's mean current under the forecast [m^-2 s^2]; larger is better.
-        persistent_log_score: The same of the last dive's mean current with its spread; NaN before a first change.
-        persistent_distance: From the place with the last dive's mean current to the fix [m]; NaN without one.
+        log_score: Logarithm of the density of the dive's mean current, or velocity over ground, under the forecast [m^-2 s^2]; larger is
+            better.
+        persistent_log_score: The same of the last dive's mean current, or velocity, with its spread; NaN before a first change.
+        persistent_distance: From the place with the last dive's mean current, or velocity, to the fix [m]; NaN without one.
     """
 
     forecast: DiveForecast

@@ -3,20 +3,20 @@
 import numpy as np
 
 
-def joint_covariance(dives, settings, h, position_std, inverted_std):
+def joint_covariance(dives, settings, h, inverted_std):
     """Mean-current and flight-residual covariance of all dives, and the vector that they are the covariance of."""
     rows, values, noise, kinds = [], [], [], []
     for dive in dives:
         rows.append(dive.design)
-        values.append(dive.velocity)
-        noise.append(settings.white_std[h] ** 2 + (position_std / dive.seconds) ** 2)
+        values.append(dive.velocity - about(dive, settings.background[h]))
+        noise.append(settings.white_std[h] ** 2 + (dive.position_std / dive.seconds) ** 2)
         kinds.append(dive.time_ns)
         if dive.inverted is not None:
             design = dive.design.copy()
             design[:, :6] = 0.0
             rows.append(design)
             values.append(dive.velocity - dive.inverted)
-            noise.append(inverted_std**2 + (position_std / dive.seconds) ** 2)
+            noise.append(inverted_std**2 + (dive.position_std / dive.seconds) ** 2)
             kinds.append(dive.time_ns)
     n = len(rows)
     cov = np.zeros((2 * n, 2 * n))
@@ -36,3 +36,15 @@ def conditional(values, cov, known):
     assert sign > 0
     density = -0.5 * values[a] @ np.linalg.solve(cov[a, a], values[a]) - 0.5 * log_det - 0.5 * known * np.log(2 * np.pi)
     return gain @ values[a], cov[b, b] - gain @ cov[a, b], density
+
+
+def about(dive, background):
+    """The current that a dive's mean is measured about."""
+    return np.zeros(2) if background == 0 else dive.backgrounds[background - 1]
+
+
+def mean_along(times, depths, levels, current):
+    """Mean of a current by depth along a path of straight lines in time and depth, second by second."""
+    seconds = np.arange(times[0], times[-1]) + 0.5
+    found = [[np.interp(depth, levels, component) for component in current.T] for depth in np.interp(seconds, times, depths)]
+    return np.mean(found, axis=0)

@@ -21,15 +21,17 @@ from scipy.special import logsumexp
 
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.next_dive.mixture import Mixture, log_densities
-from replay_kit.estimator.next_dive.settings import UNKNOWNS, Settings, combinations
+from replay_kit.estimator.next_dive.settings import UNKNOWNS, Settings, combinations, ground_combinations
 
 _NS = 1e9
 # m; how far fixes and way through the water miss together, over the dive's time
 _POSITION_STD = 60.0
 # m/s; of the inverted current beside that of the flight model
 _INVERTED_STD = 0.03
-# Probability of a change between two dives, and the factor on the variances of what changes.
-_JUMP, _JUMP_FACTOR = 0.05, 4.0
+# Probability of a change between two dives, of a velocity over ground, and the factor on the variances of what changes.
+_JUMP, _TURN, _JUMP_FACTOR = 0.05, 0.02, 4.0
+#: m; how far two fixes alone miss together, over the dive's time.
+FIXES_STD = 20.0
 _JUMPING = slice(2, 6)
 #: m; depth over which the part trapped at the surface falls by e.
 SURFACE_DEPTH = 50.0
@@ -47,6 +49,7 @@ class DiveMean:
         velocity: shape (2,), mean current, or mean velocity over ground where the way is not known.
         inverted: shape (2,), mean along the path of absolute profiles that do not depend on the flight model; None without.
         backgrounds: shape (k, 2), what others say of the current, in the order of the settings.
+        position_std: How far fixes and way through the water miss together, over the dive's time [m].
     """
 
     time_ns: int
@@ -56,6 +59,7 @@ class DiveMean:
     velocity: Array
     inverted: Array | None = None
     backgrounds: Array = field(default_factory=lambda: np.empty((0, 2)))
+    position_std: float = _POSITION_STD
 
     @property
     def design(self) -> Array:
@@ -67,7 +71,7 @@ class DiveMean:
     @property
     def position_variance(self) -> float:
         """Variance of a component of the mean current that fixes and way cause [m^2/s^2]."""
-        return (_POSITION_STD / self.seconds) ** 2
+        return (self.position_std / self.seconds) ** 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,14 +99,24 @@ class DiveModel:
 
     Attributes:
         settings: The combinations that are averaged.
+        jump: Probability of a change between two dives that is larger than usual.
     """
 
     settings: Settings
+    jump: float = _JUMP
 
     @classmethod
     def default(cls, n_backgrounds: int = 0) -> "DiveModel":
         """Return the model of all combinations, with so many backgrounds beside none."""
         return cls(combinations(n_backgrounds))
+
+    @classmethod
+    def over_ground(cls, n_backgrounds: int = 0) -> "DiveModel":
+        """Return the model of dives' mean velocities over ground, where the way through the water is not known.
+
+        What a pilot steers stays the same for many dives and has no noise, so that large changes come less often than currents' do.
+        """
+        return cls(ground_combinations(n_backgrounds), _TURN)
 
     def initial(self) -> DiveState:
         """Return the state before the first dive."""
@@ -169,7 +183,7 @@ class DiveModel:
     def _spread(self, state: DiveState, dive: DiveMean) -> list[tuple[float, Array]]:
         """Return, without a change and with one, the logarithm of its probability and the mean current's covariances, shape (h, 2, 2)."""
         own = (self.settings.white_std**2 + dive.position_variance)[:, None, None] * np.eye(2)
-        cases = ((1.0 - _JUMP, state.cov), (_JUMP, self._changed(state.cov)))
+        cases = ((1.0 - self.jump, state.cov), (self.jump, self._changed(state.cov)))
         return [(float(np.log(share)), dive.design @ cov @ dive.design.T + own) for share, cov in cases]
 
 

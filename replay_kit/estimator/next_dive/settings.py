@@ -1,5 +1,6 @@
 """Settings of the model of dives' mean currents: none is fitted, all combinations are averaged by the evidence of the dives before."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
 
@@ -16,6 +17,9 @@ _WHITES = (0.005, 0.01, 0.02, 0.04)
 _FLIGHT_BIASES = (0.05, 0.5)
 _SURFACE_SHARES = (0.0, 1.0, 3.0)
 _CONSTANTS = (0.05, 0.15)
+# The same of a velocity over ground, which holds the way through the water: a dive's course is like that of the last, or turned.
+_GROUND_AMPLITUDES = (0.02, 0.04, 0.08, 0.16, 0.32)
+_GROUND_CONSTANTS = (0.1, 0.3)
 # s; the wind that drives the surface part changes as fast
 _SURFACE_SCALE = 12.0 * _HOUR
 #: Number of unknowns: a constant, a part that decorrelates, one trapped at the surface, each east and north; and the flight model's bias.
@@ -45,12 +49,25 @@ class Settings:
 
 
 def combinations(n_backgrounds: int = 0) -> Settings:
-    """Return all combinations of settings.
+    """Return all combinations of settings of a mean current.
 
     Args:
         n_backgrounds: Number of currents beside zero that a dive's current may be measured about.
     """
-    axes = (_AMPLITUDES, _TIME_SCALES, _WHITES, _FLIGHT_BIASES, _SURFACE_SHARES, _CONSTANTS, range(n_backgrounds + 1))
+    return _of_axes(_AMPLITUDES, _TIME_SCALES, _WHITES, _FLIGHT_BIASES, _SURFACE_SHARES, _CONSTANTS, range(n_backgrounds + 1))
+
+
+def ground_combinations(n_backgrounds: int = 0) -> Settings:
+    """Return all combinations of settings of a mean velocity over ground, without a flight model and a part trapped at the surface.
+
+    Args:
+        n_backgrounds: Number of currents beside zero that a dive's velocity may be measured about; what is left is the way through the
+            water.
+    """
+    return _of_axes(_GROUND_AMPLITUDES, _TIME_SCALES, _WHITES, (0.0,), (0.0,), _GROUND_CONSTANTS, range(n_backgrounds + 1))
+
+
+def _of_axes(*axes: Iterable[float]) -> Settings:
     amplitude, scale, white, bias, share, constant, background = np.array(list(product(*axes)), dtype=np.float64).T
     surface = share * amplitude
     # the part across the way errs half as much

@@ -85,6 +85,8 @@ def _forecast_json(forecast: DiveForecast) -> dict[str, Any]:
         "ellipse_90": _ellipse_json(forecast.outer),
         "radius_90_m": forecast.radius,
         "persistent_radius_90_m": forecast.persistent_radius,
+        # of a log with mean currents nothing needs to be said
+        **({} if forecast.basis == "mean_currents" else {"basis": forecast.basis}),
     }
 
 

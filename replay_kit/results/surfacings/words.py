@@ -1,6 +1,6 @@
 """The figures of expected surfacings as sentences, without the heavy libraries."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from statistics import median
 from typing import Any
 
@@ -12,9 +12,9 @@ def surfacings_sentences(found: Mapping[str, Any]) -> Iterator[str]:
     count, figures, each = found["count"], found["later"] or found, found["each"]
     radius = median(one["radius_90_m"] for one in each)
     yield (
-        f"{count} expected from the dives before each: {round(found['inside_50'] * count)} inside the 50 % ellipse, "
+        f"{count} expected from {_from(each)}: {round(found['inside_50'] * count)} inside the 50 % ellipse, "
         f"{round(found['inside_90'] * count)} inside the 90 % one; median distance {found['distance_median_m']:.0f} m, "
-        f"median radius of 90 % {radius:.0f} m{_beside(figures)}"
+        f"median radius of 90 % {radius:.0f} m{_beside(figures, each)}"
     )
     if early := [f"dive {one['dive']} ({_early(one)})" for one in each if one["earlier_dives"] < 2]:
         yield "of these " + ", ".join(early)
@@ -26,11 +26,20 @@ def surfacings_sentences(found: Mapping[str, Any]) -> Iterator[str]:
         )
 
 
-def _beside(figures: Mapping[str, Any]) -> str:
+def _from(each: Sequence[Mapping[str, Any]]) -> str:
+    """Return what surfacings were expected from, which is said of those without mean currents."""
+    bases = {one.get("basis") for one in each}
+    if "estimate" in bases:
+        return "the displacements of the dives before each and the current of the estimate, without mean currents"
+    return "the displacements of the dives before each, without mean currents" if "displacements" in bases else "the dives before each"
+
+
+def _beside(figures: Mapping[str, Any], each: Sequence[Mapping[str, Any]]) -> str:
     gain, ratio = figures["log_score_gain"], figures["radius_ratio"]
     if gain is None or ratio is None:
         return ""
-    return f"; beside the last dive's current with its spread: radius {ratio:.2f} times as large, log score {gain:+.2f} a dive"
+    kept = "velocity over ground" if any("basis" in one for one in each) else "current"
+    return f"; beside the last dive's {kept} with its spread: radius {ratio:.2f} times as large, log score {gain:+.2f} a dive"
 
 
 def _early(one: Mapping[str, Any]) -> str:

@@ -1,7 +1,7 @@
 """The forecasts of surfacings: each dive's end is expected from the dives before it, and scored when its fix has come.
 
 The dive's way through the water is taken as its flight model states it after the dive; the fix after the dive enters nothing before the
-forecast of that dive is made.
+forecast of that dive is made. Of a log without mean currents dives are expected from their displacements (``ground_forecasts.py``).
 """
 
 from collections.abc import Sequence
@@ -10,14 +10,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.dive_forecast import SHARES, DiveForecast, DiveOutcome, ellipse_of, forecast_place
+from replay_kit.core.dive_forecast import DiveForecast, DiveOutcome
+from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Fix, Observation, PathMean, usable
+from replay_kit.core.observation import Observation, PathMean, usable
 from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Persistence
 from replay_kit.estimator.next_dive.filter import SURFACE_DEPTH
 from replay_kit.estimator.update.grouping import ProfileGroup
+from replay_kit.workflows.replay.dive_outcomes import Before
 from replay_kit.workflows.replay.estimation import Assimilation, Step
+from replay_kit.workflows.replay.ground_forecasts import FlowAt, GroundState, concluded, ground_step, next_ground_surfacing
 
 # The ensemble alone, and the estimate before the dive.
 _BACKGROUNDS = 2
@@ -37,6 +40,7 @@ class ForecastState:
         dive: Number of the dive whose profiles are gathered.
         sums: shape (cells, 3), of the profiles of the dive by depth: number of bins, sums of east and north [m/s].
         last: The last dive's mean; None before the first.
+        ground: Of a log that has stated no mean current yet.
         outcomes: Of the dives so far.
     """
 
@@ -45,19 +49,43 @@ class ForecastState:
     dive: int = 0
     sums: Array = field(default_factory=lambda: np.zeros((0, 3)))
     last: DiveMean | None = None
+    ground: GroundState = field(default_factory=GroundState)
     outcomes: tuple[DiveOutcome, ...] = ()
 
 
-def forecast_step(state: ForecastState, step: Step) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
-    """Return the state after a step of the estimate, and the outcome of the dive that it ends."""
+def forecast_step(state: ForecastState, step: Step, flow_at: FlowAt, surface_depth: float) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
+    """Return the state after a step of the estimate, and the outcome of the dive that it ends.
+
+    Args:
+        state: Before it.
+        step: A position, or a measurement with its assimilation.
+        flow_at: The estimate before the step, for a time [ns, UTC].
+        surface_depth: [m], shallower than this the vehicle is at the surface.
+    """
+    state, ended = _over_ground(state, step, flow_at, surface_depth)
     if isinstance(step.event, PathMean):
         return forecast_mean(state, step.event, None if step.assimilation is None else _backgrounds(step.event, step.assimilation))
     if isinstance(step.event, Observation):
-        return with_profile(state, step.event), ()
+        return with_profile(state, step.event), ended
     if isinstance(step.event, ProfileGroup):
         for profile in step.event.profiles:
             state = with_profile(state, profile)
-    return state, ()
+    return state, ended
+
+
+def forecast_end(state: ForecastState) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
+    """Return the state at the end of a log, and the outcome of its last dive where no mean current told of it."""
+    ground = concluded(state.ground)
+    ended = () if ground.concluded is None else (ground.concluded,)
+    return replace(state, ground=ground, outcomes=(*state.outcomes, *ended)), ended
+
+
+def _over_ground(state: ForecastState, step: Step, flow_at: FlowAt, surface_depth: float) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
+    if state.model is not None:
+        # the log states mean currents
+        return state, ()
+    ground, ended = ground_step(state.ground, step.event, flow_at, surface_depth)
+    return replace(state, ground=ground, outcomes=(*state.outcomes, *ended)), ended
 
 
 def forecast_mean(state: ForecastState, mean: PathMean, backgrounds: Array | None = None) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
@@ -73,24 +101,32 @@ def forecast_mean(state: ForecastState, mean: PathMean, backgrounds: Array | Non
         return state, ()
     dive = dive_mean(state, mean, _UNKNOWN if backgrounds is None else backgrounds)
     before = _MODEL.initial() if state.model is None else state.model
-    outcome = _outcome(state, before, dive, mean)
+    outcome = Before(_MODEL, before, state.persistence).outcome(dive, mean.fixes, mean.dive)
     after = replace(
         state,
         model=_MODEL.step(before, dive),
         persistence=state.persistence.after(dive.velocity),
         last=dive,
+        ground=GroundState(),
         outcomes=(*state.outcomes, outcome),
     )
     return after, (outcome,)
 
 
-def next_surfacing(state: ForecastState) -> DiveForecast | None:
-    """Return where the vehicle surfaces next if it flies as in the last dive, from the last fix on; None before the first dive."""
+def next_surfacing(state: ForecastState, flow: FlowEstimate | None = None) -> DiveForecast | None:
+    """Return where the vehicle surfaces next if it flies as in the last dive, from the last fix on; None before the first dive.
+
+    Args:
+        state: After all dives.
+        flow: The estimate, for a log without mean currents; None without.
+    """
+    if state.model is None and flow is not None:
+        return next_ground_surfacing(state.ground, flow)
     if state.model is None or state.last is None:
         return None
     last, fix = state.last, state.outcomes[-1].fix
     coming = replace(last, time_ns=fix.time_ns + int(0.5e9 * last.seconds), backgrounds=_UNKNOWN, inverted=None)
-    return _forecast(state, state.model, coming, fix, state.outcomes[-1].forecast.dive + 1)
+    return Before(_MODEL, state.model, state.persistence).forecast(coming, fix, state.outcomes[-1].forecast.dive + 1)
 
 
 def dive_mean(state: ForecastState, mean: PathMean, backgrounds: Array) -> DiveMean:
@@ -107,38 +143,6 @@ def dive_mean(state: ForecastState, mean: PathMean, backgrounds: Array) -> DiveM
         velocity=velocity,
         inverted=_along(state.sums, mean) if state.dive == mean.dive else None,
         backgrounds=backgrounds,
-    )
-
-
-def _outcome(state: ForecastState, before: DiveState, dive: DiveMean, mean: PathMean) -> DiveOutcome:
-    assert mean.fixes is not None
-    start, end = mean.fixes
-    persistence = state.persistence
-    off = np.nan if persistence.velocity is None else float(np.hypot(*(dive.velocity - persistence.velocity)))
-    return DiveOutcome(
-        forecast=_forecast(state, before, dive, start, mean.dive),
-        fix=Fix(*end),
-        log_score=_MODEL.forecast(before, dive).log_density(dive.velocity),
-        persistent_log_score=persistence.log_density(dive.velocity),
-        persistent_distance=off * dive.seconds,
-    )
-
-
-def _forecast(state: ForecastState, before: DiveState, dive: DiveMean, start: Fix, number: int) -> DiveForecast:
-    expected = _MODEL.forecast(before, dive)
-    longitude, latitude = forecast_place(start, dive.seconds, dive.way + expected.mean)
-    cov = dive.seconds**2 * expected.cov
-    inner, outer = (ellipse_of(longitude, latitude, cov, radius) for radius in expected.radii(SHARES))
-    return DiveForecast(
-        dive=number,
-        earlier=before.dives,
-        start=start,
-        time_ns=start.time_ns + round(dive.seconds * 1e9),
-        longitude=longitude,
-        latitude=latitude,
-        inner=inner,
-        outer=outer,
-        persistent_radius=state.persistence.radius(SHARES[1]) * dive.seconds,
     )
 
 

@@ -25,7 +25,7 @@ from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay import consistency, plans
 from replay_kit.workflows.replay.build import flow_at
 from replay_kit.workflows.replay.consistency import MonitoringState
-from replay_kit.workflows.replay.dive_forecasts import ForecastState, forecast_mean, forecast_step
+from replay_kit.workflows.replay.dive_forecasts import ForecastState, forecast_end, forecast_mean, forecast_step
 from replay_kit.workflows.replay.estimation import EstimationState, assimilate
 from replay_kit.workflows.replay.flight_bias import FlightState, as_used
 from replay_kit.workflows.replay.outputs import Findings, LogWarning, Output, write
@@ -203,7 +203,7 @@ class Session:
                 self.publishing, outputs = publish_step(self.publishing, step, self._levels, self.config.output, after)
                 self._write(outputs)
             with self.clock.stage("expect"):
-                expected = forecast_step(self.forecasts, step)
+                expected = forecast_step(self.forecasts, step, before, self.config.measurements.surface_depth)
             self._expect(expected)
             self._plan(plans.after_step, step, after)
         self._publish_windows()
@@ -220,6 +220,7 @@ class Session:
     def conclude(self) -> FlowEstimate:
         """Finish a surfacing, plan from the last position and publish the last depth slices; return the last estimate."""
         at = partial(flow_at, self.estimator, self.estimation.current)
+        self._expect(forecast_end(self.forecasts))
         self._plan(plans.finish_surfacing, at)
         flow = at(self.last_ns)
         self._plan(plans.make_plan, flow, self.last_ns)

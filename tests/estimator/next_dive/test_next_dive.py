@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2, multivariate_normal, multivariate_t
 
 from replay_kit.estimator.next_dive import DiveMean, DiveModel, Mixture, Persistence, filter
-from replay_kit.estimator.next_dive.settings import Settings, combinations
+from replay_kit.estimator.next_dive.settings import Settings, combinations, ground_combinations
 from tests.reference import next_dive as slow
 
 HOUR = 3600.0
@@ -31,26 +31,48 @@ def one(settings, h):
     return Settings(settings.white_std[[h]], settings.variance[[h]], settings.scales[[h]], settings.background[[h]])
 
 
-@pytest.mark.parametrize("inverted", [False, True])
-def test_the_filter_is_the_gaussian_of_all_dives_at_once(monkeypatch, inverted):
-    monkeypatch.setattr(filter, "_JUMP", 1e-40)
-    settings = combinations()
-    chosen = [17, 404, 700]
-    given = dives(4, inverted=inverted)
+def assert_is_gaussian_of_all(settings, chosen, given):
     last = replace(given[-1], inverted=None)
-    whole = DiveModel(Settings(*(getattr(settings, name)[chosen] for name in ("white_std", "variance", "scales", "background"))))
+    whole = DiveModel(Settings(*(getattr(settings, name)[chosen] for name in ("white_std", "variance", "scales", "background"))), 1e-40)
     state = whole.initial()
     for dive in given[:-1]:
         state = whole.step(state, dive)
     found, densities = whole.forecast(state, last), []
     for position, h in enumerate(chosen):
-        values, cov = slow.joint_covariance([*given[:-1], last], settings, h, filter._POSITION_STD, filter._INVERTED_STD)
+        values, cov = slow.joint_covariance([*given[:-1], last], settings, h, filter._INVERTED_STD)
         mean, spread, density = slow.conditional(values, cov, len(values) - 2)
         densities.append(density)
-        np.testing.assert_allclose(found.means[position], mean, rtol=1e-8)
+        np.testing.assert_allclose(found.means[position], mean + slow.about(last, settings.background[h]), rtol=1e-8)
         np.testing.assert_allclose(found.covs[position], spread, rtol=1e-8, atol=1e-14)
     expected = np.exp(np.array(densities) - np.max(densities))
     np.testing.assert_allclose(np.exp(state.log_weights), expected / expected.sum(), rtol=1e-7)
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+def test_the_filter_is_the_gaussian_of_all_dives_at_once(inverted):
+    assert_is_gaussian_of_all(combinations(), [17, 404, 700], dives(4, inverted=inverted))
+
+
+def test_so_it_is_of_velocities_over_ground():
+    currents = np.random.default_rng(2).normal(0.0, 0.1, (4, 1, 2))
+    given = [
+        replace(dive, way=np.zeros(2), velocity=dive.way + current[0], backgrounds=current + 0.01, position_std=filter.FIXES_STD)
+        for dive, current in zip(dives(4, inverted=False), currents, strict=True)
+    ]
+    assert_is_gaussian_of_all(ground_combinations(1), [4, 101, 102, 150], given)
+
+
+def test_a_steady_way_is_told_from_a_changing_current_that_is_known():
+    model, way, rng = DiveModel.over_ground(1), np.array([0.2, -0.15]), np.random.default_rng(3)
+    state = model.initial()
+    for k in range(8):
+        current = rng.normal(0.0, 0.1, 2)
+        coming = DiveMean(int(k * 1e13), 9e3, np.zeros(2), 0.0, way + current, None, current[None], filter.FIXES_STD)
+        expected = model.forecast(state, coming)
+        state = model.step(state, coming)
+    assert np.hypot(*(expected.mean - coming.velocity)) < 0.01
+    assert np.sqrt(np.linalg.det(expected.cov)) < 0.03**2
+    assert np.exp(state.log_weights)[model.settings.background == 1].sum() > 0.99
 
 
 @pytest.mark.parametrize("inverted", [False, True])

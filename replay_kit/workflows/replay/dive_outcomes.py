@@ -1,0 +1,73 @@
+"""An expected surfacing from what a model of dives says of the next one, and its score when the fix has come."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from replay_kit.core.dive_forecast import SHARES, Basis, DiveForecast, DiveOutcome, ellipse_of, forecast_place
+from replay_kit.core.observation import Fix
+from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Mixture, Persistence
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Before:
+    """What is known before a dive.
+
+    Attributes:
+        model: Of the dives.
+        state: Of the model, after the dives so far.
+        persistence: The baseline.
+    """
+
+    model: DiveModel
+    state: DiveState
+    persistence: Persistence
+
+    def forecast(self, dive: DiveMean, start: Fix, number: int, basis: Basis = "mean_currents") -> DiveForecast:
+        """Return where a dive is expected to end.
+
+        Args:
+            dive: Its time, duration, way, depths and backgrounds; its current is not used.
+            start: The fix before it.
+            number: Of the dive.
+            basis: What it is expected from.
+        """
+        return self._placed(self.model.forecast(self.state, dive), dive, start, number, basis)
+
+    def _placed(self, expected: Mixture, dive: DiveMean, start: Fix, number: int, basis: Basis) -> DiveForecast:
+        longitude, latitude = forecast_place(start, dive.seconds, dive.way + expected.mean)
+        cov = dive.seconds**2 * expected.cov
+        inner, outer = (ellipse_of(longitude, latitude, cov, radius) for radius in expected.radii(SHARES))
+        return DiveForecast(
+            dive=number,
+            earlier=self.state.dives,
+            start=start,
+            time_ns=start.time_ns + round(dive.seconds * 1e9),
+            longitude=longitude,
+            latitude=latitude,
+            inner=inner,
+            outer=outer,
+            persistent_radius=self.persistence.radius(SHARES[1]) * dive.seconds,
+            basis=basis,
+        )
+
+    def outcome(self, dive: DiveMean, fixes: tuple[Fix, Fix], number: int, basis: Basis = "mean_currents") -> DiveOutcome:
+        """Return where a dive was expected to end, and how good that was.
+
+        Args:
+            dive: With what was measured of it.
+            fixes: Before and after it.
+            number: Of the dive.
+            basis: What it was expected from.
+        """
+        start, end = fixes
+        expected = self.model.forecast(self.state, dive)
+        last = self.persistence.velocity
+        off = np.nan if last is None else float(np.hypot(*(dive.velocity - last)))
+        return DiveOutcome(
+            forecast=self._placed(expected, dive, start, number, basis),
+            fix=Fix(*end),
+            log_score=expected.log_density(dive.velocity),
+            persistent_log_score=self.persistence.log_density(dive.velocity),
+            persistent_distance=off * dive.seconds,
+        )
