@@ -19,6 +19,8 @@ _AHEAD = 0.2
 _MITRE = 2.0
 # Radius of the water around a start or a goal in which the margin is its own clearance, in margins; and the share kept of that clearance.
 _AROUND, _KEPT = 4.0, 0.5
+# Where no margin is kept, what no disc of this radius [m] reaches is filled: shapes that touch, or nearly, leave no gap.
+_DISC = 1.0
 # Where there are more corners than this, those closer together than so many metres are one.
 _MANY, _APART = 1500, 500.0
 
@@ -85,8 +87,12 @@ def obstacles_of(rings: Sequence[Ring], margin: float, places: Complex) -> Obsta
 
 
 def _water(frame: Any, land: Any, margin: float) -> Any:
-    """Return the polygons of the water at least a margin [m] from a frame's outline and from land."""
+    """Return the water at least a margin [m] from a frame's outline and from land; a negative margin opens no gap between shapes."""
     mitred: dict[str, Any] = {"join_style": "mitre", "mitre_limit": _MITRE}
+    if margin < 0.0:
+        # shapes that touch at a corner would come apart
+        wide = shapely.buffer(shapely.difference(frame, land), -_DISC, **mitred)
+        return shapely.buffer(shapely.buffer(wide, _DISC, quad_segs=2), -margin, **mitred)
     return shapely.difference(shapely.buffer(frame, -margin, **mitred), shapely.buffer(land, margin, **mitred))
 
 

@@ -48,7 +48,7 @@ from planners.mission.goal_legs import add_leg, goal_legs_of, goal_steps_of
 from planners.mission.program import MissionGuess
 from planners.mission.solve import solve_legs
 from planners.mission.task import MissionTask, turns_of
-from planners.mission.turning import solve_turning
+from planners.mission.turning import approach_turning, solve_turning
 from planners.mission.values import MissionPlan
 from planners.route.hazards import Ring
 from replay_kit.core.arrays import Array
@@ -222,7 +222,10 @@ def _approach(task: MissionTask, water: Water, bound: Bound) -> Attempt:
         return course
 
     announce(f"planning: goal {bound.goal + 1} is out of reach")
-    return best_of(task, [flown(on_route), flown(at_goal)])
+    courses = [flown(on_route), flown(at_goal)]
+    if best_of(task, courses).violation is not None and task.bottom.shallowest < settings.depth:
+        courses += approach_turning(task, water, task.rings)
+    return best_of(task, courses)
 
 
 def _reconsidered(task: MissionTask, water: Water, rest: Attempt) -> list[Attempt]:

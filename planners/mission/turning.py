@@ -8,6 +8,7 @@ import numpy as np
 from planners.front.route import Route
 from planners.mission.arrival import Water, initial_guess, passage_past_goals
 from planners.mission.attempt import Attempt, GoalSteps, is_feasible
+from planners.mission.course import along_route
 from planners.mission.solve import solve_legs
 from planners.mission.task import LEAST_DIVE, MissionTask
 from planners.route.hazards import Ring
@@ -19,6 +20,9 @@ _SPACING, _BESIDE = 50.0, 2.0
 _STEP = 5.0
 # Shares of the longest legs with which the route is cut, one after the other until the goals are met.
 _PACES = 1.0, 0.9, 0.8, 0.65
+
+# Shares of a route to a goal out of reach that are cut, one after the other until the legs are enough.
+_PARTS = 1.0, 0.5, 0.25, 0.1
 
 # The times at which legs begin and end [s], shape (L + 1,); the depths at which they turn [m]; after which leg each goal is met.
 _Cut = tuple[Array, tuple[float, ...], tuple[int, ...]]
@@ -42,6 +46,40 @@ def solve_turning(task: MissionTask, water: Water, rings: tuple[Ring, ...]) -> l
         if task.settings.legs is not None:
             break
     return attempts
+
+
+def approach_turning(task: MissionTask, water: Water, rings: tuple[Ring, ...]) -> list[Attempt]:
+    """Return the course towards a goal out of reach whose dives turn above the bottom, as far as it is clear; none where no legs make it.
+
+    Args:
+        task: The problem.
+        water: What the vehicle meets.
+        rings: What the route keeps clear of at any depth.
+    """
+    passage = passage_past_goals(task, water, rings, depth=LEAST_DIVE)
+    for part in _PARTS:
+        lasts = part * passage.route.times[-1]
+        times = np.append(passage.route.times[passage.route.times < lasts], lasts)
+        route = Route(passage.route.at(times), times, arrives=False)
+        if (cut := _cut(task, route, np.minimum(passage.passed, lasts), 1.0)) is not None:
+            return [_flown_clear(task, water, route, cut)]
+    return []
+
+
+def _flown_clear(task: MissionTask, water: Water, route: Route, cut: _Cut) -> Attempt:
+    """Return the course along a route that is cut, without the legs from the first that is not clear."""
+    ends, turns, _ = cut
+
+    def at_end(_at: Array, now: float, _goal: int) -> Array:
+        return np.asarray(route.at(ends[min(int(np.searchsorted(ends, now, side="right")), ends.size - 1)][None])[0])
+
+    def flown(count: int) -> Attempt:
+        return along_route(replace(task, turns=turns[:count]), water, count, at_end)
+
+    course = flown(len(turns))
+    while course.violation is not None and task.settings.legs is None and course.violation.leg > len(task.goals):
+        course = flown(course.violation.leg - 1)
+    return course
 
 
 def _solve_cut(task: MissionTask, water: Water, route: Route, cut: _Cut) -> Attempt:

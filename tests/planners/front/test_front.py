@@ -123,6 +123,16 @@ def test_in_still_water_a_route_is_straight_once_it_is_relaxed():
     assert route.times[-1] <= front.times[-1] <= 1.006 * straight
 
 
+@pytest.mark.parametrize(("apart", "passes"), [(-1.0, False), (0.0, False), (0.2, False), (2.5, True)])
+@pytest.mark.parametrize("by_edge", [False, True])
+def test_land_that_touches_land_or_the_regions_edge_is_closed_without_a_margin_too(apart: float, passes: bool, by_edge: bool):
+    ends, frame = np.array([-4.1e3 + 4.2e3j, 4.2e3 - 4.1e3j]), box(-5e3, -5e3, 5e3, 5e3, outside=True)
+    land = [box(-100.0, -5e3, 100.0, 5e3 - apart)] if by_edge else [box(-30e3, -30e3, 0.0, 0.0), box(apart, apart, 30e3, 30e3)]
+    sea = sea_of(still(5e3), 0.3, ends, obstacles_of([*land, frame], 0.0, ends))
+    front = spread(sea, np.array([sea.current.places.size]), np.zeros(1), np.inf, NONE)
+    assert np.isfinite(front.times[sea.current.places.size + 1]) == passes
+
+
 @pytest.mark.parametrize(("gap", "passes"), [(101.0, True), (99.0, False)])
 @pytest.mark.parametrize("offset", [0.0, 333.0])
 def test_a_gap_is_passed_when_it_is_wider_than_two_margins(gap: float, passes: bool, offset: float):
