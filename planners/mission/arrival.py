@@ -23,10 +23,11 @@ from planners.route.hazards import Ring
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import true_north_halfway
 
-# What a bound is multiplied by, for the error of the lattice against Zermelo's rays: elsewhere, and in strong currents.
-_LATTICE_ERROR, _STRONG_ERROR = 0.993, 0.985
-# Where the current on the way is faster than this share of the vehicle's speed, the lattice has so many times more lines.
-_STRONG, _FINER = 0.9, 1.6
+# What a bound is multiplied by, for the error of the lattice against Zermelo's rays: in currents up to a share of the vehicle's speed on
+# the way, where the rays were 0.12 % before the front at most, in faster ones, 0.7 %, and in strong ones.
+_CALM_ERROR, _LATTICE_ERROR, _STRONG_ERROR = 0.998, 0.993, 0.985
+# These shares of the vehicle's speed: of calm and of strong currents. In strong ones the lattice has so many times more lines.
+_CALM, _STRONG, _FINER = 0.45, 0.75, 1.6
 # Kernel lengths around start and goals within which shear counts, and points that it is looked up at in each.
 _AROUND, _SAMPLES = 1.5, 2.0
 # Points on the edge of a goal's disc.
@@ -170,14 +171,14 @@ def _bound_in(task: MissionTask, water: Water, error: float, strong: float) -> B
     Args:
         task: The problem.
         water: Of the lattice.
-        error: What its times are multiplied by.
+        error: What its times are multiplied by where the current on the way is not calm.
         strong: A current on the way [m/s], or a goal out of reach, for which it is not to be trusted; infinite to trust it always.
     """
     places, most, radius = _places(task), longest_time(task), task.settings.tolerance
     discs = [np.append(directions_around(complex(place), radius, _ON_DISC), place) for place in places[1:]]
     obstacles = obstacles_of((*task.rings, *task.bottom.rings(LEAST_DIVE)), 0.0, places)
     sea = sea_of(water.current, water.speed + _second_order(task), np.concatenate([places[:1], *discs]), obstacles, waits=True)
-    first, now = water.current.places.size, 0.0
+    first, now, fastest = water.current.places.size, 0.0, 0.0
     seeds = np.array([first])
     for k, place in enumerate(places[1:]):
         goals = first + 1 + k * (_ON_DISC + 1) + np.arange(_ON_DISC + 1)
@@ -189,11 +190,12 @@ def _bound_in(task: MissionTask, water: Water, error: float, strong: float) -> B
         if not front.times[best] <= most / error:
             return None if np.isfinite(strong) else Bound(inf, most, k, *front.approach(complex(place), most / error))
         route = front.route_to(best, now, True)
-        met = water.current.at(as_complex(route.points), now + route.times)
-        if np.max(np.abs(met)) > strong:
+        fastest = max(fastest, float(np.max(np.abs(water.current.at(as_complex(route.points), now + route.times)))))
+        if fastest > strong:
             return None
         now, seeds = now + float(relax(sea, route, now).times[-1]), goals
     # the mean speed has a drift after each leg, but the last one arrives without
+    error = _CALM_ERROR if fastest <= _CALM * water.speed else error
     return Bound(max(error * now - task.settings.surface_time, 0.0), most)
 
 
