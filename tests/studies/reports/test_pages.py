@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from replay_kit import __version__
 from replay_kit.studies import accuracy, dives, missions, planning
 from replay_kit.studies.accuracy.page import accuracy_page
 from replay_kit.studies.reports.charts import Axis, Chart, Series, _log_ticks, chart_figure, misses_chart
@@ -33,7 +34,7 @@ def test_a_page_lies_beside_the_tables_and_is_whole(write, result, keys, tmp_pat
     assert [attrs["href"] for attrs, _ in elements(page, "a")] == [f"#{attrs['id']}" for attrs, _ in elements(page, "section")]
     ids = [attrs["id"] for tag in ("section", "figure") for attrs, _ in elements(page, tag)]
     assert len(set(ids)) == len(ids)
-    assert ["replay-kit", "0.1.0"] in table(page, "Versions")
+    assert ["replay-kit", __version__] in table(page, "Versions")
     assert ["ensemble", "ensemble.nc"] in table(page, "Inputs and options")
     assert len(page) < 1e6
     (csv, *_) = tmp_path.glob("*.csv")
