@@ -57,3 +57,10 @@ def test_the_citation_states_the_version_and_the_licence() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert f"version: {replay_kit.__version__}\n" in text
     assert f"license: {project['license']}\n" in text
+
+
+def test_the_changelog_begins_with_this_version_and_its_date() -> None:
+    latest = re.search(r"^## (\S+), (\S+)$", (ROOT / "replay_kit" / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert latest
+    assert latest[1] == replay_kit.__version__
+    assert f"date-released: {latest[2]}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
