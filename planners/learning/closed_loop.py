@@ -15,13 +15,13 @@ from planners.learning.loops import Survey
 from planners.learning.rows import Rows, gains, learnt, rows_at, stacked
 from planners.learning.transit import fly_transit, plan_transit
 from replay_kit.core.arrays import Array
+from replay_kit.core.bootstrap import bootstrap_interval
 from replay_kit.core.flow.depth_means import DepthMeans
 from replay_kit.core.flow.evolution import sample_through
 
 # Time between the entries of currents that change [s].
 _SLICE = 6.0 * 3600.0
-# Draws of a 90 % point for its interval, and the share of them that the interval holds.
-_DRAWS, _HOLDS = 400, 0.9
+_RESAMPLES = 400
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,12 +71,9 @@ class Flown:
         """The distance that 90 % of the stretches do not exceed [m]."""
         return float(np.quantile(self.misses, 0.9))
 
-    def interval(self, seed: int = 0) -> tuple[float, float]:
+    def interval(self) -> tuple[float, float]:
         """Return an interval that holds the 90 % miss with a probability of 90 %, by bootstrap [m]."""
-        rng = np.random.default_rng(seed)
-        drawn = self.misses[rng.integers(0, self.misses.size, (_DRAWS, self.misses.size))]
-        low, high = np.quantile(np.quantile(drawn, 0.9, axis=1), [0.5 - 0.5 * _HOLDS, 0.5 + 0.5 * _HOLDS])
-        return float(low), float(high)
+        return bootstrap_interval(lambda drawn: np.quantile(self.misses[drawn], 0.9, axis=1), self.misses.size, _RESAMPLES)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

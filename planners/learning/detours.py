@@ -13,6 +13,7 @@ from planners.learning.scene import LONGEST, Scene, dives_of, scene_of, value_ma
 from planners.learning.values import LearnPlan, LearnRequest, Told
 from planners.learning.ways import Voyage, fly_voyage
 from replay_kit.core.arrays import Array
+from replay_kit.core.bootstrap import bootstrap_interval
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 
@@ -20,8 +21,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 _CHOOSING, _ERRORS = 16, 2.0
 # Places that detours pass: shares of the way along and across.
 _ALONG, _ACROSS = (0.25, 0.5), (0.12, -0.12, 0.3, -0.3)
-# Draws of an interval, and the share that it holds.
-_DRAWS, _HOLDS = 400, 0.9
+_RESAMPLES = 400
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,10 +167,8 @@ def _words(scene: Scene, evidence: Evidence, samples: int) -> str:
 
 def _hours(arrivals: Array) -> tuple[float, float, float]:
     """Return mean arrivals [h] and an interval that holds them with a probability of 90 %, by bootstrap."""
-    rng, hours = np.random.default_rng(0), arrivals / 3600.0
-    drawn = hours[rng.integers(0, hours.size, (_DRAWS, hours.size))].mean(axis=1)
-    low, high = np.quantile(drawn, [0.5 - 0.5 * _HOLDS, 0.5 + 0.5 * _HOLDS])
-    return float(hours.mean()), float(low), float(high)
+    hours = arrivals / 3600.0
+    return float(hours.mean()), *bootstrap_interval(lambda drawn: hours[drawn].mean(axis=1), hours.size, _RESAMPLES)
 
 
 def _surfacings(scene: Scene, voyage: Voyage, corners: Complex) -> tuple[Complex, Array]:

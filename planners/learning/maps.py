@@ -13,12 +13,13 @@ from planners.learning.rows import Combined, Rows, covariance, gains, rows_at, u
 from planners.learning.scene import Scene, dives_of, scene_of, value_map
 from planners.learning.values import Box, LearnPlan, LearnRequest, Told
 from replay_kit.core.arrays import Array
+from replay_kit.core.bootstrap import bootstrap_interval
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 
-# Places along the longer side of a box at which the current counts; draws of an interval, and the share that it holds.
-_ALONG, _DRAWS, _HOLDS = 11, 400, 0.9
+# Places along the longer side of a box at which the current counts; resamples of an interval.
+_ALONG, _RESAMPLES = 11, 400
 # A lawn-mower is offered when the plan is no better than by this share.
 _AS_GOOD = 0.01
 
@@ -147,10 +148,8 @@ def estimated(mapping: Mapping, rows: Rows, values: Array) -> Array:
 
 def _interval(errors: Array) -> tuple[float, float, float]:
     """Return the root mean square of errors, shape (S,), and an interval that holds it with a probability of 90 %, by bootstrap."""
-    rng, square = np.random.default_rng(0), errors**2
-    drawn = np.sqrt(square[rng.integers(0, errors.size, (_DRAWS, errors.size))].mean(axis=1))
-    low, high = np.quantile(drawn, [0.5 - 0.5 * _HOLDS, 0.5 + 0.5 * _HOLDS])
-    return float(np.sqrt(square.mean())), float(low), float(high)
+    square = errors**2
+    return float(np.sqrt(square.mean())), *bootstrap_interval(lambda drawn: np.sqrt(square[drawn].mean(axis=1)), errors.size, _RESAMPLES)
 
 
 def _plan(

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from replay_kit.core.bootstrap import bootstrap_interval
+
 _HOUR_NS = 3600 * 10**9
 _LOG_2_PI = math.log(2.0 * math.pi)
-# Of the bootstrap: resamples with a fixed seed, the interval's share, and the least number of dives of which one is made.
-_RESAMPLES, _SHARE, _LEAST = 4000, 0.9, 3
+# Resamples of the interval, and the least number of dives of which one is made.
+_RESAMPLES, _LEAST = 4000, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +109,4 @@ def compare(one: Evidence, other: Evidence) -> Comparison:
 def _interval(gains: Sequence[float]) -> tuple[float, float]:
     if len(gains) < _LEAST:
         return math.nan, math.nan
-    drawn = np.random.default_rng(0).integers(len(gains), size=(_RESAMPLES, len(gains)))
-    low, high = np.quantile(np.array(gains)[drawn].mean(axis=1), [0.5 - 0.5 * _SHARE, 0.5 + 0.5 * _SHARE])
-    return float(low), float(high)
+    return bootstrap_interval(lambda drawn: np.array(gains)[drawn].mean(axis=1), len(gains), _RESAMPLES)

@@ -1,13 +1,12 @@
 """How an estimate and its stated uncertainty compare with a known truth, the least error possible, and intervals of medians over cases."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.bootstrap import bootstrap_interval
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.gaussian import coverage, crps_gaussian
 from replay_kit.estimator import Estimator
@@ -15,7 +14,6 @@ from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length
 
 #: A goal that is passed this close counts as reached [m].
 NEAR = 250.0
-_RESAMPLES = 2000
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,14 +55,13 @@ def bound(estimator: Estimator[Any], at: ScoredPoints) -> float:
     return float("nan") if residual is None else rms_length(residual)
 
 
-def bootstrap_median(values: Array, share: float = 0.9) -> tuple[float, float]:
-    """Return the ends of the bootstrap interval of a median, percentile method, resampled with a fixed seed.
+def bootstrap_median(values: Array) -> tuple[float, float]:
+    """Return the ends of the bootstrap interval of 90 % of a median.
 
     Args:
         values: shape (n,).
-        share: Of the resampled medians inside.
     """
-    return _bootstrap(values.size, share, lambda drawn: np.median(values[drawn], axis=1))
+    return bootstrap_interval(lambda drawn: np.median(values[drawn], axis=1), values.size)
 
 
 def miss_figures(misses: Array) -> dict[str, Any]:
@@ -75,19 +72,11 @@ def miss_figures(misses: Array) -> dict[str, Any]:
     return {"median": median, "median_low": low, "median_high": high, "lower_quartile": lower, "upper_quartile": upper, "within_250": near}
 
 
-def bootstrap_ratio(values: Array, others: Array, share: float = 0.9) -> tuple[float, float]:
-    """Return the ends of the bootstrap interval of the ratio of two medians over the same cases, resampled together.
+def bootstrap_ratio(values: Array, others: Array) -> tuple[float, float]:
+    """Return the ends of the bootstrap interval of 90 % of the ratio of two medians over the same cases, resampled together.
 
     Args:
         values: shape (n,), above the line.
         others: shape (n,), below it.
-        share: Of the resampled ratios inside.
     """
-    return _bootstrap(values.size, share, lambda drawn: np.median(values[drawn], axis=1) / np.median(others[drawn], axis=1))
-
-
-def _bootstrap(cases: int, share: float, statistic: Callable[[NDArray[np.int64]], Array]) -> tuple[float, float]:
-    """Return the ends of the interval of a statistic of resampled cases, which it takes as positions, shape (resamples, cases)."""
-    drawn = np.random.default_rng(0).integers(cases, size=(_RESAMPLES, cases))
-    low, high = np.quantile(statistic(drawn), [0.5 - share / 2.0, 0.5 + share / 2.0])
-    return float(low), float(high)
+    return bootstrap_interval(lambda drawn: np.median(values[drawn], axis=1) / np.median(others[drawn], axis=1), values.size)
