@@ -119,7 +119,7 @@ def read_forecasts(
     if region is not None and region.follows:
         # terrain-following levels would be those of each window's own deepest column
         levels = tuple(float(level) for level in first.grid.levels)
-        read = partial(_read_window, path, part.model_copy(update={"levels": levels, "level_step": 1}), near_ns, first.grid.projection)
+        read = partial(_read_window, path, part.model_copy(update={"levels": levels}), near_ns, first.grid.projection)
     return replace(forecasts, ensemble=first, near_ns=near_ns, region=region, read=read)
 
 
