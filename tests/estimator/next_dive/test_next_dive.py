@@ -113,6 +113,15 @@ def test_a_background_that_is_right_is_believed_and_one_that_is_missing_changes_
     np.testing.assert_allclose(first.mean, 0.0)
 
 
+def test_after_many_dives_covariances_are_still_those_of_something():
+    model = DiveModel.default()
+    state = model.initial()
+    for dive in dives(90, inverted=False, noise=0.05):
+        state = model.step(state, dive)
+    np.testing.assert_allclose(state.cov, state.cov.transpose(0, 2, 1), rtol=0.0, atol=1e-15)
+    assert np.linalg.eigvalsh(state.cov).min() > -1e-15
+
+
 def test_a_long_time_forgets_the_change_but_not_the_flight_bias():
     model = DiveModel.default()
     state = model.initial()
