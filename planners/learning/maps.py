@@ -112,7 +112,8 @@ def _places(scene: Scene, box: Box) -> tuple[Array, float]:
     wet = inside.copy()
     wet[inside] = region.wet(np.column_stack([points[inside], np.full(int(inside.sum()), deepest)]))
     if not wet.any():
-        raise PlanError(f"{name} lies on land or in water shallower than {deepest:g} m; choose a box in water")
+        shallow = f" or in water shallower than {deepest:g} m" if deepest > 0.0 else ""
+        raise PlanError(f"{name} lies on land{shallow}; choose a box in water")
     return points[wet], float(wet.mean())
 
 

@@ -163,7 +163,7 @@ def _plan(
             "allow more time, or a nearer goal"
         )
     if crossed:
-        message += f"; the stretch after the survey crosses {crossed}: give places on the way round with --then"
+        message += f"; the stretch after the survey crosses {crossed}: give places on the way round with --then, or less time"
     names = {"now": "leaving now"}
     figures = {f"bound_{names.get(name, name)}": float(np.quantile(np.abs(one.offsets), 0.9)) for name, one in flown.items()}
     return LearnPlan(
@@ -223,7 +223,12 @@ def _words(told: tuple[Told, ...], stretch: Stretch) -> str:
     words = f"90 % of {stretch.blind / 3600.0:g} h without fixes end within, after {stretch.survey / 3600.0:g} h: " + ", ".join(parts)
     plan, waiting = by_name["this survey"], by_name.get("waiting as long")
     scouting = by_name.get("scouting ahead and back")
-    if waiting is not None and plan.found >= waiting.low:
+    now = by_name.get("leaving now")
+    if now is not None and plan.found > now.high:
+        words += "; leaving now misses less than after this survey"
+    elif now is not None and plan.found >= now.low:
+        words += "; the survey is no certain gain over leaving now"
+    elif waiting is not None and plan.found >= waiting.low:
         words += "; the survey is no certain gain over waiting"
     elif scouting is not None and plan.found >= scouting.low:
         words += "; scouting ahead and back is as good"

@@ -140,14 +140,18 @@ class ResultFile:
 
     @cached_property
     def dives(self) -> "pd.DataFrame":
-        """Dives: start, end, number of profiles and bins used, RMS values [m/s] as in ``observations``, NIS per degree of freedom."""
+        """Dives: start, end, number of profiles and bins used, RMS values [m/s] as in ``observations``, NIS per degree of freedom.
+
+        Start and end are the times of the first and the last measurement; a mean current starts at the measured position before it.
+        """
         import pandas as pd
 
         table = self.observations.reset_index()
         used = table[table["accepted"] & (table["dive"] > 0)]
+        used = used.assign(begin=_begins(used, self.fixes))
         groups, dof = used.groupby("dive"), used.groupby("dive")["dof"].sum()
         means = {f"rms_{name}": np.sqrt((used[f"rms_{name}"] ** 2 * used["dof"]).groupby(used["dive"]).sum() / dof) for name in _RMS}
-        columns = {"start": groups["time"].min(), "end": groups["time"].max(), "profiles": groups.size(), "bins": dof // 2}
+        columns = {"start": groups["begin"].min(), "end": groups["time"].max(), "profiles": groups.size(), "bins": dof // 2}
         return pd.DataFrame({**columns, **means, "nis_per_dof": groups["nis"].sum() / dof})
 
     @cached_property
@@ -222,6 +226,15 @@ def result_path(path: str | Path) -> Path:
     if "contract" not in names:
         raise LogError(f"{path}: an MCAP file, but no result of replay-kit (no metadata record 'contract'); open a log with open_log")
     return path
+
+
+def _begins(used: "pd.DataFrame", fixes: "pd.DataFrame") -> "pd.Series[Any]":
+    """Return when each measurement begins: a dive's mean current at the last position measured before its end, where there is one."""
+    begins, measured = used["time"].copy(), fixes.index[~fixes["dead_reckoned"].to_numpy(np.bool_)]
+    before = measured.searchsorted(begins) - 1
+    known = (used["mean_current_kind"] == "dac").to_numpy() & (before >= 0)
+    begins[known] = measured[before[known]]
+    return begins
 
 
 def _table(rows: list[Any], columns: str) -> "pd.DataFrame":

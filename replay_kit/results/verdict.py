@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from replay_kit.core.finding import Finding
 
 # Normalised innovations squared per degree of freedom between which stated errors are taken for right.
-_LEAST_NIS, _MOST_NIS = 0.5, 2.0
+LEAST_NIS, MOST_NIS = 0.5, 2.0
 
 
 def verdict(
@@ -48,9 +48,9 @@ def _gain(before: float, after: float, prior: float) -> str:
 
 def _trust(nis: float, doubts: Sequence[str]) -> tuple[str, ...]:
     words = []
-    if nis > _MOST_NIS:
+    if nis > MOST_NIS:
         words.append(f"errors are larger than stated (NIS {nis:.2f} per degree of freedom, 1 expected)")
-    elif nis < _LEAST_NIS:
+    elif nis < LEAST_NIS:
         words.append(f"errors are smaller than stated (NIS {nis:.2f} per degree of freedom, 1 expected)")
     elif math.isfinite(nis):
         words.append(f"stated errors fit (NIS {nis:.2f} per degree of freedom)")

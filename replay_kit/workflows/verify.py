@@ -74,6 +74,8 @@ def verify(result: Path, folders: Sequence[Path], planner_of: PlannerFactory, pr
         LogError: The result cannot be read, or an input is not found.
     """
     recorded = _with_current_keys(read_recorded(result))
+    if recorded.metadata.get("replay_kit.options", {}).get("smoothed"):
+        raise LogError(f"{result}: expected a result of replay-kit replay, got a smoothed one; verify the replay, and smooth again")
     # another version of the contract names fields otherwise, but their bytes can be compared
     definitions = _contract(recorded) == str(CONTRACT_VERSION)
     with tempfile.TemporaryDirectory() as folder:

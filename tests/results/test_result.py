@@ -69,6 +69,20 @@ def test_observations_and_their_bins(opened: Result, innovation: Innovation) -> 
     assert (first.index == pd.Timestamp(innovation.time_ns)).all()
 
 
+def test_a_dive_with_a_mean_current_alone_begins_at_the_fix_before_it(tmp_path, flow, state, innovation):
+    current = {"mean_current": np.array([0.1, 0.2]), "mean_kind": "dac"}
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
+        for second, reckoned in ((0, False), (5, False), (6, True), (9, False)):
+            writer.fix(replace(state, time_ns=TIME_NS + second * SECOND, dead_reckoned=reckoned))
+        for second, dive, more in ((9, 1, current), (8, 2, {}), (0, 3, current)):
+            writer.innovation(replace(innovation, time_ns=TIME_NS + second * SECOND, dive=dive, **more))
+    dives = open_result(tmp_path / "out.mcap").dives
+    # a profile begins when it was measured; so does a mean current without a fix before it
+    assert [round((start - pd.Timestamp(TIME_NS)).total_seconds()) for start in dives["start"]] == [5, 8, 0]
+    assert [round((end - pd.Timestamp(TIME_NS)).total_seconds()) for end in dives["end"]] == [9, 8, 0]
+
+
 def test_dives_count_what_was_used(opened: Result, innovation: Innovation) -> None:
     dives = opened.dives
     assert dives.index.tolist() == [2, 3]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import replay_kit as rk
+from replay_kit.core.errors import LogError
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.smoother import smooth as smooth_states
 from replay_kit.forecast import read_series
@@ -11,9 +12,11 @@ from replay_kit.logs import open_log
 from replay_kit.results.report import report_html
 from replay_kit.results.views.contents import Contents
 from replay_kit.workflows.library import settings_of
+from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.flight_bias import FlightState, as_used
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.smooth import STATIC, published_times, smooth
+from replay_kit.workflows.verify import verify
 from tests.places import SAMPLES
 from tests.results.report.html_of import figures
 
@@ -34,6 +37,8 @@ def smoothed(folder, settings):
 
 def test_grids_are_those_of_the_smoother_at_the_published_times(tmp_path):
     summary, result = smoothed(tmp_path, EVOLVING)
+    with pytest.raises(LogError, match="got a smoothed one; verify the replay"):
+        verify(tmp_path / "smoothed.mcap", [SAMPLES], planner_of)
     config = settings_of(EVOLVING)
     estimator = build_evolving(read_series(SAMPLES / "ensemble.nc", config.forecast), config.estimator, config.time, config.gating)
     log = open_log(SAMPLES / "glider.mcap", config.logs)

@@ -71,9 +71,12 @@ def info(
             from replay_kit.forecast import describe_ensemble
             from replay_kit.workflows.info.ensemble import ensemble_json, print_ensemble
             from replay_kit.workflows.info.import_check import check_logs, import_check_json, print_import_check
+            from replay_kit.workflows.replay.look_ahead import look_ahead
 
             advance(0, 1, "checking against the ensemble" if logs else "reading the forecast")
-            forecast = describe_ensemble(ensemble, config.forecast)
+            # as a replay of the logs would read it
+            near_ns = look_ahead(logs, config)[1] if logs else None
+            forecast = describe_ensemble(ensemble, config.forecast, near_ns)
             check = check_logs(list(logs), ensemble, config) if logs and forecast.rule else None
     console = console_beside(json_file, suggest)
     if forecast is not None:

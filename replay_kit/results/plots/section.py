@@ -28,7 +28,8 @@ def section_panels(contents: Contents, at: At | None) -> Panels:
     """
     bins, notes = contents.section, list(contents.notes)
     if bins.time_ns.size == 0:
-        return Panels([missing("Section along the track", "The result holds no profile that was used, and no estimate.")], 1, notes)
+        why = "The result holds no profile that was used, and no estimate along its track."
+        return Panels([missing("Section along the track", why)], 1, notes)
     if not contents.bins.time_ns.size:
         notes.append("No profile of the current was used: the section shows the estimate along the track alone.")
     time_ns, depths, values = gridded(bins)

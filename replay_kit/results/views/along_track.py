@@ -162,6 +162,8 @@ def bins_along_track(
 def estimate_along_track(track: Track, history: EstimateHistory, estimate: FlowEstimate) -> BinsAlongTrack:
     """Return the estimate along a track without profiles, down to the deepest position, as bins without a measurement.
 
+    A track that nowhere comes into the region of the estimate has none.
+
     Args:
         track: At least one position.
         history: Of the estimate.
@@ -179,6 +181,11 @@ def estimate_along_track(track: Track, history: EstimateHistory, estimate: FlowE
         if flow is not None:
             estimated[here] = flow.velocity(east[here], north[here], depth[here])
     error = estimate.standard_error(east, north, depth) if estimate.n_modes else np.full(estimated.shape, np.nan)
+    if estimate.n_modes:
+        # the flow is 0 far outside its region and on land, which is no estimate
+        estimated[np.isnan(error)] = np.nan
+    if not (np.isfinite(estimated).any() or np.isfinite(error).any()):
+        time_ns, distance, depth, estimated, error, times = time_ns[:0], distance[:0], depth[:0], estimated[:0], error[:0], times[:0]
     none = np.full(estimated.shape, np.nan)
     return BinsAlongTrack(time_ns, distance, depth, estimated, none, none, error, times.size, 0)
 

@@ -119,7 +119,7 @@ def change_words(before: Source | None, now: Source, known: Mapping[Path, Source
     Args:
         before: When it was looked at before; None for a new file.
         now: As it is.
-        known: The other files.
+        known: The other files, as they were at the look before: those that have been replayed.
     """
     if now.aside:
         return "" if before is not None and before.aside == now.aside else f"not used: it {now.aside}"

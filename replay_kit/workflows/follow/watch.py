@@ -63,16 +63,18 @@ def look_again(watched: Watched, known: Mapping[Path, Source]) -> tuple[dict[Pat
         stamps = {path: source.stamp for path, source in known.items()} | settled(now, look(watched.paths, watched.own))
         there = {path: stamps[path] for path in now if path in stamps}
     gone = [source for path, source in known.items() if path not in now]
-    sources = {path: source for path, source in known.items() if path in now}
+    replayed = {path: source for path, source in known.items() if path in now}
+    sources = dict(replayed)
     lost = [source.path.name for source in gone if not source.aside]
     said = [f"{some_text(lost)}: no longer there, and left out: the replay goes back before what they held"] if lost else []
     changed = bool(lost)
     for path, stamp in there.items():
         before = sources.get(path)
-        if before is not None and before.stamp == stamp:
+        # whether a file is set aside depends on the others
+        if before is not None and before.stamp == stamp and not (lost and before.aside):
             continue
         found = judged(sources, examine(path, stamp, watched.logs), watched.clock.now_ns())
-        words = change_words(before, found, {other: source for other, source in sources.items() if other != path})
+        words = change_words(before, found, {other: source for other, source in replayed.items() if other != path})
         said += [f"{path.name} {words}"] if words else []
         changed |= bool(words) and (not found.aside or (before is not None and not before.aside))
         sources[path] = found

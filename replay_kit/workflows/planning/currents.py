@@ -145,11 +145,21 @@ class KnownCurrent:
         """Return what is not known of the current during a mission [ns, UTC], as sentences; none where a forecast covers it."""
         last = self.ends_ns
         if last is None:
-            return (self._of_one_time(),)
+            return (self._of_one_time() + self._beyond(begin_ns, end_ns),)
         over = (end_ns - max(last, begin_ns)) / 3.6e12
         if over <= 0.0:
             return ()
         return (f"the forecast ends at {time_text(last)}, {over:.1f} h before the mission does: from there the current is held",)
+
+    def _beyond(self, begin_ns: int, end_ns: int) -> str:
+        """Return how far a mission [ns, UTC] lies from the one time that is known, where that is a guess."""
+        known, limit = self.first.time_ns, self.hours_known
+        if known is None:
+            return ""
+        earlier, later = (known - begin_ns) / 3.6e12, (end_ns - known) / 3.6e12
+        if earlier > limit:
+            return f". The mission begins {_long(earlier)} before that time: it is planned in a current of which little is known"
+        return f". The mission ends {_long(later)} after that time" if later > limit else ""
 
     def _of_one_time(self) -> str:
         hours = self.hours_known
@@ -178,6 +188,10 @@ class KnownCurrent:
             return self.process.local_scale * log(2.0) / 3600.0
         rotation = float(np.sqrt(np.mean(_vorticity(self.first) ** 2)))
         return 1.0 / (3600.0 * rotation) if rotation > 1e-9 else inf
+
+
+def _long(hours: float) -> str:
+    return f"{hours:.0f} h" if hours < 240.0 else f"{hours / 24.0:.0f} days"
 
 
 def known_current(files: Sequence[tuple[Path, FlowEstimate]], flow_step: float) -> KnownCurrent:

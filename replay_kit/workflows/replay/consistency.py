@@ -41,7 +41,7 @@ class MonitoringState:
     @property
     def explains_no_profile(self) -> bool:
         """Whether a finding is the reason that no profile may be used: such a run still has a result, the estimate without them."""
-        return any(finding.distrusts or finding.name == findings.FROZEN for finding in self.checks.findings)
+        return any(finding.distrusts or (finding.name == findings.FROZEN and self.checks.pings > 0) for finding in self.checks.findings)
 
 
 def _with_mean(means: tuple[PathMean, ...], event: Checked) -> tuple[PathMean, ...]:

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from planners import Glider, NoGo
-from planners.learning.closed_loop import drawn_sea
+from planners.learning.closed_loop import Stretch, drawn_sea
 from planners.learning.detours import Evidence, plan_detour
 from planners.learning.mapping import Mapping, look_ahead, refined
 from planners.learning.maps import covariance_now, plan_map, realised
 from planners.learning.mowers import lawn_mowers, random_waypoints
 from planners.learning.scene import scene_of
-from planners.learning.survey import plan_survey
-from planners.learning.values import Box, LearnRequest, LearnSettings, OtherProfiles
+from planners.learning.survey import _words, plan_survey
+from planners.learning.values import Box, LearnRequest, LearnSettings, OtherProfiles, Told
 from planners.learning.ways import Voyage, fly_voyage
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_geographic, to_local
@@ -84,6 +84,22 @@ def test_others_leave_less_to_learn(planned):
     second = plan_survey(static(), replace(ASKED, others=others), SURVEY, BLIND)
     assert second.before < 0.8 * planned.before
     assert second.after < planned.after
+
+
+@pytest.mark.parametrize(
+    ("now", "waiting", "words"),
+    [
+        ((5.3, 4.3, 5.9), (6.4, 5.7, 7.4), "; leaving now misses less than after this survey"),
+        ((6.3, 5.3, 6.9), (8.4, 7.7, 9.4), "; the survey is no certain gain over leaving now"),
+        ((9.3, 8.3, 9.9), (6.5, 5.7, 7.4), "; the survey is no certain gain over waiting"),
+        ((9.3, 8.3, 9.9), (8.4, 7.7, 9.4), ""),
+    ],
+)
+def test_what_a_survey_gains_is_told_against_leaving_now_and_waiting(now, waiting, words):
+    rows = (("leaving now", now), ("waiting as long", waiting), ("this survey", (6.2, 5.5, 7.0)))
+    told = tuple(Told(name, 0.0, *(1e3 * value for value in values), 0.0, name == "this survey") for name, values in rows)
+    stretch = Stretch(0j, np.array([1e4 + 0j]), 0.0, 20 * HOUR, 20 * HOUR, SPEED, 0.0)
+    assert _words(told, stretch).endswith(f"this survey 6.2 km (5.5 to 7.0){words}")
 
 
 def test_a_survey_in_a_sea_that_changes_is_less_sure_of_itself():

@@ -111,7 +111,7 @@ SAID = [
     (no_plan_and_one_ping, "series", "The current was published once: there is no series."),
     (no_plan_and_one_ping, "trust", "There are fewer than two dives to predict from each other."),
     (empty, "map", "The result holds neither a current nor a position."),
-    (empty, "section", "The result holds no profile that was used, and no estimate."),
+    (empty, "section", "The result holds no profile that was used, and no estimate along its track."),
     (empty, "series", "The result holds no published current."),
     (empty, "trust", "The result holds no measurement: there is nothing to compare the estimate with."),
     (failed_plan, "plan", "The last plan has no track: no path."),

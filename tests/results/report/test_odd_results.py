@@ -110,6 +110,12 @@ def test_anywhere_on_the_globe(write: Write, state: VehicleState, longitude: flo
     assert "The vehicle travelled 8.9 km" in text_of(page, "answer")
 
 
+def test_a_vehicle_far_from_the_estimate_has_no_section(write: Write, state: VehicleState, flow: FlowEstimate) -> None:  # noqa: F811
+    page = write(lambda writer: writer.fix(replace(state, longitude=-128.0, latitude=51.7)), estimate=flow)
+    assert "profiles" not in figures(page)
+    assert "no profile of the current that was used: there is no section." in text_of(page, "section")
+
+
 def test_plans_that_failed_and_surfacings_with_and_without_ellipses(write: Write, state: VehicleState, plan: Plan) -> None:  # noqa: F811
     failed = replace(plan, status="failed", track=plan.track[:0], track_time=plan.track_time[:0], message="no <way>")
 

@@ -1,21 +1,37 @@
-"""Notes that state what was chosen are not among what looks wrong."""
+"""Notes that state what was chosen are not among what looks wrong, and the page judges errors as the verdict does."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from replay_kit.results.report.sections.in_words import _depths
-from replay_kit.results.report.sections.warnings import what_was_chosen
+from replay_kit.results.report.sections.warnings import next_steps, what_was_chosen
+from replay_kit.results.verdict import verdict
 
 
 def test_notes_of_what_was_chosen_stand_apart() -> None:
-    notes = ["members: 40 fields", "300 modes a level", "a fix <b> jumps", "3 logs: the recorder's stamps are +0.000 s from UTC"]
+    names = "glider_1.nc: 5 variables were read by their names"
+    notes = [names, "members: 40 fields", "300 modes a level", "a fix <b> jumps", "3 logs: the recorder's stamps are +0.000 s from UTC"]
     contents = SimpleNamespace(summary={"notes": notes}, result=SimpleNamespace(events=pd.DataFrame({"level": [], "message": []})))
     said = what_was_chosen(contents)  # type: ignore[arg-type]
-    assert said == ["Members: 40 fields.", "300 modes a level.", "3 logs: the recorder&#x27;s stamps are +0.000 s from UTC."]
+    recorder = "3 logs: the recorder&#x27;s stamps are +0.000 s from UTC."
+    # the name of a file stays as it is
+    assert said == [f"{names}.", "Members: 40 fields.", "300 modes a level.", recorder]
+
+
+@pytest.mark.parametrize(("nis", "profiles", "first"), [(1.89, 3, "Nothing:"), (2.07, 3, "Run <code>replay-kit qc"), (2.07, 0, "Compare")])
+def test_steps_follow_the_verdict_and_can_be_run(nis: float, profiles: int, first: str) -> None:
+    """Quality control refuses logs of mean currents alone."""
+    summary = {"nis_per_dof": nis, "plan": None}
+    result = SimpleNamespace(plans=[0], observations=[0])
+    contents = SimpleNamespace(summary=summary, result=result, estimate=0, bins=SimpleNamespace(time_ns=np.zeros(profiles)))
+    (step,) = next_steps(contents)  # type: ignore[arg-type]
+    assert step.startswith(first)
+    said = verdict((5, 0), "", (), (0.1, 0.1, 0.1), (nis, ()))[-1]
+    assert said.startswith("stated errors fit") == step.startswith("Nothing:")
 
 
 def test_a_depth_of_a_little_above_the_surface_is_no_negative_zero() -> None:
-
     assert _depths(np.array([-0.2, np.nan, 12.4])) == "0 to 12 m"

@@ -40,3 +40,10 @@ def test_it_is_the_estimate_at_each_place_and_depth_once_there_is_one() -> None:
     _, _, values = gridded(bins)
     # measured, estimated, measured minus estimated, standard error
     assert [bool(np.isfinite(one).any()) for one in values] == [False, True, False, True]
+
+
+def test_a_track_outside_the_region_of_the_estimate_has_no_section() -> None:
+    flow, times, far = synthetic_flow(), HOUR * np.arange(3, 6), np.full(3, 9e6)
+    track = Track(times, far, far, np.full(3, 20.0), far, far, 0.0 * far, np.zeros(3, dtype=bool))
+    bins = estimate_along_track(track, _History(flow), flow)
+    assert (bins.time_ns.size, bins.depth.size, bins.estimated.shape, bins.profiles) == (0, 0, (0, 2), 0)

@@ -7,15 +7,18 @@ from pathlib import Path
 
 import pytest
 
+from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
+from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results.status.alarms import Alarm
 from replay_kit.results.status.status import Status
 from replay_kit.workflows.follow.goals import read_goal, with_goal
 from replay_kit.workflows.follow.memory import Memory, read_memory, write_memory
 from replay_kit.workflows.follow.notify import alarm_line, key_of, new_alarms, notify, standing
 from replay_kit.workflows.follow.sources import Source, change_words, judged, look, order, settled
+from replay_kit.workflows.follow.watch import Clock, Watched, look_again
 from replay_kit.workflows.replay.followed import FollowedStates, _Known, message_digest, thinned
 
 DAY_NS = 86_400 * 10**9
@@ -43,6 +46,24 @@ def test_a_file_of_another_vehicle_or_of_a_clock_that_jumped_or_given_twice_is_s
     assert judge(source("b.nc", None), own) == "has no message yet"
     # a file that is not used itself judges no other
     assert judge(source("b.nc", mission="sg999 mission 2"), replace(own, aside="is no log")) == ""
+
+
+def test_files_of_another_mission_are_taken_when_those_that_came_before_them_go(tmp_path):
+    payload = {"longitude": 152.0, "latitude": -40.0}
+    for name, day in (("a.mcap", 600), ("b.mcap", 0), ("c.mcap", 1)):
+        write_mcap_log(tmp_path / name, [Message(day * DAY_NS, "/vehicle/fix", "foxglove.LocationFix", payload, 0, 0)])
+    clock = Clock(now_ns=lambda: NOW_NS, wait=lambda _: None)
+    watched = Watched((tmp_path,), (), RunConfig().logs, clock, 1.0)
+    known, said, _ = look_again(watched, {})
+    # nothing was replayed before the first look
+    assert said[0] == "a.mcap new"
+    assert all("not used: it begins at" in text for text in said[1:])
+    assert look_again(watched, known) == (known, [], False)
+    (tmp_path / "a.mcap").unlink()
+    known, said, changed = look_again(watched, known)
+    assert changed
+    assert said[1:] == ["b.mcap new", "c.mcap new"]
+    assert not any(source.aside for source in known.values())
 
 
 def test_what_happened_to_a_file_is_told_in_words(tmp_path):

@@ -2,8 +2,12 @@
 
 import json
 
+import numpy as np
 import pytest
+import xarray as xr
 
+from replay_kit.core.message import Message
+from replay_kit.logs.mcap.writer import write_mcap_log
 from tests import synthetic
 from tests.command import invoke
 from tests.forecast import forms
@@ -47,6 +51,20 @@ def test_a_file_of_a_grid_is_told_to_hold_no_current():
     assert found["use"].startswith("no current: a file of the grid or of other variables (depth_t, lat, lon, num_levels, zt)")
     assert found["grid_files"] == ["enkfc_grid_spec.nc"]
     assert found["members"] == []
+
+
+def test_a_log_says_which_of_several_times_of_a_forecast_is_taken(tmp_path):
+    longitude, latitude = forms.lonlat()
+    ds = forms.standard(*forms.regular(longitude, latitude), longitude, latitude).isel(member=0)
+    days = np.datetime64("2020-01-01", "ns") + np.arange(9) * np.timedelta64(1, "D")
+    fields = [(1.0 + 0.1 * np.sin(k)) * ds for k in range(days.size)]
+    save(xr.concat(fields, xr.DataArray(days, dims="time", name="time")), tmp_path / "days.nc")
+    fix = {"longitude": float(longitude.mean()), "latitude": float(latitude.mean())}
+    write_mcap_log(tmp_path / "log.mcap", [Message(int(days[3].astype(np.int64)), "/vehicle/fix", "foxglove.LocationFix", fix, 0, 0)])
+    rule = ("--members", "times:4d")
+    assert described(tmp_path / "days.nc", *rule)[0]["time"] == "2020-01-09T00:00:00Z"
+    done = invoke(["info", str(tmp_path / "log.mcap"), "--ensemble", str(tmp_path / "days.nc"), *rule, "--json", "-"])
+    assert json.loads(done.stdout)["forecast"]["time"] == "2020-01-04T00:00:00Z"
 
 
 def test_members_and_their_origin_are_shown(tmp_path):

@@ -207,6 +207,10 @@ def test_a_current_of_one_time_says_for_how_long_it_holds(tmp_path):
     assert frozen.hours_known == pytest.approx(1.0 / (3600.0 * 4e-5), rel=0.3)
     (note,) = frozen.notes(NOON, NOON + HOUR)
     assert f"frozen at {time_text(NOON)}; beyond {frozen.hours_known:.0f} h this is a guess" in note
+    assert "The mission" not in note
+    (note,) = frozen.notes(NOON - 300 * 24 * HOUR, NOON)
+    assert note.endswith("The mission begins 300 days before that time: it is planned in a current of which little is known")
+    assert frozen.notes(NOON, NOON + 100 * HOUR)[0].endswith("The mission ends 100 h after that time")
     (still,) = KnownCurrent((still_flow(),), 43200.0).notes(0, HOUR)
     assert "for how long that holds is not known" in still
     known = KnownCurrent((evolving(hours=(0.0,), scale=1e5),), 43200.0)

@@ -154,6 +154,13 @@ def test_pings_at_frozen_positions_are_not_used(ocean):
     assert summary.exit_code == 6
 
 
+def test_frozen_positions_of_a_log_without_measurements_are_no_result(ocean):
+    positions = [message for message in open_log(faulty(ocean, "frozen positions")).messages() if "latitude" in message.payload]
+    write_mcap_log(ocean / "positions.mcap", positions)
+    with pytest.raises(MeasurementError, match="no usable ADCP ping"):
+        run(ocean, ocean / "positions.mcap")
+
+
 def test_an_ensemble_in_another_unit_is_refused_unless_checks_are_ignored(ocean, tmp_path):
     with xr.open_dataset(ocean / "ensemble.nc") as ds:
         scaled = ds.copy()

@@ -9,6 +9,7 @@ from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.text import time_text
 from replay_kit.results.page.section import Section, cm, items_html, number, table_html
 from replay_kit.results.report.sections.warnings import next_steps, what_looks_wrong, what_was_chosen
+from replay_kit.results.verdict import LEAST_NIS, MOST_NIS
 from replay_kit.results.views.contents import Contents
 
 
@@ -109,9 +110,9 @@ def _sure(contents: Contents) -> str:
                 f"and {np.nanmax(errors):.3f} m/s where it is greatest."
             )
     if nis is not None:
-        if 0.7 <= nis <= 1.4:
+        if LEAST_NIS <= nis <= MOST_NIS:
             verdict = "near 1, so the stated errors hold"
-        elif nis > 1.4:
+        elif nis > MOST_NIS:
             verdict = "above 1, so the true errors are larger than stated"
         else:
             verdict = "below 1, so the stated errors are larger than the true ones"

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from replay_kit.results.page.section import number
+from replay_kit.results.verdict import LEAST_NIS, MOST_NIS
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.trust import calibration
 
@@ -62,10 +63,11 @@ def next_steps(contents: Contents) -> list[str]:
     elif not len(plans):
         out.append("Name a goal with <code>--goal LON,LAT,DEPTH</code> to have the way planned.")
     nis = summary["nis_per_dof"]
-    if nis is not None and nis > 1.4:
+    if nis is not None and nis > MOST_NIS:
+        # mean currents have no bins whose quality could be tested
+        look = "Run <code>replay-kit qc</code> on the log and compare" if contents.bins.time_ns.size else "Compare"
         out.append(
-            "Run <code>replay-kit qc</code> on the log and compare the innovations below dive by dive: either the "
-            "instrument is biased, or the "
+            f"{look} the innovations below dive by dive: either the instrument is biased, or the "
             "ensemble does not fit this place and time. Until then take the standard errors as too small."
         )
     if summary.get("losses") or summary.get("late"):
@@ -80,7 +82,9 @@ def _is_neutral(note: str) -> bool:
 
 
 def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
+    """Return a note as a sentence; the name of a file or variable at its beginning stays as it is."""
+    is_name = any(letter in text.split(maxsplit=1)[0] for letter in "._/") if text.strip() else False
+    return (text if is_name else text[:1].upper() + text[1:]) + ("" if text.endswith(".") else ".")
 
 
 def _losses(contents: Contents) -> str:
@@ -95,9 +99,9 @@ def _losses(contents: Contents) -> str:
 
 def _nis(contents: Contents) -> str:
     nis = contents.summary["nis_per_dof"]
-    if nis is None or 0.5 <= nis <= 1.4:
+    if nis is None or LEAST_NIS <= nis <= MOST_NIS:
         return ""
-    if nis > 1.4:
+    if nis > MOST_NIS:
         return (
             f"Innovations are {np.sqrt(nis):.1f} times as large as the estimate expects (NIS per degree of freedom "
             f"{nis:.2f}): it is overconfident, "
