@@ -236,7 +236,7 @@ def _has_hazards(task: MissionTask, depth: float) -> bool:
 
 
 def _margin(task: MissionTask, margin: float, given: Array) -> float:
-    """Return the distance that a flight keeps from areas [m]: most of the plan's margin, less where a place it must pass is nearer than that.
+    """Return the distance that a flight keeps from areas [m]: most of the plan's margin, less where a place it must pass is nearer.
 
     A glider that heads for waypoints surfaces some tens of metres elsewhere than predicted, so a track just beside an area may cross it.
 
