@@ -7,8 +7,8 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.prior import fit
-from replay_kit.estimator.prior.hybrid import PriorSettings
 from replay_kit.estimator.prior.fit import Members
+from replay_kit.estimator.prior.hybrid import PriorSettings
 
 _found: dict[tuple[object, ...], Array] = {}
 

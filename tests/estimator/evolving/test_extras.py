@@ -158,3 +158,10 @@ def test_the_oscillations_prior_is_as_strong_as_asked_at_all_depths():
         # two oscillations; between knots a linear one is a little weaker
         assert np.all((std > 0.07 * np.sqrt(2) * 0.9) & (std < 0.07 * np.sqrt(2) * 1.01))
     assert DAY
+
+
+@pytest.mark.parametrize(("deepest", "count"), [(10.0, 2), (50.0, 2), (50.1, 3), (100.0, 3), (260.0, 7)])
+def test_knots_are_as_few_as_are_half_a_depth_length_apart(deepest, count):
+    config = TimeConfig(oscillators=("inertial",), oscillator_depth_length=100.0)
+    np.testing.assert_allclose(oscillations(config, 30.0, deepest).knots, np.linspace(0.0, deepest, count))
+    assert oscillations(TimeConfig(), 30.0, deepest).knots.size == 0
