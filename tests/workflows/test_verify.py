@@ -31,7 +31,7 @@ def run(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("run")
     synthetic.write_ocean(folder, 12)
     config = RunConfig(planner=PlannerConfig(kind="glide"))
-    make_twin(read_truth(str(folder / "truth.nc"), config.forecast), Twin("glider", 30, 0.05, 1), folder / "glider.mcap")
+    make_twin(read_truth(str(folder / "truth.nc"), config.forecast), Twin("glider", 60, 0.05, 1), folder / "glider.mcap")
     job = ReplayJob((folder / "glider.mcap",), folder / "ensemble.nc", folder / "out.mcap", goal=Place(152.3, -39.8, 150.0))
     replay(job, config, planner_of)
     return folder
