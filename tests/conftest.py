@@ -9,6 +9,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import pytest
 
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.estimator.prior import fit
+from tests.remembered import score_member
 from tests.synthetic_flow import synthetic_flow
 
 
@@ -20,3 +22,10 @@ def make_flow():
 @pytest.fixture
 def flow() -> FlowEstimate:
     return synthetic_flow()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _members_are_scored_once():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fit, "_score_member", score_member)
+        yield

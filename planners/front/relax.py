@@ -36,7 +36,7 @@ def relax(sea: Sea, route: Route, begins: float) -> Route:
         best = moved if moved[1][-1] < kept[1][-1] else kept
         found.append(best[0][1:])
         times.append(times[-1][-1] + best[1][1:])
-    if not np.isfinite(times[-1][-1]) or times[-1][-1] > route.times[-1]:
+    if not times[-1][-1] <= route.times[-1]:
         return route
     ends = np.concatenate(found)
     return Route(np.column_stack([ends.real, ends.imag]), np.concatenate(times), route.arrives)

@@ -121,7 +121,7 @@ def _cut(task: MissionTask, route: Route, passed: Array, pace: float) -> _Cut | 
         return ends, _deep_enough(task, turns, goal_legs), goal_legs
     at, depths, counts = [0.0], list[float](), list[int]()
     for goal in passed:
-        while at[-1] < goal - 1e-6 or not counts or len(depths) == counts[-1]:
+        while True:
             turn = task.settings.depth
             while True:
                 end = min(at[-1] + pace * _span(task, turn), float(goal))

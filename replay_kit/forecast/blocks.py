@@ -186,7 +186,7 @@ def _reference(file: OpenedFile) -> str:
         return str(file.ds.attrs["bulletin_date"])
     assert file.current is not None
     time = find_time(file.ds, file.ds[file.current.u or file.current.v].dims)
-    if time is None or time not in file.ds.coords or file.ds[time].dtype.kind != "M":
+    if time is None or file.ds[time].dtype.kind != "M":
         raise ForecastError(f"{file.path}: --members lags needs dated forecasts; expected a dimension of times with an epoch")
     return str(np.datetime_as_string(file.ds[time].values.min(), unit="m"))
 

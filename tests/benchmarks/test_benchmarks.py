@@ -28,8 +28,8 @@ ALLOWED = {
     "rmse": 0.01,
     "unused": 1,
 }
-# Beginnings of processes take seconds even at a tiny size.
-SLOW = ("atsea",)
+# Beginnings of processes take seconds even at a tiny size; the tests of following, of fleets and of the command line begin some too.
+SLOW = ("atsea", "fleet", "start")
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.full) if name in SLOW else name for name in BENCHMARKS])

@@ -71,6 +71,9 @@ def test_cells_of_a_turned_grid_and_values_in_them():
     np.testing.assert_allclose(at_j[:3], [5.5, 0.0, 2.1], atol=1e-9)
     values = (3.0 * i - 2.0 * j)[None]
     np.testing.assert_allclose(bilinear(values, at_j, at_i, inside)[0], [-10.25, 10.5, 19.5, np.nan, np.nan], atol=1e-8)
+    corners_j, corners_i = (np.array(ends, dtype=float) for ends in ([0, 0, j.shape[0] - 1, j.shape[0] - 1], [0, j.shape[1] - 1] * 2))
+    every = np.ones(4, dtype=bool)
+    np.testing.assert_array_equal(bilinear(values, corners_j, corners_i, every)[0], 3.0 * corners_i - 2.0 * corners_j)
     values[0, 2, 8] = np.nan
     # nine tenths of the third point's weight was there
     np.testing.assert_array_equal(np.isnan(bilinear(values, at_j, at_i, inside)[0]), [False, False, True, True, True])

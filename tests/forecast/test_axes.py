@@ -10,7 +10,7 @@ from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.estimator.basis.modes import build_basis
-from replay_kit.forecast import describe_ensemble, read_ensemble
+from replay_kit.forecast import axes, describe_ensemble, read_ensemble
 from replay_kit.forecast.axes import divergent_share, geostrophic_flow
 from tests.forecast import forms
 from tests.forecast.test_forms import save
@@ -82,6 +82,18 @@ def test_a_wrong_label_is_told_with_the_option_that_mends_it(tmp_path, names, ri
     np.testing.assert_array_equal(
         mended.ensemble.velocity, read_ensemble(save(flow(44.0, GRID), tmp_path / "g.nc"), ForecastConfig()).velocity
     )
+
+
+def test_of_a_large_grid_the_middle_is_asked(tmp_path, monkeypatch):
+    monkeypatch.setattr(axes, "_MOST_NODES", 12)
+    plain, noisy = flow(44.0, TRUE, True), flow(44.0, TRUE, True)
+    rng, middle = np.random.default_rng(0), np.zeros(SHAPE, dtype=bool)
+    middle[4:16, 5:17] = True
+    for name in ("uo", "vo"):
+        noisy[name] = noisy[name].where(middle, rng.standard_normal(noisy[name].shape))
+    checks = [describe_ensemble(save(one, tmp_path / f"{k}.nc"), ForecastConfig()).check for k, one in enumerate((plain, noisy))]
+    np.testing.assert_allclose(checks[1].residual, checks[0].residual, rtol=1e-6, atol=1e-9)
+    assert checks[1].phase == pytest.approx(checks[0].phase, abs=1e-6)
 
 
 def test_below_a_degree_nothing_is_asked(tmp_path):

@@ -7,6 +7,7 @@ import xarray as xr
 from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.forecast import read_ensemble
+from replay_kit.forecast.agreement import unusual_members
 from replay_kit.forecast.describe import describe_ensemble
 from tests import synthetic
 from tests.forecast import forms
@@ -30,6 +31,8 @@ def test_speeds_of_no_current_are_told(tmp_path):
     (note,) = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig()).notes
     assert note.startswith("WARNING: currents of ")
     assert "check the attribute units" in note
+    for rms, told in ((0.003, True), (0.005, False), (1.4, False), (1.6, True)):
+        assert bool(unusual_members(np.full((1, 2, 1, 2, 2), rms), ("one",), "e.nc")) is told
 
 
 def test_what_does_not_belong_together_is_refused_in_words(tmp_path):

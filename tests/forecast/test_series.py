@@ -1,5 +1,7 @@
 """A forecast at all of its dated times."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -31,8 +33,26 @@ def with_leads(path, leads=(0.0, 2.0, 5.0), reference="2020-01-01T00:00:00", uni
     return path
 
 
-def test_each_lead_is_the_ensemble_that_would_be_read_alone(tmp_path):
-    path = with_leads(tmp_path / "e.nc")
+@pytest.fixture(scope="module")
+def of_reference(tmp_path_factory):
+    """Return the file of leads from a reference time, the same for all tests."""
+
+    @cache
+    def file(reference):
+        return with_leads(tmp_path_factory.mktemp("leads") / "e.nc", reference=reference)
+
+    return file
+
+
+@pytest.fixture(scope="module")
+def lags(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("lags")
+    lagged(folder)
+    return folder
+
+
+def test_each_lead_is_the_ensemble_that_would_be_read_alone(of_reference):
+    path = of_reference("2020-01-01")
     series = read_series(path, ForecastConfig())
     assert [part.time_ns - series[0].time_ns for part in series] == [0, 2 * DAY, 5 * DAY]
     for part, lead in zip(series, (0.0, 2.0, 5.0), strict=True):
@@ -64,8 +84,8 @@ LETKF = {"estimator": {"name": "letkf"}}
         ({"forecast": {"reference_time": "2020-01-01"}, **STATIC}, "", 2.2, [2.0]),
     ],
 )
-def test_which_leads_a_run_uses_when_none_is_chosen(tmp_path, settings, reference, log_starts, leads):
-    path = with_leads(tmp_path / "e.nc", reference=reference)
+def test_which_leads_a_run_uses_when_none_is_chosen(of_reference, settings, reference, log_starts, leads):
+    path = of_reference(reference)
     near_ns = None if log_starts is None else int(np.datetime64("2020-01-01", "ns").astype(np.int64) + log_starts * DAY)
     found = read_forecasts(path, load_config(None, settings), near_ns, None)
     # each lead's current is stronger than the one before by half of the first
@@ -73,8 +93,8 @@ def test_which_leads_a_run_uses_when_none_is_chosen(tmp_path, settings, referenc
     np.testing.assert_allclose(strengths, [1.0 + 0.5 * [0.0, 2.0, 5.0].index(lead) for lead in leads], rtol=1e-6)
 
 
-def test_a_command_without_a_log_uses_the_last_lead(tmp_path):
-    path = with_leads(tmp_path / "e.nc")
+def test_a_command_without_a_log_uses_the_last_lead(of_reference):
+    path = of_reference("2020-01-01")
     np.testing.assert_array_equal(read_ensemble(path, ForecastConfig()).velocity, read_ensemble(path, ForecastConfig(lead=5.0)).velocity)
 
 
@@ -91,8 +111,8 @@ def test_the_help_says_each_of_these_cases():
     assert "the first time without a log" in said
 
 
-def test_a_log_far_from_the_forecast_is_said(tmp_path):
-    path = with_leads(tmp_path / "e.nc")
+def test_a_log_far_from_the_forecast_is_said(of_reference):
+    path = of_reference("2020-01-01")
     start = read_series(path, ForecastConfig())[0].time_ns
     assert not any("outside" in note for note in read_series(path, ForecastConfig(), near_ns=start + DAY)[0].notes)
     assert not any("outside" in note for note in read_series(path, ForecastConfig(), near_ns=start + 6 * DAY)[0].notes)
@@ -121,18 +141,17 @@ THROUGH_TIME = {"time": {"scale": 86400.0}}
         *((settings, spread, "") for settings in ({}, STATIC, {"estimator": {"name": "depth_average"}}) for spread in (None, "fit", 2.0)),
     ],
 )
-def test_a_spread_that_is_not_fitted_is_said(tmp_path, settings, spread, who):
-    lagged(tmp_path)
+def test_a_spread_that_is_not_fitted_is_said(lags, settings, spread, who):
     tables = {**settings, "forecast": {"members": "lags"}}
     tables["estimator"] = {**settings.get("estimator", {}), **({} if spread is None else {"spread": spread})}
-    found = read_forecasts(tmp_path, load_config(None, tables), None, None)
+    found = read_forecasts(lags, load_config(None, tables), None, None)
     notes = [note for note in found.notes if "the spread of members" in note]
     assert notes == ([f"the spread of members made of lags is taken for their error: {who} does not fit it"] if who else [])
     assert found.ensemble.notes == found.notes
 
 
-def test_given_members_need_no_fit(tmp_path):
-    found = read_forecasts(with_leads(tmp_path / "e.nc"), load_config(None, {}), None, None)
+def test_given_members_need_no_fit(of_reference):
+    found = read_forecasts(of_reference("2020-01-01"), load_config(None, {}), None, None)
     assert found.evolves
     assert not any("the spread of members" in note for note in found.notes)
 
@@ -146,7 +165,7 @@ def test_given_members_need_no_fit(tmp_path):
         (LETKF, 2.0, r"expected as_given with the estimator letkf, got 2\.0; leave it out$"),
     ],
 )
-def test_a_spread_that_an_estimator_does_not_take_is_refused(tmp_path, settings, spread, message):
+def test_a_spread_that_an_estimator_does_not_take_is_refused(of_reference, settings, spread, message):
     tables = {"estimator": {**settings.get("estimator", {}), "spread": spread}}
     with pytest.raises(ConfigError, match=rf"^estimator\.spread: {message}"):
-        read_forecasts(with_leads(tmp_path / "e.nc"), load_config(None, tables), None, None)
+        read_forecasts(of_reference("2020-01-01"), load_config(None, tables), None, None)

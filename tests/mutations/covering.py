@@ -31,8 +31,9 @@ def covering(mutant: Mutant, recordings: list[Recording]) -> list[str]:
     site = mutant.site
     lasting = seconds(recordings)
     found = _executing(mutant.path, site.statement, recordings)
-    if found == {IMPORT}:
-        found = _executing(mutant.path, site.within or (1, 10**9), recordings)
+    for lines in (site.within, (1, 10**9)):
+        if found == {IMPORT} and lines is not None:
+            found = _executing(mutant.path, lines, recordings)
     return sorted(found & lasting.keys(), key=lambda test: (lasting[test], test))
 
 

@@ -112,6 +112,10 @@ def test_tests_come_fastest_first_with_those_of_shared_fixtures_and_of_the_modul
     assert covering(constant, recorded) == ["t.py::fast", "t.py::slow"]
     assert covering(first, recorded) == ["t.py::slow"]
     assert covering(second, recorded) == ["t.py::fast"]
+    # a function that runs only while its module is imported
+    (at_import, *_) = (Mutant(Path("m.py"), site) for site in sites("def made():\n    return 1\nA = made()\ndef f():\n    g()\n"))
+    loading = Recording(_Lines({2: ["import"], 3: ["import"], 5: ["t.py::slow"]}), tests)
+    assert covering(at_import, [loading]) == ["t.py::slow"]
     assert within_budget(["a", "b", "c"], {"a": 1.0, "b": 2.0, "c": 3.0}, 3.5) == ["a", "b"]
     assert within_budget(["c"], {"c": 3.0}, 1.0) == ["c"]
 

@@ -14,7 +14,7 @@ from replay_kit.core.errors import ConfigError, ForecastError, ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.load import load_bytes
 from replay_kit.core.observation import VehicleState
-from replay_kit.results import CONTRACT_VERSION, ResultWriter, read_estimate
+from replay_kit.results import CONTRACT_VERSION, ResultWriter, mcap_file, read_estimate
 from replay_kit.results.readback import check_written
 from tests.results.result_samples import CONFIG, METADATA, Run, decoded
 
@@ -194,3 +194,11 @@ def test_read_back_finds_a_flip_of_any_byte_and_any_missing_end(run: Run, tmp_pa
     for messages, attachments in ((topics | {"/a": 1}, attached), (topics, attached + 1)):
         with pytest.raises(ReplayKitError, match=f"but read back {topics.total()} and {attached}, and its summary says {topics.total()}"):
             check_written(path, messages, attachments)
+
+
+def test_all_is_on_the_disk_before_a_result_gets_its_name(tmp_path, monkeypatch):
+    synced = []
+    monkeypatch.setattr(mcap_file.os, "fsync", lambda descriptor: synced.append(os.fstat(descriptor).st_size))
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.log(1, "info", "said")
+    assert (tmp_path / "out.mcap").stat().st_size in synced

@@ -194,8 +194,9 @@ def test_a_replay_tells_of_an_input_that_changes_and_keeps_the_earlier_output(oc
     assert changing.done
     assert {path.name for path in tmp_path.glob("out*")} == {"out.mcap"}
     assert out.read_bytes() == PRECIOUS
-    replay(replace(job, logs=(ocean / "glider.mcap",), ensemble=ocean / "ensemble.nc"), config)
-    assert out.read_bytes() != PRECIOUS
+    if (change, which) == ("grow", "glider.mcap"):
+        replay(replace(job, logs=(ocean / "glider.mcap",), ensemble=ocean / "ensemble.nc"), config)
+        assert out.read_bytes() != PRECIOUS
 
 
 @changes

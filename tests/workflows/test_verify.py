@@ -31,7 +31,7 @@ def run(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("run")
     synthetic.write_ocean(folder, 12)
     config = RunConfig(planner=PlannerConfig(kind="glide"))
-    make_twin(read_truth(str(folder / "truth.nc"), config.forecast), Twin("glider", 60, 0.05, 1), folder / "glider.mcap")
+    make_twin(read_truth(str(folder / "truth.nc"), config.forecast), Twin("glider", 30, 0.05, 1), folder / "glider.mcap")
     job = ReplayJob((folder / "glider.mcap",), folder / "ensemble.nc", folder / "out.mcap", goal=Place(152.3, -39.8, 150.0))
     replay(job, config, planner_of)
     return folder
@@ -102,7 +102,12 @@ def test_a_result_is_made_again(run):
 
 
 @pytest.mark.parametrize(
-    ("topic", "field"), [("/flow/innovation", "nis"), ("/flow/estimate", "weights[3]"), ("/plan/controls", "heading_deg")]
+    ("topic", "field"),
+    [
+        ("/flow/innovation", "nis"),
+        ("/flow/estimate", "weights[3]"),
+        pytest.param("/plan/controls", "heading_deg", marks=pytest.mark.full),
+    ],
 )
 def test_a_changed_message_is_named_with_its_field(run, tmp_path, topic, field):
     index = index_of(run / "out.mcap", topic)
@@ -126,7 +131,8 @@ def test_a_changed_message_is_named_with_its_field(run, tmp_path, topic, field):
 
 @pytest.mark.full
 def test_a_missing_message_and_a_changed_attachment_are_named(run, tmp_path):
-    count = read_recorded(run / "out.mcap").digests[-1].messages
+    with (run / "out.mcap").open("rb") as file:
+        count = sum(1 for _ in make_reader(file).iter_messages(log_time_order=False))
     path = changed(run / "out.mcap", tmp_path / "short.mcap", (count - 1, lambda schema, data: None))
     assert verify(path, [run], planner_of).difference.fields == ("only the second has this message",)
     path = changed(run / "out.mcap", tmp_path / "nc.mcap", attachment=lambda name, data: data[:-1] if name == "estimate.nc" else data)

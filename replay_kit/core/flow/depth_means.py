@@ -109,7 +109,7 @@ def _reduced(flow: FlowEstimate, weights: Array) -> Array:
 
 def _through_time(flow: FlowEstimate, evolution: Evolution, weights: Array) -> DepthMeans:
     """Return the errors of an estimate through time from its own time on."""
-    time_ns = flow.time_ns if evolution.time_ns is None else max(flow.time_ns or 0, evolution.time_ns)
+    time_ns = max((time for time in (flow.time_ns, evolution.time_ns) if time is not None), default=None)
     now, process = evolution.unknowns_at(time_ns or 0), evolution.process
     n_moving, n_means, n_modes = process.trajectories.shape[1], len(weights), flow.n_modes
     local = np.einsum("dz,bzr->bdr", weights, process.local, optimize=True).reshape(len(process.local), n_means * n_modes)

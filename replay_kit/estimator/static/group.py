@@ -93,7 +93,8 @@ def fitting_step(estimator: _Estimator, state: FilterState, item: Measurement | 
 
 def _again(estimator: _Estimator, state: FilterState, before: SpreadFit, fitted: SpreadFit) -> FilterState:
     """Return the state after all measurements so far under another amplitude."""
-    if fitted.amplitude == before.amplitude or before.past is None:
+    assert before.past is not None, "a fit is due"
+    if fitted.amplitude == before.amplitude:
         return state
     state = estimator.initial_with(fitted)
     if not any(isinstance(item, ProfileGroup) for item in before.past):

@@ -221,8 +221,7 @@ def scale_jacobian(observation: Measurement, bins: Bins, innovation: Array, cov:
     """
     if isinstance(observation, PathMean) or observation.platform_velocity is None or not np.isfinite(observation.common_std):
         return 0.0
-    ones = np.ones((len(bins.values), 1))
-    rows = np.column_stack([bins.compress(ones * component)[0] for component in np.eye(2)])
+    rows = np.column_stack([bins.compress(np.broadcast_to(component, bins.values.shape))[0] for component in np.eye(2)])
     shared = observation.common_std**2 * np.sum(rows * np.linalg.solve(cov, rows))
     return float((2.0 - shared) * normalised_square(innovation, cov)[0] / innovation.size)
 

@@ -11,6 +11,7 @@ from replay_kit.cli.app import main
 from replay_kit.config.run import EstimatorConfig, load_config
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.basis.slices import correlation_length
+from replay_kit.estimator.prior import fit
 from replay_kit.estimator.prior.fit import (
     SHARES,
     Members,
@@ -26,8 +27,14 @@ from replay_kit.estimator.prior.hybrid import PriorSettings
 from tests import synthetic
 from tests.reference import baselines as slow_scores
 from tests.reference import estimator as slow
+from tests.remembered import score_member
 
 ERROR_STD = 0.05
+
+
+@pytest.fixture(autouse=True)
+def _members_are_scored_anew(monkeypatch):
+    monkeypatch.setattr(fit, "_score_member", score_member.__wrapped__)
 
 
 def members_of(seed, n_members, latent, n_side=6, n_levels=2):

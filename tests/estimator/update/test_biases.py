@@ -195,3 +195,17 @@ def test_faults_in_words():
     assert in_words("heading", np.deg2rad(5.0), np.deg2rad(0.5)) == "heading +5.0 +- 0.5 degrees"
     assert in_words("scale", -0.031, 0.002) == "scale -3.1 +- 0.2 %"
     assert in_words("shear", 2e-4, 1e-5) == "shear +0.20 +- 0.01 mm/s a metre"
+
+
+def test_parts_of_a_log_have_equal_numbers_of_profiles_but_the_last_one_which_grows():
+    score, one = BiasScore(), np.eye(3)
+    for count in range(1, 200):
+        score = score.updated(one, np.array([1.0, 0.0, 2.0]), one, 0.5)
+        numbers = score.informations[:, 0, 0]
+        np.testing.assert_array_equal(score.informations, numbers[:, None, None] * one)
+        np.testing.assert_array_equal(score.scores, numbers[:, None] * np.array([1.0, -0.5, 2.0]))
+        assert numbers.sum() == count
+        assert set(numbers[:-1]) <= {score.length}
+        assert 1 <= numbers[-1] == score.last <= score.length
+        # as many parts as may be, until they are joined in pairs
+        assert min(count, 17) <= len(numbers) <= 32

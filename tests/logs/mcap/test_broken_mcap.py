@@ -19,7 +19,7 @@ from replay_kit.logs.mcap.records import MAGIC, MAX_CONTENTS, MAX_SIZE
 from tests.logs.log_samples import json_mcap
 
 # Function-scoped folders are shared by the examples on purpose: each example writes the one file anew.
-broken = settings(max_examples=120, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+broken = settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 SAMPLES = {
     "none": json_mcap(range(40)),

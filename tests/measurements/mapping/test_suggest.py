@@ -104,6 +104,10 @@ CELLS = [{"east": 120, "north": -50, "depth": 10.0}, {"east": -32768, "north": 7
 def test_profiles_are_not_used_until_a_person_states_the_reference(tmp_path, payload, velocity, depth, answers):
     payload = {**payload, "position": {"lat": -40.0, "lon": 152.0}}
     config, text = suggested(tmp_path, payload)
+    if "components = " in text:
+        (line,) = (line for line in text.splitlines() if line.startswith("components = "))
+        assert ("from the number of cells" in line) is any("cells" in name for name in payload)
+        assert ("NOT KNOWN" in line) is not any("cells" in name for name in payload)
     assert all(observation.reference == "platform" for observation in only(Observation, events(config, payload)))
     assert "NOT KNOWN" in text
     config, _ = suggested(tmp_path, payload, reference='"earth"', **answers)

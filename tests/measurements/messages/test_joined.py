@@ -83,6 +83,9 @@ def test_arrays_of_one_component_are_a_profile():
     (observation,) = only(Observation, run([fix(0, depth=5.0), *parts, fix(9, depth=5.0)], config))
     np.testing.assert_allclose(observation.velocity, [[0.1, -0.05], [0.2, 0.0]])
     assert observation.depth.tolist() == [8.0, 10.0]
+    parts[1] = part("VN", [-5.0], None, topic=ARRAY)
+    unequal = run([fix(0, depth=5.0), *parts, fix(9, depth=5.0)], config)
+    assert [event.reason for event in only(Skipped, unequal)] == ["measurements.map: east and north are not lists of one length"] * 2
 
 
 @pytest.mark.parametrize("wrong", [{"name": "VE"}, {"longitude": "lon", "latitude": "lat"}, {"depth": "d"}, {"join_within": -1.0}])

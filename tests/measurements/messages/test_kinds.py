@@ -10,6 +10,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, VehicleState
 from replay_kit.measurements import Skipped
+from replay_kit.measurements.messages.fields import STD_BELIEVED, believed_std
 from replay_kit.measurements.messages.kinds import canonical, statement
 from replay_kit.measurements.messages.motion import Dvl
 from tests.logs.log_samples import one_channel_mcap
@@ -223,3 +224,12 @@ def test_imc_positions_that_are_none():
     assert "0, 0" in skipped(Message(0, "/imc", "imc/EstimatedState", {"lat": 0.0, "lon": 0.0}, 0, 0))
     assert "not a number" in skipped(Message(0, "/imc", "imc/EstimatedState", {**PLACE, "x": None}, 0, 0))
     assert statement(Message(0, "/x", "vendor.GpsFix", PLACE, 0, 0)) is None
+
+
+def test_the_bounds_of_an_error_that_is_believed_belong_to_it_for_one_number_and_for_many():
+    low, high = STD_BELIEVED
+    outside = [0.5 * low, 2.0 * high, np.nan]
+    np.testing.assert_array_equal(believed_std([low, high, *outside], 5), [low, high, np.nan, np.nan, np.nan])
+    for value in (low, high, *outside):
+        np.testing.assert_array_equal(believed_std(value, 3), believed_std([value] * 3, 3))
+        np.testing.assert_array_equal(believed_std(value, 3), believed_std([value], 3))

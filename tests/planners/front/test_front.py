@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from planners.front.current import CurrentLattice, current_lattice, shares_of_levels
 from planners.front.edges import edge_durations
-from planners.front.front import Front, sea_of, spread
+from planners.front.front import Front, Route, sea_of, spread
 from planners.front.obstacles import Obstacles, directions_around, obstacles_of
 from planners.front.relax import relax
 from planners.route.hazards import Ring
@@ -121,6 +121,14 @@ def test_in_still_water_a_route_is_straight_once_it_is_relaxed():
     straight = abs(ends[1] - ends[0]) / 0.3
     assert straight <= route.times[-1] <= 1.0005 * straight
     assert route.times[-1] <= front.times[-1] <= 1.006 * straight
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_bent_route_is_straightened_from_either_side(side: float):
+    places = np.array([[-8e3, 0.0], [0.0, 1e3 * side], [8e3, 0.0]])
+    lasts = np.hypot(8e3, 1e3) / 0.3
+    route = relax(sea_of(still(10e3), 0.3, places[[0, 2], 0] + 0j), Route(places, np.array([0.0, lasts, 2.0 * lasts]), True), 0.0)
+    assert 16e3 / 0.3 <= route.times[-1] <= 1.0001 * 16e3 / 0.3
 
 
 @pytest.mark.parametrize(("apart", "passes"), [(-1.0, False), (0.0, False), (0.2, False), (2.5, True)])

@@ -8,6 +8,7 @@ import pytest
 
 from planners import Bathymetry, GlideSettings, fly, plan
 from planners.glide.seeds import _fans, find_seeds
+from planners.glide.solve import _remaining
 from planners.glide.transcription import GlideTask
 from planners.route.region import region_of
 from planners.route.table import tabulate
@@ -236,6 +237,11 @@ def test_a_warm_start_needs_fewer_iterations() -> None:
     here = place(flow, *cold.track[later])
     changed = replace(flow, latent=1.05 * flow.latent)
     warm = plan(changed, here, goal, warm=cold, start_time_ns=int(cold.track_time[later] * 1e9))
+    left = cold.duration - float(cold.track_time[later])
+    (rest,) = _remaining(cold, int(cold.track_time[later] * 1e9), 0.25)
+    assert rest.duration == pytest.approx(left, abs=1e-6)
+    np.testing.assert_allclose(np.rad2deg([rest.heading - 0.25, rest.glide_angle]), [cold.heading_deg, cold.glide_angle_deg])
+    assert _remaining(cold, round(2e9 * cold.duration), 0.25)[0].duration == 1.0
     assert warm.status == "reached"
     assert int(warm.statistics["iterations"]) <= int(cold.statistics["iterations"])
 

@@ -11,7 +11,7 @@ from planners.learning.closed_loop import Flown, Stretch, drawn_sea, fly_after, 
 from planners.learning.current import currents_of
 from planners.learning.loops import SCOUTING, WAITING, clear, random_shapes, shapes, timed
 from planners.learning.rows import rows_at
-from planners.learning.transit import end_sensitivity, fly, fly_transit, path_of, plan_transit
+from planners.learning.transit import end_and_derivative, end_sensitivity, fly, fly_transit, path_of, plan_transit
 from planners.route.hazards import Ring
 from tests.planners.learning.scenes import HOUR, NOON, SPEED, known, mean, places, static
 from tests.reference import learning as slow
@@ -44,6 +44,20 @@ def test_a_path_is_the_slow_one(changes):
     end = fly(currents, np.array([2e3j]), 7200.0, np.array([0.2 + 0.1j]), 10.0 * HOUR)[-1, 0]
     assert end == pytest.approx(slow.runge_kutta(one, 2e3j, 7200.0, 0.2 + 0.1j, 10.0 * HOUR, 10), rel=1e-12)
     assert end == pytest.approx(slow.runge_kutta(one, 2e3j, 7200.0, 0.2 + 0.1j, 10.0 * HOUR, 100), rel=1e-4)
+
+
+@pytest.mark.parametrize("changes", [False, True])
+def test_an_end_and_its_derivative_are_those_of_the_path(changes):
+    currents, start, held = mean(changes), np.array([2e3j, -4e3 + 1e3j]), np.array([0.2 + 0.1j, 0.1 - 0.05j])
+
+    def end(velocity):
+        return fly(currents, start, 7200.0, velocity, 10.0 * HOUR)[-1]
+
+    found, derivative = end_and_derivative(currents, start, 7200.0, held, 10.0 * HOUR)
+    np.testing.assert_allclose(found, end(held), rtol=1e-12)
+    for k, step in enumerate((1e-5, 1e-5j)):
+        change = (end(held + step) - end(held - step)) / 2e-5
+        np.testing.assert_allclose(derivative[:, :, k], np.stack([change.real, change.imag], axis=1), rtol=1e-6, atol=1e-3)
 
 
 def test_a_stretch_meets_its_goals_or_goes_as_far_as_it_can():

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from planners import Glider, NoGo
+from planners.learning import maps
 from planners.learning.closed_loop import Stretch, drawn_sea
 from planners.learning.detours import Evidence, plan_detour
-from planners.learning.mapping import Mapping, look_ahead, refined
+from planners.learning.mapping import Mapping, _Search, _turned, look_ahead, refined
 from planners.learning.maps import covariance_now, plan_map, realised
 from planners.learning.mowers import lawn_mowers, random_waypoints
 from planners.learning.scene import scene_of
@@ -143,6 +144,58 @@ def test_the_search_s_own_error_is_that_of_its_profiles():
     assert lengths.max() < scene.leg_time * (SPEED + 0.3)
     sea = drawn_sea(scene.known, np.zeros(1), 30, 1)
     assert realised(sea, mapping, survey, np.zeros((30, 4, 2))).mean() < realised(sea, mapping, None, np.zeros((30, 4, 2))).mean()
+
+
+def test_a_lawn_mower_that_no_survey_beats_is_chosen_and_said_to_be_one(monkeypatch):
+    scene = scene_of(static(), replace(ASKED, goals=(), profiles=4, settings=replace(SETTINGS, dives=3)), None)
+    box = np.stack(np.meshgrid([-15e3, 0.0, 15e3], [-10e3, 10e3]), axis=-1).reshape(-1, 2)
+    mapping = Mapping(scene.known, scene.mean, box, (0,), scene.start, scene.leg_time * np.arange(5.0), scene.speed, 4e-4)
+    errors = mapping.errors(lawn_mowers(mapping))
+    for worse, is_mower in ((1.1, True), (0.9, False)):
+        monkeypatch.setattr(maps, "refined", lambda mapping, allowed, one, seed, worse=worse: (one, worse * errors.min()))
+        survey, error, mower, mower_error, said = maps.choose_map(scene, mapping)
+        assert said is is_mower
+        assert mower_error == pytest.approx(errors.min())
+        assert error == pytest.approx(errors.min() * (1.0 if is_mower else 0.9))
+        assert (survey is mower) is is_mower
+
+
+@pytest.mark.parametrize("changes", [False, True])
+def test_what_a_search_leg_by_leg_gains_is_what_all_its_profiles_together_leave_less(changes, monkeypatch):
+    scene = scene_of(through_time() if changes else static(), replace(ASKED, goals=(), profiles=4), None)
+    box = np.stack(np.meshgrid([-15e3, 0.0, 15e3], [-10e3, 10e3]), axis=-1).reshape(-1, 2)
+    mapping = Mapping(scene.known, scene.mean, box, (0,), scene.start, scene.leg_time * np.arange(5.0), scene.speed, 4e-4)
+    ways, whole = [], _Search.next_ways
+    monkeypatch.setattr(_Search, "next_ways", lambda search, *of: ways.append(whole(search, *of)) or ways[-1])
+    survey = look_ahead(mapping, scene.allowed, covariance_now(scene, mapping))
+    gained = box.size * (mapping.before() ** 2 - mapping.errors(survey)[0] ** 2)
+    assert ways[-1][0].gained == pytest.approx(gained, rel=1e-6)
+
+
+def test_a_survey_is_refined_from_its_own_legs(monkeypatch):
+    scene = scene_of(static(), replace(ASKED, goals=(), profiles=4), None)
+    mapping = Mapping(scene.known, scene.mean, np.zeros((1, 2)), (0,), scene.start, scene.leg_time * np.arange(5.0), scene.speed, 4e-4)
+    survey, turned = random_waypoints(mapping, np.random.default_rng(0), 1), []
+    monkeypatch.setattr("planners.learning.mapping._turned", lambda held, *_: turned.append(held) or held[None])
+    same, error = refined(mapping, lambda begins, ends: np.ones(ends.shape, dtype=bool), survey, 0)
+    np.testing.assert_allclose(same.ends, survey.ends, atol=1e-6)
+    assert error == pytest.approx(mapping.errors(survey)[0])
+    assert len(turned) > 10
+
+
+def test_a_leg_is_turned_and_in_half_of_the_tries_the_next_one_back():
+    held = np.array([0.2 + 0.1j, 0.1 - 0.05j, -0.1 + 0.02j])
+    tried = np.concatenate([_turned(held, 0.5, np.random.default_rng(seed), 0.25) for seed in range(5)])
+    assert np.all(np.abs(tried) < 0.25 * (1.0 + 1e-9))
+    angles = np.angle(tried / held)
+    moved = np.abs(angles) > 1e-12
+    assert set(moved.sum(axis=1)) == {1, 2}
+    assert np.mean(moved[moved[:, :2].any(axis=1)].sum(axis=1) == 2) == pytest.approx(0.5, abs=0.12)
+    assert np.mean(np.abs(np.abs(tried[moved]) - 0.25) < 1e-9) == pytest.approx(1 / 3, abs=0.12)
+    for turn, which in zip(angles, moved, strict=True):
+        first = int(np.argmax(which))
+        assert which[first + 1 :].sum() == 0 or turn[first + 1] == pytest.approx(-turn[first])
+    assert moved.any(axis=0).all()
 
 
 def test_missions_with_fixes_are_told_to_go_straight_where_no_detour_pays():

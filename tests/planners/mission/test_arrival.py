@@ -1,14 +1,17 @@
 """What the front tells a mission: its bound, how many legs, a goal by a wall, a pilot's habit, the rest of a plan that goes astray."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from planners import MissionPlan, MissionRequest, MissionSettings, NoGo, plan_mission
-from planners.mission.arrival import bound_of, initial_guess, passage_past_goals, water_of
+from planners.front.current import shares_of_levels
+from planners.mission.arrival import _second_order, bound_of, initial_guess, passage_past_goals, water_of
 from planners.mission.attempt import is_feasible
 from planners.mission.course import habit
+from planners.mission.departures import _missing_legs
 from planners.mission.search import _fewest_legs, _more_legs, likely_legs
 from planners.mission.task import mission_task
 from replay_kit.core.arrays import Array
@@ -60,6 +63,25 @@ def test_in_a_uniform_current_the_bound_is_zermelos_to_the_disc_less_the_lattice
     exact = (np.linalg.norm(way) - SETTINGS.tolerance) / (along + np.sqrt(speed**2 - across**2))
     # the last leg arrives without the drift that the mean speed has
     assert 0.99 * exact < bound.time + SETTINGS.surface_time < 0.9985 * exact
+
+
+def test_what_shear_gives_grows_with_its_square_and_a_dive_s_time_and_is_none_without():
+    task = mission_task(eddying_flow(1), request_in(eddying_flow(1), (-10e3, -2e3), (10e3, 4e3)))
+    gain = _second_order(task)
+    assert 0.0 < gain < 0.1
+    assert _second_order(mission_task(still_flow(), request_in(still_flow(), (-10e3, -2e3), (10e3, 4e3)))) == 0.0
+    twice = replace(eddying_flow(1), latent=2.0 * eddying_flow(1).latent)
+    assert _second_order(mission_task(twice, request_in(twice, (-10e3, -2e3), (10e3, 4e3)))) == pytest.approx(4.0 * gain)
+    # Wirtinger's bound of the largest mean square deviation anywhere, looked for place by place
+    flow, share = task.flow, SETTINGS.surface_time / task.leg_time(task.vehicle.angles[0])
+    shares, places = shares_of_levels(flow, SETTINGS.depth, share), np.random.default_rng(0).uniform(-20e3, 20e3, (300, 2))
+    squares = []
+    for where in places:
+        at = np.array([flow.velocity(*where, level) for level in flow.levels])
+        squares.append(sum(part * np.sum((one - shares @ at) ** 2) for part, one in zip(shares, at, strict=True)))
+    length = min(flow.horizontal.kernel.length_east, flow.horizontal.kernel.length_north)
+    dive = task.leg_time(task.vehicle.angles[0])
+    assert gain == pytest.approx(dive * max(squares) / (2.0 * np.pi * length), rel=0.5)
 
 
 def test_a_goal_by_a_wall_is_reached_though_the_margin_would_forbid_it():
@@ -115,3 +137,13 @@ def test_the_rest_of_a_plan_with_too_many_legs_is_replaced_by_one_with_as_many_a
     again: MissionPlan = plan_mission(flow, asked, warm=crowded)
     assert again.duration <= 1.001 * cold.duration
     assert len(again.headings_deg) < 16
+
+
+@pytest.mark.parametrize(("miss", "legs"), [(150.0, 1), (1000.0, 1), (1900.0, 2), (4500.0, 5)])
+def test_legs_that_are_missing_are_those_that_make_good_what_is_missed(miss, legs):
+    """Three legs have made good a kilometre each."""
+    task = mission_task(still_flow(), request_in(still_flow(), (-10e3, 0.0), (10e3, 0.0)))
+    path = np.array([task.start[:2], task.start[:2] + np.array([3000.0, 0.0])])
+    miss_of_goals = np.array([0.0, miss + SETTINGS.tolerance])
+    attempt = SimpleNamespace(flight=SimpleNamespace(place=path[None]), legs=SimpleNamespace(headings=[0.0] * 3), miss=miss_of_goals)
+    assert _missing_legs(task, attempt) == legs

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.route.bottom import Bathymetry, Bottom, DepthCells, bottom_of
+from planners.route.bottom import Bathymetry, Bottom, DepthCells, _cell_corners, bottom_of
 from planners.route.hazards import NoGo, Ring, first_crossing, no_go_rings
 from planners.route.region import region_of
 from replay_kit.core.geodesy import to_local
@@ -96,6 +96,19 @@ def test_a_region_that_is_shallow_everywhere_has_no_ring_and_still_a_limit():
     bottom = bottom_of(region_of(GRID), shallow, 20.0)
     assert (bottom.rings(300.0), bottom.deepest) == ((), 80.0)
     assert bottom.is_below(segment((0.0, 0.0), (500.0, 0.0)), np.array([[0.0, 300.0]]), np.zeros(1)).tolist() == [True]
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 2), (2, 3), (4, 1)])
+def test_corners_of_cells_lie_halfway_between_points_and_as_far_beyond_the_edge(shape):
+    rows, columns = np.meshgrid(np.arange(shape[0] + 1.0), np.arange(shape[1] + 1.0), indexing="ij")
+
+    def plane(j, i):
+        return 7.0 * j - 3.0 * i
+
+    # a single point has no spacing of its own: its cell is one wide
+    by_row, by_column = (7.0 if shape[0] > 1 else 1.0), (-3.0 if shape[1] > 1 else 1.0)
+    corners = _cell_corners(plane(*np.meshgrid(np.arange(float(shape[0])), np.arange(float(shape[1])), indexing="ij")))
+    np.testing.assert_allclose(corners, by_row * (rows - 0.5) + by_column * (columns - 0.5))
 
 
 def test_long_edges_forbid_what_either_reading_of_them_encloses():

@@ -14,6 +14,7 @@ from replay_kit.core.surfacing import Ellipse
 from replay_kit.results import open_result
 from replay_kit.results.export import export
 from replay_kit.results.export.features import features_of, kml_text
+from replay_kit.results.export.netcdf import _attributes
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.series import series_at
 from tests.results.cases import moved, write
@@ -52,6 +53,13 @@ def test_netcdf_holds_every_table_and_is_compliant(contents, tmp_path, complaint
         np.testing.assert_array_equal(times, contents.result.fixes.index.to_numpy().astype("datetime64[s]"))
         total = found["section_u_estimated"] + found["section_u_residual"]
         np.testing.assert_allclose(found["section_u_measured"], total, rtol=1e-12)
+
+
+@pytest.mark.parametrize("end", ["longitude", "latitude", "depth"])
+def test_columns_of_places_have_the_attributes_of_a_place_whatever_goes_before(end):
+    alone, before = _attributes("surfacings", end), _attributes("surfacings", f"forecast_{end}")
+    assert alone["standard_name"] == end
+    assert before == alone | {"long_name": f"forecast {end} (surfacings)"}
 
 
 def test_csv_holds_one_table(contents, tmp_path):

@@ -3,13 +3,18 @@
 import re
 import subprocess
 import sys
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from pyproj import Geod
 
 from replay_kit.results.status import figures
 from replay_kit.results.status.alarms import alarms_of
 from replay_kit.results.status.change import change_of
+from replay_kit.results.status.held import Fix, _positions
 from replay_kit.results.status.page import status_page
 from replay_kit.results.status.status import status_of
 from replay_kit.results.status.text import age_text, status_text
@@ -31,6 +36,28 @@ def test_what_is_made_good_is_how_much_nearer_the_goal_came_a_day():
     assert day.km_a_day == pytest.approx((before - end) / day.days)
     assert mission.km_a_day == pytest.approx((begin - end) / 2.0)
     assert mission.error == pytest.approx(0.02 * 2.0**0.5 / 2.0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_positions_held_are_the_first_the_last_one_a_day_before_and_where_it_was_reckoned_since(seed, monkeypatch):
+    rng = np.random.default_rng(seed)
+    said = [Fix(int(time), float(k), -5.0, bool(rng.random() < 0.6)) for k, time in enumerate(np.sort(rng.integers(0, 60, 9)) * HOUR_NS)]
+
+    def message(fix):
+        return SimpleNamespace(
+            longitude=fix.longitude, latitude=-5.0, metadata=[SimpleNamespace(key="dead_reckoned", value=f"{fix.reckoned:d}")]
+        )
+
+    monkeypatch.setattr("replay_kit.results.status.held.read_messages", lambda path, topic: [(fix.time_ns, message(fix)) for fix in said])
+    monkeypatch.setattr("replay_kit.results.status.held.DecoderFactory.decoder_for", lambda factory, encoding, schema: lambda data: data)
+    fixes, reckoned = _positions(Path("r.mcap"), "schema")
+    measured = [fix for fix in said if not fix.reckoned]
+    day_before = [fix for fix in measured if measured[-1].time_ns - fix.time_ns >= 24 * HOUR_NS]
+    assert fixes == [measured[0], *day_before[-1:], measured[-1]]
+    assert reckoned == (said[-1] if said[-1].reckoned and said[-1].time_ns > measured[-1].time_ns else None)
+    said = [replace(fix, reckoned=True) for fix in said]
+    assert _positions(Path("r.mcap"), "schema") == ([], said[-1])
+    assert _positions(Path("r.mcap"), None) == ([], None)
 
 
 def test_a_vehicle_without_goal_or_way_makes_nothing_good():

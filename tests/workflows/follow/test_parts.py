@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from replay_kit.config.run import RunConfig
+from replay_kit.config.run import LogConfig, RunConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
@@ -17,7 +17,7 @@ from replay_kit.results.status.status import Status
 from replay_kit.workflows.follow.goals import read_goal, with_goal
 from replay_kit.workflows.follow.memory import Memory, read_memory, write_memory
 from replay_kit.workflows.follow.notify import alarm_line, key_of, new_alarms, notify, standing
-from replay_kit.workflows.follow.sources import Source, change_words, judged, look, order, settled
+from replay_kit.workflows.follow.sources import Source, change_words, examine, judged, look, order, settled
 from replay_kit.workflows.follow.watch import Clock, Watched, look_again
 from replay_kit.workflows.replay.followed import FollowedStates, _Known, message_digest, thinned
 
@@ -81,6 +81,14 @@ def test_what_happened_to_a_file_is_told_in_words(tmp_path):
     assert "shrank" in change_words(before, replace(before, stamp=(1, 2, 50, 5), sha256="other"), {})
     assert change_words(None, replace(before, aside="is no log"), {}) == "not used: it is no log"
     assert change_words(replace(before, aside="is no log"), replace(before, aside="is no log"), {}) == ""
+
+
+def test_a_file_that_grew_since_it_was_looked_at_is_known_by_the_bytes_it_had(tmp_path):
+    path = tmp_path / "log.unknown"
+    path.write_bytes(b"first")
+    stamp = look([path], [])[path]
+    path.write_bytes(b"first and more")
+    assert examine(path, stamp, LogConfig()).sha256 == hashlib.sha256(b"first").hexdigest()
 
 
 def test_files_are_taken_when_they_are_whole_in_the_order_of_a_replay_of_the_folder(tmp_path):

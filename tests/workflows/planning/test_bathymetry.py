@@ -80,6 +80,11 @@ def test_depths_are_positive_down_in_metres(make, tmp_path):
     np.testing.assert_allclose(read.latitude, CURVED[1], rtol=1e-12)
 
 
+def test_a_single_number_is_no_axis(tmp_path):
+    read = read_bathymetry(written(tmp_path, gebco().assign_coords(longitude=5.0, latitude=60.0)), WHOLE)
+    np.testing.assert_array_equal(read.longitude, read_bathymetry(written(tmp_path, gebco()), WHOLE).longitude)
+
+
 def test_the_attribute_positive_decides_the_sign(tmp_path):
     turned = gebco()
     turned["elevation"] = -turned["elevation"].assign_attrs(positive="down")

@@ -56,6 +56,23 @@ def whole(ocean, tmp_path_factory):
     return out.read_bytes(), summary
 
 
+@pytest.fixture(scope="module")
+def stopped_run(ocean, tmp_path_factory):
+    """What a run that was killed leaves, by name."""
+    folder = tmp_path_factory.mktemp("stopped")
+    with pytest.raises(Killed):
+        run(ocean, folder / "out.mcap", folder / "run.ck", 130)
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.fixture
+def stopped(stopped_run, tmp_path):
+    """The result and the checkpoint of a run that was killed, in a folder of the test's own."""
+    for name, data in stopped_run.items():
+        (tmp_path / name).write_bytes(data)
+    return tmp_path / "out.mcap", tmp_path / "run.ck"
+
+
 @pytest.mark.full
 def test_a_run_stopped_again_and_again_gives_the_bytes_of_one_that_was_not(ocean, tmp_path, whole):
     out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
@@ -187,20 +204,16 @@ def test_the_caller_s_environment_changes_nothing(ocean, tmp_path, whole):
 
 
 @pytest.mark.parametrize("what", ["settings", "goal"])
-def test_a_checkpoint_of_another_run_is_refused(ocean, tmp_path, what):
-    out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
-    with pytest.raises(Killed):
-        run(ocean, out, checkpoint, 130)
+def test_a_checkpoint_of_another_run_is_refused(ocean, stopped, what):
+    out, checkpoint = stopped
     other = CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update={"modes": 5})}) if what == "settings" else CONFIG
     with pytest.raises(ConfigError, match="another run"):
         run(ocean, out, checkpoint, config=other, goal=None if what == "goal" else GOAL)
 
 
 @pytest.mark.parametrize("damage", ["cut", "flip", "journal cut", "journal flip", "journal gone"])
-def test_a_damaged_checkpoint_is_named_and_nothing_is_guessed(ocean, tmp_path, damage):
-    out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
-    with pytest.raises(Killed):
-        run(ocean, out, checkpoint, 130)
+def test_a_damaged_checkpoint_is_named_and_nothing_is_guessed(ocean, stopped, damage):
+    out, checkpoint = stopped
     file = journal_path(checkpoint) if damage.startswith("journal") else checkpoint
     data = bytearray(file.read_bytes())
     if damage.endswith("gone"):
@@ -213,10 +226,8 @@ def test_a_damaged_checkpoint_is_named_and_nothing_is_guessed(ocean, tmp_path, d
 
 
 @pytest.mark.parametrize("what", ["getcwd", "dotted", "file"])
-def test_a_checkpoint_that_would_act_is_not_loaded(ocean, tmp_path, what):
-    checkpoint = tmp_path / "run.ck"
-    with pytest.raises(Killed):
-        run(ocean, tmp_path / "out.mcap", checkpoint, 130)
+def test_a_checkpoint_that_would_act_is_not_loaded(ocean, stopped, what):
+    out, checkpoint = stopped
     body = {
         "getcwd": pickle.dumps(os.getcwd),
         "dotted": b"\x80\x04\x8c\x26replay_kit.estimator.baselines.columns\x8c\x18np.f2py.subprocess.Popen\x93.",
@@ -225,7 +236,7 @@ def test_a_checkpoint_that_would_act_is_not_loaded(ocean, tmp_path, what):
     head = checkpoint.read_bytes()[: len(b"replay-kit checkpoint 6\nnull\n") + 64]
     checkpoint.write_bytes(head + hashlib.sha256(body).digest() + body)
     with pytest.raises(LogError, match="which no value of this program does"):
-        run(ocean, tmp_path / "out.mcap", checkpoint)
+        run(ocean, out, checkpoint)
 
 
 @pytest.mark.parametrize("name", ["out.mcap", "glider.mcap", "ensemble.nc", "other"])

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -50,12 +51,24 @@ def run(ocean, log, config=CONFIG, **job):
     return summary
 
 
-def test_a_sound_log_has_no_finding_and_a_verdict(ocean):
-    summary = run(ocean, ocean / "glider.mcap")
+@pytest.fixture(scope="module")
+def summary_of(ocean):
+    """Return the summary of the glider's log with a fault, or of the sound one, made once for all tests."""
+
+    @cache
+    def summary(name=None):
+        return run(ocean, ocean / "glider.mcap" if name is None else faulty(ocean, name))
+
+    return summary
+
+
+def test_a_sound_log_has_no_finding_and_a_verdict(summary_of):
+    summary = summary_of()
     assert summary.findings == ()
     assert (summary.exit_code, summary.exit_codes) == (0, ())
     answer = to_json(summary)
     assert (answer["status"], answer["consistency"], answer["exit_codes"]) == ("done", [], [])
+    assert summary.profiles_used + summary.profiles_rejected == PINGS + 6
     # six pings lie outside the water of the ensemble
     assert answer["verdict"][:2] == ["60 of 66 observations used", "no contradiction found"]
     assert answer["verdict"][2].startswith(f"RMS difference to the measurements {100.0 * summary.rms_prior:.1f} -> ")
@@ -69,18 +82,16 @@ def test_a_turned_instrument_is_left_out_and_the_estimate_is_rebuilt_without_it(
     assert summary.exit_code == 6
     means = {key: value for key, value in to_json(summary)["observations"].items() if key in ("used", "rejected")}
     assert means["rejected"] == PINGS
-    alone = run(ocean, ocean / "glider.mcap", CONFIG)
-    assert means["used"] == alone.profiles_used + alone.profiles_rejected - PINGS == 6
+    assert means["used"] == 6
+    turned = Result(ocean / "out.mcap")
+    estimate, events = turned.estimate, turned.events
     # the estimate is that of the mean currents alone
     messages = [message for message in open_log(ocean / "turned.mcap").messages() if message.schema != "replay_kit.AdcpPing"]
     (ocean / "means.mcap").unlink(missing_ok=True)
     write_mcap_log(ocean / "means.mcap", messages)
     run(ocean, ocean / "means.mcap")
-    estimate = Result(ocean / "out.mcap").estimate
-    run(ocean, ocean / "turned.mcap")
     places = np.array([0.0, 2e4]), np.array([0.0, -1e4]), np.array([20.0, 60.0])
     assert Result(ocean / "out.mcap").estimate.velocity(*places) == pytest.approx(estimate.velocity(*places), abs=1e-9)
-    events = Result(ocean / "out.mcap").events
     assert (events["level"] == "warning").sum() == 1
     assert events["message"].iloc[0] == str(finding)
 
@@ -102,13 +113,13 @@ def test_two_sources_that_contradict_each_other_are_both_kept(ocean):
     assert ignored.doubts[0] == "no consistency check was made (consistency.on_failure)"
 
 
-def test_a_wrong_unit_ends_the_run_unless_it_is_stated(ocean):
+def test_a_wrong_unit_ends_the_run_unless_it_is_stated(ocean, summary_of):
     log = faulty(ocean, "cm/s")
     with pytest.raises(MeasurementError, match=r'state measurements\.velocity_unit = "cm/s"') as error:
         run(ocean, log)
     assert error.value.exit_code == 3
     stated = CONFIG.model_copy(update={"measurements": RunConfig(measurements={"velocity_unit": "cm/s"}).measurements})
-    sound, mended = run(ocean, ocean / "glider.mcap"), run(ocean, log, stated)
+    sound, mended = summary_of(), run(ocean, log, stated)
     assert mended.findings == ()
     assert mended.rms_after == pytest.approx(sound.rms_after, rel=1e-9)
 
@@ -120,8 +131,8 @@ def test_an_odd_unit_that_is_stated_is_told_and_used(ocean):
     assert summary.exit_code == 6
 
 
-def test_dead_profiles_are_dropped_and_counted(ocean):
-    summary = run(ocean, faulty(ocean, "stale from ping 11"))
+def test_dead_profiles_are_dropped_and_counted(summary_of):
+    summary = summary_of("stale from ping 11")
     assert [finding.name for finding in summary.findings] == ["dead or stale instrument"]
     # eleven pings come before it hangs, one of them at the surface
     assert summary.profiles_rejected == PINGS - 11 + 1
@@ -179,8 +190,8 @@ def test_an_ensemble_in_another_unit_is_refused_unless_checks_are_ignored(ocean,
     assert replay(job, ignoring)[0].exit_code == 0
 
 
-def test_loss_goes_before_contradiction_and_both_are_listed(ocean):
-    summary = run(ocean, faulty(ocean, "stale from ping 11"))
+def test_loss_goes_before_contradiction_and_both_are_listed(summary_of):
+    summary = summary_of("stale from ping 11")
     both = replace(summary, losses=(("a.mcap", Loss("cut", 1, 2)),))
     assert (both.exit_code, both.exit_codes) == (4, (4, 6))
     assert to_json(both)["status"] == "loss"

@@ -13,6 +13,7 @@ from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, MeasurementConfig, RunConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, MeasurementError, PlanError
 from replay_kit.core.flow.load import load
+from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
@@ -395,6 +396,13 @@ def test_a_truth_with_another_centre_is_compared_along_the_same_axes():
     grid = local_grid(longitude, latitude, part["depth"].values, np.ones(velocity.shape[2:], bool), None)
     truth = Ensemble(grid, true_to_local(grid.projection, longitude, latitude, velocity), None, "part")
     score, _ = score_against_truth(flow, ensemble, truth, [(152.0, 70.0)], None, EstimatorConfig())
+    grid = truth.grid
+    east, north = to_local(grid.projection, grid.longitude, grid.latitude)
+    away = np.hypot(east - east[2, 3], north - north[2, 3])
+    for radius_km in (10.0, 50.0, 130.0):
+        here = [(float(grid.longitude[2, 3]), float(grid.latitude[2, 3]))]
+        near, _ = score_against_truth(flow, ensemble, truth, here, radius_km, EstimatorConfig())
+        assert near.points == np.sum(grid.wet & (away <= 1e3 * radius_km))
     # cells of 1 degree are embedded to 4 mm/s; unturned vectors would be 5 degrees off, 11 mm/s
     assert score.rmse < 6e-3
 

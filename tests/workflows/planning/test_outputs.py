@@ -1,0 +1,36 @@
+"""What is said of a mission: whether it may be handed to a vehicle, and its energy."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from replay_kit.workflows.planning.outputs import energy_text, unsafe_reason
+
+SAFE, CROSSING = SimpleNamespace(violation=None), SimpleNamespace(violation="crosses land")
+
+
+@pytest.mark.parametrize(
+    ("waypoints", "status", "risk", "safe", "why"),
+    [
+        (None, "reached", None, None, None),
+        (None, "unsafe", None, None, None),
+        (SAFE, "reached", None, None, None),
+        (SAFE, "unsafe", None, None, "waypoints of a plan that is not safe"),
+        (CROSSING, "reached", 0.1, 1.0, "the waypoints are not safe"),
+        (SAFE, "reached", 0.1, 0.9, None),
+        (SAFE, "reached", 0.1, 0.85, "the risk of 10 % cannot be kept: the least found is 15 %, from banks 15 %, land 5 %"),
+        (None, "unsafe", 0.1, 0.95, "the risk of 10 % cannot be kept: the least found is 5 %, from banks 15 %, land 5 %"),
+        (None, "unsafe", 0.1, None, None),
+    ],
+)
+def test_a_mission_is_handed_over_where_it_is_safe_or_no_one_asked(waypoints, status, risk, safe, why):
+    samples = None if safe is None else {"safe": safe, "violations": {"land": 0.05, "banks": 0.15}}
+    planned = SimpleNamespace(waypoints=waypoints, samples=samples, plan=SimpleNamespace(status=status))
+    assert unsafe_reason(planned, SimpleNamespace(risk=risk)) == why
+
+
+def test_energy_is_told_with_its_share_of_the_battery():
+    assert energy_text(250_000.0, None) == "250 kJ"
+    assert energy_text(250_000.0, 1.0) == "250 kJ, 25.0 % of 1 MJ"
+    assert energy_text(2e6, 2.0) == "2000 kJ, 100.0 % of 2 MJ"
+    assert energy_text(2.1e6, 2.0) == "2100 kJ, 105.0 % of 2 MJ: more than the battery holds"
