@@ -23,7 +23,9 @@ within a few hundred metres) and lies above what rounding leaves in G with all m
 direction of noise.
 """
 
+from replay_kit.core.arrays import Array
 from replay_kit.estimator.prior.amplitude import ScaledPrior
+from replay_kit.estimator.prior.conditioned import ConditionedPrior, as_conditioned
 from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.update.full_covariance import FullCovariancePrior, full_covariance_prior
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
@@ -41,6 +43,8 @@ _FIRST = 32
 _NEARLY_ALL = 0.75
 # Rows that an observation-space posterior with a full-covariance prior holds before they are merged into that prior.
 _MERGE_ROWS = 1024
+# Rows for each weight up to which a mean along a path leaves the prior in parts: reading more of them takes longer than reading the matrix.
+_FEW_ROWS = 0.25
 # Weights above which no matrix of all of them is made; with 6,000 and all directions measured the matrix takes a third of the time a ping.
 _LARGE = 7000
 
@@ -78,6 +82,23 @@ def to_full_covariance(posterior: Posterior) -> ObservationSpacePosterior:
     return initial(full_covariance_of(posterior), posterior.bias_sensitivity())
 
 
+def without_rows(posterior: Posterior) -> tuple[FullCovariancePrior | ConditionedPrior, Array]:
+    """Return the posterior as a Gaussian without rows, and its bias sensitivity, shape (b, Z, r).
+
+    Few rows are taken from its prior, which stays in parts, many from one matrix.
+    """
+    if isinstance(posterior, ObservationSpacePosterior) and not isinstance(posterior.prior, FullCovariancePrior):
+        prior, shape = as_conditioned(posterior.prior, posterior.n_levels), posterior.prior_bias_sensitivity.shape
+        if len(prior.gain) + posterior.n_rows <= _FEW_ROWS * posterior.n_weights:
+            if not posterior.n:
+                return prior, posterior.prior_bias_sensitivity
+            rows, gain = posterior.rows_in(posterior.profile_basis), posterior.whitened_cross()
+            change = posterior.forward.T @ gain
+            after = prior.after_rows(prior.mean + change[0], rows.reshape(-1, *shape[1:]), gain.reshape(-1, *shape[1:]))
+            return after, posterior.prior_bias_sensitivity + change[1:].reshape(shape)
+    return full_covariance_of(posterior), posterior.bias_sensitivity()
+
+
 def inflated(posterior: Posterior, factor: float) -> Posterior:
     """Return a posterior whose covariance is multiplied by a factor, in the same form.
 
@@ -91,6 +112,8 @@ def _scaled(prior: Prior, factor: float) -> Prior:
     """Return a prior with its covariance multiplied by a factor; one matrix stays one, which can be merged with rows."""
     if isinstance(prior, FullCovariancePrior):
         return FullCovariancePrior(prior.mean, factor * prior.blocks)
+    if isinstance(prior, ConditionedPrior):
+        return prior.scaled(_scaled(prior.before, factor), factor)
     if isinstance(prior, ScaledPrior):
         return ScaledPrior(prior.unscaled, factor * prior.amplitude)
     return ScaledPrior(prior, factor)
