@@ -14,9 +14,9 @@ from replay_kit.core.observation import PathMean
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.basis.noise import BinNoise
 from replay_kit.estimator.update.compression import Bins, ProfileRows
-from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
+from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.posterior import Posterior, PredictedObservation
-from replay_kit.estimator.update.representation import without_rows
+from replay_kit.estimator.update.representation import rows_taken
 from replay_kit.estimator.update.screening import local_mean
 
 
@@ -74,16 +74,14 @@ def profiles_before_path(rows: Iterable[ProfileRows | PathRows | None]) -> list[
 
 def predict_path_mean(posterior: Posterior, rows: PathRows) -> PredictedObservation[Posterior]:
     """Return the prediction of a mean along a path; its update gives a prior without rows, as these have no single place."""
-    prior, bias_sensitivity = without_rows(posterior)
-    cross = prior.matvec(rows.design)
+    before = rows_taken(posterior)
+    cross = before.matvec(rows.design)
 
     def update(lower: Array, whitened: Array, error_scale: float) -> ObservationSpacePosterior:
         scaled = np.stack([rows.design, cross]).reshape(2, 2, -1) / error_scale
         design, gain = (np.asarray(solve_triangular(lower, each, lower=True)) for each in scaled)
-        gained = whitened.T @ gain
-        after = prior.after_rows(prior.mean + gained[0], design.reshape(cross.shape), gain.reshape(cross.shape))
-        return initial(after, bias_sensitivity + gained[1:].reshape(bias_sensitivity.shape))
+        return before.after_rows(whitened.T @ gain, design, gain)
 
     cov = rows.matvec(cross)
-    mean = rows.matvec(prior.mean.reshape(rows.design.shape[1:]))
-    return PredictedObservation(mean, rows.matvec(bias_sensitivity).T, 0.5 * (cov + cov.T), update)
+    mean = rows.matvec(before.mean.reshape(rows.design.shape[1:]))
+    return PredictedObservation(mean, rows.matvec(before.bias_sensitivity).T, 0.5 * (cov + cov.T), update)
