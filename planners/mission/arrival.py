@@ -204,14 +204,16 @@ def _second_order(task: MissionTask) -> float:
 
     The deviation w of the current from its mean over a dive of time t carries the vehicle off its mean track by t / (2 pi) times w in the
     root mean square at most (Wirtinger's inequality), to where w differs by some w / l, l the kernel length: w^2 t / (2 pi l) in the mean.
-    The largest w around start and goals counts.
+    The largest w around start and goals, in the forecast's region, counts.
     """
     flow, angle, drift = task.flow, task.vehicle.angles[0], task.settings.surface_time
     dive = (task.leg_time(angle) - drift) / task.settings.yos + drift
     shares = shares_of_levels(flow, task.settings.depth, drift / task.leg_time(angle))
     kernel, places = flow.horizontal.kernel, np.vstack([task.start, task.goals])[:, :2]
     lengths = np.array([kernel.length_east, kernel.length_north])
-    low, high = places.min(axis=0) - _AROUND * lengths, places.max(axis=0) + _AROUND * lengths
+    # beyond its region the flow is no estimate of a current
+    corners = np.array([[pick(axis) for axis in (flow.grid.east, flow.grid.north)] for pick in (np.min, np.max)])
+    low, high = np.clip([places.min(axis=0) - _AROUND * lengths, places.max(axis=0) + _AROUND * lengths], *corners)
     counts = np.ceil((high - low) / lengths * _SAMPLES).astype(int) + 1
     points = np.stack(np.meshgrid(*(np.linspace(low[i], high[i], counts[i]) for i in (0, 1))), axis=-1).reshape(-1, 2)
     by_level = flow.horizontal.velocity(points, task.currents.latent[0][:, : flow.levels.size])

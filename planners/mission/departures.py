@@ -30,7 +30,7 @@ def plan_departures(flow: Sample, request: MissionRequest, starts_ns: Sequence[i
     """Return the best mission found for each departure.
 
     The first is planned by itself. Each other one is solved from the plan before it, with a leg more or less where that is needed or might
-    do, and planned by itself where that is no good plan either. Only plans by themselves are told against the lower bound of the time.
+    do, and planned by itself where that is no good plan either. Only plans by themselves are compared with the lower bound of the time.
 
     Args:
         flow: The current, or its estimates for increasing times.

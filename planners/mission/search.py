@@ -86,7 +86,7 @@ def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[A
         return []
     attempts = [] if warm is None else rest_of(task, warm)
     if any(is_feasible(task, attempt) for attempt in attempts):
-        # a plan made at each surfacing is not told against the bound, which would take longer than the plan
+        # a plan made at each surfacing is not compared with the bound, which would take longer than the plan
         water = water_of(task)
         attempts += _reconsidered(task, water, attempts[0])
         return attempts + _from_habit(task, water, attempts)
@@ -111,7 +111,8 @@ def _solve_anew(task: MissionTask, water: Water, bound: Bound | None) -> list[At
     if _goes_on(task, attempts) and task.bottom.shallowest < task.settings.depth:
         # no way leads round the shallows, or none is quick enough: dives turn above them
         attempts += solve_turning(task, water, task.rings)
-    return attempts
+    # where all routes take more legs than are allowed: as near as those come
+    return attempts or approach_turning(task, water, task.rings)
 
 
 def _search_at_full_depth(task: MissionTask, water: Water, bound: Bound | None) -> list[Attempt]:
@@ -171,7 +172,7 @@ def _search(task: MissionTask, water: Water, rings: tuple[Ring, ...], bound: Bou
 
 
 def _solver(task: MissionTask, water: Water, passage: Passage) -> Callable[[tuple[int, ...], bool], Attempt]:
-    """Return the function that solves a passage with the goals met in given legs, where fewer than are known to be enough are told."""
+    """Return the function that solves a passage with the goals met in given legs; its second argument says that more are known to do."""
     route = passage.route
 
     def solve(legs: tuple[int, ...], fewer: bool) -> Attempt:

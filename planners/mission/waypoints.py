@@ -99,7 +99,8 @@ def waypoints_of(
     loses least time. A goal below the surface at the end is a waypoint above it.
 
     No straight line between two waypoints crosses an area. The flight is checked as a plan is: where it violates a constraint, all
-    surfacings become waypoints; ``violation`` is what it crosses all the same. Dives to a waypoint are as deep as the shallowest planned.
+    surfacings become waypoints; ``violation`` is what it crosses all the same, or that the last waypoints are not reached, so that the way
+    there could not be checked. Dives to a waypoint are as deep as the shallowest planned.
 
     Args:
         flow: The current it is flown in: the plan's, or another one.
@@ -220,7 +221,16 @@ def _follow(task: MissionTask, plan: MissionPlan, legs: Legs, kept: tuple[int, .
             break
         local = heading + float(true_north_halfway(projection, at[None], path[-1][0][None])[0])
         current = _dead_reckoned_current(plan, path[-1][0] - at, path[-1][1] - now, local, angle)
+    if violation is None and target < len(waypoints) and _has_hazards(task, float(deep.max())):
+        place, time = path[-1]
+        what = f"water that was not checked, as waypoint {target + 1} is not reached in {len(path) - 1} legs,"
+        violation = Violation(what, time, len(path) - 1, *(float(part) for part in to_geographic(projection, *place)))
     return _Followed(radius, kept, angles, deep, times, path, violation)
+
+
+def _has_hazards(task: MissionTask, depth: float) -> bool:
+    """Return whether there is anything that dives to a depth [m] may cross."""
+    return any(not ring.outside for ring in task.rings_at(depth))
 
 
 def _margin(task: MissionTask, margin: float, given: Array) -> float:

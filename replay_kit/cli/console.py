@@ -26,7 +26,7 @@ FORMAT_VERSION = 2
 
 # Seconds between two looks of a progress line.
 _LOOK = 0.1
-# How a terminal is told colours.
+# How colours are set on a terminal.
 _STYLE = re.compile(r"\x1b\[[0-9;]*m")
 
 

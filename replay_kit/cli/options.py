@@ -139,7 +139,7 @@ def _is(path: Path, value: str) -> bool:
 
 
 # Settings of the forecast that do not need a log.
-_OF_FORECAST = ("members", "axes", "region", "levels", "level_step", "lead", "time", "reference_time")
+_OF_FORECAST = ("members", "axes", "region", "levels", "lead", "time", "reference_time")
 PART_OF_FORECAST = tuple(f"forecast.{key}" for key in _OF_FORECAST)
 _LOGS = (
     "Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP), other gliders' NetCDF, "

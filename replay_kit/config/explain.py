@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-# Errors that are told one by one, and a value in them: a file may hold millions, or one that is nested a thousand deep.
+# Errors that are named one by one, and a value in them: a file may hold millions, or one that is nested a thousand deep.
 _MOST = 20
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxdict, _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlong = 4, 20, 20, 200, 200, 200

@@ -1,6 +1,5 @@
 """``[gating]``: which profiles the estimator accepts, and when it inflates its own covariance."""
 
-import re
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -21,18 +20,3 @@ class GatingConfig(BaseModel):
     adapt_errors: bool = Field(default=True, description="increase a profile's errors to those that the scatter of its own bins shows")
     inflate: bool = Field(default=True, description="inflate the estimate's covariance when most profiles lie outside its prediction")
     inflation_profiles: int = Field(default=20, ge=4, description="number of latest profiles on which the inflation is decided")
-
-
-#: Keys of ``[gating]`` by their names in ``[trust]``, as the table was called in results of version 2.
-RENAMED_KEYS = {"watch": "inflate", "watch_profiles": "inflation_profiles"}
-#: Keys that are no more, at the values that changed nothing.
-_DROPPED = re.compile(r"(?m)^(?:flight_model = false|soften_factor = 2\.0)\n")
-
-
-def with_current_keys(toml: str) -> str:
-    """Return a result's configuration, as TOML, with ``[trust]`` and its keys by their current names, without dropped ones."""
-
-    def renamed(table: re.Match[str]) -> str:
-        return re.sub(r"(?m)^\w+(?= =)", lambda key: RENAMED_KEYS.get(key[0], key[0]), table[0]).replace("[trust]", "[gating]", 1)
-
-    return re.sub(r"(?m)^\[trust\]\n(?:(?!\[).*\n?)*", renamed, _DROPPED.sub("", toml))

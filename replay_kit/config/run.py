@@ -12,8 +12,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_serial
 
 from replay_kit.config import without
 from replay_kit.config.consistency import ConsistencyConfig
+from replay_kit.config.earlier import refuse_earlier
 from replay_kit.config.explain import explain
-from replay_kit.config.gating import RENAMED_KEYS, GatingConfig
+from replay_kit.config.gating import GatingConfig
 from replay_kit.config.mapping import TopicMap
 from replay_kit.config.moment import Moment
 from replay_kit.config.option import Option
@@ -87,7 +88,6 @@ class MeasurementConfig(_Section):
         description="What the velocities are relative to in profiles whose message does not state it; without it these are not used.",
     )
     use_relative: bool = Field(default=True, description="Use profiles relative to a platform of unknown velocity, for their shear.")
-    use_dac: bool = Field(default=True, description="Use the depth-averaged currents of dives.")
     use_inverted: bool = Field(
         default=True, description="Use profiles that were computed from a dive's pings and depth-averaged current instead of these."
     )
@@ -113,7 +113,6 @@ class MeasurementConfig(_Section):
     water_track_distance: Annotated[float, Field(ge=0.0)] | None = Field(
         default=None, description="Distance of a DVL's water-track layer below the vehicle [m], which its message does not state."
     )
-    drift_depth: float = Field(default=0.5, ge=0.0, description="Depth of the current that moves a drifting vehicle [m].")
     fix_std: float = Field(
         default=20.0, gt=0.0, description="Standard error of each component of a fix [m], in mean currents between fixes."
     )
@@ -173,7 +172,6 @@ class ForecastConfig(_Section):
     levels: Annotated[tuple[_Depth, ...] | None, Option("--levels", "Z1,Z2,...")] = Field(
         default=None, description="Depth levels used [m]; the nearest are taken. Default: all."
     )
-    level_step: Annotated[int, Option("--level-step")] = Field(default=1, ge=1, description="Use every n-th level.")
     lead: Annotated[float | None, Option("--lead", "LEAD")] = Field(
         default=None,
         description="Forecast period in the file's unit; the nearest is taken. Default: all dated leads where the estimate changes in "
@@ -311,9 +309,7 @@ def load_config(path: Path | None, overrides: Mapping[str, Any] | None = None) -
     tables: dict[str, Any] = {}
     if path is not None:
         tables = read_toml(path)
-    if "trust" in tables:
-        keys = ", ".join(f"{old} is {new}" for old, new in RENAMED_KEYS.items())
-        raise ConfigError(f"{path}: the table [trust] is now called [gating], and of its keys {keys}; rename them")
+        refuse_earlier(tables, path)
     try:
         return RunConfig.model_validate(laid_over(tables, overrides or {}))
     except ValidationError as error:

@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 from replay_kit.core.text import time_text
 
-#: ``warning``: told and nothing else. ``inconsistent``: the run goes on without what is named. ``unusable``: the input cannot be used.
+#: ``warning``: reported and nothing else. ``inconsistent``: the run goes on without what is named. ``unusable``: the input cannot be used.
 Severity = Literal["warning", "inconsistent", "unusable"]
 
 

@@ -145,8 +145,8 @@ def _collected(files: Sequence[OpenedFile], rule: MemberRule | None, notes: tupl
     holders = _labelled([file for file in holders if file not in background], rule)
     blocks: list[Block] = []
     for label in dict.fromkeys(file.label for file in holders):
-        parts, told = pair_files([file for file in holders if file.label == label], grids)
-        notes += told
+        parts, more = pair_files([file for file in holders if file.label == label], grids)
+        notes += more
         blocks += _blocks(parts, rule, label)
     about = None
     if background:

@@ -93,7 +93,6 @@ def choose_levels(
     if config.levels is not None:
         nearest = [int(np.argmin(np.abs(values[order] - wanted))) for wanted in config.levels]
         order = order[np.unique(nearest)]
-    order = order[:: config.level_step]
     levels = values[order]
     if not np.isfinite(levels).all() or levels[0] < 0.0 or np.any(np.diff(levels) <= 0.0):
         raise ForecastError(f"{where}: depths must be finite, at or below the surface and distinct, got {levels.tolist()}")

@@ -136,7 +136,7 @@ def suffixes(ds: xr.Dataset) -> dict[str, tuple[str, str]]:
 
 
 def without_partner(ds: xr.Dataset) -> list[str]:
-    """Return names of components whose suffix the other component has not, where several members are told by suffixes."""
+    """Return names of components whose suffix the other component has not, where suffixes distinguish several members."""
     pairs = _with_suffix(ds).values() if len(suffixes(ds)) > 1 else ()
     return [f"{name} without {other}" for pair in pairs for name, other in (pair, pair[::-1]) if other not in ds.variables]
 

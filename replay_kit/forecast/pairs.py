@@ -70,7 +70,7 @@ def pair_files(files: Sequence[OpenedFile], grids: Sequence[OpenedFile]) -> tupl
     in_order = [sorted(group, key=lambda file: natural(file.path)) for group in (us, vs)]
     pairs = [(file, file) for file in both] + list(zip(*in_order, strict=True))
     found = [_joined(u, v, grids) for u, v in pairs]
-    notes = tuple(note for _, told in found for note in told)
+    notes = tuple(note for _, one in found for note in one)
     parts = [part for part, _ in found]
     if all(part.times.size for part in parts):
         parts.sort(key=lambda part: int(part.times.min().astype(np.int64)))

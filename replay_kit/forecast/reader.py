@@ -144,7 +144,7 @@ def _one_member(block: Block, label: str, where: str) -> Block:
 
 
 def read_selection(
-    selection: Selection, config: ForecastConfig, place_at: tuple[float, float] | None, source: str, told: tuple[str, ...]
+    selection: Selection, config: ForecastConfig, place_at: tuple[float, float] | None, source: str, earlier: tuple[str, ...]
 ) -> Reading:
     """Return the fields of a selection as members on the grid of the first.
 
@@ -177,10 +177,10 @@ def read_selection(
     labels = tuple(label for field in fields if not field.extra for label in field.labels)
     velocity, wet, holes = common_water(velocity, labels, source)
     check = check_axes(window, layout, velocity, wet, projection)
-    # who states the axes has been told
+    # axes that were stated need no check
     doubts = check.notes if config.axes == "auto" else ()
     grid = local_grid(window.longitude, window.latitude, window.levels, wet, place_at)
-    in_order = (*notes, *_placed(place_at), *window.notes, *holes, *unusual_members(velocity, labels, source), *doubts, *told)
+    in_order = (*notes, *_placed(place_at), *window.notes, *holes, *unusual_members(velocity, labels, source), *doubts, *earlier)
     notes = list(dict.fromkeys(in_order))
     error_std = check.residual_std if doubts else 0.0
     ensemble = Ensemble(grid, velocity, selection.time_ns, source, tuple(notes), labels, error_std)

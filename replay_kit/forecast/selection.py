@@ -81,10 +81,10 @@ def select(found: Collection, config: ForecastConfig, near_ns: int | None) -> Se
         return _of_season(found, found.rule.days, config, near_ns)
     fields, times, notes = [], [], list[str]()
     for block in found.blocks:
-        field, time_ns, told = _at_time(block, config, near_ns)
+        field, time_ns, more = _at_time(block, config, near_ns)
         fields.append(field)
         times.append(time_ns)
-        notes += told
+        notes += more
     notes += _unequal_times(fields, times)
     change: Change | None = None
     if kind == "models":

@@ -288,7 +288,7 @@ def _from_s_levels(
     """Return velocities at fixed depths, those depths [m], and notes."""
     h = source.read(coordinate.h, source.layout.centre_dims, _AT_CENTRES, None)[0, 0]
     at_rest = np.sort(coordinate.depths(h, np.zeros_like(h)).reshape(coordinate.s.size, -1)[:, np.nanargmax(h)])
-    levels = np.unique(config.levels) if config.levels is not None else at_rest[:: config.level_step]
+    levels = np.unique(config.levels) if config.levels is not None else at_rest
     surface = np.zeros((1, *h.shape)) if sea_level is None else np.nan_to_num(sea_level)
     found = [at_depths(field, coordinate.depths(h, surface[min(k, surface.shape[0] - 1)]), h, levels) for k, field in enumerate(velocity)]
     chosen = "the levels asked for" if config.levels is not None else "those of the deepest column at rest"

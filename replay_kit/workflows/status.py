@@ -1,4 +1,4 @@
-"""The status of a result: read, told, written as a page."""
+"""The status of a result: read, shown, written as a page."""
 
 from pathlib import Path
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from rich.console import Console
 
-from replay_kit.config.gating import with_current_keys
+from replay_kit.config.earlier import with_current_keys
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place

@@ -142,7 +142,7 @@ def test_help_keeps_units(tmp_path):
     assert twin.returncode == replay.returncode == 0
     for said in ("[m/s]", "[m]", "[degrees]"):
         assert said in twin.stdout
-    for said in ("[degrees, degrees, m]", "[km]", "--level-step"):
+    for said in ("[degrees, degrees, m]", "[km]", "--lead"):
         assert said in replay.stdout
 
 

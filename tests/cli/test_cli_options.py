@@ -153,7 +153,7 @@ def test_an_unknown_option_is_named_before_what_is_missing(words, unknown) -> No
 
 
 def test_options_with_an_underscore_and_words_after_two_hyphens_are_no_unknown_options() -> None:
-    assert "--ensemble is missing" in refusal("replay", "--dry_run", "--measurements.no-use-dac", "--", "--mode")
+    assert "--ensemble is missing" in refusal("replay", "--dry_run", "--measurements.no-use-inverted", "--", "--mode")
 
 
 @pytest.fixture(scope="module")

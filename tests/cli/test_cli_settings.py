@@ -28,7 +28,7 @@ SAME = [
     ("time.scale", "'static'", "static"),
     ("time.scale", "86400.0", "86400"),
     ("time.oscillators", "['M2', 'inertial']", "M2,inertial"),
-    ("measurements.use_dac", "false", False),
+    ("measurements.use_inverted", "false", False),
     ("measurements.quality.tilt_fail", "'off'", "off"),
     ("planner.depth", "300", "300"),
     ("output.depths", "[10]", "10"),

@@ -92,7 +92,7 @@ def test_a_start_after_the_end_is_refused():
         ("forecast", "region", "[150.0, nan, 151.0, 2.0]"),
         ("forecast", "levels", "[10.0, -1.0]"),
         ("forecast", "levels", "[inf]"),
-        ("forecast", "level_step", "0"),
+        ("forecast", "window_points", "0"),
         ("measurements", "max_speed", "0.0"),
         ("estimator", "speed", "0.0"),
         ("estimator", "modes", "0"),

@@ -164,11 +164,6 @@ def test_the_first_level_may_be_the_surface(tmp_path):
     np.testing.assert_array_equal(read_ensemble(tmp_path / "e.nc", ForecastConfig()).grid.levels, levels)
 
 
-def test_every_n_th_level(tmp_path):
-    path = write(synthetic.dataset(), tmp_path / "e.nc")
-    np.testing.assert_array_equal(read_ensemble(path, ForecastConfig(level_step=2)).grid.levels, synthetic.LEVELS[::2])
-
-
 def test_chooses_a_lead_and_a_time(tmp_path):
     ds = xr.concat([synthetic.dataset(seed=k) for k in range(3)], dim="lead")
     ds = ds.assign_coords(lead=("lead", [0.0, 2.0, 4.0], {"standard_name": "forecast_period", "units": "days"}))

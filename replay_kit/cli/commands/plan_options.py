@@ -44,7 +44,7 @@ class Times:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Learning:
-    """What plans that learn are told (--objective learn and map)."""
+    """Options of plans that learn (--objective learn and map)."""
 
     then: Annotated[
         str | None,

@@ -28,7 +28,7 @@ def status(
     ] = None,
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
 ) -> int:
-    """Return 0; alarms are told, and are no failure."""
+    """Return 0; alarms are shown, and are no failure."""
     check_paths([result], [html, answer.json_file], answer.overwrite or html is not None)
     moment = _moment(now)
 

@@ -24,7 +24,7 @@ _COORDINATES = ("beam", "instrument", "ship", "earth")
 _FULL_LEADER, _CENTURY = 66, 57
 #: Least length of the leaders: up to the beams' first cell, and up to the temperature; and with the pressure [bytes].
 _LEAST_FIXED, _LEAST_VARIABLE, _WITH_PRESSURE = 42, 28, 56
-#: Changes that are told one by one.
+#: Changes that are reported one by one.
 _TOLD = 3
 
 

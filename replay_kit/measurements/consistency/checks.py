@@ -21,7 +21,7 @@ class PingCheck(Protocol):
         ...
 
     def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
-        """Return what the pings so far establish, if anything; of findings of one name the first is told.
+        """Return what the pings so far establish, if anything; of findings of one name the first is reported.
 
         Args:
             ping: The last one.
@@ -47,7 +47,7 @@ class PositionCheck(Protocol):
         ...
 
 
-# Module and class, in the order in which findings are told.
+# Module and class, in the order in which findings are reported.
 _OF_PINGS = (
     "geometry:DepthCounts",
     "speed_counts:SpeedCounts",

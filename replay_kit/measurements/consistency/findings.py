@@ -56,7 +56,7 @@ def contradiction(explanation: Explanation, mean: PathMean, topic: str) -> Findi
         mean.time_ns,
         f"profiles of {topic} and {other}: the profiles look {_names(explanation)} ({_strength(explanation)})",
         f"the axes or signs of the profiles, or those of the {other}",
-        f"neither rejects the other any more; check the frame of both, and leave out the wrong one (measurements.use_dac, or {topic})",
+        f"neither rejects the other any more; check the frame of both, and leave out the wrong one (--without {mean.kind}, or profiles)",
     )
 
 

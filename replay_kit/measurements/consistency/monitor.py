@@ -76,7 +76,7 @@ class ConsistencyState:
 
     @property
     def can_tell_directions(self) -> bool:
-        """Whether anything in the log tells, or has told, that directions are right or wrong."""
+        """Whether anything in the log shows, or has shown, that directions are right or wrong."""
         return any(
             instrument.named & {findings.COMPASS, findings.CONTRADICTION} or _tell_directions(instrument.sources)
             for instrument in self.instruments.values()

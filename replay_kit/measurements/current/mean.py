@@ -18,6 +18,8 @@ from replay_kit.measurements.vehicle.dives import dive_begins
 _SAME_FIX_NS = 60 * 10**9
 # s; a shorter drift is the error of its fixes
 _LEAST_DRIFT_NS = 120 * 10**9
+# m; the depth of the current that moves a drifting vehicle
+_DRIFT_DEPTH = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +121,7 @@ def record_position(
     if path is None or not dived:
         return _drifted(dives, position, dive, config)
     after = replace(dives, path=begin(position), done=(path, position), anchor=position)
-    if config.dead_reckoning == "corrected" or not config.use_dac or dives.stated or not path.reckoned:
+    if config.dead_reckoning == "corrected" or dives.stated or not path.reckoned:
         return after, []
     velocity = drift_velocity(path, position)
     if not _believed(velocity, config):
@@ -145,7 +147,7 @@ def _drifted(dives: Dives, fix: VehicleState, dive: int, config: MeasurementConf
     velocity = drift_velocity(begin(anchor), fix)
     if not _believed(velocity, config):
         return replace(dives, path=path, anchor=fix), []
-    first, last = (replace(place, depth=config.drift_depth) for place in (anchor, fix))
+    first, last = (replace(place, depth=_DRIFT_DEPTH) for place in (anchor, fix))
     adrift = extend(begin(first), replace(last, longitude=anchor.longitude, latitude=anchor.latitude))
     mean = path_mean(adrift, last, velocity, _error(adrift, fix, config.drift_std, config), "drift", dive)
     return replace(dives, path=path, anchor=fix), [mean]

@@ -20,7 +20,6 @@ from replay_kit.measurements.vehicle.pressure import depth_of_pressure
 from replay_kit.measurements.vehicle.vessel_velocity import append_fix
 
 _ATTITUDE = "attitude: kept for pings that do not state theirs"
-_NO_DAC = "depth-averaged current: not used (measurements.use_dac)"
 
 
 def record_position(state: MeasurementState, position: Position, source: Source, config: MeasurementConfig) -> Step:
@@ -86,8 +85,6 @@ def record_pressure(state: MeasurementState, stated: Pressure, source: Source, c
 
 def record_mean_current(state: MeasurementState, stated: MeanCurrent, source: Source, config: MeasurementConfig) -> Step:
     """Return the state after a stated mean current, and the current with its path."""
-    if not config.use_dac:
-        return state, [Skipped(source.topic, _NO_DAC)]
     dive = state.dive if stated.dive is None else stated.dive
     dives, mean = currents.stated_mean(state.dives, stated, dive, source, config)
     events: list[Event | PlacedPing] = [Skipped(source.topic, mean)] if isinstance(mean, str) else [Used(source.topic), mean]

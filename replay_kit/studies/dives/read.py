@@ -87,7 +87,7 @@ def _beside_profiles(event: Measurement) -> bool:
 
 def _using(config: RunConfig, *, inverted: bool) -> RunConfig:
     """Return settings with which a log gives its absolute profiles, or its mean currents."""
-    measurements = config.measurements.model_copy(update={"use_inverted": inverted, "use_dac": True})
+    measurements = config.measurements.model_copy(update={"use_inverted": inverted})
     return config.model_copy(update={"measurements": measurements})
 
 

@@ -105,7 +105,7 @@ def measurements(flight: Flight, faults: Faults = SOUND, *, pings: bool = True, 
         pings: Whether its pings are logged.
         mean_currents: Whether the dives' mean currents are used.
     """
-    return tuple(observations(flight.messages(faults, pings=pings), MeasurementConfig(use_dac=mean_currents)))
+    return tuple(observations(flight.messages(faults, pings=pings), MeasurementConfig(without=() if mean_currents else ("dac",))))
 
 
 def _start_ns(field: Field) -> int:

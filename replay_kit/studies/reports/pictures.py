@@ -62,7 +62,7 @@ def saved(make: Callable[[], Any], *endings: str) -> Drawn:
         figure = make()
         for ending in endings:
             content = io.BytesIO()
-            # an SVG states when it was made unless told otherwise
+            # an SVG states when it was made unless asked not to
             figure.savefig(content, format=ending, metadata={"Date": None} if ending == "svg" else {})
             files[ending] = content.getvalue()
     # the cells of a colour bar are no data

@@ -70,7 +70,7 @@ def _expected(mission: Mission) -> Expected:
     ensemble = forecasts_of(job, config).ensemble
     messages = merge(open_readers(job.logs, config), config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns)
     profiles = sum(isinstance(found, Observation) for found in observations(messages, config.measurements))
-    if not profiles and not config.measurements.use_dac:
+    if not profiles and "dac" in config.measurements.without:
         raise MeasurementError(f"{job.logs[0]}: the log gives no profile; replay-kit info says what is in it")
     nodes, levels = math.prod(ensemble.grid.east.shape), int(ensemble.grid.levels.size)
     set_up_s, memory = (grown(nodes, [(size, row[k]) for size, *row in SET_UP]) for k in range(2))

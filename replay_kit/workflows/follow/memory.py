@@ -22,7 +22,7 @@ class Memory:
     Attributes:
         sources: Files that were looked at, by path.
         goals: The goals so far, each with the time of the log from which on it holds [ns, UTC]; the first from the beginning.
-        said: What was told of the inputs, in order.
+        said: What was reported of the inputs, in order.
         given: Alarms that were given.
         forecast: The forecast's files with their hashes; empty before the first replay.
         archives: Number of results that were kept when the forecast was replaced.

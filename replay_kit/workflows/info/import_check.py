@@ -2,7 +2,7 @@
 
 The checks of a replay name what contradicts itself. The ensemble states how currents are distributed and correlated before any
 measurement: under that Gaussian, and the errors that the profiles state, the profiles as logged have a likelihood; so have the profiles
-with each fault undone. A fault that makes the log very much less likely is told, as a warning: the ensemble may be what is wrong.
+with each fault undone. A fault that makes the log very much less likely is reported, as a warning: the ensemble may be what is wrong.
 """
 
 import math

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from replay_kit.logs.shared.blocks import Block
 from replay_kit.logs.shared.stamps import FAR_NS, Settled, Settling
 
-# of a topic's mean time between messages, and at least so long [ns], is a gap that a person is told of
+# of a topic's mean time between messages, and at least so long [ns], is a gap that is reported
 _TIMES_MEAN, _LEAST_GAP_NS = 10, 60_000_000_000
 
 

@@ -110,16 +110,16 @@ def read_forecasts(
         series, evolves = _warned((read_ensemble(path, part, near_ns=near_ns, place_at=place_at),)), False
     if part.region is not None:
         _check_width(series[0])
-    told = () if region is None else (region.note,)
+    of_region = () if region is None else (region.note,)
     note = _unfitted_spread(config, evolves, series[0].made_from)
-    series = (replace(series[0], notes=(*told, *series[0].notes, *note)), *series[1:])
+    series = (replace(series[0], notes=(*of_region, *series[0].notes, *note)), *series[1:])
     forecasts = Forecasts(series, series[0], evolves)
     first = forecasts.nearest(near_ns)
     read = None
     if region is not None and region.follows:
         # terrain-following levels would be those of each window's own deepest column
         levels = tuple(float(level) for level in first.grid.levels)
-        read = partial(_read_window, path, part.model_copy(update={"levels": levels, "level_step": 1}), near_ns, first.grid.projection)
+        read = partial(_read_window, path, part.model_copy(update={"levels": levels}), near_ns, first.grid.projection)
     return replace(forecasts, ensemble=first, near_ns=near_ns, region=region, read=read)
 
 
@@ -140,7 +140,7 @@ def _check_width(ensemble: Ensemble) -> None:
 
 
 def _unfitted_spread(config: RunConfig, evolves: bool, made_from: str) -> tuple[str, ...]:
-    """Return a note where made members' spread is not fitted, because the estimator does not; none where it does, or is told what to do.
+    """Return a note where made members' spread is not fitted, because the estimator does not; none where it does, or is asked for a spread.
 
     Raises:
         ConfigError: The estimator is asked for what it does not do.

@@ -74,7 +74,7 @@ def forecast_step(state: ForecastState, step: Step, flow_at: FlowAt, surface_dep
 
 
 def forecast_end(state: ForecastState) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
-    """Return the state at the end of a log, and the outcome of its last dive where no mean current told of it."""
+    """Return the state at the end of a log, and the outcome of its last dive that no mean current stated."""
     ground = concluded(state.ground)
     ended = () if ground.concluded is None else (ground.concluded,)
     return replace(state, ground=ground, outcomes=(*state.outcomes, *ended)), ended

@@ -37,7 +37,7 @@ def test_velocities_of_a_midas_export_come_back_on_true_axes(tmp_path: Path) -> 
     track = made.bodc(tmp_path / "track.nc")
     logs = open_logs([export, track])
     assert [log.format for log in logs] == ["midas", "og1"]
-    config = MeasurementConfig(magnetic_declination=5.0, use_dac=False)
+    config = MeasurementConfig(magnetic_declination=5.0, without=("dac",))
     pings = [event for event in observations(merge(logs, 1.0), config) if isinstance(event, Observation)]
     assert [ping.reference for ping in pings] == ["platform", "platform"]
     for ping, heading in zip(pings, (35.0, 45.0), strict=True):

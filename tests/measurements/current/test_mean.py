@@ -79,9 +79,9 @@ def test_a_stated_current_takes_the_dead_reckoned_path_moved_to_end_at_the_fix()
     np.testing.assert_allclose(east[under_way], (0.25 + (420.0 - 285.0) / 1200.0) * seconds[under_way], atol=0.1)
     np.testing.assert_allclose(north, -0.2 * seconds, atol=0.01)
     assert mean.weight @ mean.depth == pytest.approx(100.0, abs=1.0)
-    refused = run([*dive(), dac(1200)], MeasurementConfig(use_dac=False, dead_reckoning="through_water"))
+    refused = run([*dive(), dac(1200)], MeasurementConfig(without=("dac",), dead_reckoning="through_water"))
     assert not only(PathMean, refused)
-    assert "use_dac" in only(Skipped, refused)[0].reason
+    assert "dac" in only(Skipped, refused)[0].reason
 
 
 @pytest.mark.parametrize("order", ["fix first", "current first", "much later"])

@@ -11,6 +11,7 @@ from planners.mission.attempt import is_feasible
 from planners.mission.course import habit
 from planners.mission.search import _fewest_legs, _more_legs, likely_legs
 from planners.mission.task import mission_task
+from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
 
@@ -31,6 +32,20 @@ def test_a_mission_is_told_against_a_bound_that_it_does_not_beat(seed: int):
     assert 0.0 < above < 8.0
     assert f"{above:.1f} % above the earliest arrival that any vehicle of this speed could make" in plan.message
     assert plan.duration / 3600.0 == pytest.approx(float(plan.statistics["bound_h"]) * (1.0 + above / 100.0))
+
+
+def test_the_shear_that_raises_the_bounds_speed_is_that_of_the_region(monkeypatch: pytest.MonkeyPatch):
+    flow = eddying_flow(1, speed=0.1)
+    low, high = (np.array([pick(flow.grid.east), pick(flow.grid.north)]) for pick in (np.min, np.max))
+    begin, end = (tuple(share * high) for share in (0.9, 0.2))
+    task = mission_task(flow, request_in(flow, begin, end))
+    seen, kind = list[Array](), type(flow.horizontal)
+    velocity = kind.velocity
+    monkeypatch.setattr(kind, "velocity", lambda self, points, latent: (seen.append(points), velocity(self, points, latent))[1])
+    # functions on a lattice are no current at all beyond it
+    water, _ = bound_of(task)
+    points = np.concatenate(seen)
+    assert np.all((points >= low - 1.0) & (points <= high + water.current.spacing))
 
 
 def test_in_a_uniform_current_the_bound_is_zermelos_to_the_disc_less_the_lattices_error():

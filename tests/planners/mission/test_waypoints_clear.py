@@ -9,7 +9,7 @@ import pytest
 from planners import MissionRequest, MissionSettings, plan_mission, waypoints_of
 from planners.route.hazards import no_go_rings
 from replay_kit.core.geodesy import to_local
-from tests.planners.flow_samples import place, still_flow
+from tests.planners.flow_samples import place, still_flow, uniform_flow
 from tests.planners.mission.test_bottom import bathymetry
 from tests.planners.mission.test_mission import _area
 
@@ -51,3 +51,14 @@ def test_dives_to_a_waypoint_are_as_deep_as_the_shallowest_planned_on_the_way():
     few = waypoints_of(FLOW, plan, 1e5, bathymetry=sill)
     assert few.depths.tolist() == [130.0]
     assert few.violation is None
+
+
+def test_waypoints_that_are_never_reached_are_not_called_safe_beside_an_area():
+    # the plan's way is undone by a current of the vehicle's own speed
+    plan, adverse = plan_mission(FLOW, REQUEST), uniform_flow(-0.3, 0.0)
+    far = _area(FLOW, 12e3, 10e3, 13e3, 11e3)
+    without, beside = (waypoints_of(adverse, plan, no_go=areas) for areas in ((), (far,)))
+    assert without.violation is None
+    assert beside.violation is not None
+    assert "water that was not checked, as waypoint 1 is not reached in" in beside.message
+    assert beside.violation.leg == len(beside.surfacings)

@@ -211,7 +211,7 @@ def test_the_command_says_what_it_found_and_refuses_other_estimators(log, tmp_pa
 @pytest.mark.full
 @pytest.mark.skipif(not DATA.is_dir(), reason="the shared data are not on this machine")
 def test_real_mean_currents_and_surfacings_are_told_as_well_as_by_the_last_one():
-    config = load_config(None, {"forecast": {"place": True, "level_step": 2}, "estimator": {"modes": 20}})
+    config = load_config(None, {"forecast": {"place": True, "levels": (25, 150, 355, 725)}, "estimator": {"modes": 20}})
     logs = sorted((DATA / "seaglider").glob("p24900*.nc"))
     place_at, first_ns = look_ahead(logs, config)
     series = read_forecasts(DATA / "qg" / "climatology.nc", config, first_ns, place_at).series

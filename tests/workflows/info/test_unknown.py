@@ -83,11 +83,11 @@ def test_the_next_command_has_the_ensemble_that_was_given(tmp_path):
     said = invoke(["info", str(log), "--ensemble", str(forecast)]).stdout
     assert said.rstrip().endswith(f"Next: replay-kit replay {log} --ensemble {forecast} -o RESULT.mcap")
     # and the settings, under the names that do not depend on the command
-    options = ["--levels", "5,150", "--measurements.no-use-dac", "--measurements.use-drift", "--remap", "/a b=/c", "--remap", "/d=/e"]
+    options = ["--levels", "5,150", "--measurements.no-use-inverted", "--measurements.use-drift", "--remap", "/a b=/c", "--remap", "/d=/e"]
     said = invoke(["info", str(log), "--ensemble", str(forecast), *options]).stdout
     words = [
         "--forecast.levels=5,150",
-        "--measurements.no-use-dac",
+        "--measurements.no-use-inverted",
         "--measurements.use-drift",
         "--logs.remap=/a b=/c",
         "--logs.remap=/d=/e",

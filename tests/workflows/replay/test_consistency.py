@@ -131,7 +131,7 @@ def test_dead_profiles_are_dropped_and_counted(ocean):
 
 def test_a_dead_instrument_without_anything_else_is_no_log(ocean):
     log = faulty(ocean, "all zero")
-    no_means = CONFIG.model_copy(update={"measurements": RunConfig(measurements={"use_dac": False}).measurements})
+    no_means = CONFIG.model_copy(update={"measurements": RunConfig(measurements={"without": ("dac",)}).measurements})
     with pytest.raises(MeasurementError, match=rf"{PINGS} ADCP pings, none usable: .* bins dead"):
         run(ocean, log, no_means)
 
@@ -141,7 +141,7 @@ def test_profiles_at_impossible_depths_are_not_used(ocean, name):
     summary = run(ocean, faulty(ocean, name))
     assert [finding.name for finding in summary.findings] == ["depths above the surface"]
     assert summary.profiles_rejected == PINGS
-    no_means = CONFIG.model_copy(update={"measurements": RunConfig(measurements={"use_dac": False}).measurements})
+    no_means = CONFIG.model_copy(update={"measurements": RunConfig(measurements={"without": ("dac",)}).measurements})
     alone = run(ocean, faulty(ocean, name), no_means)
     assert (alone.profiles_used, alone.exit_code) == (0, 6)
     assert "no observation changed the estimate: it is the ensemble's" in alone.verdict
@@ -214,7 +214,7 @@ def test_a_run_that_a_contradiction_stops_says_so_in_its_answer(ocean, tmp_path)
 
 
 def test_a_run_without_a_usable_profile_says_what_is_dead(ocean, tmp_path):
-    done, answer = invoked(ocean, faulty(ocean, "all zero"), tmp_path, "[measurements]\nuse_dac = false\n")
+    done, answer = invoked(ocean, faulty(ocean, "all zero"), tmp_path, "[measurements]\nwithout = ['dac']\n")
     assert (done.exit_code, answer["exit_codes"]) == (3, [3, 6])
     assert [finding["name"] for finding in answer["consistency"]] == ["dead or stale instrument"]
 

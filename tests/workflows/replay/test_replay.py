@@ -142,7 +142,7 @@ def test_a_fitted_spread_is_in_the_metadata_and_the_notes(ocean, tmp_path):
 
 def test_mcap_and_tlog_of_a_mission_give_the_same_estimate(ocean):
     # a telemetry log has no mean currents
-    profiles = SETTINGS.model_copy(update={"measurements": MeasurementConfig(use_dac=False)})
+    profiles = SETTINGS.model_copy(update={"measurements": MeasurementConfig(without=("dac",))})
     (_, one), (_, other) = run(ocean, "glider.mcap", config=profiles), run(ocean, "glider.tlog")
     grid = one.grid
     points = grid.east[None], grid.north[None], grid.levels[:, None, None]
