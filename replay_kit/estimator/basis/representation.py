@@ -9,6 +9,7 @@ The part that no flow without divergence carries is in it.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.grid import Ensemble
@@ -37,7 +38,7 @@ class ErrorField:
         Args:
             places: shape (P, 2) [m], local east and north.
         """
-        nearest = [np.argmin(np.sum((self.nodes - place) ** 2, axis=1)) for place in places]
+        nearest = cdist(places, self.nodes, "sqeuclidean").argmin(axis=1)
         return np.asarray(self.relative[:, nearest].T)
 
 

@@ -10,6 +10,8 @@ from replay_kit.core.arrays import Array
 
 # Points that stand for each Gaussian, on a spiral whose radii are quantiles.
 _POINTS = 48
+# Bins of the radii: each has some hundreds of the points of all combinations of settings.
+_BINS = 1024
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
@@ -55,11 +57,31 @@ class Mixture:
         angle = _GOLDEN_ANGLE * np.arange(_POINTS)
         unit = np.sqrt(-2.0 * np.log1p(-rank)) * np.array([np.cos(angle), np.sin(angle)])
         points = self.means[:, :, None] - self.mean[:, None] + np.linalg.cholesky(self.covs) @ unit
-        whitened = np.linalg.solve(np.linalg.cholesky(self.cov), points.transpose(1, 0, 2).reshape(2, -1))
-        radius = np.hypot(*whitened)
-        order = np.argsort(radius)
-        held = np.cumsum(np.repeat(np.exp(self.log_weights) / _POINTS, _POINTS)[order])
-        return np.asarray(np.interp(shares, held, radius[order]))
+        whitened = np.linalg.inv(np.linalg.cholesky(self.cov)) @ points.transpose(1, 0, 2).reshape(2, -1)
+        return weighted_quantiles(np.hypot(*whitened), np.repeat(np.exp(self.log_weights) / _POINTS, _POINTS), shares)
+
+
+def weighted_quantiles(values: Array, weights: Array, shares: Sequence[float]) -> Array:
+    """Return the values up to which the sorted ones have some shares of the weight, interpolated between two of them, shape (k,).
+
+    Only those of the bin in which a share is reached are sorted, with the last before it.
+
+    Args:
+        values: shape (n,), at least 0, not all 0.
+        weights: shape (n,); their sum is one.
+        shares: Between 0 and 1.
+    """
+    at = np.minimum((values * (_BINS / values.max())).astype(np.intp), _BINS - 1)
+    weight = np.bincount(at, weights, _BINS)
+    held, filled = np.cumsum(weight), np.flatnonzero(weight)
+    found = []
+    for share in shares:
+        reached = min(int(np.searchsorted(held[filled], share)), filled.size - 1)
+        first, last = filled[max(reached - 1, 0)], filled[reached]
+        chosen = np.flatnonzero((at >= first) & (at <= last))
+        chosen = chosen[np.argsort(values[chosen])]
+        found.append(np.interp(share, held[first] - weight[first] + np.cumsum(weights[chosen]), values[chosen]))
+    return np.array(found)
 
 
 def log_densities(errors: Array, covs: Array) -> Array:

@@ -35,7 +35,7 @@ from replay_kit.estimator.update.evaluation import evaluate_observation
 from replay_kit.estimator.update.group_step import Stepped
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup, current_gradient
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
-from replay_kit.estimator.update.path_mean import PathRows, path_rows, predict_path_mean
+from replay_kit.estimator.update.path_mean import PathRows, path_rows, predict_path_mean, profiles_before_path
 from replay_kit.estimator.update.posterior import Posterior, PredictedObservation, PriorCrossCovariance, means
 from replay_kit.estimator.update.representation import inflated, select_representation
 from replay_kit.estimator.update.screening import Screened, is_duplicate, screen_measurement
@@ -141,8 +141,10 @@ class ReducedBasisEstimator(Estimator[FilterState]):
                     # what was prefetched holds until the posterior changes its representation or its prior
                     if made_by is None or type(made_by) is not type(posterior) or made_by.prior is not posterior.prior:
                         made_by = posterior
-                        prefetched = iter(posterior.prefetch([later for _, later in block[index:] if isinstance(later, ProfileRows)]))
+                        prefetched = iter(posterior.prefetch(profiles_before_path(later for _, later in block[index:])))
                     known = next(prefetched)
+                elif rows is not None:
+                    made_by = None
                 if rows is not None and is_duplicate(state.last, screened.observation):
                     innovation = screened.rejected(Reason.DUPLICATE)
                 elif isinstance(rows, ProfileRows) and known is not None:

@@ -83,6 +83,10 @@ class FullCovariancePrior:
             block -= by_level[:, level].T @ by_level[:, other]
         return FullCovariancePrior(mean, blocks)
 
+    def after_rows(self, mean: Array, whitened: Array, gain: Array) -> "FullCovariancePrior":
+        """Return the Gaussian after rows, as ``ConditionedPrior.after_rows`` does; the rows themselves, ``whitened``, are not kept."""
+        return self.downdate(mean, gain.reshape(len(whitened), -1))
+
     def _lower(self) -> Iterator[tuple[int, int, Array]]:
         """Yield each block with the levels of its rows and its columns."""
         n_levels = self.mean.size // self.blocks.shape[1]

@@ -30,6 +30,22 @@ from replay_kit.estimator.update.posterior import (
 )
 from replay_kit.estimator.update.subspace import directions, nonzero_mode_std
 
+# Profiles whose cross-covariances are kept: a dive has a few, after which its mean current takes all rows from the prior.
+_FEW = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownCross:
+    """The cross-covariances of the first profiles of a run with the weights, which a mean along a path needs again.
+
+    Attributes:
+        prior: The prior that they hold for.
+        crosses: Of each profile, shape (2 k, Z, r), H P0.
+    """
+
+    prior: Prior
+    crosses: tuple[Array, ...] = ()
+
 
 @dataclass(frozen=True, eq=False)
 class ObservationSpacePosterior(Posterior):
@@ -38,10 +54,12 @@ class ObservationSpacePosterior(Posterior):
     Attributes:
         factor: Rows and Cholesky factor, of which the first ``n`` profiles belong to this posterior.
         n: Number of profiles.
+        known: H P0 of the profiles while these are few; None otherwise.
     """
 
     factor: GrowingCholesky
     n: int
+    known: KnownCross | None = None
 
     @property
     def n_rows(self) -> int:
@@ -119,6 +137,9 @@ class ObservationSpacePosterior(Posterior):
 
     def whitened_cross(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the columns of L^-1 H P0 for some levels, None for all, shape (K, L r)."""
+        known = self.known
+        if levels is None and known is not None and known.prior is self.prior and len(known.crosses) == self.n > 0:
+            return self.factor.solve(self.n, np.concatenate(known.crosses).reshape(self.n_rows, self.n_weights))
         at_levels = self.prior.matvec_modes(self.profile_basis, levels).swapaxes(0, 1)  # (2 n, Z, L, r)
         width = at_levels.shape[2] * at_levels.shape[3]
         return self.factor.solve(self.n, self._rows_of(at_levels.reshape(2 * self.n, self.n_levels, width)))
@@ -158,9 +179,16 @@ class ObservationSpacePosterior(Posterior):
         def update(lower: Array, whitened: Array, error_scale: float) -> "ObservationSpacePosterior":
             factor = self.factor.extended(self.n)
             factor.append(rows, error_scale, before.T / error_scale, lower, whitened)
-            return replace(self, factor=factor, n=self.n + 1)
+            return replace(self, factor=factor, n=self.n + 1, known=self._known_with(prefetched.cross / error_scale))
 
         return PredictedObservation(predicted[:, 0], predicted[:, 1:], 0.5 * (cov + cov.T), update)
+
+    def _known_with(self, cross: Array) -> KnownCross | None:
+        """Return H P0 of the profiles and of another one; None where there are many, or some hold for another prior."""
+        before = self.known or KnownCross(self.prior)
+        if self.n >= _FEW or len(before.crosses) != self.n or before.prior is not self.prior:
+            return None
+        return KnownCross(self.prior, (*before.crosses, cross))
 
     @property
     def profile_basis(self) -> Array:

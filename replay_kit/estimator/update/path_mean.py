@@ -1,19 +1,22 @@
 """A mean along a path: the exact weighted sum of the basis flows at the path's points."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import PathMean
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.basis.noise import BinNoise
-from replay_kit.estimator.update.compression import Bins
-from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
+from replay_kit.estimator.update.compression import Bins, ProfileRows
+from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.posterior import Posterior, PredictedObservation
-from replay_kit.estimator.update.representation import full_covariance_of
+from replay_kit.estimator.update.representation import rows_taken
 from replay_kit.estimator.update.screening import local_mean
 
 
@@ -42,8 +45,8 @@ def mean_noise(mean: PathMean, basis: Basis, places: Array, representation_std: 
         representation_std: shape (Z,) [m/s], representation error of the basis, by level.
     """
     by_level = basis.local_error(places, representation_std)
-    of_points = [np.interp(depth, basis.grid.levels, error) for depth, error in zip(mean.depth, by_level, strict=True)]
-    std = float(np.hypot(mean.error_std, mean.weight @ np.array(of_points)))
+    between = depth_weights(DepthFunctions("hat", 0.0), mean.depth, basis.grid.levels)
+    std = float(np.hypot(mean.error_std, mean.weight @ np.sum(between * by_level, axis=1)))
     return BinNoise(np.array([[1.0 / std]]), np.array([[std]]), float(np.log(std)))
 
 
@@ -63,16 +66,22 @@ def path_rows(mean: PathMean, basis: Basis, representation_std: Array) -> PathRo
     return PathRows(np.ones((1, 1)), noise, local_mean(mean, grid.projection) - offset, design / noise.std[0])
 
 
+def profiles_before_path(rows: Iterable[ProfileRows | PathRows | None]) -> list[ProfileRows]:
+    """Return the profiles up to the first mean along a path, after which there is another prior."""
+    before = takewhile(lambda each: not isinstance(each, PathRows), rows)
+    return [each for each in before if isinstance(each, ProfileRows)]
+
+
 def predict_path_mean(posterior: Posterior, rows: PathRows) -> PredictedObservation[Posterior]:
-    """Return the prediction of a mean along a path; its update gives a full covariance, as the rows have no single place."""
-    prior, bias_sensitivity = full_covariance_of(posterior), posterior.bias_sensitivity()
-    cross = prior.matvec(rows.design)
+    """Return the prediction of a mean along a path; its update gives a prior without rows, as these have no single place."""
+    before = rows_taken(posterior)
+    cross = before.matvec(rows.design)
 
     def update(lower: Array, whitened: Array, error_scale: float) -> ObservationSpacePosterior:
-        gain = np.asarray(np.linalg.solve(lower, cross.reshape(2, -1) / error_scale), dtype=np.float64)
-        gained = whitened.T @ gain
-        return initial(prior.downdate(prior.mean + gained[0], gain), bias_sensitivity + gained[1:].reshape(bias_sensitivity.shape))
+        scaled = np.stack([rows.design, cross]).reshape(2, 2, -1) / error_scale
+        design, gain = (np.asarray(solve_triangular(lower, each, lower=True)) for each in scaled)
+        return before.after_rows(whitened.T @ gain, design, gain)
 
     cov = rows.matvec(cross)
-    mean = rows.matvec(prior.mean.reshape(rows.design.shape[1:]))
-    return PredictedObservation(mean, rows.matvec(bias_sensitivity).T, 0.5 * (cov + cov.T), update)
+    mean = rows.matvec(before.mean.reshape(rows.design.shape[1:]))
+    return PredictedObservation(mean, rows.matvec(before.bias_sensitivity).T, 0.5 * (cov + cov.T), update)

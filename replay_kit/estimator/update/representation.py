@@ -23,7 +23,13 @@ within a few hundred metres) and lies above what rounding leaves in G with all m
 direction of noise.
 """
 
+from dataclasses import dataclass
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
 from replay_kit.estimator.prior.amplitude import ScaledPrior
+from replay_kit.estimator.prior.conditioned import ConditionedPrior, as_conditioned
 from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.update.full_covariance import FullCovariancePrior, full_covariance_prior
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
@@ -41,6 +47,8 @@ _FIRST = 32
 _NEARLY_ALL = 0.75
 # Rows that an observation-space posterior with a full-covariance prior holds before they are merged into that prior.
 _MERGE_ROWS = 1024
+# Rows for each weight up to which a mean along a path leaves the prior in parts: reading more of them takes longer than reading the matrix.
+_FEW_ROWS = 0.25
 # Weights above which no matrix of all of them is made; with 6,000 and all directions measured the matrix takes a third of the time a ping.
 _LARGE = 7000
 
@@ -78,6 +86,62 @@ def to_full_covariance(posterior: Posterior) -> ObservationSpacePosterior:
     return initial(full_covariance_of(posterior), posterior.bias_sensitivity())
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class RowsTaken:
+    """A posterior as a prior and rows of any form: those of profiles since the prior, of which there are none with one matrix.
+
+    Attributes:
+        prior: Before the rows.
+        mean: shape (Z r,), after them.
+        bias_sensitivity: shape (b, Z, r), after them.
+        whitened: shape (K, Z r), L^-1 H.
+        gain: shape (K, Z r), the same times the prior's covariance.
+    """
+
+    prior: FullCovariancePrior | ConditionedPrior
+    mean: Array
+    bias_sensitivity: Array
+    whitened: Array
+    gain: Array
+
+    def matvec(self, design: Array) -> Array:
+        """Return the posterior's covariance times weight vectors, shape (m, Z, r), in the same shape."""
+        cross = self.prior.matvec(design)
+        taken = (design.reshape(len(design), -1) @ self.gain.T) @ self.gain
+        return cross - taken.reshape(cross.shape)
+
+    def after_rows(self, change: Array, whitened: Array, gain: Array) -> ObservationSpacePosterior:
+        """Return the posterior after further rows, as a prior without rows.
+
+        Args:
+            change: shape (1 + b, Z r), of the mean and of the bias sensitivity.
+            whitened: shape (m, Z r), L2^-1 H2.
+            gain: shape (m, Z r), the same times the posterior's covariance.
+        """
+        shape = (-1, *self.bias_sensitivity.shape[1:])
+        further = whitened - (whitened @ self.gain.T) @ self.whitened
+        rows, gains = np.concatenate([self.whitened, further]), np.concatenate([self.gain, gain])
+        prior = self.prior.after_rows(self.mean + change[0], rows.reshape(shape), gains.reshape(shape))
+        return initial(prior, self.bias_sensitivity + change[1:].reshape(self.bias_sensitivity.shape))
+
+
+def rows_taken(posterior: Posterior) -> RowsTaken:
+    """Return the posterior as a prior and rows; few rows are taken from a prior that stays in parts, many from one matrix."""
+    if isinstance(posterior, ObservationSpacePosterior) and not isinstance(posterior.prior, FullCovariancePrior):
+        prior = as_conditioned(posterior.prior, posterior.n_levels)
+        bias_sensitivity = posterior.prior_bias_sensitivity
+        if not posterior.n:
+            none = np.empty((0, posterior.n_weights))
+            return RowsTaken(prior, prior.mean, bias_sensitivity, none, none)
+        if len(prior.gain) + posterior.n_rows <= _FEW_ROWS * posterior.n_weights:
+            whitened, gain = posterior.rows_in(posterior.profile_basis), posterior.whitened_cross()
+            change = posterior.forward.T @ gain
+            after = bias_sensitivity + change[1:].reshape(bias_sensitivity.shape)
+            return RowsTaken(prior, prior.mean + change[0], after, whitened, gain)
+    whole, none = full_covariance_of(posterior), np.empty((0, posterior.n_weights))
+    return RowsTaken(whole, whole.mean, posterior.bias_sensitivity(), none, none)
+
+
 def inflated(posterior: Posterior, factor: float) -> Posterior:
     """Return a posterior whose covariance is multiplied by a factor, in the same form.
 
@@ -91,6 +155,8 @@ def _scaled(prior: Prior, factor: float) -> Prior:
     """Return a prior with its covariance multiplied by a factor; one matrix stays one, which can be merged with rows."""
     if isinstance(prior, FullCovariancePrior):
         return FullCovariancePrior(prior.mean, factor * prior.blocks)
+    if isinstance(prior, ConditionedPrior):
+        return prior.scaled(_scaled(prior.before, factor), factor)
     if isinstance(prior, ScaledPrior):
         return ScaledPrior(prior.unscaled, factor * prior.amplitude)
     return ScaledPrior(prior, factor)

@@ -18,7 +18,8 @@ def conditions(tables: PaperTables) -> str:
         f"{tables.members} members of `{tables.ensemble}` on {rows} x {columns} points and levels {levels} m; truth `{tables.truth}`; seed "
         f"{tables.seed}. {turns if tables.truths > 1 else ''}Table III and the figures show truth `{tables.shown_truth}`; plans are made "
         f"on the estimates after Table II's last ping, with {modes}. Relative error: RMSE over the RMS speed of the truth, over all "
-        "wet grid points. Bound: the least-squares fit of the truth within a method's span. `paper` and the naive basis take "
+        "wet grid points. Bound: the least-squares fit of the truth within a method's span. Elements in H: two for each mode and node, of "
+        "whole flows for each level too, of `default` one for each mode and point of its lattice. `paper` and the naive basis take "
         "R = (0.01 m/s)^2 in Table I and (0.12 m/s)^2 in Table II for every bin; `default` takes the bins' own error, 0.01 and "
         f"{tables.noise:g} m/s, and adds what its basis leaves of members that are shifted by a correlation length, at the profile's place."
     )

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import chi2, multivariate_normal, multivariate_t
 
 from replay_kit.estimator.next_dive import DiveMean, DiveModel, Mixture, Persistence, filter
+from replay_kit.estimator.next_dive.mixture import weighted_quantiles
 from replay_kit.estimator.next_dive.settings import Settings, combinations, ground_combinations
 from tests.reference import next_dive as slow
 
@@ -131,6 +132,15 @@ def test_a_long_time_forgets_the_change_but_not_the_flight_bias():
     np.testing.assert_allclose(later.mean[:, 2:6], 0.0, atol=1e-30)
     np.testing.assert_allclose(later.mean[:, 6:], state.mean[:, 6:])
     np.testing.assert_allclose(model.predict(state, state.time_ns - 5).cov, state.cov)
+
+
+def test_weighted_quantiles_are_those_of_all_values_sorted():
+    rng = np.random.default_rng(4)
+    for n in (1, 2, 40, 5000):
+        values, weights = rng.exponential(size=n), rng.random(n) ** 9
+        weights, order = weights / weights.sum(), np.argsort(values)
+        expected = np.interp([0.0, 0.5, 0.9, 1.0], np.cumsum(weights[order]), values[order])
+        np.testing.assert_allclose(weighted_quantiles(values, weights, [0.0, 0.5, 0.9, 1.0]), expected, rtol=1e-6)
 
 
 def test_the_radii_of_a_mixture_hold_their_shares():

@@ -8,11 +8,16 @@ import pytest
 from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig
+from replay_kit.core.flow.factors import CovarianceFactors
 from replay_kit.core.geodesy import rotate_to_local, to_geographic, to_local
 from replay_kit.core.observation import PathMean, Reason, Source
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.estimator.update.path_mean import path_rows
+from replay_kit.estimator.prior.amplitude import hybrid_parts
+from replay_kit.estimator.prior.conditioned import ConditionedPrior
+from replay_kit.estimator.update.covariance import taken_in_all
+from replay_kit.estimator.update.path_mean import path_rows, predict_path_mean
+from replay_kit.estimator.update.representation import inflated
 from tests import synthetic
 from tests.reference import estimator as slow
 from tests.reference.representation import error_at
@@ -59,9 +64,9 @@ def test_the_operator_is_the_mean_of_any_flow_of_the_basis():
         np.testing.assert_allclose(rows.matvec(weights.reshape(3, -1)) * path.error_std, expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("n_profiles", [0, 4, 40])
+@pytest.mark.parametrize("n_profiles", [0, 1, 4, 40])
 def test_a_static_estimate_takes_a_mean_as_the_textbook_does(n_profiles):
-    """After nothing, a few profiles (dual form) and many along a line (span form); and profiles go on after it."""
+    """After nothing, one profile (the prior in parts), a few (one matrix), many along a line (span form); and profiles go on after it."""
     estimator = build_estimator(SMALL, CONFIG)
     state = estimator.initial()
     for observation in synthetic.random_profiles(SMALL.grid, max(n_profiles, 1), seed=5, speed=0.05)[:n_profiles]:
@@ -86,6 +91,29 @@ def test_a_static_estimate_takes_a_mean_as_the_textbook_does(n_profiles):
     (more,) = synthetic.random_profiles(SMALL.grid, 1, seed=8, speed=0.05)
     further, _ = estimator.step(after, more)
     assert np.trace(further.posterior.covariance()) < np.trace(after.posterior.covariance())
+
+
+def test_profiles_and_means_in_any_order_are_one_prior_and_all_rows():
+    """Mean, profile, mean, with a covariance that was inflated between them: textbook, and the factors that a file keeps."""
+    estimator = build_estimator(SMALL, CONFIG)
+    posterior, (profile,) = estimator.initial().posterior, synthetic.random_profiles(SMALL.grid, 1, seed=5, speed=0.05)
+    mean, cov = posterior.mean, posterior.covariance()
+    for path in (dive(1), None, dive(2)):
+        rows = estimator.rows(profile, np.arange(2)) if path is None else path_rows(path, estimator.basis, estimator.representation_std)
+        predicted = posterior.predict(rows, posterior.prefetch([rows])[0]) if path is None else predict_path_mean(posterior, rows)
+        innovation = rows.compress(rows.values)[0] - predicted.mean
+        posterior = predicted.posterior(predicted.augmented_innovation(innovation, None), 1.5)
+        design = rows.design() if path is None else rows.design.reshape(2, -1)
+        mean, cov, _, _ = slow.kalman_update(mean, cov, design, rows.compress(rows.values)[0], 1.5**2 * np.eye(len(design)))
+        if path is None:
+            posterior, cov = inflated(posterior, 1.7), 1.7 * cov
+    assert isinstance(posterior.prior, ConditionedPrior)
+    np.testing.assert_allclose(posterior.mean, mean, atol=1e-9 * np.abs(mean).max())
+    np.testing.assert_allclose(posterior.covariance(), cov, atol=1e-9 * np.abs(cov).max())
+    taken = taken_in_all(posterior.prior, *posterior.taken(99), 99)
+    kept = CovarianceFactors(hybrid_parts(posterior.prior.before), *taken)
+    np.testing.assert_allclose(kept(None), cov, atol=1e-9 * np.abs(cov).max())
+    assert taken_in_all(posterior.prior, *posterior.taken(99), 1) is None
 
 
 def test_without_change_the_evolving_estimate_takes_it_as_the_static_one():

@@ -8,8 +8,8 @@ import pytest
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import build_estimator
+from replay_kit.estimator.prior.conditioned import conditioned
 from replay_kit.estimator.update.representation import select_representation, to_full_covariance
-from replay_kit.estimator.windows.conditioned import conditioned
 from replay_kit.estimator.windows.filter import hand_over, overlap
 from tests import synthetic
 

@@ -1,9 +1,14 @@
-"""A prior after rows of any form: what it was made of stays in parts, and the rows take away a part of low rank."""
+"""A prior after rows of any form: what it was made of stays in parts, and the rows take away a part of low rank.
+
+With rows H, L L' = H P0 H' + 1 and A = L^-1 H the covariance is P0 - P0 A' A P0. Further rows H2 with L2 under that covariance P1 add
+A2 = L2^-1 H2 (1 - P0 A' A), because P1 H2' L2'^-1 = P0 A2'. So all rows, whenever they came, are one matrix A, which also gives the
+covariance in factors as a file keeps it (``core/flow/factors.py``).
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+from scipy.linalg import solve_triangular
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.reduction import Reduction, reduction_by_products
@@ -17,11 +22,13 @@ class ConditionedPrior:
     Attributes:
         before: The prior.
         mean: shape (Z r,).
-        gain: shape (m, Z, r); the sum of the rows' outer products is taken from the covariance.
+        whitened: shape (m, Z, r), A.
+        gain: shape (m, Z, r), A P0; the sum of the rows' outer products is taken from the covariance.
     """
 
     before: Prior
     mean: Array
+    whitened: Array
     gain: Array
 
     @property
@@ -31,7 +38,7 @@ class ConditionedPrior:
 
     def matvec(self, weights: Array) -> Array:
         """Return the covariance times each weight vector, shape (m, Z, r), in the same shape."""
-        rows = self.gain.reshape(len(self.gain), -1)
+        rows = self.gain.reshape(-1, self.mean.size)
         taken = (weights.reshape(len(weights), -1) @ rows.T) @ rows
         return np.asarray(self.before.matvec(weights) - taken.reshape(weights.shape))
 
@@ -50,7 +57,8 @@ class ConditionedPrior:
 
     def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
-        rows = (self.gain if levels is None else self.gain[:, list(levels)]).reshape(len(self.gain), -1)
+        chosen = self.gain if levels is None else self.gain[:, list(levels)]
+        rows = chosen.reshape(-1, chosen.shape[1] * chosen.shape[2])
         return np.asarray(self.before.covariance(levels) - rows.T @ rows)
 
     def of_sum(self, levels: tuple[int, ...]) -> Array:
@@ -61,6 +69,30 @@ class ConditionedPrior:
     def reduction(self, directions: Array, matrix: Array) -> Reduction:
         """Return what rows in ``directions``, shape (s, r), with ``matrix``, shape (Z s, Z s), take from sums of levels."""
         return reduction_by_products(self, directions, matrix)
+
+    def after_rows(self, mean: Array, whitened: Array, gain: Array) -> "ConditionedPrior":
+        """Return the Gaussian after further rows.
+
+        Args:
+            mean: shape (Z r,), after them.
+            whitened: shape (k, Z, r), L2^-1 H2.
+            gain: shape (k, Z, r), the same times this covariance.
+        """
+        of_before = whitened.reshape(-1, mean.size) @ self.gain.reshape(-1, mean.size).T
+        further = whitened - np.tensordot(of_before, self.whitened, axes=1)
+        return ConditionedPrior(self.before, mean, np.concatenate([self.whitened, further]), np.concatenate([self.gain, gain]))
+
+    def scaled(self, before: Prior, factor: float) -> "ConditionedPrior":
+        """Return the same with its covariance multiplied by a factor; ``before`` has it already."""
+        return ConditionedPrior(before, self.mean, self.whitened / np.sqrt(factor), np.sqrt(factor) * self.gain)
+
+
+def as_conditioned(prior: Prior, n_levels: int) -> ConditionedPrior:
+    """Return a prior as one after rows: none, or those that it is conditioned on."""
+    if isinstance(prior, ConditionedPrior):
+        return prior
+    none = np.empty((0, n_levels, prior.mean.size // n_levels))
+    return ConditionedPrior(prior, prior.mean, none, none)
 
 
 def conditioned(prior: Prior, design: Array, innovation: Array) -> tuple[ConditionedPrior, Array]:
@@ -78,6 +110,8 @@ def conditioned(prior: Prior, design: Array, innovation: Array) -> tuple[Conditi
     cross = prior.matvec(design)
     cov = design.reshape(size, -1) @ cross.reshape(size, -1).T
     lower = np.linalg.cholesky(0.5 * (cov + cov.T) + np.eye(size))
-    gain = np.asarray(scipy.linalg.solve_triangular(lower, cross.reshape(size, -1), lower=True))
-    change = np.asarray(scipy.linalg.solve_triangular(lower, innovation, lower=True)).T @ gain
-    return ConditionedPrior(prior, prior.mean + change[0], gain.reshape(design.shape)), change[1:].reshape(-1, *design.shape[1:])
+    whitened, gain = (np.asarray(solve_triangular(lower, rows.reshape(size, -1), lower=True)) for rows in (design, cross))
+    change = np.asarray(solve_triangular(lower, innovation, lower=True)).T @ gain
+    before = as_conditioned(prior, design.shape[1])
+    after = before.after_rows(prior.mean + change[0], whitened.reshape(design.shape), gain.reshape(design.shape))
+    return after, change[1:].reshape(-1, *design.shape[1:])
