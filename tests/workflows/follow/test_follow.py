@@ -62,6 +62,7 @@ def test_what_did_not_change_is_not_replayed_again(ocean, dives, tmp_path):
         sea.put(one.name, one.data)()
     sea.follow()
     sea.put(dives[-1].name, dives[-1].data)()
+
     def messages_of(replay: Callable[[], object]) -> int:
         with mock.patch.object(replaying, "interpret_block", wraps=replaying.interpret_block) as interpreted:
             replay()
