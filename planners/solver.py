@@ -1,10 +1,15 @@
-"""What the nonlinear programs share: units, IPOPT's options, a cache of programs."""
+"""What the nonlinear programs share: units, IPOPT's options, their turn among threads, a cache of programs."""
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from typing import Any, Generic, TypeVar
+from functools import wraps
+from threading import RLock
+from typing import Any, Generic, ParamSpec, TypeVar
 
+P = ParamSpec("P")
 T = TypeVar("T")
+# IPOPT's linear solver and a program's own data are one for the whole process; a second thread in them ends it.
+_TURN = RLock()
 # Programs measure distances in kilometres and times in hours, so that their unknowns are of order one to a hundred.
 KM, HOUR = 1e3, 3600.0
 # Of a mission: from a poor guess fifty legs took 96.
@@ -35,6 +40,17 @@ OPTIONS: dict[str, Any] = {
 WARM: dict[str, Any] = {"ipopt.mu_init": 1e-6, "ipopt.bound_push": 1e-8, "ipopt.bound_frac": 1e-8}
 
 
+def one_at_a_time(function: Callable[P, T]) -> Callable[P, T]:
+    """Return a function that builds or solves programs, of which one at a time is run in a process: other threads wait for their turn."""
+
+    @wraps(function)
+    def in_turn(*arguments: P.args, **named: P.kwargs) -> T:
+        with _TURN:
+            return function(*arguments, **named)
+
+    return in_turn
+
+
 class Recent(Generic[T]):
     """The values used most recently, by key: programs and splines are worth keeping while estimates share their nodes.
 
@@ -45,6 +61,7 @@ class Recent(Generic[T]):
         """Keep so many values at most."""
         self._most, self._values = most, OrderedDict[Hashable, T]()
 
+    @one_at_a_time
     def get(self, key: Hashable, build: Callable[[], T]) -> T:
         """Return the value of a key; it is built when there is none."""
         if key not in self._values:

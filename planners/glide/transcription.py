@@ -16,7 +16,7 @@ from planners.flow import graph_key
 from planners.glide.settings import GlideSettings
 from planners.route.bottom import Bottom
 from planners.route.region import Region
-from planners.solver import KM, QUIET, Recent
+from planners.solver import KM, QUIET, Recent, one_at_a_time
 from planners.track import Integrator, path_function, velocity_through_water
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -164,6 +164,7 @@ def approach(task: GlideTask, guess: Glide, fractions: Array) -> Glide:
     return _glide(task.settings, answer.x)
 
 
+@one_at_a_time
 def solve_glide(task: GlideTask, guess: Glide, fractions: Array, bounded: bool) -> GlideSolution:
     """Return the local optimum that IPOPT finds from a guess.
 

@@ -18,7 +18,7 @@ from planners.shooting.schedule import schedule_of
 from planners.shooting.spline import FlowSpline
 from planners.shooting.stream import stream_of
 from planners.shooting.walls import Walls
-from planners.solver import HOUR, KM, Recent
+from planners.solver import HOUR, KM, Recent, one_at_a_time
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -171,6 +171,7 @@ class MissionSolution:
 _programs = Recent[Program](8)
 
 
+@one_at_a_time
 def solve_mission(model: MissionModel, data: MissionData, guess: MissionGuess, *, warm_start: bool = False) -> MissionSolution:
     """Return the local optimum that IPOPT finds from a guess.
 

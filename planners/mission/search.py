@@ -111,7 +111,8 @@ def _solve_anew(task: MissionTask, water: Water, bound: Bound | None) -> list[At
     if _goes_on(task, attempts) and task.bottom.shallowest < task.settings.depth:
         # no way leads round the shallows, or none is quick enough: dives turn above them
         attempts += solve_turning(task, water, task.rings)
-    return attempts
+    # where all routes take more legs than are allowed: as near as those come
+    return attempts or approach_turning(task, water, task.rings)
 
 
 def _search_at_full_depth(task: MissionTask, water: Water, bound: Bound | None) -> list[Attempt]:

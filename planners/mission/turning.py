@@ -108,7 +108,10 @@ def _cut(task: MissionTask, route: Route, passed: Array, pace: float) -> _Cut | 
     """
     length = float(np.sum(np.linalg.norm(np.diff(route.points, axis=0), axis=1)))
     times = np.union1d(np.linspace(0.0, route.times[-1], int(length / _SPACING) + 2), route.times)
-    limits = task.bottom.limit_at(route.at(times), _BESIDE * task.settings.margin)
+    places = route.at(times)
+    beside, own = task.bottom.limit_at(places, _BESIDE * task.settings.margin), task.bottom.limit_at(places)
+    # the route keeps its margin from what is too shallow for any dive
+    limits = np.where(beside < LEAST_DIVE, own, beside)
     most = min(task.settings.legs or task.settings.max_legs, task.settings.max_legs)
     if task.settings.legs is not None:
         ends = np.unique(np.concatenate([np.linspace(0.0, route.times[-1], task.settings.legs + 1)[1:-1], [0.0, route.times[-1]]]))

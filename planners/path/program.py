@@ -14,7 +14,7 @@ from planners.path.settings import Auv, AuvSettings
 from planners.route.bottom import Bottom
 from planners.route.hazards import Ring, half_planes, plane_violations
 from planners.route.region import Region
-from planners.solver import HOUR, KM, OPTIONS, Recent
+from planners.solver import HOUR, KM, OPTIONS, Recent, one_at_a_time
 from planners.track import path_function, time_since
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -86,6 +86,7 @@ class PathSolution:
 _programs = Recent[tuple[Any, Array]](4)
 
 
+@one_at_a_time
 def solve_path(problem: AuvProblem, guess: Array, free: bool, held: tuple[Array, float] | None) -> PathSolution:
     """Return the optimum found from a guessed track.
 

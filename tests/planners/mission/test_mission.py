@@ -261,11 +261,11 @@ def test_what_is_out_of_reach_is_told_from_what_is_not_and_takes_no_iterations()
     def is_out_of_reach(east: float, settings: MissionSettings) -> bool:
         return bound_of(task(east, settings))[1].goal == 0
 
-    # it makes 0.29 m/s of the current, 13 km in 3 legs without one
+    # it makes 0.29 m/s of the current; 10 km take five legs of 2.2 km without one
     assert is_out_of_reach(0.4, SETTINGS)
     assert not is_out_of_reach(0.2, SETTINGS)
-    assert not is_out_of_reach(0.0, replace(SETTINGS, legs=3))
-    assert is_out_of_reach(0.0, replace(SETTINGS, legs=1))
+    assert not is_out_of_reach(0.0, replace(SETTINGS, legs=5))
+    assert is_out_of_reach(0.0, replace(SETTINGS, legs=4))
     flow = uniform_flow(0.9, 0.0)
     goal = place(flow, -30e3, 0.0, 0.0)
     result = plan_mission(flow, MissionRequest(place(flow, -20e3, 0.0, 0.0), (goal,), settings=replace(SETTINGS, legs=30)))
