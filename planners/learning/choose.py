@@ -1,4 +1,4 @@
-"""Which survey leaves the least error at the end of a stretch without fixes: many judged at once, the best refined."""
+"""Which survey leaves the least error at the end of a stretch without fixes: many judged at once, the best of each kind refined."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,10 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.learning.current import Complex
-from planners.learning.loops import Survey
+from planners.learning.loops import DIRECTIONS, WAITING, Survey
 from planners.learning.rows import Combined, Rows, covariance, posterior, rows_at, stacked
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth_means import DepthMeans
+
+#: Returns surveys of corners of shape (C, W), and which of them may be flown.
+Make = Callable[[Complex], tuple[Survey, NDArray[np.bool_]]]
 
 # Rounds of the local search, its first step as a share of the loop's extent, and by what it shrinks where nothing is better.
 _ROUNDS, _FIRST, _SHRINKS = 10, 0.3, 0.5
@@ -55,7 +58,35 @@ def allowed_errors(aim: Aim, survey: Survey, allowed: NDArray[np.bool_]) -> Arra
     return found
 
 
-def refine(aim: Aim, make: Callable[[Complex], tuple[Survey, NDArray[np.bool_]]], shape: Complex, error: float) -> tuple[Complex, float]:
+def search(aim: Aim, make: Make, loops: Complex, errors: Array) -> tuple[Complex, float]:
+    """Return the corners of the survey that leaves the least error, shape (W,), all 0 to wait, and that error [m].
+
+    The best loop of each kind is refined, as those in other directions may end better where a part of the sea is closed; then the best
+    of them with one corner more.
+
+    Args:
+        aim: What counts.
+        make: Returns surveys of corners of shape (C, W), and which of them may be flown.
+        loops: Corners in the order of ``shapes``.
+        errors: That each loop leaves [m]; infinite for those that may not be flown.
+    """
+    best, error = loops[WAITING], float(errors[WAITING])
+    for kind in np.arange(WAITING + 1, len(loops)).reshape(-1, DIRECTIONS):
+        first = kind[np.argmin(errors[kind])]
+        if np.isfinite(errors[first]):
+            shape, left = refine(aim, make, loops[first], float(errors[first]))
+            if left < error:
+                best, error = shape, left
+    if not best.any():
+        return best, error
+    nodes = np.concatenate([[0.0], best])
+    longest = int(np.argmax(np.abs(np.diff(nodes))))
+    # a corner in the middle of a leg changes nothing until it is moved
+    shape, left = refine(aim, make, np.insert(best, longest, 0.5 * (nodes[longest] + nodes[longest + 1])), error)
+    return (shape, left) if left < error else (best, error)
+
+
+def refine(aim: Aim, make: Make, shape: Complex, error: float) -> tuple[Complex, float]:
     """Return the corners of a better loop nearby, shape (W,), and its error [m]: its corners are moved one by one while that helps.
 
     Args:

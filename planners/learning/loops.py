@@ -14,8 +14,9 @@ from replay_kit.core.arrays import Array
 
 #: Position of waiting and of scouting straight ahead and back among the loops of ``shapes``.
 WAITING, SCOUTING = 0, 1
-# Directions of the loops, and their corners, relative to a direction and of any size.
-_DIRECTIONS = 16
+#: Directions of the loops, of which each kind comes in turn.
+DIRECTIONS = 16
+# Corners of each kind, relative to a direction and of any size.
 _SHAPES = (
     (1.0 + 0j, 0.5 + 0j, 0j),
     (1.0 + 0j, 0.7 + 0.7j, 0j),
@@ -65,7 +66,7 @@ def shapes(ahead: complex) -> Complex:
     Args:
         ahead: The direction in which the stretch without fixes leads, of any length above 0.
     """
-    turns = ahead / abs(ahead) * np.exp(2j * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS)
+    turns = ahead / abs(ahead) * np.exp(2j * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
     loops = (np.array(_SHAPES)[:, None, :] * turns[:, None]).reshape(-1, 3)
     return np.concatenate([np.zeros((1, 3)), loops])
 

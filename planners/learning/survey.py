@@ -6,7 +6,7 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.learning.choose import Aim, allowed_errors, refine
+from planners.learning.choose import Aim, allowed_errors, search
 from planners.learning.closed_loop import Flown, Sea, Stretch, drawn_sea, fly_after, slices
 from planners.learning.current import Complex
 from planners.learning.loops import SCOUTING, WAITING, Survey, clear, shapes, timed
@@ -34,7 +34,6 @@ class _Found:
     errors: Array
     best: Survey
     error: float
-    refined: bool
 
 
 def plan_survey(flow: FlowEstimate, request: LearnRequest, survey: float, blind: float) -> LearnPlan:
@@ -104,13 +103,8 @@ def _search(scene: Scene, stretch: Stretch, aim: Aim, n_dives: int) -> _Found:
             "choose another start, a shorter survey, or shallower dives"
         )
     errors = allowed_errors(aim, offered, allowed)
-    first = int(np.argmin(errors))
-    if first == WAITING:
-        return _Found(offered, allowed, errors, offered.picked([WAITING]), float(errors[WAITING]), False)
-    shape, error = refine(aim, make, offered.corners[first] - stretch.start, float(errors[first]))
-    if error >= float(errors[first]):
-        return _Found(offered, allowed, errors, offered.picked([first]), float(errors[first]), False)
-    return _Found(offered, allowed, errors, make(shape[None])[0], error, True)
+    shape, error = search(aim, make, offered.corners - stretch.start, errors)
+    return _Found(offered, allowed, errors, make(shape[None])[0], error)
 
 
 def _told(scene: Scene, stretch: Stretch, sea: Sea, aim: Aim, found: _Found) -> tuple[tuple[Told, ...], dict[str, Flown]]:

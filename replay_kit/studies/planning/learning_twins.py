@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from planners import Glider
 from planners.front.current import shares_of_levels
-from planners.learning.choose import Aim, allowed_errors, refine
+from planners.learning.choose import Aim, allowed_errors, search
 from planners.learning.closed_loop import Sea, Stretch, fly_survey, mean_currents, slices
 from planners.learning.current import Complex, Currents, currents_of
 from planners.learning.loops import SCOUTING, WAITING, Survey, clear, random_shapes, shapes, timed
@@ -213,20 +213,14 @@ def _ways(twin: _Twin) -> dict[str, tuple[Way, ...]]:
         return timed(sea.mean, stretch.start, shape, span, stretch.speed)
 
     offered, lane = make(shapes(complex(stretch.goals[0] - stretch.start))), _lane(stretch)
-    inside = _within(known.flow.grid, offered)
 
     def best(rings: tuple[Ring, ...]) -> Survey:
-        errors = allowed_errors(aim, offered, inside & offered.flown & clear(offered, stretch.start, rings, 500.0))
-        first = int(np.argmin(errors))
-        if first == WAITING:
-            return offered.picked([WAITING])
-        shape, _ = refine(
-            aim,
-            lambda shape: ((made := make(shape)), made.flown & _within(known.flow.grid, made) & clear(made, stretch.start, rings, 500.0)),
-            offered.corners[first] - stretch.start,
-            float(errors[first]),
-        )
-        return make(shape[None])
+        def checked(shape: Complex) -> tuple[Survey, NDArray[np.bool_]]:
+            made = make(shape)
+            return made, made.flown & _within(known.flow.grid, made) & clear(made, stretch.start, rings, 500.0)
+
+        loops = offered.corners - stretch.start
+        return make(search(aim, checked, loops, allowed_errors(aim, *checked(loops)))[0][None])
 
     loops = make(random_shapes(twin.rng, 20 * _RANDOM))
     usable = np.flatnonzero(loops.flown & _within(known.flow.grid, loops))[:_RANDOM]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planners.learning.arrival import arrival_sensitivity, arrive
-from planners.learning.choose import Aim, allowed_errors, refine
+from planners.learning.choose import Aim, allowed_errors, refine, search
 from planners.learning.closed_loop import Flown, Stretch, drawn_sea, fly_after, fly_survey, slices
 from planners.learning.current import currents_of
 from planners.learning.loops import SCOUTING, WAITING, clear, random_shapes, shapes, timed
@@ -141,6 +141,16 @@ def test_refining_never_loses_and_keeps_to_what_may_be_flown():
     assert free[0]
     assert error <= errors[best]
     assert aim.judge(again)[0] == pytest.approx(error, rel=1e-9)
+    # of several loops the search loses nothing against that of one, and what it returns leaves the error that it states
+    found, least = search(aim, make, shapes(complex(GOAL[0])), errors)
+    again, free = make(found[None])
+    assert free[0]
+    assert least <= error
+    assert aim.judge(again)[0] == pytest.approx(least, rel=1e-9)
+    # where nothing else may be flown the survey waits
+    waits, left = search(aim, make, shapes(complex(GOAL[0])), np.where(np.arange(errors.size) == WAITING, errors, np.inf))
+    assert not waits.any()
+    assert left == errors[WAITING]
 
 
 @pytest.mark.parametrize("changes", [False, True])
