@@ -183,10 +183,8 @@ class LearnPlan:
         status: ``reached`` where the way after it leads to its goal, in the current that is known; ``unreachable`` or ``unsafe`` where not.
         message: The answer in words.
         objective: ``survey``, ``mission`` or ``map``.
-        start: Where it begins.
+        request: What was asked for.
         goal: Where it ends.
-        start_time_ns: [ns, UTC].
-        vehicle: The glider.
         depth: Of the dives [m].
         legs: In order.
         track_time: shape (n,) [s] since the start.
@@ -205,10 +203,8 @@ class LearnPlan:
     status: PlanStatus
     message: str
     objective: str
-    start: Place
+    request: LearnRequest
     goal: Place
-    start_time_ns: int
-    vehicle: Glider
     depth: float
     legs: tuple[LearnLeg, ...]
     track_time: Array

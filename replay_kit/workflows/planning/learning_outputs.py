@@ -44,7 +44,7 @@ def print_learning(learnt: Learnt, console: Console) -> None:
         columns = (*columns[:4], "arrives", "")
     print_table(console, "Candidates", columns, [_told_cells(row) for row in told_table(plan)])
     heads = "leg", "heading", "speed [m/s]", "after [h]", "UTC", "surfacing at", ""
-    print_table(console, None, heads, [_leg_cells(row, plan.start_time_ns) for row in legs_table(plan)])
+    print_table(console, None, heads, [_leg_cells(row, plan.request.start_time_ns) for row in legs_table(plan)])
 
 
 def _number(value: float | None) -> str:
@@ -66,8 +66,9 @@ def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:
 
 def legs_table(plan: LearnPlan) -> list[dict[str, Any]]:
     """Return the legs, one row each; the keys that missions have too mean the same."""
-    angle = plan.vehicle.min_angle
-    pitch = float(np.rad2deg(plan.vehicle.pitch(np.array(np.deg2rad(angle)))))
+    vehicle = plan.request.vehicle
+    angle = vehicle.min_angle
+    pitch = float(np.rad2deg(vehicle.pitch(np.array(np.deg2rad(angle)))))
     return [
         {
             "leg": number,
@@ -105,9 +106,9 @@ def learning_json(learnt: Learnt) -> dict[str, Any]:
         "status": plan.status,
         "message": plan.message,
         "objective": plan.objective,
-        "start": [plan.start.longitude, plan.start.latitude, plan.start.depth],
+        "start": [plan.request.start.longitude, plan.request.start.latitude, plan.request.start.depth],
         "goal": [plan.goal.longitude, plan.goal.latitude, plan.goal.depth],
-        "start_time": time_text(plan.start_time_ns) if plan.start_time_ns else None,
+        "start_time": time_text(plan.request.start_time_ns) if plan.request.start_time_ns else None,
         "duration_s": plan.duration,
         "miss_m": plan.miss,
         "unit": plan.unit,
@@ -164,10 +165,10 @@ def write_learning(path: Path, overwrite: bool, learnt: Learnt, job: LearnJob, o
         ConfigError: The result exists and may not be replaced, or cannot be written.
         ReplayKitError: It could not be written whole.
     """
-    plan = learnt.plan
+    plan, asked = learnt.plan, learnt.plan.request
     read = {**{f"flow{k}": flow for k, flow in enumerate(job.flows)}, "no_go": job.no_go, "bathymetry": job.bathymetry}
     read |= {f"others{k}": other for k, other in enumerate(job.others)}
-    start = {"start_time_ns": plan.start_time_ns, "longitude": plan.start.longitude, "latitude": plan.start.latitude}
+    start = {"start_time_ns": asked.start_time_ns, "longitude": asked.start.longitude, "latitude": asked.start.latitude}
     about = {
         **plan_metadata(read, options),
         "mission": {"status": plan.status, "message": plan.message, **{name: str(value) for name, value in start.items()}},
@@ -176,26 +177,26 @@ def write_learning(path: Path, overwrite: bool, learnt: Learnt, job: LearnJob, o
     }
     made = config.planner.model_copy(update={"kind": "mission", "samples": int(plan.figures["samples"])})
     with ResultWriter(path, overwrite) as writer:
-        writer.start(learnt.projection, plan.start_time_ns, about, run_settings_toml(config.model_copy(update={"planner": made})))
+        writer.start(learnt.projection, asked.start_time_ns, about, run_settings_toml(config.model_copy(update={"planner": made})))
         if learnt.bathymetry is not None:
-            writer.seabed(plan.start_time_ns, seabed_of(learnt.bathymetry, learnt.region))
+            writer.seabed(asked.start_time_ns, seabed_of(learnt.bathymetry, learnt.region))
         writer.plan(_published(learnt), learnt.projection)
 
 
 def _published(learnt: Learnt) -> Plan:
     """Return the plan as results hold it: that of its first leg with the whole track."""
-    plan, rows = learnt.plan, legs_table(learnt.plan)
-    angle = np.deg2rad(plan.vehicle.min_angle)
-    along, down = (float(speed) for speed in plan.vehicle.speeds(np, angle))
+    plan, asked, rows = learnt.plan, learnt.plan.request, legs_table(learnt.plan)
+    angle = np.deg2rad(asked.vehicle.min_angle)
+    along, down = (float(speed) for speed in asked.vehicle.speeds(np, angle))
     heading = rows[0]["heading_deg"] if rows else 0.0
     local = np.deg2rad(heading)
     made = Plan(
         status=plan.status,
-        start=plan.start,
+        start=asked.start,
         goal=plan.goal,
-        start_time_ns=plan.start_time_ns,
+        start_time_ns=asked.start_time_ns,
         heading_deg=heading,
-        glide_angle_deg=plan.vehicle.min_angle,
+        glide_angle_deg=asked.vehicle.min_angle,
         speed=float(np.hypot(along, down)),
         velocity_through_water=np.array([along * np.sin(local), along * np.cos(local), down]),
         duration=plan.duration,
