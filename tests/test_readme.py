@@ -69,11 +69,19 @@ def chains(code: str) -> list[list[list[str]]]:
 
 
 SHELL = [(path, name, code) for path, name, language, code in BLOCKS if language == "sh" and "pip install" not in code]
-_LONG = ("experiment paper", "walk/dives", "year/og1.nc", "heir.py", "sample_logs/glider.tlog --ensemble", "replay-kit fleet ")
+# What takes long: the tests of the paper's study, of saved estimates, figures and exports, of following, of --against, of what can be
+# added and of fleets run each on less, .ci/run the main job from the other form of its log.
+_LONG = (
+    "experiment paper",
+    "--save-estimate flow.nc",
+    "walk/dives",
+    "year/og1.nc",
+    "heir.py",
+    "sample_logs/glider.tlog --ensemble",
+    "replay-kit fleet ",
+)
 _LONG_SCRIPT = "estimate.png"
 CHAINS = [
-    # What takes long: the tests of the paper's study, of following, of --against, of fleets and of what can be added run each on less,
-    # .ci/run the main job from the other form of its log.
     pytest.param(path, chain, id=f"{name}-{k}", marks=pytest.mark.full if any(word in code for word in _LONG) else ())
     for path, name, code in SHELL
     for k, chain in enumerate(chains(code))

@@ -74,7 +74,7 @@ def script(capsys, name, *arguments):
 
 def test_the_script_of_a_dives_current(folder, capsys):
     lines = script(capsys, "dive_current.py", folder / "r.mcap", 1)
-    assert lines[0].startswith("dive 1, 2018-11-16 00:10 to 02:50 UTC")
+    assert lines[0].startswith("dive 1, 2018-11-16 00:04 to 02:50 UTC")
     measured = [float(word) for word in lines[1].split()[-2:]]
     # the dive's mean current in the log is 1.5 and 23.0 cm/s; the mean of the estimate through time stands for that along the path
     assert measured == pytest.approx([1.5, 23.0], abs=0.4)
