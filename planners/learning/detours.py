@@ -10,7 +10,7 @@ from planners.learning.closed_loop import Sea, drawn_sea, slices
 from planners.learning.current import Complex
 from planners.learning.rows import rows_at
 from planners.learning.scene import LONGEST, Scene, dives_of, scene_of, value_map
-from planners.learning.values import LearnPlan, LearnRequest, Told
+from planners.learning.values import Candidate, LearnPlan, LearnRequest
 from planners.learning.ways import Voyage, fly_voyage
 from replay_kit.core.arrays import Array
 from replay_kit.core.bootstrap import bootstrap_interval
@@ -122,7 +122,9 @@ def _plan(scene: Scene, request: LearnRequest, asked: tuple[Voyage, Aim, Complex
     if evidence.via != voyage.start:
         rows.append(("the best detour", evidence.detour, evidence.pays))
     late = voyage.most * voyage.leg_time
-    told = tuple(Told(name, np.nan, *_hours(arrivals), float(np.mean(arrivals < late)), chosen) for name, arrivals, chosen in rows)
+    candidates = tuple(
+        Candidate(name, np.nan, *_hours(arrivals), float(np.mean(arrivals < late)), chosen) for name, arrivals, chosen in rows
+    )
     miss = float(abs(ends[-1] - voyage.goal))
     reached = miss <= scene.settings.tolerance
     return LearnPlan(
@@ -138,7 +140,7 @@ def _plan(scene: Scene, request: LearnRequest, asked: tuple[Voyage, Aim, Complex
         miss=miss,
         before=aim.before(),
         after=aim.before(),
-        told=told,
+        candidates=candidates,
         value=value_map(scene, aim, scene.begin + 0.5 * scene.leg_time, np.array([voyage.start, voyage.goal]), "h"),
         found_name="mean arrival",
         unit="h",

@@ -11,7 +11,7 @@ from planners.learning.mapping import Mapping, look_ahead, refined
 from planners.learning.mowers import lawn_mowers
 from planners.learning.rows import Combined, Rows, covariance, gains, rows_at, unknowns_at
 from planners.learning.scene import Scene, dives_of, scene_of, value_map
-from planners.learning.values import Box, LearnPlan, LearnRequest, Told
+from planners.learning.values import Box, Candidate, LearnPlan, LearnRequest
 from replay_kit.core.arrays import Array
 from replay_kit.core.bootstrap import bootstrap_interval
 from replay_kit.core.errors import PlanError
@@ -171,11 +171,11 @@ def _plan(
         span = slices(scene.known, scene.begin, float(mapping.times[-1]))
         sea = drawn_sea(scene.known, span, scene.settings.samples, scene.settings.seed)
     noise = np.random.default_rng(scene.settings.seed + 1).standard_normal((scene.settings.samples, survey.times.size, 2))
-    told = []
+    candidates = []
     for name, predicted, one in named:
         if np.isfinite(predicted):
             figures = (np.nan,) * 3 if sea is None else _interval(realised(sea, mapping, one, noise))
-            told.append(Told(name, predicted, *figures, np.nan, name == "this plan"))
+            candidates.append(Candidate(name, predicted, *figures, np.nan, name == "this plan"))
     legs, times, track = dives_of(scene, scene.start, survey.ends[0], mapping.times)
     words = f"{request.profiles} profiles reduce the error of the current in the box from {before:.3f} to {after:.3f} m/s"
     words += " along a lawn-mower, than which nothing better was found" if is_mower else f"; the best lawn-mower to {mower_error:.3f} m/s"
@@ -195,7 +195,7 @@ def _plan(
         miss=0.0,
         before=before,
         after=after,
-        told=tuple(told),
+        candidates=tuple(candidates),
         value=value_map(scene, aim, float(mapping.profile_times[0]), mapping.box[:, 0] + 1j * mapping.box[:, 1], "m/s"),
         found_name="error in the box",
         unit="m/s",

@@ -13,7 +13,7 @@ from planners.learning.loops import SCOUTING, WAITING, Survey, clear, shapes, ti
 from planners.learning.rows import rows_at
 from planners.learning.scene import Scene, dives_of, leg_of, scene_of, value_map
 from planners.learning.transit import Transit, end_sensitivity, path_of, plan_transit
-from planners.learning.values import LearnLeg, LearnPlan, LearnRequest, Told
+from planners.learning.values import Candidate, LearnLeg, LearnPlan, LearnRequest
 from planners.route.hazards import first_crossing
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -65,8 +65,8 @@ def plan_survey(flow: FlowEstimate, request: LearnRequest, survey: float, blind:
         )
     found = _search(scene, stretch, aim, n_dives)
     sea = drawn_sea(scene.known, slices(scene.known, scene.begin, stretch.leaves + blind), scene.settings.samples, scene.settings.seed)
-    told, misses = _told(scene, stretch, sea, aim, found)
-    return _plan(scene, request, stretch, (planned, aim, found), (told, misses))
+    candidates, misses = _candidates(scene, stretch, sea, aim, found)
+    return _plan(scene, request, stretch, (planned, aim, found), (candidates, misses))
 
 
 def _aim(scene: Scene, stretch: Stretch, planned: Transit) -> Aim:
@@ -107,8 +107,8 @@ def _search(scene: Scene, stretch: Stretch, aim: Aim, n_dives: int) -> _Found:
     return _Found(offered, allowed, errors, make(shape[None])[0], error)
 
 
-def _told(scene: Scene, stretch: Stretch, sea: Sea, aim: Aim, found: _Found) -> tuple[tuple[Told, ...], dict[str, Flown]]:
-    """Return the candidates as they turn out in samples, and the flights of those that are told in words."""
+def _candidates(scene: Scene, stretch: Stretch, sea: Sea, aim: Aim, found: _Found) -> tuple[tuple[Candidate, ...], dict[str, Flown]]:
+    """Return the candidates as they turn out in samples, and the flights of those that the message names."""
     noise = np.random.default_rng(scene.settings.seed + 1).standard_normal((sea.count, found.best.times.size, 2))
     flown: dict[str, Flown] = {"now": fly_after(sea, stretch, None, noise, scene.given)}
     named: list[tuple[str, float, Survey | None]] = [("leaving now", aim.before(), None)]
@@ -122,7 +122,7 @@ def _told(scene: Scene, stretch: Stretch, sea: Sea, aim: Aim, found: _Found) -> 
         one = flown["now"] if survey is None else fly_after(sea, stretch, survey, noise, scene.given)
         flown[name] = one
         within = float(np.mean(one.misses <= scene.settings.tolerance))
-        rows.append(Told(name, predicted, one.miss_90, *one.interval(), within, name == "this survey"))
+        rows.append(Candidate(name, predicted, one.miss_90, *one.interval(), within, name == "this survey"))
     at = scene.place(scene.start)
     turn = float(np.rad2deg(grid_bearing_of_true_north(scene.projection, at.longitude, at.latitude)))
     order = [k for k in np.argsort(found.errors) if np.isfinite(found.errors[k]) and k not in (WAITING, SCOUTING)][:_NAMED]
@@ -130,7 +130,7 @@ def _told(scene: Scene, stretch: Stretch, sea: Sea, aim: Aim, found: _Found) -> 
         corner = complex(found.offered.corners[k, 0]) - stretch.start
         bearing = float(np.mod(heading_deg(corner.real, corner.imag) - turn, 360.0))
         name = f"a loop towards {bearing:.0f} degrees, {abs(corner) / 1e3:.1f} km out"
-        rows.append(Told(name, float(found.errors[k]), nan, nan, nan, nan))
+        rows.append(Candidate(name, float(found.errors[k]), nan, nan, nan, nan))
     return tuple(rows), flown
 
 
@@ -139,10 +139,10 @@ def _plan(
     request: LearnRequest,
     stretch: Stretch,
     made: tuple[Transit, Aim, _Found],
-    outcome: tuple[tuple[Told, ...], dict[str, Flown]],
+    outcome: tuple[tuple[Candidate, ...], dict[str, Flown]],
 ) -> LearnPlan:
     """Return the plan with its message and track."""
-    (planned, aim, found), (told, flown) = made, outcome
+    (planned, aim, found), (candidates, flown) = made, outcome
     legs, times, track = dives_of(
         scene, stretch.start, found.best.ends[0], np.linspace(stretch.begin, stretch.leaves, found.best.times.size + 1)
     )
@@ -150,7 +150,7 @@ def _plan(
     crossed = _crossed(scene, blind_track)
     miss = float(abs(planned.ends[0, -1] - scene.goals[-1]))
     status: PlanStatus = "unsafe" if crossed else "reached" if miss <= scene.settings.tolerance else "unreachable"
-    message = _words(told, stretch) + _out_of_reach(flown["this survey"], stretch, scene.settings.tolerance)
+    message = _words(candidates, stretch) + _out_of_reach(flown["this survey"], stretch, scene.settings.tolerance)
     if status == "unreachable":
         message += (
             f"; the goal is {miss / 1e3:.1f} km out of reach of {stretch.blind / 3600.0:g} h at {stretch.speed:.2f} m/s through water: "
@@ -173,7 +173,7 @@ def _plan(
         miss=miss,
         before=aim.before(),
         after=found.error,
-        told=told,
+        candidates=candidates,
         value=value_map(scene, aim, 0.5 * (stretch.begin + stretch.leaves), np.append(scene.goals, stretch.start), "m"),
         found_name="90 % miss",
         unit="m",
@@ -208,9 +208,9 @@ def _out_of_reach(flown: Flown, stretch: Stretch, tolerance: float) -> str:
     return f"; the goal is out of reach of {stretch.speed:.2f} m/s in {100.0 * share:.0f} % of the samples, which no survey mends"
 
 
-def _words(told: tuple[Told, ...], stretch: Stretch) -> str:
+def _words(candidates: tuple[Candidate, ...], stretch: Stretch) -> str:
     """Return the answer in words: what each is worth, and what to do."""
-    by_name = {one.name: one for one in told if one.found == one.found}
+    by_name = {one.name: one for one in candidates if one.found == one.found}
     parts = [f"{name} {one.found / 1e3:.1f} km ({one.low / 1e3:.1f} to {one.high / 1e3:.1f})" for name, one in by_name.items()]
     words = f"90 % of {stretch.blind / 3600.0:g} h without fixes end within, after {stretch.survey / 3600.0:g} h: " + ", ".join(parts)
     plan, waiting = by_name["this survey"], by_name.get("waiting as long")

@@ -90,7 +90,7 @@ class LearnRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Candidate:
     """What was found of one candidate.
 
     Attributes:
@@ -190,9 +190,9 @@ class LearnPlan:
         track_time: shape (n,) [s] since the start.
         track: shape (n, 3) [m], local east, north, depth.
         miss: Of the goal, in the current that is known [m]; 0 without.
-        before: Error before it, in the unit of ``told`` and predicted.
+        before: Error before it, in the unit of ``candidates`` and predicted.
         after: Error after it.
-        told: The candidates.
+        candidates: The candidates.
         value: Of the next profile, by place.
         found_name: What ``found`` of the candidates is.
         unit: Of it.
@@ -212,7 +212,7 @@ class LearnPlan:
     miss: float
     before: float
     after: float
-    told: tuple[Told, ...]
+    candidates: tuple[Candidate, ...]
     value: ValueMap
     found_name: str
     unit: str

@@ -214,7 +214,7 @@ def _too_sure(known: KnownCurrent, duration: float) -> tuple[str, ...]:
         return ()
     lasts = f"for some {known.hours_known:.0f} h" if np.isfinite(known.hours_known) else "for a time that is not known"
     return (
-        f"the estimate does not change with time and holds {lasts}, the plan takes {hours:.0f} h: where the sea changes all errors told "
+        f"the estimate does not change with time and holds {lasts}, the plan takes {hours:.0f} h: where the sea changes all errors stated "
         "here are too small, two days later by several times; use the estimate of a replay through a forecast of several times",
     )
 

@@ -42,7 +42,7 @@ def print_learning(learnt: Learnt, console: Console) -> None:
     )
     if plan.objective == "mission":
         columns = (*columns[:4], "arrives", "")
-    print_table(console, "Candidates", columns, [_told_cells(row) for row in told_table(plan)])
+    print_table(console, "Candidates", columns, [_candidate_cells(row) for row in candidate_rows(plan)])
     heads = "leg", "heading", "speed [m/s]", "after [h]", "UTC", "surfacing at", ""
     print_table(console, None, heads, [_leg_cells(row, plan.request.start_time_ns) for row in legs_table(plan)])
 
@@ -51,7 +51,7 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
 
 
-def _told_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
+def _candidate_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     interval = "-" if row["low"] is None else f"{_number(row['low'])} to {_number(row['high'])}"
     within = "-" if row["within"] is None else f"{100.0 * row['within']:.0f} %"
     return row["name"], _number(row["predicted"]), _number(row["found"]), interval, within, "planned" if row["chosen"] else ""
@@ -86,12 +86,12 @@ def legs_table(plan: LearnPlan) -> list[dict[str, Any]]:
     ]
 
 
-def told_table(plan: LearnPlan) -> list[dict[str, Any]]:
+def candidate_rows(plan: LearnPlan) -> list[dict[str, Any]]:
     """Return the candidates, one row each, with null for what is not known."""
     names = ("predicted", "found", "low", "high", "within")
     return [
         {"name": one.name, **{name: _finite(getattr(one, name)) for name in names}, "chosen": one.chosen, "unit": plan.unit}
-        for one in plan.told
+        for one in plan.candidates
     ]
 
 
@@ -115,7 +115,7 @@ def learning_json(learnt: Learnt) -> dict[str, Any]:
         "error_before": plan.before,
         "error_after": plan.after,
         "found": plan.found_name,
-        "candidates": told_table(plan),
+        "candidates": candidate_rows(plan),
         "value": {
             "unit": plan.value.unit,
             "longitude": plan.value.longitude.tolist(),

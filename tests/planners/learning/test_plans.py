@@ -14,7 +14,7 @@ from planners.learning.maps import covariance_now, plan_map, realised
 from planners.learning.mowers import lawn_mowers, random_waypoints
 from planners.learning.scene import scene_of
 from planners.learning.survey import _words, plan_survey
-from planners.learning.values import Box, LearnRequest, LearnSettings, OtherProfiles, Told
+from planners.learning.values import Box, Candidate, LearnRequest, LearnSettings, OtherProfiles
 from planners.learning.ways import Voyage, fly_voyage
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_geographic, to_local
@@ -44,8 +44,8 @@ def planned():
     return plan_survey(static(), ASKED, SURVEY, BLIND)
 
 
-def told(plan, name):
-    return next(one for one in plan.told if one.name == name)
+def candidate(plan, name):
+    return next(one for one in plan.candidates if one.name == name)
 
 
 def test_a_survey_returns_and_its_stretch_ends_at_the_goal(planned):
@@ -58,9 +58,9 @@ def test_a_survey_returns_and_its_stretch_ends_at_the_goal(planned):
     np.testing.assert_allclose(to_local(GRID.projection, *blind[-1].ends_at), [8e3, 3e3], atol=5.0)
     assert np.all(np.diff(planned.track_time) > 0.0)
     assert planned.track[:, 2].max() == DEPTH
-    assert {"leaving now", "waiting as long", "scouting ahead and back", "this survey"} <= {one.name for one in planned.told}
-    assert planned.after <= told(planned, "scouting ahead and back").predicted * 1.001
-    assert told(planned, "this survey").found < told(planned, "leaving now").found
+    assert {"leaving now", "waiting as long", "scouting ahead and back", "this survey"} <= {one.name for one in planned.candidates}
+    assert planned.after <= candidate(planned, "scouting ahead and back").predicted * 1.001
+    assert candidate(planned, "this survey").found < candidate(planned, "leaving now").found
     assert planned.value.value.max() > 0.0
     # one profile is worth most on the way or near it, not at the region's edge
     best = np.argmax(planned.value.value)
@@ -71,7 +71,7 @@ def test_a_lane_keeps_the_survey_out_and_lets_the_stretch_pass_below(planned):
     lane = area((-6e3, -9e3), (6e3, 9e3), surface_only=True)
     around = plan_survey(static(), replace(ASKED, no_go=(lane,)), SURVEY, BLIND)
     assert around.status == "reached"
-    assert "scouting ahead and back" not in {one.name for one in around.told}
+    assert "scouting ahead and back" not in {one.name for one in around.candidates}
     assert around.after >= planned.after
     surfacings = np.array([to_local(GRID.projection, *leg.ends_at) for leg in around.legs if not leg.blind])
     assert not np.any((np.abs(surfacings[:, 0]) < 6e3) & (np.abs(surfacings[:, 1]) < 9e3))
@@ -98,15 +98,15 @@ def test_others_leave_less_to_learn(planned):
 )
 def test_what_a_survey_gains_is_told_against_leaving_now_and_waiting(now, waiting, words):
     rows = (("leaving now", now), ("waiting as long", waiting), ("this survey", (6.2, 5.5, 7.0)))
-    told = tuple(Told(name, 0.0, *(1e3 * value for value in values), 0.0, name == "this survey") for name, values in rows)
+    rows = tuple(Candidate(name, 0.0, *(1e3 * value for value in values), 0.0, name == "this survey") for name, values in rows)
     stretch = Stretch(0j, np.array([1e4 + 0j]), 0.0, 20 * HOUR, 20 * HOUR, SPEED, 0.0)
-    assert _words(told, stretch).endswith(f"this survey 6.2 km (5.5 to 7.0){words}")
+    assert _words(rows, stretch).endswith(f"this survey 6.2 km (5.5 to 7.0){words}")
 
 
 def test_a_survey_in_a_sea_that_changes_is_less_sure_of_itself():
     plan = plan_survey(through_time(), replace(ASKED, settings=replace(SETTINGS, samples=20)), SURVEY, BLIND)
     assert plan.after < plan.before
-    assert told(plan, "this survey").found < told(plan, "leaving now").found
+    assert candidate(plan, "this survey").found < candidate(plan, "leaving now").found
 
 
 def test_a_map_is_no_worse_than_its_lawn_mowers_and_its_samples_say_so():
@@ -115,12 +115,12 @@ def test_a_map_is_no_worse_than_its_lawn_mowers_and_its_samples_say_so():
     plan = plan_map(static(), asked, box)
     assert plan.objective == "map"
     assert plan.after < plan.before
-    assert plan.after <= told(plan, "the best lawn-mower").predicted * 1.001
-    assert told(plan, "this plan").found == pytest.approx(plan.after, rel=0.25)
-    assert told(plan, "no profiles").found == pytest.approx(plan.before, rel=0.25)
+    assert plan.after <= candidate(plan, "the best lawn-mower").predicted * 1.001
+    assert candidate(plan, "this plan").found == pytest.approx(plan.after, rel=0.25)
+    assert candidate(plan, "no profiles").found == pytest.approx(plan.before, rel=0.25)
     assert len(plan.legs) == 5
     deep = plan_map(static(), asked, replace(box, depths=(60.0, 200.0)))
-    assert np.isnan(told(deep, "this plan").found)
+    assert np.isnan(candidate(deep, "this plan").found)
     assert deep.after < deep.before
 
 
@@ -202,8 +202,8 @@ def test_missions_with_fixes_are_told_to_go_straight_where_no_detour_pays():
     asked = replace(ASKED, start=spot(-25e3, 0.0), goals=(spot(25e3, 5e3),), settings=replace(SETTINGS, dives=4, samples=20))
     plan = plan_detour(static(), asked)
     assert "no detour pays" in plan.message
-    assert told(plan, "straight ahead").chosen
-    assert told(plan, "straight ahead").found <= told(plan, "straight ahead, nothing learnt").found
+    assert candidate(plan, "straight ahead").chosen
+    assert candidate(plan, "straight ahead").found <= candidate(plan, "straight ahead, nothing learnt").found
     np.testing.assert_allclose(to_local(GRID.projection, *plan.legs[-1].ends_at), [25e3, 5e3], atol=1.0)
 
 
