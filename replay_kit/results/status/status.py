@@ -114,7 +114,8 @@ def _rate(held: Held) -> _Answer:
         return Line("made_good", "Made good", ("no fix, no distance to the goal",)), {}
     left = figures.far(held.fixes[-1], goal) / 1e3
     text = [f"{left:.1f} km to the goal {place_text(goal[0], goal[1])}, {goal[2]:g} m"]
-    text += [f"{rate.km_a_day:+.1f} ± {rate.error:.1g} km a day over {_days(rate.days)}" for rate in rates]
+    # over a long time the fixes' errors are far below the digit that is shown
+    text += [f"{rate.km_a_day:+.1f} ± {max(rate.error, 0.01):.1g} km a day over {_days(rate.days)}" for rate in rates]
     values = {
         "to_goal_km": left,
         "km_a_day": [{"days": rate.days, "km_a_day": rate.km_a_day, "error": rate.error} for rate in rates],

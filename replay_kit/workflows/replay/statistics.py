@@ -138,9 +138,9 @@ class RunStatistics:
         found = _describe(self.messages.topic_rows(reports)) or "no messages at all"
         lost = self.lost_pings(reports)
         raise MeasurementError(
-            f"{names}: {lost}{'. ' if lost else ''}no usable ADCP ping; "
-            "expected pings (AdcpPing messages, ADCP_* frames, PD0, AD2CP or a [[measurements.map]]) "
-            f"with positions and, unless in earth coordinates, attitude. Found: {found}{self._mapping_hint(reports)}"
+            f"{names}: {lost}{'. ' if lost else ''}no usable ADCP ping and no mean current of a dive; "
+            "expected pings (AdcpPing messages, ADCP_* frames, PD0, AD2CP or a [[measurements.map]]) with positions and, unless in earth "
+            f"coordinates, attitude; or depth-averaged currents between fixes. Found: {found}{self._mapping_hint(reports)}"
         )
 
     def _mapping_hint(self, reports: Sequence[LogReport]) -> str:
