@@ -69,10 +69,12 @@ def chains(code: str) -> list[list[list[str]]]:
 
 
 SHELL = [(path, name, code) for path, name, language, code in BLOCKS if language == "sh" and "pip install" not in code]
-# What takes long: the tests of the paper's study, of saved estimates, figures and exports, of following, of --against, of what can be
-# added and of fleets run each on less, .ci/run the main job from the other form of its log.
+# What takes long: the tests of studies, twins, conversion, saved estimates, figures and exports, of following, of --against, of what can
+# be added and of fleets run each on less, .ci/run the main job from the other form of its log.
 _LONG = (
-    "experiment paper",
+    "experiment ",
+    "synthesize --ensemble",
+    "replay-kit qc ",
     "--save-estimate flow.nc",
     "walk/dives",
     "year/og1.nc",

@@ -51,7 +51,7 @@ def rows(tiny: bool) -> list[Row]:
         flow_row(tiny),
         *zermelo_rows(tiny),
         front_row(tiny),
-        masked_row(3 if tiny else 200),
+        masked_row(1 if tiny else 200),
     ]
     made += planners_mission.rows(_flows(tiny)[0], 1 if tiny else 6, tiny)
     made += planners_scenario.rows(
