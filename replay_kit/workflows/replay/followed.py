@@ -9,6 +9,7 @@ beginning, which names the inputs and is written anew.
 import hashlib
 import json
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,8 @@ from replay_kit.workflows.replay.session import Session
 _KEPT, _LATEST = 6, 3
 # Least wall time between states of one run [s]; no result depends on it.
 _LEAST = 30.0
+# Messages that may have been read beyond the one that a state is of.
+_AHEAD = 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +78,8 @@ class FollowedStates:
         self.path = folder
         self._identity, self._prior = identity, prior
         self._known = self._read_index()
-        self._hash, self._begun_ns = hashlib.sha256(), 0
+        self._begun_ns, self._read = 0, 0
+        self._digests = deque[Any](maxlen=_AHEAD)
         self._pending: tuple[_Known, Checkpoint] | None = None
         self._written_at = time.monotonic()
         self._journal: Journal | None = None
@@ -112,19 +116,26 @@ class FollowedStates:
         for state in self._known:
             while count < state.messages and next(stream, None) is not None:
                 count += 1
-            if count < state.messages or self._hash.hexdigest() != state.digest:
+            if count < state.messages or self._digest(count) != state.digest:
                 break
             fit = state
         return fit, stream
 
     def _counted(self, messages: Iterator[Message]) -> Iterator[Message]:
         """Yield messages after they went into the digest."""
-        self._hash, first = hashlib.sha256(), True
+        digest, self._read = hashlib.sha256(), 0
+        self._digests.clear()
         for message in messages:
-            if first:
-                self._begun_ns, first = message.time_ns, False
-            self._hash.update(message_digest(message))
+            if not self._read:
+                self._begun_ns = message.time_ns
+            digest.update(message_digest(message))
+            self._digests.append(digest.copy())
+            self._read += 1
             yield message
+
+    def _digest(self, messages: int) -> str:
+        """Return the digest of so many messages, at most ``_AHEAD`` before the last one read: a block is read before its first is taken."""
+        return str(self._digests[messages - self._read - 1].hexdigest())
 
     def open_journal(self, checkpoint: Checkpoint | None) -> Journal:
         """Return the journal, cut to what belongs to the state."""
@@ -155,7 +166,7 @@ class FollowedStates:
         """
         if session.writer is None or self._journal is None or (state := session.state) is None:
             return
-        known = _Known(messages, self._hash.hexdigest(), state.last_ns)
+        known = _Known(messages, self._digest(messages), state.last_ns)
         self._pending = known, Checkpoint(state, measurement, messages, self._journal.length, session.writer.state, self._begun_ns)
         if time.monotonic() - self._written_at > _LEAST:
             self.write_last()

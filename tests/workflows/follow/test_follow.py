@@ -55,7 +55,6 @@ def test_dives_out_of_order_and_one_corrected_give_the_bytes_of_one_replay(ocean
     assert not (sea.out.with_name("result.mcap.part")).exists()
 
 
-@pytest.mark.full
 def test_what_did_not_change_is_not_replayed_again(ocean, dives, tmp_path):
     sea = Sea(ocean, tmp_path, goal=None)
     for one in dives[:-1]:
