@@ -36,7 +36,7 @@ class Recorder:
         self.context = IMPORT
         self.coverage.switch_context(IMPORT)
         # a module that only the first of its tests imports would count as executed by that test alone
-        for package in map(importlib.import_module, PACKAGES):
+        for package in map(importlib.import_module, (name for name in PACKAGES if Path(name).is_dir())):
             for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
                 if not module.name.endswith(".__main__"):
                     importlib.import_module(module.name)
