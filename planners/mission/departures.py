@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from planners.mission.attempt import Attempt, is_feasible
-from planners.mission.flight import Sample
+from planners.mission.flight import Flow
 from planners.mission.objectives.objective import Found
 from planners.mission.plan import plan_mission
 from planners.mission.result import to_plan
@@ -26,7 +26,7 @@ _OTHERS, _SOME = 3, 0.25
 _RANKS = ("reached", "uncertain", "unreachable")
 
 
-def plan_departures(flow: Sample, request: MissionRequest, starts_ns: Sequence[int]) -> tuple[MissionPlan, ...]:
+def plan_departures(flow: Flow, request: MissionRequest, starts_ns: Sequence[int]) -> tuple[MissionPlan, ...]:
     """Return the best mission found for each departure.
 
     The first is planned by itself. Each other one is solved from the plan before it, with a leg more or less where that is needed or might
@@ -64,7 +64,7 @@ def best_departure(plans: Sequence[MissionPlan]) -> int:
     return min(range(len(plans)), key=lambda k: rank(plans[k]))
 
 
-def _from_neighbour(flow: Sample, request: MissionRequest, before: MissionPlan) -> MissionPlan | None:
+def _from_neighbour(flow: Flow, request: MissionRequest, before: MissionPlan) -> MissionPlan | None:
     """Return the mission with the legs of another departure's, solved for its own; None where that is no good plan."""
     if before.status != "reached":
         return None

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners.flow import graph_key, latent_over_time
 from planners.mission.leg import Integrator, fly_steps
@@ -19,7 +20,46 @@ from replay_kit.core.flow.horizontal import NodeKernel
 from replay_kit.core.flow.lattice import StreamFunctionLattice
 
 #: A current that does not change, or its flows at increasing times.
-Sample = FlowEstimate | Sequence[FlowEstimate]
+Flow = FlowEstimate | Sequence[FlowEstimate]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalSample:
+    """A flow, and one course of the current about the vehicle beside it (``LocalCurrent.sample``).
+
+    Attributes:
+        flow: It.
+        times_ns: shape (T,), increasing [ns, UTC].
+        velocity: shape (T, 2) [m/s], local east and north; linear between the times, constant before the first and after the last.
+    """
+
+    flow: Flow
+    times_ns: NDArray[np.int64]
+    velocity: Array
+
+
+#: A current, with a course of that beside it or without.
+Sample = Flow | LocalSample
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Courses:
+    """Currents that are the same everywhere, one beside each of K flows.
+
+    Attributes:
+        times: shape (T,) [s], on the clock of the flows.
+        velocity: shape (K, T, 2) [m/s], local east and north.
+    """
+
+    times: Array
+    velocity: Array
+
+    def at(self, time: float) -> Array:
+        """Return the velocities at a time, shape (K, 2) [m/s]."""
+        after = min(max(int(np.searchsorted(self.times, time)), 1), self.times.size - 1)
+        first, last = self.times[after - 1], self.times[after]
+        share = min(max((time - first) / (last - first), 0.0), 1.0)
+        return np.asarray((1.0 - share) * self.velocity[:, after - 1] + share * self.velocity[:, after])
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,20 +70,27 @@ class Currents:
         flow: One of them: levels and functions.
         latent: shape (K, M, Z T).
         times: shape (T,) [s]; None for flows that do not change.
+        beside: The current beside each flow; None without.
     """
 
     flow: FlowEstimate
     latent: Array
     times: Array | None
+    beside: Courses | None = None
 
     def clock(self, time_ns: int) -> float:
-        """Return a time [ns, UTC] on the clock of ``times`` [s]; 0 for flows that do not change, and for no time."""
-        first = self.flow.time_ns
-        return 0.0 if self.times is None or first is None or time_ns == 0 else (time_ns - first) / 1e9
+        """Return a time [ns, UTC] on the clock of ``times`` [s]; 0 for currents that do not change, and for no time."""
+        first, changes = self.flow.time_ns, self.times is not None or self.beside is not None
+        return 0.0 if not changes or first is None or time_ns == 0 else (time_ns - first) / 1e9
 
     def since(self, time_ns: int) -> "Currents":
-        """Return the same flows on a clock that begins at a time [ns, UTC]."""
-        return self if self.times is None else replace(self, times=self.times - self.clock(time_ns))
+        """Return the same currents on a clock that begins at a time [ns, UTC]."""
+        begin, beside = self.clock(time_ns), self.beside
+        return replace(
+            self,
+            times=None if self.times is None else self.times - begin,
+            beside=None if beside is None else replace(beside, times=beside.times - begin),
+        )
 
     @cached_property
     def columns(self) -> Array:
@@ -62,6 +109,11 @@ class Currents:
             of_levels: shape (Z,), the weights of the levels at the depth.
             time: On the clock of ``times`` [s].
         """
+        flowing = self._flowing(place, of_levels, time)
+        return flowing if self.beside is None else flowing + self.beside.at(time)
+
+    def _flowing(self, place: Array, of_levels: Array, time: float) -> Array:
+        """Return the velocity of each flow without the current beside it."""
         weights = of_levels
         if self.times is not None:
             weights = np.asarray(
@@ -94,7 +146,7 @@ def _from_nodes(functions: NodeKernel, place: Array, latent: Array) -> Array:
     return np.column_stack([u, v])
 
 
-def currents_of(flow: Sample) -> Currents:
+def currents_of(flow: Flow) -> Currents:
     """Return one current, of an estimate or of several that hold for increasing times."""
     if isinstance(flow, FlowEstimate):
         return Currents(flow, flow.latent[None], None)
@@ -111,7 +163,9 @@ def currents_of_samples(samples: Sequence[Sample]) -> Currents:
     Raises:
         PlanError: One is of other levels or functions, or of other times, or some change and some do not.
     """
-    each = [(sample,) if isinstance(sample, FlowEstimate) else tuple(sample) for sample in samples]
+    if any(isinstance(sample, LocalSample) for sample in samples):
+        return _with_courses(samples)
+    each = [(sample,) if isinstance(sample, FlowEstimate) else tuple(sample) for sample in samples if not isinstance(sample, LocalSample)]
     for k, flows in enumerate(each):
         if graph_key(flows[0]) != graph_key(each[0][0]):
             raise PlanError(f"sample {k} is not on the nodes, levels, kernel and depth functions of the first")
@@ -121,6 +175,22 @@ def currents_of_samples(samples: Sequence[Sample]) -> Currents:
         return Currents(each[0][0], np.stack([flow.latent for (flow,) in each]), None)
     through = [latent_over_time(flows) for flows in each]
     return Currents(each[0][0], np.stack([latent for _, latent in through]), through[0][0])
+
+
+def _with_courses(samples: Sequence[Sample]) -> Currents:
+    """Return the currents of samples with a course each, on one clock.
+
+    Raises:
+        PlanError: One has no course, or one at other times, or a flow has no time.
+    """
+    each = [sample for sample in samples if isinstance(sample, LocalSample)]
+    currents = currents_of_samples([sample.flow for sample in each])
+    if len(each) < len(samples) or any(not np.array_equal(one.times_ns, each[0].times_ns) for one in each):
+        raise PlanError("some samples have a current beside the flow and some have none, or at other times; draw all of them together")
+    if currents.flow.time_ns is None:
+        raise PlanError("a current beside a flow needs the time of the flow, which has none")
+    times = (each[0].times_ns - currents.flow.time_ns) / 1e9
+    return replace(currents, beside=Courses(times, np.stack([one.velocity for one in each])))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

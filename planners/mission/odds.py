@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planners.mission.feedback import Pilot
-from planners.mission.flight import Flight, Sample
+from planners.mission.flight import Flight, Flow, Sample
 from planners.mission.flights import MissionFlights, legs_of_plan, surfacing_ellipses
 from planners.mission.scenarios import currents_around, fly_samples, points_at, predict, summarise_flights
 from planners.mission.task import mission_task
@@ -32,7 +32,7 @@ class MissionOdds:
 
 
 def mission_odds(
-    flow: Sample,
+    flow: Flow,
     samples: Sequence[Sample],
     plan: MissionPlan,
     request: MissionRequest,

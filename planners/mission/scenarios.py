@@ -17,7 +17,7 @@ from planners.flow import graph_key
 from planners.mission.attempt import Attempt, best_of, is_feasible
 from planners.mission.check import clearances
 from planners.mission.feedback import Pilot, fly_corrected
-from planners.mission.flight import Currents, Flight, Legs, Sample, currents_of, currents_of_samples, fly_legs
+from planners.mission.flight import Currents, Flight, Flow, Legs, LocalSample, Sample, currents_of, currents_of_samples, fly_legs
 from planners.mission.flights import legs_of_plan
 from planners.mission.goal_legs import goal_legs_of, goal_steps_of
 from planners.mission.leg import fly_midpoints
@@ -55,7 +55,7 @@ class _Trial:
 
 
 def plan_scenarios(
-    flow: Sample,
+    flow: Flow,
     samples: Sequence[Sample],
     request: MissionRequest,
     *,
@@ -104,7 +104,7 @@ def plan_scenarios(
 
 
 def fly_scenarios(
-    flow: Sample,
+    flow: Flow,
     samples: Sequence[Sample],
     plan: MissionPlan,
     *,
@@ -180,7 +180,7 @@ def fly_samples(task: MissionTask, currents: Currents, legs: Legs, predicted: Fl
     return fly_corrected(known, met, task.vehicle, predicted, legs, pilot).flight
 
 
-def currents_around(flow: Sample, samples: Sequence[Sample]) -> Currents:
+def currents_around(flow: Flow, samples: Sequence[Sample]) -> Currents:
     """Return the samples' currents, all on the nodes of the estimate.
 
     Samples that change are flown as they are. Where the estimate changes and they do not, they change as it does: what they differ by
@@ -189,6 +189,13 @@ def currents_around(flow: Sample, samples: Sequence[Sample]) -> Currents:
     if not samples:
         raise PlanError("a plan for samples of the estimate needs some; draw them with flow.sample(20, seed)")
     first = flow if isinstance(flow, FlowEstimate) else flow[0]
+    if isinstance(samples[0], LocalSample):
+        drawn = currents_of_samples(samples)
+        without, beside = currents_around(flow, [one.flow for one in samples if isinstance(one, LocalSample)]), drawn.beside
+        assert beside is not None
+        # the clock of each begins with the time of its own first flow
+        later = ((drawn.flow.time_ns or 0) - (without.flow.time_ns or 0)) / 1e9
+        return replace(without, beside=replace(beside, times=beside.times + later))
     if not isinstance(samples[0], FlowEstimate):
         changing = currents_of_samples(samples)
         if graph_key(changing.flow) != graph_key(first):

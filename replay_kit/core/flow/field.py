@@ -26,6 +26,7 @@ from replay_kit.core.flow.covariance import quadratic_form, root_of, sums_for, s
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.factors import CovarianceFactors, FactoredCovariance, WeightCovariance, covariance_of_sum
 from replay_kit.core.flow.horizontal import HorizontalFunctions
+from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid
 
@@ -50,6 +51,7 @@ class FlowField:
         covariance: Of the weights, or a function that returns it for some levels' weights, None for all; read ``weight_cov``.
         time_ns: Time it holds for [ns, UTC]; None when unknown.
         later: Makes the estimate for another time [ns, UTC] from it, as ``evolution`` does; None when the flow has no model of time.
+        local: Current about the vehicle beside the flow, which no velocity here includes; None where none is known.
     """
 
     grid: Grid
@@ -60,6 +62,7 @@ class FlowField:
     covariance: WeightCovariance
     time_ns: int | None
     later: Callable[[Self, int], Self] | None = None
+    local: LocalCurrent | None = None
 
     def at(self, time_ns: int) -> Self:
         """Return the estimate for a time [ns, UTC]; where the current changes, its uncertainty grows with time.
@@ -115,7 +118,7 @@ class FlowField:
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickle the covariance or its factors, not the estimator's state from which they would be computed."""
         parts = (self.grid, self.horizontal, self.depth_functions, self.latent, self.modes, self.kept_covariance, self.time_ns)
-        return type(self), parts
+        return type(self), (*parts, None, self.local)
 
     @property
     def n_modes(self) -> int:
@@ -206,8 +209,8 @@ class FlowField:
         return tuple(replace(mean_flow, latent=self.latent + self.modes @ weights.T) for weights in by_level)
 
     def mean_flow(self) -> Self:
-        """Return the mean alone: the same flow without uncertainty and model of time."""
-        return replace(self, modes=self.modes[:, :0], covariance=np.empty((0, 0)), later=None)
+        """Return the mean alone: the same flow without uncertainty, model of time and local current."""
+        return replace(self, modes=self.modes[:, :0], covariance=np.empty((0, 0)), later=None, local=None)
 
     def _components(self, places: Array, latent: Array, true_axes: bool) -> Array:
         """Return the two components, shape (2, M, k), at places, shape (M, 2), of flows with latent values, shape (size, k)."""

@@ -18,6 +18,7 @@ from replay_kit.core.flow.factors import CovarianceFactors, half_size, whole_of
 from replay_kit.core.flow.horizontal import HorizontalFunctions, HorizontalKernel, NodeKernel
 from replay_kit.core.flow.hybrid import HybridCovariance
 from replay_kit.core.flow.lattice import StreamFunctionLattice
+from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.flow.lossless import EXACT_TIME, FORMAT, LATTICE, NODE_KERNEL, READ_VERSIONS
 from replay_kit.core.flow.oscillation import Oscillation
 from replay_kit.core.flow.process import ProcessModel
@@ -96,6 +97,7 @@ def from_lossless(dataset: xr.Dataset) -> FlowEstimate:
         covariance=_covariance(values),
         time_ns=_time_ns(dataset),
         later=constant if attrs.get("evolution") == "constant" else None,
+        local=_local(attrs, values),
     )
     if attrs.get("evolution") != "process":
         return flow
@@ -163,6 +165,14 @@ def _oscillation(attrs: Mapping[str, Any], values: dict[str, Array]) -> Oscillat
         return None
     omega, cosine, sine = (values[f"oscillation_{name}"] for name in ("omega", "cosine", "sine"))
     return Oscillation(omega, cosine, sine, float(attrs["oscillation_scale"]), int(attrs["oscillation_time"]))
+
+
+def _local(attrs: Mapping[str, Any], values: dict[str, Array]) -> LocalCurrent | None:
+    """Return the current beside the flow; None where none is known, as before it was saved."""
+    if "local_time" not in attrs:
+        return None
+    parts = {name: values[f"local_{name}"] for name in ("probability", "std", "scale", "mean", "cov")}
+    return LocalCurrent(**parts, time_ns=int(attrs["local_time"]))
 
 
 def _time_ns(dataset: xr.Dataset) -> int | None:

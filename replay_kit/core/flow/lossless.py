@@ -25,6 +25,7 @@ from replay_kit.core.flow.factors import CovarianceFactors, half_of
 from replay_kit.core.flow.field import FlowField
 from replay_kit.core.flow.horizontal import HorizontalFunctions, NodeKernel
 from replay_kit.core.flow.lattice import StreamFunctionLattice
+from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.version import __version__
 
 #: Of each variable of a file, as xarray takes it.
@@ -80,6 +81,7 @@ def to_lossless(flow: FlowField) -> xr.Dataset:
         **({"modes": (("function", "mode"), flow.modes, "latent values of the modes")} if flow.n_modes else {}),
         **of_functions,
         **(_weight_cov(flow) if evolution is None else _evolution(evolution)),
+        **({} if flow.local is None else _local(flow.local)),
         **({"time": ((), np.float64(flow.time_ns / 1e9), "time of the estimate")} if flow.time_ns is not None else {}),
     }
     variables = {name: xr.Variable(dims, array, {"long_name": words}) for name, (dims, array, words) in values.items()}
@@ -111,6 +113,8 @@ def to_lossless(flow: FlowField) -> xr.Dataset:
             attrs |= {"oscillation_scale": np.float64(evolution.oscillation.scale), "oscillation_time": str(evolution.oscillation.time_ns)}
         if evolution.time_ns is not None:
             attrs["evolution_time"] = str(evolution.time_ns)
+    if flow.local is not None:
+        attrs["local_time"] = str(flow.local.time_ns)
     return xr.Dataset(variables, attrs=attrs)
 
 
@@ -172,6 +176,16 @@ def _evolution(evolution: Evolution) -> _Values:
         for name, array in (("cosine", known.cosine), ("sine", known.sine)):
             values[f"oscillation_{name}"] = ("oscillation", "component", "depth"), array, f"m/s, local, of its {name}"
     return {name: value for name, value in values.items() if value[1].size}
+
+
+def _local(local: LocalCurrent) -> _Values:
+    return {
+        "local_probability": (("local",), local.probability, "probability of each process of the current beside the flow"),
+        "local_std": (("local",), local.std, "m/s, of a component in the long run"),
+        "local_scale": (("local",), local.scale, "s, decorrelation time"),
+        "local_mean": (("local", "component"), local.mean, "m/s, local east and north, after the last dive"),
+        "local_cov": (("local", "component", "component_2"), local.cov, "m2/s2, its covariance"),
+    }
 
 
 def _standard(flow: FlowField) -> dict[str, dict[str, str]]:

@@ -122,7 +122,7 @@ class DiveModel:
         """Return the state before the first dive."""
         size = self.settings.size
         cov = self.settings.variance[:, :, None] * np.eye(UNKNOWNS)
-        return DiveState(np.zeros((size, UNKNOWNS)), cov, np.full(size, -np.log(size)))
+        return DiveState(np.zeros((size, UNKNOWNS)), cov, self.settings.log_prior)
 
     def predict(self, state: DiveState, time_ns: int) -> DiveState:
         """Return the state at a later time, before the dive of that time."""

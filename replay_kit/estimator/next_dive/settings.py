@@ -1,7 +1,7 @@
 """Settings of the model of dives' mean currents: none is fitted, all combinations are averaged by the evidence of the dives before."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -20,6 +20,8 @@ _CONSTANTS = (0.05, 0.15)
 # The same of a velocity over ground, which holds the way through the water: a dive's course is like that of the last, or turned.
 _GROUND_AMPLITUDES = (0.02, 0.04, 0.08, 0.16, 0.32)
 _GROUND_CONSTANTS = (0.1, 0.3)
+# m/s; of a current beside the estimate, where there is one
+_LOCAL_AMPLITUDES = (0.02, 0.04, 0.08, 0.16)
 # s; the wind that drives the surface part changes as fast
 _SURFACE_SCALE = 12.0 * _HOUR
 #: Number of unknowns: a constant, a part that decorrelates, one trapped at the surface, each east and north; and the flight model's bias.
@@ -35,12 +37,14 @@ class Settings:
         variance: shape (h, 8), prior variances of the unknowns [m^2/s^2, and 1 of the flight bias].
         scales: shape (h, 8), their decorrelation times [s]; inf for constants.
         background: shape (h,), which background the current is measured about; 0 for none.
+        log_prior: shape (h,), logarithm of the probability of each before the first dive.
     """
 
     white_std: Array
     variance: Array
     scales: Array
     background: NDArray[np.intp]
+    log_prior: Array
 
     @property
     def size(self) -> int:
@@ -67,6 +71,14 @@ def ground_combinations(n_backgrounds: int = 0) -> Settings:
     return _of_axes(_GROUND_AMPLITUDES, _TIME_SCALES, _WHITES, (0.0,), (0.0,), _GROUND_CONSTANTS, range(n_backgrounds + 1))
 
 
+def local_combinations() -> Settings:
+    """Return all combinations of settings of a current beside the estimate; half of the probability has none."""
+    settings = _of_axes((0.0, *_LOCAL_AMPLITUDES), _TIME_SCALES, _WHITES, (0.0,), (0.0,), (0.0,), (0,))
+    none = settings.variance[:, 2] == 0.0
+    prior = np.where(none, 0.5 / np.sum(none), 0.5 / np.sum(~none))
+    return replace(settings, log_prior=np.log(prior))
+
+
 def _of_axes(*axes: Iterable[float]) -> Settings:
     amplitude, scale, white, bias, share, constant, background = np.array(list(product(*axes)), dtype=np.float64).T
     surface = share * amplitude
@@ -75,4 +87,4 @@ def _of_axes(*axes: Iterable[float]) -> Settings:
     scales = np.full((scale.size, UNKNOWNS), np.inf)
     scales[:, 2:4] = scale[:, None]
     scales[:, 4:6] = _SURFACE_SCALE
-    return Settings(white, std**2, scales, background.astype(np.intp))
+    return Settings(white, std**2, scales, background.astype(np.intp), np.full(white.size, -np.log(white.size)))

@@ -10,16 +10,18 @@ from pathlib import Path
 import numpy as np
 
 from planners.flow import graph_key
-from planners.mission.flight import Sample
+from planners.mission.flight import Flow, Sample
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution, sample_through
+from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.flow.oscillation import Oscillation
 from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.text import time_text
 from replay_kit.estimator.basis.embedding import embed
+from replay_kit.workflows.planning.local import is_noticed, local_notes, with_courses
 
 _NS = 1_000_000_000
 # Flows of an estimate that changes come in multiples of this number of steps: a program serves all sequences of one length.
@@ -60,6 +62,8 @@ class KnownCurrent:
     def changes(self) -> bool:
         """Whether the current changes."""
         first = self.first
+        if is_noticed(self.local):
+            return True
         if len(self.estimates) > 1 or isinstance(first.later, Evolution) or first.later is None or first.time_ns is None:
             return len(self.estimates) > 1 or self.process is not None
         after = first.at(first.time_ns + round(self.flow_step * _NS))
@@ -72,7 +76,12 @@ class KnownCurrent:
             return self.estimates[-1].time_ns
         return int(self.process.times_ns[-1]) if self.process is not None and self.process.times_ns.size > 1 else None
 
-    def flow(self, begin_ns: int, seconds: float) -> Sample:
+    @property
+    def local(self) -> LocalCurrent | None:
+        """The current beside the only estimate, as the dives so far show it."""
+        return self.first.local if len(self.estimates) == 1 and self.first.time_ns is not None else None
+
+    def flow(self, begin_ns: int, seconds: float) -> Flow:
         """Return the current as planners take it: one flow that does not change, or flows for increasing times.
 
         Args:
@@ -85,12 +94,17 @@ class KnownCurrent:
             return self.first
         later, now = self.first.later, self.first.time_ns or begin_ns
         times = _times(self.process, self._step, begin_ns, seconds)
-        # a step may begin before the estimate: what is known is then that of its time, in the forecast of the step's beginning
-        slow = [later.flow(self.first, time) if time < now and isinstance(later, Evolution) else self.first.at(time) for time in times]
-        return [replace(flow, latent=flow.latent + self._oscillating(time)) for flow, time in zip(slow, times, strict=True)]
+        if later is None:
+            slow = [replace(self.first, time_ns=time) for time in times]
+        else:
+            # a step may begin before the estimate: what is known is then that of its time, in the forecast of the step's beginning
+            slow = [later.flow(self.first, time) if time < now and isinstance(later, Evolution) else self.first.at(time) for time in times]
+        return [replace(flow, latent=flow.latent + self._beside(time)) for flow, time in zip(slow, times, strict=True)]
 
     def samples(self, begin_ns: int, seconds: float, count: int, seed: int) -> Sequence[Sample]:
         """Return samples of the current: of an estimate that changes drawn through time, of others drawn once.
+
+        Each has a course of the current beside the estimate where that is known: what it differs by from the one that ``flow`` has.
 
         Args:
             begin_ns: As in ``flow``.
@@ -100,15 +114,22 @@ class KnownCurrent:
         """
         if count == 0:
             return ()
+        drawn = self._samples(begin_ns, seconds, count, seed)
+        return drawn if self.local is None else with_courses(drawn, self.local, begin_ns, seconds, seed)
+
+    def _samples(self, begin_ns: int, seconds: float, count: int, seed: int) -> Sequence[Flow]:
+        """Return samples of the estimate and what ``flow`` adds to it."""
+        times = _times(self.process, self._step, begin_ns, seconds)
         if self.process is None:
-            return self.first.sample(count, seed)
+            added = self._beside(times[0])
+            return [replace(one, latent=one.latent + added) for one in self.first.sample(count, seed)]
         now = self.first.time_ns or begin_ns
-        times = [max(time_ns, now) for time_ns in _times(self.process, self._step, begin_ns, seconds)]
+        times = [max(time_ns, now) for time_ns in times]
         drawn = sample_through(self.first, times, count, seed)
-        if self.oscillation is None:
+        if self.oscillation is None and not is_noticed(self.local):
             return drawn
-        added = [self._oscillating(time) for time in times]
-        return [[replace(flow, latent=flow.latent + more) for flow, more in zip(through, added, strict=True)] for through in drawn]
+        more = [self._beside(time) for time in times]
+        return [[replace(flow, latent=flow.latent + one) for flow, one in zip(through, more, strict=True)] for through in drawn]
 
     @property
     def oscillation(self) -> Oscillation | None:
@@ -124,9 +145,12 @@ class KnownCurrent:
     def _uniform(self) -> Array:
         return uniform_currents(self.first)
 
-    def _oscillating(self, time_ns: int) -> Array | float:
-        """Return the latent values of what oscillates at a time [ns, UTC], shape (M, Z); 0 where nothing does."""
-        return 0.0 if self.oscillation is None else self._uniform @ self.oscillation.velocity(time_ns)
+    def _beside(self, time_ns: int) -> Array | float:
+        """Return the latent values of what flows beside the slow current at a time [ns, UTC], shape (M, Z) or (M, 1); 0 without."""
+        added = 0.0 if self.oscillation is None else self._uniform @ self.oscillation.velocity(time_ns)
+        if self.local is None or not is_noticed(self.local):
+            return added
+        return added + self._uniform @ self.local.velocity(time_ns)[:, None]
 
     def check_time(self, name: str, time_ns: int) -> None:
         """Raise PlanError for a time [ns, UTC] at which the forecast says nothing; ``name`` is that of the option.
@@ -143,13 +167,16 @@ class KnownCurrent:
 
     def notes(self, begin_ns: int, end_ns: int) -> tuple[str, ...]:
         """Return what is not known of the current during a mission [ns, UTC], as sentences; none where a forecast covers it."""
-        last = self.ends_ns
+        last, local = self.ends_ns, local_notes(self.local, begin_ns)
         if last is None:
-            return (self._of_one_time() + self._beyond(begin_ns, end_ns),)
+            return (self._of_one_time() + self._beyond(begin_ns, end_ns), *local)
         over = (end_ns - max(last, begin_ns)) / 3.6e12
         if over <= 0.0:
-            return ()
-        return (f"the forecast ends at {time_text(last)}, {over:.1f} h before the mission does: from there the current is held",)
+            return local
+        return (
+            *local,
+            f"the forecast ends at {time_text(last)}, {over:.1f} h before the mission does: from there the current is held",
+        )
 
     def _beyond(self, begin_ns: int, end_ns: int) -> str:
         """Return how far a mission [ns, UTC] lies from the one time that is known, where that is a guess."""

@@ -26,6 +26,7 @@ from replay_kit.workflows.planning.adapters import MissionPlanner
 from replay_kit.workflows.planning.areas import area_notes, read_areas
 from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
 from replay_kit.workflows.planning.currents import KnownCurrent, known_current
+from replay_kit.workflows.planning.local import local_notes
 from replay_kit.workflows.planning.inputs import read_flow
 
 #: Objectives of plans that learn.
@@ -161,7 +162,7 @@ def make_learning(job: LearnJob, config: PlannerConfig) -> Learnt:
     plan = _planned(job, flow, request)
     if seconds is None and known.ends_ns is not None:
         notes += known.notes(begin_ns, begin_ns + round(plan.duration * 1e9))
-    notes += _too_sure(known, plan.duration)
+    notes += _too_sure(known, plan.duration) + local_notes(known.local, begin_ns, left_out=True)
     return Learnt(replace(plan, notes=(*plan.notes, *notes)), flow.grid.projection, areas, bottom, flow.grid)
 
 

@@ -22,7 +22,7 @@ from planners import (
     waypoints_of,
     with_odds,
 )
-from planners.mission.flight import Sample
+from planners.mission.flight import Flow, Sample
 from planners.mission.horizon import to_its_end
 from planners.mission.waypoints import Waypoints
 from replay_kit.config.planner import PlannerConfig
@@ -183,7 +183,7 @@ def _seconds(job: PlanJob, config: PlannerConfig, request: MissionRequest) -> fl
     return min(between + bound.span(job.start, job.goals), inf if job.horizon is None else job.horizon)
 
 
-def _planned(job: PlanJob, request: MissionRequest, flow: Sample, drawn: Sequence[Sample]) -> tuple[MissionPlan, tuple[MissionPlan, ...]]:
+def _planned(job: PlanJob, request: MissionRequest, flow: Flow, drawn: Sequence[Sample]) -> tuple[MissionPlan, tuple[MissionPlan, ...]]:
     """Return the mission, and the plans of all departures where several are compared."""
     if job.departures_ns:
         plans = plan_departures(flow, request, job.departures_ns)
@@ -196,7 +196,7 @@ def _planned(job: PlanJob, request: MissionRequest, flow: Sample, drawn: Sequenc
 
 
 def _judged(
-    job: PlanJob, request: MissionRequest, currents: tuple[Sample, Sequence[Sample]], made: MissionPlan
+    job: PlanJob, request: MissionRequest, currents: tuple[Flow, Sequence[Sample]], made: MissionPlan
 ) -> tuple[MissionPlan, MissionOdds]:
     """Return a mission with its odds in its status and message, and the odds; one that was cut is to come to where it was cut."""
     flown = to_its_end(made) if made.status == "partial" else made
@@ -205,7 +205,7 @@ def _judged(
     return with_odds(made, odds, job.arrive, job.accepted_risk), odds
 
 
-def _departure(job: PlanJob, request: MissionRequest, currents: tuple[Sample, Sequence[Sample]], made: MissionPlan) -> Departure:
+def _departure(job: PlanJob, request: MissionRequest, currents: tuple[Flow, Sequence[Sample]], made: MissionPlan) -> Departure:
     """Return the row of one departure, with its odds."""
     if len(made.headings_deg) == 0:
         return Departure.of(made, None)

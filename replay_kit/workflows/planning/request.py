@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import get_args
 
 from planners import Line, MissionPlan, MissionRequest, Mooring, Weights, plan_line, plan_mission, plan_mooring
-from planners.mission.flight import Sample
+from planners.mission.flight import Flow
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.objective import ObjectiveName
 from replay_kit.core.plan import Place
@@ -78,7 +78,7 @@ class MissionKind:
             if refused:
                 raise ConfigError(message)
 
-    def plan(self, flow: Sample, request: MissionRequest) -> MissionPlan:
+    def plan(self, flow: Flow, request: MissionRequest) -> MissionPlan:
         """Return the mission of this kind.
 
         Args:

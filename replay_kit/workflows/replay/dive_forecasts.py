@@ -17,6 +17,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Observation, PathMean, usable
 from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Persistence
 from replay_kit.estimator.next_dive.filter import SURFACE_DEPTH
+from replay_kit.estimator.next_dive.local import local_step
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.workflows.replay.dive_outcomes import Before
 from replay_kit.workflows.replay.estimation import Assimilation, Step
@@ -42,6 +43,7 @@ class ForecastState:
         last: The last dive's mean; None before the first.
         ground: Of a log that has stated no mean current yet.
         outcomes: Of the dives so far.
+        local: Of the current beside the estimate; None before the first dive.
     """
 
     model: DiveState | None = None
@@ -51,6 +53,7 @@ class ForecastState:
     last: DiveMean | None = None
     ground: GroundState = field(default_factory=GroundState)
     outcomes: tuple[DiveOutcome, ...] = ()
+    local: DiveState | None = None
 
 
 def forecast_step(state: ForecastState, step: Step, flow_at: FlowAt, surface_depth: float) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
@@ -64,6 +67,7 @@ def forecast_step(state: ForecastState, step: Step, flow_at: FlowAt, surface_dep
     """
     state, ended = _over_ground(state, step, flow_at, surface_depth)
     if isinstance(step.event, PathMean):
+        state = _beside_estimate(state, step.event, step.assimilation)
         return forecast_mean(state, step.event, None if step.assimilation is None else _backgrounds(step.event, step.assimilation))
     if isinstance(step.event, Observation):
         return with_profile(state, step.event), ended
@@ -183,6 +187,17 @@ def backgrounds_of(mean: PathMean, measured: Array, innovations: Sequence[Array]
     predicted = np.stack([measured - (each[0] if each.shape == (1, 2) else np.nan) for each in innovations])
     turned = (predicted[:, 0] + 1j * predicted[:, 1]) * turn
     return np.column_stack([turned.real, turned.imag])
+
+
+def _beside_estimate(state: ForecastState, mean: PathMean, assimilation: Assimilation | None) -> ForecastState:
+    """Return the state after what a dive's mean current says of the current beside the estimate; nothing where no estimate is."""
+    if assimilation is None or assimilation.dive_std is None or assimilation.dive_innovation.shape != (1, 2):
+        return state
+    (innovation,), (std,) = assimilation.dive_innovation, assimilation.dive_std
+    if not (np.isfinite(innovation).all() and np.isfinite(std).all()):
+        return state
+    middle_ns = (int(mean.path_time_ns[0]) + mean.time_ns) // 2
+    return replace(state, local=local_step(state.local, middle_ns, innovation, std))
 
 
 def _backgrounds(mean: PathMean, assimilation: Assimilation) -> Array:

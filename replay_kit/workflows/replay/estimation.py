@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.observation import Innovation, Measurement, Observation, VehicleState
+from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, VehicleState
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 
@@ -43,11 +43,13 @@ class Assimilation:
         dive_innovation: shape (n, 2) [m/s], measured minus predicted from all dives before the measurement's own; of a group all bins of
             all profiles.
         weights: shape (r Z,), mean weights after the measurement; None for an estimator without weights of the run's basis.
+        dive_std: shape (1, 2) [m/s], predicted, of ``dive_innovation`` of a dive's mean current; None for others.
     """
 
     innovation: Innovation
     dive_innovation: Array
     weights: Array | None
+    dive_std: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,8 +104,13 @@ def assimilate(
                 if isinstance(event, ProfileGroup)
                 else estimator.innovation(state.dive_start, event)
             )
+            dive_std = None
+            if isinstance(event, PathMean) and event.kind == "dac":
+                # profiles of the dive itself make the estimate surer than it was before the dive
+                from_start = innovation if state.dive_start is before else estimator.step(state.dive_start, event)[1]
+                dive_std = from_start.innovation_std
             state = replace(state, current=after)
-            steps.append(Step(event, before, after, Assimilation(innovation, dive_innovation, next(weights))))
+            steps.append(Step(event, before, after, Assimilation(innovation, dive_innovation, next(weights), dive_std)))
     return replace(state, waiting=waiting), steps
 
 

@@ -17,6 +17,7 @@ from replay_kit.core.finding import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState
 from replay_kit.estimator import Estimator
+from replay_kit.estimator.next_dive.local import local_current
 from replay_kit.measurements import Event
 from replay_kit.measurements.consistency.monitor import Checked
 from replay_kit.measurements.consistency.speeds import EnsembleSpeeds
@@ -197,7 +198,7 @@ class Session:
         self.statistics = self.statistics.after_steps(steps)
         self.monitoring = consistency.with_gated(self.monitoring, steps)
         for step in steps:
-            before, after = partial(flow_at, self.estimator, step.before), partial(flow_at, self.estimator, step.after)
+            before, after = partial(self._flow, step.before), partial(self._flow, step.after)
             self._plan(plans.before_step, step, before)
             if self.writer is not None:
                 self.publishing, outputs = publish_step(self.publishing, step, self._levels, self.config.output, after)
@@ -219,13 +220,18 @@ class Session:
 
     def conclude(self) -> FlowEstimate:
         """Finish a surfacing, plan from the last position and publish the last depth slices; return the last estimate."""
-        at = partial(flow_at, self.estimator, self.estimation.current)
+        at = partial(self._flow, self.estimation.current)
         self._expect(forecast_end(self.forecasts))
         self._plan(plans.finish_surfacing, at)
         flow = at(self.last_ns)
         self._plan(plans.make_plan, flow, self.last_ns)
         self._write((depth_slices(self.last_ns, flow, self.config.output),))
         return flow
+
+    def _flow(self, state: Any, time_ns: int) -> FlowEstimate:
+        """Return the estimate of a state for a time [ns, UTC], with the current beside it as the dives so far show it."""
+        flow, local = flow_at(self.estimator, state, time_ns), local_current(self.forecasts.local)
+        return flow if local is None else replace(flow, local=local)
 
     def _plan(self, stage: Callable[..., tuple[PlanningState, tuple[Output, ...]]], *arguments: Any) -> None:
         """Make one step of the planning stage, if there is something to plan."""

@@ -29,12 +29,14 @@ def dives(n=5, seed=0, bias=0.5 + 0.1j, inverted=True, noise=0.01):
 
 
 def one(settings, h):
-    return Settings(settings.white_std[[h]], settings.variance[[h]], settings.scales[[h]], settings.background[[h]])
+    return Settings(settings.white_std[[h]], settings.variance[[h]], settings.scales[[h]], settings.background[[h]], np.zeros(1))
 
 
 def assert_is_gaussian_of_all(settings, chosen, given):
     last = replace(given[-1], inverted=None)
-    whole = DiveModel(Settings(*(getattr(settings, name)[chosen] for name in ("white_std", "variance", "scales", "background"))), 1e-40)
+    whole = DiveModel(
+        Settings(*(getattr(settings, name)[chosen] for name in ("white_std", "variance", "scales", "background", "log_prior"))), 1e-40
+    )
     state = whole.initial()
     for dive in given[:-1]:
         state = whole.step(state, dive)

@@ -1,0 +1,71 @@
+"""The current about a vehicle that its estimate does not hold: tides, inertial motion, fronts between the forecast's points.
+
+It is the same at all depths, and an Ornstein-Uhlenbeck process along the vehicle's way: what is known of it is forgotten with time, and its
+uncertainty grows to that of the process. Several processes are averaged, each with its probability, one of them that there is none.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalCurrent:
+    """The current beside an estimate, as the dives so far show it; components are local east and north.
+
+    Attributes:
+        probability: shape (h,), of each process; they sum to one.
+        std: shape (h,) [m/s], of a component in the long run; 0 where there is no such current.
+        scale: shape (h,) [s], decorrelation time.
+        mean: shape (h, 2) [m/s], at ``time_ns``.
+        cov: shape (h, 2, 2) [m^2/s^2], at ``time_ns``.
+        time_ns: Of the last dive [ns, UTC].
+    """
+
+    probability: Array
+    std: Array
+    scale: Array
+    mean: Array
+    cov: Array
+    time_ns: int
+
+    def at(self, time_ns: int) -> "LocalCurrent":
+        """Return what is known for a time [ns, UTC]; for one before the last dive, as at that dive."""
+        kept = np.exp(-max(time_ns - self.time_ns, 0) / 1e9 / self.scale)
+        fresh = ((1.0 - kept**2) * self.std**2)[:, None, None] * np.eye(2)
+        cov = kept[:, None, None] ** 2 * self.cov + fresh
+        return replace(self, mean=kept[:, None] * self.mean, cov=cov, time_ns=max(time_ns, self.time_ns))
+
+    def velocity(self, time_ns: int) -> Array:
+        """Return the expected velocity at a time [ns, UTC], shape (2,) [m/s]."""
+        return np.asarray(self.probability @ self.at(time_ns).mean)
+
+    def standard_error(self, time_ns: int) -> float:
+        """Return the standard deviation of a component at a time [ns, UTC], the mean of both [m/s]."""
+        now = self.at(time_ns)
+        about = now.mean - self.probability @ now.mean
+        return float(np.sqrt(self.probability @ (np.einsum("hii->h", now.cov) + np.sum(about**2, axis=1)) / 2.0))
+
+    def sample(self, times_ns: Sequence[int], n: int, seed: int) -> Array:
+        """Return n courses of the velocity drawn through time, shape (n, T, 2) [m/s].
+
+        Args:
+            times_ns: shape (T,), in order [ns, UTC]; those before the last dive count as its time.
+            n: Number of courses.
+            seed: The same seed gives the same courses.
+        """
+        rng, times = np.random.default_rng([seed, 1]), [max(time_ns, self.time_ns) for time_ns in times_ns]
+        first = self.at(times[0])
+        which = rng.choice(len(self.probability), n, p=self.probability)
+        values, vectors = np.linalg.eigh(first.cov)
+        roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+        drawn = [first.mean[which] + np.einsum("nij,nj->ni", roots[which], rng.standard_normal((n, 2)))]
+        for before, after in pairwise(times):
+            past = (after - before) / 1e9 / self.scale[which, None]
+            noise = self.std[which, None] * np.sqrt(-np.expm1(-2.0 * past)) * rng.standard_normal((n, 2))
+            drawn.append(np.exp(-past) * drawn[-1] + noise)
+        return np.stack(drawn, axis=1)

@@ -1,0 +1,69 @@
+"""The current beside an estimate: its moments, and those of the courses drawn from it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from replay_kit.core.flow.load import load_bytes
+from replay_kit.core.flow.local import LocalCurrent
+from replay_kit.core.flow.lossless import save_bytes
+from tests.reference import local as slow
+
+HOUR = 3600 * 10**9
+NOW = 1_700_000_000 * 10**9
+LOCAL = LocalCurrent(
+    probability=np.array([0.3, 0.5, 0.2]),
+    std=np.array([0.0, 0.08, 0.16]),
+    scale=np.array([6.0, 24.0, 96.0]) * 3600.0,
+    mean=np.array([[0.0, 0.0], [0.06, -0.02], [0.1, 0.03]]),
+    cov=np.array([[[0.0, 0.0], [0.0, 0.0]], [[4e-4, 1e-4], [1e-4, 3e-4]], [[9e-4, 0.0], [0.0, 9e-4]]]),
+    time_ns=NOW,
+)
+TIMES = [NOW - HOUR, NOW, NOW + 5 * HOUR, NOW + 40 * HOUR]
+
+
+@pytest.mark.parametrize("time_ns", TIMES)
+def test_moments_are_those_of_the_average_of_the_processes(time_ns):
+    mean, cov = slow.moments(LOCAL, time_ns)
+    np.testing.assert_allclose(LOCAL.velocity(time_ns), mean, rtol=1e-12)
+    assert LOCAL.standard_error(time_ns) == pytest.approx(np.sqrt(np.trace(cov) / 2.0), rel=1e-12)
+
+
+def test_predicting_twice_is_predicting_once():
+    once, twice = LOCAL.at(NOW + 9 * HOUR), LOCAL.at(NOW + 4 * HOUR).at(NOW + 9 * HOUR)
+    for name in ("mean", "cov", "probability"):
+        np.testing.assert_allclose(getattr(twice, name), getattr(once, name), rtol=1e-12, atol=1e-18)
+
+
+def test_courses_have_the_moments_of_the_current_at_each_time_and_between_times():
+    n = 40_000
+    drawn = LOCAL.sample(TIMES, n, seed=3)
+    assert drawn.shape == (n, 4, 2)
+    for k, time_ns in enumerate(TIMES):
+        mean, cov = slow.moments(LOCAL, time_ns)
+        np.testing.assert_allclose(drawn[:, k].mean(axis=0), mean, atol=4.0 * np.sqrt(cov.max() / n))
+        np.testing.assert_allclose(np.cov(drawn[:, k].T), cov, atol=0.05 * cov.max())
+    for first, second in ((1, 2), (2, 3), (1, 3)):
+        between = np.cov(drawn[:, first].T, drawn[:, second].T)[:2, 2:]
+        expected = slow.lagged(LOCAL, TIMES[first], TIMES[second])
+        np.testing.assert_allclose(between, expected, atol=0.05 * np.abs(slow.moments(LOCAL, NOW)[1]).max())
+
+
+def test_the_same_seed_gives_the_same_courses_and_times_before_the_last_dive_count_as_its_time():
+    drawn = LOCAL.sample(TIMES, 5, seed=3)
+    np.testing.assert_array_equal(drawn, LOCAL.sample(TIMES, 5, seed=3))
+    np.testing.assert_array_equal(drawn[:, 0], drawn[:, 1])
+    assert not np.array_equal(drawn, LOCAL.sample(TIMES, 5, seed=4))
+
+
+def test_it_survives_a_file_and_no_velocity_includes_it(flow):
+    beside = replace(flow, local=LOCAL)
+    again = load_bytes(save_bytes(beside), "flow")
+    assert again.local is not None
+    for name in ("probability", "std", "scale", "mean", "cov"):
+        np.testing.assert_array_equal(getattr(again.local, name), getattr(LOCAL, name))
+    assert again.local.time_ns == NOW
+    np.testing.assert_array_equal(again.velocity(0.0, 0.0, 10.0), flow.velocity(0.0, 0.0, 10.0))
+    assert load_bytes(save_bytes(flow), "flow").local is None
+    assert beside.mean_flow().local is None
