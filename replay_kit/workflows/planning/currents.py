@@ -21,7 +21,7 @@ from replay_kit.core.flow.oscillation import Oscillation
 from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.text import time_text
 from replay_kit.estimator.basis.embedding import embed
-from replay_kit.workflows.planning.local import is_noticed, local_notes, with_courses
+from replay_kit.workflows.planning.local import is_noticed, with_courses
 
 _NS = 1_000_000_000
 # Flows of an estimate that changes come in multiples of this number of steps: a program serves all sequences of one length.
@@ -167,16 +167,13 @@ class KnownCurrent:
 
     def notes(self, begin_ns: int, end_ns: int) -> tuple[str, ...]:
         """Return what is not known of the current during a mission [ns, UTC], as sentences; none where a forecast covers it."""
-        last, local = self.ends_ns, local_notes(self.local, begin_ns)
+        last = self.ends_ns
         if last is None:
-            return (self._of_one_time() + self._beyond(begin_ns, end_ns), *local)
+            return (self._of_one_time() + self._beyond(begin_ns, end_ns),)
         over = (end_ns - max(last, begin_ns)) / 3.6e12
         if over <= 0.0:
-            return local
-        return (
-            *local,
-            f"the forecast ends at {time_text(last)}, {over:.1f} h before the mission does: from there the current is held",
-        )
+            return ()
+        return (f"the forecast ends at {time_text(last)}, {over:.1f} h before the mission does: from there the current is held",)
 
     def _beyond(self, begin_ns: int, end_ns: int) -> str:
         """Return how far a mission [ns, UTC] lies from the one time that is known, where that is a guess."""

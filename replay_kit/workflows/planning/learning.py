@@ -26,8 +26,8 @@ from replay_kit.workflows.planning.adapters import MissionPlanner
 from replay_kit.workflows.planning.areas import area_notes, read_areas
 from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
 from replay_kit.workflows.planning.currents import KnownCurrent, known_current
-from replay_kit.workflows.planning.local import local_notes
 from replay_kit.workflows.planning.inputs import read_flow
+from replay_kit.workflows.planning.local import local_notes
 
 #: Objectives of plans that learn.
 OBJECTIVES = ("learn", "map")

@@ -37,6 +37,7 @@ from replay_kit.workflows.planning.areas import area_notes, read_areas
 from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
 from replay_kit.workflows.planning.currents import KnownCurrent, known_current
 from replay_kit.workflows.planning.inputs import read_flow
+from replay_kit.workflows.planning.local import local_notes
 from replay_kit.workflows.planning.request import JUDGING, PlanJob, objective_of
 
 
@@ -132,7 +133,7 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
     few = None
     if job.waypoints and len(made.headings_deg):
         few = waypoints_of(flow, made, job.waypoint_tolerance, no_go=request.no_go, bathymetry=request.bathymetry)
-    notes += known.notes(made.start_time_ns, made.start_time_ns + round(made.duration * 1e9))
+    notes += known.notes(made.start_time_ns, made.start_time_ns + round(made.duration * 1e9)) + local_notes(known.local, made.start_time_ns)
     if certain:
         made = replace(made, message=f"{made.message}; the estimate states no uncertainty: how likely that is is not known")
     planned = PlannedMission(made, grid.projection, None, None, few, notes, request.no_go, request.bathymetry, grid)

@@ -14,6 +14,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import constant
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.workflows.planning.currents import KnownCurrent
+from replay_kit.workflows.planning.local import local_notes
 from tests.planners.flow_samples import place, uniform_flow
 from tests.workflows.planning.test_currents import evolving
 
@@ -49,14 +50,16 @@ def test_an_expected_current_is_planned_with_and_forgotten():
         np.testing.assert_allclose(
             flow.velocity(0.0, 0.0, 20.0) - known.first.velocity(0.0, 0.0, 20.0), known.local.velocity(flow.time_ns), atol=2e-3
         )
-    assert any("10 cm/s towards 0 degrees" in note for note in known.notes(NOON, BEGIN))
+    (note,) = local_notes(known.local, NOON)
+    assert "10 cm/s towards 0 degrees" in note
+    assert "plan and the samples" in note
 
 
 @pytest.mark.parametrize("beside", [None, local([0.004, 0.0], 0.0)])
 def test_without_an_expected_current_the_estimate_is_planned_on_as_it_is(beside):
     known = KnownCurrent((estimate(beside),), 6 * 3600.0)
     assert known.flow(BEGIN, SECONDS) is known.first
-    assert not any("beside" in note for note in known.notes(NOON, BEGIN))
+    assert local_notes(known.local, NOON) == ()
 
 
 @pytest.mark.parametrize("make", [estimate, lambda beside: replace(evolving(), local=beside)])
