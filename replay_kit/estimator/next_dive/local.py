@@ -12,8 +12,8 @@ from replay_kit.estimator.next_dive.filter import DiveMean, DiveModel, DiveState
 from replay_kit.estimator.next_dive.settings import local_combinations
 
 _MODEL = DiveModel(local_combinations())
-# Positions of the part that decorrelates among the unknowns.
-_LOCAL = slice(2, 4)
+# Position among the unknowns of the part that decorrelates, to the east; to the north it is the next.
+_LOCAL = 2
 
 
 def local_step(state: DiveState | None, time_ns: int, innovation: Array, std: Array) -> DiveState:
@@ -32,22 +32,9 @@ def local_step(state: DiveState | None, time_ns: int, innovation: Array, std: Ar
 
 
 def local_current(state: DiveState | None) -> LocalCurrent | None:
-    """Return the current beside the estimate after some dives; None before the first.
-
-    Combinations that differ only in the error of a mean current foretell the same and are joined.
-    """
+    """Return the current beside the estimate after some dives; None before the first."""
     if state is None or state.time_ns is None:
         return None
-    std, scale = np.sqrt(_MODEL.settings.variance[:, _LOCAL.start]), _MODEL.settings.scales[:, _LOCAL.start]
-    weights = np.exp(state.log_weights)
-    joined = []
-    for pair in sorted({(one, time) for one, time in zip(std.tolist(), scale.tolist(), strict=True)}):
-        of_pair = np.flatnonzero((std == pair[0]) & (scale == pair[1]))
-        share = float(np.sum(weights[of_pair]))
-        within = weights[of_pair] / share if share > 0.0 else np.full(of_pair.size, 1.0 / of_pair.size)
-        means, covs = state.mean[of_pair, _LOCAL], state.cov[of_pair, _LOCAL, _LOCAL]
-        about = means - within @ means
-        cov = np.einsum("h,hij->ij", within, covs) + (within[:, None] * about).T @ about
-        joined.append((share, *pair, within @ means, cov))
-    shares, stds, scales, means, covs = (np.array(part) for part in zip(*joined, strict=True))
-    return LocalCurrent(shares / np.sum(shares), stds, scales, means, covs, state.time_ns)
+    settings, part = _MODEL.settings, slice(_LOCAL, _LOCAL + 2)
+    std, scale = np.sqrt(settings.variance[:, _LOCAL]), settings.scales[:, _LOCAL]
+    return LocalCurrent(np.exp(state.log_weights), std, scale, state.mean[:, part], state.cov[:, part, part], state.time_ns)

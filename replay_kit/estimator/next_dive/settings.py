@@ -72,8 +72,12 @@ def ground_combinations(n_backgrounds: int = 0) -> Settings:
 
 
 def local_combinations() -> Settings:
-    """Return all combinations of settings of a current beside the estimate; half of the probability has none."""
-    settings = _of_axes((0.0, *_LOCAL_AMPLITUDES), _TIME_SCALES, _WHITES, (0.0,), (0.0,), (0.0,), (0,))
+    """Return all combinations of settings of a current beside the estimate; half of the probability has none.
+
+    Errors that no other dive shares are those that the estimate and the measurement state: whatever else changes from dive to dive is a
+    current that decorrelates, as ellipses that leave it out would be too small.
+    """
+    settings = _of_axes((0.0, *_LOCAL_AMPLITUDES), _TIME_SCALES, _WHITES[:1], (0.0,), (0.0,), (0.0,), (0,))
     none = settings.variance[:, 2] == 0.0
     prior = np.where(none, 0.5 / np.sum(none), 0.5 / np.sum(~none))
     return replace(settings, log_prior=np.log(prior))

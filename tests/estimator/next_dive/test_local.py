@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from replay_kit.core.flow.local import LocalCurrent
-from replay_kit.estimator.next_dive import local as module
 from replay_kit.estimator.next_dive.local import local_current, local_step
 
 HOUR = 3600 * 10**9
@@ -59,17 +58,3 @@ def test_errors_of_drawn_currents_are_as_large_as_stated():
         squares.append(np.sum((course[-1] - found.velocity(coming)) ** 2))
         stated.append(2.0 * found.standard_error(coming) ** 2)
     assert 0.75 < np.mean(squares) / np.mean(stated) < 1.3
-
-
-def test_what_is_joined_keeps_mean_and_covariance():
-    state = None
-    for k in range(4):
-        state = local_step(state, k * 3 * HOUR, np.array([0.03 * k, -0.02]), np.array([0.02, 0.03]))
-    found, weights = local_current(state), np.exp(state.log_weights)
-    assert found is not None
-    assert len(found.probability) < len(weights) == len(module._MODEL.settings.white_std)
-    np.testing.assert_allclose(found.velocity(found.time_ns), weights @ state.mean[:, 2:4], rtol=1e-9)
-    means, covs = state.mean[:, 2:4], state.cov[:, 2:4, 2:4]
-    second = np.einsum("h,hij->ij", weights, covs + means[:, :, None] * means[:, None, :])
-    again = np.einsum("h,hij->ij", found.probability, found.cov + found.mean[:, :, None] * found.mean[:, None, :])
-    np.testing.assert_allclose(again, second, rtol=1e-9)
