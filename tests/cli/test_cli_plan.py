@@ -161,6 +161,7 @@ def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path)
         (["--max-depth", "200"], 3, "deeper than the vehicle's limit, 200 m"),
         (["--max-depth", "0"], 2, "max_depth"),
         (["--goal=170,-40,0"], 3, "outside the forecast"),
+        (["--no-go", "nowhere.geojson"], 3, "nowhere.geojson: expected a file to plan with"),
     ],
 )
 def test_what_it_refuses(flow, more, code, words):

@@ -5,8 +5,9 @@ from pathlib import Path
 
 from replay_kit.config.run import RunConfig
 from replay_kit.results import Recorded
-from replay_kit.workflows.planning.learning import LearnJob, make_learning
+from replay_kit.workflows.planning.learning import make_learning
 from replay_kit.workflows.planning.learning_outputs import write_learning
+from replay_kit.workflows.planning.learning_request import LearnJob
 from replay_kit.workflows.planning.mission import make_mission
 from replay_kit.workflows.planning.outputs import write_mission
 from replay_kit.workflows.planning.record import recorded_job

@@ -19,7 +19,8 @@ from replay_kit.core.text import time_text
 from replay_kit.results import ResultWriter
 from replay_kit.results.text import print_table
 from replay_kit.workflows.planning.adapters import over_bottom
-from replay_kit.workflows.planning.learning import LearnJob, Learnt
+from replay_kit.workflows.planning.learning import Learnt
+from replay_kit.workflows.planning.learning_request import LearnJob
 from replay_kit.workflows.planning.record import plan_metadata
 from replay_kit.workflows.planning.seabed import seabed_of
 from replay_kit.workflows.replay.provenance import run_settings_toml

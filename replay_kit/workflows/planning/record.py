@@ -6,7 +6,7 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from replay_kit.core.errors import LogError
-from replay_kit.workflows.planning.learning import LearnJob
+from replay_kit.workflows.planning.learning_request import LearnJob
 from replay_kit.workflows.planning.request import PlanJob
 from replay_kit.workflows.replay.provenance import BATHYMETRY, PLAN_RECORD, named_hash, package_versions
 
