@@ -112,6 +112,13 @@ def test_an_altered_request_gives_another_plan(mission, tmp_path):
     assert not again(changed(mission / "plan.mcap", tmp_path / "plan.mcap", metadata=other), mission).same
 
 
+def test_no_file_is_read_that_is_none_of_the_inputs(mission):
+    record = read_recorded(mission / "plan.mcap").metadata["replay_kit.plan"]
+    foreign = json.dumps(json.loads(record["job"]) | {"bathymetry": "/etc/hostname", "others": ["/etc/hostname"], "flows": ["x.nc"]})
+    job = recorded_job(record | {"job": foreign}, {"flow0": mission / "flow.nc", "no_go": mission / "areas.geojson"})
+    assert (job.flows, job.no_go, job.bathymetry) == ((mission / "flow.nc",), mission / "areas.geojson", None)
+
+
 def test_a_plan_that_does_not_say_what_was_asked_for_is_refused(mission, tmp_path):
     old = changed(mission / "plan.mcap", tmp_path / "old.mcap", metadata=lambda name, values: None if name == "replay_kit.plan" else values)
     with pytest.raises(LogError, match=r"old\.mcap: a plan of an earlier version, which records no options to make it again from"):

@@ -45,7 +45,8 @@ def recorded_job(record: Mapping[str, str], found: Mapping[str, Path]) -> PlanJo
         LogError: The record is damaged.
     """
     lists = {field: [found[name] for name in _numbered(found, key)] for field, key in _LISTS.items()}
-    files = {name: value for name, value in {**lists, **{name: found.get(name) for name in _FILES}}.items() if value}
+    # all of them: a record of somebody else names no file to read
+    files = {**lists, **{name: found.get(name) for name in _FILES}}
     try:
         adapter: TypeAdapter[PlanJob | LearnJob] = TypeAdapter(_JOBS[record["kind"]])
         asked = TypeAdapter(dict[str, object]).validate_json(record["job"])
