@@ -10,10 +10,13 @@ Of symmetric matrices the file has the lower half, row by row. The covariance of
 numbers (``factors.py``).
 """
 
+from io import BytesIO
 from pathlib import Path
 
+import h5netcdf
 import numpy as np
 import xarray as xr
+from xarray.backends import H5NetCDFStore
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.atomic import atomic_file
@@ -220,4 +223,12 @@ def _exact(flow: FlowField) -> tuple[xr.Dataset, Encoding]:
 
 
 def _bytes(dataset: xr.Dataset, encoding: Encoding) -> bytes:
-    return bytes(dataset.to_netcdf(None, engine="h5netcdf", encoding=encoding))
+    """Return a dataset as the bytes of a NetCDF-4 file.
+
+    ``to_netcdf`` would take a lock named after the buffer's address from the scheduler, where the process is a worker of Dask. Addresses
+    are used again by other missions, and the scheduler then no longer knows the lock. No other thread sees the buffer.
+    """
+    buffer = BytesIO()
+    with h5netcdf.File(buffer, "w") as file:
+        dataset.dump_to_store(H5NetCDFStore(file), encoding=encoding)
+    return buffer.getvalue()

@@ -67,6 +67,13 @@ def test_bytes_are_reproducible(flow: FlowEstimate) -> None:
     assert save_bytes(flow) == first
 
 
+def test_no_lock_is_asked_of_a_scheduler(flow: FlowEstimate, monkeypatch) -> None:
+    # xarray names the lock after the buffer's address, which the next mission on a worker uses again
+    expected = save_bytes(flow)
+    monkeypatch.setattr("xarray.backends.h5netcdf_.get_write_lock", None)
+    assert save_bytes(flow) == expected
+
+
 def test_load_refuses_other_files(flow: FlowEstimate, tmp_path: Path) -> None:
     path = tmp_path / "other.nc"
     with pytest.raises(ForecastError, match="cannot read"):
