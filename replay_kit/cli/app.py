@@ -78,7 +78,7 @@ _COMMANDS = {
     ),
     "verify": (
         "OUT.mcap",
-        "Make a result again from its inputs and the configuration in it, and name the first difference, with exit code 5.",
+        "Make a replay or a plan again from the inputs and options in its result, and name what differs, with exit code 5.",
     ),
 }
 _STUDIES = {

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from replay_kit.core.atomic import part_of
-from replay_kit.core.errors import ConfigError
+from replay_kit.core.errors import ConfigError, PlanError
 
 #: One path, or several, of which those in a sequence of their own belong together.
 Paths = str | Path | Sequence[str | Path | Sequence[str | Path]]
@@ -39,6 +39,13 @@ def check_paths(
             raise ConfigError(f"{path}: there is no folder {path.parent}; make it, or choose another place")
         if path.exists() and not overwrite and path not in kept and not is_stream(path):
             raise ConfigError(f"{path}: exists; choose another name or give --overwrite")
+
+
+def check_inputs(inputs: Iterable[Path | None]) -> None:
+    """Raise PlanError for the first input of a plan that is not there; None is ignored."""
+    for path in inputs:
+        if path is not None and not path.exists():
+            raise PlanError(f"{path}: expected a file to plan with, there is none of this name; check the path")
 
 
 def as_path(value: object, what: str) -> Path:

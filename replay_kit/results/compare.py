@@ -88,7 +88,7 @@ def read_recorded(path: Path) -> Recorded:
     """Return what a result says of the run that made it.
 
     Raises:
-        LogError: It cannot be read, or was not made by a replay.
+        LogError: It cannot be read, or was made neither by a replay nor by a plan.
     """
     try:
         with path.open("rb") as file:
@@ -101,14 +101,14 @@ def read_recorded(path: Path) -> Recorded:
                     digests.append(Digest(int(values["time_ns"]), int(values["messages"]), values["sha256"]))
             attachments = {record.name: record.data for record in reader.iter_attachments()}
         config = attachments[CONFIG_NAME].decode()
-        # a plan made on its own has inputs too, but no ensemble that could be replayed
-        if not any(key.startswith("ensemble") for key in metadata.get("replay_kit.inputs", {})):
-            raise KeyError("replay_kit.inputs: ensemble")
+        # a replay has an ensemble, a plan made on its own estimates
+        if not any(key.startswith(("ensemble", "flow")) for key in metadata.get("replay_kit.inputs", {})):
+            raise KeyError("replay_kit.inputs: ensemble or flow0")
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}; check the file and its permissions") from error
     except DAMAGED as error:
         why = f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
-        raise LogError(f"{path}: expected a whole result of replay-kit replay, but {why}; give the file of replay's --out") from error
+        raise LogError(f"{path}: expected a whole result of replay-kit replay or plan, but {why}; give the file of --out") from error
     return Recorded(metadata, config, tuple(digests), attachments)
 
 

@@ -1,15 +1,16 @@
-"""Whether a result can be reproduced: its inputs are replayed with its configuration, and the first difference is reported.
+"""Whether a result can be reproduced: its inputs are replayed, or planned on, with its configuration; the first difference is reported.
 
-The result holds digests of its messages every few hours of log time; the repeated run stops at the first that differs.
+The result of a replay holds digests of its messages every few hours of log time; the repeated run stops at the first that differs.
 """
 
+import json
 import re
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
-from itertools import groupby
+from itertools import groupby, islice
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +26,16 @@ from replay_kit.results import CONTRACT_VERSION, Difference, Digest, Recorded, f
 from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.planner import PlannerFactory
-from replay_kit.workflows.replay.provenance import BATHYMETRY, FOLLOWED, file_hash, with_bathymetry
+from replay_kit.workflows.replay.provenance import BATHYMETRY, FOLLOWED, PLAN_RECORD, file_hash, with_bathymetry
 from replay_kit.workflows.replay.referee import RIVAL
 from replay_kit.workflows.replay.region import REGION_RECORD, from_record
 from replay_kit.workflows.replay.replay import replay
 
 _VERSIONS = "replay_kit.versions"
+_VALUES_SHOWN = 10
+
+#: Plans again what a result records, with its configuration and its inputs by their keys, and writes the plan's result.
+PlanAgain = Callable[[Recorded, RunConfig, Mapping[str, Path], Path], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +46,8 @@ class Verdict:
         result: The result.
         messages: Number of messages that are the same.
         difference: The first message that differs; None when none does.
-        others: Attachments and metadata records that differ.
-        notes: What may explain a difference: other versions.
+        others: Attachments and metadata records that differ, of these the values: recorded, then made again.
+        notes: What may explain a difference: other versions, a limit of time.
     """
 
     result: Path
@@ -61,44 +66,67 @@ class _DivergedError(Exception):
     """The repetition gave another digest."""
 
 
-def verify(result: Path, folders: Sequence[Path], planner_of: PlannerFactory, progress: Progress = silent) -> Verdict:
-    """Return the comparison of a result with a new replay of its inputs with its configuration.
+def verify(
+    result: Path, folders: Sequence[Path], planner_of: PlannerFactory, progress: Progress = silent, plan_again: PlanAgain | None = None
+) -> Verdict:
+    """Return the comparison of a result with a new replay, or a new plan, of its inputs with its configuration.
 
     Args:
-        result: A result of ``replay``.
+        result: A result of ``replay`` or ``plan``.
         folders: Where the inputs are looked for, by name and content; then beside the result, then here.
         planner_of: Makes the planner of a configuration.
         progress: Called with how much is done of each stage.
+        plan_again: Makes the result of a plan again; needed for one alone.
 
     Raises:
-        LogError: The result cannot be read, or an input is not found.
+        LogError: The result cannot be read or does not say what it was made from, or an input is not found.
     """
     recorded = _with_current_keys(read_recorded(result))
     if recorded.metadata.get("replay_kit.options", {}).get("smoothed"):
         raise LogError(f"{result}: expected a result of replay-kit replay, got a smoothed one; verify the replay, and smooth again")
-    # another version of the contract names fields otherwise, but their bytes can be compared
-    definitions = _contract(recorded) == str(CONTRACT_VERSION)
+    planned = not any(key.startswith("ensemble") for key in recorded.metadata["replay_kit.inputs"])
+    if planned and PLAN_RECORD not in recorded.metadata:
+        raise LogError(f"{result}: a plan of an earlier version, which records no options to make it again from; plan again to verify")
     with tempfile.TemporaryDirectory() as folder:
         settings = Path(folder) / "config.toml"
         settings.write_text(recorded.config_toml, encoding="utf-8")
         config = load_config(settings)
         again = Path(folder) / "again.mcap"
         found = _inputs(result, recorded, [*folders, result.parent, Path()])
-        if BATHYMETRY in found:
-            config = with_bathymetry(config, found[BATHYMETRY])
-        job = _job(recorded, found, again)
-        made, stopped = _repeat(job, config, planner_of, recorded.digests, progress)
-        difference = None
-        if stopped is not None:
-            difference = first_difference(result, again.with_name(again.name + ".part"), stopped.messages, definitions)
-        if stopped is not None and difference is None:
-            # the digest itself is what differs: nothing less than everything must be compared
-            made, _ = _repeat(job, config, planner_of, (), progress)
+        if planned:
+            assert plan_again is not None, "the result of a plan needs plan_again"
+            plan_again(recorded, config, found, again)
+            made, difference = read_recorded(again).digests[-1].messages, None
+        else:
+            if BATHYMETRY in found:
+                config = with_bathymetry(config, found[BATHYMETRY])
+            made, difference = _replay_again(result, recorded, _job(recorded, found, again), config, planner_of, progress)
         others: tuple[str, ...] = ()
         if difference is None:
-            difference = first_difference(result, again, definitions=definitions)
+            difference = first_difference(result, again, definitions=_same_contract(recorded))
             others = _others_that_differ(recorded, read_recorded(again))
-    return Verdict(result, difference.index if difference else made, difference, others, _other_versions(recorded))
+    return Verdict(result, difference.index if difference else made, difference, others, _what_may_differ(recorded))
+
+
+def _replay_again(
+    result: Path, recorded: Recorded, job: ReplayJob, config: RunConfig, planner_of: PlannerFactory, progress: Progress
+) -> tuple[int, Difference | None]:
+    """Replay a result's inputs; return the number of messages made, and the difference at which it stopped, None when it is whole."""
+    made, stopped = _repeat(job, config, planner_of, recorded.digests, progress)
+    if stopped is None:
+        return made, None
+    assert job.out is not None, "what is compared is a file"
+    unfinished = job.out.with_name(job.out.name + ".part")
+    difference = first_difference(result, unfinished, stopped.messages, _same_contract(recorded))
+    if difference is None:
+        # the digest itself is what differs: nothing less than everything must be compared
+        made, _ = _repeat(job, config, planner_of, (), progress)
+    return made, difference
+
+
+def _same_contract(recorded: Recorded) -> bool:
+    """Return whether a result has this version's contract; another names fields otherwise, but their bytes can be compared."""
+    return _contract(recorded) == str(CONTRACT_VERSION)
 
 
 def _with_current_keys(recorded: Recorded) -> Recorded:
@@ -115,7 +143,11 @@ def _others_that_differ(one: Recorded, other: Recorded) -> tuple[str, ...]:
     ours, theirs = ({name: _without_truth(values) for name, values in recorded.metadata.items()} for recorded in (one, other))
     # how a log grew is not repeated: its final files are replayed at once
     ignored = {_VERSIONS, FOLLOWED} if _contract(one) == _contract(other) else {_VERSIONS, FOLLOWED, "contract"}
-    metadata = [f"metadata {name}" for name in _unequal(ours, theirs) if name not in ignored]
+    metadata: list[str] = []
+    for name in _unequal(ours, theirs):
+        if name not in ignored:
+            found = _values_that_differ(ours.get(name), theirs.get(name), f"metadata {name}")
+            metadata += list(islice(found, _VALUES_SHOWN)) or [f"metadata {name}"]
     digests = ["the digests"] if one.digests != other.digests else []
     return (*attachments, *metadata, *digests)
 
@@ -127,6 +159,20 @@ def _contract(recorded: Recorded) -> str | None:
 
 def _unequal(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
     return sorted(name for name in one.keys() | other.keys() if one.get(name) != other.get(name))
+
+
+def _values_that_differ(one: object, other: object, path: str) -> Iterator[str]:
+    """Yield the path and both values of everything that differs; a text that is JSON is looked into."""
+    with suppress(ValueError, TypeError):
+        one, other = json.loads(one), json.loads(other)  # type: ignore[arg-type]
+    if isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
+        one, other = dict(enumerate(one)), dict(enumerate(other))
+    if isinstance(one, dict) and isinstance(other, dict):
+        for key in _unequal(one, other):
+            yield from _values_that_differ(one.get(key), other.get(key), f"{path}: {key}")
+    # not-a-number is taken for itself
+    elif repr(one) != repr(other):
+        yield f"{path}: {'none' if one is None else one} | {'none' if other is None else other}"
 
 
 def _without_truth(values: Mapping[str, str]) -> dict[str, str]:
@@ -194,9 +240,11 @@ def _find(result: Path, key: str, recorded: str, folders: Sequence[Path]) -> Pat
     raise LogError(f"{result}: its input {key} is {name} with SHA-256 {digest[:12]}...; {what}; say with --inputs in which folder it is")
 
 
-def _other_versions(recorded: Recorded) -> tuple[str, ...]:
-    """Say which of the packages that matter to the last bit are not those the result was made with."""
+def _what_may_differ(recorded: Recorded) -> tuple[str, ...]:
+    """Say what may make another result: packages that are not those it was made with, and a search that the clock stopped."""
     notes = []
+    if "time_limit" in recorded.metadata.get("replay_kit.options", {}):
+        notes.append("planned with --time-limit: a search that the clock stops may find another plan")
     if (version_then := _contract(recorded)) != str(CONTRACT_VERSION):
         notes.append(f"made with contract version {version_then}, here it is {CONTRACT_VERSION}: names of fields were not compared")
     for package, made_with in recorded.metadata.get(_VERSIONS, {}).items():

@@ -135,6 +135,10 @@ def test_what_is_in_a_log_is_told_without_the_libraries_of_forecasts_and_plans()
     assert slow_libraries("info", "sample_logs/glider.mcap") == "['mcap', 'numpy']"
 
 
+def test_a_plan_of_a_file_that_is_not_there_is_refused_before_the_planners_are_loaded() -> None:
+    assert slow_libraries("plan", "nowhere.nc", "--start=152,-40,0", "--goal=152.1,-40,0", "--objective", "energy") == "['numpy']"
+
+
 def slow_libraries(*arguments: str) -> str:
     """Return which of the libraries that take long to load a command loads."""
     code = (

@@ -10,7 +10,7 @@ from replay_kit.cli.console import console_beside, progress, write_json, write_t
 from replay_kit.cli.options import TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, argument, numbers, place
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.paths import check_paths
+from replay_kit.core.paths import check_inputs, check_paths
 
 if TYPE_CHECKING:
     from replay_kit.workflows.planning.mission import PlannedMission
@@ -51,14 +51,19 @@ def plan(
     if aim.objective in ("learn", "map"):
         return plan_learning(flows, (places, times, aim, method, outputs), config)
     refuse_learning(places.goal, aim)
-    from replay_kit.workflows.planning.mission import make_mission
-    from replay_kit.workflows.planning.outputs import mission_json, print_mission, unsafe_reason, write_mission
-
     job = _job(flows, places, times, aim, method, outputs)
     if job.bathymetry is None:
         job = replace(job, bathymetry=config.planner.bathymetry_path)
+    check_inputs([*job.flows, job.no_go, job.bathymetry])
+
+    # what takes long to load, after what is quickly refused
+    from replay_kit.workflows.planning.mission import make_mission
+
     with progress():
         planned = make_mission(job, config.planner)
+
+    from replay_kit.workflows.planning.outputs import mission_json, print_mission, unsafe_reason, write_mission
+
     console, unsafe = console_beside(*streams), unsafe_reason(planned, job)
     print_mission(planned, console, job.battery)
     write_json(outputs.json_file, mission_json(planned))

@@ -9,10 +9,11 @@ from replay_kit.cli.console import console_beside, progress, write_json, write_t
 from replay_kit.cli.options import numbers, place
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.paths import check_inputs
 
 if TYPE_CHECKING:
     from replay_kit.core.plan import Place
-    from replay_kit.workflows.planning.learning import LearnJob
+    from replay_kit.workflows.planning.learning_request import LearnJob
 
 Asked = tuple[Places, Times, Aim, Method, Outputs]
 
@@ -28,14 +29,19 @@ def plan_learning(flows: tuple[Path, ...], asked: Asked, config: RunConfig) -> i
     Raises:
         ConfigError: Options do not go together.
     """
-    from replay_kit.workflows.planning.learning import make_learning
-    from replay_kit.workflows.planning.learning_outputs import learning_csv, learning_geojson, learning_json, print_learning, write_learning
-
     outputs = asked[-1]
     _refuse(asked)
     job = _job(flows, asked, config)
+    check_inputs([*job.flows, *job.others, job.no_go, job.bathymetry])
+
+    # what takes long to load, after what is quickly refused
+    from replay_kit.workflows.planning.learning import make_learning
+
     with progress():
         learnt = make_learning(job, config.planner)
+
+    from replay_kit.workflows.planning.learning_outputs import learning_csv, learning_geojson, learning_json, print_learning, write_learning
+
     print_learning(learnt, console_beside(outputs.geojson, outputs.csv, outputs.json_file))
     write_json(outputs.json_file, learning_json(learnt))
     if outputs.geojson is not None:
@@ -77,7 +83,7 @@ def _refuse(asked: Asked) -> None:
 
 def _job(flows: tuple[Path, ...], asked: Asked, config: RunConfig) -> "LearnJob":
     """Return what is asked for, checked."""
-    from replay_kit.workflows.planning.learning import LearnJob
+    from replay_kit.workflows.planning.learning_request import LearnJob
     from replay_kit.workflows.planning.request import start_time_of
 
     places, times, aim, _, _ = asked

@@ -9,14 +9,14 @@ from replay_kit.core.paths import check_paths
 
 
 def verify(
-    result: Annotated[Path, argument("OUT.mcap", "A result of replay.")],
+    result: Annotated[Path, argument("OUT.mcap", "A result of replay or plan.")],
     /,
     *,
     inputs: Annotated[
         list[Path] | None,
         option(
             "--inputs",
-            "Folder of the logs and the ensemble; may be repeated. Default: the result's, then this.",
+            "Folder of the logs and the ensemble, or of a plan's inputs; may be repeated. Default: the result's, then this.",
             metavar="DIR",
             group=INPUTS,
         ),
@@ -27,11 +27,12 @@ def verify(
     check_paths([result], [answer.json_file], answer.overwrite)
 
     from replay_kit.workflows.planning import planner_of
+    from replay_kit.workflows.planning.again import plan_again
     from replay_kit.workflows.verify import print_verdict, verdict_json
     from replay_kit.workflows.verify import verify as verify_result
 
     with progress() as advance:
-        verdict = verify_result(result, inputs or [], planner_of, advance)
+        verdict = verify_result(result, inputs or [], planner_of, advance, plan_again)
     print_verdict(verdict, console_beside(answer.json_file))
     write_json(answer.json_file, verdict_json(verdict))
     return 0 if verdict.same else 5

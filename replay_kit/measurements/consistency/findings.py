@@ -12,6 +12,7 @@ UNIT = "unit of the velocities"
 KNOTS = "velocities in knots"
 DEPTH = "depths above the surface"
 FROZEN = "frozen positions"
+PLACES = "positions of several missions"
 ENSEMBLE_UNIT = "unit of the ensemble"
 ENSEMBLE = "log and ensemble contradict each other"
 # Scale from which no slip but that of a unit explains a ratio.

@@ -12,6 +12,7 @@ from replay_kit.core.text import time_text
 from replay_kit.core.unchanged import Stamp, stamps_of
 from replay_kit.logs import open_log
 from replay_kit.logs.folders import STREAMS
+from replay_kit.logs.glider.missions import pattern
 
 #: A first message this much older or younger than those of all other files is a clock's error [ns].
 _FAR_NS = 366 * 86_400 * 10**9
@@ -133,6 +134,30 @@ def change_words(before: Source | None, now: Source, known: Mapping[Path, Source
         return f"grew from {before.stamp[2]} to {now.stamp[2]} bytes"
     how = "shrank" if now.stamp[2] < before.stamp[2] else "was replaced" if now.stamp[:2] != before.stamp[:2] else "was written anew"
     return f"{how}: the replay goes back before what changed in it"
+
+
+def mission_words(before: Mapping[Path, Source], now: Mapping[Path, Source]) -> list[str]:
+    """Return which mission is followed and which are left out, where files of another one have come; nothing where none has.
+
+    Args:
+        before: The files at the look before.
+        now: The files.
+    """
+    followed, left = _missions(now, aside=False), _missions(now, aside=True)
+    if not followed or not left.keys() - followed.keys() - _missions(before, aside=True).keys():
+        return []
+    others = " and ".join(f"{mission} ({pattern(paths)})" for mission, paths in left.items() if mission not in followed)
+    held = ", ".join(f"{mission} ({pattern(paths)})" for mission, paths in followed.items())
+    return [f"follows {held}, whose files came first, and leaves out {others}: to follow that, give it a folder and a result of its own"]
+
+
+def _missions(sources: Mapping[Path, Source], aside: bool) -> dict[str, list[Path]]:
+    """Return the files that state their mission, by it, in the order of a replay: those set aside, or those used."""
+    held: dict[str, list[Path]] = {}
+    for path in sorted(sources, key=order):
+        if sources[path].mission and bool(sources[path].aside) == aside:
+            held.setdefault(sources[path].mission, []).append(path)
+    return held
 
 
 def _sha256(path: Path, size: int) -> str:

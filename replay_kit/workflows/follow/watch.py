@@ -7,7 +7,7 @@ from pathlib import Path
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.text import some_text
-from replay_kit.workflows.follow.sources import Source, change_words, examine, judged, look, settled
+from replay_kit.workflows.follow.sources import Source, change_words, examine, judged, look, mission_words, settled
 
 # Between the two looks that a file must not change between, at most [s].
 _SETTLING = 1.0
@@ -78,4 +78,5 @@ def look_again(watched: Watched, known: Mapping[Path, Source]) -> tuple[dict[Pat
         said += [f"{path.name} {words}"] if words else []
         changed |= bool(words) and (not found.aside or (before is not None and not before.aside))
         sources[path] = found
-    return {path: sources[path] for path in there}, said, changed
+    present = {path: sources[path] for path in there}
+    return present, [*mission_words(known, present), *said], changed

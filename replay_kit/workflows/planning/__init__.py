@@ -5,6 +5,14 @@ what a mission is asked for, checked; ``currents`` what is known of the current 
 flies it through samples of the estimate; ``outputs`` writes it.
 """
 
-from replay_kit.workflows.planning.adapters import GlidePlanner, MissionPlanner, planner_of
+from typing import TYPE_CHECKING
+
+from replay_kit.core.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from replay_kit.workflows.planning.adapters import GlidePlanner, MissionPlanner, planner_of
 
 __all__ = ["GlidePlanner", "MissionPlanner", "planner_of"]
+
+# what is asked for is checked without the planners, which take seconds to load
+__getattr__ = on_demand(globals(), dict.fromkeys(("GlidePlanner", "MissionPlanner", "planner_of"), "adapters"))

@@ -19,9 +19,11 @@ from replay_kit.core.text import time_text
 from replay_kit.results import ResultWriter
 from replay_kit.results.text import print_table
 from replay_kit.workflows.planning.adapters import over_bottom
-from replay_kit.workflows.planning.learning import LearnJob, Learnt
+from replay_kit.workflows.planning.learning import Learnt
+from replay_kit.workflows.planning.learning_request import LearnJob
+from replay_kit.workflows.planning.record import plan_metadata
 from replay_kit.workflows.planning.seabed import seabed_of
-from replay_kit.workflows.replay.provenance import plan_metadata, run_settings_toml
+from replay_kit.workflows.replay.provenance import run_settings_toml
 
 _COLUMNS = ("leg", "heading_deg", "glide_angle_deg", "pitch_deg", "depth_m", "speed", "surfacing_s", "longitude", "latitude", "blind")
 
@@ -166,21 +168,21 @@ def write_learning(path: Path, overwrite: bool, learnt: Learnt, job: LearnJob, o
         ReplayKitError: It could not be written whole.
     """
     plan, asked = learnt.plan, learnt.plan.request
-    read = {**{f"flow{k}": flow for k, flow in enumerate(job.flows)}, "no_go": job.no_go, "bathymetry": job.bathymetry}
-    read |= {f"others{k}": other for k, other in enumerate(job.others)}
     start = {"start_time_ns": asked.start_time_ns, "longitude": asked.start.longitude, "latitude": asked.start.latitude}
     about = {
-        **plan_metadata(read, options),
+        **plan_metadata(job, options),
         "mission": {"status": plan.status, "message": plan.message, **{name: str(value) for name, value in start.items()}},
         "legs": {str(row["leg"]): json.dumps(row) for row in legs_table(plan)},
         "learning": {name: json.dumps(value) for name, value in learning_json(learnt).items() if name not in ("legs", "message")},
     }
-    made = config.planner.model_copy(update={"kind": "mission", "samples": int(plan.figures["samples"])})
+    used = {"kind": "mission", "depth": asked.settings.depth, "samples": asked.settings.samples}
+    made = config.planner.model_copy(update=used)
     with ResultWriter(path, overwrite) as writer:
         writer.start(learnt.projection, asked.start_time_ns, about, run_settings_toml(config.model_copy(update={"planner": made})))
         if learnt.bathymetry is not None:
             writer.seabed(asked.start_time_ns, seabed_of(learnt.bathymetry, learnt.region))
         writer.plan(_published(learnt), learnt.projection)
+        writer.digest(asked.start_time_ns)
 
 
 def _published(learnt: Learnt) -> Plan:

@@ -84,6 +84,7 @@ class PlannedMission:
         no_go: Areas that it keeps out of.
         bathymetry: Bottom that it stays above; None without.
         region: Of the estimate.
+        drawn: Number of samples drawn.
         departures: That were compared, in order; none where only one was planned.
     """
 
@@ -96,6 +97,7 @@ class PlannedMission:
     no_go: tuple[NoGo, ...]
     bathymetry: Bathymetry | None
     region: Grid
+    drawn: int
     departures: tuple[Departure, ...] = ()
 
     @property
@@ -119,7 +121,7 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
     """
     announce("reading the estimate")
     known = known_current([(path, read_flow(path)) for path in job.flows], config.flow_step)
-    count, certain = _sample_count(known.first, config)
+    count = _sample_count(known.first, config)
     job.check_samples(count)
     request = _request(job, config, known)
     grid, notes = known.first.grid, () if job.no_go is None else area_notes(job.no_go, known.first.grid)
@@ -134,9 +136,9 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
     if job.waypoints and len(made.headings_deg):
         few = waypoints_of(flow, made, job.waypoint_tolerance, no_go=request.no_go, bathymetry=request.bathymetry)
     notes += known.notes(made.start_time_ns, made.start_time_ns + round(made.duration * 1e9)) + local_notes(known.local, made.start_time_ns)
-    if certain:
+    if count == 0 and known.first.n_modes == 0:
         made = replace(made, message=f"{made.message}; the estimate states no uncertainty: how likely that is is not known")
-    planned = PlannedMission(made, grid.projection, None, None, few, notes, request.no_go, request.bathymetry, grid)
+    planned = PlannedMission(made, grid.projection, None, None, few, notes, request.no_go, request.bathymetry, grid, count)
     if not drawn or len(made.headings_deg) == 0:
         return replace(planned, departures=tuple(Departure.of(plan, None) for plan in compared))
     announce("flying the samples")
@@ -214,12 +216,11 @@ def _departure(job: PlanJob, request: MissionRequest, currents: tuple[Flow, Sequ
     return Departure.of(judged, odds.corrected.reached)
 
 
-def _sample_count(estimate: FlowEstimate, config: PlannerConfig) -> tuple[int, bool]:
-    """Return the number of samples, and whether there are none because the estimate has no uncertainty to draw them from."""
+def _sample_count(estimate: FlowEstimate, config: PlannerConfig) -> int:
+    """Return the number of samples: where none is stated 40, and none of an estimate that has no uncertainty to draw them from."""
     if "samples" in config.model_fields_set:
-        return config.samples, False
-    certain = estimate.n_modes == 0
-    return 0 if certain else JUDGING, certain
+        return config.samples
+    return 0 if estimate.n_modes == 0 else JUDGING
 
 
 def _figures(odds: MissionOdds, job: PlanJob) -> dict[str, Any]:

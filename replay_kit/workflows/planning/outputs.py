@@ -20,9 +20,10 @@ from replay_kit.results import ResultWriter
 from replay_kit.results.text import print_table
 from replay_kit.workflows.planning.adapters import over_bottom
 from replay_kit.workflows.planning.mission import PlannedMission, mission_settings
+from replay_kit.workflows.planning.record import plan_metadata
 from replay_kit.workflows.planning.request import PlanJob
 from replay_kit.workflows.planning.seabed import seabed_of
-from replay_kit.workflows.replay.provenance import plan_metadata, run_settings_toml
+from replay_kit.workflows.replay.provenance import run_settings_toml
 
 
 def print_mission(planned: PlannedMission, console: Console, battery: float | None = None) -> None:
@@ -176,10 +177,9 @@ def write_mission(
         ConfigError: The result exists and may not be replaced, or cannot be written.
         ReplayKitError: It could not be written whole.
     """
-    read = {**{f"flow{k}": flow for k, flow in enumerate(job.flows)}, "no_go": job.no_go, "bathymetry": job.bathymetry}
     mission = planned.plan
     legs = {str(row["leg"]): json.dumps(row) for row in legs_table(mission, planned.ellipses)}
-    about = {**plan_metadata(read, options), "mission": _about(mission), "legs": legs}
+    about = {**plan_metadata(job, options), "mission": _about(mission), "legs": legs}
     if planned.departures:
         about["departures"] = {row["departure"]: json.dumps(row) for row in departures_table(planned)}
     with ResultWriter(path, overwrite) as writer:
@@ -187,6 +187,7 @@ def write_mission(
         if planned.bathymetry is not None:
             writer.seabed(mission.start_time_ns, seabed_of(planned.bathymetry, planned.region))
         writer.plan(_published(planned, job.battery), planned.projection)
+        writer.digest(mission.start_time_ns)
 
 
 def _about(mission: MissionPlan) -> dict[str, str]:
@@ -210,7 +211,7 @@ def _effective_config(config: RunConfig, job: PlanJob, planned: PlannedMission) 
     """Return the configuration that a mission was planned with; weights of an objective have no place in a configuration."""
     _, settings = mission_settings(config.planner, job.kind.objective, job.spline)
     made: dict[str, object] = {"kind": "mission", "max_duration": settings.max_duration}
-    made["samples"] = 0 if planned.samples is None else planned.samples["count"]
+    made["samples"] = planned.drawn
     if isinstance(settings.objective, str):
         made["objective"] = settings.objective
     return config.model_copy(update={"planner": config.planner.model_copy(update=made)})

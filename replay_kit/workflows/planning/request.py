@@ -3,14 +3,17 @@
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
-from planners import Line, MissionPlan, MissionRequest, Mooring, Weights, plan_line, plan_mission, plan_mooring
-from planners.mission.flight import Flow
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.objective import ObjectiveName
 from replay_kit.core.plan import Place
 from replay_kit.core.time import parse_duration, parse_time
+
+# the planners take longer to load than what is asked for to be refused
+if TYPE_CHECKING:
+    from planners import MissionPlan, MissionRequest, Mooring, Weights
+    from planners.mission.flight import Flow
 
 # Share of the samples that may violate a constraint where none is stated.
 ACCEPTED_RISK = 0.1
@@ -48,8 +51,10 @@ class MissionKind:
         return (_LINE_WEIGHT if self.line_weight is None else self.line_weight) if self.line else None
 
     @property
-    def stay(self) -> Mooring:
+    def stay(self) -> "Mooring":
         """The mooring; there must be one."""
+        from planners import Mooring
+
         assert self.mooring is not None, "only a mission that stays somewhere has a mooring"
         radius, hours = self.mooring
         return Mooring(radius, 3600.0 * hours, self.surfacings_only)
@@ -63,7 +68,7 @@ class MissionKind:
             waypoints: Whether a list of waypoints is asked for.
 
         Raises:
-            ConfigError: Two options exclude each other, or one needs another that is not given.
+            ConfigError: Two options exclude each other, one needs another that is not given, or the objective is none.
         """
         moored, lined = self.mooring is not None, self.line
         refusals = (
@@ -77,14 +82,18 @@ class MissionKind:
         for refused, message in refusals:
             if refused:
                 raise ConfigError(message)
+        if self.objective is not None:
+            objective_of(self.objective)
 
-    def plan(self, flow: Flow, request: MissionRequest) -> MissionPlan:
+    def plan(self, flow: "Flow", request: "MissionRequest") -> "MissionPlan":
         """Return the mission of this kind.
 
         Args:
             flow: The current, or its estimates for increasing times.
             request: Start, goals, vehicle, settings and constraints.
         """
+        from planners import Line, plan_line, plan_mission, plan_mooring
+
         if self.mooring is not None:
             return plan_mooring(flow, request, self.stay)
         if self.cross_track_weight is not None:
@@ -179,7 +188,7 @@ class PlanJob:
             raise ConfigError(f"--risk: expected a share from 0 to below 1 and --samples, got {self.risk:g} and {count}")
 
 
-def objective_of(text: str) -> ObjectiveName | Weights:
+def objective_of(text: str) -> "ObjectiveName | Weights":
     """Return an objective by its name, or weights such as ``time=1,energy=0.02,closest=5``.
 
     Raises:
@@ -190,7 +199,11 @@ def objective_of(text: str) -> ObjectiveName | Weights:
             return name  # type: ignore[no-any-return]
     try:
         pairs = [part.partition("=") for part in text.split(",")]
-        return Weights(**{name: float(value) for name, _, value in pairs})
+        weights = {name: float(value) for name, _, value in pairs}
+
+        from planners import Weights
+
+        return Weights(**weights)
     except (TypeError, ValueError, PlanError) as error:
         known = ", ".join(get_args(ObjectiveName))
         raise ConfigError(f"--objective: expected one of {known}, or weights time=A,energy=B,closest=C, got {text!r}") from error

@@ -19,6 +19,8 @@ from replay_kit.workflows.replay.region import REGION_RECORD, FoundRegion
 _BLOCK = 1 << 20
 #: Key of the bathymetry among the inputs.
 BATHYMETRY = "bathymetry"
+#: Record of the result of ``plan``: what was asked for.
+PLAN_RECORD = "replay_kit.plan"
 #: Record of a result whose logs may grow: what happened to its inputs.
 FOLLOWED = "replay_kit.followed"
 _PACKAGES = ("numpy", "scipy", "casadi", "pyproj", "foxglove-sdk", "mcap", "pymavlink")
@@ -130,18 +132,6 @@ def lasting(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, Mapping[str,
     options = {key: value for key, value in metadata.get("replay_kit.options", {}).items() if key != "goal"}
     kept = {key: value for key, value in metadata.items() if key not in ("replay_kit.reading", FOLLOWED)}
     return {**kept, "replay_kit.inputs": inputs, "replay_kit.options": options}
-
-
-def plan_metadata(inputs: Mapping[str, Path | None], options: Mapping[str, object]) -> dict[str, Mapping[str, str]]:
-    """Return the metadata records of a plan made on its own: its inputs' names and hashes, the options, the versions.
-
-    Args:
-        inputs: What was read, by what it is; None for what was not given.
-        options: What was asked for beyond the configuration; None for what was not given.
-    """
-    hashes = {name: named_hash(path) for name, path in inputs.items() if path is not None}
-    asked = {name: str(value) for name, value in options.items() if value is not None}
-    return {"replay_kit.inputs": hashes, "replay_kit.options": asked, "replay_kit.versions": package_versions()}
 
 
 def package_versions() -> dict[str, str]:

@@ -12,7 +12,9 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ForecastError, MeasurementError
 from replay_kit.core.message import Loss
 from replay_kit.logs import open_log
+from replay_kit.logs.mavlink.writer import write_tlog
 from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.measurements.consistency.findings import PLACES
 from replay_kit.results import Result
 from replay_kit.results.summary_json import failure_json, to_json
 from replay_kit.studies.twins import Faults, Twin, make_twin
@@ -256,3 +258,13 @@ def test_a_run_stopped_around_a_finding_gives_the_same_bytes(ocean, tmp_path):
             assert checkpoint.exists() or stop_after == 40
     assert summary.exit_code == 6
     assert out.read_bytes() == whole.read_bytes()
+
+
+def test_a_telemetry_log_of_another_place_is_named_and_ends_with_6(ocean, tmp_path):
+    positions = [message for message in open_log(ocean / "glider.mcap").messages() if message.schema == "foxglove.LocationFix"]
+    write_tlog(tmp_path / "other.tlog", [one._replace(payload={**one.payload, "longitude": -30.0, "latitude": 60.0}) for one in positions])
+    job = ReplayJob((ocean / "glider.mcap", tmp_path / "other.tlog"), ocean / "ensemble.nc")
+    summary, _ = replay(job, CONFIG)
+    (finding,) = (finding for finding in summary.findings if finding.name == PLACES)
+    assert "30.0000 W, 60.0000 N at " in finding.evidence
+    assert summary.exit_code == 6

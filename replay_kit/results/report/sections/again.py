@@ -20,7 +20,8 @@ def again_section(contents: Contents) -> Section:
             f"<code>config.toml</code>:</p><pre>{escape(_command(contents))}</pre>"
         )
     elif inputs:
-        missing.append("The result is of replay-kit plan: the options of its command are below.")
+        made = "; replay-kit verify makes it again" if "replay_kit.plan" in record.metadata else ""
+        missing.append(f"The result is of replay-kit plan: the options of its command are below{made}.")
     else:
         missing.append("The result does not name its inputs.")
     if inputs:

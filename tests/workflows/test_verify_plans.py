@@ -1,0 +1,129 @@
+"""Plans are made again from what their results record, and what was changed in them or in their inputs is found and named."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from replay_kit.core.errors import LogError
+from replay_kit.results import read_recorded
+from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.planning.again import plan_again
+from replay_kit.workflows.planning.record import recorded_job
+from replay_kit.workflows.verify import verify
+from tests.command import invoke
+from tests.planners.flow_samples import eddying_flow
+from tests.planners.learning.scenes import static
+from tests.workflows.test_verify import changed, index_of
+
+AREA = [[152.6, -40.1], [152.61, -40.1], [152.61, -40.09], [152.6, -40.1]]
+
+
+def plan(*arguments):
+    done = invoke(["plan", *map(str, arguments)])
+    assert done.exit_code == 0, done.output
+
+
+def again(path, *folders):
+    return verify(path, folders, planner_of, plan_again=plan_again)
+
+
+@pytest.fixture(scope="module")
+def mission(tmp_path_factory):
+    """A folder with an estimate, areas, settings, and the result of a plan with options of each kind."""
+    folder = tmp_path_factory.mktemp("mission")
+    made = eddying_flow(12)
+    modes = np.random.default_rng(0).standard_normal((len(made.latent), 2)) * np.abs(made.latent).max()
+    replace(made, modes=modes, covariance=0.01 * np.eye(2 * made.levels.size), time_ns=10**18).save(folder / "flow.nc")
+    areas = {"type": "Feature", "properties": {"name": "range"}, "geometry": {"type": "Polygon", "coordinates": [AREA]}}
+    (folder / "areas.geojson").write_text(json.dumps(areas))
+    (folder / "run.toml").write_text("[planner]\nmax_angle = 30.0\n")
+    ask = ("--start=152.42,-40.0,0", "--goal=152.52,-39.96,0", "--depth", 390, "--legs", 3, "--samples", 4, "--seed", 5)
+    more = ("--objective", "time=1,energy=0.01", "--start-time", "2001-09-09T02:00Z", "--battery", 3, "--config", folder / "run.toml")
+    plan(folder / "flow.nc", *ask, *more, "--no-go", folder / "areas.geojson", "-o", folder / "plan.mcap")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def map_of_two(tmp_path_factory):
+    """A folder with an estimate, the map of one vehicle, and that of another which is told of it."""
+    folder = tmp_path_factory.mktemp("maps")
+    static().save(folder / "flow.nc")
+    ask = ("--start=152.45,-39.66,0", "--objective", "map", "--box=152.3,-39.75,152.7,-39.45", "--profiles", 2, "--profile-error", 0.02)
+    for name, more in (("first", ()), ("second", ("--others", folder / "first.mcap"))):
+        plan(folder / "flow.nc", *ask, "--samples", 20, *more, "-o", folder / f"{name}.mcap")
+    return folder
+
+
+def test_a_mission_is_made_again(mission):
+    said = invoke(["verify", str(mission / "plan.mcap"), "--json", "-"])
+    assert said.exit_code == 0, said.output
+    verdict = json.loads(said.stdout)
+    assert (verdict["same"], verdict["others"], verdict["notes"]) == (True, [], [])
+    assert verdict["messages"] == read_recorded(mission / "plan.mcap").digests[-1].messages == 4
+    assert "made again bit for bit, 4 messages" in said.stderr
+
+
+def test_a_plan_that_learns_is_made_again_with_the_plans_of_others(map_of_two):
+    assert again(map_of_two / "second.mcap").same
+    record = read_recorded(map_of_two / "second.mcap").metadata
+    assert record["replay_kit.inputs"].keys() == {"flow0", "others0"}
+    # as it was told of the other, it is not the same plan
+    assert record["legs"] != read_recorded(map_of_two / "first.mcap").metadata["legs"]
+
+
+def test_a_changed_or_missing_input_is_named(mission, tmp_path):
+    for name in ("plan.mcap", "flow.nc"):
+        shutil.copy(mission / name, tmp_path)
+    with pytest.raises(LogError, match=r"its input no_go is areas\.geojson with SHA-256 .*there is none; say with --inputs"):
+        again(tmp_path / "plan.mcap")
+    (tmp_path / "areas.geojson").write_text((mission / "areas.geojson").read_text() + "\n")
+    with pytest.raises(LogError, match=r"found only other contents: .*areas\.geojson"):
+        again(tmp_path / "plan.mcap")
+    said = invoke(["verify", str(tmp_path / "plan.mcap")])
+    assert said.exit_code == 3
+
+
+def test_an_altered_leg_is_named_with_both_values(mission, tmp_path):
+    def turned(name, values):
+        if name != "legs":
+            return values
+        return values | {"2": json.dumps(json.loads(values["2"]) | {"heading_deg": 90.0})}
+
+    altered = changed(mission / "plan.mcap", tmp_path / "plan.mcap", metadata=turned)
+    heading = json.loads(read_recorded(mission / "plan.mcap").metadata["legs"]["2"])["heading_deg"]
+    said = invoke(["verify", str(altered), "--inputs", str(mission), "--json", "-"])
+    assert (said.exit_code, json.loads(said.stdout)["others"]) == (5, [f"metadata legs: 2: heading_deg: 90.0 | {heading}"])
+
+
+def test_an_altered_message_is_named(mission, tmp_path):
+    index = index_of(mission / "plan.mcap", "/plan/controls")
+    altered = changed(mission / "plan.mcap", tmp_path / "plan.mcap", (index, lambda schema, data: data + b"\x09" + b"\x00" * 8))
+    verdict = again(altered, mission)
+    assert (verdict.difference.index, verdict.difference.topic) == (index, "/plan/controls")
+
+
+def test_an_altered_request_gives_another_plan(mission, tmp_path):
+    def other(name, values):
+        return values | {"job": values["job"].replace("152.52", "152.53")} if name == "replay_kit.plan" else values
+
+    assert not again(changed(mission / "plan.mcap", tmp_path / "plan.mcap", metadata=other), mission).same
+
+
+def test_no_file_is_read_that_is_none_of_the_inputs(mission):
+    record = read_recorded(mission / "plan.mcap").metadata["replay_kit.plan"]
+    foreign = json.dumps(json.loads(record["job"]) | {"bathymetry": "/etc/hostname", "others": ["/etc/hostname"], "flows": ["x.nc"]})
+    job = recorded_job(record | {"job": foreign}, {"flow0": mission / "flow.nc", "no_go": mission / "areas.geojson"})
+    assert (job.flows, job.no_go, job.bathymetry) == ((mission / "flow.nc",), mission / "areas.geojson", None)
+
+
+def test_a_plan_that_does_not_say_what_was_asked_for_is_refused(mission, tmp_path):
+    old = changed(mission / "plan.mcap", tmp_path / "old.mcap", metadata=lambda name, values: None if name == "replay_kit.plan" else values)
+    with pytest.raises(LogError, match=r"old\.mcap: a plan of an earlier version, which records no options to make it again from"):
+        again(old, mission)
+    assert invoke(["verify", str(old), "--inputs", str(mission)]).exit_code == 3
+    for record in ({"kind": "tour", "job": "{}"}, {"kind": "mission", "job": "{"}, {"kind": "mission", "job": '{"start": 3}'}, {}):
+        with pytest.raises(LogError, match="expected the kind of a plan and what was asked for"):
+            recorded_job(record, {})
