@@ -27,6 +27,7 @@ from replay_kit.workflows.planning.areas import area_notes, read_areas
 from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
 from replay_kit.workflows.planning.currents import KnownCurrent, known_current
 from replay_kit.workflows.planning.inputs import read_flow
+from replay_kit.workflows.planning.request import ARRIVING
 
 #: Objectives of plans that learn.
 OBJECTIVES = ("learn", "map")
@@ -53,6 +54,7 @@ class LearnJob:
         no_go: GeoJSON of areas; None for none.
         bathymetry: NetCDF with the depth of the bottom; None for none.
         start_time_ns: When it begins [ns, UTC]; None for the estimate's time.
+        arrive: Share of the samples that must meet the goal for the plan to be called ``reached``.
     """
 
     objective: Literal["learn", "map"]
@@ -69,6 +71,7 @@ class LearnJob:
     no_go: Path | None = None
     bathymetry: Path | None = None
     start_time_ns: int | None = None
+    arrive: float = ARRIVING
 
     def check(self) -> None:
         """Refuse options that do not go together.
@@ -93,6 +96,8 @@ class LearnJob:
         for refused, message in refusals:
             if refused:
                 raise ConfigError(message)
+        if not 0.0 <= self.arrive <= 1.0:
+            raise ConfigError(f"--arrive: expected a share from 0 to 1, got {self.arrive:g}")
         for name, value in (
             ("--blind", self.blind),
             ("--survey", self.survey),
@@ -185,6 +190,7 @@ def _settings(job: LearnJob, config: PlannerConfig, flow: FlowEstimate) -> Learn
         margin=config.margin,
         clearance=config.clearance,
         tolerance=config.tolerance,
+        arrive=job.arrive,
         samples=config.samples if "samples" in config.model_fields_set else drawn,
         seed=config.seed,
     )
