@@ -36,7 +36,9 @@ def test_a_replay_is_one_call_and_its_answer_one_more(result) -> None:
     assert np.isfinite([got.u, got.v]).all()
     assert 0.0 < got.u_standard_error < 0.3
     assert result.summary.profiles_used == (result.observations["decision"] == "accepted").sum() > 20
-    assert repr(result.summary).startswith(f"Observations: {result.summary.profiles_used} profiles used")
+    summary = result.summary
+    profiles, bins = summary.profiles_used - summary.mean_currents, summary.bins_used - summary.mean_currents
+    assert repr(summary).startswith(f"Observations: {profiles} profiles used ({bins} bins), {summary.mean_currents} mean current used, ")
 
 
 def test_what_is_opened_is_what_was_made(result, tmp_path: Path) -> None:

@@ -160,7 +160,7 @@ def fly_after(sea: Sea, stretch: Stretch, survey: Survey | None, noise: Array, g
         given: Profiles that others bring: places, shape (m, 2) [m], and times, shape (m,) [s].
     """
     place, leaves, known = np.full(sea.count, stretch.start), stretch.begin, sea.mean
-    measured, innovation = _from_others(sea, stretch, given)
+    measured, innovation = from_others(sea, stretch.error, given)
     if survey is not None:
         places, met, place = fly_survey(sea, stretch, survey)
         found = met - sea.mean.at(places[None].reshape(1, -1), np.tile(survey.times, sea.count)[None])[0].reshape(met.shape)
@@ -183,15 +183,21 @@ def _flown(sea: Sea, stretch: Stretch, known: Currents, place: Complex, leaves: 
     return Flown(np.abs(ends - stretch.goals[-1]), ends - last, np.abs(last - stretch.goals[-1]))
 
 
-def _from_others(sea: Sea, stretch: Stretch, given: Sequence[tuple[Array, Array]]) -> tuple[Rows | None, Array]:
-    """Return the rows of others' profiles, and what they measure in each sample beyond the mean, shape (S, q)."""
+def from_others(sea: Sea, error: float, given: Sequence[tuple[Array, Array]]) -> tuple[Rows | None, Array]:
+    """Return the rows of others' profiles, and what they measure in each sample beyond the mean, shape (S, q).
+
+    Args:
+        sea: What they are made in.
+        error: Standard deviation of a profile's mean current, each component [m/s].
+        given: Their places, shape (m, 2) [m], and times, shape (m,) [s]; none for no profiles.
+    """
     if not given:
         return None, np.zeros((sea.count, 0))
     points, times = (np.concatenate(parts) for parts in zip(*given, strict=True))
     places = np.broadcast_to(points[:, 0] + 1j * points[:, 1], (sea.count, len(points)))
     found = sea.truth.at(places, times) - sea.mean.at(places[:1], times)
     rng = np.random.default_rng(len(points))
-    values = np.stack([found.real, found.imag], axis=-1) + stretch.error * rng.standard_normal((*found.shape, 2))
+    values = np.stack([found.real, found.imag], axis=-1) + error * rng.standard_normal((*found.shape, 2))
     return rows_at(sea.known, points, times), values.reshape(sea.count, -1)
 
 

@@ -127,9 +127,11 @@ def _plan(scene: Scene, request: LearnRequest, asked: tuple[Voyage, Aim, Complex
     )
     miss = float(abs(ends[-1] - voyage.goal))
     reached = miss <= scene.settings.tolerance
+    rare = next(one for one in candidates if one.chosen).shortfall(scene.settings, "arrive") if reached else ""
+    unreached = "" if reached else f"; the goal is {miss / 1e3:.1f} km out of reach"
     return LearnPlan(
-        status="reached" if reached else "unreachable",
-        message=_words(scene, evidence, request.settings.samples) + ("" if reached else f"; the goal is {miss / 1e3:.1f} km out of reach"),
+        status="unreachable" if unreached else "uncertain" if rare else "reached",
+        message=_words(scene, evidence, request.settings.samples) + unreached + rare,
         objective="mission",
         request=request,
         goal=request.goals[-1],

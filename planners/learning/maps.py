@@ -1,15 +1,17 @@
 """The next profiles of a map of a box's current, against lawn-mowers, and what both are worth in samples."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from planners.learning.choose import Aim
-from planners.learning.closed_loop import Sea, Stretch, drawn_sea, fly_survey, slices
+from planners.learning.closed_loop import Sea, Stretch, drawn_sea, fly_survey, from_others, slices
 from planners.learning.loops import Survey
 from planners.learning.mapping import Mapping, look_ahead, refined
 from planners.learning.mowers import lawn_mowers
-from planners.learning.rows import Combined, Rows, covariance, gains, rows_at, unknowns_at
+from planners.learning.rows import Combined, Rows, covariance, gains, rows_at, stacked, unknowns_at
 from planners.learning.scene import Scene, dives_of, scene_of, value_map
 from planners.learning.values import Box, Candidate, LearnPlan, LearnRequest
 from replay_kit.core.arrays import Array
@@ -117,7 +119,7 @@ def _places(scene: Scene, box: Box) -> tuple[Array, float]:
     return points[wet], float(wet.mean())
 
 
-def realised(sea: Sea, mapping: Mapping, survey: Survey | None, noise: Array) -> Array:
+def realised(sea: Sea, mapping: Mapping, survey: Survey | None, noise: Array, given: Sequence[tuple[Array, Array]] = ()) -> Array:
     """Return the root mean square error of a component in the box after a survey flown in each true current [m/s], shape (S,).
 
     Args:
@@ -125,18 +127,23 @@ def realised(sea: Sea, mapping: Mapping, survey: Survey | None, noise: Array) ->
         mapping: What is to be mapped; of the dives' mean alone.
         survey: One; None for none.
         noise: shape (S, N, 2) of unit variance, errors of the profiles.
+        given: Profiles that others bring: places, shape (m, 2) [m], and times, shape (m,) [s].
     """
     end = float(mapping.times[-1])
     box = mapping.box[:, 0] + 1j * mapping.box[:, 1]
     true = sea.truth.at(np.broadcast_to(box, (sea.count, box.size)), end) - sea.mean.at(box[None], end)
     left = np.stack([true.real, true.imag], axis=-1)
+    measured, values = from_others(sea, float(np.sqrt(mapping.variance)), given)
     if survey is not None:
         stretch = Stretch(mapping.start, box[:1], float(mapping.times[0]), end - float(mapping.times[0]), 0.0, mapping.speed, 0.0)
         places, met, _ = fly_survey(sea, stretch, survey)
         found = met - np.stack([sea.mean.at(one[None], time)[0] for one, time in zip(places.T, survey.times, strict=True)], axis=1)
-        values = np.stack([found.real, found.imag], axis=-1) + np.sqrt(mapping.variance) * noise
+        own = np.stack([found.real, found.imag], axis=-1) + np.sqrt(mapping.variance) * noise
         rows = rows_at(mapping.known, np.stack([places.real, places.imag], axis=-1), survey.times)
-        left = left - estimated(mapping, rows, values.reshape(sea.count, -1))
+        measured = rows if measured is None else stacked(rows, measured)
+        values = np.concatenate([own.reshape(sea.count, -1), values], axis=1)
+    if measured is not None:
+        left = left - estimated(mapping, measured, values)
     return np.asarray(np.sqrt(np.mean(left**2, axis=(1, 2))))
 
 
@@ -144,7 +151,7 @@ def estimated(mapping: Mapping, rows: Rows, values: Array) -> Array:
     """Return the box's currents less the estimate's after measurements, shape (S, P, 2), at the end, of the dives' mean."""
     sought = rows_at(mapping.known, mapping.box, np.full(len(mapping.box), mapping.times[-1]))
     weighed = gains(rows, values, mapping.variance)
-    return np.asarray(np.einsum("smq,sq->sm", covariance(sought, rows), weighed).reshape(len(values), -1, 2))
+    return np.asarray((covariance(sought, rows) @ weighed[..., None]).reshape(len(values), -1, 2))
 
 
 def _interval(errors: Array) -> tuple[float, float, float]:
@@ -167,14 +174,16 @@ def _plan(
     named.append(("this plan", after, survey))
     # samples are of the dives' mean: of other depths the prediction stands alone
     sea = None
-    if mapping.which == (0,) and mapping.given is None:
+    if mapping.which == (0,):
         span = slices(scene.known, scene.begin, float(mapping.times[-1]))
         sea = drawn_sea(scene.known, span, scene.settings.samples, scene.settings.seed)
+    else:
+        notes += ("no errors in samples: these are of the mean current over the dives, and the box counts at depths",)
     noise = np.random.default_rng(scene.settings.seed + 1).standard_normal((scene.settings.samples, survey.times.size, 2))
     candidates = []
     for name, predicted, one in named:
         if np.isfinite(predicted):
-            figures = (np.nan,) * 3 if sea is None else _interval(realised(sea, mapping, one, noise))
+            figures = (np.nan,) * 3 if sea is None else _interval(realised(sea, mapping, one, noise, scene.given))
             candidates.append(Candidate(name, predicted, *figures, np.nan, name == "this plan"))
     legs, times, track = dives_of(scene, scene.start, survey.ends[0], mapping.times)
     words = f"{request.profiles} profiles reduce the error of the current in the box from {before:.3f} to {after:.3f} m/s"

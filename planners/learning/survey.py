@@ -18,7 +18,7 @@ from planners.route.hazards import first_crossing
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import grid_bearing_of_true_north, heading_deg
+from replay_kit.core.geodesy import grid_bearing_of_true_north, heading_deg, inside_grid
 from replay_kit.core.plan import PlanStatus
 
 # Loops that are named in the table beside waiting, scouting and the plan.
@@ -58,6 +58,7 @@ def plan_survey(flow: FlowEstimate, request: LearnRequest, survey: float, blind:
         )
     planned = plan_transit(scene.mean, np.array([scene.start]), stretch.leaves, scene.goals, blind, scene.speed)
     aim = _aim(scene, stretch, planned)
+    _check_predictable(scene, stretch, planned, aim)
     if aim.before() <= scene.settings.tolerance:
         raise PlanError(
             f"no uncertainty is left to reduce: without a survey the stretch ends within {aim.before():.0f} m (root mean square) of where "
@@ -67,6 +68,31 @@ def plan_survey(flow: FlowEstimate, request: LearnRequest, survey: float, blind:
     sea = drawn_sea(scene.known, slices(scene.known, scene.begin, stretch.leaves + blind), scene.settings.samples, scene.settings.seed)
     candidates, misses = _candidates(scene, stretch, sea, aim, found)
     return _plan(scene, request, stretch, (planned, aim, found), (candidates, misses))
+
+
+def _check_predictable(scene: Scene, stretch: Stretch, planned: Transit, aim: Aim) -> None:
+    """Raise PlanError where the stretch ends, or most of its ends would lie, outside of the region: nothing is known of the current there.
+
+    Args:
+        scene: Of the plan.
+        stretch: What is asked for.
+        planned: The stretch in the current that is known.
+        aim: Its end without a survey.
+    """
+    grid, hours = scene.known.flow.grid, stretch.blind / 3600.0
+    half, end = 0.5 * float(np.hypot(np.ptp(grid.east), np.ptp(grid.north))), planned.ends[0, -1]
+    advice = "choose a shorter stretch, or a mission with fixes: --goal without --then and --blind"
+    if not inside_grid(grid, end.real, end.imag):
+        raise PlanError(
+            f"{hours:g} h without fixes at {stretch.speed:.2f} m/s end outside of the estimate's region, "
+            f"{abs(end - stretch.goals[-1]) / 1e3:.0f} km from the goal, carried by the current that is known; {advice}"
+        )
+    if aim.before() > half:
+        raise PlanError(
+            f"{hours:g} h without fixes cannot be predicted: without a survey the stretch ends some {aim.before() / 1e3:.0f} km "
+            "(root mean square) from where it is planned, farther than the region's corners are from its middle, "
+            f"{half / 1e3:.0f} km; {advice}"
+        )
 
 
 def _aim(scene: Scene, stretch: Stretch, planned: Transit) -> Aim:
@@ -151,6 +177,9 @@ def _plan(
     miss = float(abs(planned.ends[0, -1] - scene.goals[-1]))
     status: PlanStatus = "unsafe" if crossed else "reached" if miss <= scene.settings.tolerance else "unreachable"
     message = _words(candidates, stretch) + _out_of_reach(flown["this survey"], stretch, scene.settings.tolerance)
+    chosen = next(one for one in candidates if one.chosen)
+    if status == "reached" and (rare := chosen.shortfall(scene.settings, f"end within the tolerance of {scene.settings.tolerance:g} m")):
+        status, message = "uncertain", message + rare
     if status == "unreachable":
         message += (
             f"; the goal is {miss / 1e3:.1f} km out of reach of {stretch.blind / 3600.0:g} h at {stretch.speed:.2f} m/s through water: "

@@ -39,6 +39,7 @@ class LearnSettings:
         margin: Distance kept from land, areas and the edge of the region [m].
         clearance: Least height of dives above the bottom [m].
         tolerance: Distance from a goal within which it is met [m].
+        arrive: Share of the samples that must meet it for the plan to be ``reached``.
         samples: Of the estimate, in which plans are flown.
         seed: Of the samples.
     """
@@ -50,6 +51,7 @@ class LearnSettings:
     margin: float = 50.0
     clearance: float = 20.0
     tolerance: float = 250.0
+    arrive: float = 0.9
     samples: int = 200
     seed: int = 0
 
@@ -58,6 +60,8 @@ class LearnSettings:
         for name in ("depth", "dives", "error", "tolerance"):
             if not 0.0 < getattr(self, name) < inf:
                 raise PlanError(f"{name} of a plan that learns is {getattr(self, name)!r}; expected a number above 0")
+        if not 0.0 <= self.arrive <= 1.0:
+            raise PlanError(f"arrive of a plan that learns is {self.arrive!r}; expected a share from 0 to 1")
         if self.samples < 20:
             raise PlanError(f"samples of a plan that learns: expected 20 or more, from which its figures come, got {self.samples}")
 
@@ -110,6 +114,21 @@ class Candidate:
     high: float
     within: float
     chosen: bool = False
+
+    def shortfall(self, settings: LearnSettings, verb: str) -> str:
+        """Return the words of a message that too few samples meet the goal; none where enough do.
+
+        Args:
+            settings: Number of the samples, and the share that is asked for.
+            verb: What too few of them do.
+        """
+        # shares of a few samples are rounded by the last bit
+        if self.within >= settings.arrive - 1e-9:
+            return ""
+        return (
+            f"; {100.0 * self.within:.0f} % of {settings.samples} samples of the estimate {verb}, "
+            f"{100.0 * settings.arrive:.0f} % are asked for"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +199,8 @@ class LearnPlan:
     """A plan that learns, with its evidence.
 
     Attributes:
-        status: ``reached`` where the way after it leads to its goal, in the current that is known; ``unreachable`` or ``unsafe`` where not.
+        status: ``reached`` where the way after it leads to its goal, in the current that is known and in the share of the samples that is
+            asked for; ``uncertain`` where too few of them meet it; ``unreachable`` or ``unsafe`` where the way does not lead there.
         message: The answer in words.
         objective: ``survey``, ``mission`` or ``map``.
         request: What was asked for.

@@ -117,6 +117,7 @@ class ReplaySummary:
         findings: Contradictions in the inputs.
         doubts: What the measurements cannot tell, and why the forecast may not fit.
         lost_pings: Which pings were not used, when they are many and a setting would keep them; empty otherwise.
+        mean_currents: Mean currents among the profiles used: each counts as one profile of one bin.
     """
 
     messages: tuple[TopicRow, ...]
@@ -145,6 +146,7 @@ class ReplaySummary:
     findings: tuple[Finding, ...] = ()
     doubts: tuple[str, ...] = ()
     lost_pings: str = ""
+    mean_currents: int = 0
 
     def __repr__(self) -> str:
         """Return the sentences on the estimate."""
@@ -232,10 +234,11 @@ def _further_sentences(summary: ReplaySummary) -> Iterator[str]:
 
 def _estimate_sentences(summary: ReplaySummary) -> Iterator[str]:
     rejected = ", ".join(f"{count} {name}" for name, count in summary.bins_rejected.items()) or "none"
-    yield (
-        f"Observations: {summary.profiles_used} profiles used ({summary.bins_used} bins), "
-        f"{summary.profiles_rejected} rejected; bins not used: {rejected}"
-    )
+    means = summary.mean_currents
+    profiles = f"{summary.profiles_used - means} profiles used ({summary.bins_used - means} bins)"
+    currents = f"{means} mean {'current' if means == 1 else 'currents'} used"
+    used = [*([profiles] if means < summary.profiles_used or not means else []), *([currents] if means else [])]
+    yield (f"Observations: {', '.join(used)}, {summary.profiles_rejected} rejected; bins not used: {rejected}")
     yield (
         f"RMS innovation: {_cm(summary.rms_before)} before each update, {_cm(summary.rms_after)} after it, "
         f"{_cm(summary.rms_prior)} against the ensemble alone; NIS per degree of freedom {summary.nis_per_dof:.2f}"

@@ -39,7 +39,7 @@ _DEPTH = 800.0
 
 def rows(tiny: bool) -> list[Row]:
     """Return what was measured."""
-    made = zermelo_rows(2 if tiny else 25)
+    made = zermelo_rows(1 if tiny else 25)
     flows = _flows(tiny)
     made += [ray_row(flows, 0.6, *((0.2, 4) if tiny else (2.0, 20)))]
     if not tiny:

@@ -224,7 +224,7 @@ def zermelo_rows(tiny: bool) -> list[Row]:
     made = []
     for name, (velocity, exact) in list(cases.items())[: 1 if tiny else None]:
         flow = fitted_flow(velocity)
-        settings = replace(AuvSettings(), tolerance=5.0)
+        settings = AuvSettings(tolerance=5.0, pieces=12) if tiny else AuvSettings(tolerance=5.0)
         took, found = seconds(
             lambda: plan_path(flow, PathRequest(place(flow, *begin, 50.0), place(flow, *end, 50.0), settings=settings))  # noqa: B023
         )

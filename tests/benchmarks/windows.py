@@ -9,7 +9,7 @@ an estimator of the middle third, with the measurements there: what a user would
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -139,7 +139,7 @@ def windowed(of: Sea, strip: Strip, first: Observation, margin: float, config: E
 
 def rows(tiny: bool) -> list[dict[str, Any]]:
     """Return the row: time and error of the windows beside those of one."""
-    strip = TINY if tiny else Strip()
+    strip, config = (replace(TINY, columns=20, pings=16), QUICK) if tiny else (Strip(), DEFAULT)
     of = sea(strip)
     truth = of.part(None, slice(strip.members, None))
     length = correlation_length(of.part(None, slice(0, strip.members)))
@@ -147,7 +147,7 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
     pings = mission(of, strip, truth, margin)
     peak_mb(anew=True)
     began = time.process_time()
-    estimator = windowed(of, strip, pings[0], margin)
+    estimator = windowed(of, strip, pings[0], margin, config)
     state, jumps, flows = estimator.initial(), list[float](), list[FlowEstimate]()
     for ping in pings:
         before, state = state, estimator._moved(state, ping)
@@ -161,7 +161,7 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
     third = (float(west), float(of.latitude[0]), float(east), float(of.latitude[-1]))
     inside = [ping for ping in pings if west <= ping.longitude <= east]
     began = time.process_time()
-    alone = build_estimator(of.part(third, slice(0, strip.members)), DEFAULT, GatingConfig())
+    alone = build_estimator(of.part(third, slice(0, strip.members)), config, GatingConfig())
     *_, (single, _) = alone.steps(alone.initial(), inside)
     peer_s = time.process_time() - began
     ours, theirs = _error(flows, inside, truth), _error([alone.flow(single)], inside, truth)

@@ -41,7 +41,7 @@ def test_everything_a_survey_writes_agrees(survey):
     out, said = survey
     answer = json.loads((out / "plan.json").read_text())
     assert answer["message"] in said
-    assert (answer["status"], answer["objective"], answer["unit"]) == ("reached", "survey", "m")
+    assert (answer["status"], answer["objective"], answer["unit"]) == ("uncertain", "survey", "m")
     names = [one["name"] for one in answer["candidates"]]
     assert names[:4] == ["leaving now", "waiting as long", "scouting ahead and back", "this survey"]
     assert answer["error_after"] < answer["error_before"]
@@ -98,6 +98,7 @@ def test_a_map_and_a_mission_are_answered(flows):
         ("static.nc", (), "expected --then and --blind, or --goal"),
         ("static.nc", ("--then=152.6,-39.6", "--blind", "20"), "no whole places"),
         ("static.nc", (THEN, "--blind", "20", "--horizon", "72h"), "--horizon: expected a mission"),
+        ("static.nc", (THEN, "--blind", "20", "--arrive", "2"), "--arrive: expected a share from 0 to 1"),
         ("static.nc", (THEN, "--blind", "20", "--box=1,2,3,4"), "expected --objective map"),
         ("static.nc", (THEN, "--blind", "20", "--others", "absent.mcap"), "absent.mcap"),
     ],

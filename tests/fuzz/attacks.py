@@ -16,6 +16,8 @@ _ENSEMBLE = str(ROOT / "sample_logs" / "ensemble.nc")
 _SURVEY = str(ROOT / "sample_logs" / "survey.mcap")
 #: Makes the input in a folder and returns the arguments of the command.
 Attack = Callable[[Path], list[str]]
+#: Makes the bytes: each only for its own attack, as many are tens of megabytes.
+Text = Callable[[], bytes]
 
 
 def log(folder: Path, encoding: str, schema: tuple[str, str, bytes] | None, payload: bytes, topic: str = "/x") -> list[str]:
@@ -66,16 +68,16 @@ def _recursive(folder: Path) -> list[str]:
     return log(folder, "cdr", ("p/msg/A", "ros2msg", b"p/A a\n"), b"\0\1\0\0" + bytes(100))
 
 
-def _idl(text: bytes) -> Attack:
-    return lambda folder: log(folder, "cdr", ("p/msg/A", "ros2idl", text), b"\0\1\0\0")
+def _idl(text: Text) -> Attack:
+    return lambda folder: log(folder, "cdr", ("p/msg/A", "ros2idl", text()), b"\0\1\0\0")
 
 
-def _big_schema(encoding: str, schema: str, text: bytes) -> Attack:
-    return lambda folder: log(folder, encoding, ("p/msg/A" if encoding == "cdr" else "p/A", schema, text), b"\0\1\0\0")
+def _big_schema(encoding: str, schema: str, text: Text) -> Attack:
+    return lambda folder: log(folder, encoding, ("p/msg/A" if encoding == "cdr" else "p/A", schema, text()), b"\0\1\0\0")
 
 
-def _json(text: bytes) -> Attack:
-    return lambda folder: log(folder, "json", None, text)
+def _json(text: Text) -> Attack:
+    return lambda folder: log(folder, "json", None, text())
 
 
 def _kinds(folder: Path, kinds: Iterable[tuple[str, str, str, bytes, bytes]]) -> list[str]:
@@ -145,9 +147,9 @@ def _chunk(folder: Path) -> list[str]:
     return log(folder, "none", None, bytes(250_000_000))
 
 
-def _toml(text: bytes) -> Attack:
+def _toml(text: Text) -> Attack:
     def attack(folder: Path) -> list[str]:
-        (folder / "run.toml").write_bytes(text)
+        (folder / "run.toml").write_bytes(text())
         return [
             "replay",
             _SURVEY,
@@ -242,28 +244,28 @@ ATTACKS: dict[str, Attack] = {
     "ROS 2: fixed array of 2 billion numbers": _cdr_fixed,
     "ROS 2: array of 2^31 empty messages": _cdr_empty,
     "ROS 2: a type that contains itself": _recursive,
-    "IDL: 200 kB of newlines": _idl(b"\n" * 200_000),
-    "IDL: 200 kB of comments without end": _idl(b"/*" * 100_000),
-    "IDL: 200 kB of quotation marks": _idl(b'"\\' * 100_000),
-    "IDL: nested modules": _idl(b"module a {" * 100_000),
-    "schema: 50 MB of ros2msg": _big_schema("cdr", "ros2msg", b"float64 abc\n" * 4_200_000),
-    "schema: 50 MB of ros2idl": _big_schema("cdr", "ros2idl", b"module a { };\n" * 3_600_000),
-    "schema: 50 MB of ros1msg": _big_schema("ros1", "ros1msg", b"float64 abc\n" * 4_200_000),
+    "IDL: 200 kB of newlines": _idl(lambda: b"\n" * 200_000),
+    "IDL: 200 kB of comments without end": _idl(lambda: b"/*" * 100_000),
+    "IDL: 200 kB of quotation marks": _idl(lambda: b'"\\' * 100_000),
+    "IDL: nested modules": _idl(lambda: b"module a {" * 100_000),
+    "schema: 50 MB of ros2msg": _big_schema("cdr", "ros2msg", lambda: b"float64 abc\n" * 4_200_000),
+    "schema: 50 MB of ros2idl": _big_schema("cdr", "ros2idl", lambda: b"module a { };\n" * 3_600_000),
+    "schema: 50 MB of ros1msg": _big_schema("ros1", "ros1msg", lambda: b"float64 abc\n" * 4_200_000),
     "schema: 300 of 1 MB": _many_schemas,
-    "JSON: 30 million lists": _json(b'{"a":[' + b"[]," * 30_000_000 + b"[]]}"),
-    "JSON: 5 million mappings": _json(b'{"a":[' + b'{"":1},' * 5_000_000 + b"{}]}"),
-    "JSON: 900 nested lists": _json(b'{"a":' + b"[" * 900 + b"]" * 900 + b"}"),
-    "JSON: 100,000 nested lists": _json(b'{"a":NaN,"b":' + b"[" * 100_000 + b"]" * 100_000 + b"}"),
-    "JSON: quotation marks without end": _json(b'{"a":NaN' + b'"\\' * 100_000),
+    "JSON: 30 million lists": _json(lambda: b'{"a":[' + b"[]," * 30_000_000 + b"[]]}"),
+    "JSON: 5 million mappings": _json(lambda: b'{"a":[' + b'{"":1},' * 5_000_000 + b"{}]}"),
+    "JSON: 900 nested lists": _json(lambda: b'{"a":' + b"[" * 900 + b"]" * 900 + b"}"),
+    "JSON: 100,000 nested lists": _json(lambda: b'{"a":NaN,"b":' + b"[" * 100_000 + b"]" * 100_000 + b"}"),
+    "JSON: quotation marks without end": _json(lambda: b'{"a":NaN' + b'"\\' * 100_000),
     "protobuf: 10 million empty messages": _proto,
     "protobuf: 4 sets of 28,000 types without fields": _protobuf_sets(4, 28_000, _empty_type),
     "protobuf: 4 sets of 43,000 nested types": _protobuf_sets(4, 43_000, _nested_type),
     "protobuf: 30 sets of 800 lists of 800 fields": _protobuf_sets(30, 1600, _list_of_flat),
     "chunk: 250 MB of zeros": _chunk,
-    "TOML: nested 5,000 deep": _toml(b"a=" + b"[" * 5000 + b"]" * 5000),
-    "TOML: key of 5,000 parts": _toml(b".".join([b"a"] * 5000) + b"=1"),
-    "TOML: integer of 5,000 digits": _toml(b"[output]\nthreads=" + b"9" * 5000),
-    "TOML: 30 MB": _toml(b"[output]\n" + b"# comment\n" * 3_000_000),
+    "TOML: nested 5,000 deep": _toml(lambda: b"a=" + b"[" * 5000 + b"]" * 5000),
+    "TOML: key of 5,000 parts": _toml(lambda: b".".join([b"a"] * 5000) + b"=1"),
+    "TOML: integer of 5,000 digits": _toml(lambda: b"[output]\nthreads=" + b"9" * 5000),
+    "TOML: 30 MB": _toml(lambda: b"[output]\n" + b"# comment\n" * 3_000_000),
     "NetCDF ensemble: grid of 10^10 cells": _netcdf(_grid, _as_ensemble),
     "NetCDF ensemble: velocities are texts": _netcdf(_objects, _as_ensemble),
     "NetCDF glider: 2 billion samples": _netcdf(_glider_grid, _as_log),

@@ -86,7 +86,7 @@ def _job(flows: tuple[Path, ...], asked: Asked, config: RunConfig) -> "LearnJob"
     from replay_kit.workflows.planning.learning_request import LearnJob
     from replay_kit.workflows.planning.request import start_time_of
 
-    places, times, aim, _, _ = asked
+    places, times, aim, method, _ = asked
     job = LearnJob(
         "map" if aim.objective == "map" else "learn",
         flows,
@@ -102,6 +102,7 @@ def _job(flows: tuple[Path, ...], asked: Asked, config: RunConfig) -> "LearnJob"
         places.no_go,
         places.bathymetry or config.planner.bathymetry_path,
         None if times.start_time is None else start_time_of(times.start_time),
+        method.arrive,
     )
     job.check()
     return job
@@ -125,7 +126,7 @@ def _box(text: str) -> tuple[float, ...]:
 
 def _given(asked: Asked) -> dict[str, object]:
     """Return what was asked for beyond the configuration, as it was given."""
-    places, times, aim, _, _ = asked
+    places, times, aim, method, _ = asked
     return {
         "start": places.start,
         "goals": " ".join(places.goal) if places.goal else None,
@@ -137,4 +138,5 @@ def _given(asked: Asked) -> dict[str, object]:
         "profiles": aim.profiles,
         "profile_error": aim.profile_error,
         "start_time": times.start_time,
+        "arrive": method.arrive,
     }

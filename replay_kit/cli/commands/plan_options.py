@@ -74,7 +74,8 @@ class Aim(Learning):
         option(
             "--objective",
             f"What is minimised: {', '.join(get_args(ObjectiveName))}, or weights of hours, kJ and km from the goal, as "
-            "time=1,energy=0.02,closest=5; learn: the error after a survey, map: that of the current in a box. Default: time.",
+            "time=1,energy=0.02,closest=5. Or what is measured: learn, before a stretch without fixes (with --then and --blind) or on the "
+            "way to --goal; map, for the current in a box (with --box and --profiles). Default: time.",
             metavar="NAME|WEIGHTS",
         ),
     ] = None

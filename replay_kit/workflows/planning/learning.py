@@ -113,6 +113,7 @@ def _settings(job: LearnJob, config: PlannerConfig, flow: FlowEstimate) -> Learn
         margin=config.margin,
         clearance=config.clearance,
         tolerance=config.tolerance,
+        arrive=job.arrive,
         samples=config.samples if "samples" in config.model_fields_set else drawn,
         seed=config.seed,
     )

@@ -7,6 +7,7 @@ from typing import Literal
 
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.plan import Place
+from replay_kit.workflows.planning.request import ARRIVING
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +29,7 @@ class LearnJob:
         no_go: GeoJSON of areas; None for none.
         bathymetry: NetCDF with the depth of the bottom; None for none.
         start_time_ns: When it begins [ns, UTC]; None for the estimate's time.
+        arrive: Share of the samples that must meet the goal for the plan to be called ``reached``.
     """
 
     objective: Literal["learn", "map"]
@@ -44,6 +46,7 @@ class LearnJob:
     no_go: Path | None = None
     bathymetry: Path | None = None
     start_time_ns: int | None = None
+    arrive: float = ARRIVING
 
     def check(self) -> None:
         """Refuse options that do not go together.
@@ -68,6 +71,8 @@ class LearnJob:
         for refused, message in refusals:
             if refused:
                 raise ConfigError(message)
+        if not 0.0 <= self.arrive <= 1.0:
+            raise ConfigError(f"--arrive: expected a share from 0 to 1, got {self.arrive:g}")
         for name, value in (
             ("--blind", self.blind),
             ("--survey", self.survey),

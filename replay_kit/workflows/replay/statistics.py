@@ -202,6 +202,7 @@ class RunStatistics:
             profiles_used=total.profiles,
             profiles_rejected=counts.rejected,
             bins_used=total.bins,
+            mean_currents=sum(counts.path_means.values()),
             bins_rejected=counts.bins_rejected,
             rms_before=total.rms(total.before),
             rms_after=total.rms(total.after),

@@ -1,6 +1,8 @@
 """The dicts of protobuf payloads, whatever the fields are called, and how large their types may be."""
 
 import re
+from collections.abc import Callable
+from functools import cache
 
 import pytest
 from google.protobuf import descriptor_pb2, message_factory
@@ -79,29 +81,38 @@ def _enumeration(name: str) -> descriptor_pb2.EnumDescriptorProto:
 
 _Kind = descriptor_pb2.DescriptorProto
 _NAMES = [f"B{k:x}" for k in range(20_000)]
-_TYPES = [_kind(name) for name in _NAMES]
+
+
+@cache
+def _types() -> list[descriptor_pb2.DescriptorProto]:
+    return [_kind(name) for name in _NAMES]
+
+
+@cache
+def _enumerations() -> list[descriptor_pb2.EnumDescriptorProto]:
+    return list(map(_enumeration, _NAMES))
 
 
 # each took hundreds of times its length in memory
 @pytest.mark.parametrize(
-    "file",
+    "made",
     [
-        _file(message_type=[_kind("M"), *_TYPES]),
-        _file(message_type=[descriptor_pb2.DescriptorProto(name="M", nested_type=_TYPES)]),
-        _file(
+        lambda: _file(message_type=[_kind("M"), *_types()]),
+        lambda: _file(message_type=[descriptor_pb2.DescriptorProto(name="M", nested_type=_types())]),
+        lambda: _file(
             message_type=[
-                descriptor_pb2.DescriptorProto(name="M", nested_type=[descriptor_pb2.DescriptorProto(name="N", nested_type=_TYPES)])
+                descriptor_pb2.DescriptorProto(name="M", nested_type=[descriptor_pb2.DescriptorProto(name="N", nested_type=_types())])
             ]
         ),
-        _file(message_type=[_kind("M")], service=[descriptor_pb2.ServiceDescriptorProto(name=name) for name in _NAMES]),
-        _file(message_type=[_kind("M")], enum_type=list(map(_enumeration, _NAMES))),
-        _file(message_type=[_Kind(name="M", enum_type=list(map(_enumeration, _NAMES)))]),
+        lambda: _file(message_type=[_kind("M")], service=[descriptor_pb2.ServiceDescriptorProto(name=name) for name in _NAMES]),
+        lambda: _file(message_type=[_kind("M")], enum_type=_enumerations()),
+        lambda: _file(message_type=[_Kind(name="M", enum_type=_enumerations())]),
     ],
     ids=["types", "nested", "nested twice", "services", "enumerations", "nested enumerations"],
 )
-def test_a_set_of_types_that_hold_nothing_is_refused(file: File) -> None:
+def test_a_set_of_types_that_hold_nothing_is_refused(made: Callable[[], File]) -> None:
     with pytest.raises(BudgetError, match="more types than 2048, or than one in 16 bytes of the descriptor set"):
-        protobuf_decoder(_schema(file))
+        protobuf_decoder(_schema(made()))
 
 
 def test_a_set_of_as_many_types_as_any_in_use_is_read() -> None:

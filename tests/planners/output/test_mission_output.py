@@ -4,6 +4,7 @@ import csv
 import io
 import json
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -19,28 +20,37 @@ from tests.planners.flow_samples import eddying_flow, place, still_flow
 
 FLOW = eddying_flow(11)
 SETTINGS = MissionSettings(depth=390.0, surface_time=600.0)
-PLAN = plan_mission(FLOW, MissionRequest(place(FLOW, -6e3, -4e3, 0.0), (place(FLOW, 5e3, 4e3, 100.0),), settings=SETTINGS))
-FAILED = plan_mission(replace(FLOW, latent=np.nan * FLOW.latent), MissionRequest(PLAN.start, PLAN.goals, settings=SETTINGS))
+
+
+@cache
+def planned():
+    return plan_mission(FLOW, MissionRequest(place(FLOW, -6e3, -4e3, 0.0), (place(FLOW, 5e3, 4e3, 100.0),), settings=SETTINGS))
+
+
+@cache
+def failed():
+    request = MissionRequest(planned().start, planned().goals, settings=SETTINGS)
+    return plan_mission(replace(FLOW, latent=np.nan * FLOW.latent), request)
 
 
 def test_a_mission_flown_in_its_own_flow_goes_as_planned():
-    flown = fly_mission(FLOW, PLAN)
-    np.testing.assert_allclose(flown.surfacings[0], PLAN.surfacings, atol=1e-6)
-    assert flown.miss[0, -1] == pytest.approx(PLAN.closest_approach[-1], abs=0.1)
-    assert flown.time[-1] == pytest.approx(PLAN.duration, rel=1e-12)
+    flown = fly_mission(FLOW, planned())
+    np.testing.assert_allclose(flown.surfacings[0], planned().surfacings, atol=1e-6)
+    assert flown.miss[0, -1] == pytest.approx(planned().closest_approach[-1], abs=0.1)
+    assert flown.time[-1] == pytest.approx(planned().duration, rel=1e-12)
     # headings are of true north: another projection makes nothing of them but rounding and the turn within a leg
     moved = replace(FLOW, grid=replace(FLOW.grid, projection=Projection(152.7, -40.2)))
-    assert fly_mission(replace(moved, latent=0.0 * FLOW.latent), PLAN).miss[0, -1] == pytest.approx(
-        fly_mission(replace(FLOW, latent=0.0 * FLOW.latent), PLAN).miss[0, -1], abs=3.0
+    assert fly_mission(replace(moved, latent=0.0 * FLOW.latent), planned()).miss[0, -1] == pytest.approx(
+        fly_mission(replace(FLOW, latent=0.0 * FLOW.latent), planned()).miss[0, -1], abs=3.0
     )
 
 
 def test_ellipses_hold_ninety_percent_of_the_surfacings():
     rng = np.random.default_rng(0)
     flows = [replace(FLOW, latent=FLOW.latent * (1.0 + 0.1 * rng.standard_normal(FLOW.latent.shape))) for _ in range(60)]
-    flown = fly_mission(flows, PLAN)
-    ellipses = surfacing_ellipses(flown, PLAN)
-    places = flown.place[:, np.searchsorted(flown.time, PLAN.surfacing_times - 1e-6)]
+    flown = fly_mission(flows, planned())
+    ellipses = surfacing_ellipses(flown, planned())
+    places = flown.place[:, np.searchsorted(flown.time, planned().surfacing_times - 1e-6)]
     held = []
     for k, (_, _, major, minor, bearing) in enumerate(ellipses):
         along = np.array([np.sin(np.deg2rad(bearing)), np.cos(np.deg2rad(bearing))])
@@ -49,9 +59,9 @@ def test_ellipses_hold_ninety_percent_of_the_surfacings():
         assert major >= minor > 0.0
     assert 0.82 < np.mean(held) < 0.97
     with pytest.raises(PlanError, match="three flights"):
-        surfacing_ellipses(fly_mission(flows[:2], PLAN), PLAN)
+        surfacing_ellipses(fly_mission(flows[:2], planned()), planned())
     with pytest.raises(PlanError, match="without legs"):
-        fly_mission(FLOW, FAILED)
+        fly_mission(FLOW, failed())
 
 
 def test_an_ellipse_lies_where_the_surfacings_do_and_its_bearing_is_of_true_north():
@@ -59,7 +69,7 @@ def test_an_ellipse_lies_where_the_surfacings_do_and_its_bearing_is_of_true_nort
     frame, latitudes = Projection(178.5, -60.0), -60.0 + 0.01 * np.linspace(-1.0, 1.0, 9)
     longitudes = 180.0 + 1e-3 * (-1.0) ** np.arange(9)
     places = np.column_stack(to_local(frame, longitudes, latitudes))
-    plan = replace(PLAN, surfacing_times=np.array([1.0]))
+    plan = replace(planned(), surfacing_times=np.array([1.0]))
     flights = MissionFlights(np.array([1.0]), np.zeros(1), places[:, None], np.zeros((9, 1, 2)), np.zeros((9, 1)), frame)
     ((longitude, latitude, major, minor, bearing),) = ellipses = surfacing_ellipses(flights, plan)
     assert abs(longitude) == pytest.approx(180.0, abs=1e-3)
@@ -73,27 +83,27 @@ def test_an_ellipse_lies_where_the_surfacings_do_and_its_bearing_is_of_true_nort
 
 
 def test_tables_say_what_the_plan_says():
-    rows = legs_table(PLAN, None)
-    assert [row["surfacing_s"] for row in rows] == PLAN.surfacing_times.tolist()
-    assert rows[-1]["depth_m"] == max(PLAN.yo_depths[-1])
+    rows = legs_table(planned(), None)
+    assert [row["surfacing_s"] for row in rows] == planned().surfacing_times.tolist()
+    assert rows[-1]["depth_m"] == max(planned().yo_depths[-1])
     assert all(row["dives"] == 1 for row in rows)
-    parsed = list(csv.DictReader(io.StringIO(to_csv(PLAN, np.ones((len(rows), 5))))))
-    assert [float(row["heading_deg"]) for row in parsed] == pytest.approx(PLAN.headings_deg.tolist(), abs=1e-6)
+    parsed = list(csv.DictReader(io.StringIO(to_csv(planned(), np.ones((len(rows), 5))))))
+    assert [float(row["heading_deg"]) for row in parsed] == pytest.approx(planned().headings_deg.tolist(), abs=1e-6)
     assert float(parsed[0]["ellipse_major_m"]) == 1.0
-    features = json.loads(to_geojson(PLAN, FLOW.grid.projection, None))["features"]
+    features = json.loads(to_geojson(planned(), FLOW.grid.projection, None))["features"]
     kinds = [feature["geometry"]["type"] for feature in features]
     assert kinds == ["LineString"] + ["Point"] * (2 + len(rows))
-    assert features[0]["geometry"]["coordinates"][0] == pytest.approx([PLAN.start.longitude, PLAN.start.latitude], abs=1e-6)
+    assert features[0]["geometry"]["coordinates"][0] == pytest.approx([planned().start.longitude, planned().start.latitude], abs=1e-6)
     goal = next(feature for feature in features if feature["properties"]["name"] == "goal 1")["properties"]
-    assert (goal["met_s"], goal["depth_m"]) == (PLAN.goal_times[0], 100.0)
-    answer = json.loads(json.dumps(to_json(PLAN, None), allow_nan=False))
-    assert answer["goals"][0]["off_m"] == PLAN.closest_approach[0]
+    assert (goal["met_s"], goal["depth_m"]) == (planned().goal_times[0], 100.0)
+    answer = json.loads(json.dumps(to_json(planned(), None), allow_nan=False))
+    assert answer["goals"][0]["off_m"] == planned().closest_approach[0]
     assert (answer["status"], len(answer["legs"])) == ("reached", len(rows))
 
 
 def test_an_ellipse_is_drawn_by_its_axes_and_bearing():
     ellipse = np.array([152.5, -40.0, 300.0, 100.0, 90.0])
-    features = json.loads(to_geojson(PLAN, FLOW.grid.projection, np.tile(ellipse, (len(PLAN.yo_depths), 1))))["features"]
+    features = json.loads(to_geojson(planned(), FLOW.grid.projection, np.tile(ellipse, (len(planned().yo_depths), 1))))["features"]
     outline = np.array(features[-1]["geometry"]["coordinates"][0])
     np.testing.assert_array_equal(outline[0], outline[-1])
     east, north = to_local(FLOW.grid.projection, *outline.T)
@@ -112,33 +122,33 @@ def test_polygons_are_closed_and_run_counter_clockwise(bearing, longitude, latit
 
 
 def test_the_rings_of_a_mission_s_geojson_run_counter_clockwise():
-    ellipses = np.tile([152.5, -40.0, 300.0, 100.0, 20.0], (len(PLAN.yo_depths), 1))
-    features = json.loads(to_geojson(PLAN, FLOW.grid.projection, ellipses))["features"]
+    ellipses = np.tile([152.5, -40.0, 300.0, 100.0, 20.0], (len(planned().yo_depths), 1))
+    features = json.loads(to_geojson(planned(), FLOW.grid.projection, ellipses))["features"]
     polygons = [feature["geometry"]["coordinates"] for feature in features if feature["geometry"]["type"] == "Polygon"]
-    assert len(polygons) == len(PLAN.yo_depths)
+    assert len(polygons) == len(planned().yo_depths)
     for (ring,) in polygons:
         assert ring[0] == ring[-1]
         assert sum(a[0] * b[1] - b[0] * a[1] for a, b in pairwise(np.array(ring) - ring[0])) > 0.0
 
 
 def test_what_is_counted_is_written_as_an_integer():
-    features = json.loads(to_geojson(PLAN, FLOW.grid.projection, None))["features"]
+    features = json.loads(to_geojson(planned(), FLOW.grid.projection, None))["features"]
     told = [feature["properties"] for feature in features if "leg" in feature["properties"]]
     surfacings = [properties for properties in told if properties["name"].startswith("surfacing")]
-    assert [repr(properties["leg"]) for properties in surfacings] == [str(k + 1) for k in range(len(PLAN.yo_depths))]
-    answer = json.loads(json.dumps(to_json(PLAN, None)))
-    rows = [*told, *answer["legs"], *answer["goals"], json.loads(str(as_glide(PLAN, FLOW.grid.projection).statistics["leg_001"]))]
+    assert [repr(properties["leg"]) for properties in surfacings] == [str(k + 1) for k in range(len(planned().yo_depths))]
+    answer = json.loads(json.dumps(to_json(planned(), None)))
+    rows = [*told, *answer["legs"], *answer["goals"], json.loads(str(as_glide(planned(), FLOW.grid.projection).statistics["leg_001"]))]
     assert {type(row[name]) for row in rows for name in ("leg", "dives") if name in row} == {int}
-    assert to_csv(PLAN, None).splitlines()[1].startswith("1,")
+    assert to_csv(planned(), None).splitlines()[1].startswith("1,")
 
 
 def test_a_mission_is_also_a_plan_for_the_result_s_messages():
-    glide = as_glide(PLAN, FLOW.grid.projection)
-    assert (glide.status, glide.heading_deg, glide.duration) == ("reached", PLAN.headings_deg[0], PLAN.duration)
+    glide = as_glide(planned(), FLOW.grid.projection)
+    assert (glide.status, glide.heading_deg, glide.duration) == ("reached", planned().headings_deg[0], planned().duration)
     assert np.linalg.norm(glide.velocity_through_water) == pytest.approx(0.3)
-    assert json.loads(str(glide.statistics["leg_001"]))["heading_deg"] == PLAN.headings_deg[0]
-    failed = as_glide(FAILED, FLOW.grid.projection)
-    assert (failed.status, failed.duration) == ("failed", 0.0)
-    assert to_csv(FAILED, None) == "leg\n"
-    assert json.loads(json.dumps(to_json(FAILED, None), allow_nan=False))["legs"] == []
-    assert len(json.loads(to_geojson(FAILED, still_flow().grid.projection, None))["features"]) == 2
+    assert json.loads(str(glide.statistics["leg_001"]))["heading_deg"] == planned().headings_deg[0]
+    none = as_glide(failed(), FLOW.grid.projection)
+    assert (none.status, none.duration) == ("failed", 0.0)
+    assert to_csv(failed(), None) == "leg\n"
+    assert json.loads(json.dumps(to_json(failed(), None), allow_nan=False))["legs"] == []
+    assert len(json.loads(to_geojson(failed(), still_flow().grid.projection, None))["features"]) == 2

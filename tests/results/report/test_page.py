@@ -63,9 +63,10 @@ def test_the_numbers_are_those_of_json(page: str, replayed: rk.Result) -> None:
 def test_words_say_what_was_measured_found_and_not_used(page: str, replayed: rk.Result) -> None:
     words, summary = " ".join(text_of(page, "answer").split()), replayed.summary
     assert summary is not None
-    assert (
-        f"gave {summary.profiles_used} measurements of the current that were used ({summary.bins_used:,} depth bins), on 3 dives" in words
-    )
+    means = summary.mean_currents
+    assert means > 1
+    values = f"{summary.bins_used:,} values: {means} mean currents, {summary.bins_used - means:,} depth bins of profiles"
+    assert f"gave {summary.profiles_used} measurements of the current that were used ({values}), on 3 dives" in words
     change = 100.0 * (1.0 - summary.rms_before / summary.rms_prior)
     assert f"differed from it by {100 * summary.rms_before:.2f} cm/s (RMS of a component)" in words
     assert f"the estimate is {change:.0f} % closer" in words

@@ -5,7 +5,7 @@ import io
 import json
 import math
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -50,9 +50,19 @@ def series(n_times=3, days=0.6, speed=0.3) -> list[Ensemble]:
     ]
 
 
-CASE = withhold(series(), 1)
-SEA = build_field(*CASE.truths)
-FLIGHT = staying(partial(fly_pings, SEA, 10, 20.0, 0.05), 0)
+@cache
+def withheld():
+    return withhold(series(), 1)
+
+
+@cache
+def sea():
+    return build_field(*withheld().truths)
+
+
+@cache
+def flown():
+    return staying(partial(fly_pings, sea(), 10, 20.0, 0.05), 0)
 
 
 @pytest.fixture(scope="module")
@@ -82,23 +92,23 @@ def test_parts_add_up_over_their_wholes():
 
 def test_the_truth_is_withheld_and_linear_between_the_forecasts_times():
     forecasts = series()
-    assert all(case.n_members == 5 for case in CASE.forecasts)
+    assert all(one.n_members == 5 for one in withheld().forecasts)
     quarter = DAY + int(0.25 * 0.6 * DAY)
     j, i = 2, 3
-    point = int(np.flatnonzero((CASE.at.index[0] == 1) & (CASE.at.index[1] == j) & (CASE.at.index[2] == i))[0])
+    point = int(np.flatnonzero((withheld().at.index[0] == 1) & (withheld().at.index[1] == j) & (withheld().at.index[2] == i))[0])
     expected = 0.5 * (forecasts[0].velocity[1, :, 1, j, i] + forecasts[1].velocity[1, :, 1, j, i])
-    np.testing.assert_allclose(CASE.at_time(CASE.truth, quarter)[point], expected, rtol=1e-12)
-    np.testing.assert_array_equal(CASE.at_time(CASE.truth, 99 * DAY), CASE.truth[-1])
+    np.testing.assert_allclose(withheld().at_time(withheld().truth, quarter)[point], expected, rtol=1e-12)
+    np.testing.assert_array_equal(withheld().at_time(withheld().truth, 99 * DAY), withheld().truth[-1])
     others = np.delete(forecasts[2].velocity, 1, axis=0)[:, :, 1, j, i]
-    np.testing.assert_allclose(CASE.mean[2][point], others.mean(axis=0), rtol=1e-12)
-    error = CASE.mean[2] - CASE.truth[2]
-    assert CASE.mean_rmse([99 * DAY]) == pytest.approx(math.sqrt(sum(float(e @ e) for e in error) / len(error)))
+    np.testing.assert_allclose(withheld().mean[2][point], others.mean(axis=0), rtol=1e-12)
+    error = withheld().mean[2] - withheld().truth[2]
+    assert withheld().mean_rmse([99 * DAY]) == pytest.approx(math.sqrt(sum(float(e @ e) for e in error) / len(error)))
 
 
 def test_a_mission_ends_with_the_truth_and_its_course_does_not_depend_on_faults():
-    sound, faulty = measurements(FLIGHT), measurements(FLIGHT, Faults("platform", 0.02, 5.0, 0.03))
-    assert [m.time_ns for m in sound] == FLIGHT.mission.pings.time_ns.tolist() == [m.time_ns for m in faulty]
-    assert FLIGHT.mission.positions[-1].time_ns <= SEA.time_ns[-1]
+    sound, faulty = measurements(flown()), measurements(flown(), Faults("platform", 0.02, 5.0, 0.03))
+    assert [m.time_ns for m in sound] == flown().mission.pings.time_ns.tolist() == [m.time_ns for m in faulty]
+    assert flown().mission.positions[-1].time_ns <= sea().time_ns[-1]
     # the pings fill the time that there is, but for one dive
     assert sound[-1].time_ns - sound[0].time_ns > 0.7 * 0.6 * DAY
     assert len(set(np.diff([m.time_ns for m in sound]))) == 1
@@ -106,21 +116,21 @@ def test_a_mission_ends_with_the_truth_and_its_course_does_not_depend_on_faults(
         assert isinstance(one, Observation)
         assert (one.common_std, other.common_std) == (0.0, pytest.approx(0.02))
         assert (one.longitude, one.latitude) == (other.longitude, other.latitude)
-    unknown = measurements(FLIGHT, Faults("platform"), mean_currents=True)
+    unknown = measurements(flown(), Faults("platform"), mean_currents=True)
     assert {m.common_std for m in unknown if isinstance(m, Observation)} == {math.inf}
-    assert sum(isinstance(m, PathMean) for m in unknown) == len(FLIGHT.mission.dives)
+    assert sum(isinstance(m, PathMean) for m in unknown) == len(flown().mission.dives)
 
 
 def test_a_mission_of_dives_has_as_many_mean_currents_and_ends_with_the_truth():
-    flight = fly_dives(SEA, 3, 0.05, GliderLimits(), FLIGHT.seed)
-    means = measurements(flight, pings=False, mean_currents=True)
+    dived = fly_dives(sea(), 3, 0.05, GliderLimits(), flown().seed)
+    means = measurements(dived, pings=False, mean_currents=True)
     assert len(means) == 3
     assert all(isinstance(mean, PathMean) for mean in means)
-    assert SEA.time_ns[-1] - 3600 * 10**9 < means[-1].time_ns <= SEA.time_ns[-1]
+    assert sea().time_ns[-1] - 3600 * 10**9 < means[-1].time_ns <= sea().time_ns[-1]
     with pytest.raises(ConfigError, match="--dives"):
-        fly_dives(SEA, 30, 0.05, GliderLimits(), 0)
+        fly_dives(sea(), 30, 0.05, GliderLimits(), 0)
     with pytest.raises(ConfigError, match="--pings"):
-        fly_pings(SEA, 2000, 20.0, 0.05, 0)
+        fly_pings(sea(), 2000, 20.0, 0.05, 0)
 
 
 def test_a_course_that_leaves_the_water_is_tried_elsewhere():
@@ -130,11 +140,11 @@ def test_a_course_that_leaves_the_water_is_tried_elsewhere():
         tried.append(seed)
         if len(tried) < 3:
             raise ForecastError("out")
-        return FLIGHT
+        return flown()
 
-    assert staying(fly, 7) is FLIGHT
+    assert staying(fly, 7) is flown()
     assert tried == [7, 10_007, 20_007]
-    torrent = [replace(truth, velocity=np.full_like(truth.velocity, 4.0)) for truth in CASE.truths]
+    torrent = [replace(truth, velocity=np.full_like(truth.velocity, 4.0)) for truth in withheld().truths]
     with pytest.raises(ForecastError, match="out of the truth's water"):
         staying(partial(fly_pings, build_field(*torrent), 10, 20.0, 0.05), 0)
 
@@ -166,13 +176,13 @@ def test_evaluations_are_spread_evenly_and_end_with_the_mission():
 
 
 def test_innovations_are_counted_and_a_covariance_grows_by_its_factor():
-    given = measurements(FLIGHT)
+    given = measurements(flown())
     # the static estimator averages over the variance of the mean's amplitude where none is stated
     settings = CONFIG.estimator.model_copy(update={"mean_variance": 0.1})
-    estimator = build_evolving([CASE.forecasts[1]], settings, TimeConfig(scale="static", dropped_std=0.0))
-    place = CASE.at.place
+    estimator = build_evolving([withheld().forecasts[1]], settings, TimeConfig(scale="static", dropped_std=0.0))
+    place = withheld().at.place
     plain = follow(estimator, given, 2, lambda flow, time_ns: flow.velocity(*place))
-    static = follow(build_estimator(CASE.forecasts[1], settings), given, 2, lambda flow, time_ns: flow.velocity(*place))
+    static = follow(build_estimator(withheld().forecasts[1], settings), given, 2, lambda flow, time_ns: flow.velocity(*place))
     # what is compared with as a static filter is one
     np.testing.assert_allclose(plain.values[-1], static.values[-1], atol=1e-6)
     nis, inside = static.nis("m", required=True)
@@ -196,16 +206,16 @@ def test_innovations_are_counted_and_a_covariance_grows_by_its_factor():
 
 def test_intervals_are_counted_apart_near_to_pings_and_far():
     """An estimate that is off by one standard deviation everywhere is inside 90 % intervals and outside 50 % ones."""
-    truth = CASE.truth[0]
+    truth = withheld().truth[0]
     std = np.full(truth.shape, 0.1)
     std[0] = np.nan  # nothing is known there
     flow = SimpleNamespace(velocity=lambda *_: truth + 0.1, standard_error=lambda *_: std)
-    pinged = CASE.at.points[:1] + np.array([0.0, 10_001.0])
-    near = coverage_module._near(CASE.at.points, pinged)
-    np.testing.assert_array_equal(near, np.hypot(*(CASE.at.points - pinged).T) <= 10e3)
+    pinged = withheld().at.points[:1] + np.array([0.0, 10_001.0])
+    near = coverage_module._near(withheld().at.points, pinged)
+    np.testing.assert_array_equal(near, np.hypot(*(withheld().at.points - pinged).T) <= 10e3)
     assert 0 < near.sum() < near.size
     assert not near[0]
-    hits = coverage_module._hits(SimpleNamespace(case=CASE), flow, int(CASE.times_ns[0]), near, "now")
+    hits = coverage_module._hits(SimpleNamespace(case=withheld()), flow, int(withheld().times_ns[0]), near, "now")
     observed, unobserved = 2 * int(near.sum()), 2 * int((~near).sum()) - 2
     assert hits == {
         ("observed", "now", 0.5): (0, observed),

@@ -35,6 +35,7 @@ def replay(ocean: Path, *arguments: str | Path) -> tuple[dict, str]:
 def test_mean_currents_alone_estimate_a_field_and_say_so(ocean, tmp_path):
     answer, said = replay(ocean, made.bodc(tmp_path / "a.nc"))
     assert answer["observations"]["used"] == 2
+    assert "Observations: 2 mean currents used, 0 rejected" in said
     assert "the estimate rests on 2 mean currents of dives and 0 drifts between fixes alone (measurements.use_drift = true adds" in said
     assert answer["rms_innovation"]["after"] < answer["rms_innovation"]["prior"]
     (tmp_path / "drift.toml").write_text("[measurements]\nuse_drift = true\n")

@@ -10,6 +10,7 @@ from replay_kit.core.text import time_text
 from replay_kit.results.page.section import Section, cm, items_html, number, table_html
 from replay_kit.results.report.sections.warnings import next_steps, what_looks_wrong, what_was_chosen
 from replay_kit.results.verdict import LEAST_NIS, MOST_NIS
+from replay_kit.results.views.along_track import mean_current_topics
 from replay_kit.results.views.contents import Contents
 
 
@@ -47,7 +48,7 @@ def _measured(contents: Contents) -> str:
         f"From {time_text(span[0])} to {time_text(span[1])} ({(span[1] - span[0]) / 3.6e12:.1f} hours) the log gave "
         f"{number('observations.used', used, f'{used:,}')} {'measurement' if used == 1 else 'measurements'} of the current that "
         f"{'was' if used == 1 else 'were'} used "
-        f"({number('observations.bins_used', bins, f'{bins:,}')} depth bins)"
+        f"({_values(number('observations.bins_used', bins, f'{bins:,}'), bins, _mean_currents_used(contents))})"
     ]
     parts.append(
         f", on {dives} {'dive' if dives == 1 else 'dives'}."
@@ -60,6 +61,28 @@ def _measured(contents: Contents) -> str:
     if contents.bins.depth.size:
         parts.append(f" The bins of profiles that were used lie at {_depths(contents.bins.depth)}.")
     return "".join(parts)
+
+
+def _mean_currents_used(contents: Contents) -> int:
+    """Return how many of the measurements that were used are mean currents, of dives or between fixes: they have no depth bins."""
+    table = contents.result.observations
+    return int((table["source_topic"].isin(mean_current_topics(table, contents.result.innovations)) & (table["dof"] > 0)).sum())
+
+
+def _values(shown: str, values: int, mean_currents: int) -> str:
+    """Return what the values used are, in words.
+
+    Args:
+        shown: Their number, as the page shows it.
+        values: Their number.
+        mean_currents: Those that are mean currents; the others are depth bins of profiles.
+    """
+    name = f"mean {'current' if mean_currents == 1 else 'currents'}"
+    if mean_currents == 0:
+        return f"{shown} depth bins"
+    if mean_currents == values:
+        return f"{shown} {name}, without depth bins"
+    return f"{shown} values: {mean_currents:,} {name}, {values - mean_currents:,} depth bins of profiles"
 
 
 def _depths(depth: Array) -> str:

@@ -14,6 +14,7 @@ from replay_kit.results.views.trust import calibration
 _NEUTRAL = (
     *("modes a level", "prior: ", "no goal was given", "could not be decoded", "members: ", "variance of the prior multiplied"),
     *("the recorder's stamps are", "since its start against", "were read by their names", "each counted once"),
+    "no declination was added to them",
 )
 
 
