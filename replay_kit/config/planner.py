@@ -57,7 +57,8 @@ class PlannerConfig(BaseModel):
     samples: int = Field(
         default=0,
         ge=0,
-        description="Number of samples of the estimate that a mission is flown through, for its odds and ellipses of its surfacings.",
+        description="Number of samples of the estimate that a mission is flown through (plan: 40), for its odds and the ellipses of its "
+        "surfacings.",
     )
     seed: int = Field(default=0, ge=0, description="Seed of the samples.")
 

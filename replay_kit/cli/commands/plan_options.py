@@ -73,9 +73,9 @@ class Aim(Learning):
         str | None,
         option(
             "--objective",
-            f"What is minimised: {', '.join(get_args(ObjectiveName))}, or weights of hours, kJ and km from the goal, as "
-            "time=1,energy=0.02,closest=5. Or what is measured: learn, before a stretch without fixes (with --then and --blind) or on the "
-            "way to --goal; map, for the current in a box (with --box and --profiles). Default: time.",
+            f"{', '.join(get_args(ObjectiveName))} or weights of hours, kJ and km from the goal, as time=1,energy=0.02,closest=5: what is "
+            "minimised, or learn (measure before a stretch without fixes, with --then and --blind, or on the way to --goal) or map "
+            "(measure the current in a box, with --box and --profiles). Default: time.",
             metavar="NAME|WEIGHTS",
         ),
     ] = None
