@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import shapely
 from scipy.interpolate import RegularGridInterpolator
 
 from planners import (
@@ -18,6 +19,9 @@ from planners import (
     plan_mooring,
     plan_path,
 )
+from planners.mission.check import check, clearances
+from planners.mission.flight import Flight
+from planners.mission.task import mission_task
 from planners.mission.values import Mooring
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -132,6 +136,31 @@ def test_the_clearance_is_the_one_asked_for():
     for clearance in (0.0, 35.0):
         plan = plan_mission(flow, replace(asked, settings=replace(asked.settings, clearance=clearance)))
         assert set(turns(plan)) == {100.0 - clearance}
+
+
+def test_shallows_count_for_the_legs_that_dive_too_deep_for_them():
+    flow, bottom = still_flow(), bathymetry(lambda x, y: np.where(x < 152.5, 900.0, 100.0))
+    task = mission_task(flow, request(flow, -3e3, 6e3, 300.0, bottom))
+    east, shift = np.array([-4.2e3, -3e3, -1.8e3, 100.0, 2e3]), np.array([0.0, -400.0])
+    place_ = np.stack([np.column_stack([east + d, np.zeros(5)]) for d in shift])
+    leg, ends = np.array([0, 0, 0, 1, 1]), np.array([2, 4])
+    first = Flight(np.arange(5) * 3600.0, np.array([0.0, 300.0, 0.0, 60.0, 0.0]), place_, leg, ends)
+    rings = shapely.unary_union([ring.area for ring in task.bottom.rings(300.0)])
+    apart = [shapely.distance(rings, shapely.linestrings(path[:3])) for path in place_]
+    assert apart[0] < 1.2e3 < apart[1] == pytest.approx(apart[0] + 400.0)
+    found = clearances(task, first)
+    edge, shallows = found
+    assert (edge, shallows) == ("the edge of the region that the forecast covers", "shallower than 320 m")
+    # the second leg dives above the bottom; the second flight is farther from the shallows than a step of its first leg is long
+    np.testing.assert_allclose(found[shallows], [apart[0], np.inf])
+    assert check(task, replace(first, place=place_[:1])) is None
+    # it counts once it dives below what there is, and then both flights are
+    deep = clearances(task, replace(first, depth=np.array([0.0, 300.0, 0.0, 200.0, 0.0])))
+    assert set(deep) == {edge, shallows, "shallower than 220 m"}
+    assert np.all(deep["shallower than 220 m"] <= 0.0)
+    # over all the region's shallows, where no cell is beside a deeper one
+    flat = mission_task(flow, request(flow, -3e3, 6e3, 50.0, bathymetry(lambda x, y: 100.0 + 0.0 * x)))
+    np.testing.assert_array_equal(clearances(flat, first)["the bottom"], 0.0)
 
 
 def test_a_mooring_dives_no_deeper_than_the_bottom_around_it():
