@@ -157,14 +157,10 @@ def test_a_plan_is_told_by_how_to_steer_and_a_failed_one_by_why(plan, failed_pla
 
 def test_surfacings_are_told_by_the_medians_of_their_errors_and_the_share_inside() -> None:
     ellipse = Ellipse(5.0, 62.0, 2000.0, 1000.0, 90.0)
+    misses = ((ellipse, 60, 0.03, 1.5e3), (ellipse, -120, 0.06, 3e3), (ellipse, 600, 0.0, 0.0), (None, 240, 0.0, 9e3))
     made = [
         Outcome(START, Surfacing(START, 5.0, 62.0, area), START + late * 10**9, 5.0 + away, 62.0, distance, 90.0)
-        for area, late, away, distance in (
-            (ellipse, 60, 0.03, 1.5e3),
-            (ellipse, -120, 0.06, 3e3),
-            (ellipse, 600, 0.0, 0.0),
-            (None, 240, 0.0, 9e3),
-        )
+        for area, late, away, distance in misses
     ]
     assert outcomes_sentence(made) == "4 predicted by the plan before; median distance 2250 m, +2 min, 67 % inside the 90 % ellipse"
     assert outcomes_sentence(made[3:]) == "1 predicted by the plan before; median distance 9000 m, +4 min"
