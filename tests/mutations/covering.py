@@ -25,12 +25,16 @@ def seconds(recordings: list[Recording]) -> dict[str, float]:
 def covering(mutant: Mutant, recordings: list[Recording]) -> list[str]:
     """Return the tests that execute the mutant and pass without it, fastest first.
 
-    A line that runs while its module is imported, such as a default or a constant, is held to be executed by every test of its
-    function, or else of its module.
+    A line that runs while its module is imported, such as a default or a constant, is held to be executed by every test of what
+    reads the private constant, of its function, or else of its module.
     """
     site = mutant.site
     lasting = seconds(recordings)
     found = _executing(mutant.path, site.statement, recordings)
+    if found == {IMPORT} and site.readers:
+        readers = set().union(*(_executing(mutant.path, lines, recordings) for lines in site.readers))
+        # what is read at import too may be read by all of the module
+        found = found if IMPORT in readers else readers
     for lines in (site.within, (1, 10**9)):
         if found == {IMPORT} and lines is not None:
             found = _executing(mutant.path, lines, recordings)

@@ -2,8 +2,8 @@
 
 The environment names the folder it writes to (``MUTATIONS_RECORD``): ``lines.coverage``, coverage's database with one context
 a test, and ``tests.json``, the seconds, the outcome and the shared fixtures of every test. What a fixture of a module or of
-the session executes counts for every test that uses it, and the packages' caches are emptied before each test: otherwise only
-the first test to come would be said to cover the line.
+the session executes counts for every test that uses it, and all caches are emptied before each test: otherwise only the first
+test to come would be said to cover the line.
 """
 
 import importlib
@@ -81,13 +81,15 @@ class Recorder:
 
 
 def empty_caches() -> None:
-    """Forget what functions of the packages have cached, so that each test executes what it needs."""
+    """Forget what functions of the packages and of what tests share have cached, so that each test executes what it needs."""
     for name, module in list(sys.modules.items()):
-        if name.partition(".")[0] in PACKAGES:
+        if name.partition(".")[0] in (*PACKAGES, "tests"):
             for value in list(vars(module).values()):
                 if hasattr(value, "cache_clear"):
                     value.cache_clear()
 
 
-def pytest_configure(config):
-    config.pluginmanager.register(Recorder(Path(os.environ["MUTATIONS_RECORD"])))
+@pytest.hookimpl(tryfirst=True)
+def pytest_load_initial_conftests(early_config):
+    # before tests/conftest.py imports modules of the packages: what those run at import would else count as run by no test
+    early_config.pluginmanager.register(Recorder(Path(os.environ["MUTATIONS_RECORD"])))

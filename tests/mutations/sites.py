@@ -36,7 +36,8 @@ class Site:
     """One change: the characters from ``start`` to ``end`` become ``after``.
 
     ``statement`` holds the first and the last line of the smallest statement around it, without the body of a compound one,
-    ``within`` those of the smallest function, or None for what runs when the module is imported.
+    ``within`` those of the smallest function, or None for what runs when the module is imported, and ``readers`` those of the
+    statements that read the private names which it assigns there.
     """
 
     start: int
@@ -47,14 +48,16 @@ class Site:
     after: str
     statement: tuple[int, int]
     within: tuple[int, int] | None
+    readers: tuple[tuple[int, int], ...] = ()
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where the walk is: the lines of the statement around it, and of the function."""
+    """Where the walk is: the lines of the statement around it, of the function, and of what reads the names that are assigned."""
 
     statement: tuple[int, int]
     within: tuple[int, int] | None
+    readers: tuple[tuple[int, int], ...] = ()
 
 
 def apply(source: str, site: Site) -> str:
@@ -64,7 +67,11 @@ def apply(source: str, site: Site) -> str:
 
 def sites(source: str) -> list[Site]:
     """Return every change of a module, in the order of its text."""
-    return sorted(set(_walk(ast.parse(source), Place((1, 1), None), Text(source))))
+    tree, text = ast.parse(source), Text(source)
+    found = set[Site]()
+    for node in tree.body:
+        found |= set(_walk(node, Place((1, 1), None, _readers(tree, node)), text))
+    return sorted(found)
 
 
 class Text:
@@ -94,10 +101,30 @@ class Text:
         return self.source[self.start(node) : self.end(node)]
 
 
+def _lines(statement: ast.stmt) -> tuple[int, int]:
+    """Return the first and the last line of a statement, without its body."""
+    body = getattr(statement, "body", None)
+    return statement.lineno, max(statement.lineno, body[0].lineno - 1) if body else statement.end_lineno
+
+
+def _readers(tree: ast.Module, node: ast.stmt) -> tuple[tuple[int, int], ...]:
+    """Return the lines of the statements that read private names which a statement of the module assigns."""
+    targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
+    names = {each.id for target in targets for each in ast.walk(target) if isinstance(each, ast.Name)}
+    if not names or not all(name.startswith("_") for name in names):
+        return ()
+    readers = set()
+    for statement in (each for each in ast.walk(tree) if isinstance(each, ast.stmt)):
+        first, last = _lines(statement)
+        inside = (each for each in ast.walk(statement) if isinstance(each, ast.Name) and first <= each.lineno <= last)
+        if any(each.id in names and isinstance(each.ctx, ast.Load) for each in inside):
+            readers.add((first, last))
+    return tuple(sorted(readers))
+
+
 def _walk(node: ast.AST, place: Place, text: Text) -> Iterator[Site]:
     if isinstance(node, ast.stmt):
-        body = getattr(node, "body", None)
-        place = Place((node.lineno, max(node.lineno, body[0].lineno - 1) if body else node.end_lineno), place.within)
+        place = Place(_lines(node), place.within, place.readers)
     yield from _changes(node, place, text)
     if isinstance(node, FUNCTIONS) and not isinstance(node, ast.Lambda):
         if node.name == "__repr__":
@@ -128,7 +155,7 @@ def _judged_children(node: ast.AST) -> Iterator[ast.AST]:
 def _changes(node: ast.AST, place: Place, text: Text) -> Iterator[Site]:
     for kind, start, end, after in _edits(node, place, text):
         line = text.source.count("\n", 0, start) + 1
-        yield Site(start, end, kind, line, text.source[start:end], after, place.statement, place.within)
+        yield Site(start, end, kind, line, text.source[start:end], after, place.statement, place.within, place.readers)
 
 
 def _edits(node: ast.AST, place: Place, text: Text) -> Iterator[tuple[str, int, int, str]]:

@@ -112,6 +112,13 @@ def test_tests_come_fastest_first_with_those_of_shared_fixtures_and_of_the_modul
     assert covering(constant, recorded) == ["t.py::fast", "t.py::slow"]
     assert covering(first, recorded) == ["t.py::slow"]
     assert covering(second, recorded) == ["t.py::fast"]
+    # a private constant counts for what reads it, unless that too runs at import
+    for text, tests_of in (
+        ("_A = 1\ndef f():\n    return _A\ndef g():\n    h()\n", ["t.py::slow"]),
+        ("_A = 1\nB = _A\nf(B)\nh()\n", ["t.py::fast", "t.py::slow"]),
+    ):
+        read = Recording(_Lines({1: ["import"], 2: ["import"], 3: ["t.py::slow"], 4: ["fixture made t.py"]}), tests)
+        assert covering(Mutant(Path("m.py"), sites(text)[0]), [read]) == tests_of
     # a function that runs only while its module is imported
     (at_import, *_) = (Mutant(Path("m.py"), site) for site in sites("def made():\n    return 1\nA = made()\ndef f():\n    g()\n"))
     loading = Recording(_Lines({2: ["import"], 3: ["import"], 5: ["t.py::slow"]}), tests)

@@ -2,12 +2,15 @@
 
 import io
 import math
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
 
+from replay_kit.core.surfacing import Ellipse, Outcome, Surfacing
 from replay_kit.results.summary import DiveRow, ReplaySummary, TopicRow, print_summary
 from replay_kit.results.summary_json import to_json
+from replay_kit.results.summary_plan import outcomes_json, outcomes_sentence, plan_json, plan_sentence
 from replay_kit.results.text import code_of, fold_names, folded, iso, not_used_lines, print_table, short_times
 
 DAY = 86_400 * 10**9
@@ -142,3 +145,26 @@ def test_dives_are_a_line_with_the_worst_three_and_rows_when_asked_for() -> None
 
 def test_reasons_have_codes_in_json() -> None:
     assert to_json(SUMMARY)["messages"][0]["reasons"] == [{"code": "late", "reason": "late: by 3 s", "count": 2}]
+
+
+def test_a_plan_is_told_by_how_to_steer_and_a_failed_one_by_why(plan, failed_plan) -> None:
+    assert plan_sentence(plan) == "reached: steer 45.0 degrees true at 0.30 m/s through water, 20.00 degrees down; ok"
+    assert plan_sentence(failed_plan) == "failed: no path"
+    for energy, told in ((5.0, 5.0), (math.nan, None), (math.inf, None)):
+        assert plan_json(replace(plan, energy=energy))["energy_j"] == told
+        assert plan_json(replace(plan, battery=energy))["battery_j"] == told
+
+
+def test_surfacings_are_told_by_the_medians_of_their_errors_and_the_share_inside() -> None:
+    ellipse = Ellipse(5.0, 62.0, 2000.0, 1000.0, 90.0)
+    misses = ((ellipse, 60, 0.03, 1.5e3), (ellipse, -120, 0.06, 3e3), (ellipse, 600, 0.0, 0.0), (None, 240, 0.0, 9e3))
+    made = [
+        Outcome(START, Surfacing(START, 5.0, 62.0, area), START + late * 10**9, 5.0 + away, 62.0, distance, 90.0)
+        for area, late, away, distance in misses
+    ]
+    assert outcomes_sentence(made) == "4 predicted by the plan before; median distance 2250 m, +2 min, 67 % inside the 90 % ellipse"
+    assert outcomes_sentence(made[3:]) == "1 predicted by the plan before; median distance 9000 m, +4 min"
+    told = outcomes_json(made)
+    assert [one["inside_ellipse"] for one in told["each"]] == [True, False, True, None]
+    assert [one["delay_s"] for one in told["each"]] == [60.0, -120.0, 600.0, 240.0]
+    assert (told["count"], told["inside_ellipse"], outcomes_json(made[3:])["inside_ellipse"]) == (4, pytest.approx(2.0 / 3.0), None)

@@ -16,7 +16,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.factors import n_stored
 from replay_kit.estimator import FilterState, build_estimator
-from replay_kit.estimator.update import representation
+from replay_kit.estimator.update import reduced_subspace, representation
 from replay_kit.estimator.update.covariance import PosteriorCovariance
 from replay_kit.estimator.update.full_covariance import FullCovariancePrior
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
@@ -98,6 +98,18 @@ def as_span(state):
     dual = state.posterior
     std = nonzero_mode_std(dual.prior)
     return FilterState(to_reduced_subspace(dual, directions(dual.profile_basis * std), std), state.time_ns)
+
+
+@pytest.mark.parametrize("kind", ["scattered", "dense track"])
+def test_nothing_measured_is_lost_when_room_for_directions_runs_out(kind, spans_stay, monkeypatch):
+    monkeypatch.setattr(reduced_subspace, "_MORE", 1)
+    monkeypatch.setattr(reduced_subspace, "_MORE_SHARE", 0.0)
+    estimator, observations = ESTIMATORS["default"], observed(places(kind, 9))
+    state, first = run(estimator, observations[:3])
+    state, rest = run(estimator, observations[3:], as_span(state))
+    assert isinstance(state.posterior, ReducedSubspacePosterior)
+    assert state.posterior.room <= state.posterior.size + 1
+    assert_is(estimator, state, *textbook(estimator, observations, [i.error_inflation for i in first + rest]))
 
 
 @pytest.mark.parametrize("preset", ESTIMATORS)

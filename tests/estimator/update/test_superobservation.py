@@ -99,6 +99,20 @@ def test_through_time_too(oscillators):
     assert together.after.time_ns == DAY
 
 
+@pytest.mark.parametrize("kind", ["plain", "stated"])
+@pytest.mark.parametrize("through_time", [False, True])
+def test_what_a_group_differs_by_from_a_state_is_what_each_of_its_profiles_does(kind, through_time):
+    log = KINDS[kind](quick_log(6, deepening=0.5, dropouts=0.3))
+    estimator = build_evolving(forecasts(), CONFIG, TimeConfig(scale=36e3)) if through_time else build_estimator(ENSEMBLE, CONFIG)
+    state, _ = estimator.step(estimator.initial(), replace(log[0], time_ns=DAY - 7200 * SECOND))
+    # at one time, as the group counts at one
+    log = [replace(each, time_ns=DAY) for each in log]
+    alone = np.concatenate([estimator.innovation(state, each) for each in log])
+    together = estimator.group_innovation(state, ProfileGroup(tuple(log)))
+    np.testing.assert_allclose(together, np.nan_to_num(alone), atol=1e-9)
+    assert np.isnan(alone).any()
+
+
 def test_biases_in_the_state_are_estimated_from_groups():
     log = stated(quick_log(60, noise=0.01))
     log = [replace(each, velocity=each.velocity + 0.05 * (each.velocity - each.platform_velocity)) for each in log]

@@ -7,10 +7,12 @@ import pytest
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
+from replay_kit.core.observation import Flag
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.prior.conditioned import conditioned
+from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.representation import select_representation, to_full_covariance
-from replay_kit.estimator.windows.filter import hand_over, overlap
+from replay_kit.estimator.windows.filter import WindowedEstimator, hand_over, overlap
 from tests import synthetic
 
 CONFIG = EstimatorConfig(modes=20, sample_share=0.4, representation_error_std=0.0)
@@ -114,3 +116,24 @@ def test_the_covariance_of_combinations_is_that_of_the_weights(one, n):
     for form in (posterior, select_representation(posterior), to_full_covariance(posterior)):
         expected = rows @ form.covariance() @ rows.T
         assert np.allclose(form.covariance_of(design), expected, atol=1e-9 * np.abs(rows @ one.prior.covariance() @ rows.T).max())
+
+
+def test_windows_say_of_measurements_what_the_estimator_of_the_window_says(one):
+    grid = one.basis.grid
+    west, south, east, north = (f(values) for f in (np.min, np.max) for values in (grid.longitude, grid.latitude))
+    windows = WindowedEstimator((west, south, east, north), 1.0, (west, south, east + 1.0, north), lambda _: one)
+    first, *others = log = synthetic.random_profiles(grid, 5, 3)
+    state, inner = windows.initial(), one.initial()
+    for profile in log:
+        np.testing.assert_array_equal(windows.innovation(state, profile), one.innovation(inner, profile))
+    group = ProfileGroup(tuple(others))
+    np.testing.assert_array_equal(windows.group_innovation(state, group), one.group_innovation(inner, group))
+    nothing = replace(first, velocity=np.full_like(first.velocity, np.nan), flags=np.full_like(first.flags, Flag.FAIL))
+    deep = replace(first, depth=first.depth + grid.levels[-1])
+    east_only = replace(first, velocity=first.velocity * [1.0, np.nan], flags=nothing.flags)
+    at_bottom = replace(first, depth=first.depth - first.depth[0] + grid.levels[-1])
+    for away in (0.0, 0.5):  # in the first window, and where there is none yet
+        moved = [replace(each, longitude=each.longitude + away) for each in (first, at_bottom, nothing, deep, east_only)]
+        moved = [replace(each, longitude=east + away) if away else each for each in moved]
+        assert [windows.usable(each) for each in moved] == [True, True, False, False, False]
+    assert not windows.usable(replace(first, longitude=east + 1.5))

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import shapely
 from scipy.interpolate import RegularGridInterpolator
 
 from planners import (
@@ -18,6 +19,11 @@ from planners import (
     plan_mooring,
     plan_path,
 )
+from planners.front.route import Route
+from planners.mission.check import check, clearances
+from planners.mission.flight import Flight
+from planners.mission.task import mission_task
+from planners.mission.turning import _cut
 from planners.mission.values import Mooring
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -132,6 +138,73 @@ def test_the_clearance_is_the_one_asked_for():
     for clearance in (0.0, 35.0):
         plan = plan_mission(flow, replace(asked, settings=replace(asked.settings, clearance=clearance)))
         assert set(turns(plan)) == {100.0 - clearance}
+
+
+def test_shallows_count_for_the_legs_that_dive_too_deep_for_them():
+    flow, bottom = still_flow(), bathymetry(lambda x, y: np.where(x < 152.5, 900.0, 100.0))
+    task = mission_task(flow, request(flow, -3e3, 6e3, 300.0, bottom))
+    east, shift = np.array([-4.2e3, -3e3, -1.8e3, 100.0, 2e3]), np.array([0.0, -400.0])
+    place_ = np.stack([np.column_stack([east + d, np.zeros(5)]) for d in shift])
+    leg, ends = np.array([0, 0, 0, 1, 1]), np.array([2, 4])
+    first = Flight(np.arange(5) * 3600.0, np.array([0.0, 300.0, 0.0, 60.0, 0.0]), place_, leg, ends)
+    rings = shapely.unary_union([ring.area for ring in task.bottom.rings(300.0)])
+    apart = [shapely.distance(rings, shapely.linestrings(path[:3])) for path in place_]
+    assert apart[0] < 1.2e3 < apart[1] == pytest.approx(apart[0] + 400.0)
+    found = clearances(task, first)
+    edge, shallows = found
+    assert (edge, shallows) == ("the edge of the region that the forecast covers", "shallower than 320 m")
+    # the second leg dives above the bottom; the second flight is farther from the shallows than a step of its first leg is long
+    np.testing.assert_allclose(found[shallows], [apart[0], np.inf])
+    assert check(task, replace(first, place=place_[:1])) is None
+    # it counts once it dives below what there is, and then both flights are
+    deep = clearances(task, replace(first, depth=np.array([0.0, 300.0, 0.0, 200.0, 0.0])))
+    assert set(deep) == {edge, shallows, "shallower than 220 m"}
+    assert np.all(deep["shallower than 220 m"] <= 0.0)
+    # over all the region's shallows, where no cell is beside a deeper one
+    flat = mission_task(flow, request(flow, -3e3, 6e3, 50.0, bathymetry(lambda x, y: 100.0 + 0.0 * x)))
+    np.testing.assert_array_equal(clearances(flat, first)["the bottom"], 0.0)
+
+
+@pytest.mark.parametrize("legs", [None, 9])
+def test_a_route_is_cut_into_legs_as_deep_as_the_water_along_it_and_no_longer_than_their_dives_last(legs: int | None):
+    flow, bottom = still_flow(), bathymetry(lambda x, y: 280.0 + 240.0 * np.sin(50.0 * x))
+    asked = request(flow, -9e3, 0.0, 250.0, bottom)
+    goals = replace(asked.goals[0], depth=35.0), place(flow, 8e3, 3e3, 0.0)
+    task = mission_task(flow, replace(asked, goals=goals, settings=replace(asked.settings, legs=legs, surface_time=600.0)))
+    points = np.array([[-9e3, 0.0], [-4e3, 1e3], [0.0, 0.0], [8e3, 3e3]])
+    times = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))) / 0.25
+    route, passed, drift = Route(points, times, True), times[2:], 600.0
+    cut = _cut(task, route, passed, 0.9)
+    assert cut is not None
+    ends, turns, goal_legs = cut
+    assert (ends[0], ends[-1], len(turns)) == (0.0, pytest.approx(times[-1]), len(ends) - 1)
+
+    def deepest(begin: float, end: float) -> float:
+        places = route.at(np.linspace(begin, end, 400))
+        least = min(task.bottom.limit_at(places, 2.0 * task.settings.margin).min(), 250.0)
+        return least if least == 250.0 else max(5.0 * np.floor(least / 5.0), 10.0)
+
+    # a leg is first tried as long as the deepest dives take, and made shorter to the depth that this allows
+    tried = 0.0 if legs else 0.9 * task.leg_time(task.vehicle.angles[0])
+    water = [(deepest(a - 400.0, max(a + tried, b) + 400.0), deepest(a, b)) for a, b in pairwise(ends)]
+    for k, (turn, (least, most)) in enumerate(zip(turns, water, strict=True)):
+        goal = max((goals[i].depth for i, leg in enumerate(goal_legs) if leg == k + 1), default=0.0)
+        assert max(least, goal) <= turn <= max(most, goal)
+    assert min(turns) < 100.0 < 250.0 == max(turns)
+    if legs is None:
+        np.testing.assert_allclose(ends[list(goal_legs)], passed)
+        lasts = np.array([task.leg_time(task.vehicle.angles[0], turn) - drift for turn in turns])
+        longest = 0.9 * lasts / (1.0 - drift / task.leg_time(task.vehicle.angles[0]))
+        free = np.setdiff1d(np.arange(len(turns)), np.array(goal_legs) - 1)
+        np.testing.assert_allclose(np.diff(ends)[free], longest[free])
+        assert np.all(np.diff(ends) <= longest + 1e-6)
+        for most, found in ((len(turns) - 1, False), (len(turns), True)):
+            limited = replace(task.request, settings=replace(task.settings, max_legs=most))
+            assert (_cut(replace(task, request=limited), route, passed, 0.9) is not None) == found
+    else:
+        equal = np.linspace(0.0, times[-1], legs + 1)
+        np.testing.assert_allclose(ends, equal)
+        assert goal_legs == (int(np.argmin(np.abs(equal - passed[0]))), legs)
 
 
 def test_a_mooring_dives_no_deeper_than_the_bottom_around_it():

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from planners import MissionRequest, MissionSettings, Pilot, fly_scenarios, plan_mission, plan_scenarios
-from planners.mission.check import check, clearances
+from planners.mission.check import bends, check, clearances
 from planners.mission.feedback import aim, fly_corrected
 from planners.mission.flight import Flight, currents_of, currents_of_samples, fly_legs
 from planners.mission.flights import fly_mission, legs_of_plan
@@ -57,6 +57,26 @@ def test_a_flight_is_clear_where_the_dense_check_finds_nothing():
     by_name = clearances(task, flight)
     assert any(by_name["lane"] <= 0.0)
     assert all(by_name[one.what][k] <= 0.0 for k, one in enumerate(found) if one is not None)
+
+
+def test_a_path_bends_between_its_points_as_its_velocity_changes_from_step_to_step_of_one_part():
+    rng, count = np.random.default_rng(8), 12
+    depth = np.array([0.0, 0.0, 80.0, 160.0, 80.0, 0.0, 0.0, 0.0, 90.0, 0.0, 70.0, 0.0])
+    leg = np.array([0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 2, 2])
+    time, place_ = np.cumsum(rng.uniform(50.0, 150.0, count)), rng.uniform(-500.0, 500.0, (1, count, 2))
+    flight = Flight(time, depth, place_, leg, np.array([7, 9, 11]))
+    steps = range(count - 1)
+    velocity = [(place_[0, k + 1] - place_[0, k]) / (time[k + 1] - time[k]) for k in steps]
+    part = [(leg[k + 1], depth[k] == depth[k + 1] == 0.0) for k in steps]
+    expected = []
+    for k in steps:
+        changes = [np.hypot(*(velocity[j] - velocity[k])) for j in (k - 1, k + 1) if j in steps and part[j] == part[k]]
+        expected.append(max(changes, default=0.0) * (time[k + 1] - time[k]) / 4.0)
+    np.testing.assert_allclose(bends(flight), expected)
+    # on a circle twice the sagitta of each chord
+    angle, times = np.linspace(0.0, 1.0, 101), np.linspace(0.0, 1e3, 101)
+    circle = Flight(times, np.full(101, 50.0), 1e3 * np.stack([np.cos(angle), np.sin(angle)], 1)[None], np.zeros(101, int), np.array([100]))
+    np.testing.assert_allclose(bends(circle), 2.0 * 1e3 * (1.0 - np.cos(0.005)), rtol=1e-3)
 
 
 def test_a_margin_of_few_samples_holds_its_share_nearly_always():

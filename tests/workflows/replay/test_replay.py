@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,11 +19,13 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.estimator import embed_member
+from replay_kit.estimator.static.filter import ReducedBasisEstimator
 from replay_kit.forecast import read_truth
 from replay_kit.forecast.grid import local_grid, true_to_local
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay import conclude, dry_run
 from replay_kit.workflows.replay.inputs import ReplayJob, with_planner_kind
 from replay_kit.workflows.replay.look_ahead import open_readers
 from replay_kit.workflows.replay.replay import replay
@@ -371,13 +374,35 @@ def test_bad_options_end_as_configuration_errors(ocean, tmp_path, arguments, err
     assert done.exception.exit_code == 2
 
 
-def test_a_dry_run_says_what_would_be_used_and_writes_nothing(ocean, tmp_path):
+def test_a_dry_run_says_what_would_be_used_and_writes_nothing(ocean, tmp_path, monkeypatch):
+    # the means, made only when asked for, are what takes the time: 2 s for each profile
+    clock, weights = [0.0], ReducedBasisEstimator.weights
+
+    def slow(estimator, states):
+        clock[0] += 2.0 * len(states)
+        return weights(estimator, states)
+
+    monkeypatch.setattr(dry_run, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
+    monkeypatch.setattr(ReducedBasisEstimator, "weights", slow)
     arguments = ["replay", str(ocean / "survey.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "--modes", "20", "--dry-run"]
     done = invoke([*arguments, "-o", str(tmp_path / "o.mcap"), "--json", str(tmp_path / "d.json")])
     assert done.exit_code == 0, done.output
     answer = json.loads((tmp_path / "d.json").read_text())
     assert (answer["profiles_used"], answer["members"], answer["modes"], answer["state_size"]) == (40, 40, 20, 80)
+    assert answer["seconds"] == pytest.approx(80.0)
     assert [path.name for path in tmp_path.iterdir()] == ["d.json"]
+
+
+def test_without_a_plan_or_with_a_failed_one_the_estimate_alone_is_scored(monkeypatch):
+    monkeypatch.setattr(conclude, "score_against_truth", lambda *_: ("score", None))
+    forecasts = SimpleNamespace(evolves=False, read=None, nearest=lambda _: None)
+    inputs = SimpleNamespace(job=SimpleNamespace(truth_radius_km=None), forecasts=forecasts, prior_flow=None)
+    failed = SimpleNamespace(plan=SimpleNamespace(status="failed"))
+    for problem, result in ((None, None), ("problem", None), ("problem", failed)):
+        positions = SimpleNamespace(profiles=SimpleNamespace(positions=[]))
+        planning, config = SimpleNamespace(result=result), SimpleNamespace(estimator=None)
+        session = SimpleNamespace(config=config, statistics=positions, problem=problem, planning=planning)
+        assert conclude._score(session, inputs, None, SimpleNamespace(time_ns=0)) == ("score", [])
 
 
 def test_version():
