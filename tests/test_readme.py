@@ -82,14 +82,14 @@ _LONG = (
     "sample_logs/glider.tlog --ensemble",
     "replay-kit fleet ",
 )
-_LONG_SCRIPT = "estimate.png"
+_LONG_SCRIPTS = ("estimate.png", "first.mcap", "build_evolving(forecasts")
 CHAINS = [
     pytest.param(path, chain, id=f"{name}-{k}", marks=pytest.mark.full if any(word in code for word in _LONG) else ())
     for path, name, code in SHELL
     for k, chain in enumerate(chains(code))
 ]
 SCRIPTS = [
-    pytest.param(code, id=name, marks=pytest.mark.full if _LONG_SCRIPT in code else ())
+    pytest.param(code, id=name, marks=pytest.mark.full if any(word in code for word in _LONG_SCRIPTS) else ())
     for _, name, language, code in BLOCKS
     if language == "python"
 ]
