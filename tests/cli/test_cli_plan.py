@@ -66,6 +66,19 @@ def recorded(path):
     return metadata, config
 
 
+def test_its_files_are_whole_when_a_reader_of_its_table_stops_early(flow, tmp_path, monkeypatch):
+    def closed(*_):
+        raise BrokenPipeError
+
+    monkeypatch.setattr("replay_kit.workflows.planning.outputs.print_mission", closed)
+    out, answer = tmp_path / "plan.mcap", tmp_path / "plan.json"
+    with pytest.raises(BrokenPipeError):
+        run(flow, *ASK, "-o", out, "--json", answer, "--samples", 0)
+    assert json.loads(answer.read_text())["status"] == "reached"
+    with out.open("rb") as file:
+        assert make_reader(file).get_summary() is not None
+
+
 def test_a_plan_says_what_it_was_made_of_and_can_be_made_again(flow, tmp_path):
     config, areas, out = (tmp_path / name for name in ("run.toml", "areas.geojson", "plan.mcap"))
     config.write_text("[planner]\nmax_angle = 30.0\n[measurements]\nsurface_depth = 4.0\n")

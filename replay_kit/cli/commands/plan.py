@@ -65,14 +65,19 @@ def plan(
     from replay_kit.workflows.planning.outputs import mission_json, print_mission, unsafe_reason, write_mission
 
     console, unsafe = console_beside(*streams), unsafe_reason(planned, job)
-    print_mission(planned, console, job.battery)
-    write_json(outputs.json_file, mission_json(planned))
-    if unsafe is not None and not outputs.write_unsafe:
+    withheld = unsafe is not None and not outputs.write_unsafe
+    try:
+        write_json(outputs.json_file, mission_json(planned))
+        if not withheld:
+            _write(planned, outputs)
+            if outputs.out is not None:
+                asked = _asked(places, times, aim, method, job.kind.cross_track_weight)
+                write_mission(outputs.out, outputs.overwrite, planned, job, asked, config)
+    finally:
+        # after the files, which a reader of the first lines alone would end; and also where one cannot be written
+        print_mission(planned, console, job.battery)
+    if withheld:
         console.print(f"{unsafe}; no other file is written without --write-unsafe", soft_wrap=True)
-        return _UNSAFE
-    _write(planned, outputs)
-    if outputs.out is not None:
-        write_mission(outputs.out, outputs.overwrite, planned, job, _asked(places, times, aim, method, job.kind.cross_track_weight), config)
     return 0 if unsafe is None else _UNSAFE
 
 

@@ -42,14 +42,16 @@ def plan_learning(flows: tuple[Path, ...], asked: Asked, config: RunConfig) -> i
 
     from replay_kit.workflows.planning.learning_outputs import learning_csv, learning_geojson, learning_json, print_learning, write_learning
 
-    print_learning(learnt, console_beside(outputs.geojson, outputs.csv, outputs.json_file))
-    write_json(outputs.json_file, learning_json(learnt))
-    if outputs.geojson is not None:
-        write_text(outputs.geojson, learning_geojson(learnt))
-    if outputs.csv is not None:
-        write_text(outputs.csv, learning_csv(learnt))
-    if outputs.out is not None:
-        write_learning(outputs.out, outputs.overwrite, learnt, job, _given(asked), config)
+    try:
+        write_json(outputs.json_file, learning_json(learnt))
+        if outputs.geojson is not None:
+            write_text(outputs.geojson, learning_geojson(learnt))
+        if outputs.csv is not None:
+            write_text(outputs.csv, learning_csv(learnt))
+        if outputs.out is not None:
+            write_learning(outputs.out, outputs.overwrite, learnt, job, _given(asked), config)
+    finally:
+        print_learning(learnt, console_beside(outputs.geojson, outputs.csv, outputs.json_file))
     return 0
 
 
