@@ -21,7 +21,14 @@ from planners.mission.objectives.objective import Weights
 from planners.mission.odds import MissionOdds, mission_odds, with_odds
 from planners.mission.plan import plan_line, plan_mission, plan_mooring
 from planners.mission.scenarios import fly_scenarios, plan_scenarios
-from planners.mission.values import Line, MissionPlan, MissionRequest, MissionSettings, MonteCarloSummary, Mooring
+from planners.mission.values import (
+    Line,
+    MissionPlan,
+    MissionRequest,
+    MissionSettings,
+    MonteCarloSummary,
+    Mooring,
+)
 from planners.mission.waypoints import Waypoints, waypoints_of
 from planners.path.plan import AuvPlan, plan_path
 from planners.path.settings import Auv, AuvSettings, PathRequest

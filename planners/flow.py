@@ -58,34 +58,67 @@ def latent_over_time(flows: Sequence[FlowEstimate]) -> tuple[Array, Array]:
         PlanError: There are fewer than two, a time is missing or does not increase, or their functions differ.
     """
     if len(flows) < 2:
-        raise PlanError(f"a flow that changes needs two times or more, but {len(flows)} came; give one flow alone for one that does not")
+        raise PlanError(
+            f"a flow that changes needs two times or more, but {len(flows)} came; give one flow alone for one that does not"
+        )
     for k, flow in enumerate(flows):
         before = flows[max(k - 1, 0)].time_ns
         if flow.time_ns is None or before is None or (k > 0 and flow.time_ns <= before):
-            raise PlanError(f"flow {k} of a sequence has the time {flow.time_ns} ns after {before} ns; expected increasing times")
+            raise PlanError(
+                f"flow {k} of a sequence has the time {flow.time_ns} ns after {before} ns; expected increasing times"
+            )
         if graph_key(flow) != graph_key(flows[0]):
-            raise PlanError(f"flow {k} of a sequence is not on the nodes, levels, kernel and depth functions of the first")
+            raise PlanError(
+                f"flow {k} of a sequence is not on the nodes, levels, kernel and depth functions of the first"
+            )
     first = flows[0].time_ns or 0
-    return np.array([((flow.time_ns or 0) - first) / 1e9 for flow in flows]), np.hstack([flow.latent for flow in flows])
+    return np.array([((flow.time_ns or 0) - first) / 1e9 for flow in flows]), np.hstack(
+        [flow.latent for flow in flows]
+    )
 
 
 def graph_key(flow: FlowEstimate) -> tuple[Hashable, bytes, DepthFunctions, Projection]:
     """Return what makes two estimates share one graph: functions in the horizontal and in depth, levels and frame; no latent values."""
-    return flow.horizontal.key, np.ascontiguousarray(flow.levels).tobytes(), flow.depth_functions, flow.grid.projection
+    return (
+        flow.horizontal.key,
+        np.ascontiguousarray(flow.levels).tobytes(),
+        flow.depth_functions,
+        flow.grid.projection,
+    )
 
 
-def _field(flow: FlowEstimate, levels: Array, functions: DepthFunctions, times: Array | None, axes: tuple[str, ...]) -> ca.Function:
+def _field(
+    flow: FlowEstimate,
+    levels: Array,
+    functions: DepthFunctions,
+    times: Array | None,
+    axes: tuple[str, ...],
+) -> ca.Function:
     """Return the function (place, latent) -> velocity with its own derivatives, its place having these axes and time where there is one."""
     names = axes if times is None else (*axes, "time")
     place: Any = ca.MX.sym("place", len(names))
-    latent = ca.MX.sym("latent", flow.horizontal.size, levels.size * (1 if times is None else times.size))
+    latent = ca.MX.sym(
+        "latent", flow.horizontal.size, levels.size * (1 if times is None else times.size)
+    )
     summed = _sum_over(flow.horizontal, place)
 
     def derivative(*by: str) -> Any:
         """Return the velocity differentiated once by each of the axes given."""
-        by_depth = _depth_columns(levels, functions, place[2], by.count("depth")) if "depth" in names else [(0, 1.0)]
-        by_time = [(0, 1.0)] if times is None else _hat_columns(times, place[len(names) - 1], by.count("time"))
-        columns = [(z + levels.size * t, of_time * of_depth) for t, of_time in by_time for z, of_depth in by_depth]
+        by_depth = (
+            _depth_columns(levels, functions, place[2], by.count("depth"))
+            if "depth" in names
+            else [(0, 1.0)]
+        )
+        by_time = (
+            [(0, 1.0)]
+            if times is None
+            else _hat_columns(times, place[len(names) - 1], by.count("time"))
+        )
+        columns = [
+            (z + levels.size * t, of_time * of_depth)
+            for t, of_time in by_time
+            for z, of_depth in by_depth
+        ]
         if not columns:
             return ca.MX(2, 1)
         combined = sum(weight * summed.near(latent, column) for column, weight in columns)
@@ -102,10 +135,21 @@ def _with_derivatives(place: Any, latent: Any, value: Any, first: Any, second: A
     inputs, names = [place, latent], ["place", "latent"]
     n, n_latent = value.numel(), latent.numel()
     options: dict[str, Any] = {"cse": True, "never_inline": True}
-    given = [ca.MX.sym("out_value", n), ca.MX.sym("out_first", *first.shape), ca.MX.sym("out_first_latent", ca.Sparsity(n, n_latent))]
+    given = [
+        ca.MX.sym("out_value", n),
+        ca.MX.sym("out_first", *first.shape),
+        ca.MX.sym("out_first_latent", ca.Sparsity(n, n_latent)),
+    ]
     outputs = {"jac_value_place": first, "jac_value_latent": ca.MX(n, n_latent)}
-    blocks = {f"jac_{name}_{by}": ca.MX(outputs[name].numel(), k) for name in outputs for by, k in (("latent", n_latent), ("out_value", n))}
-    blocks |= {"jac_jac_value_place_place": second, "jac_jac_value_latent_place": ca.MX(n * n_latent, place.numel())}
+    blocks = {
+        f"jac_{name}_{by}": ca.MX(outputs[name].numel(), k)
+        for name in outputs
+        for by, k in (("latent", n_latent), ("out_value", n))
+    }
+    blocks |= {
+        "jac_jac_value_place_place": second,
+        "jac_jac_value_latent_place": ca.MX(n * n_latent, place.numel()),
+    }
     order = [f"jac_{name}_{by}" for name in outputs for by in ("place", "latent", "out_value")]
     by_value = [*names, "out_value"]
     hessian = ca.Function(
@@ -116,8 +160,15 @@ def _with_derivatives(place: Any, latent: Any, value: Any, first: Any, second: A
         order,
         {**options, "is_diff_in": [True, False, False, False, False]},
     )
-    custom = {**options, "is_diff_in": [True, False, False], "custom_jacobian": hessian, "jac_penalty": 0}
-    jacobian = ca.Function("jac_field", [*inputs, given[0]], list(outputs.values()), by_value, list(outputs), custom)
+    custom = {
+        **options,
+        "is_diff_in": [True, False, False],
+        "custom_jacobian": hessian,
+        "jac_penalty": 0,
+    }
+    jacobian = ca.Function(
+        "jac_field", [*inputs, given[0]], list(outputs.values()), by_value, list(outputs), custom
+    )
     custom = {**options, "is_diff_in": [True, False], "custom_jacobian": jacobian, "jac_penalty": 0}
     return ca.Function("field", inputs, [value], names, ["value"], custom)
 
@@ -167,12 +218,22 @@ class _SumOverLattice:
     def __init__(self, lattice: StreamFunctionLattice, place: Any) -> None:
         first, self.gaussians = [], []
         for origin, spacing, width, count, at in zip(
-            lattice.origin, lattice.spacing, lattice.widths, lattice.shape, ca.vertsplit(place)[:2], strict=True
+            lattice.origin,
+            lattice.spacing,
+            lattice.widths,
+            lattice.shape,
+            ca.vertsplit(place)[:2],
+            strict=True,
         ):
-            line = ca.fmin(ca.fmax(ca.floor((at - origin) / spacing) - (HALF_WINDOW - 1), 0.0), float(count - WINDOW))
+            line = ca.fmin(
+                ca.fmax(ca.floor((at - origin) / spacing) - (HALF_WINDOW - 1), 0.0),
+                float(count - WINDOW),
+            )
             x = (at - origin - spacing * (line + np.arange(WINDOW))) / width
             gaussian = ca.exp(-0.5 * x * x)
-            self.gaussians.append([(-1.0 / width) ** p * he * gaussian for p, he in enumerate(_hermite(x)[:4])])
+            self.gaussians.append(
+                [(-1.0 / width) ** p * he * gaussian for p, he in enumerate(_hermite(x)[:4])]
+            )
             first.append(line)
         window = np.add.outer(lattice.shape[1] * np.arange(WINDOW), np.arange(WINDOW)).ravel()
         self.rows, self.size = lattice.shape[1] * first[0] + first[1] + window, lattice.size
@@ -184,7 +245,10 @@ class _SumOverLattice:
     def velocity(self, latent: Any, east: int, north: int) -> Any:
         """Return the velocity (2 x 1) of the window's coefficients, differentiated so many times towards east and north."""
         coefficients = ca.reshape(latent, WINDOW, WINDOW)
-        return ca.vertcat(self._stream_function(coefficients, east, north + 1), -self._stream_function(coefficients, east + 1, north))
+        return ca.vertcat(
+            self._stream_function(coefficients, east, north + 1),
+            -self._stream_function(coefficients, east + 1, north),
+        )
 
     def _stream_function(self, coefficients: Any, p: int, q: int) -> Any:
         """Return d^(p+q) psi / dx^p dy^q."""
@@ -200,7 +264,9 @@ def _hermite(x: Any) -> list[Any]:
     return values
 
 
-def _depth_columns(levels: Array, functions: DepthFunctions, depth: Any, order: int) -> list[tuple[Any, Any]]:
+def _depth_columns(
+    levels: Array, functions: DepthFunctions, depth: Any, order: int
+) -> list[tuple[Any, Any]]:
     """Return the levels that count at a depth and their weights, the functions of depth differentiated so many times."""
     if functions.kind == "hat":
         return _hat_columns(levels, depth, order)

@@ -42,18 +42,29 @@ class Track:
         step = (self.time[i + 1] - self.time[i])[:, None]
         s = (time - self.time[i])[:, None] / step
         begin, end = self.position[i], self.position[i + 1]
-        bend = s * (1.0 - s) * ((1.0 - s) * (step * self.velocity[i] - (end - begin)) - s * (step * self.velocity[i + 1] - (end - begin)))
+        bend = (
+            s
+            * (1.0 - s)
+            * (
+                (1.0 - s) * (step * self.velocity[i] - (end - begin))
+                - s * (step * self.velocity[i + 1] - (end - begin))
+            )
+        )
         return np.asarray(begin + s * (end - begin) + bend)
 
     def closest(self, goal: Array, until: float) -> tuple[float, float]:
         """Return (time [s], distance [m]) of the closest approach to a goal, shape (3,) [m], no later than ``until`` [s]."""
-        inner = self.time[:-1, None] + np.diff(self.time)[:, None] * np.linspace(0.0, 1.0, 8, endpoint=False)
+        inner = self.time[:-1, None] + np.diff(self.time)[:, None] * np.linspace(
+            0.0, 1.0, 8, endpoint=False
+        )
         times = np.append(inner[inner < until], until)
         for _ in range(_ZOOM_ROUNDS):
             distance = np.linalg.norm(self.at(times) - goal, axis=1)
             i = int(np.argmin(distance))
             best = float(times[i]), float(distance[i])
-            times = np.linspace(times[max(i - 1, 0)], times[min(i + 1, times.size - 1)], _ZOOM_POINTS)
+            times = np.linspace(
+                times[max(i - 1, 0)], times[min(i + 1, times.size - 1)], _ZOOM_POINTS
+            )
         return best
 
     def allowed_until(self, allowed: Callable[[Array], NDArray[np.bool_]]) -> float:
@@ -72,7 +83,9 @@ class Track:
         return float(low)
 
 
-def velocity_through_water(maths: Any, heading: Any, glide_angle: Any, speed: Any) -> tuple[Any, Any, Any]:
+def velocity_through_water(
+    maths: Any, heading: Any, glide_angle: Any, speed: Any
+) -> tuple[Any, Any, Any]:
     """Return the velocity through water [m/s] as (east, north, down) in the frame that the heading refers to.
 
     Args:
@@ -82,7 +95,11 @@ def velocity_through_water(maths: Any, heading: Any, glide_angle: Any, speed: An
         speed: Through water [m/s].
     """
     horizontal = speed * maths.cos(glide_angle)
-    return horizontal * maths.sin(heading), horizontal * maths.cos(heading), speed * maths.sin(glide_angle)
+    return (
+        horizontal * maths.sin(heading),
+        horizontal * maths.cos(heading),
+        speed * maths.sin(glide_angle),
+    )
 
 
 def euler_step(rate: Callable[[Any], Any], position: Any, step: Any, first: Any) -> Any:
@@ -105,7 +122,9 @@ def rk4_step(rate: Callable[[Any], Any], position: Any, step: Any, first: Any) -
     return position + step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
 
 
-def fractions_of_duration(start_depth: float, end_depth: float, levels: Array, n_steps: int) -> Array:
+def fractions_of_duration(
+    start_depth: float, end_depth: float, levels: Array, n_steps: int
+) -> Array:
     """Return where the steps of a steady glide end, shape (n_steps + 1,) from 0 to 1, with a step's end at each level crossed.
 
     Hats bend at the levels; a step across a bend would lose the integrator's order.
@@ -118,17 +137,32 @@ def fractions_of_duration(start_depth: float, end_depth: float, levels: Array, n
     """
     low, high = min(start_depth, end_depth), max(start_depth, end_depth)
     crossed = levels[(levels > low) & (levels < high)]
-    knots = np.concatenate([[0.0], np.sort((crossed - start_depth) / (end_depth - start_depth)) if crossed.size else [], [1.0]])
+    knots = np.concatenate(
+        [
+            [0.0],
+            np.sort((crossed - start_depth) / (end_depth - start_depth)) if crossed.size else [],
+            [1.0],
+        ]
+    )
     share = np.diff(knots) * (n_steps - (knots.size - 1))
     counts = 1 + np.floor(share).astype(int)
     # What rounding down left over goes to the segments that lost most; a stable sort keeps it reproducible.
     counts[np.argsort(np.floor(share) - share, kind="stable")[: n_steps - counts.sum()]] += 1
-    inner = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(knots[:-1], knots[1:], counts, strict=True)]
+    inner = [
+        np.linspace(a, b, n, endpoint=False)
+        for a, b, n in zip(knots[:-1], knots[1:], counts, strict=True)
+    ]
     fractions: Array = np.concatenate([*inner, np.ones(1)])
     return fractions
 
 
-def fly_glide(flow: FlowEstimate | Sequence[FlowEstimate], start: Array, velocity: Array, time: Array, start_time_ns: int = 0) -> Track:
+def fly_glide(
+    flow: FlowEstimate | Sequence[FlowEstimate],
+    start: Array,
+    velocity: Array,
+    time: Array,
+    start_time_ns: int = 0,
+) -> Track:
     """Return the track of a constant velocity through water in a flow, by RK4 between the given times.
 
     Args:
@@ -150,10 +184,21 @@ def fly_glide(flow: FlowEstimate | Sequence[FlowEstimate], start: Array, velocit
         weights = (hats[:, :, None] * weights[:, None, :]).reshape(now.size, -1)
     latent = latent @ weights.T
     # of each step its middle twice, its end, and its end again as the next one's beginning
-    order = iter([0, *(stage for i in range(steps.size) for stage in (time.size + i, time.size + i, i + 1, i + 1))])
+    order = iter(
+        [
+            0,
+            *(
+                stage
+                for i in range(steps.size)
+                for stage in (time.size + i, time.size + i, i + 1, i + 1)
+            ),
+        ]
+    )
 
     def over_ground(position: Array) -> Array:
-        current = first.horizontal.velocity(position[None, :2], latent[:, next(order), None]).ravel()
+        current = first.horizontal.velocity(
+            position[None, :2], latent[:, next(order), None]
+        ).ravel()
         ground: Array = velocity + np.append(current, 0.0)
         return ground
 
@@ -169,7 +214,9 @@ def time_since(flow: FlowEstimate, time_ns: int) -> float:
     return 0.0 if time_ns == 0 or flow.time_ns is None else (time_ns - flow.time_ns) / 1e9
 
 
-def path_function(flow: FlowEstimate, n_steps: int, integrator: Integrator = "rk4", times: Array | None = None) -> ca.Function:
+def path_function(
+    flow: FlowEstimate, n_steps: int, integrator: Integrator = "rk4", times: Array | None = None
+) -> ca.Function:
     """Return the function (start, velocity, steps, latent) -> positions after each step.
 
     Where the current changes, the time [s] is the fourth number of the start and of each position.
@@ -177,8 +224,16 @@ def path_function(flow: FlowEstimate, n_steps: int, integrator: Integrator = "rk
     The steps are written out in it, so that its derivatives evaluate a flow's value and Jacobian once where all need them; of a
     function for one step each derivative would evaluate its own.
     """
-    current, columns = field_function(flow, times), flow.levels.size * (1 if times is None else times.size)
-    of_inputs = ("start", 3 if times is None else 4), ("velocity", 3), ("steps", n_steps), ("latent", flow.horizontal.size, columns)
+    current, columns = (
+        field_function(flow, times),
+        flow.levels.size * (1 if times is None else times.size),
+    )
+    of_inputs = (
+        ("start", 3 if times is None else 4),
+        ("velocity", 3),
+        ("steps", n_steps),
+        ("latent", flow.horizontal.size, columns),
+    )
     inputs: list[Any] = [ca.MX.sym(*what) for what in of_inputs]
     start, velocity, steps, latent = inputs
     passing = [] if times is None else [1.0]
@@ -190,5 +245,9 @@ def path_function(flow: FlowEstimate, n_steps: int, integrator: Integrator = "rk
     positions: list[Any] = [start]
     for i in range(n_steps):
         positions.append(one_step(over_ground, positions[-1], steps[i], over_ground(positions[-1])))
-    options: dict[str, Any] = {"is_diff_in": [True, True, True, False], "never_inline": True, "cse": True}
+    options: dict[str, Any] = {
+        "is_diff_in": [True, True, True, False],
+        "never_inline": True,
+        "cse": True,
+    }
     return ca.Function("path", inputs, [ca.horzcat(*positions[1:])], options)

@@ -92,7 +92,9 @@ class Glider:
             )
         for name in ("speed", "volume", "pump_efficiency", "hotel", "max_depth"):
             if not getattr(self, name) > 0.0:
-                raise PlanError(f"a glider's {name} is {getattr(self, name)!r}; expected a number above 0")
+                raise PlanError(
+                    f"a glider's {name} is {getattr(self, name)!r}; expected a number above 0"
+                )
 
     @property
     def angles(self) -> tuple[float, float]:
@@ -106,7 +108,11 @@ class Glider:
 
     def pitch(self, glide_angle: Array) -> Array:
         """Return the pitch [rad] below the horizontal of a dive at a glide angle [rad]; the glide angle itself without a flight model."""
-        return glide_angle if self.flight is None else glide_angle - np.asarray(self.flight.angle_of_attack(np, glide_angle))
+        return (
+            glide_angle
+            if self.flight is None
+            else glide_angle - np.asarray(self.flight.angle_of_attack(np, glide_angle))
+        )
 
     def pump_work(self, depth: Any) -> Any:
         """Return the energy [J] that one apogee at a depth [m] takes: the volume pushed out against the pressure there."""
@@ -133,14 +139,18 @@ def fit_flight(first: SteadyFlight, pitch: Array, depth_rate: Array) -> SteadyFl
     Raises:
         PlanError: There are fewer than three values, they are not positive numbers, or all pitches are alike.
     """
-    usable = all(bool(np.all(np.isfinite(values) & (values > 0.0))) for values in (pitch, depth_rate))
+    usable = all(
+        bool(np.all(np.isfinite(values) & (values > 0.0))) for values in (pitch, depth_rate)
+    )
     if pitch.shape != depth_rate.shape or pitch.size < 3 or not usable:
         raise PlanError(
             f"a fit of steady flight got {pitch.size} pitches and {depth_rate.size} depth rates, not all of them positive numbers; "
             "expected as many of each, three or more, all positive"
         )
     if np.ptp(pitch) < np.deg2rad(2.0):
-        raise PlanError(f"pitches from {np.rad2deg(pitch.min()):.2f} to {np.rad2deg(pitch.max()):.2f} degrees do not tell drag from lift")
+        raise PlanError(
+            f"pitches from {np.rad2deg(pitch.min()):.2f} to {np.rad2deg(pitch.max()):.2f} degrees do not tell drag from lift"
+        )
 
     def model(unknowns: Array) -> SteadyFlight:
         return replace(first, drag=float(np.exp(unknowns[0])), lift=float(np.exp(unknowns[1])))

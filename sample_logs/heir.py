@@ -90,11 +90,19 @@ ADDITIONS = (
     ),
     (
         *("replay_kit/measurements/consistency/repeated_times.py", CHECK),
-        *("replay_kit/measurements/consistency/checks.py", "_OF_PINGS = (\n", '_OF_PINGS = (\n    "repeated_times:RepeatedTimes",\n'),
+        *(
+            "replay_kit/measurements/consistency/checks.py",
+            "_OF_PINGS = (\n",
+            '_OF_PINGS = (\n    "repeated_times:RepeatedTimes",\n',
+        ),
     ),
     (
         *("replay_kit/results/report/sections/depths.py", SECTION),
-        *("replay_kit/results/report/page.py", "_LISTED = (\n", '_LISTED = (\n    "depths:depths_section",\n'),
+        *(
+            "replay_kit/results/report/page.py",
+            "_LISTED = (\n",
+            '_LISTED = (\n    "depths:depths_section",\n',
+        ),
     ),
     (
         *("planners/mission/objectives/surfacings.py", OBJECTIVE),
@@ -106,7 +114,9 @@ ADDITIONS = (
 def add(folder: Path) -> None:
     """Copy the packages and add to the copy."""
     for package in ("replay_kit", "planners"):
-        shutil.copytree(SAMPLES.parent / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            SAMPLES.parent / package, folder / package, ignore=shutil.ignore_patterns("__pycache__")
+        )
     for new, text, listed, before, after in ADDITIONS:
         (folder / new).write_text(text)
         lines = (folder / listed).read_text()
@@ -116,18 +126,42 @@ def add(folder: Path) -> None:
 
 def use(folder: Path) -> None:
     """Run the copy: read a file of the new dialect, and see the section and the objective."""
-    rename = {"TIME": "JULD", "DEPTH": "GLIDER_DEPTH", "DIVE_NUMBER": "PHASE_NUMBER", "WATERCURRENTS_U": "CURRENT_EAST"}
+    rename = {
+        "TIME": "JULD",
+        "DEPTH": "GLIDER_DEPTH",
+        "DIVE_NUMBER": "PHASE_NUMBER",
+        "WATERCURRENTS_U": "CURRENT_EAST",
+    }
     rows = xr.open_dataset(folder / "og1.nc").rename({**rename, "WATERCURRENTS_V": "CURRENT_NORTH"})
     rows.attrs["Conventions"] = "EGO-1.2"
-    rows.drop_vars([name for name in rows if str(name).endswith("_GPS")]).to_netcdf(folder / "ego.nc", engine="h5netcdf")
+    rows.drop_vars([name for name in rows if str(name).endswith("_GPS")]).to_netcdf(
+        folder / "ego.nc", engine="h5netcdf"
+    )
     estimate = ["--ensemble", str(SAMPLES / "ensemble.nc"), "--levels", "5,150", "--modes", "6"]
     for words in (
         ["info", "ego.nc"],
         ["replay", str(SAMPLES / "survey.mcap"), *estimate, "-o", "survey.mcap", "--report"],
-        ["plan", "survey.mcap", "--start=152.4,-40.2,0", "--goal=152.45,-40.18,0", "--depth", "100", "--objective", "surfacings"],
+        [
+            "plan",
+            "survey.mcap",
+            "--start=152.4,-40.2,0",
+            "--goal=152.45,-40.18,0",
+            "--depth",
+            "100",
+            "--objective",
+            "surfacings",
+        ],
     ):
-        subprocess.run([sys.executable, "-m", "replay_kit", *words], cwd=folder, env={**os.environ, "PYTHONPATH": str(folder)}, check=True)
-    print("the report has the section:", "The deepest position lies at" in (folder / "survey.html").read_text(encoding="utf-8"))
+        subprocess.run(
+            [sys.executable, "-m", "replay_kit", *words],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": str(folder)},
+            check=True,
+        )
+    print(
+        "the report has the section:",
+        "The deepest position lies at" in (folder / "survey.html").read_text(encoding="utf-8"),
+    )
 
 
 if __name__ == "__main__":

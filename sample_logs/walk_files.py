@@ -35,7 +35,10 @@ def bottom(path: Path) -> None:
     off_north = 111.0 * np.maximum(np.maximum(SOUTH - lat, lat - NORTH), 0.0)
     depth = np.minimum(900.0, 100.0 * np.hypot(off_east[None], off_north[:, None]))
     attributes = {"units": "m", "standard_name": "sea_floor_depth_below_geoid"}
-    grid = xr.Dataset({"deptho": (("latitude", "longitude"), depth, attributes)}, {"longitude": lon, "latitude": lat})
+    grid = xr.Dataset(
+        {"deptho": (("latitude", "longitude"), depth, attributes)},
+        {"longitude": lon, "latitude": lat},
+    )
     grid.to_netcdf(path, engine="h5netcdf")
 
 
@@ -55,7 +58,12 @@ def dives(folder: Path) -> None:
 def og1(path: Path) -> None:
     """Write fixes, track and mean currents of the dives in the form of OceanGliders."""
     rows = [
-        (float(message.time_ns) / 1e9, message.payload["longitude"], message.payload["latitude"], -message.payload["altitude"])
+        (
+            float(message.time_ns) / 1e9,
+            message.payload["longitude"],
+            message.payload["latitude"],
+            -message.payload["altitude"],
+        )
         for message in rk.open_log(SAMPLES / "glider.mcap").messages()
         if message.schema == "foxglove.LocationFix"
     ]
@@ -65,7 +73,11 @@ def og1(path: Path) -> None:
     mean = {axis: np.full(time.size, np.nan) for axis in "uv"}
     for number in np.unique(dive[~fixes]):
         within = (dive == number) & ~fixes
-        names = zip(("longitude", "latitude", "depth"), (longitude, latitude, np.maximum(depth, 5.0)), strict=True)
+        names = zip(
+            ("longitude", "latitude", "depth"),
+            (longitude, latitude, np.maximum(depth, 5.0)),
+            strict=True,
+        )
         where = {name: xr.DataArray(values[within], dims="row") for name, values in names}
         for axis in "uv":
             mean[axis][within] = float(truth[f"{axis}o"].interp(where).mean())
@@ -82,8 +94,13 @@ def og1(path: Path) -> None:
         "WATERCURRENTS_U": (mean["u"], "m s-1"),
         "WATERCURRENTS_V": (mean["v"], "m s-1"),
     }
-    variables = {name: (("N_MEASUREMENTS",), values, {"units": units}) for name, (values, units) in columns.items()}
-    xr.Dataset(variables, attrs={"Conventions": "CF-1.10, OG-1.0", "id": "walk"}).to_netcdf(path, engine="h5netcdf")
+    variables = {
+        name: (("N_MEASUREMENTS",), values, {"units": units})
+        for name, (values, units) in columns.items()
+    }
+    xr.Dataset(variables, attrs={"Conventions": "CF-1.10, OG-1.0", "id": "walk"}).to_netcdf(
+        path, engine="h5netcdf"
+    )
 
 
 def oceans(folder: Path) -> None:

@@ -18,7 +18,10 @@ SCHEMES = ("light", "dark")
 MARKS = [
     pytest.mark.full,
     pytest.mark.browser,
-    pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: install Debian's, or name another in the environment as CHROMIUM"),
+    pytest.mark.skipif(
+        CHROMIUM is None,
+        reason="needs chromium: install Debian's, or name another in the environment as CHROMIUM",
+    ),
 ]
 # Holds the page as soon as its first figure is drawn: what it waits for until the next one does not come.
 _HOLD = """
@@ -35,7 +38,9 @@ _AXE = """async () => {
 def chromium() -> Iterator[Any]:
     """Yield a browser; without playwright the test is skipped."""
     # here, so that a run without the extra does not count it as skipped
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (extra 'browser')")
+    sync_api = pytest.importorskip(
+        "playwright.sync_api", reason="playwright is not installed (extra 'browser')"
+    )
     with sync_api.sync_playwright() as playwright:
         opened = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         yield opened
@@ -43,7 +48,9 @@ def chromium() -> Iterator[Any]:
 
 
 @contextmanager
-def opened(browser: Any, page: str, width: int = WIDTHS[0], scheme: str = SCHEMES[0]) -> Iterator[Any]:
+def opened(
+    browser: Any, page: str, width: int = WIDTHS[0], scheme: str = SCHEMES[0]
+) -> Iterator[Any]:
     """Yield a tab with all figures of a page drawn; at the end nothing may have been asked for or complained of.
 
     Args:
@@ -55,7 +62,10 @@ def opened(browser: Any, page: str, width: int = WIDTHS[0], scheme: str = SCHEME
     said: list[str] = []
     asked: list[str] = []
     tab = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
-    tab.on("console", lambda message: said.append(message.text) if message.type in ("error", "warning") else None)
+    tab.on(
+        "console",
+        lambda message: said.append(message.text) if message.type in ("error", "warning") else None,
+    )
     tab.on("pageerror", lambda error: said.append(str(error)))
     tab.route("**/*", lambda route: (asked.append(route.request.url), route.abort()))
     # set, not visited: every request is aborted
@@ -81,7 +91,13 @@ def seconds_to_first_picture(browser: Any, path: Path) -> float:
     session.send("Performance.enable")
 
     def spent() -> float:
-        return float(next(each["value"] for each in session.send("Performance.getMetrics")["metrics"] if each["name"] == "ThreadTime"))
+        return float(
+            next(
+                each["value"]
+                for each in session.send("Performance.getMetrics")["metrics"]
+                if each["name"] == "ThreadTime"
+            )
+        )
 
     began = spent()
     tab.add_init_script(_HOLD)
@@ -103,16 +119,23 @@ def check_drawn(tab: Any, width: int) -> int:
         assert box["height"] > 100
         assert box["width"] <= width
         # a picture that is not decoded has no width
-        assert figure.query_selector("svg.main-svg") or place.evaluate("(image) => image.naturalWidth > 0")
+        assert figure.query_selector("svg.main-svg") or place.evaluate(
+            "(image) => image.naturalWidth > 0"
+        )
     assert tab.evaluate("() => document.documentElement.scrollWidth") <= width
     return len(shown)
 
 
 def check_accessible(tab: Any) -> None:
     """Check that axe-core finds nothing serious or critical in a page; skips without it."""
-    pytest.importorskip("axe_playwright_python", reason="axe-core is not installed (extra 'browser')")
+    pytest.importorskip(
+        "axe_playwright_python", reason="axe-core is not installed (extra 'browser')"
+    )
     script = files("axe_playwright_python").joinpath("axe.min.js").read_text(encoding="utf-8")
-    tab.evaluate("(text) => { const own = document.createElement('script'); own.textContent = text; document.head.append(own); }", script)
+    tab.evaluate(
+        "(text) => { const own = document.createElement('script'); own.textContent = text; document.head.append(own); }",
+        script,
+    )
     passed, found = tab.evaluate(_AXE)
     assert passed > 15
     assert [each for each in found if each[0] in ("serious", "critical")] == []

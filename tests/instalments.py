@@ -34,7 +34,9 @@ def dives_of(log: Path, folder: Path) -> list[Instalment]:
     return made
 
 
-def delivered(dives: Sequence[Instalment], swapped: Sequence[int], corrected: int, wrong: Instalment) -> list[Instalment]:
+def delivered(
+    dives: Sequence[Instalment], swapped: Sequence[int], corrected: int, wrong: Instalment
+) -> list[Instalment]:
     """Return dives in the order in which they arrive: some change places with the next one, one is wrong at first and comes again later.
 
     Args:

@@ -8,8 +8,16 @@ DECLINATION = 14.0
 
 
 def _each(payload, change):
-    cells = [[math.nan if value is None else value for value in cell[:2]] for cell in payload["velocity"]]
-    return {**payload, "velocity": [[None if math.isnan(v) else v for v in change(cell)] + [None] for cell in np.array(cells).tolist()]}
+    cells = [
+        [math.nan if value is None else value for value in cell[:2]] for cell in payload["velocity"]
+    ]
+    return {
+        **payload,
+        "velocity": [
+            [None if math.isnan(v) else v for v in change(cell)] + [None]
+            for cell in np.array(cells).tolist()
+        ],
+    }
 
 
 def _turned(payload, degrees):
@@ -37,7 +45,11 @@ PINGS = {
     "speeds are in mm/s, errors too": lambda p: _scaled(p, 1000.0, True),
     "speeds are 100 times too small": lambda p: _scaled(p, 0.01, False),
     "speeds are 1000 times too small": lambda p: _scaled(p, 0.001, True),
-    "the sign of depth is wrong: pressure": lambda p: {**p, "pressure": -p["pressure"], "orientation": "up"},
+    "the sign of depth is wrong: pressure": lambda p: {
+        **p,
+        "pressure": -p["pressure"],
+        "orientation": "up",
+    },
     "the sign of depth is wrong: orientation": lambda p: {**p, "orientation": "up"},
 }
 NAMES = {name: name.split(":")[0].split(",")[0] for name in PINGS}

@@ -14,9 +14,13 @@ _found: dict[tuple[object, ...], Array] = {}
 
 
 @functools.wraps(fit._score_member)
-def score_member(members: Members, member: int, settings: PriorSettings, shares: Sequence[float]) -> Array:
+def score_member(
+    members: Members, member: int, settings: PriorSettings, shares: Sequence[float]
+) -> Array:
     """Return what the function of this name returns, computed once for the same arguments."""
-    arrays = tuple(array.tobytes() for array in (members.weights, members.velocity_modes, members.nodes))
+    arrays = tuple(
+        array.tobytes() for array in (members.weights, members.velocity_modes, members.nodes)
+    )
     key = (*arrays, members.weights.shape, member, settings, tuple(shares))
     if key not in _found:
         _found[key] = score_member.__wrapped__(members, member, settings, shares)

@@ -13,7 +13,9 @@ from replay_kit.forecast.grid import local_grid, true_to_local
 LEVELS = np.array([5.0, 60.0, 150.0, 300.0])
 
 
-def dataset(seed=0, n_members=8, shape=(5, 6), levels=LEVELS, west=152.0, south=-40.0, step=0.1) -> xr.Dataset:
+def dataset(
+    seed=0, n_members=8, shape=(5, 6), levels=LEVELS, west=152.0, south=-40.0, step=0.1
+) -> xr.Dataset:
     """A smooth random ensemble on a longitude-latitude grid, decaying with depth."""
     rng = np.random.default_rng(seed)
     rows, columns = shape
@@ -22,20 +24,42 @@ def dataset(seed=0, n_members=8, shape=(5, 6), levels=LEVELS, west=152.0, south=
     fields = np.zeros((2, n_members, levels.size, rows, columns))
     for member in range(n_members):
         for _ in range(5):
-            kx, ky, phase, decay = rng.normal(0, 0.7), rng.normal(0, 0.7), rng.uniform(0, 2 * np.pi), rng.uniform(100.0, 500.0)
-            psi_x, psi_y = kx * np.cos(kx * x + ky * y + phase), ky * np.cos(kx * x + ky * y + phase)
+            kx, ky, phase, decay = (
+                rng.normal(0, 0.7),
+                rng.normal(0, 0.7),
+                rng.uniform(0, 2 * np.pi),
+                rng.uniform(100.0, 500.0),
+            )
+            psi_x, psi_y = (
+                kx * np.cos(kx * x + ky * y + phase),
+                ky * np.cos(kx * x + ky * y + phase),
+            )
             # a cell is shorter along longitude: without this the flow would not be divergence-free
             psi_y = psi_y * np.cos(np.deg2rad(south))
-            fields[:, member] += 0.15 * np.stack([psi_y, -psi_x])[:, None] * np.exp(-levels / decay)[:, None, None]
+            fields[:, member] += (
+                0.15 * np.stack([psi_y, -psi_x])[:, None] * np.exp(-levels / decay)[:, None, None]
+            )
     dims = ("member", "depth", "lat", "lon")
     return xr.Dataset(
         {
-            "uo": (dims, fields[0], {"standard_name": "eastward_sea_water_velocity", "units": "m s-1"}),
-            "vo": (dims, fields[1], {"standard_name": "northward_sea_water_velocity", "units": "m s-1"}),
+            "uo": (
+                dims,
+                fields[0],
+                {"standard_name": "eastward_sea_water_velocity", "units": "m s-1"},
+            ),
+            "vo": (
+                dims,
+                fields[1],
+                {"standard_name": "northward_sea_water_velocity", "units": "m s-1"},
+            ),
         },
         {
             "member": ("member", np.arange(n_members), {"standard_name": "realization"}),
-            "depth": ("depth", levels, {"standard_name": "depth", "positive": "down", "units": "m"}),
+            "depth": (
+                "depth",
+                levels,
+                {"standard_name": "depth", "positive": "down", "units": "m"},
+            ),
             "lat": ("lat", latitude, {"standard_name": "latitude", "units": "degrees_north"}),
             "lon": ("lon", longitude, {"standard_name": "longitude", "units": "degrees_east"}),
         },
@@ -56,18 +80,32 @@ def ensemble(seed=0, **options) -> Ensemble:
     velocity = np.stack([ds["uo"].values, ds["vo"].values], axis=1)
     wet = np.ones(velocity.shape[2:], dtype=bool)
     grid = local_grid(longitude, latitude, ds["depth"].values, wet, None)
-    return Ensemble(grid, true_to_local(grid.projection, longitude, latitude, velocity), None, "synthetic")
+    return Ensemble(
+        grid, true_to_local(grid.projection, longitude, latitude, velocity), None, "synthetic"
+    )
 
 
 def profile(grid, east, north, depth, velocity, std=0.05, time_ns=0, dive=0) -> Observation:
     """An observation of local velocities, shape (n, 2), under a local point."""
     longitude, latitude = to_geographic(grid.projection, east, north)
-    u, v = rotate_to_geographic(grid.projection, longitude, latitude, velocity[:, 0], velocity[:, 1])
+    u, v = rotate_to_geographic(
+        grid.projection, longitude, latitude, velocity[:, 0], velocity[:, 1]
+    )
     n = depth.size
     good, none = np.ones(n, np.int8), np.zeros(n, np.int32)
     source = Source(0, "/adcp", time_ns, time_ns)
     return Observation(
-        time_ns, float(longitude), float(latitude), depth, np.column_stack([u, v]), np.full(n, std), "earth", good, none, dive, source
+        time_ns,
+        float(longitude),
+        float(latitude),
+        depth,
+        np.column_stack([u, v]),
+        np.full(n, std),
+        "earth",
+        good,
+        none,
+        dive,
+        source,
     )
 
 
@@ -79,5 +117,15 @@ def random_profiles(grid, n, seed=0, std=0.05, speed=0.2) -> list[Observation]:
     for k in range(n):
         east = rng.uniform(0.8 * grid.east.min(), 0.8 * grid.east.max())
         north = rng.uniform(0.8 * grid.north.min(), 0.8 * grid.north.max())
-        out.append(profile(grid, east, north, depth, speed * rng.standard_normal((depth.size, 2)), std, time_ns=k))
+        out.append(
+            profile(
+                grid,
+                east,
+                north,
+                depth,
+                speed * rng.standard_normal((depth.size, 2)),
+                std,
+                time_ns=k,
+            )
+        )
     return out

@@ -14,7 +14,11 @@ TIME_NS = 1_700_000_000_123_456_789
 
 
 def synthetic_flow(
-    kind: Literal["hat", "gaussian"] = "hat", n_modes: int = 4, spacing: float = 5_000.0, latitude: float = 62.0, seed: int = 1
+    kind: Literal["hat", "gaussian"] = "hat",
+    n_modes: int = 4,
+    spacing: float = 5_000.0,
+    latitude: float = 62.0,
+    seed: int = 1,
 ) -> FlowEstimate:
     """Return a random flow on a 7 x 5 grid of 3 levels with one dry column and a shallower corner."""
     rng = np.random.default_rng(seed)

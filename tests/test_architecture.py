@@ -12,14 +12,18 @@ from tests.places import ROOT
 
 CONTRACTS = {
     contract["name"]: contract
-    for contract in tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]["contracts"]
+    for contract in tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"][
+        "importlinter"
+    ]["contracts"]
 }
 PACKAGES = {path.parent.name for path in (ROOT / "replay_kit").glob("*/__init__.py")}
 
 
 def lint(folder):
     linter = Path(sys.executable).with_name("lint-imports")
-    return subprocess.run([linter, "--no-cache"], cwd=folder, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        [linter, "--no-cache"], cwd=folder, capture_output=True, text=True, check=False
+    )
 
 
 def test_imports_point_one_way():
@@ -45,7 +49,10 @@ def test_planners_see_the_core_alone():
         ("replay_kit/cli/plan.py", "from planners import plan"),
         ("replay_kit/results/slices.py", "import planners.route.region as region"),
         ("replay_kit/core/geodesy.py", "from casadi import SX"),
-        ("planners/route/region.py", "from replay_kit.workflows.replay.statistics import RunStatistics"),
+        (
+            "planners/route/region.py",
+            "from replay_kit.workflows.replay.statistics import RunStatistics",
+        ),
         ("replay_kit/estimator/filter.py", "import replay_kit.results.summary"),
         ("replay_kit/estimator/filter.py", "from mcap.reader import make_reader"),
     ],

@@ -35,23 +35,40 @@ def test_a_replay_is_one_call_and_its_answer_one_more(result) -> None:
     got = result.estimate.velocity_at(153.1, -40.25, 150.0)
     assert np.isfinite([got.u, got.v]).all()
     assert 0.0 < got.u_standard_error < 0.3
-    assert result.summary.profiles_used == (result.observations["decision"] == "accepted").sum() > 20
+    assert (
+        result.summary.profiles_used == (result.observations["decision"] == "accepted").sum() > 20
+    )
     summary = result.summary
-    profiles, bins = summary.profiles_used - summary.mean_currents, summary.bins_used - summary.mean_currents
-    assert repr(summary).startswith(f"Observations: {profiles} profiles used ({bins} bins), {summary.mean_currents} mean current used, ")
+    profiles, bins = (
+        summary.profiles_used - summary.mean_currents,
+        summary.bins_used - summary.mean_currents,
+    )
+    assert repr(summary).startswith(
+        f"Observations: {profiles} profiles used ({bins} bins), {summary.mean_currents} mean current used, "
+    )
 
 
 def test_what_is_opened_is_what_was_made(result, tmp_path: Path) -> None:
-    made = rk.replay([str(LOG)], str(ENSEMBLE), out=str(tmp_path / "out.mcap"), goal=rk.Place(*GOAL), settings=SETTINGS)
+    made = rk.replay(
+        [str(LOG)],
+        str(ENSEMBLE),
+        out=str(tmp_path / "out.mcap"),
+        goal=rk.Place(*GOAL),
+        settings=SETTINGS,
+    )
     opened = rk.open_result(str(tmp_path / "out.mcap"))
     assert made.path.read_bytes() == result.path.read_bytes()
     assert opened.summary is None
     np.testing.assert_array_equal(opened.estimate.latent, result.estimate.latent)
-    np.testing.assert_array_equal(opened.estimate.at(2 * 10**18).weight_cov, result.estimate.at(2 * 10**18).weight_cov)
+    np.testing.assert_array_equal(
+        opened.estimate.at(2 * 10**18).weight_cov, result.estimate.at(2 * 10**18).weight_cov
+    )
     with pytest.raises(ConfigError, match="exists"):
         rk.replay(LOG, ENSEMBLE, out=made.path, settings=SETTINGS)
     opened.estimate.save(tmp_path / "flow.nc")
-    np.testing.assert_array_equal(rk.open_estimate(str(tmp_path / "flow.nc")).latent, result.estimate.latent)
+    np.testing.assert_array_equal(
+        rk.open_estimate(str(tmp_path / "flow.nc")).latent, result.estimate.latent
+    )
 
 
 def test_a_temporary_result_lasts_as_long_as_its_value() -> None:
@@ -63,7 +80,9 @@ def test_a_temporary_result_lasts_as_long_as_its_value() -> None:
     assert not folder.exists()
 
 
-def test_a_replay_that_fails_leaves_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_replay_that_fails_leaves_nothing(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with pytest.raises(LogError, match=r"nowhere\.mcap: expected a log, there is no such file"):
         rk.replay("nowhere.mcap", ENSEMBLE)
@@ -74,7 +93,10 @@ def test_a_replay_that_fails_leaves_nothing(monkeypatch: pytest.MonkeyPatch, tmp
 
 def test_what_is_lost_of_a_log_is_a_warning(tmp_path: Path) -> None:
     (tmp_path / "cut.mcap").write_bytes(LOG.read_bytes()[:-200_000])
-    with pytest.warns(UserWarning, match="lost: 1 damaged parts of the logs, 0 late messages; result.summary.losses"):
+    with pytest.warns(
+        UserWarning,
+        match="lost: 1 damaged parts of the logs, 0 late messages; result.summary.losses",
+    ):
         rk.replay(tmp_path / "cut.mcap", ENSEMBLE, settings=SETTINGS)
 
 
@@ -82,7 +104,13 @@ def test_a_plan_is_one_call(result) -> None:
     plan = rk.plan(result.estimate, START, GOAL)
     assert plan.status == "reached"
     assert plan.start_time_ns == result.estimate.time_ns
-    later = rk.plan(result.estimate, rk.Place(*START), GOAL, time="2018-11-17", settings={"planner": {"speed": 0.4}})
+    later = rk.plan(
+        result.estimate,
+        rk.Place(*START),
+        GOAL,
+        time="2018-11-17",
+        settings={"planner": {"speed": 0.4}},
+    )
     assert (later.speed, later.start_time_ns) == (0.4, 1_542_412_800 * 10**9)
     with pytest.raises(PlanError, match="goal"):
         rk.plan(result.estimate, START, (10.0, 50.0, 0.0))
@@ -91,8 +119,13 @@ def test_a_plan_is_one_call(result) -> None:
 def test_an_ensemble_is_the_part_that_the_settings_choose() -> None:
     ensemble = rk.open_ensemble(str(ENSEMBLE), settings=SETTINGS)
     assert ensemble.grid.levels.tolist() == [5.0, 150.0, 500.0]
-    assert repr(ensemble).startswith(f"Ensemble of 40 members from {ENSEMBLE}, 2018-11-16 00:00:00Z, RMS component speed 0.2")
-    assert "Grid of 3 levels x 13 x 21 points (100 % wet): longitude 151.4..153.6, latitude -40.49..-39.51 degrees" in repr(ensemble)
+    assert repr(ensemble).startswith(
+        f"Ensemble of 40 members from {ENSEMBLE}, 2018-11-16 00:00:00Z, RMS component speed 0.2"
+    )
+    assert (
+        "Grid of 3 levels x 13 x 21 points (100 % wet): longitude 151.4..153.6, latitude -40.49..-39.51 degrees"
+        in repr(ensemble)
+    )
 
 
 def test_settings_are_tables_a_file_or_a_configuration(tmp_path: Path) -> None:
@@ -110,13 +143,28 @@ def test_settings_are_tables_a_file_or_a_configuration(tmp_path: Path) -> None:
     [
         (lambda: rk.open_log(3), "log: expected a path (str or Path), got int"),
         (lambda: rk.open_log([LOG]), "log: expected a path (str or Path), got list"),
-        (lambda: rk.replay([LOG, None], ENSEMBLE), "log: expected a path (str or Path), got NoneType"),
-        (lambda: rk.replay(LOG, rk.open_ensemble(ENSEMBLE)), "ensemble: expected a path (str or Path), got Ensemble"),
+        (
+            lambda: rk.replay([LOG, None], ENSEMBLE),
+            "log: expected a path (str or Path), got NoneType",
+        ),
+        (
+            lambda: rk.replay(LOG, rk.open_ensemble(ENSEMBLE)),
+            "ensemble: expected a path (str or Path), got Ensemble",
+        ),
         (lambda: rk.replay([], ENSEMBLE), "logs: expected one log or several, got none"),
-        (lambda: rk.plan("flow.nc", START, GOAL), "estimate: expected a FlowEstimate, got str; open one with open_estimate"),
+        (
+            lambda: rk.plan("flow.nc", START, GOAL),
+            "estimate: expected a FlowEstimate, got str; open one with open_estimate",
+        ),
         (lambda: rk.replay(LOG, ENSEMBLE, out=1), "out: expected a path (str or Path), got int"),
-        (lambda: rk.replay(LOG, ENSEMBLE, settings=1), "settings: expected a path (str or Path), got int"),
-        (lambda: rk.replay(LOG, ENSEMBLE, goal=(1.0, 2.0)), "goal: expected longitude, latitude [degrees] and depth [m], got (1.0, 2.0)"),
+        (
+            lambda: rk.replay(LOG, ENSEMBLE, settings=1),
+            "settings: expected a path (str or Path), got int",
+        ),
+        (
+            lambda: rk.replay(LOG, ENSEMBLE, goal=(1.0, 2.0)),
+            "goal: expected longitude, latitude [degrees] and depth [m], got (1.0, 2.0)",
+        ),
         (lambda: rk.open_ensemble(None), "ensemble: expected a path (str or Path), got NoneType"),
         (lambda: rk.open_estimate(b"x"), "estimate: expected a path (str or Path), got bytes"),
         (lambda: rk.open_result({}), "result: expected a path (str or Path), got dict"),
@@ -132,7 +180,9 @@ def test_texts_of_values_are_short(result) -> None:
     log = rk.open_log(LOG)
     assert repr(log) == f"Log {LOG} (mcap, 0.58 MB): messages() reads it"
     message = next(log.messages())
-    assert repr(message).startswith("Message 2018-11-16 00:00:00Z /vehicle/fix (foxglove.LocationFix): timestamp, frame_id, ")
+    assert repr(message).startswith(
+        "Message 2018-11-16 00:00:00Z /vehicle/fix (foxglove.LocationFix): timestamp, frame_id, "
+    )
     first = next(rk.observations(log.messages()))
     assert repr(first).splitlines()[0] == (
         "Observation 2018-11-16 00:00:00Z at 153.1360 E, 40.2916 S, dive 0: 22 bins, 22 usable, 16..688 m deep"
@@ -140,7 +190,8 @@ def test_texts_of_values_are_short(result) -> None:
     assert repr(first).endswith("error 0.09 m/s (true axes, relative to earth)")
     plan = rk.plan(result.estimate, START, GOAL)
     assert (
-        repr(plan).splitlines()[0] == "Plan for 2018-11-16 04:00:00Z: reached; 153.1200 E, 40.2800 S, 0 m to 153.0500 E, 40.2000 S, 150 m"
+        repr(plan).splitlines()[0]
+        == "Plan for 2018-11-16 04:00:00Z: reached; 153.1200 E, 40.2800 S, 0 m to 153.0500 E, 40.2000 S, 150 m"
     )
     for value in (log, message, first, plan, result, result.estimate, result.estimate.grid):
         assert len(repr(value)) < 400
@@ -158,7 +209,13 @@ def test_every_public_name_is_there_and_no_other() -> None:
 
 def test_signatures_are_short() -> None:
     functions = [getattr(rk, name) for name in rk.__all__ if inspect.isfunction(getattr(rk, name))]
-    for function in (*functions, FlowEstimate.velocity_at, FlowEstimate.along, FlowEstimate.to_xarray, FlowEstimate.to_pandas):
+    for function in (
+        *functions,
+        FlowEstimate.velocity_at,
+        FlowEstimate.along,
+        FlowEstimate.to_xarray,
+        FlowEstimate.to_pandas,
+    ):
         signature = inspect.signature(function)
         assert len(signature.parameters) <= 6, function
         assert len(str(signature)) < 260, signature
@@ -171,5 +228,11 @@ def test_names_are_loaded_when_they_are_asked_for() -> None:
         "rk.open_log(sys.argv[1]); "
         "heavy = {'pandas', 'xarray', 'scipy', 'casadi', 'matplotlib', 'pyproj', 'pymavlink'} & set(sys.modules); assert not heavy, heavy"
     )
-    done = subprocess.run([sys.executable, "-c", program, str(LOG)], cwd=ROOT, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(LOG)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr

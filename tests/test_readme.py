@@ -21,11 +21,19 @@ from replay_kit.config.run import RunConfig, load_config
 from tests.command import run_command
 from tests.places import ROOT
 
-READMES = [path for path in sorted(ROOT.rglob("*.md")) if not any(part.startswith(".") for part in path.relative_to(ROOT).parts)]
+READMES = [
+    path
+    for path in sorted(ROOT.rglob("*.md"))
+    if not any(part.startswith(".") for part in path.relative_to(ROOT).parts)
+]
 BLOCKS = [
     (path, f"{path.relative_to(ROOT)}-{k}", language, code)
     for path in READMES
-    for k, (language, code) in enumerate(re.findall(r"^```(\w*)\n(.*?)^```", path.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE))
+    for k, (language, code) in enumerate(
+        re.findall(
+            r"^```(\w*)\n(.*?)^```", path.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+        )
+    )
 ]
 SAMPLES = ("ensemble.nc", "truth.nc", "glider.mcap", "glider.tlog", "survey.mcap")
 
@@ -35,7 +43,10 @@ def set_up_lines() -> list[str]:
     script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     (function,) = re.findall(r"^set_up\(\) \{.*\}$", script, re.MULTILINE)
     command = ["bash", "-euo", "pipefail", "-c"]
-    lines = [subprocess.check_output([*command, f"{function}\nset_up {n}"], cwd=ROOT, text=True) for n in (1, 2, 3)]
+    lines = [
+        subprocess.check_output([*command, f"{function}\nset_up {n}"], cwd=ROOT, text=True)
+        for n in (1, 2, 3)
+    ]
     assert lines.pop() == "", "README has more set-up lines than .ci/run runs"
     for n in (1, 2):
         assert f"$(set_up {n})" in script.replace(function, ""), f".ci/run does not run line {n}"
@@ -45,16 +56,25 @@ def set_up_lines() -> list[str]:
 def commands(code: str) -> list[list[str]]:
     """Return the words of each command of a shell block."""
     plain = re.fullmatch(r"[\w\s./,=:-]*", code.replace("\\\n", " "))
-    assert plain, "a shell block of a README holds commands of words that need no quotes, and nothing else of the shell"
+    assert plain, (
+        "a shell block of a README holds commands of words that need no quotes, and nothing else of the shell"
+    )
     found = [line.split() for line in code.replace("\\\n", " ").splitlines() if line.strip()]
-    own = all(words[0] == "replay-kit" or (words[0] == "python" and words[1].startswith("sample_logs/")) for words in found)
-    assert own, "a shell block of a README holds commands of replay-kit, and scripts beside the samples"
+    own = all(
+        words[0] == "replay-kit" or (words[0] == "python" and words[1].startswith("sample_logs/"))
+        for words in found
+    )
+    assert own, (
+        "a shell block of a README holds commands of replay-kit, and scripts beside the samples"
+    )
     return found
 
 
 def names(words: list[str]) -> set[str]:
     """Return the words of a command that may name a file it reads or makes; the samples are there for all."""
-    values = [word.split("=", 1)[-1] for word in words[2:] if "=" in word or not word.startswith("-")]
+    values = [
+        word.split("=", 1)[-1] for word in words[2:] if "=" in word or not word.startswith("-")
+    ]
     return {value.split("/")[0] for value in values if re.search("[a-z]", value)} - {"sample_logs"}
 
 
@@ -68,7 +88,11 @@ def chains(code: str) -> list[list[list[str]]]:
     return found
 
 
-SHELL = [(path, name, code) for path, name, language, code in BLOCKS if language == "sh" and "pip install" not in code]
+SHELL = [
+    (path, name, code)
+    for path, name, language, code in BLOCKS
+    if language == "sh" and "pip install" not in code
+]
 # What takes long: the tests of studies, twins, conversion, saved estimates, figures and exports, of following, of --against, of what can
 # be added and of fleets run each on less, .ci/run the main job from the other form of its log.
 _LONG = (
@@ -84,12 +108,19 @@ _LONG = (
 )
 _LONG_SCRIPTS = ("estimate.png", "first.mcap", "build_evolving(forecasts")
 CHAINS = [
-    pytest.param(path, chain, id=f"{name}-{k}", marks=pytest.mark.full if any(word in code for word in _LONG) else ())
+    pytest.param(
+        path,
+        chain,
+        id=f"{name}-{k}",
+        marks=pytest.mark.full if any(word in code for word in _LONG) else (),
+    )
     for path, name, code in SHELL
     for k, chain in enumerate(chains(code))
 ]
 SCRIPTS = [
-    pytest.param(code, id=name, marks=pytest.mark.full if any(word in code for word in _LONG_SCRIPTS) else ())
+    pytest.param(
+        code, id=name, marks=pytest.mark.full if any(word in code for word in _LONG_SCRIPTS) else ()
+    )
     for _, name, language, code in BLOCKS
     if language == "python"
 ]
@@ -104,26 +135,41 @@ def with_samples(path: Path, folder: Path) -> None:
 
 def test_every_block_says_its_language():
     for _, name, language, _ in BLOCKS:
-        assert language in ("sh", "python", "json", "text", "toml"), f"{name}: say what language a block is in"
+        assert language in ("sh", "python", "json", "text", "toml"), (
+            f"{name}: say what language a block is in"
+        )
 
 
 def test_the_set_up_blocks_are_the_lines_that_ci_runs():
-    assert [code for path, _, _, code in BLOCKS if path == ROOT / "README.md" and "pip install" in code] == set_up_lines()
-    assert not any("pip install" in code for path, _, language, code in BLOCKS if path != ROOT / "README.md" and language == "sh")
+    assert [
+        code for path, _, _, code in BLOCKS if path == ROOT / "README.md" and "pip install" in code
+    ] == set_up_lines()
+    assert not any(
+        "pip install" in code
+        for path, _, language, code in BLOCKS
+        if path != ROOT / "README.md" and language == "sh"
+    )
 
 
 def test_a_block_s_chains_hold_all_its_commands():
     for _, name, code in SHELL:
-        assert sorted(words for chain in chains(code) for words in chain) == sorted(commands(code)), name
+        assert sorted(words for chain in chains(code) for words in chain) == sorted(
+            commands(code)
+        ), name
     made = "replay-kit convert sample_logs/a.tlog -o b.mcap\nreplay-kit info sample_logs/a.tlog --json=c.json\nreplay-kit info b.mcap\n"
-    assert [[words[1] for words in chain] for chain in chains(made)] == [["info"], ["convert", "info"]]
+    assert [[words[1] for words in chain] for chain in chains(made)] == [
+        ["info"],
+        ["convert", "info"],
+    ]
 
 
 def test_every_command_has_the_options_of_its_block():
     for _, name, code in SHELL:
         for words in commands(code):
             if words[0] == "replay-kit":
-                app.parse_args(repeat_ensembles(words[1:]), print_error=False, exit_on_error=False)  # refuses what it does not know
+                app.parse_args(
+                    repeat_ensembles(words[1:]), print_error=False, exit_on_error=False
+                )  # refuses what it does not know
             else:
                 assert (ROOT / words[1]).is_file(), name
 
@@ -133,24 +179,38 @@ def test_shell_blocks(path, chain, tmp_path, monkeypatch):
     monkeypatch.setenv("MPLBACKEND", "agg")
     with_samples(path, tmp_path)
     for words in chain:
-        done = run_command(tmp_path, words[1:]) if words[0] == "replay-kit" else _script(tmp_path, words[1:])
+        done = (
+            run_command(tmp_path, words[1:])
+            if words[0] == "replay-kit"
+            else _script(tmp_path, words[1:])
+        )
         assert done.returncode == 0, f"{' '.join(words)}\n{done.stderr}"
     if path.parent.name == "sample_logs":
         for name in SAMPLES:
-            assert (tmp_path / name).read_bytes() == (path.parent / name).read_bytes(), f"{name} came out otherwise"
+            assert (tmp_path / name).read_bytes() == (path.parent / name).read_bytes(), (
+                f"{name} came out otherwise"
+            )
 
 
 def _script(folder: Path, words: list[str]) -> subprocess.CompletedProcess[str]:
     """Run Python on a script beside the samples, in a process of its own: one of them changes a copy of the program."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"}
     command = [sys.executable, "-W", "error", *words]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
 
 
-@pytest.mark.parametrize(("name", "first"), [("pilot", "walk_files.py walk"), ("scientist", "walk_files.py year")])
+@pytest.mark.parametrize(
+    ("name", "first"), [("pilot", "walk_files.py walk"), ("scientist", "walk_files.py year")]
+)
 def test_the_scripts_of_the_walks_are_the_blocks_of_their_pages(name, first):
     (block,) = [code for path, _, code in SHELL if path == ROOT / "README.md" and first in code]
-    assert (ROOT / "sample_logs" / f"{name}.sh").read_text(encoding="utf-8").endswith(f"\nset -e\n{block}")
+    assert (
+        (ROOT / "sample_logs" / f"{name}.sh")
+        .read_text(encoding="utf-8")
+        .endswith(f"\nset -e\n{block}")
+    )
 
 
 @pytest.mark.parametrize("code", SCRIPTS)

@@ -70,10 +70,14 @@ class CurrentLattice:
         number -= slot
         corner += slot * (rows * columns)
         before = _between(flat, corner, columns, east, north)
-        return before + number * (_between(flat, corner + rows * columns, columns, east, north) - before)
+        return before + number * (
+            _between(flat, corner + rows * columns, columns, east, north) - before
+        )
 
 
-def _between(flat: Complex, corner: NDArray[np.intp], columns: int, east: Array, north: Array) -> Complex:
+def _between(
+    flat: Complex, corner: NDArray[np.intp], columns: int, east: Array, north: Array
+) -> Complex:
     """Return values between the points whose lower left corners are given, bilinear."""
     lower, upper = flat.take(corner), flat.take(corner + columns)
     lower += east * (flat.take(corner + 1) - lower)
@@ -90,10 +94,15 @@ def spacing_over(flow: FlowEstimate, finer: float = 1.0) -> float:
     """
     grid, kernel = flow.grid, flow.horizontal.kernel
     area = float(np.ptp(grid.east) * np.ptp(grid.north))
-    return max(float(np.sqrt(area / _POINTS)), min(kernel.length_east, kernel.length_north) / _LINES) / finer
+    return (
+        max(float(np.sqrt(area / _POINTS)), min(kernel.length_east, kernel.length_north) / _LINES)
+        / finer
+    )
 
 
-def current_lattice(flow: FlowEstimate, latent: Array, times: Array, spacing: float, by_depth: Array) -> CurrentLattice:
+def current_lattice(
+    flow: FlowEstimate, latent: Array, times: Array, spacing: float, by_depth: Array
+) -> CurrentLattice:
     """Return the mean current over a flow's region on a lattice.
 
     Args:
@@ -107,21 +116,41 @@ def current_lattice(flow: FlowEstimate, latent: Array, times: Array, spacing: fl
     low, high = (np.array([pick(grid.east), pick(grid.north)]) for pick in (np.min, np.max))
     intervals = np.maximum(np.ceil((high - low) / spacing - 1e-9).astype(int), 1)
     mean = np.stack([part @ by_depth for part in np.split(latent, times.size, axis=1)], axis=1)
-    coarse = np.maximum(np.ceil((high - low) / [kernel.length_east, kernel.length_north] * _PER_LENGTH).astype(int) + 1, 4)
-    at = [np.linspace(low[axis], low[axis] + spacing * intervals[axis], coarse[axis]) for axis in (0, 1)]
+    coarse = np.maximum(
+        np.ceil((high - low) / [kernel.length_east, kernel.length_north] * _PER_LENGTH).astype(int)
+        + 1,
+        4,
+    )
+    at = [
+        np.linspace(low[axis], low[axis] + spacing * intervals[axis], coarse[axis])
+        for axis in (0, 1)
+    ]
     points = np.stack(np.meshgrid(*at), axis=-1).reshape(-1, 2)
-    table = flow.horizontal.velocity(points, mean).reshape(2, coarse[1], coarse[0], times.size).transpose(0, 3, 1, 2)
-    to_east, to_north = (_splines(coarse[axis], _DIVISIONS * intervals[axis] + 1) for axis in (0, 1))
+    table = (
+        flow.horizontal.velocity(points, mean)
+        .reshape(2, coarse[1], coarse[0], times.size)
+        .transpose(0, 3, 1, 2)
+    )
+    to_east, to_north = (
+        _splines(coarse[axis], _DIVISIONS * intervals[axis] + 1) for axis in (0, 1)
+    )
     u, v = to_north @ table @ to_east.T
     return CurrentLattice(low, spacing, times, u + 1j * v, _DIVISIONS)
 
 
 def _splines(count: int, finer: int) -> Array:
     """Return the matrix, shape (finer, count), that interpolates values at even points at more of them by a cubic spline."""
-    return np.asarray(CubicSpline(np.arange(count), np.eye(count))(np.linspace(0.0, count - 1.0, finer)))
+    return np.asarray(
+        CubicSpline(np.arange(count), np.eye(count))(np.linspace(0.0, count - 1.0, finer))
+    )
 
 
 def shares_of_levels(flow: FlowEstimate, depth: float, drift_share: float) -> Array:
     """Return the weight of each level, shape (Z,), in the mean over dives to a depth [m] and drifts of a share of the time."""
-    dive = depth_weights(flow.depth_functions, np.linspace(0.0, depth, 101), flow.levels).mean(axis=0)
-    return np.asarray((1.0 - drift_share) * dive + drift_share * depth_weights(flow.depth_functions, np.zeros(1), flow.levels)[0])
+    dive = depth_weights(flow.depth_functions, np.linspace(0.0, depth, 101), flow.levels).mean(
+        axis=0
+    )
+    return np.asarray(
+        (1.0 - drift_share) * dive
+        + drift_share * depth_weights(flow.depth_functions, np.zeros(1), flow.levels)[0]
+    )

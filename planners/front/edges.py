@@ -9,7 +9,14 @@ from replay_kit.core.arrays import Array
 SLOWEST = 1e-3
 
 
-def edge_durations(current: CurrentLattice, speed: float, begin: Complex, end: Complex, depart: Array, longest_piece: float) -> Array:
+def edge_durations(
+    current: CurrentLattice,
+    speed: float,
+    begin: Complex,
+    end: Complex,
+    depart: Array,
+    longest_piece: float,
+) -> Array:
     """Return the durations, shape (n,) [s], of straight tracks over ground; infinite for those along which the vehicle cannot stay.
 
     Each is cut into equal pieces. With u the current at the piece's middle, in place and time, u_par along the track and u_perp across
@@ -33,7 +40,9 @@ def edge_durations(current: CurrentLattice, speed: float, begin: Complex, end: C
         open_ = np.flatnonzero((pieces > k) & np.isfinite(seconds))
         along, lasts = direction[open_], piece[open_]
         middle = begin[open_] + (k + 0.5) * lasts * along
-        turned = current.at(middle, depart[open_] + seconds[open_] + 0.5 / speed * lasts) * along.conj()
+        turned = (
+            current.at(middle, depart[open_] + seconds[open_] + 0.5 / speed * lasts) * along.conj()
+        )
         room = speed**2 - turned.imag**2
         made_good = turned.real + np.sqrt(np.maximum(room, 0.0))
         closed = (room <= 0.0) | (made_good <= SLOWEST)

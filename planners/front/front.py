@@ -26,7 +26,14 @@ Numbers = NDArray[np.intp]
 _FURTHER = 20
 # Lattice lines that an edge may reach over, and those of a piece of one.
 _REACH, _PIECE = 5, 2.25
-_STEPS = np.array([(j, i) for j in range(-_REACH, _REACH + 1) for i in range(-_REACH, _REACH + 1) if np.gcd(i, j) == 1])
+_STEPS = np.array(
+    [
+        (j, i)
+        for j in range(-_REACH, _REACH + 1)
+        for i in range(-_REACH, _REACH + 1)
+        if np.gcd(i, j) == 1
+    ]
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +96,9 @@ class Front:
 
     def nearest_to(self, place: complex) -> int:
         """Return the point that is reached nearest to a place."""
-        return int(np.argmin(np.where(np.isfinite(self.times), np.abs(self.sea.places - place), np.inf)))
+        return int(
+            np.argmin(np.where(np.isfinite(self.times), np.abs(self.sea.places - place), np.inf))
+        )
 
     def approach(self, place: complex, until: float) -> tuple[float, float]:
         """Return how near [m] and when [s] the vehicle comes to a place, on from a point of the front as far as time and water allow.
@@ -102,11 +111,18 @@ class Front:
         away = np.abs(sea.places - place)
         longest = _REACH * sea.current.spacing
         near = np.flatnonzero(np.isfinite(self.times) & (away < away[number] + longest))
-        begin, lengths = np.tile(near, _FURTHER), np.repeat(longest * np.arange(1, _FURTHER + 1) / _FURTHER, near.size)
+        begin, lengths = (
+            np.tile(near, _FURTHER),
+            np.repeat(longest * np.arange(1, _FURTHER + 1) / _FURTHER, near.size),
+        )
         lengths = np.minimum(lengths, away[begin])
-        end = sea.places[begin] + lengths * (place - sea.places[begin]) / np.maximum(away[begin], 1e-9)
+        end = sea.places[begin] + lengths * (place - sea.places[begin]) / np.maximum(
+            away[begin], 1e-9
+        )
         depart = self.times[begin]
-        arrive = depart + edge_durations(sea.current, sea.speed, sea.places[begin], end, depart, sea.piece)
+        arrive = depart + edge_durations(
+            sea.current, sea.speed, sea.places[begin], end, depart, sea.piece
+        )
         open_ = np.flatnonzero(arrive <= until)
         if sea.obstacles is not None:
             open_ = open_[~sea.obstacles.crossed(sea.places[begin[open_]], end[open_])]
@@ -117,7 +133,14 @@ class Front:
         return float(left[best]), float(arrive[open_][best])
 
 
-def sea_of(current: CurrentLattice, speed: float, extra: Complex, obstacles: Obstacles | None = None, *, waits: bool = False) -> Sea:
+def sea_of(
+    current: CurrentLattice,
+    speed: float,
+    extra: Complex,
+    obstacles: Obstacles | None = None,
+    *,
+    waits: bool = False,
+) -> Sea:
     """Return what a front spreads over.
 
     Args:
@@ -137,14 +160,32 @@ def sea_of(current: CurrentLattice, speed: float, extra: Complex, obstacles: Obs
         near[: lattice.size] = _near(current, obstacles)
     points = np.column_stack([places.real, places.imag])
     tree, ends = cKDTree(points), points[lattice.size :]
-    pairs = [(k + lattice.size, np.array(found)) for k, found in enumerate(tree.query_ball_point(ends, reach))]
-    begin = np.concatenate([np.full(found.size, k) for k, found in pairs]) if pairs else np.zeros(0, dtype=np.intp)
+    pairs = [
+        (k + lattice.size, np.array(found))
+        for k, found in enumerate(tree.query_ball_point(ends, reach))
+    ]
+    begin = (
+        np.concatenate([np.full(found.size, k) for k, found in pairs])
+        if pairs
+        else np.zeros(0, dtype=np.intp)
+    )
     end = np.concatenate([found for _, found in pairs]) if pairs else np.zeros(0, dtype=np.intp)
     back = end < lattice.size
     begin, end = np.concatenate([begin, end[back]]), np.concatenate([end, begin[back]])
     order = np.argsort(begin, kind="stable")
     first = np.concatenate([[0], np.cumsum(np.bincount(begin, minlength=places.size))])
-    return Sea(current, speed, obstacles, places, free, near, first, end[order], waits, speed + current.fastest)
+    return Sea(
+        current,
+        speed,
+        obstacles,
+        places,
+        free,
+        near,
+        first,
+        end[order],
+        waits,
+        speed + current.fastest,
+    )
 
 
 def _near(current: CurrentLattice, obstacles: Obstacles) -> NDArray[np.bool_]:
@@ -152,7 +193,8 @@ def _near(current: CurrentLattice, obstacles: Obstacles) -> NDArray[np.bool_]:
     outline = np.zeros(current.shape, dtype=bool)
     at = (obstacles.outline(current.spacing) - complex(*current.origin)) / current.spacing
     rows, columns = (
-        np.clip(np.round(part), 0, count - 1).astype(int) for part, count in zip((at.imag, at.real), outline.shape, strict=True)
+        np.clip(np.round(part), 0, count - 1).astype(int)
+        for part, count in zip((at.imag, at.real), outline.shape, strict=True)
     )
     outline[rows, columns] = True
     # a point of the outline is no farther from its lattice point than one line, nor from the next point of the outline
@@ -172,10 +214,15 @@ def spread(sea: Sea, seeds: Numbers, begins: Array, until: float, goals: Numbers
     times, before = np.full(sea.places.size, np.inf), np.arange(sea.places.size)
     np.minimum.at(times, seeds, begins)
     pending, width = np.isfinite(times), sea.current.spacing / sea.fastest
-    held, later = _strong(sea), sea.current.times[sea.current.times > np.min(begins)] if sea.waits else np.zeros(0)
+    held, later = (
+        _strong(sea),
+        sea.current.times[sea.current.times > np.min(begins)] if sea.waits else np.zeros(0),
+    )
     while pending.any() or later.size:
         # a front that stands still may go on at the current's next time
-        now = float(np.min(times[pending], initial=later[0] if later.size and not pending.any() else np.inf))
+        now = float(
+            np.min(times[pending], initial=later[0] if later.size and not pending.any() else np.inf)
+        )
         if now > until or (goals.size and np.min(times[goals]) <= now):
             break
         if later.size and later[0] <= now:
@@ -195,13 +242,23 @@ def _strong(sea: Sea) -> NDArray[np.bool_]:
     """Return the points from which an edge may open later: the current near them is faster than the vehicle at some time."""
     found = np.ones(sea.places.size, dtype=bool)
     divisions = sea.current.divisions
-    strong = maximum_filter(np.max(np.abs(sea.current.values), axis=0) > 0.98 * sea.speed, size=2 * _REACH * divisions + 1)
+    strong = maximum_filter(
+        np.max(np.abs(sea.current.values), axis=0) > 0.98 * sea.speed,
+        size=2 * _REACH * divisions + 1,
+    )
     strong = strong[::divisions, ::divisions]
     found[: strong.size] = strong.ravel()
     return found
 
 
-def _spread_from(sea: Sea, numbers: Numbers, depart: Array, times: Array, before: Numbers, pending: NDArray[np.bool_]) -> None:
+def _spread_from(
+    sea: Sea,
+    numbers: Numbers,
+    depart: Array,
+    times: Array,
+    before: Numbers,
+    pending: NDArray[np.bool_],
+) -> None:
     """Lower the times of the neighbours of some points that depart at given times; those that are lowered are pending."""
     begin, end = _edges_from(sea, numbers)
     depart = depart[begin]
@@ -210,13 +267,17 @@ def _spread_from(sea: Sea, numbers: Numbers, depart: Array, times: Array, before
     # no edge is quicker than along the fastest current
     useful = sea.free[end] & (depart + way / sea.fastest < times[end])
     begin, end, depart = begin[useful], end[useful], depart[useful]
-    arrive = depart + edge_durations(sea.current, sea.speed, sea.places[begin], sea.places[end], depart, sea.piece)
+    arrive = depart + edge_durations(
+        sea.current, sea.speed, sea.places[begin], sea.places[end], depart, sea.piece
+    )
     useful = arrive < times[end]
     begin, end, arrive = begin[useful], end[useful], arrive[useful]
     if sea.obstacles is not None:
         touching = np.flatnonzero(sea.near[begin])
         clear = np.full(begin.size, True)
-        clear[touching] = ~sea.obstacles.crossed(sea.places[begin[touching]], sea.places[end[touching]])
+        clear[touching] = ~sea.obstacles.crossed(
+            sea.places[begin[touching]], sea.places[end[touching]]
+        )
         begin, end, arrive = begin[clear], end[clear], arrive[clear]
     # of several values for one number the last is kept
     order = np.argsort(-arrive, kind="stable")
@@ -236,5 +297,9 @@ def _edges_from(sea: Sea, numbers: Numbers) -> tuple[Numbers, Numbers]:
     if not counts.any():
         return begin, end
     owners = np.repeat(np.arange(numbers.size), counts)
-    positions = np.arange(owners.size) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(sea.first[numbers], counts)
+    positions = (
+        np.arange(owners.size)
+        - np.repeat(np.cumsum(counts) - counts, counts)
+        + np.repeat(sea.first[numbers], counts)
+    )
     return np.concatenate([begin, owners]), np.concatenate([end, sea.neighbours[positions]])

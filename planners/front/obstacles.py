@@ -41,9 +41,14 @@ class Obstacles:
     @cached_property
     def _segments(self) -> Any:
         """The pieces of the water's outline, in a tree."""
-        lines = [shapely.get_coordinates(ring) for ring in shapely.get_parts(shapely.boundary(shapely.get_parts(self.water)))]
+        lines = [
+            shapely.get_coordinates(ring)
+            for ring in shapely.get_parts(shapely.boundary(shapely.get_parts(self.water)))
+        ]
         ends = [np.stack([line[:-1], line[1:]], axis=1) for line in lines]
-        return shapely.STRtree(shapely.linestrings(np.concatenate(ends) if ends else np.zeros((0, 2, 2))))
+        return shapely.STRtree(
+            shapely.linestrings(np.concatenate(ends) if ends else np.zeros((0, 2, 2)))
+        )
 
     def free(self, places: Complex) -> NDArray[np.bool_]:
         """Return which places, shape (n,) [m], a route may pass."""
@@ -56,7 +61,9 @@ class Obstacles:
 
     def crossed(self, begin: Complex, end: Complex) -> NDArray[np.bool_]:
         """Return which straight lines between places, shape (n,) [m], touch the outline."""
-        lines = shapely.linestrings(np.stack([np.column_stack([at.real, at.imag]) for at in (begin, end)], axis=1))
+        lines = shapely.linestrings(
+            np.stack([np.column_stack([at.real, at.imag]) for at in (begin, end)], axis=1)
+        )
         found = np.zeros(begin.size, dtype=bool)
         found[self._segments.query(lines, predicate="intersects")[0]] = True
         return found
@@ -73,14 +80,20 @@ def obstacles_of(rings: Sequence[Ring], margin: float, places: Complex) -> Obsta
     solid = [ring for ring in rings if not ring.surface_only]
     edges = [ring.area for ring in solid if ring.outside]
     land = shapely.union_all([ring.area for ring in solid if not ring.outside])
-    frame = shapely.intersection_all(edges) if edges else shapely.box(*(4.0 * np.array([-1e6, -1e6, 1e6, 1e6])))
+    frame = (
+        shapely.intersection_all(edges)
+        if edges
+        else shapely.box(*(4.0 * np.array([-1e6, -1e6, 1e6, 1e6])))
+    )
     water = _water(frame, land, margin - _AHEAD)
     for at in shapely.points(places.real, places.imag):
         solid = [shape for shape in (shapely.boundary(frame), land) if not shape.is_empty]
         clear = min((float(shapely.distance(at, shape)) for shape in solid), default=np.inf)
         if clear < 2.0 * margin:
             around = shapely.buffer(at, _AROUND * margin)
-            water = shapely.union(water, shapely.intersection(around, _water(frame, land, _KEPT * min(clear, margin))))
+            water = shapely.union(
+                water, shapely.intersection(around, _water(frame, land, _KEPT * min(clear, margin)))
+            )
     corners = _corners(_water(frame, land, margin))
     shapely.prepare(water)
     return Obstacles(water, corners[shapely.intersects_xy(water, corners.real, corners.imag)])
@@ -93,7 +106,9 @@ def _water(frame: Any, land: Any, margin: float) -> Any:
         # shapes that touch at a corner would come apart
         wide = shapely.buffer(shapely.difference(frame, land), -_DISC, **mitred)
         return shapely.buffer(shapely.buffer(wide, _DISC, quad_segs=2), -margin, **mitred)
-    return shapely.difference(shapely.buffer(frame, -margin, **mitred), shapely.buffer(land, margin, **mitred))
+    return shapely.difference(
+        shapely.buffer(frame, -margin, **mitred), shapely.buffer(land, margin, **mitred)
+    )
 
 
 def _corners(water: Any) -> Complex:
@@ -115,7 +130,9 @@ def _corners(water: Any) -> Complex:
 
 def directions_around(place: complex, radius: float, count: int) -> Complex:
     """Return places evenly around one, shape (count,) [m], so that the polygon through them encloses a disc of a radius [m]."""
-    return np.asarray(place + radius / np.cos(np.pi / count) * np.exp(2j * np.pi * np.arange(count) / count))
+    return np.asarray(
+        place + radius / np.cos(np.pi / count) * np.exp(2j * np.pi * np.arange(count) / count)
+    )
 
 
 def as_complex(points: Array) -> Complex:

@@ -25,7 +25,10 @@ def relax(sea: Sea, route: Route, begins: float) -> Route:
         route: Of the front.
         begins: When [s].
     """
-    places, corners = as_complex(route.points), np.zeros(0) if sea.obstacles is None else sea.obstacles.corners
+    places, corners = (
+        as_complex(route.points),
+        np.zeros(0) if sea.obstacles is None else sea.obstacles.corners,
+    )
     fixed = [0, *(np.flatnonzero(np.isin(places[1:-1], corners)) + 1), places.size - 1]
     found, times = [places[:1]], [np.zeros(1)]
     for first, last in pairwise(fixed):
@@ -50,7 +53,12 @@ def _times(sea: Sea, places: Complex, begins: float) -> Array:
         if not np.isfinite(depart[0]):
             times[k + 1 :] = np.inf
             break
-        times[k + 1] = times[k] + edge_durations(sea.current, sea.speed, places[k : k + 1], places[k + 1 : k + 2], depart, sea.piece)[0]
+        times[k + 1] = (
+            times[k]
+            + edge_durations(
+                sea.current, sea.speed, places[k : k + 1], places[k + 1 : k + 2], depart, sea.piece
+            )[0]
+        )
     return times
 
 
@@ -86,13 +94,24 @@ def _swept(sea: Sea, places: Complex, times: Array, parity: int, step: float) ->
         at, depart = here + offset * side, times[inner - 1]
         lasts = edge_durations(sea.current, sea.speed, before, at, depart, sea.piece)
         # a closed edge never ends; its second half must still have a time
-        onward = edge_durations(sea.current, sea.speed, at, after, np.where(np.isfinite(lasts), depart + lasts, depart), sea.piece)
+        onward = edge_durations(
+            sea.current,
+            sea.speed,
+            at,
+            after,
+            np.where(np.isfinite(lasts), depart + lasts, depart),
+            sea.piece,
+        )
         return lasts + onward
 
     left, middle, right = (duration(np.full(inner.size, offset)) for offset in (-step, 0.0, step))
     with np.errstate(invalid="ignore"):
         bend = left + right - 2.0 * middle
-        offset = np.where(bend > 0.0, 0.5 * step * (left - right) / np.where(bend > 0.0, bend, 1.0), step * np.sign(left - right))
+        offset = np.where(
+            bend > 0.0,
+            0.5 * step * (left - right) / np.where(bend > 0.0, bend, 1.0),
+            step * np.sign(left - right),
+        )
     offset = np.clip(np.nan_to_num(offset), -2.0 * step, 2.0 * step)
     better = duration(offset) < middle
     if sea.obstacles is not None:

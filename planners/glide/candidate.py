@@ -58,7 +58,9 @@ def fly_candidate(task: GlideTask, glide: Glide, refinement: int = _DENSE) -> Ca
         glide: Its duration is positive.
         refinement: Steps for each of the optimiser's.
     """
-    velocity = np.array(velocity_through_water(np, glide.heading, glide.glide_angle, task.settings.speed))
+    velocity = np.array(
+        velocity_through_water(np, glide.heading, glide.glide_angle, task.settings.speed)
+    )
     fractions = aligned_fractions(task, glide, refinement * task.n_steps)
     track = fly_glide(task.flow, task.start, velocity, fractions * glide.duration)
     if not np.all(np.isfinite(track.position)):
@@ -103,7 +105,11 @@ def optimise(task: GlideTask, guess: Glide) -> Candidate | None:
         if best is None or flown.distance < best.distance:
             best = replace(flown, predicted_distance=answer.distance)
         fixed = task.settings.integrator == "euler"
-        if best.is_consistent or fixed or (flown.until < guess.duration and (bounded or stops_on_land(task, flown))):
+        if (
+            best.is_consistent
+            or fixed
+            or (flown.until < guess.duration and (bounded or stops_on_land(task, flown)))
+        ):
             break
         # A path cut short is not a matter of step length: from the same guess again, now within the region.
         if flown.until < guess.duration:
@@ -127,7 +133,11 @@ def meets_bottom(task: GlideTask, flown: Candidate) -> bool:
 def _approached(task: GlideTask, guess: Glide, n_steps: int) -> Glide:
     """Return the guess after a least-squares approach, or as it was when the approach left the region or came no closer."""
     moved = approach(task, guess, aligned_fractions(task, guess, n_steps))
-    return moved if fly_candidate(task, moved, 1).distance < fly_candidate(task, guess, 1).distance else guess
+    return (
+        moved
+        if fly_candidate(task, moved, 1).distance < fly_candidate(task, guess, 1).distance
+        else guess
+    )
 
 
 def polish(task: GlideTask, seed: Candidate) -> Candidate:
@@ -137,12 +147,26 @@ def polish(task: GlideTask, seed: Candidate) -> Candidate:
     close = max(_POLISHED[0], _POLISHED[1] * seed.distance)
 
     def glide(unknowns: Array) -> Glide:
-        return Glide(float(unknowns[0]), float(unknowns[1]), float(np.exp(np.clip(unknowns[2], 0.0, limit))))
+        return Glide(
+            float(unknowns[0]), float(unknowns[1]), float(np.exp(np.clip(unknowns[2], 0.0, limit)))
+        )
 
     heading, glide_angle, duration = seed.glide
     first = np.array([heading, glide_angle, np.log(duration)])
-    simplex = first + np.vstack([np.zeros(3), np.diag([0.02, 0.1 * max(abs(glide_angle), 1e-3), -0.02])])
-    options = {"initial_simplex": simplex, "xatol": close / (task.settings.speed * duration), "fatol": close, "maxiter": 100}
-    best = minimize(lambda at: fly_candidate(task, glide(at), 1).distance, first, method="Nelder-Mead", options=options).x
+    simplex = first + np.vstack(
+        [np.zeros(3), np.diag([0.02, 0.1 * max(abs(glide_angle), 1e-3), -0.02])]
+    )
+    options = {
+        "initial_simplex": simplex,
+        "xatol": close / (task.settings.speed * duration),
+        "fatol": close,
+        "maxiter": 100,
+    }
+    best = minimize(
+        lambda at: fly_candidate(task, glide(at), 1).distance,
+        first,
+        method="Nelder-Mead",
+        options=options,
+    ).x
     improved = fly_candidate(task, glide(best))
     return improved if improved.distance <= seed.distance else seed

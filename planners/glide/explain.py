@@ -32,9 +32,15 @@ def _binding(task: GlideTask, best: Candidate) -> str:
     if best.until < best.glide.duration and best.time > best.until - 1.0:
         if meets_bottom(task, best):
             return f"the path comes within the clearance of {task.settings.clearance:g} m of the bottom there"
-        return "the path meets land there" if stops_on_land(task, best) else "the path leaves the region that the forecast covers there"
+        return (
+            "the path meets land there"
+            if stops_on_land(task, best)
+            else "the path leaves the region that the forecast covers there"
+        )
     if best.time >= (1.0 - _NEAR_SHARE) * task.settings.max_duration:
-        return f"limit: the longest glide considered, max_duration = {task.settings.max_duration:g} s"
+        return (
+            f"limit: the longest glide considered, max_duration = {task.settings.max_duration:g} s"
+        )
     if _distance_to_sides(task, end) < _NEAR:
         return "limit: the edge of the region that the forecast covers"
     if end[2] > task.region.deepest - _NEAR and task.goal[2] < task.region.deepest - _NEAR:
@@ -50,4 +56,11 @@ def _distance_to_sides(task: GlideTask, point: np.ndarray) -> float:
     """Return how far inside the outline a point is [m]."""
     sides, place = task.sides, point[:2] / 1e3
     along = sides[:, 2:4] @ place
-    return float(np.min(sides[:, 4] + sides[:, 5] * along + sides[:, 6] * along**2 - sides[:, :2] @ place)) * 1e3
+    return (
+        float(
+            np.min(
+                sides[:, 4] + sides[:, 5] * along + sides[:, 6] * along**2 - sides[:, :2] @ place
+            )
+        )
+        * 1e3
+    )

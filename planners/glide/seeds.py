@@ -40,19 +40,29 @@ def find_seeds(task: GlideTask, count: int) -> list[Seed]:
         count: Most seeds returned.
     """
     table, seeds = tabulate(task.flow, task.region), list[Seed]()
-    for depth_rates, durations in _fans(table, task.start, task.goal, task.settings.speed, task.settings.max_duration):
+    for depth_rates, durations in _fans(
+        table, task.start, task.goal, task.settings.speed, task.settings.max_duration
+    ):
         if depth_rates.size:
             seeds += _search_fan(table, task, depth_rates, durations)
-    return sorted((seed for seed in seeds if np.isfinite(seed.distance)), key=lambda seed: seed.distance)[:count]
+    return sorted(
+        (seed for seed in seeds if np.isfinite(seed.distance)), key=lambda seed: seed.distance
+    )[:count]
 
 
-def _fans(table: FlowTable, start: Array, goal: Array, speed: float, max_duration: float) -> list[tuple[Array, Array]]:
+def _fans(
+    table: FlowTable, start: Array, goal: Array, speed: float, max_duration: float
+) -> list[tuple[Array, Array]]:
     """Return (vertical speeds [m/s], durations [s]) of the two fans."""
     to_goal = goal[2] - start[2]
     fastest = speed + float(np.nanmax(np.linalg.norm(table.velocity, axis=0), initial=0.0))
     # No glide arrives sooner than the strongest current could carry it.
     soonest = max(float(np.linalg.norm((goal - start)[:2])) / fastest, abs(to_goal) / speed, 1.0)
-    times = np.geomspace(soonest, max_duration, _N_TIMES) if soonest < max_duration else np.array([max_duration])
+    times = (
+        np.geomspace(soonest, max_duration, _N_TIMES)
+        if soonest < max_duration
+        else np.array([max_duration])
+    )
     times = times[abs(to_goal) <= speed * times] if to_goal else np.empty(0)
     # Rates that use up the water column within the longest glide, and steeper ones; a horizontal glide among them.
     steeper = np.geomspace(1.0, 0.1, _N_DRIFTS) * max_duration
@@ -66,22 +76,31 @@ def _fans(table: FlowTable, start: Array, goal: Array, speed: float, max_duratio
     return [(to_goal / times, times), (rates, lasting)]
 
 
-def _search_fan(table: FlowTable, task: GlideTask, depth_rates: Array, durations: Array) -> list[Seed]:
+def _search_fan(
+    table: FlowTable, task: GlideTask, depth_rates: Array, durations: Array
+) -> list[Seed]:
     headings = np.linspace(0.0, 2.0 * np.pi, _N_HEADINGS, endpoint=False)
     angles = np.arcsin(np.clip(depth_rates / task.settings.speed, -1.0, 1.0))
     heading, angle = (a.ravel() for a in np.meshgrid(headings, angles, indexing="ij"))
     velocity = np.column_stack(velocity_through_water(np, heading, angle, task.settings.speed))
-    time, distance = _fly_all(table, task.start, task.goal, velocity, np.tile(durations, headings.size))
+    time, distance = _fly_all(
+        table, task.start, task.goal, velocity, np.tile(durations, headings.size)
+    )
     by_heading = distance.reshape(headings.size, -1)
     # Headings are periodic; the other axis is not.
     lowest = minimum_filter(by_heading, size=3, mode=("wrap", "nearest")).ravel()
     # Glides that only lead away all have the distance of the start: the first of them represents all.
     useful = time > 0.0 if np.any(time > 0.0) else np.arange(time.size) == 0
     found = np.flatnonzero((distance <= lowest) & np.isfinite(distance) & useful)
-    return [Seed(Glide(float(heading[i]), float(angle[i]), float(time[i])), float(distance[i])) for i in found]
+    return [
+        Seed(Glide(float(heading[i]), float(angle[i]), float(time[i])), float(distance[i]))
+        for i in found
+    ]
 
 
-def _fly_all(table: FlowTable, start: Array, goal: Array, velocity: Array, duration: Array) -> tuple[Array, Array]:
+def _fly_all(
+    table: FlowTable, start: Array, goal: Array, velocity: Array, duration: Array
+) -> tuple[Array, Array]:
     """Return (time [s], distance [m]) of each glide's closest approach while it stays in allowed water; NaN flows give infinity."""
     step = (duration / _N_STEPS)[:, None]
     position = np.tile(start, (len(velocity), 1))
@@ -93,9 +112,16 @@ def _fly_all(table: FlowTable, start: Array, goal: Array, velocity: Array, durat
         after = rk4_step(lambda at: velocity + table.velocity_at(at), position, step, first)
         alive[alive] = table.allowed_at(after[alive])
         leg = after - position
-        along = np.clip(np.sum((goal - position) * leg, axis=1) / np.maximum(np.sum(leg**2, axis=1), 1e-12), 0.0, 1.0)
+        along = np.clip(
+            np.sum((goal - position) * leg, axis=1) / np.maximum(np.sum(leg**2, axis=1), 1e-12),
+            0.0,
+            1.0,
+        )
         distance = np.linalg.norm(position + along[:, None] * leg - goal, axis=1)
         better = alive & (distance < best_distance)
-        best_distance[better], best_time[better] = distance[better], ((i + along) * step[:, 0])[better]
+        best_distance[better], best_time[better] = (
+            distance[better],
+            ((i + along) * step[:, 0])[better],
+        )
         position = after
     return best_time, np.where(np.isfinite(position).all(axis=1), best_distance, np.inf)

@@ -37,9 +37,15 @@ def fly(flow: FlowEstimate, plan: Plan) -> tuple[Array, Array, float]:
     if plan.status == "failed" or duration == 0.0:
         return np.zeros(1), start[None, :], float(np.linalg.norm(start - goal))
     turn = float(true_north_halfway(flow.grid.projection, start[None, :2], goal[None, :2])[0])
-    velocity = np.array(velocity_through_water(np, np.deg2rad(plan.heading_deg) + turn, np.deg2rad(plan.glide_angle_deg), plan.speed))
+    velocity = np.array(
+        velocity_through_water(
+            np, np.deg2rad(plan.heading_deg) + turn, np.deg2rad(plan.glide_angle_deg), plan.speed
+        )
+    )
     n_steps = _FINER * plan.track_time.size + flow.levels.size
-    fractions = fractions_of_duration(start[2], start[2] + velocity[2] * duration, flow.levels, n_steps)
+    fractions = fractions_of_duration(
+        start[2], start[2] + velocity[2] * duration, flow.levels, n_steps
+    )
     track = fly_glide(flow, start, velocity, fractions * duration)
     until = track.allowed_until(region.allowed)
     _, distance = track.closest(goal, until)

@@ -57,7 +57,11 @@ def plan(
     """
     region = region_of(flow.grid, settings.max_depth)
     begin, end = locate(region, start, "start"), locate(region, goal, "goal")
-    bottom = None if settings.bathymetry is None else bottom_of(region, settings.bathymetry, settings.clearance)
+    bottom = (
+        None
+        if settings.bathymetry is None
+        else bottom_of(region, settings.bathymetry, settings.clearance)
+    )
     if bottom is not None:
         bottom.check("start", begin)
         bottom.check("goal", end)
@@ -79,7 +83,9 @@ def plan(
         best = polish(task, seed)
         notes.append("IPOPT did no better than the seed, which was polished by Nelder-Mead instead")
     elif not best.is_consistent and best.until == best.glide.duration:
-        notes.append(f"the optimiser predicted {best.predicted_distance:.1f} m, more than {AGREEMENT:g} m from the dense path")
+        notes.append(
+            f"the optimiser predicted {best.predicted_distance:.1f} m, more than {AGREEMENT:g} m from the dense path"
+        )
     statistics = _statistics(solved, seed, best)
     return _to_plan(task, best, (start, goal, start_time_ns, turn), notes, statistics)
 
@@ -89,13 +95,21 @@ def _remaining(warm: Plan | None, start_time_ns: int, turn: float) -> list[Glide
     if warm is None or warm.status == "failed":
         return []
     remaining = warm.duration - (start_time_ns - warm.start_time_ns) / 1e9
-    return [Glide(float(np.deg2rad(warm.heading_deg)) + turn, float(np.deg2rad(warm.glide_angle_deg)), max(remaining, 1.0))]
+    return [
+        Glide(
+            float(np.deg2rad(warm.heading_deg)) + turn,
+            float(np.deg2rad(warm.glide_angle_deg)),
+            max(remaining, 1.0),
+        )
+    ]
 
 
 def _seeds(task: GlideTask) -> list[Candidate]:
     """Return the optimiser's starts, flown in the flow itself, nearest to the goal first; none when no path is finite."""
     found = find_seeds(task, _MOST_SEEDS)
-    reach = _SEED_RANGE * max(task.flow.horizontal.kernel.length_east, task.flow.horizontal.kernel.length_north)
+    reach = _SEED_RANGE * max(
+        task.flow.horizontal.kernel.length_east, task.flow.horizontal.kernel.length_north
+    )
     guesses = [seed.glide for seed in found if seed.distance <= found[0].distance + reach]
     return sorted(_flown(task, guesses), key=lambda seed: seed.distance)[: task.settings.starts]
 
@@ -103,7 +117,10 @@ def _seeds(task: GlideTask) -> list[Candidate]:
 def _flown(task: GlideTask, guesses: list[Glide]) -> list[Candidate]:
     """Return the guesses whose path is finite."""
     limit = task.settings.max_duration
-    flown = [fly_candidate(task, guess._replace(duration=float(np.clip(guess.duration, 1.0, limit))), 1) for guess in guesses]
+    flown = [
+        fly_candidate(task, guess._replace(duration=float(np.clip(guess.duration, 1.0, limit))), 1)
+        for guess in guesses
+    ]
     return [seed for seed in flown if np.isfinite(seed.distance)]
 
 
@@ -118,7 +135,9 @@ def _solve_all(task: GlideTask, seeds: list[Candidate]) -> list[Candidate]:
     return solved
 
 
-def _statistics(solved: list[Candidate], seed: Candidate, best: Candidate) -> dict[str, float | int | str]:
+def _statistics(
+    solved: list[Candidate], seed: Candidate, best: Candidate
+) -> dict[str, float | int | str]:
     statistics: dict[str, float | int | str] = {
         "starts": len(solved),
         "iterations": sum(candidate.iterations for candidate in solved),
@@ -151,7 +170,8 @@ def _to_plan(
         heading_deg=float(np.mod(np.rad2deg(best.glide.heading - turn), 360.0)),
         glide_angle_deg=float(np.rad2deg(best.glide.glide_angle)),
         speed=task.settings.speed,
-        velocity_through_water=final.track.velocity[0] - np.append(task.flow.velocity(*task.start), 0.0),
+        velocity_through_water=final.track.velocity[0]
+        - np.append(task.flow.velocity(*task.start), 0.0),
         duration=final.glide.duration,
         closest_approach=distance,
         track_time=final.track.time,

@@ -137,7 +137,10 @@ def glide_program(task: GlideTask, n_steps: int, bounded: bool) -> GlideProgram:
         bounded: Whether the path is constrained to the region.
     """
     flow, integrator = task.flow, task.settings.integrator
-    return _programs.get((*graph_key(flow), n_steps, bounded, integrator), lambda: _build(flow, n_steps, bounded, integrator))
+    return _programs.get(
+        (*graph_key(flow), n_steps, bounded, integrator),
+        lambda: _build(flow, n_steps, bounded, integrator),
+    )
 
 
 def approach(task: GlideTask, guess: Glide, fractions: Array) -> Glide:
@@ -146,7 +149,10 @@ def approach(task: GlideTask, guess: Glide, fractions: Array) -> Glide:
     From a rough seed the exact Hessian is often indefinite, and IPOPT spends dozens of iterations on it; the Gauss-Newton steps of
     least squares go straight down, at a third of the cost each. Arguments as for ``solve_glide``.
     """
-    program, parameters = glide_program(task, fractions.size - 1, False), _parameters(task, fractions)
+    program, parameters = (
+        glide_program(task, fractions.size - 1, False),
+        _parameters(task, fractions),
+    )
     unknowns, lower, upper = _unknowns(task.settings, guess)
     seen: dict[bytes, tuple[Array, Array]] = {}
 
@@ -160,7 +166,14 @@ def approach(task: GlideTask, guess: Glide, fractions: Array) -> Glide:
     if not np.all(np.isfinite(miss(unknowns)[0])):
         return guess
     inside = np.clip(unknowns, lower + 1e-9, upper - 1e-9)
-    answer = least_squares(lambda x: miss(x)[0], inside, lambda x: miss(x)[1], (lower, upper), x_scale="jac", max_nfev=_APPROACH_STEPS)
+    answer = least_squares(
+        lambda x: miss(x)[0],
+        inside,
+        lambda x: miss(x)[1],
+        (lower, upper),
+        x_scale="jac",
+        max_nfev=_APPROACH_STEPS,
+    )
     return _glide(task.settings, answer.x)
 
 
@@ -184,12 +197,20 @@ def solve_glide(task: GlideTask, guess: Glide, fractions: Array, bounded: bool) 
         lbx=lower,
         ubx=upper,
         lbg=program.lower,
-        ubg=np.concatenate([[task.region.deepest / KM], program.upper_sides]) if bounded else program.upper_sides,
+        ubg=np.concatenate([[task.region.deepest / KM], program.upper_sides])
+        if bounded
+        else program.upper_sides,
     )
     statistics = program.solver.stats()
-    distance = float(np.sqrt(max(float(answer["f"]), 0.0))) * KM if np.isfinite(float(answer["f"])) else np.inf
+    distance = (
+        float(np.sqrt(max(float(answer["f"]), 0.0))) * KM
+        if np.isfinite(float(answer["f"]))
+        else np.inf
+    )
     glide = _glide(task.settings, np.asarray(answer["x"]).ravel())
-    return GlideSolution(glide, distance, int(statistics["iter_count"]), str(statistics["return_status"]))
+    return GlideSolution(
+        glide, distance, int(statistics["iter_count"]), str(statistics["return_status"])
+    )
 
 
 def _unknowns(settings: GlideSettings, guess: Glide) -> tuple[Array, Array, Array]:
@@ -199,7 +220,9 @@ def _unknowns(settings: GlideSettings, guess: Glide) -> tuple[Array, Array, Arra
     have to turn together along a curved valley of constant depth; and no angle is out of its reach.
     """
     duration = float(np.clip(guess.duration, 1.0, settings.max_duration))
-    descent = settings.speed * duration * np.tan(np.clip(guess.glide_angle, -_STEEPEST, _STEEPEST)) / KM
+    descent = (
+        settings.speed * duration * np.tan(np.clip(guess.glide_angle, -_STEEPEST, _STEEPEST)) / KM
+    )
     return (
         np.array([guess.heading, descent, np.log(duration)]),
         np.array([-np.inf, -np.inf, 0.0]),
@@ -210,12 +233,18 @@ def _unknowns(settings: GlideSettings, guess: Glide) -> tuple[Array, Array, Arra
 def _glide(settings: GlideSettings, unknowns: Array) -> Glide:
     """Return the glide of the program's unknowns."""
     duration = float(np.exp(unknowns[2]))
-    return Glide(float(unknowns[0]), float(np.arctan(unknowns[1] * KM / (settings.speed * duration))), duration)
+    return Glide(
+        float(unknowns[0]),
+        float(np.arctan(unknowns[1] * KM / (settings.speed * duration))),
+        duration,
+    )
 
 
 def _parameters(task: GlideTask, fractions: Array) -> Array:
     sides, latent = task.sides.ravel(order="F"), task.flow.latent.ravel(order="F")
-    return np.concatenate([task.start, task.goal, [task.settings.speed], np.diff(fractions), sides, latent])
+    return np.concatenate(
+        [task.start, task.goal, [task.settings.speed], np.diff(fractions), sides, latent]
+    )
 
 
 def _build(flow: FlowEstimate, n_steps: int, bounded: bool, integrator: Integrator) -> GlideProgram:
@@ -226,7 +255,9 @@ def _build(flow: FlowEstimate, n_steps: int, bounded: bool, integrator: Integrat
     duration = ca.exp(unknowns[2])
     glide_angle = ca.atan(unknowns[1] * KM / (speed * duration))
     velocity = ca.vertcat(*velocity_through_water(ca, unknowns[0], glide_angle, speed))
-    positions = ca.horzsplit(path_function(flow, n_steps, integrator)(start, velocity, duration * steps, latent))
+    positions = ca.horzsplit(
+        path_function(flow, n_steps, integrator)(start, velocity, duration * steps, latent)
+    )
     beyond = [_beyond_sides(position[:2] / KM, sides) for position in positions]
     miss = (positions[-1] - goal) / KM
     program: dict[str, Any] = {
@@ -239,7 +270,9 @@ def _build(flow: FlowEstimate, n_steps: int, bounded: bool, integrator: Integrat
     n_sides = 4 * n_steps if bounded else 0
     lower = np.concatenate([np.zeros(int(bounded)), np.full(n_sides, -np.inf)])
     jacobian = ca.Function("miss", [unknowns, program["p"]], [miss, ca.jacobian(miss, unknowns)])
-    return GlideProgram(ca.nlpsol("glide", "ipopt", program, _OPTIONS), jacobian, lower, np.zeros(n_sides))
+    return GlideProgram(
+        ca.nlpsol("glide", "ipopt", program, _OPTIONS), jacobian, lower, np.zeros(n_sides)
+    )
 
 
 def _beyond_sides(point: Any, sides: Any) -> Any:

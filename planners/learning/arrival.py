@@ -33,7 +33,9 @@ class Arrival:
     miss: float
 
 
-def arrive(currents: Currents, start: complex, begin: float, goal: complex, speed: float) -> Arrival:
+def arrive(
+    currents: Currents, start: complex, begin: float, goal: complex, speed: float
+) -> Arrival:
     """Return the arrival of a vehicle that holds one heading through water in one current.
 
     Args:
@@ -53,21 +55,31 @@ def arrive(currents: Currents, start: complex, begin: float, goal: complex, spee
         miss = abs(off)
         if miss < _CLOSE:
             break
-        change = np.linalg.lstsq(np.array([[by_angle.real, by_time.real], [by_angle.imag, by_time.imag]]), [off.real, off.imag], 1e-6)[0]
+        change = np.linalg.lstsq(
+            np.array([[by_angle.real, by_time.real], [by_angle.imag, by_time.imag]]),
+            [off.real, off.imag],
+            1e-6,
+        )[0]
         angle += float(np.clip(change[0], -_TURN, _TURN))
         duration *= 1.0 + float(np.clip(change[1] / duration, -_SHARE, _SHARE))
     return Arrival(speed * np.exp(1j * angle), duration, miss)
 
 
-def _end(currents: Currents, begins: tuple[complex, float], held: complex, duration: float) -> tuple[complex, complex, complex]:
+def _end(
+    currents: Currents, begins: tuple[complex, float], held: complex, duration: float
+) -> tuple[complex, complex, complex]:
     """Return the end of a path, its derivative by the angle of what is held, and by its duration: the velocity over ground there."""
     start, begin = begins
-    end, derivative = end_and_derivative(currents, np.array([start]), begin, np.array([held]), duration)
+    end, derivative = end_and_derivative(
+        currents, np.array([start]), begin, np.array([held]), duration
+    )
     turned = derivative[0] @ np.array([(1j * held).real, (1j * held).imag])
     return complex(end[0]), complex(*turned), held + complex(currents.at(end, begin + duration)[0])
 
 
-def arrival_sensitivity(currents: Currents, start: complex, begin: float, arrival: Arrival) -> Sensitivity:
+def arrival_sensitivity(
+    currents: Currents, start: complex, begin: float, arrival: Arrival
+) -> Sensitivity:
     """Return how the time of arrival [s] changes with the current: weights of shape (1, 2 n) [s^2/m].
 
     Args:
@@ -81,7 +93,12 @@ def arrival_sensitivity(currents: Currents, start: complex, begin: float, arriva
     across = 1j * by_angle
     gradient = across / (by_time.real * across.real + by_time.imag * across.imag)
     sense = end_sensitivity(
-        currents, start, begin, Transit(np.array([[held]]), np.zeros((1, 1), dtype=np.complex128), np.array([arrival.duration]))
+        currents,
+        start,
+        begin,
+        Transit(
+            np.array([[held]]), np.zeros((1, 1), dtype=np.complex128), np.array([arrival.duration])
+        ),
     )
     weights: Array = -np.array([[gradient.real, gradient.imag]]) @ sense.weights
     return Sensitivity(sense.points, sense.times, weights)

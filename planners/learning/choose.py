@@ -37,14 +37,20 @@ class Aim:
 
     def before(self) -> float:
         """Return the root mean square error of the end without a survey [m]."""
-        cov = self.sought.variance() if self.given is None else posterior(self.sought, self.given, self.variance)
+        cov = (
+            self.sought.variance()
+            if self.given is None
+            else posterior(self.sought, self.given, self.variance)
+        )
         return float(np.sqrt(np.trace(cov)))
 
     def judge(self, survey: Survey) -> Array:
         """Return the root mean square error of the end after each survey [m], shape (C,)."""
         rows = rows_at(self.known, survey.points, survey.times)
         rows = rows if self.given is None else stacked(rows, self.given)
-        lower = np.linalg.cholesky(covariance(rows, rows) + self.variance * np.eye(rows.now.shape[-2]))
+        lower = np.linalg.cholesky(
+            covariance(rows, rows) + self.variance * np.eye(rows.now.shape[-2])
+        )
         inside = np.linalg.solve(lower, self.sought.cross(rows).swapaxes(-1, -2))
         left = np.trace(self.sought.variance()) - np.sum(inside**2, axis=(-2, -1))
         return np.asarray(np.sqrt(np.maximum(left, 0.0)))
@@ -82,7 +88,9 @@ def search(aim: Aim, make: Make, loops: Complex, errors: Array) -> tuple[Complex
     nodes = np.concatenate([[0.0], best])
     longest = int(np.argmax(np.abs(np.diff(nodes))))
     # a corner in the middle of a leg changes nothing until it is moved
-    shape, left = refine(aim, make, np.insert(best, longest, 0.5 * (nodes[longest] + nodes[longest + 1])), error)
+    shape, left = refine(
+        aim, make, np.insert(best, longest, 0.5 * (nodes[longest] + nodes[longest + 1])), error
+    )
     return (shape, left) if left < error else (best, error)
 
 
@@ -100,7 +108,9 @@ def refine(aim: Aim, make: Make, shape: Complex, error: float) -> tuple[Complex,
     for _ in range(_ROUNDS):
         moved = np.repeat(shape[None], directions.size * (len(shape) - 1), axis=0)
         for corner in range(len(shape) - 1):
-            moved[corner * directions.size : (corner + 1) * directions.size, corner] += step * directions
+            moved[corner * directions.size : (corner + 1) * directions.size, corner] += (
+                step * directions
+            )
         survey, allowed = make(moved)
         errors = allowed_errors(aim, survey, allowed)
         best = int(np.argmin(errors))

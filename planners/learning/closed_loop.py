@@ -73,7 +73,9 @@ class Flown:
 
     def interval(self) -> tuple[float, float]:
         """Return an interval that holds the 90 % miss with a probability of 90 %, by bootstrap [m]."""
-        return bootstrap_interval(lambda drawn: np.quantile(self.misses[drawn], 0.9, axis=1), self.misses.size, _RESAMPLES)
+        return bootstrap_interval(
+            lambda drawn: np.quantile(self.misses[drawn], 0.9, axis=1), self.misses.size, _RESAMPLES
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +109,9 @@ def slices(known: DepthMeans, begin: float, end: float) -> Array:
 
 def mean_currents(known: DepthMeans, times: Array) -> Currents:
     """Return the mean current of an estimate as it changes."""
-    return currents_of(known.flow, [known.latent(_ns(known, time))[:, :1].T for time in times], times)
+    return currents_of(
+        known.flow, [known.latent(_ns(known, time))[:, :1].T for time in times], times
+    )
 
 
 def drawn_sea(known: DepthMeans, times: Array, count: int, seed: int) -> Sea:
@@ -120,7 +124,10 @@ def drawn_sea(known: DepthMeans, times: Array, count: int, seed: int) -> Sea:
         seed: Of the draws.
     """
     drawn = sample_through(known.flow, [_ns(known, time) for time in times], count, seed)
-    latent = [np.stack([through[k].latent @ known.weights[0] for through in drawn]) for k in range(times.size)]
+    latent = [
+        np.stack([through[k].latent @ known.weights[0] for through in drawn])
+        for k in range(times.size)
+    ]
     return Sea(known, times, mean_currents(known, times), currents_of(known.flow, latent, times))
 
 
@@ -149,7 +156,13 @@ def fly_survey(sea: Sea, stretch: Stretch, survey: Survey) -> tuple[Complex, Com
     return np.stack(places, axis=1), np.stack(met, axis=1), place
 
 
-def fly_after(sea: Sea, stretch: Stretch, survey: Survey | None, noise: Array, given: Sequence[tuple[Array, Array]] = ()) -> Flown:
+def fly_after(
+    sea: Sea,
+    stretch: Stretch,
+    survey: Survey | None,
+    noise: Array,
+    given: Sequence[tuple[Array, Array]] = (),
+) -> Flown:
     """Return stretches flown after a survey, or at once.
 
     Args:
@@ -163,27 +176,40 @@ def fly_after(sea: Sea, stretch: Stretch, survey: Survey | None, noise: Array, g
     measured, innovation = from_others(sea, stretch.error, given)
     if survey is not None:
         places, met, place = fly_survey(sea, stretch, survey)
-        found = met - sea.mean.at(places[None].reshape(1, -1), np.tile(survey.times, sea.count)[None])[0].reshape(met.shape)
-        values = np.stack([found.real, found.imag], axis=-1) + stretch.error * noise[:, : met.shape[1]]
+        found = met - sea.mean.at(
+            places[None].reshape(1, -1), np.tile(survey.times, sea.count)[None]
+        )[0].reshape(met.shape)
+        values = (
+            np.stack([found.real, found.imag], axis=-1) + stretch.error * noise[:, : met.shape[1]]
+        )
         rows = rows_at(sea.known, np.stack([places.real, places.imag], axis=-1), survey.times)
         measured = rows if measured is None else stacked(rows, measured)
         innovation = np.concatenate([values.reshape(sea.count, -1), innovation], axis=1)
         leaves = stretch.leaves
     if measured is not None:
-        known = updated(sea, measured, innovation, stretch.error**2, (leaves, leaves + stretch.blind))
+        known = updated(
+            sea, measured, innovation, stretch.error**2, (leaves, leaves + stretch.blind)
+        )
     return _flown(sea, stretch, known, place, leaves)
 
 
 def _flown(sea: Sea, stretch: Stretch, known: Currents, place: Complex, leaves: float) -> Flown:
     if len(known.coefficients) < sea.count:
-        known = Currents(known.origin, known.spacing, known.times, np.repeat(known.coefficients, sea.count, axis=0))
+        known = Currents(
+            known.origin,
+            known.spacing,
+            known.times,
+            np.repeat(known.coefficients, sea.count, axis=0),
+        )
     planned = plan_transit(known, place, leaves, stretch.goals, stretch.blind, stretch.speed)
     ends = fly_transit(sea.truth, place, leaves, planned)
     last = planned.ends[:, -1]
     return Flown(np.abs(ends - stretch.goals[-1]), ends - last, np.abs(last - stretch.goals[-1]))
 
 
-def from_others(sea: Sea, error: float, given: Sequence[tuple[Array, Array]]) -> tuple[Rows | None, Array]:
+def from_others(
+    sea: Sea, error: float, given: Sequence[tuple[Array, Array]]
+) -> tuple[Rows | None, Array]:
     """Return the rows of others' profiles, and what they measure in each sample beyond the mean, shape (S, q).
 
     Args:
@@ -197,11 +223,15 @@ def from_others(sea: Sea, error: float, given: Sequence[tuple[Array, Array]]) ->
     places = np.broadcast_to(points[:, 0] + 1j * points[:, 1], (sea.count, len(points)))
     found = sea.truth.at(places, times) - sea.mean.at(places[:1], times)
     rng = np.random.default_rng(len(points))
-    values = np.stack([found.real, found.imag], axis=-1) + error * rng.standard_normal((*found.shape, 2))
+    values = np.stack([found.real, found.imag], axis=-1) + error * rng.standard_normal(
+        (*found.shape, 2)
+    )
     return rows_at(sea.known, points, times), values.reshape(sea.count, -1)
 
 
-def updated(sea: Sea, measured: Rows, innovation: Array, variance: float, span: tuple[float, float]) -> Currents:
+def updated(
+    sea: Sea, measured: Rows, innovation: Array, variance: float, span: tuple[float, float]
+) -> Currents:
     """Return the mean currents after measurements during a span of time, S of them.
 
     Args:
@@ -214,7 +244,10 @@ def updated(sea: Sea, measured: Rows, innovation: Array, variance: float, span: 
     weighed, times = gains(measured, innovation, variance), slices(sea.known, *span)
     latent = []
     for time in times:
-        unknowns, now_ns = learnt(sea.known, measured, weighed, float(time)), _ns(sea.known, float(time))
+        unknowns, now_ns = (
+            learnt(sea.known, measured, weighed, float(time)),
+            _ns(sea.known, float(time)),
+        )
         weights = unknowns @ sea.known.loading(now_ns)[:, 0]
         latent.append(sea.known.latent(now_ns)[:, 0] + weights @ sea.known.flow.modes.T)
     return currents_of(sea.known.flow, latent, times)

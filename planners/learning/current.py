@@ -38,11 +38,15 @@ class Currents:
         """Return the current [m/s] at places, shape (S, ...) [m], and times that broadcast with them [s]."""
         return self._summed(places, time, False)[0]
 
-    def with_gradient(self, places: Complex, time: Array | float) -> tuple[Complex, Complex, Complex]:
+    def with_gradient(
+        self, places: Complex, time: Array | float
+    ) -> tuple[Complex, Complex, Complex]:
         """Return the current [m/s] and its derivatives along east and north [1/s], as ``at``."""
         return self._summed(places, time, True)
 
-    def _summed(self, places: Complex, time: Array | float, derivatives: bool) -> tuple[Complex, Complex, Complex]:
+    def _summed(
+        self, places: Complex, time: Array | float, derivatives: bool
+    ) -> tuple[Complex, Complex, Complex]:
         count, _, rows, columns = self.coefficients.shape
         x = (places.real - self.origin.real) / self.spacing.real
         y = (places.imag - self.origin.imag) / self.spacing.imag
@@ -64,11 +68,16 @@ class Currents:
     def _around(self, corner: NDArray[np.intp], share: Array) -> Complex:
         """Return the coefficients around points, shape (..., 4, 4), along north first, between two times."""
         _, n_times, rows, columns = self.coefficients.shape
-        flat, at = self.coefficients.reshape(-1), corner[..., None, None] + columns * np.arange(4)[:, None] + np.arange(4)
+        flat, at = (
+            self.coefficients.reshape(-1),
+            corner[..., None, None] + columns * np.arange(4)[:, None] + np.arange(4),
+        )
         before = flat.take(at)
         if n_times == 1:
             return np.asarray(before)
-        return np.asarray(before + share[..., None, None] * (flat.take(at + rows * columns) - before))
+        return np.asarray(
+            before + share[..., None, None] * (flat.take(at + rows * columns) - before)
+        )
 
 
 def _weighed(around: Complex, across: Array, along: Array) -> Complex:
@@ -78,7 +87,12 @@ def _weighed(around: Complex, across: Array, along: Array) -> Complex:
 def _hats(share: Array) -> tuple[Array, Array]:
     """Return the four cubic B-splines that reach a place between two coefficients, shape (..., 4), and their derivatives."""
     rest = 1.0 - share
-    value = [rest**3, 3.0 * share**3 - 6.0 * share**2 + 4.0, 3.0 * rest**3 - 6.0 * rest**2 + 4.0, share**3]
+    value = [
+        rest**3,
+        3.0 * share**3 - 6.0 * share**2 + 4.0,
+        3.0 * rest**3 - 6.0 * rest**2 + 4.0,
+        share**3,
+    ]
     slope = [-(rest**2), 3.0 * share**2 - 4.0 * share, -3.0 * rest**2 + 4.0 * rest, share**2]
     return np.stack(value, axis=-1) / 6.0, np.stack(slope, axis=-1) / 2.0
 
@@ -93,15 +107,29 @@ def currents_of(flow: FlowEstimate, latent: Sequence[Array], times: Array) -> Cu
     """
     grid, kernel = flow.grid, flow.horizontal.kernel
     low, high = (np.array([pick(grid.east), pick(grid.north)]) for pick in (np.min, np.max))
-    cells = np.maximum(np.ceil((high - low) / [kernel.length_east, kernel.length_north] * _PER_LENGTH), 1.0)
+    cells = np.maximum(
+        np.ceil((high - low) / [kernel.length_east, kernel.length_north] * _PER_LENGTH), 1.0
+    )
     spacing = (high - low) / cells
-    east, north = (low[axis] + spacing[axis] * np.arange(-_AROUND, int(cells[axis]) + _AROUND + 1, dtype=np.float64) for axis in (0, 1))
+    east, north = (
+        low[axis]
+        + spacing[axis] * np.arange(-_AROUND, int(cells[axis]) + _AROUND + 1, dtype=np.float64)
+        for axis in (0, 1)
+    )
     points = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
-    values = np.stack([flow.horizontal.velocity(points, one.T) for one in latent], axis=-1)  # (2, P, S, T)
-    table = (values[0] + 1j * values[1]).transpose(1, 2, 0).reshape(len(latent[0]), len(latent), north.size, east.size)
+    values = np.stack(
+        [flow.horizontal.velocity(points, one.T) for one in latent], axis=-1
+    )  # (2, P, S, T)
+    table = (
+        (values[0] + 1j * values[1])
+        .transpose(1, 2, 0)
+        .reshape(len(latent[0]), len(latent), north.size, east.size)
+    )
     for axis in (2, 3):
         table = _filtered(table.real, axis) + 1j * _filtered(table.imag, axis)
-    return Currents(complex(east[0], north[0]), complex(*spacing), times, np.ascontiguousarray(table))
+    return Currents(
+        complex(east[0], north[0]), complex(*spacing), times, np.ascontiguousarray(table)
+    )
 
 
 def _filtered(values: Array, axis: int) -> Array:

@@ -60,19 +60,31 @@ def compare(scene: Scene, voyage: Voyage) -> Evidence:
     means = [float(np.mean(fly_voyage(choosing, voyage, noise, via) - straight)) for via in places]
     fresh = drawn_sea(scene.known, span, scene.settings.samples, scene.settings.seed + 3)
     noise = _noise(fresh, voyage, scene.settings.seed + 4)
-    straight, unlearnt = fly_voyage(fresh, voyage, noise), fly_voyage(fresh, voyage, noise, learns=False)
+    straight, unlearnt = (
+        fly_voyage(fresh, voyage, noise),
+        fly_voyage(fresh, voyage, noise, learns=False),
+    )
     if not places.size:
         return Evidence(straight, unlearnt, straight, voyage.start, 0.0, 0.0)
     via = complex(places[int(np.argmin(means))])
     detour = fly_voyage(fresh, voyage, noise, via)
     saved = (straight - detour) / 3600.0
-    return Evidence(straight, unlearnt, detour, via, float(saved.mean()), float(saved.std(ddof=1) / np.sqrt(saved.size)))
+    return Evidence(
+        straight,
+        unlearnt,
+        detour,
+        via,
+        float(saved.mean()),
+        float(saved.std(ddof=1) / np.sqrt(saved.size)),
+    )
 
 
 def vias(scene: Scene, voyage: Voyage) -> Complex:
     """Return places that detours pass, shape (n,) [m], that may be reached straight from the start and left straight to the goal."""
     way = voyage.goal - voyage.start
-    places = np.array([voyage.start + way * complex(along, across) for along in _ALONG for across in _ACROSS])
+    places = np.array(
+        [voyage.start + way * complex(along, across) for along in _ALONG for across in _ACROSS]
+    )
     there = scene.allowed(np.full(places.size, voyage.start), places)
     back = scene.allowed(places, np.full(places.size, voyage.goal))
     return np.asarray(places[there & back])
@@ -86,7 +98,15 @@ def voyage_of(scene: Scene) -> Voyage:
     """Return the mission of a scene to its last goal."""
     way = abs(complex(scene.goals[-1]) - scene.start)
     most = max(int(np.ceil(LONGEST * way / scene.speed / scene.leg_time)), 3)
-    return Voyage(scene.start, complex(scene.goals[-1]), scene.begin, scene.speed, scene.leg_time, most, scene.settings.error)
+    return Voyage(
+        scene.start,
+        complex(scene.goals[-1]),
+        scene.begin,
+        scene.speed,
+        scene.leg_time,
+        most,
+        scene.settings.error,
+    )
 
 
 def plan_detour(flow: FlowEstimate, request: LearnRequest) -> LearnPlan:
@@ -100,34 +120,50 @@ def plan_detour(flow: FlowEstimate, request: LearnRequest) -> LearnPlan:
         PlanError: A place is outside, on land or forbidden, the goal is out of reach, or there are several goals.
     """
     if len(request.goals) != 1:
-        raise PlanError(f"expected one goal, got {len(request.goals)}; for a stretch without fixes past several places use --then")
+        raise PlanError(
+            f"expected one goal, got {len(request.goals)}; for a stretch without fixes past several places use --then"
+        )
     scene = scene_of(flow, request, None)
     voyage = voyage_of(scene)
     if abs(voyage.goal - voyage.start) <= scene.speed * scene.leg_time:
-        raise PlanError("the goal is less than a surfacing away: nothing that is learnt on a detour can be used; choose a farther goal")
+        raise PlanError(
+            "the goal is less than a surfacing away: nothing that is learnt on a detour can be used; choose a farther goal"
+        )
     found = arrive(scene.mean, voyage.start, scene.begin, voyage.goal, voyage.speed)
     evidence = compare(scene, voyage)
     sense = arrival_sensitivity(scene.mean, voyage.start, scene.begin, found)
-    rows = rows_at(scene.known, np.stack([sense.points.real, sense.points.imag], axis=-1), sense.times)
+    rows = rows_at(
+        scene.known, np.stack([sense.points.real, sense.points.imag], axis=-1), sense.times
+    )
     aim = scene.aim(rows.combined(sense.weights / 3600.0))
     corners = np.array([evidence.via, voyage.goal]) if evidence.pays else np.array([voyage.goal])
     return _plan(scene, request, (voyage, aim, corners), evidence)
 
 
-def _plan(scene: Scene, request: LearnRequest, asked: tuple[Voyage, Aim, Complex], evidence: Evidence) -> LearnPlan:
+def _plan(
+    scene: Scene, request: LearnRequest, asked: tuple[Voyage, Aim, Complex], evidence: Evidence
+) -> LearnPlan:
     voyage, aim, corners = asked
     ends, times = _surfacings(scene, voyage, corners)
     legs, track_time, track = dives_of(scene, voyage.start, ends, times)
-    rows = [("straight ahead", evidence.straight, not evidence.pays), ("straight ahead, nothing learnt", evidence.unlearnt, False)]
+    rows = [
+        ("straight ahead", evidence.straight, not evidence.pays),
+        ("straight ahead, nothing learnt", evidence.unlearnt, False),
+    ]
     if evidence.via != voyage.start:
         rows.append(("the best detour", evidence.detour, evidence.pays))
     late = voyage.most * voyage.leg_time
     candidates = tuple(
-        Candidate(name, np.nan, *_hours(arrivals), float(np.mean(arrivals < late)), chosen) for name, arrivals, chosen in rows
+        Candidate(name, np.nan, *_hours(arrivals), float(np.mean(arrivals < late)), chosen)
+        for name, arrivals, chosen in rows
     )
     miss = float(abs(ends[-1] - voyage.goal))
     reached = miss <= scene.settings.tolerance
-    rare = next(one for one in candidates if one.chosen).shortfall(scene.settings, "arrive") if reached else ""
+    rare = (
+        next(one for one in candidates if one.chosen).shortfall(scene.settings, "arrive")
+        if reached
+        else ""
+    )
     unreached = "" if reached else f"; the goal is {miss / 1e3:.1f} km out of reach"
     return LearnPlan(
         status="unreachable" if unreached else "uncertain" if rare else "reached",
@@ -143,13 +179,20 @@ def _plan(scene: Scene, request: LearnRequest, asked: tuple[Voyage, Aim, Complex
         before=aim.before(),
         after=aim.before(),
         candidates=candidates,
-        value=value_map(scene, aim, scene.begin + 0.5 * scene.leg_time, np.array([voyage.start, voyage.goal]), "h"),
+        value=value_map(
+            scene,
+            aim,
+            scene.begin + 0.5 * scene.leg_time,
+            np.array([voyage.start, voyage.goal]),
+            "h",
+        ),
         found_name="mean arrival",
         unit="h",
         figures={
             "gain_h": evidence.gain,
             "gain_standard_error_h": evidence.standard_error,
-            "learnt_going_straight_h": float(np.mean(evidence.unlearnt - evidence.straight)) / 3600.0,
+            "learnt_going_straight_h": float(np.mean(evidence.unlearnt - evidence.straight))
+            / 3600.0,
             "samples": request.settings.samples,
         },
     )
@@ -158,7 +201,9 @@ def _plan(scene: Scene, request: LearnRequest, asked: tuple[Voyage, Aim, Complex
 def _words(scene: Scene, evidence: Evidence, samples: int) -> str:
     """Return the answer in words."""
     learnt = float(np.mean(evidence.unlearnt - evidence.straight)) / 3600.0
-    anyway = f"what going straight measures anyway saves {learnt:.1f} h in the mean of {samples} samples"
+    anyway = (
+        f"what going straight measures anyway saves {learnt:.1f} h in the mean of {samples} samples"
+    )
     if evidence.via == scene.start:
         return f"go straight: no detour keeps clear of land, areas and the edge of the region; {anyway}"
     against = f"{evidence.gain:+.1f} h saved, with a standard error of {evidence.standard_error:.1f} h, in {samples} fresh samples"
@@ -170,12 +215,20 @@ def _words(scene: Scene, evidence: Evidence, samples: int) -> str:
 def _hours(arrivals: Array) -> tuple[float, float, float]:
     """Return mean arrivals [h] and an interval that holds them with a probability of 90 %, by bootstrap."""
     hours = arrivals / 3600.0
-    return float(hours.mean()), *bootstrap_interval(lambda drawn: hours[drawn].mean(axis=1), hours.size, _RESAMPLES)
+    return float(hours.mean()), *bootstrap_interval(
+        lambda drawn: hours[drawn].mean(axis=1), hours.size, _RESAMPLES
+    )
 
 
 def _surfacings(scene: Scene, voyage: Voyage, corners: Complex) -> tuple[Complex, Array]:
     """Return where legs past corners end in the current that is known, shape (n,) [m], and times [s] from the start on, shape (n + 1,)."""
-    place, time, ends, times, corner = voyage.start, voyage.begin, list[complex](), [voyage.begin], 0
+    place, time, ends, times, corner = (
+        voyage.start,
+        voyage.begin,
+        list[complex](),
+        [voyage.begin],
+        0,
+    )
     while corner < corners.size and len(ends) < voyage.most:
         way = complex(corners[corner]) - place
         unit = way / max(abs(way), 1e-9)

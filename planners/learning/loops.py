@@ -52,7 +52,13 @@ class Survey:
     def picked(self, which: Sequence[int] | NDArray[np.intp]) -> "Survey":
         """Return some of the surveys."""
         index = np.asarray(which)
-        return Survey(self.corners[index], self.ends[index], self.profiles[index], self.times, self.flown[index])
+        return Survey(
+            self.corners[index],
+            self.ends[index],
+            self.profiles[index],
+            self.times,
+            self.flown[index],
+        )
 
     @property
     def points(self) -> Array:
@@ -73,12 +79,18 @@ def shapes(ahead: complex) -> Complex:
 
 def random_shapes(rng: np.random.Generator, count: int) -> Complex:
     """Return corners of loops at random, shape (count, 3), of any size, relative to the start."""
-    first, turn, size = rng.uniform(0.0, 2.0 * np.pi, count), rng.uniform(-0.5 * np.pi, 0.5 * np.pi, count), rng.uniform(0.3, 1.0, count)
+    first, turn, size = (
+        rng.uniform(0.0, 2.0 * np.pi, count),
+        rng.uniform(-0.5 * np.pi, 0.5 * np.pi, count),
+        rng.uniform(0.3, 1.0, count),
+    )
     one = np.exp(1j * first)
     return np.stack([one, size * one * np.exp(1j * turn), np.zeros(count)], axis=1)
 
 
-def timed(known: Currents, start: complex, shape: Complex, span: tuple[float, float, int], speed: float) -> Survey:
+def timed(
+    known: Currents, start: complex, shape: Complex, span: tuple[float, float, int], speed: float
+) -> Survey:
     """Return surveys of such shapes that take a given time in the current that is known.
 
     Args:
@@ -104,9 +116,20 @@ def timed(known: Currents, start: complex, shape: Complex, span: tuple[float, fl
     flown = ~moves | (~held_back & (np.abs(spent.sum(axis=1) / duration - 1.0) < 0.05))
     done = np.concatenate([np.zeros((len(size), 1)), np.cumsum(spent, axis=1)], axis=1)
     at = np.arange(1, 2 * n_dives + 1) / (2 * n_dives)
-    shares = np.array([np.interp(at, one / max(one[-1], 1e-9), np.linspace(0.0, 1.0, _POINTS + 1)) for one in done])
+    shares = np.array(
+        [
+            np.interp(at, one / max(one[-1], 1e-9), np.linspace(0.0, 1.0, _POINTS + 1))
+            for one in done
+        ]
+    )
     places = start + size[:, None] * _along_each(unit, shares)
-    return Survey(start + size[:, None] * unit, places[:, 1::2], places[:, ::2], begin + duration * at[::2], flown)
+    return Survey(
+        start + size[:, None] * unit,
+        places[:, 1::2],
+        places[:, ::2],
+        begin + duration * at[::2],
+        flown,
+    )
 
 
 def _along(corners: Complex, share: Array) -> tuple[Complex, Complex]:
@@ -121,10 +144,17 @@ def _along_each(corners: Complex, shares: Array) -> Complex:
     legs = np.abs(np.diff(corners, axis=1, prepend=0.0))
     ends = np.concatenate([np.zeros((len(corners), 1)), np.cumsum(legs, axis=1)], axis=1)
     nodes = np.concatenate([np.zeros((len(corners), 1)), corners], axis=1)
-    return np.asarray([np.interp(share * end[-1], end, node) for share, end, node in zip(shares, ends, nodes, strict=True)])
+    return np.asarray(
+        [
+            np.interp(share * end[-1], end, node)
+            for share, end, node in zip(shares, ends, nodes, strict=True)
+        ]
+    )
 
 
-def _time_along(known: Currents, way: tuple[Complex, Complex], times: Array, size: Array, speed: float) -> Array:
+def _time_along(
+    known: Currents, way: tuple[Complex, Complex], times: Array, size: Array, speed: float
+) -> Array:
     """Return the time of each piece of loops [s], shape (C, p), along which a vehicle keeps."""
     track, tangent = way
     u = known.at(track[None], times[None])[0] * np.conj(tangent)
@@ -133,7 +163,9 @@ def _time_along(known: Currents, way: tuple[Complex, Complex], times: Array, siz
     return np.asarray(size[:, None] / track.shape[1] / np.maximum(over_ground, _LEAST))
 
 
-def clear(survey: Survey, start: complex, rings: Sequence[Ring], margin: float) -> NDArray[np.bool_]:
+def clear(
+    survey: Survey, start: complex, rings: Sequence[Ring], margin: float
+) -> NDArray[np.bool_]:
     """Return which surveys keep clear of what is forbidden, shape (C,).
 
     Args:
@@ -143,7 +175,9 @@ def clear(survey: Survey, start: complex, rings: Sequence[Ring], margin: float) 
         margin: Distance kept [m].
     """
     corners = np.concatenate([np.full((len(survey.corners), 1), start), survey.corners], axis=1)
-    return clear_lines(shapely.linestrings(np.stack([corners.real, corners.imag], axis=-1)), rings, margin)
+    return clear_lines(
+        shapely.linestrings(np.stack([corners.real, corners.imag], axis=-1)), rings, margin
+    )
 
 
 def clear_lines(lines: NDArray[Any], rings: Sequence[Ring], margin: float) -> NDArray[np.bool_]:

@@ -75,12 +75,22 @@ class Mapping:
         """Return the root mean square error of a component in the box without the profiles [m/s]."""
         sought = self.sought()
         prior = np.diag(covariance(sought, sought))
-        return float(np.sqrt(np.mean(prior if self.given is None else prior - reduction(sought, self.given, self.variance))))
+        return float(
+            np.sqrt(
+                np.mean(
+                    prior
+                    if self.given is None
+                    else prior - reduction(sought, self.given, self.variance)
+                )
+            )
+        )
 
 
 def reduction(sought: Rows, measured: Rows, variance: float) -> Array:
     """Return by how much measurements, shape (..., q), reduce the variance of each sought number, shape (..., m)."""
-    lower = np.linalg.cholesky(covariance(measured, measured) + variance * np.eye(measured.now.shape[-2]))
+    lower = np.linalg.cholesky(
+        covariance(measured, measured) + variance * np.eye(measured.now.shape[-2])
+    )
     inside = np.linalg.solve(lower, covariance(measured, sought))
     return np.asarray(np.sum(inside**2, axis=-2))
 
@@ -128,7 +138,9 @@ class _Search:
         """Return the box's rows at the end on the unknowns at the profile of a leg, shape (m, n)."""
         known, left = self.mapping.known, np.ones(self.box.shape[1])
         for part in known.relaxing:
-            left[part.which] = np.exp(-(self.mapping.times[-1] - self.mapping.profile_times[step]) / part.scale)
+            left[part.which] = np.exp(
+                -(self.mapping.times[-1] - self.mapping.profile_times[step]) / part.scale
+            )
         return np.asarray(self.box * left)
 
     def next_ways(self, ways: Sequence[_Way], step: int) -> list[_Way]:
@@ -146,10 +158,17 @@ class _Search:
         for k, (way, cov) in enumerate(zip(ways, grown, strict=True)):
             crossed = cov @ loaded[k].reshape(-1, len(cov)).T
             inside = (box @ crossed).reshape(len(box), _DIRECTIONS, 2).transpose(1, 0, 2)
-            own = np.einsum("dcn,ndk->dck", loaded[k], crossed.reshape(len(cov), _DIRECTIONS, 2)) + mapping.variance * np.eye(2)
+            own = np.einsum(
+                "dcn,ndk->dck", loaded[k], crossed.reshape(len(cov), _DIRECTIONS, 2)
+            ) + mapping.variance * np.eye(2)
             gains = np.einsum("dmc,dmk,dck->d", inside, inside, np.linalg.inv(own), optimize=True)
-            found += [(way.gained + float(gain), k, d) for d, gain in enumerate(gains) if free[k, d]]
-        longer, near = list[_Way](), _APART * mapping.speed * float(mapping.times[step + 1] - mapping.times[step])
+            found += [
+                (way.gained + float(gain), k, d) for d, gain in enumerate(gains) if free[k, d]
+            ]
+        longer, near = (
+            list[_Way](),
+            _APART * mapping.speed * float(mapping.times[step + 1] - mapping.times[step]),
+        )
         for gained, k, d in sorted(found, reverse=True):
             if len(longer) == _FOLLOWED:
                 break
@@ -157,9 +176,19 @@ class _Search:
                 continue
             rows = loaded[k, d]
             crossed = grown[k] @ rows.T
-            left = grown[k] - crossed @ np.linalg.solve(rows @ crossed + mapping.variance * np.eye(2), crossed.T)
+            left = grown[k] - crossed @ np.linalg.solve(
+                rows @ crossed + mapping.variance * np.eye(2), crossed.T
+            )
             way = ways[k]
-            longer.append(_Way(complex(ends[k, d]), left, gained, (*way.middles, complex(middles[k, d])), (*way.ends, complex(ends[k, d]))))
+            longer.append(
+                _Way(
+                    complex(ends[k, d]),
+                    left,
+                    gained,
+                    (*way.middles, complex(middles[k, d])),
+                    (*way.ends, complex(ends[k, d])),
+                )
+            )
         return longer
 
 
@@ -181,12 +210,16 @@ def look_ahead(mapping: Mapping, allowed: Allowed, cov: Array) -> Survey:
     """
     end_ns = mapping.known.time_ns + round(float(mapping.times[-1]) * 1e9)
     loading, modes = mapping.known.loading(end_ns), mapping.known.modes(mapping.box)
-    box = np.concatenate([(modes @ loading[:, which].T).reshape(-1, len(loading)) for which in mapping.which])
+    box = np.concatenate(
+        [(modes @ loading[:, which].T).reshape(-1, len(loading)) for which in mapping.which]
+    )
     search, ways = _Search(mapping, box, allowed), [_Way(mapping.start, cov, 0.0)]
     for step in range(mapping.times.size - 1):
         ways = search.next_ways(ways, step)
         if not ways:
-            raise PlanError("no way leads on: land, areas or the edge of the region are all around; choose another start or fewer profiles")
+            raise PlanError(
+                "no way leads on: land, areas or the edge of the region are all around; choose another start or fewer profiles"
+            )
     way = ways[0]
     middles, ends = np.array([way.middles]), np.array([way.ends])
     return Survey(ends, ends, middles, mapping.profile_times, np.ones(1, dtype=bool))
@@ -204,7 +237,9 @@ def refined(mapping: Mapping, allowed: Allowed, survey: Survey, seed: int) -> tu
     rng, n_legs = np.random.default_rng(seed), survey.times.size
     nodes = np.concatenate([[mapping.start], survey.ends[0]])
     lasts = np.diff(mapping.times)
-    held = np.diff(nodes) / lasts - np.array([complex(mapping.mean.at(nodes[k : k + 1], survey.times[k])[0]) for k in range(n_legs)])
+    held = np.diff(nodes) / lasts - np.array(
+        [complex(mapping.mean.at(nodes[k : k + 1], survey.times[k])[0]) for k in range(n_legs)]
+    )
     error = np.inf
     best, spread = survey, _TURN
     for turn in range(_TURNS + 1):
@@ -224,7 +259,11 @@ def refined(mapping: Mapping, allowed: Allowed, survey: Survey, seed: int) -> tu
 def _turned(held: Complex, spread: float, rng: np.random.Generator, speed: float) -> Complex:
     """Return velocities through water, shape (N,), with one leg turned, in half of the tries the next one back, and half at full speed."""
     tried, tries = np.repeat(held[None], _TRIES, axis=0), np.arange(_TRIES)
-    legs, angles, full = rng.integers(0, held.size, _TRIES), spread * rng.standard_normal(_TRIES), rng.random(_TRIES) < 0.5
+    legs, angles, full = (
+        rng.integers(0, held.size, _TRIES),
+        spread * rng.standard_normal(_TRIES),
+        rng.random(_TRIES) < 0.5,
+    )
     tried[tries, legs] *= np.exp(1j * angles)
     back = (rng.random(_TRIES) < 0.5) & (legs + 1 < held.size)
     tried[tries[back], legs[back] + 1] *= np.exp(-1j * angles[back])

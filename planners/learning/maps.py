@@ -44,7 +44,17 @@ def plan_map(flow: FlowEstimate, request: LearnRequest, box: Box) -> LearnPlan:
     times: Array = scene.begin + scene.leg_time * np.arange(request.profiles + 1, dtype=np.float64)
     which = tuple(range(1, len(box.depths) + 1)) or (0,)
     given = scene.aim(Combined(rows_at(scene.known, places[:1], times[-1:]), np.eye(2))).given
-    mapping = Mapping(scene.known, scene.mean, places, which, scene.start, times, scene.speed, scene.settings.error**2, given)
+    mapping = Mapping(
+        scene.known,
+        scene.mean,
+        places,
+        which,
+        scene.start,
+        times,
+        scene.speed,
+        scene.settings.error**2,
+        given,
+    )
     before = mapping.before()
     if before <= 0.5 * scene.settings.error:
         raise PlanError(
@@ -52,7 +62,13 @@ def plan_map(flow: FlowEstimate, request: LearnRequest, box: Box) -> LearnPlan:
             f"{scene.settings.error:g} m/s; choose another box"
         )
     survey, after, mower, mower_error, is_mower = choose_map(scene, mapping)
-    notes = () if counted > 0.99 else (f"{100.0 * (1.0 - counted):.0f} % of the box lie outside of the region or on land and do not count",)
+    notes = (
+        ()
+        if counted > 0.99
+        else (
+            f"{100.0 * (1.0 - counted):.0f} % of the box lie outside of the region or on land and do not count",
+        )
+    )
     return _plan(scene, request, (mapping, survey, after), (mower, mower_error, is_mower), notes)
 
 
@@ -64,12 +80,21 @@ def choose_map(scene: Scene, mapping: Mapping) -> tuple[Survey, float, Survey, f
     """
     ahead = look_ahead(mapping, scene.allowed, covariance_now(scene, mapping))
     mowers = lawn_mowers(mapping)
-    begins = np.concatenate([np.full((len(mowers.ends), 1), mapping.start), mowers.ends[:, :-1]], axis=1)
-    free: NDArray[np.bool_] = np.asarray(np.all(scene.allowed(begins.ravel(), mowers.ends.ravel()).reshape(mowers.ends.shape), axis=1))
+    begins = np.concatenate(
+        [np.full((len(mowers.ends), 1), mapping.start), mowers.ends[:, :-1]], axis=1
+    )
+    free: NDArray[np.bool_] = np.asarray(
+        np.all(
+            scene.allowed(begins.ravel(), mowers.ends.ravel()).reshape(mowers.ends.shape), axis=1
+        )
+    )
     errors = np.where(free, mapping.errors(mowers), np.inf)
     k = int(np.argmin(errors))
     mower, mower_error = mowers.picked([k]), float(errors[k])
-    tried = [refined(mapping, scene.allowed, one, scene.settings.seed) for one in ([ahead, mower] if free[k] else [ahead])]
+    tried = [
+        refined(mapping, scene.allowed, one, scene.settings.seed)
+        for one in ([ahead, mower] if free[k] else [ahead])
+    ]
     survey, error = min(tried, key=lambda one: one[1])
     if mower_error <= error * (1.0 + _AS_GOOD):
         return mower, mower_error, mower, mower_error, True
@@ -82,7 +107,9 @@ def covariance_now(scene: Scene, mapping: Mapping) -> Array:
     cov = covariance(own, own)
     if mapping.given is None:
         return cov
-    lower = np.linalg.cholesky(covariance(mapping.given, mapping.given) + mapping.variance * np.eye(len(mapping.given.now)))
+    lower = np.linalg.cholesky(
+        covariance(mapping.given, mapping.given) + mapping.variance * np.eye(len(mapping.given.now))
+    )
     inside = solve_triangular(lower, covariance(mapping.given, own), lower=True)
     return np.asarray(cov - inside.T @ inside)
 
@@ -97,11 +124,21 @@ def _places(scene: Scene, box: Box) -> tuple[Array, float]:
     name = f"the box from {box.west:g}, {box.south:g} to {box.east:g}, {box.north:g}"
     deep = [depth for depth in box.depths if not 0.0 <= depth <= float(grid.levels[-1])]
     if deep:
-        raise PlanError(f"{name}: expected depths from the surface to {grid.levels[-1]:g} m, the deepest level, got {deep[0]:g} m")
-    shape = np.array([(box.east - box.west) * np.cos(np.deg2rad(0.5 * (box.south + box.north))), box.north - box.south])
+        raise PlanError(
+            f"{name}: expected depths from the surface to {grid.levels[-1]:g} m, the deepest level, got {deep[0]:g} m"
+        )
+    shape = np.array(
+        [
+            (box.east - box.west) * np.cos(np.deg2rad(0.5 * (box.south + box.north))),
+            box.north - box.south,
+        ]
+    )
     count = np.maximum(np.round(_ALONG * shape / shape.max()).astype(int), 2)
     west = float(unwrap_longitude(np.array([box.west]), scene.projection.longitude)[0])
-    longitude, latitude = np.meshgrid(np.linspace(west, west + box.east - box.west, count[0]), np.linspace(box.south, box.north, count[1]))
+    longitude, latitude = np.meshgrid(
+        np.linspace(west, west + box.east - box.west, count[0]),
+        np.linspace(box.south, box.north, count[1]),
+    )
     points = np.column_stack(to_local(scene.projection, longitude.ravel(), latitude.ravel()))
     inside: NDArray[np.bool_] = np.asarray(np.all(np.isfinite(points), axis=1))
     inside[inside] = region.inside_outline(points[inside])
@@ -119,7 +156,13 @@ def _places(scene: Scene, box: Box) -> tuple[Array, float]:
     return points[wet], float(wet.mean())
 
 
-def realised(sea: Sea, mapping: Mapping, survey: Survey | None, noise: Array, given: Sequence[tuple[Array, Array]] = ()) -> Array:
+def realised(
+    sea: Sea,
+    mapping: Mapping,
+    survey: Survey | None,
+    noise: Array,
+    given: Sequence[tuple[Array, Array]] = (),
+) -> Array:
     """Return the root mean square error of a component in the box after a survey flown in each true current [m/s], shape (S,).
 
     Args:
@@ -131,13 +174,29 @@ def realised(sea: Sea, mapping: Mapping, survey: Survey | None, noise: Array, gi
     """
     end = float(mapping.times[-1])
     box = mapping.box[:, 0] + 1j * mapping.box[:, 1]
-    true = sea.truth.at(np.broadcast_to(box, (sea.count, box.size)), end) - sea.mean.at(box[None], end)
+    true = sea.truth.at(np.broadcast_to(box, (sea.count, box.size)), end) - sea.mean.at(
+        box[None], end
+    )
     left = np.stack([true.real, true.imag], axis=-1)
     measured, values = from_others(sea, float(np.sqrt(mapping.variance)), given)
     if survey is not None:
-        stretch = Stretch(mapping.start, box[:1], float(mapping.times[0]), end - float(mapping.times[0]), 0.0, mapping.speed, 0.0)
+        stretch = Stretch(
+            mapping.start,
+            box[:1],
+            float(mapping.times[0]),
+            end - float(mapping.times[0]),
+            0.0,
+            mapping.speed,
+            0.0,
+        )
         places, met, _ = fly_survey(sea, stretch, survey)
-        found = met - np.stack([sea.mean.at(one[None], time)[0] for one, time in zip(places.T, survey.times, strict=True)], axis=1)
+        found = met - np.stack(
+            [
+                sea.mean.at(one[None], time)[0]
+                for one, time in zip(places.T, survey.times, strict=True)
+            ],
+            axis=1,
+        )
         own = np.stack([found.real, found.imag], axis=-1) + np.sqrt(mapping.variance) * noise
         rows = rows_at(mapping.known, np.stack([places.real, places.imag], axis=-1), survey.times)
         measured = rows if measured is None else stacked(rows, measured)
@@ -157,7 +216,9 @@ def estimated(mapping: Mapping, rows: Rows, values: Array) -> Array:
 def _interval(errors: Array) -> tuple[float, float, float]:
     """Return the root mean square of errors, shape (S,), and an interval that holds it with a probability of 90 %, by bootstrap."""
     square = errors**2
-    return float(np.sqrt(square.mean())), *bootstrap_interval(lambda drawn: np.sqrt(square[drawn].mean(axis=1)), errors.size, _RESAMPLES)
+    return float(np.sqrt(square.mean())), *bootstrap_interval(
+        lambda drawn: np.sqrt(square[drawn].mean(axis=1)), errors.size, _RESAMPLES
+    )
 
 
 def _plan(
@@ -170,7 +231,10 @@ def _plan(
     """Return the plan with its message, its evidence and its track."""
     (mapping, survey, after), (mower, mower_error, is_mower) = chosen, peer
     before = mapping.before()
-    named: list[tuple[str, float, Survey | None]] = [("no profiles", before, None), ("the best lawn-mower", mower_error, mower)]
+    named: list[tuple[str, float, Survey | None]] = [
+        ("no profiles", before, None),
+        ("the best lawn-mower", mower_error, mower),
+    ]
     named.append(("this plan", after, survey))
     # samples are of the dives' mean: of other depths the prediction stands alone
     sea = None
@@ -178,19 +242,36 @@ def _plan(
         span = slices(scene.known, scene.begin, float(mapping.times[-1]))
         sea = drawn_sea(scene.known, span, scene.settings.samples, scene.settings.seed)
     else:
-        notes += ("no errors in samples: these are of the mean current over the dives, and the box counts at depths",)
-    noise = np.random.default_rng(scene.settings.seed + 1).standard_normal((scene.settings.samples, survey.times.size, 2))
+        notes += (
+            "no errors in samples: these are of the mean current over the dives, and the box counts at depths",
+        )
+    noise = np.random.default_rng(scene.settings.seed + 1).standard_normal(
+        (scene.settings.samples, survey.times.size, 2)
+    )
     candidates = []
     for name, predicted, one in named:
         if np.isfinite(predicted):
-            figures = (np.nan,) * 3 if sea is None else _interval(realised(sea, mapping, one, noise, scene.given))
+            figures = (
+                (np.nan,) * 3
+                if sea is None
+                else _interval(realised(sea, mapping, one, noise, scene.given))
+            )
             candidates.append(Candidate(name, predicted, *figures, np.nan, name == "this plan"))
     legs, times, track = dives_of(scene, scene.start, survey.ends[0], mapping.times)
     words = f"{request.profiles} profiles reduce the error of the current in the box from {before:.3f} to {after:.3f} m/s"
-    words += " along a lawn-mower, than which nothing better was found" if is_mower else f"; the best lawn-mower to {mower_error:.3f} m/s"
+    words += (
+        " along a lawn-mower, than which nothing better was found"
+        if is_mower
+        else f"; the best lawn-mower to {mower_error:.3f} m/s"
+    )
     last = scene.place(complex(survey.ends[0, -1]))
     sought = mapping.sought()
-    aim = Aim(scene.known, Combined(sought, np.eye(len(sought.now)) / np.sqrt(len(sought.now))), mapping.variance, mapping.given)
+    aim = Aim(
+        scene.known,
+        Combined(sought, np.eye(len(sought.now)) / np.sqrt(len(sought.now))),
+        mapping.variance,
+        mapping.given,
+    )
     return LearnPlan(
         status="reached",
         message=words,
@@ -205,9 +286,18 @@ def _plan(
         before=before,
         after=after,
         candidates=tuple(candidates),
-        value=value_map(scene, aim, float(mapping.profile_times[0]), mapping.box[:, 0] + 1j * mapping.box[:, 1], "m/s"),
+        value=value_map(
+            scene,
+            aim,
+            float(mapping.profile_times[0]),
+            mapping.box[:, 0] + 1j * mapping.box[:, 1],
+            "m/s",
+        ),
         found_name="error in the box",
         unit="m/s",
         notes=notes,
-        figures={"samples": 0 if sea is None else scene.settings.samples, "surfacings": int(survey.times.size)},
+        figures={
+            "samples": 0 if sea is None else scene.settings.samples,
+            "surfacings": int(survey.times.size),
+        },
     )

@@ -47,7 +47,9 @@ def _mower(low: Array, high: Array, lanes: int, turns: tuple[bool, bool, bool]) 
 
 def _spaced(mapping: Mapping, corners: Complex) -> tuple[Complex, Complex]:
     """Return middles and ends of the legs along a track from the start past corners, to and fro, in the current that is known."""
-    track = np.concatenate([[mapping.start], corners, corners[-2::-1], corners[1:], corners[-2::-1]])
+    track = np.concatenate(
+        [[mapping.start], corners, corners[-2::-1], corners[1:], corners[-2::-1]]
+    )
     middles, ends, place, next_corner = list[complex](), list[complex](), mapping.start, 1
     for step in range(mapping.times.size - 1):
         left = float(mapping.times[step + 1] - mapping.times[step])

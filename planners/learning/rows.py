@@ -47,7 +47,11 @@ class Rows:
 
     def picked(self, index: Array) -> "Rows":
         """Return the rows at positions along their last axis, the only one."""
-        return Rows(self.now[index], tuple((scale, rows[index]) for scale, rows in self.parts), self.after[index])
+        return Rows(
+            self.now[index],
+            tuple((scale, rows[index]) for scale, rows in self.parts),
+            self.after[index],
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +90,9 @@ def rows_at(known: DepthMeans, points: Array, after: Array, which: int = 0) -> R
     modes = known.modes(points.reshape(-1, 2)).reshape(-1, n, 2, known.flow.n_modes)
     times = np.broadcast_to(after, (*batch, n)).reshape(-1, n)
     now = np.empty((*modes.shape[:3], known.root.shape[1]))
-    parts = [(part.scale, np.empty((*modes.shape[:3], part.root.shape[1]))) for part in known.relaxing]
+    parts = [
+        (part.scale, np.empty((*modes.shape[:3], part.root.shape[1]))) for part in known.relaxing
+    ]
     for time in np.unique(times) if known.changes else (0.0,):
         at = times == time if known.changes else np.ones(times.shape, dtype=bool)
         time_ns = known.time_ns + round(float(time) * 1e9)
@@ -106,7 +112,9 @@ def unknowns_at(known: DepthMeans, after: float) -> Rows:
         rows = np.zeros((len(known.root), part.root.shape[1]))
         rows[part.which] = part.root
         parts.append((part.scale, rows))
-    return Rows(known.memory(time_ns)[:, None] * known.root, tuple(parts), np.full(len(known.root), after))
+    return Rows(
+        known.memory(time_ns)[:, None] * known.root, tuple(parts), np.full(len(known.root), after)
+    )
 
 
 def covariance(first: Rows, second: Rows) -> Array:
@@ -114,7 +122,9 @@ def covariance(first: Rows, second: Rows) -> Array:
     total = first.now @ second.now.swapaxes(-1, -2)
     for (scale, one), (_, other) in zip(first.parts, second.parts, strict=True):
         t, s = first.after[..., :, None], second.after[..., None, :]
-        gained = np.exp(-np.abs(t - s) / scale) - np.exp(-(np.maximum(t, 0.0) + np.maximum(s, 0.0)) / scale)
+        gained = np.exp(-np.abs(t - s) / scale) - np.exp(
+            -(np.maximum(t, 0.0) + np.maximum(s, 0.0)) / scale
+        )
         total = total + gained * (one @ other.swapaxes(-1, -2))
     return np.asarray(total)
 
@@ -126,8 +136,16 @@ def stacked(first: Rows, second: Rows) -> Rows:
         shape = (*one.shape[:-2], *other.shape)
         return np.concatenate([one, np.broadcast_to(other, shape)], axis=-2)
 
-    parts = tuple((scale, both(one, other)) for (scale, one), (_, other) in zip(first.parts, second.parts, strict=True))
-    return replace(first, now=both(first.now, second.now), parts=parts, after=both(first.after[..., None], second.after[..., None])[..., 0])
+    parts = tuple(
+        (scale, both(one, other))
+        for (scale, one), (_, other) in zip(first.parts, second.parts, strict=True)
+    )
+    return replace(
+        first,
+        now=both(first.now, second.now),
+        parts=parts,
+        after=both(first.after[..., None], second.after[..., None])[..., 0],
+    )
 
 
 def posterior(sought: Combined, measured: Rows, variance: float) -> Array:
@@ -139,7 +157,10 @@ def posterior(sought: Combined, measured: Rows, variance: float) -> Array:
         variance: Of the error of each [m^2/s^2].
     """
     lower: Array = np.asarray(
-        np.linalg.cholesky(covariance(measured, measured) + variance * np.eye(measured.now.shape[-2])), dtype=np.float64
+        np.linalg.cholesky(
+            covariance(measured, measured) + variance * np.eye(measured.now.shape[-2])
+        ),
+        dtype=np.float64,
     )
     cross = sought.cross(measured).swapaxes(-1, -2)
     inside = _solved(lower, cross)
@@ -171,7 +192,9 @@ def learnt(known: DepthMeans, measured: Rows, weighed: Array, after: float) -> A
     own = unknowns_at(known, after)
     total = np.einsum("...q,...qk->...k", weighed, measured.now) @ own.now.T
     for (scale, rows), (_, roots) in zip(measured.parts, own.parts, strict=True):
-        gained = np.exp(-np.abs(after - measured.after) / scale) - np.exp(-(max(after, 0.0) + measured.after) / scale)
+        gained = np.exp(-np.abs(after - measured.after) / scale) - np.exp(
+            -(max(after, 0.0) + measured.after) / scale
+        )
         total = total + np.einsum("...q,...qk->...k", weighed * gained, rows) @ roots.T
     return np.asarray(total)
 

@@ -21,7 +21,13 @@ from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.depth_means import DepthMeans, depth_means
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import grid_bearing_of_true_north, heading_deg, inside_grid, to_geographic, to_local
+from replay_kit.core.geodesy import (
+    grid_bearing_of_true_north,
+    heading_deg,
+    inside_grid,
+    to_geographic,
+    to_local,
+)
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Place
 
@@ -77,7 +83,9 @@ class Scene:
 
     def inside(self, survey: Survey) -> NDArray[np.bool_]:
         """Return which surveys lie within the region, shape (C,)."""
-        return np.asarray(inside_grid(self.known.flow.grid, survey.corners.real, survey.corners.imag).all(axis=1))
+        return np.asarray(
+            inside_grid(self.known.flow.grid, survey.corners.real, survey.corners.imag).all(axis=1)
+        )
 
     def aim(self, sought: Combined, given: tuple[tuple[Array, Array], ...] | None = None) -> Aim:
         """Return what counts, with the profiles of others."""
@@ -88,7 +96,9 @@ class Scene:
     def allowed(self, begins: Complex, ends: Complex) -> NDArray[np.bool_]:
         """Return whether straight legs between places, shape (n,) [m], keep clear of what is forbidden and within the region."""
         free = np.asarray(inside_grid(self.known.flow.grid, ends.real, ends.imag))
-        lines = shapely.linestrings(np.stack([np.stack([one.real, one.imag], axis=-1) for one in (begins, ends)], axis=1))
+        lines = shapely.linestrings(
+            np.stack([np.stack([one.real, one.imag], axis=-1) for one in (begins, ends)], axis=1)
+        )
         return np.asarray(free & clear_lines(lines, self.hazards, self.settings.margin))
 
     def place(self, point: complex, depth: float = 0.0) -> Place:
@@ -97,7 +107,9 @@ class Scene:
         return Place(float(longitude), float(latitude), depth)
 
 
-def scene_of(flow: FlowEstimate, request: LearnRequest, seconds: float | None, depths: tuple[float, ...] = ()) -> Scene:
+def scene_of(
+    flow: FlowEstimate, request: LearnRequest, seconds: float | None, depths: tuple[float, ...] = ()
+) -> Scene:
     """Return the scene of a request.
 
     Args:
@@ -116,9 +128,17 @@ def scene_of(flow: FlowEstimate, request: LearnRequest, seconds: float | None, d
             "or a file of --save-estimate"
         )
     goals = request.goals or (request.start,)
-    how = MissionSettings(depth=settings.depth, margin=settings.margin, clearance=settings.clearance, spline=0)
+    how = MissionSettings(
+        depth=settings.depth, margin=settings.margin, clearance=settings.clearance, spline=0
+    )
     asked = MissionRequest(
-        request.start, goals, request.vehicle, how, request.no_go, request.bathymetry, start_time_ns=request.start_time_ns
+        request.start,
+        goals,
+        request.vehicle,
+        how,
+        request.no_go,
+        request.bathymetry,
+        start_time_ns=request.start_time_ns,
     )
     task = mission_task(flow.mean_flow(), asked)
     if task.settings.depth < settings.depth:
@@ -132,18 +152,33 @@ def scene_of(flow: FlowEstimate, request: LearnRequest, seconds: float | None, d
     known = depth_means(flow, np.concatenate(weights))
     if seconds is None:
         way = float(np.linalg.norm(task.goals[-1, :2] - task.start[:2]))
-        seconds = leg_time * (request.profiles or max(np.ceil(LONGEST * way / (under_way * along) / leg_time), 3.0))
+        seconds = leg_time * (
+            request.profiles or max(np.ceil(LONGEST * way / (under_way * along) / leg_time), 3.0)
+        )
     begin = max((request.start_time_ns - known.time_ns) / 1e9, 0.0) if known.changes else 0.0
     # a static estimate has no clock: its times count from the plan's start
     zero_ns = known.time_ns if known.changes else request.start_time_ns
     known = known if known.changes else replace(known, time_ns=zero_ns)
     mean = mean_currents(known, slices(known, begin, begin + seconds))
     if not np.isfinite(mean.coefficients).all():
-        raise PlanError("the estimate's current is not a number everywhere; make the estimate again")
-    return Scene(task, known, mean, begin, _others(request, flow.grid.projection, zero_ns), under_way * along, leg_time, settings)
+        raise PlanError(
+            "the estimate's current is not a number everywhere; make the estimate again"
+        )
+    return Scene(
+        task,
+        known,
+        mean,
+        begin,
+        _others(request, flow.grid.projection, zero_ns),
+        under_way * along,
+        leg_time,
+        settings,
+    )
 
 
-def _others(request: LearnRequest, projection: Projection, zero_ns: int) -> tuple[tuple[Array, Array], ...]:
+def _others(
+    request: LearnRequest, projection: Projection, zero_ns: int
+) -> tuple[tuple[Array, Array], ...]:
     """Return the profiles of others in the local frame and on the scene's clock."""
     others = request.others
     if others is None or not len(others.time_ns):
@@ -152,7 +187,13 @@ def _others(request: LearnRequest, projection: Projection, zero_ns: int) -> tupl
     return ((points, (np.asarray(others.time_ns) - zero_ns) / 1e9),)
 
 
-def leg_of(scene: Scene, begin: complex, end: complex, when: tuple[float, float], through_water: complex | None = None) -> LearnLeg:
+def leg_of(
+    scene: Scene,
+    begin: complex,
+    end: complex,
+    when: tuple[float, float],
+    through_water: complex | None = None,
+) -> LearnLeg:
     """Return a leg from one surfacing to the next.
 
     Args:
@@ -165,15 +206,27 @@ def leg_of(scene: Scene, begin: complex, end: complex, when: tuple[float, float]
     held = through_water
     if held is None:
         middle = np.array([0.5 * (begin + end)])
-        held = (end - begin) / (when[1] - when[0]) - complex(scene.mean.at(middle, 0.5 * sum(when))[0])
+        held = (end - begin) / (when[1] - when[0]) - complex(
+            scene.mean.at(middle, 0.5 * sum(when))[0]
+        )
     at = scene.place(begin)
-    turn = np.rad2deg(float(grid_bearing_of_true_north(scene.projection, at.longitude, at.latitude)))
+    turn = np.rad2deg(
+        float(grid_bearing_of_true_north(scene.projection, at.longitude, at.latitude))
+    )
     where = scene.place(end)
     heading = float(np.mod(heading_deg(held.real, held.imag) - turn, 360.0))
-    return LearnLeg(heading, abs(held), (where.longitude, where.latitude), when[1] - scene.begin, through_water is not None)
+    return LearnLeg(
+        heading,
+        abs(held),
+        (where.longitude, where.latitude),
+        when[1] - scene.begin,
+        through_water is not None,
+    )
 
 
-def dives_of(scene: Scene, begin: complex, ends: Complex, times: Array) -> tuple[tuple[LearnLeg, ...], Array, Array]:
+def dives_of(
+    scene: Scene, begin: complex, ends: Complex, times: Array
+) -> tuple[tuple[LearnLeg, ...], Array, Array]:
     """Return the legs of dives, and their track: times [s] since the start, shape (n,), and places, shape (n, 3) [m].
 
     Args:
@@ -183,7 +236,9 @@ def dives_of(scene: Scene, begin: complex, ends: Complex, times: Array) -> tuple
         times: shape (k + 1,) [s], on the scene's clock.
     """
     nodes = np.concatenate([[begin], ends])
-    legs = tuple(leg_of(scene, nodes[k], nodes[k + 1], (times[k], times[k + 1])) for k in range(len(ends)))
+    legs = tuple(
+        leg_of(scene, nodes[k], nodes[k + 1], (times[k], times[k + 1])) for k in range(len(ends))
+    )
     at = np.linspace(0.0, len(ends), 2 * scene.settings.dives * len(ends) + 1)
     along = np.interp(at, np.arange(len(nodes)), nodes)
     depth = np.where(np.arange(at.size) % 2 == 1, scene.settings.depth, 0.0)
@@ -201,7 +256,10 @@ def value_map(scene: Scene, aim: Aim, time: float, around: Complex, unit: str) -
         around: Places that the map holds with a margin [m].
         unit: Of the error.
     """
-    low, high = complex(around.real.min(), around.imag.min()), complex(around.real.max(), around.imag.max())
+    low, high = (
+        complex(around.real.min(), around.imag.min()),
+        complex(around.real.max(), around.imag.max()),
+    )
     margin = 0.4 * max((high - low).real, (high - low).imag, 10e3)
     sides = np.array([(high - low).real, (high - low).imag]) + 2.0 * margin
     step = float(sides.max()) / _PLACES
@@ -212,6 +270,8 @@ def value_map(scene: Scene, aim: Aim, time: float, around: Complex, unit: str) -
     if not places.size:
         return ValueMap(np.zeros(0), np.zeros(0), np.zeros(0), unit)
     empty = np.ones(places.size, dtype=bool)
-    left = aim.judge(Survey(places[:, None], places[:, None], places[:, None], np.array([time]), empty))
+    left = aim.judge(
+        Survey(places[:, None], places[:, None], places[:, None], np.array([time]), empty)
+    )
     longitude, latitude = to_geographic(scene.projection, places.real, places.imag)
     return ValueMap(longitude, latitude, aim.before() - left, unit)

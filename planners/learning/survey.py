@@ -36,7 +36,9 @@ class _Found:
     error: float
 
 
-def plan_survey(flow: FlowEstimate, request: LearnRequest, survey: float, blind: float) -> LearnPlan:
+def plan_survey(
+    flow: FlowEstimate, request: LearnRequest, survey: float, blind: float
+) -> LearnPlan:
     """Return the survey from the start and back that leaves the least error at the end of a stretch without fixes, and the stretch.
 
     Args:
@@ -49,14 +51,18 @@ def plan_survey(flow: FlowEstimate, request: LearnRequest, survey: float, blind:
         PlanError: A place is outside, on land or forbidden, no survey can be flown, or nothing is left to learn.
     """
     scene = scene_of(flow, request, survey + blind)
-    stretch = Stretch(scene.start, scene.goals, scene.begin, survey, blind, scene.speed, scene.settings.error)
+    stretch = Stretch(
+        scene.start, scene.goals, scene.begin, survey, blind, scene.speed, scene.settings.error
+    )
     n_dives = int(survey / scene.leg_time + 1e-9)
     if n_dives < 2:
         raise PlanError(
             f"a survey of {survey / 3600.0:g} h cannot return: it holds {n_dives} surfacings of {scene.leg_time / 3600.0:.1f} h each, and "
             "one out and one back are needed; allow more time, or shallower dives"
         )
-    planned = plan_transit(scene.mean, np.array([scene.start]), stretch.leaves, scene.goals, blind, scene.speed)
+    planned = plan_transit(
+        scene.mean, np.array([scene.start]), stretch.leaves, scene.goals, blind, scene.speed
+    )
     aim = _aim(scene, stretch, planned)
     _check_predictable(scene, stretch, planned, aim)
     if aim.before() <= scene.settings.tolerance:
@@ -65,7 +71,12 @@ def plan_survey(flow: FlowEstimate, request: LearnRequest, survey: float, blind:
             f"it is planned, within the tolerance of {scene.settings.tolerance:g} m; leave the survey out"
         )
     found = _search(scene, stretch, aim, n_dives)
-    sea = drawn_sea(scene.known, slices(scene.known, scene.begin, stretch.leaves + blind), scene.settings.samples, scene.settings.seed)
+    sea = drawn_sea(
+        scene.known,
+        slices(scene.known, scene.begin, stretch.leaves + blind),
+        scene.settings.samples,
+        scene.settings.seed,
+    )
     candidates, misses = _candidates(scene, stretch, sea, aim, found)
     return _plan(scene, request, stretch, (planned, aim, found), (candidates, misses))
 
@@ -98,7 +109,9 @@ def _check_predictable(scene: Scene, stretch: Stretch, planned: Transit, aim: Ai
 def _aim(scene: Scene, stretch: Stretch, planned: Transit) -> Aim:
     """Return where the stretch ends as what counts."""
     sense = end_sensitivity(scene.mean, stretch.start, stretch.leaves, planned)
-    rows = rows_at(scene.known, np.stack([sense.points.real, sense.points.imag], axis=-1), sense.times)
+    rows = rows_at(
+        scene.known, np.stack([sense.points.real, sense.points.imag], axis=-1), sense.times
+    )
     return scene.aim(rows.combined(sense.weights))
 
 
@@ -113,7 +126,9 @@ def _search(scene: Scene, stretch: Stretch, aim: Aim, n_dives: int) -> _Found:
     def make(shape: Complex) -> tuple[Survey, NDArray[np.bool_]]:
         made = timed(scene.mean, stretch.start, shape, span, stretch.speed)
         free = made.flown & scene.inside(made)
-        free[free] = clear(made.picked(np.flatnonzero(free)), stretch.start, rings, scene.settings.margin)
+        free[free] = clear(
+            made.picked(np.flatnonzero(free)), stretch.start, rings, scene.settings.margin
+        )
         return made, free
 
     ahead = complex(stretch.goals[0] - stretch.start) or 1.0 + 0j
@@ -133,25 +148,47 @@ def _search(scene: Scene, stretch: Stretch, aim: Aim, n_dives: int) -> _Found:
     return _Found(offered, allowed, errors, make(shape[None])[0], error)
 
 
-def _candidates(scene: Scene, stretch: Stretch, sea: Sea, aim: Aim, found: _Found) -> tuple[tuple[Candidate, ...], dict[str, Flown]]:
+def _candidates(
+    scene: Scene, stretch: Stretch, sea: Sea, aim: Aim, found: _Found
+) -> tuple[tuple[Candidate, ...], dict[str, Flown]]:
     """Return the candidates as they turn out in samples, and the flights of those that the message names."""
-    noise = np.random.default_rng(scene.settings.seed + 1).standard_normal((sea.count, found.best.times.size, 2))
+    noise = np.random.default_rng(scene.settings.seed + 1).standard_normal(
+        (sea.count, found.best.times.size, 2)
+    )
     flown: dict[str, Flown] = {"now": fly_after(sea, stretch, None, noise, scene.given)}
     named: list[tuple[str, float, Survey | None]] = [("leaving now", aim.before(), None)]
     if found.allowed[WAITING]:
-        named.append(("waiting as long", float(found.errors[WAITING]), found.offered.picked([WAITING])))
+        named.append(
+            ("waiting as long", float(found.errors[WAITING]), found.offered.picked([WAITING]))
+        )
     if found.allowed[SCOUTING]:
-        named.append(("scouting ahead and back", float(found.errors[SCOUTING]), found.offered.picked([SCOUTING])))
+        named.append(
+            (
+                "scouting ahead and back",
+                float(found.errors[SCOUTING]),
+                found.offered.picked([SCOUTING]),
+            )
+        )
     named.append(("this survey", found.error, found.best))
     rows = []
     for name, predicted, survey in named:
-        one = flown["now"] if survey is None else fly_after(sea, stretch, survey, noise, scene.given)
+        one = (
+            flown["now"] if survey is None else fly_after(sea, stretch, survey, noise, scene.given)
+        )
         flown[name] = one
         within = float(np.mean(one.misses <= scene.settings.tolerance))
-        rows.append(Candidate(name, predicted, one.miss_90, *one.interval(), within, name == "this survey"))
+        rows.append(
+            Candidate(name, predicted, one.miss_90, *one.interval(), within, name == "this survey")
+        )
     at = scene.place(scene.start)
-    turn = float(np.rad2deg(grid_bearing_of_true_north(scene.projection, at.longitude, at.latitude)))
-    order = [k for k in np.argsort(found.errors) if np.isfinite(found.errors[k]) and k not in (WAITING, SCOUTING)][:_NAMED]
+    turn = float(
+        np.rad2deg(grid_bearing_of_true_north(scene.projection, at.longitude, at.latitude))
+    )
+    order = [
+        k
+        for k in np.argsort(found.errors)
+        if np.isfinite(found.errors[k]) and k not in (WAITING, SCOUTING)
+    ][:_NAMED]
     for k in order:
         corner = complex(found.offered.corners[k, 0]) - stretch.start
         bearing = float(np.mod(heading_deg(corner.real, corner.imag) - turn, 360.0))
@@ -170,15 +207,26 @@ def _plan(
     """Return the plan with its message and track."""
     (planned, aim, found), (candidates, flown) = made, outcome
     legs, times, track = dives_of(
-        scene, stretch.start, found.best.ends[0], np.linspace(stretch.begin, stretch.leaves, found.best.times.size + 1)
+        scene,
+        stretch.start,
+        found.best.ends[0],
+        np.linspace(stretch.begin, stretch.leaves, found.best.times.size + 1),
     )
     blind_legs, blind_times, blind_track = _blind(scene, stretch, planned)
     crossed = _crossed(scene, blind_track)
     miss = float(abs(planned.ends[0, -1] - scene.goals[-1]))
-    status: PlanStatus = "unsafe" if crossed else "reached" if miss <= scene.settings.tolerance else "unreachable"
-    message = _words(candidates, stretch) + _out_of_reach(flown["this survey"], stretch, scene.settings.tolerance)
+    status: PlanStatus = (
+        "unsafe" if crossed else "reached" if miss <= scene.settings.tolerance else "unreachable"
+    )
+    message = _words(candidates, stretch) + _out_of_reach(
+        flown["this survey"], stretch, scene.settings.tolerance
+    )
     chosen = next(one for one in candidates if one.chosen)
-    if status == "reached" and (rare := chosen.shortfall(scene.settings, f"end within the tolerance of {scene.settings.tolerance:g} m")):
+    if status == "reached" and (
+        rare := chosen.shortfall(
+            scene.settings, f"end within the tolerance of {scene.settings.tolerance:g} m"
+        )
+    ):
         status, message = "uncertain", message + rare
     if status == "unreachable":
         message += (
@@ -188,7 +236,10 @@ def _plan(
     if crossed:
         message += f"; the stretch after the survey crosses {crossed}: give places on the way round with --then, or less time"
     names = {"now": "leaving now"}
-    figures = {f"bound_{names.get(name, name)}": float(np.quantile(np.abs(one.offsets), 0.9)) for name, one in flown.items()}
+    figures = {
+        f"bound_{names.get(name, name)}": float(np.quantile(np.abs(one.offsets), 0.9))
+        for name, one in flown.items()
+    }
     return LearnPlan(
         status=status,
         message=message,
@@ -203,21 +254,37 @@ def _plan(
         before=aim.before(),
         after=found.error,
         candidates=candidates,
-        value=value_map(scene, aim, 0.5 * (stretch.begin + stretch.leaves), np.append(scene.goals, stretch.start), "m"),
+        value=value_map(
+            scene,
+            aim,
+            0.5 * (stretch.begin + stretch.leaves),
+            np.append(scene.goals, stretch.start),
+            "m",
+        ),
         found_name="90 % miss",
         unit="m",
-        figures={**figures, "samples": scene.settings.samples, "surfacings": int(found.best.times.size)},
+        figures={
+            **figures,
+            "samples": scene.settings.samples,
+            "surfacings": int(found.best.times.size),
+        },
     )
 
 
-def _blind(scene: Scene, stretch: Stretch, planned: Transit) -> tuple[tuple[LearnLeg, ...], Array, Array]:
+def _blind(
+    scene: Scene, stretch: Stretch, planned: Transit
+) -> tuple[tuple[LearnLeg, ...], Array, Array]:
     """Return the legs of the stretch without fixes, and its track, at half the dives' depth."""
     times, path = path_of(scene.mean, np.array([stretch.start]), stretch.leaves, planned)
     legs, begin, when = [], stretch.start, stretch.leaves
-    for held, end, duration in zip(planned.through_water[0], planned.ends[0], planned.durations, strict=True):
+    for held, end, duration in zip(
+        planned.through_water[0], planned.ends[0], planned.durations, strict=True
+    ):
         legs.append(leg_of(scene, begin, complex(end), (when, when + duration), complex(held)))
         begin, when = complex(end), when + float(duration)
-    track = np.column_stack([path.real, path.imag, np.full(path.size, 0.5 * scene.settings.depth)])[1:]
+    track = np.column_stack([path.real, path.imag, np.full(path.size, 0.5 * scene.settings.depth)])[
+        1:
+    ]
     return tuple(legs), times[1:] - scene.begin, track
 
 
@@ -225,7 +292,9 @@ def _crossed(scene: Scene, track: Array) -> str | None:
     """Return what the stretch without fixes crosses that it may not; None for nothing. It may pass where surfacing alone is forbidden."""
     rings = [ring for ring in scene.hazards if not ring.surface_only]
     begins = np.concatenate([scene.task.start[None, :2], track[:-1, :2]])
-    found = first_crossing(rings, np.stack([begins, track[:, :2]], axis=1), np.full(len(track), scene.settings.margin))
+    found = first_crossing(
+        rings, np.stack([begins, track[:, :2]], axis=1), np.full(len(track), scene.settings.margin)
+    )
     return None if found is None else found[0]
 
 
@@ -240,8 +309,14 @@ def _out_of_reach(flown: Flown, stretch: Stretch, tolerance: float) -> str:
 def _words(candidates: tuple[Candidate, ...], stretch: Stretch) -> str:
     """Return the answer in words: what each is worth, and what to do."""
     by_name = {one.name: one for one in candidates if one.found == one.found}
-    parts = [f"{name} {one.found / 1e3:.1f} km ({one.low / 1e3:.1f} to {one.high / 1e3:.1f})" for name, one in by_name.items()]
-    words = f"90 % of {stretch.blind / 3600.0:g} h without fixes end within, after {stretch.survey / 3600.0:g} h: " + ", ".join(parts)
+    parts = [
+        f"{name} {one.found / 1e3:.1f} km ({one.low / 1e3:.1f} to {one.high / 1e3:.1f})"
+        for name, one in by_name.items()
+    ]
+    words = (
+        f"90 % of {stretch.blind / 3600.0:g} h without fixes end within, after {stretch.survey / 3600.0:g} h: "
+        + ", ".join(parts)
+    )
     plan, waiting = by_name["this survey"], by_name.get("waiting as long")
     scouting = by_name.get("scouting ahead and back")
     now = by_name.get("leaving now")

@@ -55,7 +55,9 @@ def steps_of(duration: float) -> int:
     return max(int(np.ceil(duration / _STEP)), 2)
 
 
-def fly(currents: Currents, start: Complex, begin: Array | float, held: Complex, duration: float) -> Complex:
+def fly(
+    currents: Currents, start: Complex, begin: Array | float, held: Complex, duration: float
+) -> Complex:
     """Return the path of a vehicle that holds a velocity through water, shape (n + 1, S) [m].
 
     Args:
@@ -78,7 +80,9 @@ def fly(currents: Currents, start: Complex, begin: Array | float, held: Complex,
     return np.stack(path)
 
 
-def end_and_derivative(currents: Currents, start: Complex, begin: Array | float, held: Complex, duration: float) -> tuple[Complex, Array]:
+def end_and_derivative(
+    currents: Currents, start: Complex, begin: Array | float, held: Complex, duration: float
+) -> tuple[Complex, Array]:
     """Return where ``fly`` ends, shape (S,) [m], and its derivative by the velocity held, shape (S, 2, 2) [s]."""
     count = steps_of(duration)
     step, place = duration / count, start
@@ -91,12 +95,23 @@ def end_and_derivative(currents: Currents, start: Complex, begin: Array | float,
             value, by_east, by_north = currents.with_gradient(there, begin + (k + share) * step)
             slopes.append(held + value)
             turned.append(_matrix(by_east, by_north) @ moved + np.eye(2))
-        place = place + step * sum(weight * slope for (_, weight), slope in zip(_STAGES, slopes, strict=True))
-        derivative = derivative + step * sum(weight * turn for (_, weight), turn in zip(_STAGES, turned, strict=True))
+        place = place + step * sum(
+            weight * slope for (_, weight), slope in zip(_STAGES, slopes, strict=True)
+        )
+        derivative = derivative + step * sum(
+            weight * turn for (_, weight), turn in zip(_STAGES, turned, strict=True)
+        )
     return place, derivative
 
 
-def plan_transit(currents: Currents, start: Complex, begin: Array | float, goals: Complex, duration: float, speed: float) -> Transit:
+def plan_transit(
+    currents: Currents,
+    start: Complex,
+    begin: Array | float,
+    goals: Complex,
+    duration: float,
+    speed: float,
+) -> Transit:
     """Return velocities through water with which each goal is met, in equal shares of the way; at most of a vehicle's speed.
 
     Where that speed is too little the velocity is that of the speed which comes near: the ends say how near.
@@ -110,7 +125,11 @@ def plan_transit(currents: Currents, start: Complex, begin: Array | float, goals
         speed: Greatest through water [m/s].
     """
     lengths = np.abs(np.diff(np.concatenate([[start.mean()], goals])))
-    durations = duration * np.maximum(lengths, 1e-3 * lengths.sum() + 1.0) / np.sum(np.maximum(lengths, 1e-3 * lengths.sum() + 1.0))
+    durations = (
+        duration
+        * np.maximum(lengths, 1e-3 * lengths.sum() + 1.0)
+        / np.sum(np.maximum(lengths, 1e-3 * lengths.sum() + 1.0))
+    )
     velocities, ends, time = list[Complex](), list[Complex](), begin
     for goal, leg in zip(goals, durations, strict=True):
         held = _limited((goal - start) / leg - currents.at(start, time), speed)
@@ -127,7 +146,9 @@ def plan_transit(currents: Currents, start: Complex, begin: Array | float, goals
     return Transit(np.stack(velocities, axis=1), np.stack(ends, axis=1), durations)
 
 
-def fly_transit(currents: Currents, start: Complex, begin: Array | float, planned: Transit) -> Complex:
+def fly_transit(
+    currents: Currents, start: Complex, begin: Array | float, planned: Transit
+) -> Complex:
     """Return where planned stretches end in other currents, shape (S,) [m]; arguments as in ``plan_transit``."""
     for held, duration in zip(planned.through_water.T, planned.durations, strict=True):
         start = fly(currents, start, begin, held, duration)[-1]
@@ -135,7 +156,9 @@ def fly_transit(currents: Currents, start: Complex, begin: Array | float, planne
     return start
 
 
-def path_of(currents: Currents, start: Complex, begin: float, planned: Transit) -> tuple[Array, Complex]:
+def path_of(
+    currents: Currents, start: Complex, begin: float, planned: Transit
+) -> tuple[Array, Complex]:
     """Return times [s] and places [m] along planned stretches of one current, shape (n,) each."""
     times, places = [np.array([begin])], [start[:1]]
     for held, duration in zip(planned.through_water.T, planned.durations, strict=True):
@@ -145,7 +168,9 @@ def path_of(currents: Currents, start: Complex, begin: float, planned: Transit) 
     return np.concatenate(times), np.concatenate(places)
 
 
-def end_sensitivity(currents: Currents, start: complex, begin: float, planned: Transit) -> Sensitivity:
+def end_sensitivity(
+    currents: Currents, start: complex, begin: float, planned: Transit
+) -> Sensitivity:
     """Return how the end of a planned stretch moves with the current: exact for its integration.
 
     Args:
@@ -167,13 +192,17 @@ def end_sensitivity(currents: Currents, start: complex, begin: float, planned: T
     return Sensitivity(np.concatenate(points), np.concatenate(times), weights)
 
 
-def _step(currents: Currents, place: complex, time: float, held: complex, step: float) -> tuple[complex, Complex, Array, Array]:
+def _step(
+    currents: Currents, place: complex, time: float, held: complex, step: float
+) -> tuple[complex, Complex, Array, Array]:
     """Return where a step ends, its stages' places, and its end's derivative by its start, (2, 2), and by the current there, (2, 8)."""
     slope, by_start, by_current = 0j, np.zeros((2, 2)), np.zeros((2, 8))
     places, total, of_start, of_current = list[complex](), 0j, np.eye(2), np.zeros((2, 8))
     for j, (share, weight) in enumerate(_STAGES):
         there = place + share * step * slope
-        value, by_east, by_north = (one[0] for one in currents.with_gradient(np.array([there]), time + share * step))
+        value, by_east, by_north = (
+            one[0] for one in currents.with_gradient(np.array([there]), time + share * step)
+        )
         gradient = _matrix(by_east, by_north)
         at_stage, from_stage = np.eye(2) + share * step * by_start, share * step * by_current
         slope, by_start, by_current = held + value, gradient @ at_stage, gradient @ from_stage
@@ -187,7 +216,13 @@ def _step(currents: Currents, place: complex, time: float, held: complex, step: 
 
 def _matrix(by_east: Complex, by_north: Complex) -> Array:
     """Return the gradient of a current, shape (..., 2, 2), from its derivatives."""
-    return np.stack([np.stack([by_east.real, by_north.real], axis=-1), np.stack([by_east.imag, by_north.imag], axis=-1)], axis=-2)
+    return np.stack(
+        [
+            np.stack([by_east.real, by_north.real], axis=-1),
+            np.stack([by_east.imag, by_north.imag], axis=-1),
+        ],
+        axis=-2,
+    )
 
 
 def _solved(derivative: Array, miss: Complex, duration: float) -> Complex:
@@ -197,7 +232,9 @@ def _solved(derivative: Array, miss: Complex, duration: float) -> Complex:
     right = derivative.swapaxes(-1, -2) @ np.stack([miss.real, miss.imag], axis=-1)[..., None]
     change = np.linalg.solve(square, right)[..., 0]
     found = change[..., 0] + 1j * change[..., 1]
-    return np.asarray(found * np.minimum(1.0, 2.0 * np.abs(still) / np.maximum(np.abs(found), 1e-12)))
+    return np.asarray(
+        found * np.minimum(1.0, 2.0 * np.abs(still) / np.maximum(np.abs(found), 1e-12))
+    )
 
 
 def _limited(velocity: Complex, speed: float) -> Complex:

@@ -59,11 +59,17 @@ class LearnSettings:
         """Raise PlanError for settings outside their range."""
         for name in ("depth", "dives", "error", "tolerance"):
             if not 0.0 < getattr(self, name) < inf:
-                raise PlanError(f"{name} of a plan that learns is {getattr(self, name)!r}; expected a number above 0")
+                raise PlanError(
+                    f"{name} of a plan that learns is {getattr(self, name)!r}; expected a number above 0"
+                )
         if not 0.0 <= self.arrive <= 1.0:
-            raise PlanError(f"arrive of a plan that learns is {self.arrive!r}; expected a share from 0 to 1")
+            raise PlanError(
+                f"arrive of a plan that learns is {self.arrive!r}; expected a share from 0 to 1"
+            )
         if self.samples < 20:
-            raise PlanError(f"samples of a plan that learns: expected 20 or more, from which its figures come, got {self.samples}")
+            raise PlanError(
+                f"samples of a plan that learns: expected 20 or more, from which its figures come, got {self.samples}"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

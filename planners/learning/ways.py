@@ -55,13 +55,22 @@ class _Log:
         if self.rows is None:
             return _Log(rows, values)
         parts = tuple(
-            (scale, np.concatenate([one, more], axis=-2)) for (scale, one), (_, more) in zip(self.rows.parts, rows.parts, strict=True)
+            (scale, np.concatenate([one, more], axis=-2))
+            for (scale, one), (_, more) in zip(self.rows.parts, rows.parts, strict=True)
         )
-        now, after = np.concatenate([self.rows.now, rows.now], axis=-2), np.concatenate([self.rows.after, rows.after], axis=-1)
-        return _Log(replace(rows, now=now, parts=parts, after=after), np.concatenate([self.values, values], axis=-1))
+        now, after = (
+            np.concatenate([self.rows.now, rows.now], axis=-2),
+            np.concatenate([self.rows.after, rows.after], axis=-1),
+        )
+        return _Log(
+            replace(rows, now=now, parts=parts, after=after),
+            np.concatenate([self.values, values], axis=-1),
+        )
 
 
-def fly_voyage(sea: Sea, voyage: Voyage, noise: Array, via: complex | None = None, learns: bool = True) -> Array:
+def fly_voyage(
+    sea: Sea, voyage: Voyage, noise: Array, via: complex | None = None, learns: bool = True
+) -> Array:
     """Return the times of arrival [s] in each true current, shape (S,); that of being given up where a mission does not arrive.
 
     Args:
@@ -93,7 +102,10 @@ def fly_voyage(sea: Sea, voyage: Voyage, noise: Array, via: complex | None = Non
             middle, when = track[_PARTS // 2 - 1], np.array([time + 0.5 * voyage.leg_time])
             met = sea.truth.at(middle, when[0]) - sea.mean.at(middle[None], when[0])[0]
             values = np.stack([met.real, met.imag], axis=-1) + voyage.error * noise[:, leg]
-            log = log.with_profile(rows_at(sea.known, np.stack([middle.real, middle.imag], axis=-1)[:, None], when), values)
+            log = log.with_profile(
+                rows_at(sea.known, np.stack([middle.real, middle.imag], axis=-1)[:, None], when),
+                values,
+            )
         place = track[-1]
     return arrival
 
@@ -117,7 +129,9 @@ def _steered(sea: Sea, voyage: Voyage, log: _Log, where: tuple[Complex, Complex,
     slope = 4.0 * _BOWS[:, None] * (1.0 - 2.0 * share)
     points = place[:, None, None] + way[:, None, None] * (share + 1j * bow)
     tangent = way[:, None, None] * (1.0 + 1j * slope)
-    u = _known_at(sea, log, points.reshape(len(place), -1), time, voyage.error).reshape(points.shape)
+    u = _known_at(sea, log, points.reshape(len(place), -1), time, voyage.error).reshape(
+        points.shape
+    )
     along, through = _over_ground(u, tangent, voyage.speed)
     spent = np.sum(np.abs(tangent) / _POINTS / np.maximum(along, _LEAST), axis=-1)
     best = np.argmin(spent, axis=1)
@@ -132,7 +146,9 @@ def _over_ground(u: Complex, tangent: Complex, speed: float) -> tuple[Array, Com
     unit = tangent / np.maximum(np.abs(tangent), 1e-9)
     turned = u * np.conj(unit)
     ahead = np.sqrt(np.maximum(speed**2 - turned.imag**2, 0.0))
-    held = np.where(np.abs(turned.imag) < speed, ahead - 1j * turned.imag, -1j * speed * np.sign(turned.imag))
+    held = np.where(
+        np.abs(turned.imag) < speed, ahead - 1j * turned.imag, -1j * speed * np.sign(turned.imag)
+    )
     return ahead + turned.real, held * unit
 
 
@@ -143,6 +159,8 @@ def _known_at(sea: Sea, log: _Log, points: Complex, time: float, error: float) -
         return u
     unknowns = learnt(sea.known, log.rows, gains(log.rows, log.values, error**2), time)
     weights = unknowns @ sea.known.loading(sea.known.time_ns + round(time * 1e9))[:, 0]
-    modes = sea.known.modes(np.column_stack([points.real.ravel(), points.imag.ravel()])).reshape(*points.shape, 2, -1)
+    modes = sea.known.modes(np.column_stack([points.real.ravel(), points.imag.ravel()])).reshape(
+        *points.shape, 2, -1
+    )
     more = np.einsum("spcr,sr->spc", modes, weights, optimize=True)
     return np.asarray(u + more[..., 0] + 1j * more[..., 1])

@@ -12,7 +12,13 @@ import numpy as np
 import shapely
 
 from planners.front.bound import Bound
-from planners.front.current import Complex, CurrentLattice, current_lattice, shares_of_levels, spacing_over
+from planners.front.current import (
+    Complex,
+    CurrentLattice,
+    current_lattice,
+    shares_of_levels,
+    spacing_over,
+)
 from planners.front.front import sea_of, spread
 from planners.front.obstacles import as_complex, directions_around, obstacles_of
 from planners.front.relax import relax
@@ -76,12 +82,17 @@ def water_of(task: MissionTask, finer: float = 1.0) -> Water:
         times = task.currents.times - task.start_time
         last = longest_time(task)
         # what lies before the start or after the end counts through the nearest time alone
-        keep = np.flatnonzero((np.append(times[1:], inf) > 0.0) & (np.append(-inf, times[:-1]) < last))
+        keep = np.flatnonzero(
+            (np.append(times[1:], inf) > 0.0) & (np.append(-inf, times[:-1]) < last)
+        )
         columns = (keep[:, None] * flow.levels.size + np.arange(flow.levels.size)).ravel()
         times, latent = times[keep], latent[:, columns]
     shares = shares_of_levels(flow, task.settings.depth, drift_share)
     along = float(task.vehicle.speeds(np, angle)[0])
-    return Water(current_lattice(flow, latent, times, spacing_over(flow, finer), shares), (1.0 - drift_share) * along)
+    return Water(
+        current_lattice(flow, latent, times, spacing_over(flow, finer), shares),
+        (1.0 - drift_share) * along,
+    )
 
 
 def longest_time(task: MissionTask) -> float:
@@ -112,7 +123,9 @@ def passage_past_goals(
     """
     shallows = task.bottom.rings(task.settings.depth if depth is None else depth)
     places = _places(task)
-    obstacles = obstacles_of((*rings, *shallows), task.settings.margin if margin is None else margin, places)
+    obstacles = obstacles_of(
+        (*rings, *shallows), task.settings.margin if margin is None else margin, places
+    )
     sea = sea_of(water.current, water.speed, places, obstacles)
     first, now, last = water.current.places.size, 0.0, longest_time(task)
     points, times, passed = [task.start[None, :2]], [np.zeros(1)], list[float]()
@@ -135,11 +148,17 @@ def passage_past_goals(
 def is_beside(task: MissionTask, rings: tuple[Ring, ...], passage: Passage) -> bool:
     """Return whether a passage leads beside an area or land, so that a wider way may differ from it."""
     line = shapely.linestrings(passage.route.points)
-    solid = [ring for ring in (*rings, *task.bottom.rings(task.settings.depth)) if not ring.outside and not ring.surface_only]
+    solid = [
+        ring
+        for ring in (*rings, *task.bottom.rings(task.settings.depth))
+        if not ring.outside and not ring.surface_only
+    ]
     return any(bool(shapely.dwithin(ring.area, line, _WIDER[0])) for ring in solid)
 
 
-def widest_passage(task: MissionTask, water: Water, rings: tuple[Ring, ...], passage: Passage) -> Passage:
+def widest_passage(
+    task: MissionTask, water: Water, rings: tuple[Ring, ...], passage: Passage
+) -> Passage:
     """Return the passage farthest from what it must keep clear of that takes little longer than the quickest."""
     for margin in _WIDER:
         if margin > task.settings.margin:
@@ -175,9 +194,18 @@ def _bound_in(task: MissionTask, water: Water, error: float, strong: float) -> B
         strong: A current on the way [m/s], or a goal out of reach, for which it is not to be trusted; infinite to trust it always.
     """
     places, most, radius = _places(task), longest_time(task), task.settings.tolerance
-    discs = [np.append(directions_around(complex(place), radius, _ON_DISC), place) for place in places[1:]]
+    discs = [
+        np.append(directions_around(complex(place), radius, _ON_DISC), place)
+        for place in places[1:]
+    ]
     obstacles = obstacles_of((*task.rings, *task.bottom.rings(LEAST_DIVE)), 0.0, places)
-    sea = sea_of(water.current, water.speed + _second_order(task), np.concatenate([places[:1], *discs]), obstacles, waits=True)
+    sea = sea_of(
+        water.current,
+        water.speed + _second_order(task),
+        np.concatenate([places[:1], *discs]),
+        obstacles,
+        waits=True,
+    )
     first, now, fastest = water.current.places.size, 0.0, 0.0
     seeds = np.array([first])
     for k, place in enumerate(places[1:]):
@@ -188,9 +216,16 @@ def _bound_in(task: MissionTask, water: Water, error: float, strong: float) -> B
         front = spread(sea, seeds, np.full(seeds.size, now), most / error, goals)
         best = int(goals[np.argmin(front.times[goals])])
         if not front.times[best] <= most / error:
-            return None if np.isfinite(strong) else Bound(inf, most, k, *front.approach(complex(place), most / error))
+            return (
+                None
+                if np.isfinite(strong)
+                else Bound(inf, most, k, *front.approach(complex(place), most / error))
+            )
         route = front.route_to(best, now, True)
-        fastest = max(fastest, float(np.max(np.abs(water.current.at(as_complex(route.points), now + route.times)))))
+        fastest = max(
+            fastest,
+            float(np.max(np.abs(water.current.at(as_complex(route.points), now + route.times)))),
+        )
         if fastest > strong:
             return None
         now, seeds = now + float(relax(sea, route, now).times[-1]), goals
@@ -212,10 +247,16 @@ def _second_order(task: MissionTask) -> float:
     kernel, places = flow.horizontal.kernel, np.vstack([task.start, task.goals])[:, :2]
     lengths = np.array([kernel.length_east, kernel.length_north])
     # beyond its region the flow is no estimate of a current
-    corners = np.array([[pick(axis) for axis in (flow.grid.east, flow.grid.north)] for pick in (np.min, np.max)])
-    low, high = np.clip([places.min(axis=0) - _AROUND * lengths, places.max(axis=0) + _AROUND * lengths], *corners)
+    corners = np.array(
+        [[pick(axis) for axis in (flow.grid.east, flow.grid.north)] for pick in (np.min, np.max)]
+    )
+    low, high = np.clip(
+        [places.min(axis=0) - _AROUND * lengths, places.max(axis=0) + _AROUND * lengths], *corners
+    )
     counts = np.ceil((high - low) / lengths * _SAMPLES).astype(int) + 1
-    points = np.stack(np.meshgrid(*(np.linspace(low[i], high[i], counts[i]) for i in (0, 1))), axis=-1).reshape(-1, 2)
+    points = np.stack(
+        np.meshgrid(*(np.linspace(low[i], high[i], counts[i]) for i in (0, 1))), axis=-1
+    ).reshape(-1, 2)
     by_level = flow.horizontal.velocity(points, task.currents.latent[0][:, : flow.levels.size])
     deviation = by_level - (by_level @ shares)[..., None]
     largest = float(np.max(np.sum(deviation**2, axis=0) @ np.maximum(shares, 0.0)))
@@ -230,9 +271,18 @@ def _places(task: MissionTask) -> Complex:
 def initial_guess(task: MissionTask, route: Route, water: Water, ends: Array) -> MissionGuess:
     """Return a route cut into legs at some times, shape (L + 1,) [s], with the headings that follow it in the mean current."""
     places, durations = route.at(ends), np.diff(ends)
-    current = water.current.at(as_complex(0.5 * (places[1:] + places[:-1])), 0.5 * (ends[1:] + ends[:-1]))
-    through = np.diff(places, axis=0) / np.maximum(durations, 1.0)[:, None] - np.column_stack([current.real, current.imag])
+    current = water.current.at(
+        as_complex(0.5 * (places[1:] + places[:-1])), 0.5 * (ends[1:] + ends[:-1])
+    )
+    through = np.diff(places, axis=0) / np.maximum(durations, 1.0)[:, None] - np.column_stack(
+        [current.real, current.imag]
+    )
     turns = (None,) * durations.size if task.turns is None else task.turns
-    angles = [task.angle_of(float(duration), turn) for duration, turn in zip(durations, turns, strict=True)]
+    angles = [
+        task.angle_of(float(duration), turn)
+        for duration, turn in zip(durations, turns, strict=True)
+    ]
     turn = true_north_halfway(task.region.grid.projection, places[:-1], places[1:])
-    return MissionGuess(places[1:], np.arctan2(through[:, 0], through[:, 1]) - turn, np.array(angles))
+    return MissionGuess(
+        places[1:], np.arctan2(through[:, 0], through[:, 1]) - turn, np.array(angles)
+    )

@@ -34,7 +34,13 @@ class GoalSteps:
     def points(self, flight: Flight) -> NDArray[np.intp]:
         """Return the numbers of a flight's points at which the goals are met."""
         begins, legs = np.concatenate([[0], flight.ends[:-1]]), np.array(self.legs) - 1
-        return np.asarray(np.where(np.array(self.steps) == 0, flight.ends[legs], begins[legs] + REFINED * np.array(self.steps)))
+        return np.asarray(
+            np.where(
+                np.array(self.steps) == 0,
+                flight.ends[legs],
+                begins[legs] + REFINED * np.array(self.steps),
+            )
+        )
 
 
 # Not slotted: depth profiles are made once, when they are first needed.
@@ -72,7 +78,16 @@ class LegsProblem:
         profiles = tuple(self.profiles.index(leg) for leg in self.yo_depths)
         n_steps, has_reference = self.depths[0].size - 1, self.task.reference_path is not None
         drifts = bool(np.any(self.drifts))
-        return MissionShape(self.n_legs, n_steps, self.goals.legs, profiles, n_planes, drifts, self.goals.steps, has_reference)
+        return MissionShape(
+            self.n_legs,
+            n_steps,
+            self.goals.legs,
+            profiles,
+            n_planes,
+            drifts,
+            self.goals.steps,
+            has_reference,
+        )
 
     @property
     def profiles(self) -> list[YoDepths]:
@@ -116,12 +131,18 @@ class Attempt:
 def goals_met(task: MissionTask, attempt: Attempt) -> bool:
     """Return whether every miss distance is within the tolerance, unless it has no weight, and the track near enough to its reference."""
     indifferent = task.settings.weights.closest == 0.0
-    return excess_deviation(task, attempt) == 0.0 and (indifferent or bool(np.all(attempt.miss <= task.settings.tolerance)))
+    return excess_deviation(task, attempt) == 0.0 and (
+        indifferent or bool(np.all(attempt.miss <= task.settings.tolerance))
+    )
 
 
 def excess_deviation(task: MissionTask, attempt: Attempt) -> float:
     """Return how much farther from the reference path an attempt leads than allowed [m]."""
-    return 0.0 if task.reference_path is None else max(0.0, attempt.deviation[0] - task.reference_path.limit)
+    return (
+        0.0
+        if task.reference_path is None
+        else max(0.0, attempt.deviation[0] - task.reference_path.limit)
+    )
 
 
 def is_feasible(task: MissionTask, attempt: Attempt) -> bool:
@@ -131,16 +152,28 @@ def is_feasible(task: MissionTask, attempt: Attempt) -> bool:
 
 def energy_of(task: MissionTask, attempt: Attempt) -> float:
     """Return the energy of an attempt [J]."""
-    apogees = sum(leg[i] for leg in attempt.yo_depths for i in range(1, len(leg) - 1) if leg[i] > leg[i - 1])
+    apogees = sum(
+        leg[i] for leg in attempt.yo_depths for i in range(1, len(leg) - 1) if leg[i] > leg[i - 1]
+    )
     return float(task.vehicle.energy(attempt.flight.time[-1], apogees))
 
 
 def ranking_key(task: MissionTask, attempt: Attempt) -> tuple[bool, float, float]:
     """Return the key that attempts are sorted by: feasible ones first, by cost; the others by miss distance and deviation."""
-    settings, duration, feasible = task.settings, float(attempt.flight.time[-1]), is_feasible(task, attempt)
-    miss = 0.0 if feasible and not settings.aim.distance_first else float(np.max(attempt.miss)) + (_UNSAFE if attempt.violation else 0.0)
+    settings, duration, feasible = (
+        task.settings,
+        float(attempt.flight.time[-1]),
+        is_feasible(task, attempt),
+    )
+    miss = (
+        0.0
+        if feasible and not settings.aim.distance_first
+        else float(np.max(attempt.miss)) + (_UNSAFE if attempt.violation else 0.0)
+    )
     miss_sum, angles = float(np.sum(attempt.miss)), attempt.legs.angles
-    cost = settings.aim.cost(Found(task.vehicle, angles, attempt.yo_depths, duration, energy_of(task, attempt), miss_sum))
+    cost = settings.aim.cost(
+        Found(task.vehicle, angles, attempt.yo_depths, duration, energy_of(task, attempt), miss_sum)
+    )
     if task.reference_path is not None:
         cost += task.reference_path.weight * duration / HOUR * (attempt.deviation[1] / KM) ** 2
         miss += excess_deviation(task, attempt)

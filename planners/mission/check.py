@@ -47,25 +47,41 @@ def check(task: MissionTask, flight: Flight, margin: float = 0.0) -> Violation |
     """
     if not np.all(np.isfinite(flight.place)):
         return Violation("the path is not a number", 0.0, 1, float("nan"), float("nan"))
-    segments, depths, skin = _segments(flight.place)[0], np.column_stack([flight.depth[:-1], flight.depth[1:]]), bends(flight)
+    segments, depths, skin = (
+        _segments(flight.place)[0],
+        np.column_stack([flight.depth[:-1], flight.depth[1:]]),
+        bends(flight),
+    )
     wide = skin + margin
     below = task.bottom.is_below(segments, depths, skin)
-    deep = (depths.max(axis=1) > task.region.deepest + DEPTH_TOLERANCE) | (depths.min(axis=1) < -DEPTH_TOLERANCE)
+    deep = (depths.max(axis=1) > task.region.deepest + DEPTH_TOLERANCE) | (
+        depths.min(axis=1) < -DEPTH_TOLERANCE
+    )
     surfacing = _at_surface(flight)
-    lane = first_crossing([ring for ring in task.rings if ring.surface_only], _surfaced(segments, depths)[surfacing], wide[surfacing])
+    lane = first_crossing(
+        [ring for ring in task.rings if ring.surface_only],
+        _surfaced(segments, depths)[surfacing],
+        wide[surfacing],
+    )
     found = [
         first_crossing([ring for ring in task.rings if not ring.surface_only], segments, wide),
         None if lane is None else (lane[0], int(np.flatnonzero(surfacing)[lane[1]]), lane[2]),
-        (task.bottom.name_at(segments[np.argmax(below)]), int(np.argmax(below)), 0.0) if below.any() else None,
+        (task.bottom.name_at(segments[np.argmax(below)]), int(np.argmax(below)), 0.0)
+        if below.any()
+        else None,
         ("the surface or the deepest level", int(np.argmax(deep)), 0.0) if deep.any() else None,
     ]
     first = min((one for one in found if one is not None), key=lambda one: one[1:], default=None)
     if first is None:
         return None
     what, i, share = first
-    place, time = (values[i] + share * (values[i + 1] - values[i]) for values in (flight.place[0], flight.time))
+    place, time = (
+        values[i] + share * (values[i + 1] - values[i]) for values in (flight.place[0], flight.time)
+    )
     longitude, latitude = to_geographic(task.region.grid.projection, *place)
-    return Violation(what, float(time), int(flight.leg[i + 1]) + 1, float(longitude), float(latitude))
+    return Violation(
+        what, float(time), int(flight.leg[i + 1]) + 1, float(longitude), float(latitude)
+    )
 
 
 def bends(flight: Flight) -> Array:
@@ -74,7 +90,10 @@ def bends(flight: Flight) -> Array:
     A path whose velocity changes by dv over a step of duration T is dv T / 8 off its chord; dv is taken from the steps before and after in
     the same part of a leg, and twice that is returned.
     """
-    steps, velocity = np.diff(flight.time), np.diff(flight.place[0], axis=0) / np.diff(flight.time)[:, None]
+    steps, velocity = (
+        np.diff(flight.time),
+        np.diff(flight.place[0], axis=0) / np.diff(flight.time)[:, None],
+    )
     # heading and glide angle change between legs, and the velocity through water ends with the dive
     drifting = (flight.depth[:-1] <= DEPTH_TOLERANCE) & (flight.depth[1:] <= DEPTH_TOLERANCE)
     joined = (flight.leg[1:-1] == flight.leg[2:]) & (drifting[:-1] == drifting[1:])
@@ -105,7 +124,10 @@ def clearances(task: MissionTask, flight: Flight) -> dict[str, Array]:
     them; a flight whose dives all stay above the bottom has at least some clearance from it.
     """
     count, found = len(flight.place), dict[str, Array]()
-    segments, depths = _segments(flight.place), np.column_stack([flight.depth[:-1], flight.depth[1:]])
+    segments, depths = (
+        _segments(flight.place),
+        np.column_stack([flight.depth[:-1], flight.depth[1:]]),
+    )
     for rings, taken, fixed in _hazards(task, flight):
         parts = segments[:, taken]
         if fixed and rings[0].surface_only:
@@ -113,7 +135,11 @@ def clearances(task: MissionTask, flight: Flight) -> dict[str, Array]:
         for name, clear in _clearance(rings, parts).items():
             found[name] = np.minimum(found.get(name, np.full(count, np.inf)), clear)
     skin = np.zeros(segments.shape[0] * segments.shape[1])
-    below = task.bottom.is_below(segments.reshape(-1, 2, 2), np.tile(depths, (count, 1)), skin).reshape(count, -1).any(axis=1)
+    below = (
+        task.bottom.is_below(segments.reshape(-1, 2, 2), np.tile(depths, (count, 1)), skin)
+        .reshape(count, -1)
+        .any(axis=1)
+    )
     shallows = [name for name in found if name not in {ring.name for ring in task.rings}]
     for name in shallows:
         found[name] = np.where(below, found[name], np.maximum(found[name], _ABOVE))
@@ -126,10 +152,16 @@ def clearances(task: MissionTask, flight: Flight) -> dict[str, Array]:
 _ABOVE = 1.0
 
 
-def _hazards(task: MissionTask, flight: Flight) -> Iterator[tuple[Sequence[Ring], NDArray[np.bool_], bool]]:
+def _hazards(
+    task: MissionTask, flight: Flight
+) -> Iterator[tuple[Sequence[Ring], NDArray[np.bool_], bool]]:
     """Yield rings, the segments that they count for, shape (n - 1,), and whether they hold at any depth."""
     lanes = [ring for ring in task.rings if ring.surface_only]
-    yield [ring for ring in task.rings if not ring.surface_only], np.full(flight.depth.size - 1, True), True
+    yield (
+        [ring for ring in task.rings if not ring.surface_only],
+        np.full(flight.depth.size - 1, True),
+        True,
+    )
     if lanes:
         yield lanes, _at_surface(flight), True
     # legs begin where the one before ended, at the surface
@@ -148,13 +180,24 @@ def _clearance(rings: Sequence[Ring], segments: Array) -> dict[str, Array]:
     tree, found = shapely.STRtree(lines), dict[str, Array]()
     for ring in rings:
         near = tree.query(ring.line, predicate="dwithin", distance=longest)
-        inside = np.flatnonzero(~shapely.covers(ring.area, lines)) if ring.outside else tree.query(ring.area, predicate="intersects")
+        inside = (
+            np.flatnonzero(~shapely.covers(ring.area, lines))
+            if ring.outside
+            else tree.query(ring.area, predicate="intersects")
+        )
         clear = np.full(count, np.inf)
         np.minimum.at(clear, flights[near], shapely.distance(ring.line, lines[near]))
-        overlap = shapely.difference(lines[inside], ring.area) if ring.outside else shapely.intersection(lines[inside], ring.area)
+        overlap = (
+            shapely.difference(lines[inside], ring.area)
+            if ring.outside
+            else shapely.intersection(lines[inside], ring.area)
+        )
         middle, crosses = flat[inside, 1].copy(), ~shapely.is_empty(overlap)
         middle[crosses] = shapely.get_coordinates(shapely.centroid(overlap[crosses]))
-        deepest = np.min([ring.clearance(points) for points in (flat[inside, 0], flat[inside, 1], middle)], axis=0)
+        deepest = np.min(
+            [ring.clearance(points) for points in (flat[inside, 0], flat[inside, 1], middle)],
+            axis=0,
+        )
         np.minimum.at(clear, flights[inside], np.minimum(deepest, 0.0))
         found[ring.name] = np.minimum(found.get(ring.name, clear), clear)
     return found

@@ -37,7 +37,9 @@ def along_route(task: MissionTask, water: Water, n_legs: int, target: Target) ->
     return found
 
 
-def _course(task: MissionTask, water: Water, most: int, target: Target, latest: float | None = None) -> Attempt | None:
+def _course(
+    task: MissionTask, water: Water, most: int, target: Target, latest: float | None = None
+) -> Attempt | None:
     """Return the legs flown one after the other; with a latest time [s] only those until the goals are met, None when not by then."""
     whole = latest is None
     at, now, goal, met = task.start[:2], 0.0, 0, list[int]()
@@ -48,9 +50,18 @@ def _course(task: MissionTask, water: Water, most: int, target: Target, latest: 
         height = float(np.sum(np.abs(np.diff(depths))))
         drift = task.settings.surface_time if not whole or k + 1 < most else 0.0
         # the leg that arrives ends there, without a drift
-        heading, angle = _aimed(task, water, (at, now), to, height, 0.0 if _is_last(task, water, to - at, goal, height) else drift)
+        heading, angle = _aimed(
+            task,
+            water,
+            (at, now),
+            to,
+            height,
+            0.0 if _is_last(task, water, to - at, goal, height) else drift,
+        )
         legs = Legs(np.array([heading]), np.array([angle]), (depths,), np.array([drift]))
-        flight = fly_legs(task.currents, task.vehicle, at, legs, task.start_time + now, fly_midpoints)
+        flight = fly_legs(
+            task.currents, task.vehicle, at, legs, task.start_time + now, fly_midpoints
+        )
         # the last goal is met before a drift, the others after theirs
         met_at = flight.place[0, depths.size - 1 if goal == len(task.goals) - 1 else -1]
         headings.append(heading)
@@ -67,7 +78,11 @@ def _course(task: MissionTask, water: Water, most: int, target: Target, latest: 
     n_legs = len(headings)
     if latest is not None and (goal < len(task.goals) or now >= latest):
         return None
-    goal_legs = tuple(met) if not whole else tuple(max(n_legs - len(task.goals) + 1 + k, 1) for k in range(len(task.goals)))
+    goal_legs = (
+        tuple(met)
+        if not whole
+        else tuple(max(n_legs - len(task.goals) + 1 + k, 1) for k in range(len(task.goals)))
+    )
     guess = MissionGuess(np.array(places), np.array(headings), np.array(angles))
     return fly_guess(LegsProblem(task, n_legs, GoalSteps(goal_legs, (0,) * len(goal_legs))), guess)
 
@@ -75,16 +90,29 @@ def _course(task: MissionTask, water: Water, most: int, target: Target, latest: 
 def _is_last(task: MissionTask, water: Water, way: Array, goal: int, height: float) -> bool:
     """Return whether a leg may end at the last goal."""
     longest = height / float(task.vehicle.speeds(np, task.vehicle.angles[0])[1])
-    return goal == len(task.goals) - 1 and bool(np.linalg.norm(way) <= (water.speed + water.current.fastest) * longest)
+    return goal == len(task.goals) - 1 and bool(
+        np.linalg.norm(way) <= (water.speed + water.current.fastest) * longest
+    )
 
 
-def _aimed(task: MissionTask, water: Water, begin: tuple[Array, float], to: Array, height: float, drift: float) -> tuple[float, float]:
+def _aimed(
+    task: MissionTask,
+    water: Water,
+    begin: tuple[Array, float],
+    to: Array,
+    height: float,
+    drift: float,
+) -> tuple[float, float]:
     """Return heading and glide angle [rad] that lead from a place [m] and time [s] towards another in the mean current."""
     at, now = begin
     lasts = task.leg_time(task.vehicle.angles[0])
     away = to - at
     reach = min(1.0, water.speed * lasts / max(float(np.linalg.norm(away)), 1.0))
-    current = water.current.at(as_complex((at + 0.5 * reach * away)[None]), np.array([now + 0.5 * lasts]))
-    heading, angle = aim(task.vehicle, away[None], np.column_stack([current.real, current.imag]), height, drift)
+    current = water.current.at(
+        as_complex((at + 0.5 * reach * away)[None]), np.array([now + 0.5 * lasts])
+    )
+    heading, angle = aim(
+        task.vehicle, away[None], np.column_stack([current.real, current.imag]), height, drift
+    )
     turn = true_north_halfway(task.region.grid.projection, at[None], (at + reach * away)[None])
     return float(heading[0] - turn[0]), float(angle[0])

@@ -26,7 +26,9 @@ _OTHERS, _SOME = 3, 0.25
 _RANKS = ("reached", "uncertain", "unreachable")
 
 
-def plan_departures(flow: Flow, request: MissionRequest, starts_ns: Sequence[int]) -> tuple[MissionPlan, ...]:
+def plan_departures(
+    flow: Flow, request: MissionRequest, starts_ns: Sequence[int]
+) -> tuple[MissionPlan, ...]:
     """Return the best mission found for each departure.
 
     The first is planned by itself. Each other one is solved from the plan before it, with a leg more or less where that is needed or might
@@ -46,7 +48,11 @@ def plan_departures(flow: Flow, request: MissionRequest, starts_ns: Sequence[int
     for start_ns in starts_ns:
         asked = replace(request, start_time_ns=start_ns)
         # leaving later, all legs of the plan before are still to be flown
-        made = _from_neighbour(flow, asked, replace(plans[-1], start_time_ns=start_ns)) if plans else None
+        made = (
+            _from_neighbour(flow, asked, replace(plans[-1], start_time_ns=start_ns))
+            if plans
+            else None
+        )
         plans.append(plan_mission(flow, asked) if made is None else made)
     return tuple(plans)
 
@@ -59,7 +65,16 @@ def best_departure(plans: Sequence[MissionPlan]) -> int:
         miss, aim = float(np.sum(plan.closest_approach)), plan.settings.aim
         if plan.status not in ("reached", "uncertain") or aim.distance_first:
             return named, miss
-        return named, aim.cost(Found(plan.vehicle, np.deg2rad(plan.glide_angles_deg), plan.yo_depths, plan.duration, plan.energy, miss))
+        return named, aim.cost(
+            Found(
+                plan.vehicle,
+                np.deg2rad(plan.glide_angles_deg),
+                plan.yo_depths,
+                plan.duration,
+                plan.energy,
+                miss,
+            )
+        )
 
     return min(range(len(plans)), key=lambda k: rank(plans[k]))
 
@@ -74,7 +89,11 @@ def _from_neighbour(flow: Flow, request: MissionRequest, before: MissionPlan) ->
     if attempts and alike and request.settings.legs is None:
         attempts += _with_other_numbers(task, attempts[0])
     made = to_plan(task, attempts)
-    return made if made.status == "reached" and not (request.settings.legs is None and _spares_a_leg(made)) else None
+    return (
+        made
+        if made.status == "reached" and not (request.settings.legs is None and _spares_a_leg(made))
+        else None
+    )
 
 
 def _with_other_numbers(task: MissionTask, attempt: Attempt) -> list[Attempt]:
@@ -84,7 +103,9 @@ def _with_other_numbers(task: MissionTask, attempt: Attempt) -> list[Attempt]:
         feasible, n_legs = is_feasible(task, last), len(last.legs.headings)
         if found and feasible != is_feasible(task, attempt):
             break
-        wanted = _fewer_legs(to_plan(task, [last])) if feasible else n_legs + _missing_legs(task, last)
+        wanted = (
+            _fewer_legs(to_plan(task, [last])) if feasible else n_legs + _missing_legs(task, last)
+        )
         if wanted == n_legs or wanted > task.settings.max_legs:
             break
         other = with_n_legs(task, last, wanted)
@@ -95,8 +116,17 @@ def _with_other_numbers(task: MissionTask, attempt: Attempt) -> list[Attempt]:
 
 def _missing_legs(task: MissionTask, attempt: Attempt) -> int:
     """Return how many more legs cover what an attempt misses at the speed it makes good, one at least."""
-    made_good = float(np.linalg.norm(attempt.flight.place[0, -1] - task.start[:2])) / len(attempt.legs.headings)
-    return max(1, int(np.ceil((float(attempt.miss.max()) - task.settings.tolerance) / max(made_good, 1.0) - _SOME)))
+    made_good = float(np.linalg.norm(attempt.flight.place[0, -1] - task.start[:2])) / len(
+        attempt.legs.headings
+    )
+    return max(
+        1,
+        int(
+            np.ceil(
+                (float(attempt.miss.max()) - task.settings.tolerance) / max(made_good, 1.0) - _SOME
+            )
+        ),
+    )
 
 
 def _spares_a_leg(plan: MissionPlan) -> bool:
@@ -109,5 +139,10 @@ def _fewer_legs(plan: MissionPlan) -> int:
     settings, vehicle, n_legs = plan.settings, plan.vehicle, len(plan.headings_deg)
     along, down = (float(speed) for speed in vehicle.speeds(np, vehicle.angles[0]))
     slower = float(np.mean(vehicle.speeds(np, np.deg2rad(plan.glide_angles_deg))[0])) / along
-    longest = 2.0 * settings.yos * max(max(leg) for leg in plan.yo_depths) / down + settings.surface_time
-    return min(n_legs, max(len(plan.goals), int(np.ceil(plan.duration * slower / longest / _ROUGHLY - 1e-9))))
+    longest = (
+        2.0 * settings.yos * max(max(leg) for leg in plan.yo_depths) / down + settings.surface_time
+    )
+    return min(
+        n_legs,
+        max(len(plan.goals), int(np.ceil(plan.duration * slower / longest / _ROUGHLY - 1e-9))),
+    )

@@ -72,7 +72,9 @@ class _Leg:
     def velocity_through_water(self) -> tuple[Array, Array]:
         """Horizontal velocity towards true east and north (K, 2) and vertical speed (K,) [m/s]."""
         along, down = self.vehicle.speeds(np, self.angles)
-        return along[:, None] * np.column_stack([np.sin(self.headings), np.cos(self.headings)]), down
+        return along[:, None] * np.column_stack(
+            [np.sin(self.headings), np.cos(self.headings)]
+        ), down
 
     def mean_current(self, projection: Projection, begin: Array, end: Array, time: Array) -> Array:
         """Return the mean local current (K, 2) [m/s] by dead reckoning between two places (K, 2) [m] in a time (K, 1) [s]."""
@@ -86,17 +88,35 @@ class _Leg:
         at, began = begin[0], float(np.mean(begin[1]))
         (through, down), heights = self.velocity_through_water, np.abs(np.diff(self.depths))
         frame = leg_frame(currents, at, through, self.height / down)
-        rate = rate_over_ground(currents, frame, began, np.concatenate([self.depths, 0.5 * (self.depths[:-1] + self.depths[1:])]))
+        rate = rate_over_ground(
+            currents,
+            frame,
+            began,
+            np.concatenate([self.depths, 0.5 * (self.depths[:-1] + self.depths[1:])]),
+        )
         durations = [(height / down)[:, None] for height in heights]
-        flown = fly_midpoints(rate, at, np.zeros((len(at), 1)), self.depths, durations, heights.size)
+        flown = fly_midpoints(
+            rate, at, np.zeros((len(at), 1)), self.depths, durations, heights.size
+        )
         if self.drift > 0.0:
             surface = np.zeros(DRIFT_STEPS + 1)
-            drifting = rate_over_ground(currents, leg_frame(currents, flown[-1][0], np.zeros(2), self.drift), began, surface)
-            flown += fly_midpoints(drifting, *flown[-1], surface, [self.drift / DRIFT_STEPS] * DRIFT_STEPS, DRIFT_STEPS)
+            drifting = rate_over_ground(
+                currents, leg_frame(currents, flown[-1][0], np.zeros(2), self.drift), began, surface
+            )
+            flown += fly_midpoints(
+                drifting, *flown[-1], surface, [self.drift / DRIFT_STEPS] * DRIFT_STEPS, DRIFT_STEPS
+            )
         return flown
 
 
-def fly_corrected(estimate: Currents, currents: Currents, vehicle: Glider, predicted: Flight, legs: Legs, pilot: Pilot) -> CorrectedFlight:
+def fly_corrected(
+    estimate: Currents,
+    currents: Currents,
+    vehicle: Glider,
+    predicted: Flight,
+    legs: Legs,
+    pilot: Pilot,
+) -> CorrectedFlight:
     """Return a mission flown in some currents, each leg after the first aimed again from where the one before has ended.
 
     Args:
@@ -107,12 +127,22 @@ def fly_corrected(estimate: Currents, currents: Currents, vehicle: Glider, predi
         legs: As planned; the depths and drifts are flown, heading and angle of the first leg too.
         pilot: Who corrects.
     """
-    count, targets, projection = len(currents.latent), predicted.place[0, predicted.ends], currents.flow.grid.projection
-    path, depths = [(np.tile(predicted.place[0, 0], (count, 1)), np.zeros((count, 1)))], [float(legs.depths[0][0])]
+    count, targets, projection = (
+        len(currents.latent),
+        predicted.place[0, predicted.ends],
+        currents.flow.grid.projection,
+    )
+    path, depths = (
+        [(np.tile(predicted.place[0, 0], (count, 1)), np.zeros((count, 1)))],
+        [float(legs.depths[0][0])],
+    )
     numbers, ends, current_error = [0], [], np.zeros((count, 2))
     headings, angles = (np.tile(planned, (count, 1)) for planned in (legs.headings, legs.angles))
     for k, steps in enumerate(legs.depths):
-        leg, (begin, began) = _Leg(vehicle, steps, float(legs.drifts[k]), headings[:, k], angles[:, k]), path[-1]
+        leg, (begin, began) = (
+            _Leg(vehicle, steps, float(legs.drifts[k]), headings[:, k], angles[:, k]),
+            path[-1],
+        )
         expected = np.zeros((count, 2))
         for _ in range(_AIMS if k > 0 else 1):
             end, time = leg.fly(estimate, (begin, began))[-1]
@@ -120,7 +150,9 @@ def fly_corrected(estimate: Currents, currents: Currents, vehicle: Glider, predi
             if k > 0:
                 current = expected + pilot.persistence * current_error
                 heading, angle = aim(vehicle, targets[k] - begin, current, leg.height, leg.drift)
-                turn = true_north_halfway(projection, begin, np.broadcast_to(targets[k], begin.shape))
+                turn = true_north_halfway(
+                    projection, begin, np.broadcast_to(targets[k], begin.shape)
+                )
                 leg = replace(leg, headings=heading - turn, angles=angle)
         headings[:, k], angles[:, k] = leg.headings, leg.angles
         flown = leg.fly(currents, (begin, began))
@@ -130,10 +162,16 @@ def fly_corrected(estimate: Currents, currents: Currents, vehicle: Glider, predi
         numbers += [k] * len(flown)
         ends.append(len(path) - 1)
     places, times = (np.stack([step[i] for step in path], axis=1) for i in (0, 1))
-    return CorrectedFlight(Flight(times[..., 0], np.array(depths), places, np.array(numbers), np.array(ends)), headings, angles)
+    return CorrectedFlight(
+        Flight(times[..., 0], np.array(depths), places, np.array(numbers), np.array(ends)),
+        headings,
+        angles,
+    )
 
 
-def aim(vehicle: Glider, displacement: Array, current: Array, height: float, drift: float) -> tuple[Array, Array]:
+def aim(
+    vehicle: Glider, displacement: Array, current: Array, height: float, drift: float
+) -> tuple[Array, Array]:
     """Return the heading from local north and the glide angle [rad], each of shape (K,), that lead to a target in a mean current.
 
     The steepest angle that leads there is the quickest. When none does, the glider heads there at the angle with the least miss distance.
@@ -150,7 +188,9 @@ def aim(vehicle: Glider, displacement: Array, current: Array, height: float, dri
     def through_water(angle: Array) -> tuple[Array, Array]:
         along, down = vehicle.speeds(np, angle)
         duration = height / down
-        return displacement[:, None] - current[:, None] * (duration + drift)[..., None], along * duration
+        return displacement[:, None] - current[:, None] * (duration + drift)[
+            ..., None
+        ], along * duration
 
     needed, reach = through_water(angles)
     short = np.linalg.norm(needed, axis=2) - reach

@@ -59,7 +59,9 @@ class Courses:
         after = min(max(int(np.searchsorted(self.times, time)), 1), self.times.size - 1)
         first, last = self.times[after - 1], self.times[after]
         share = min(max((time - first) / (last - first), 0.0), 1.0)
-        return np.asarray((1.0 - share) * self.velocity[:, after - 1] + share * self.velocity[:, after])
+        return np.asarray(
+            (1.0 - share) * self.velocity[:, after - 1] + share * self.velocity[:, after]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +119,10 @@ class Currents:
         weights = of_levels
         if self.times is not None:
             weights = np.asarray(
-                np.kron([np.interp(time, self.times, one) for one in np.eye(self.times.size)], of_levels), dtype=np.float64
+                np.kron(
+                    [np.interp(time, self.times, one) for one in np.eye(self.times.size)], of_levels
+                ),
+                dtype=np.float64,
             )
         used, functions = np.flatnonzero(weights), self.flow.horizontal
         if isinstance(functions, StreamFunctionLattice):
@@ -165,12 +170,23 @@ def currents_of_samples(samples: Sequence[Sample]) -> Currents:
     """
     if any(isinstance(sample, LocalSample) for sample in samples):
         return _with_courses(samples)
-    each = [(sample,) if isinstance(sample, FlowEstimate) else tuple(sample) for sample in samples if not isinstance(sample, LocalSample)]
+    each = [
+        (sample,) if isinstance(sample, FlowEstimate) else tuple(sample)
+        for sample in samples
+        if not isinstance(sample, LocalSample)
+    ]
     for k, flows in enumerate(each):
         if graph_key(flows[0]) != graph_key(each[0][0]):
-            raise PlanError(f"sample {k} is not on the nodes, levels, kernel and depth functions of the first")
-        if (len(flows) > 1 and [flow.time_ns for flow in flows] != [flow.time_ns for flow in each[0]]) or len(flows) != len(each[0]):
-            raise PlanError(f"sample {k} holds for other times than the first sample; draw all of them at the same times")
+            raise PlanError(
+                f"sample {k} is not on the nodes, levels, kernel and depth functions of the first"
+            )
+        if (
+            len(flows) > 1
+            and [flow.time_ns for flow in flows] != [flow.time_ns for flow in each[0]]
+        ) or len(flows) != len(each[0]):
+            raise PlanError(
+                f"sample {k} holds for other times than the first sample; draw all of them at the same times"
+            )
     if len(each[0]) == 1:
         return Currents(each[0][0], np.stack([flow.latent for (flow,) in each]), None)
     through = [latent_over_time(flows) for flows in each]
@@ -185,8 +201,12 @@ def _with_courses(samples: Sequence[Sample]) -> Currents:
     """
     each = [sample for sample in samples if isinstance(sample, LocalSample)]
     currents = currents_of_samples([sample.flow for sample in each])
-    if len(each) < len(samples) or any(not np.array_equal(one.times_ns, each[0].times_ns) for one in each):
-        raise PlanError("some samples have a current beside the flow and some have none, or at other times; draw all of them together")
+    if len(each) < len(samples) or any(
+        not np.array_equal(one.times_ns, each[0].times_ns) for one in each
+    ):
+        raise PlanError(
+            "some samples have a current beside the flow and some have none, or at other times; draw all of them together"
+        )
     if currents.flow.time_ns is None:
         raise PlanError("a current beside a flow needs the time of the flow, which has none")
     times = (each[0].times_ns - currents.flow.time_ns) / 1e9
@@ -230,7 +250,12 @@ class Flight:
 
 
 def fly_legs(
-    currents: Currents, vehicle: Glider, start: Array, legs: Legs, start_time: float = 0.0, method: Integrator = fly_steps
+    currents: Currents,
+    vehicle: Glider,
+    start: Array,
+    legs: Legs,
+    start_time: float = 0.0,
+    method: Integrator = fly_steps,
 ) -> Flight:
     """Return the flight of some legs.
 
@@ -246,20 +271,40 @@ def fly_legs(
     path, depths, number, ends = [(place, time)], [float(legs.depths[0][0])], [0], []
     for k, steps in enumerate(legs.depths):
         along, down = (float(speed) for speed in vehicle.speeds(np, legs.angles[k]))
-        through, durations = along * np.array([np.sin(legs.headings[k]), np.cos(legs.headings[k])]), np.abs(np.diff(steps)) / down
+        through, durations = (
+            along * np.array([np.sin(legs.headings[k]), np.cos(legs.headings[k])]),
+            np.abs(np.diff(steps)) / down,
+        )
         frame = leg_frame(currents, path[-1][0], through, float(np.sum(durations)))
-        rate = rate_over_ground(currents, frame, start_time, np.concatenate([steps, 0.5 * (steps[:-1] + steps[1:])]))
+        rate = rate_over_ground(
+            currents, frame, start_time, np.concatenate([steps, 0.5 * (steps[:-1] + steps[1:])])
+        )
         path += method(rate, *path[-1], steps, durations, steps.size - 1)
         depths += list(steps[1:])
         if legs.drifts[k] > 0.0:
-            durations, surface = np.full(DRIFT_STEPS, legs.drifts[k] / DRIFT_STEPS), np.zeros(DRIFT_STEPS + 1)
+            durations, surface = (
+                np.full(DRIFT_STEPS, legs.drifts[k] / DRIFT_STEPS),
+                np.zeros(DRIFT_STEPS + 1),
+            )
             frame = leg_frame(currents, path[-1][0], np.zeros(2), legs.drifts[k])
-            path += method(rate_over_ground(currents, frame, start_time, surface), *path[-1], surface, durations, DRIFT_STEPS)
+            path += method(
+                rate_over_ground(currents, frame, start_time, surface),
+                *path[-1],
+                surface,
+                durations,
+                DRIFT_STEPS,
+            )
             depths += [0.0] * DRIFT_STEPS
         number += [k] * (len(path) - len(number))
         ends.append(len(path) - 1)
     places = np.stack([at for at, _ in path], axis=1)
-    return Flight(np.array([now for _, now in path]), np.array(depths), places, np.array(number), np.array(ends))
+    return Flight(
+        np.array([now for _, now in path]),
+        np.array(depths),
+        places,
+        np.array(number),
+        np.array(ends),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -279,7 +324,9 @@ class LegFrame:
     stretch: Array
 
 
-def leg_frame(currents: Currents, begin: Array, through: Array, duration: float | Array) -> LegFrame:
+def leg_frame(
+    currents: Currents, begin: Array, through: Array, duration: float | Array
+) -> LegFrame:
     """Return the frame along a leg.
 
     Args:
@@ -290,8 +337,14 @@ def leg_frame(currents: Currents, begin: Array, through: Array, duration: float 
     """
     count = len(begin)
     given = begin.T, np.broadcast_to(through, (count, 2)).T, np.broadcast_to(duration, (1, count))
-    rate, turn, stretch = (np.asarray(value) for value in frame_function(currents.flow.grid.projection)(*given))
-    return LegFrame(begin, rate.T, *(values.reshape(2, count, 2).transpose(1, 0, 2) for values in (turn, stretch)))
+    rate, turn, stretch = (
+        np.asarray(value) for value in frame_function(currents.flow.grid.projection)(*given)
+    )
+    return LegFrame(
+        begin,
+        rate.T,
+        *(values.reshape(2, count, 2).transpose(1, 0, 2) for values in (turn, stretch)),
+    )
 
 
 def rate_over_ground(
@@ -318,4 +371,6 @@ def rate_over_ground(
 
 def refine_steps(depths: Array, factor: int) -> Array:
     """Return the depths of a leg's steps with each step divided by a factor."""
-    return np.interp(np.arange((depths.size - 1) * factor + 1) / factor, np.arange(depths.size), depths)
+    return np.interp(
+        np.arange((depths.size - 1) * factor + 1) / factor, np.arange(depths.size), depths
+    )

@@ -54,10 +54,17 @@ def fly_mission(flows: FlowEstimate | Sequence[Sample], plan: MissionPlan) -> Mi
     """
     currents = currents_of_samples([flows] if isinstance(flows, FlowEstimate) else flows)
     legs, projection = legs_of_plan(plan, currents.flow), currents.flow.grid.projection
-    start = np.array(to_local(projection, plan.start.longitude, plan.start.latitude), dtype=np.float64)
+    start = np.array(
+        to_local(projection, plan.start.longitude, plan.start.latitude), dtype=np.float64
+    )
     flight = fly_legs(currents, plan.vehicle, start, legs, currents.clock(plan.start_time_ns))
-    ends, met = flight.place[:, flight.ends], flight.place[:, np.searchsorted(flight.time, plan.goal_times - 1e-6)]
-    goals = np.column_stack(to_local(projection, *np.array([[goal.longitude, goal.latitude] for goal in plan.goals]).T))
+    ends, met = (
+        flight.place[:, flight.ends],
+        flight.place[:, np.searchsorted(flight.time, plan.goal_times - 1e-6)],
+    )
+    goals = np.column_stack(
+        to_local(projection, *np.array([[goal.longitude, goal.latitude] for goal in plan.goals]).T)
+    )
     miss = np.linalg.norm(met - goals, axis=2)
     surfacings = np.stack(to_geographic(projection, ends[..., 0], ends[..., 1]), axis=-1)
     return MissionFlights(flight.time, flight.depth, flight.place, surfacings, miss, projection)
@@ -78,7 +85,10 @@ def legs_of_plan(plan: MissionPlan, flow: FlowEstimate, refinement: int = REFINE
         raise PlanError(f"a mission without legs cannot be flown: {plan.message}")
     levels = step_stops(flow.levels, np.array([goal.depth for goal in plan.goals]))
     depths = tuple(
-        refine_steps(leg_depths(leg, levels, steps_needed(leg, levels, plan.settings.steps)), refinement) for leg in plan.yo_depths
+        refine_steps(
+            leg_depths(leg, levels, steps_needed(leg, levels, plan.settings.steps)), refinement
+        )
+        for leg in plan.yo_depths
     )
     drifts = np.append(np.full(len(plan.yo_depths) - 1, plan.settings.surface_time), 0.0)
     return Legs(np.deg2rad(plan.headings_deg), np.deg2rad(plan.glide_angles_deg), depths, drifts)
@@ -97,10 +107,14 @@ def surfacing_ellipses(flights: MissionFlights, plan: MissionPlan) -> Array:
         PlanError: There are fewer than three flights.
     """
     if len(flights.place) < 3:
-        raise PlanError(f"an ellipse needs three flights or more, but there are {len(flights.place)}")
+        raise PlanError(
+            f"an ellipse needs three flights or more, but there are {len(flights.place)}"
+        )
     numbers = np.searchsorted(flights.time, plan.surfacing_times - 1e-6)
     # in the local frame: longitudes have no mean across the antimeridian
-    centre = np.column_stack(to_geographic(flights.projection, *np.mean(flights.place[:, numbers], axis=0).T))
+    centre = np.column_stack(
+        to_geographic(flights.projection, *np.mean(flights.place[:, numbers], axis=0).T)
+    )
     turn = grid_bearing_of_true_north(flights.projection, *centre.T)
     ellipses = []
     for k, number in enumerate(numbers):
@@ -120,4 +134,8 @@ def ellipse_factor(count: int) -> float:
     References:
         Hotelling (1931); Chew (1966), Confidence, prediction, and tolerance regions for the multivariate normal distribution.
     """
-    return float(np.sqrt(2.0 * (count - 1) * (count + 1) * fdtri(2, count - 2, _SHARE) / (count * (count - 2))))
+    return float(
+        np.sqrt(
+            2.0 * (count - 1) * (count + 1) * fdtri(2, count - 2, _SHARE) / (count * (count - 2))
+        )
+    )

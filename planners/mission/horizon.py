@@ -29,8 +29,12 @@ def first_legs(plan: MissionPlan, count: int, projection: Projection) -> Mission
     before = plan.track_time < ends - 1e-6
     times = np.minimum(plan.goal_times, ends)
     passed = plan.goal_times <= ends
-    off = [float(distance(longitude, latitude, goal.longitude, goal.latitude)) for goal in plan.goals]
-    turns = sum(leg[i] > leg[i - 1] for leg in plan.yo_depths[:count] for i in range(1, len(leg) - 1))
+    off = [
+        float(distance(longitude, latitude, goal.longitude, goal.latitude)) for goal in plan.goals
+    ]
+    turns = sum(
+        leg[i] > leg[i - 1] for leg in plan.yo_depths[:count] for i in range(1, len(leg) - 1)
+    )
     return replace(
         plan,
         headings_deg=plan.headings_deg[:count],
@@ -73,7 +77,10 @@ def cut_at_horizon(plan: MissionPlan, seconds: float, projection: Projection) ->
         )
     cut = first_legs(plan, kept, projection)
     met = min(int(np.sum(plan.goal_times <= cut.duration)), len(plan.goals) - 1)
-    left, name = float(cut.closest_approach[met]), "the goal" if len(plan.goals) == 1 else f"goal {met + 1}"
+    left, name = (
+        float(cut.closest_approach[met]),
+        "the goal" if len(plan.goals) == 1 else f"goal {met + 1}",
+    )
     hours = (plan.duration - cut.duration) / 3600.0
     message = (
         f"as far as the horizon of {seconds / 3600.0:.1f} h: {kept} of {n_legs} legs, after {cut.duration / 3600.0:.1f} "

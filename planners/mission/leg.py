@@ -14,11 +14,18 @@ from planners.track import fractions_of_duration
 from replay_kit.core.arrays import Array
 
 #: ``fly_steps`` or ``fly_midpoints``.
-Integrator = Callable[[Callable[[Any, Any, Any], Any], Any, Any, Any, Any, int], list[tuple[Any, Any]]]
+Integrator = Callable[
+    [Callable[[Any, Any, Any], Any], Any, Any, Any, Any, int], list[tuple[Any, Any]]
+]
 
 
 def fly_steps(
-    rate: Callable[[Any, Any, Any], Any], place: Any, time: Any, depths: Any, durations: Any, count: int
+    rate: Callable[[Any, Any, Any], Any],
+    place: Any,
+    time: Any,
+    depths: Any,
+    durations: Any,
+    count: int,
 ) -> list[tuple[Any, Any]]:
     """Return (place, time) after each step, by the classical Runge-Kutta method.
 
@@ -37,13 +44,21 @@ def fly_steps(
         second = rate(place + step / 2.0 * first, middle, time + step / 2.0)
         third = rate(place + step / 2.0 * second, middle, time + step / 2.0)
         fourth = rate(place + step * third, depths[i + 1], time + step)
-        place, time = place + step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth), time + step
+        place, time = (
+            place + step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth),
+            time + step,
+        )
         path.append((place, time))
     return path
 
 
 def fly_midpoints(
-    rate: Callable[[Any, Any, Any], Any], place: Any, time: Any, depths: Any, durations: Any, count: int
+    rate: Callable[[Any, Any, Any], Any],
+    place: Any,
+    time: Any,
+    depths: Any,
+    durations: Any,
+    count: int,
 ) -> list[tuple[Any, Any]]:
     """Return (place, time) after each step by the midpoint method: half of the work of ``fly_steps``, whose arguments it takes.
 
@@ -69,11 +84,16 @@ def leg_depths(depths: tuple[float, ...], levels: Array, n_steps: int) -> Array:
     """
     distance = np.abs(np.diff(depths))
     # Steps go in proportion to the distance, but no part has fewer than it has levels.
-    least = np.array([1 + np.sum((levels > min(a, b)) & (levels < max(a, b))) for a, b in pairwise(depths)])
+    least = np.array(
+        [1 + np.sum((levels > min(a, b)) & (levels < max(a, b))) for a, b in pairwise(depths)]
+    )
     counts = least.copy()
     for _ in range(n_steps - int(least.sum())):
         counts[np.argmax(distance / counts)] += 1
-    parts = [a + (b - a) * fractions_of_duration(a, b, levels, int(n)) for a, b, n in zip(depths[:-1], depths[1:], counts, strict=True)]
+    parts = [
+        a + (b - a) * fractions_of_duration(a, b, levels, int(n))
+        for a, b, n in zip(depths[:-1], depths[1:], counts, strict=True)
+    ]
     return np.concatenate([*(part[:-1] for part in parts), [depths[-1]]])
 
 
@@ -84,5 +104,7 @@ def step_stops(levels: Array, goal_depths: Array) -> Array:
 
 def steps_needed(depths: tuple[float, ...], levels: Array, each: int) -> int:
     """Return the number of steps of a leg: ``each`` for a dive or climb, and one for each level crossed."""
-    crossed = sum(int(np.sum((levels > min(a, b)) & (levels < max(a, b)))) for a, b in pairwise(depths))
+    crossed = sum(
+        int(np.sum((levels > min(a, b)) & (levels < max(a, b)))) for a, b in pairwise(depths)
+    )
     return crossed + each * (len(depths) - 1)

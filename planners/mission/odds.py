@@ -8,7 +8,13 @@ import numpy as np
 from planners.mission.feedback import Pilot
 from planners.mission.flight import Flight, Flow, Sample
 from planners.mission.flights import MissionFlights, legs_of_plan, surfacing_ellipses
-from planners.mission.scenarios import currents_around, fly_samples, points_at, predict, summarise_flights
+from planners.mission.scenarios import (
+    currents_around,
+    fly_samples,
+    points_at,
+    predict,
+    summarise_flights,
+)
 from planners.mission.task import mission_task
 from planners.mission.values import MissionPlan, MissionRequest, MonteCarloSummary, Mooring
 from replay_kit.core.arrays import Array
@@ -52,24 +58,44 @@ def mission_odds(
         PlanError: The mission has no legs, or there are too few samples.
     """
     task = mission_task(flow, replace(request, settings=plan.settings))
-    legs, currents, summaries = legs_of_plan(plan, task.flow, 1), currents_around(flow, samples), list[MonteCarloSummary]()
+    legs, currents, summaries = (
+        legs_of_plan(plan, task.flow, 1),
+        currents_around(flow, samples),
+        list[MonteCarloSummary](),
+    )
     predicted = predict(task, legs)
     for pilot in (Pilot(), None):
         flight = fly_samples(task, currents, legs, predicted, pilot)
         summary = summarise_flights(task, flight, points_at(predicted, plan.goal_times))[0]
-        summaries.append(summary if mooring is None else _moored(summary, flight, task.goals[0, :2], mooring))
+        summaries.append(
+            summary if mooring is None else _moored(summary, flight, task.goals[0, :2], mooring)
+        )
     nothing = np.zeros((len(samples), 0, 2))
-    flights = MissionFlights(flight.time, flight.depth, flight.place, nothing, nothing[..., 0], task.region.grid.projection)
+    flights = MissionFlights(
+        flight.time,
+        flight.depth,
+        flight.place,
+        nothing,
+        nothing[..., 0],
+        task.region.grid.projection,
+    )
     corrected, held = summaries
     return MissionOdds(len(samples), corrected, held, surfacing_ellipses(flights, plan))
 
 
-def _moored(summary: MonteCarloSummary, flight: Flight, place: Array, mooring: Mooring) -> MonteCarloSummary:
+def _moored(
+    summary: MonteCarloSummary, flight: Flight, place: Array, mooring: Mooring
+) -> MonteCarloSummary:
     """Return a summary whose misses are the largest distances from a mooring at a place, shape (2,) [m]."""
     counted = flight.place[:, flight.ends] if mooring.surfacings_only else flight.place
     farthest = np.linalg.norm(counted - place, axis=2).max(axis=1)
     median, ninety = (float(np.quantile(farthest, share)) for share in (0.5, 0.9))
-    return replace(summary, reached=float(np.mean(farthest <= mooring.radius)), miss_median=median, miss_90_percent=ninety)
+    return replace(
+        summary,
+        reached=float(np.mean(farthest <= mooring.radius)),
+        miss_median=median,
+        miss_90_percent=ninety,
+    )
 
 
 def with_odds(plan: MissionPlan, odds: MissionOdds, arrive: float, risk: float) -> MissionPlan:
@@ -82,14 +108,22 @@ def with_odds(plan: MissionPlan, odds: MissionOdds, arrive: float, risk: float) 
         risk: Share that may violate a constraint; above, it is ``unsafe``.
     """
     corrected, violating = odds.corrected, 1.0 - odds.corrected.safe
-    status, verb = plan.status, "stay within the radius" if plan.settings.weights.closest == 0.0 else "arrive"
-    verb = "surface last within the tolerance of where the plan ends" if status == "partial" else verb
+    status, verb = (
+        plan.status,
+        "stay within the radius" if plan.settings.weights.closest == 0.0 else "arrive",
+    )
+    verb = (
+        "surface last within the tolerance of where the plan ends" if status == "partial" else verb
+    )
     text = (
         f"{100.0 * corrected.reached:.0f} % of {odds.count} samples of the estimate {verb} with headings corrected at each surfacing, "
         f"{100.0 * odds.held.reached:.0f} % with headings held"
     )
     if corrected.violations:
-        named = ", ".join(f"{name} {100.0 * part:.0f} %" for name, part in sorted(corrected.violations.items(), key=lambda one: -one[1]))
+        named = ", ".join(
+            f"{name} {100.0 * part:.0f} %"
+            for name, part in sorted(corrected.violations.items(), key=lambda one: -one[1])
+        )
         text += f"; {100.0 * violating:.0f} % violate a constraint ({named})"
     # shares of a few samples are rounded by the last bit
     if violating > risk + 1e-9 and status == "reached":

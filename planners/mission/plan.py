@@ -28,7 +28,12 @@ _DEPTHS, _ANGLES = 51, 64
 _LINE = Line()
 
 
-def plan_mission(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRequest, *, warm: MissionPlan | None = None) -> MissionPlan:
+def plan_mission(
+    flow: FlowEstimate | Sequence[FlowEstimate],
+    request: MissionRequest,
+    *,
+    warm: MissionPlan | None = None,
+) -> MissionPlan:
     """Return the best mission found from a start past one goal or several.
 
     The result is a value whatever the outcome: ``status`` and ``message`` say whether the goals are reached and which limit binds.
@@ -48,7 +53,11 @@ def plan_mission(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRe
 
 
 def plan_line(
-    flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRequest, line: Line = _LINE, *, warm: MissionPlan | None = None
+    flow: FlowEstimate | Sequence[FlowEstimate],
+    request: MissionRequest,
+    line: Line = _LINE,
+    *,
+    warm: MissionPlan | None = None,
 ) -> MissionPlan:
     """Return the best mission found along a line to the goal: the cross-track penalty is added to the objective.
 
@@ -64,7 +73,9 @@ def plan_line(
         PlanError: As for ``plan_mission``; or the line has no length.
     """
     task = mission_task(flow, request)
-    begin = locate(task.region, request.start if line.begin is None else line.begin, "the line's beginning")[:2]
+    begin = locate(
+        task.region, request.start if line.begin is None else line.begin, "the line's beginning"
+    )[:2]
     end = task.goals[0, :2]
     if float(np.linalg.norm(end - begin)) < 1.0:
         raise PlanError("a line needs two places that are apart")
@@ -72,7 +83,9 @@ def plan_line(
     return to_plan(task, solve_attempts(task, warm))
 
 
-def plan_mooring(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRequest, mooring: Mooring) -> MissionPlan:
+def plan_mooring(
+    flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRequest, mooring: Mooring
+) -> MissionPlan:
     """Return the mission found that stays within a radius of its goal for a duration with the least mean square distance from it.
 
     Its status is ``reached`` when it does stay within; ``statistics`` has ``farthest_m`` and ``rms_m``. The number of legs is that
@@ -87,12 +100,22 @@ def plan_mooring(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRe
         PlanError: As for ``plan_mission``; or the start is not within the radius, or more legs are needed than are allowed.
     """
     settings, centre = request.settings, replace(request.goals[0], depth=0.0)
-    task = mission_task(flow, replace(request, goals=(centre,), settings=replace(settings, objective=_MOORING)))
+    task = mission_task(
+        flow, replace(request, goals=(centre,), settings=replace(settings, objective=_MOORING))
+    )
     place = task.goals[0, :2]
     # dives anywhere within the radius turn above the bottom
-    depth = min(task.settings.depth, max(float(task.bottom.limit_at(place[None], mooring.radius)[0]), LEAST_DIVE))
-    task = replace(task, request=replace(task.request, settings=replace(task.settings, depth=depth)))
-    task = replace(task, reference_path=near_place(place, mooring.radius, mooring.duration, mooring.surfacings_only))
+    depth = min(
+        task.settings.depth,
+        max(float(task.bottom.limit_at(place[None], mooring.radius)[0]), LEAST_DIVE),
+    )
+    task = replace(
+        task, request=replace(task.request, settings=replace(task.settings, depth=depth))
+    )
+    task = replace(
+        task,
+        reference_path=near_place(place, mooring.radius, mooring.duration, mooring.surfacings_only),
+    )
     distance = float(np.linalg.norm(task.start[:2] - place))
     if distance > mooring.radius:
         raise PlanError(
@@ -102,7 +125,9 @@ def plan_mooring(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRe
         return to_plan(task, [])
     current = _mean_current(task, place, mooring.duration)
     angle = _holding_angle(task, float(np.linalg.norm(current)))
-    n_legs = settings.legs or int(np.ceil((mooring.duration + settings.surface_time) / task.leg_time(angle) - 1e-6))
+    n_legs = settings.legs or int(
+        np.ceil((mooring.duration + settings.surface_time) / task.leg_time(angle) - 1e-6)
+    )
     if n_legs > settings.max_legs:
         raise PlanError(
             f"a mooring of {mooring.duration / 3600.0:g} h takes {n_legs} legs, but max_legs = {settings.max_legs}; allow more, or more "
@@ -111,7 +136,11 @@ def plan_mooring(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRe
     attempts = []
     for hops in (False, True):
         guess = _mooring_guess(task, current, np.full(n_legs, angle), hops)
-        route = Route(np.vstack([task.start[:2], guess.places]), task.leg_time(angle) * np.arange(n_legs + 1.0), True)
+        route = Route(
+            np.vstack([task.start[:2], guess.places]),
+            task.leg_time(angle) * np.arange(n_legs + 1.0),
+            True,
+        )
         attempts.append(solve_legs(task, guess, GoalSteps((n_legs,), (0,)), route))
     return to_plan(task, attempts)
 
@@ -119,21 +148,30 @@ def plan_mooring(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRe
 def _mean_current(task: MissionTask, place: Array, duration: float) -> Array:
     """Return the current [m/s], shape (2,), at a place in the mean over a dive's depths, halfway through a duration [s]."""
     of_levels = task.currents.weights(np.linspace(0.0, task.settings.depth, _DEPTHS)).mean(axis=0)
-    return np.asarray(task.currents.velocity(place[None], of_levels, task.start_time + 0.5 * duration)[0])
+    return np.asarray(
+        task.currents.velocity(place[None], of_levels, task.start_time + 0.5 * duration)[0]
+    )
 
 
 def _holding_angle(task: MissionTask, current: float) -> float:
     """Return the glide angle [rad] at which the horizontal velocity through water is nearest to a current [m/s]."""
     angles = np.linspace(*task.vehicle.angles, _ANGLES)
     # a drift at the surface has to be made up for under water
-    shares = np.array([1.0 - task.settings.surface_time / task.leg_time(float(angle)) for angle in angles])
-    return float(angles[np.argmin(np.abs(shares * np.asarray(task.vehicle.speeds(np, angles)[0]) - current))])
+    shares = np.array(
+        [1.0 - task.settings.surface_time / task.leg_time(float(angle)) for angle in angles]
+    )
+    return float(
+        angles[np.argmin(np.abs(shares * np.asarray(task.vehicle.speeds(np, angles)[0]) - current))]
+    )
 
 
 def _mooring_guess(task: MissionTask, current: Array, angles: Array, hops: bool) -> MissionGuess:
     """Return legs that each lead as near to the mooring as its length allows; with ``hops`` to either side of it in turn."""
     leg_time, angle = task.leg_time(float(angles[0])), float(angles[0])
-    drift, reach = current * leg_time, float(task.vehicle.speeds(np, angle)[0]) * (leg_time - task.settings.surface_time)
+    drift, reach = (
+        current * leg_time,
+        float(task.vehicle.speeds(np, angle)[0]) * (leg_time - task.settings.surface_time),
+    )
     side = np.array([0.5 * max(reach - float(np.linalg.norm(drift)), 0.0), 0.0]) * float(hops)
     at, places, headings = task.start[:2], [], []
     for k in range(angles.size):
@@ -141,5 +179,7 @@ def _mooring_guess(task: MissionTask, current: Array, angles: Array, hops: bool)
         headings.append(float(np.arctan2(east, north)))
         at = at + drift + reach * np.array([np.sin(headings[-1]), np.cos(headings[-1])])
         places.append(at)
-    turn = true_north_halfway(task.region.grid.projection, np.array([task.start[:2], *places[:-1]]), np.array(places))
+    turn = true_north_halfway(
+        task.region.grid.projection, np.array([task.start[:2], *places[:-1]]), np.array(places)
+    )
     return MissionGuess(np.array(places), np.array(headings) - turn, angles)

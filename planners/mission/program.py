@@ -62,7 +62,9 @@ class MissionShape:
         """Return where the program's unknowns and constraints are, in a flow that changes or not."""
         steps = self.goal_steps or (0,) * len(self.goal_legs)
         goals = tuple((leg - 1, step) for leg, step in zip(self.goal_legs, steps, strict=True))
-        return Layout(self.n_legs, goals, self.n_places, self.n_planes, self.has_reference, changing)
+        return Layout(
+            self.n_legs, goals, self.n_places, self.n_planes, self.has_reference, changing
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +91,10 @@ class MissionModel:
         layout = self.shape.layout(self.times is not None)
         projection = self.flow.grid.projection
         return _programs.get(
-            (projection, self.vehicle, layout), lambda: Program(MissionFunctions(layout, FrameMap(projection, self.vehicle, layout.n_legs)))
+            (projection, self.vehicle, layout),
+            lambda: Program(
+                MissionFunctions(layout, FrameMap(projection, self.vehicle, layout.n_legs))
+            ),
         )
 
 
@@ -172,7 +177,9 @@ _programs = Recent[Program](8)
 
 
 @one_at_a_time
-def solve_mission(model: MissionModel, data: MissionData, guess: MissionGuess, *, warm_start: bool = False) -> MissionSolution:
+def solve_mission(
+    model: MissionModel, data: MissionData, guess: MissionGuess, *, warm_start: bool = False
+) -> MissionSolution:
     """Return the local optimum that IPOPT finds from a guess.
 
     Args:
@@ -200,15 +207,23 @@ def solve_mission(model: MissionModel, data: MissionData, guess: MissionGuess, *
     )
 
 
-def _unknowns(vehicle: Glider, shape: MissionShape, data: MissionData, guess: MissionGuess) -> tuple[Array, Array, Array]:
+def _unknowns(
+    vehicle: Glider, shape: MissionShape, data: MissionData, guess: MissionGuess
+) -> tuple[Array, Array, Array]:
     """Return a guess as the program's unknowns, leg after leg, then the slacks, with their lower and upper bounds."""
-    distance = np.array([np.sum(np.abs(np.diff(data.depths[profile]))) for profile in shape.profiles])
+    distance = np.array(
+        [np.sum(np.abs(np.diff(data.depths[profile]))) for profile in shape.profiles]
+    )
     duration = distance / np.asarray(vehicle.speeds(np, guess.angles)[1]) + data.drifts
-    legs = np.column_stack([guess.places / KM, np.cumsum(duration) / HOUR, guess.headings, guess.angles])
+    legs = np.column_stack(
+        [guess.places / KM, np.cumsum(duration) / HOUR, guess.headings, guess.angles]
+    )
     n_slacks = 4 * len(shape.goal_legs) + int(shape.has_reference) + int(shape.n_planes > 0)
     shallow, steep = vehicle.angles
     lower = np.concatenate([np.tile([*[-np.inf] * 4, shallow], shape.n_legs), np.zeros(n_slacks)])
-    upper = np.concatenate([np.tile([*[np.inf] * 4, steep], shape.n_legs), np.full(n_slacks, np.inf)])
+    upper = np.concatenate(
+        [np.tile([*[np.inf] * 4, steep], shape.n_legs), np.full(n_slacks, np.inf)]
+    )
     if data.reference_path is not None:
         lower[5 * (shape.n_legs - 1) + 2] = data.reference_path.least_duration / HOUR
     miss = (guess.places[np.array(shape.goal_legs) - 1] - data.goals) / KM
@@ -220,8 +235,12 @@ def _case(model: MissionModel, data: MissionData) -> MissionCase:
     """Return the numbers of a mission as the program's functions take them."""
     shape, flow, reference = model.shape, model.flow, data.reference_path
     depths = [data.depths[profile] for profile in shape.profiles]
-    schedule = schedule_of(depths, data.drifts, shape.drifts, flow.levels, flow.depth_functions, model.times)
-    linear, each = (0.0, data.penalty) if data.distance_weight is None else (data.distance_weight, _SMALL)
+    schedule = schedule_of(
+        depths, data.drifts, shape.drifts, flow.levels, flow.depth_functions, model.times
+    )
+    linear, each = (
+        (0.0, data.penalty) if data.distance_weight is None else (data.distance_weight, _SMALL)
+    )
     return MissionCase(
         stream_of(flow, data.latent) if model.spline is None else model.spline,
         schedule,
@@ -240,4 +259,10 @@ def _case(model: MissionModel, data: MissionData) -> MissionCase:
 
 def _reference(path: ReferencePath, data: MissionData) -> Reference:
     """Return a reference path as the program's functions take it."""
-    return Reference(path.origin / KM, path.across, data.reference_weights, data.reference_limits / KM, data.penalty * REFERENCE_SLACK_COST)
+    return Reference(
+        path.origin / KM,
+        path.across,
+        data.reference_weights,
+        data.reference_limits / KM,
+        data.penalty * REFERENCE_SLACK_COST,
+    )

@@ -51,9 +51,13 @@ class ReferencePath:
         return float(distances.max()), float(np.sqrt(np.trapezoid(distances**2, time) / time[-1]))
 
 
-def near_place(place: Array, radius: float, duration: float, surfacings_only: bool) -> ReferencePath:
+def near_place(
+    place: Array, radius: float, duration: float, surfacings_only: bool
+) -> ReferencePath:
     """Return the reference path of a mooring within a radius [m] of a place, shape (2,) [m], for a duration [s]."""
-    return ReferencePath("the mooring", place, np.eye(2), radius, 3600.0 / duration, surfacings_only, duration)
+    return ReferencePath(
+        "the mooring", place, np.eye(2), radius, 3600.0 / duration, surfacings_only, duration
+    )
 
 
 def along_line(begin: Array, end: Array, weight: float, width: float) -> ReferencePath:

@@ -23,13 +23,27 @@ def to_plan(task: MissionTask, attempts: list[Attempt]) -> MissionPlan:
         what = "no path is finite" if attempts else "the current is not a number"
         return _failed_plan(task, f"{what}; check the estimate's latent velocities")
     best = best_of(task, finite)
-    status: MissionStatus = "unsafe" if best.violation else "reached" if goals_met(task, best) else "unreachable"
+    status: MissionStatus = (
+        "unsafe" if best.violation else "reached" if goals_met(task, best) else "unreachable"
+    )
     goal_times = best.flight.time[best.goals.points(best.flight)]
-    return _plan_of(task, best, status, goal_times, _outcome(task, best, goal_times), _statistics(task, attempts, finite, best))
+    return _plan_of(
+        task,
+        best,
+        status,
+        goal_times,
+        _outcome(task, best, goal_times),
+        _statistics(task, attempts, finite, best),
+    )
 
 
 def _plan_of(
-    task: MissionTask, best: Attempt, status: MissionStatus, goal_times: Array, message: str, statistics: Statistics
+    task: MissionTask,
+    best: Attempt,
+    status: MissionStatus,
+    goal_times: Array,
+    message: str,
+    statistics: Statistics,
 ) -> MissionPlan:
     flight, request, projection = best.flight, task.request, task.region.grid.projection
     track = np.column_stack([flight.place[0], flight.depth])
@@ -58,8 +72,12 @@ def _plan_of(
     )
 
 
-def _statistics(task: MissionTask, attempts: list[Attempt], finite: list[Attempt], best: Attempt) -> Statistics:
-    feasible = [float(attempt.flight.time[-1]) / 3600.0 for attempt in finite if is_feasible(task, attempt)]
+def _statistics(
+    task: MissionTask, attempts: list[Attempt], finite: list[Attempt], best: Attempt
+) -> Statistics:
+    feasible = [
+        float(attempt.flight.time[-1]) / 3600.0 for attempt in finite if is_feasible(task, attempt)
+    ]
     statistics: Statistics = {
         "attempts": len(attempts),
         "iterations": sum(attempt.iterations for attempt in attempts),
@@ -74,7 +92,10 @@ def _statistics(task: MissionTask, attempts: list[Attempt], finite: list[Attempt
     if task.reference_path is not None:
         statistics |= {"farthest_m": best.deviation[0], "rms_m": best.deviation[1]}
     if task.spline is not None:
-        statistics |= {"spline_error": task.spline.largest_error, "spline_rms_error": task.spline.rms_error}
+        statistics |= {
+            "spline_error": task.spline.largest_error,
+            "spline_rms_error": task.spline.rms_error,
+        }
     return statistics
 
 
@@ -82,7 +103,10 @@ def _above_bound(task: MissionTask, attempt: Attempt) -> float | None:
     """Return how much later than any vehicle of its speed could a mission arrives [%]; None where the bound does not hold or is 0."""
     bound = attempt.bound
     # shallower dives than those asked for meet another mean current
-    full = all(max(leg) >= task.settings.depth or k + 1 in attempt.goals.legs for k, leg in enumerate(attempt.yo_depths))
+    full = all(
+        max(leg) >= task.settings.depth or k + 1 in attempt.goals.legs
+        for k, leg in enumerate(attempt.yo_depths)
+    )
     if bound is None or not 0.0 < bound.time < np.inf or not full or not goals_met(task, attempt):
         return None
     last = float(attempt.flight.time[attempt.goals.points(attempt.flight)[-1]])
@@ -98,33 +122,66 @@ def _tried(attempt: Attempt) -> str:
 def _failed_plan(task: MissionTask, message: str) -> MissionPlan:
     """Return the plan of a mission that cannot be flown; it stays at its start, without legs."""
     none, zero, no_goals = np.zeros(0), np.zeros(1), (0,) * len(task.goals)
-    flight = Flight(zero, task.start[2:], task.start[None, None, :2], np.zeros(1, dtype=int), np.zeros(0, dtype=int))
+    flight = Flight(
+        zero,
+        task.start[2:],
+        task.start[None, None, :2],
+        np.zeros(1, dtype=int),
+        np.zeros(0, dtype=int),
+    )
     miss = np.linalg.norm(task.goals[:, :2] - task.start[:2], axis=1)
     guess, goals = MissionGuess(np.zeros((0, 2)), none, none), GoalSteps(no_goals, no_goals)
-    stays = Attempt(Legs(none, none, (), none), (), flight, goals, miss, (0.0, 0.0), None, guess, 0, "not started", 0.0)
+    stays = Attempt(
+        Legs(none, none, (), none),
+        (),
+        flight,
+        goals,
+        miss,
+        (0.0, 0.0),
+        None,
+        guess,
+        0,
+        "not started",
+        0.0,
+    )
     return _plan_of(task, stays, "failed", np.zeros(len(task.goals)), message, {"attempts": 0})
 
 
 def _outcome(task: MissionTask, attempt: Attempt, goal_times: Array) -> str:
     """Return the outcome of a mission in words, with the limit that binds when it does not reach its goals or violates a constraint."""
-    settings, reference, miss, flight = task.settings, task.reference_path, attempt.miss, attempt.flight
+    settings, reference, miss, flight = (
+        task.settings,
+        task.reference_path,
+        attempt.miss,
+        attempt.flight,
+    )
     counts, (farthest, rms) = settings.weights.closest != 0.0, attempt.deviation
     parts, short = list[str](), ""
     if counts:
         names = ["the goal"] if len(miss) == 1 else [f"goal {k + 1}" for k in range(len(miss))]
-        verbs = ["meets {} at" if distance <= settings.tolerance else "misses {} by" for distance in miss]
+        verbs = [
+            "meets {} at" if distance <= settings.tolerance else "misses {} by" for distance in miss
+        ]
         parts += [
             f"{verb.format(name)} {distance:.1f} m after {_hours(task, float(time))}"
             for verb, name, distance, time in zip(verbs, names, miss, goal_times, strict=True)
         ]
-        short = "" if np.all(miss <= settings.tolerance) else f", outside the tolerance of {settings.tolerance:g} m"
+        short = (
+            ""
+            if np.all(miss <= settings.tolerance)
+            else f", outside the tolerance of {settings.tolerance:g} m"
+        )
     if reference is not None:
         lasts = _hours(task, float(flight.time[-1]))
-        parts.append(f"{farthest:.0f} m from {reference.name} at most, {rms:.0f} m in the root mean square, for {lasts}")
+        parts.append(
+            f"{farthest:.0f} m from {reference.name} at most, {rms:.0f} m in the root mean square, for {lasts}"
+        )
         short += "" if farthest <= reference.limit else f", farther than {reference.limit:g} m"
     above = _above_bound(task, attempt)
     if above is not None and counts:
-        parts.append(f"{above:.1f} % above the earliest arrival that any vehicle of this speed could make")
+        parts.append(
+            f"{above:.1f} % above the earliest arrival that any vehicle of this speed could make"
+        )
     n_legs = len(flight.ends)
     text = f"{n_legs} leg{'s' * (n_legs != 1)}; {', '.join(parts)}"
     if attempt.violation is not None:
@@ -132,7 +189,11 @@ def _outcome(task: MissionTask, attempt: Attempt, goal_times: Array) -> str:
         text += f"; not safe: crosses {at.what} at {at.longitude:.4f}, {at.latitude:.4f} in leg {at.leg} after {_hours(task, at.time)}"
     if task.is_late:
         text += f"; the time limit of {settings.time_limit:g} s ended the search: other numbers of legs and other ways are untried"
-    return f"{text}{short}{_out_of_reach(task, attempt)}; {_binding(task, attempt, n_legs)}" if short else text
+    return (
+        f"{text}{short}{_out_of_reach(task, attempt)}; {_binding(task, attempt, n_legs)}"
+        if short
+        else text
+    )
 
 
 def _out_of_reach(task: MissionTask, attempt: Attempt) -> str:
@@ -148,7 +209,9 @@ def _out_of_reach(task: MissionTask, attempt: Attempt) -> str:
 def _hours(task: MissionTask, seconds: float) -> str:
     """Return a time since the start in hours and, where the mission has a date, as a date."""
     begins = task.request.start_time_ns
-    return f"{seconds / 3600.0:.1f} h" + (f" ({time_text(begins + round(seconds * 1e9))})" if begins else "")
+    return f"{seconds / 3600.0:.1f} h" + (
+        f" ({time_text(begins + round(seconds * 1e9))})" if begins else ""
+    )
 
 
 def _binding(task: MissionTask, attempt: Attempt, n_legs: int) -> str:
@@ -162,6 +225,8 @@ def _binding(task: MissionTask, attempt: Attempt, n_legs: int) -> str:
         return f"limit: max_legs = {settings.max_legs}"
     if flight.time[-1] >= _NEARLY * settings.max_duration:
         return f"limit: max_duration = {settings.max_duration:g} s"
-    ground = float(np.linalg.norm(flight.place[0, -1] - flight.place[0, 0])) / max(float(flight.time[-1]), 1.0)
+    ground = float(np.linalg.norm(flight.place[0, -1] - flight.place[0, 0])) / max(
+        float(flight.time[-1]), 1.0
+    )
     through = float(task.vehicle.speeds(np, task.vehicle.angles[0])[0])
     return f"the current or a constraint keeps a glider of {through:.2f} m/s from it: it makes good {ground:.2f} m/s"

@@ -34,11 +34,15 @@ class SafetyMargin:
         """
         numbers = np.linspace(0.0, 1.0, self.deviations.shape[1] + 1)[1:]
         at = np.linspace(0.0, 1.0, len(normals) + 1)[1:]
-        moved = np.array([[np.interp(at, numbers, flight[:, i]) for i in (0, 1)] for flight in self.deviations])
+        moved = np.array(
+            [[np.interp(at, numbers, flight[:, i]) for i in (0, 1)] for flight in self.deviations]
+        )
         towards = np.einsum("kcn,npc->knp", moved, normals)
         deviation_std = np.std(towards, axis=0, ddof=1) if len(towards) > 1 else 0.0
         limits = np.linalg.norm(normals, axis=2) > 0.0
-        needed = np.mean(towards, axis=0) + tolerance_factor(len(towards), self.share) * deviation_std
+        needed = (
+            np.mean(towards, axis=0) + tolerance_factor(len(towards), self.share) * deviation_std
+        )
         return np.asarray(np.where(limits, np.maximum(needed, 0.0) + self.extra, 0.0))
 
 

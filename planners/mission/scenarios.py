@@ -17,7 +17,17 @@ from planners.flow import graph_key
 from planners.mission.attempt import Attempt, best_of, is_feasible
 from planners.mission.check import clearances
 from planners.mission.feedback import Pilot, fly_corrected
-from planners.mission.flight import Currents, Flight, Flow, Legs, LocalSample, Sample, currents_of, currents_of_samples, fly_legs
+from planners.mission.flight import (
+    Currents,
+    Flight,
+    Flow,
+    Legs,
+    LocalSample,
+    Sample,
+    currents_of,
+    currents_of_samples,
+    fly_legs,
+)
 from planners.mission.flights import legs_of_plan
 from planners.mission.goal_legs import goal_legs_of, goal_steps_of
 from planners.mission.leg import fly_midpoints
@@ -88,18 +98,36 @@ def plan_scenarios(
         flight = fly_samples(task, currents, legs, predicted, pilot)
         met = points_at(predicted, attempt.flight.time[attempt.goals.points(attempt.flight)])
         summary, clear = summarise_flights(task, flight, met)
-        trials.append(_Trial(attempt, summary, extra, passes_binomial_test(int(np.sum(clear <= 0.0)), len(clear), allowed)))
+        trials.append(
+            _Trial(
+                attempt,
+                summary,
+                extra,
+                passes_binomial_test(int(np.sum(clear <= 0.0)), len(clear), allowed),
+            )
+        )
         if trials[-1].passes or task.is_late:
             break
         if len(trials) > 1:
             # the clearance that is missing to the first sample that must not violate a constraint
             missing = np.sort(-clear)[::-1][most_violations_allowed(len(clear), allowed)]
             extra += max(_GROWTH * float(missing), _LEAST)
-        attempt = _widen_margin(task, attempt, SafetyMargin(flight.place[:, 1:] - predicted.place[:, 1:], 1.0 - allowed, extra))
+        attempt = _widen_margin(
+            task,
+            attempt,
+            SafetyMargin(flight.place[:, 1:] - predicted.place[:, 1:], 1.0 - allowed, extra),
+        )
     # a plan that passes the test is the best, or else the safest; only the last one tried can pass
-    best = max(trials, key=lambda trial: (trial.passes, trial.summary.safe, is_feasible(task, trial.attempt)))
+    best = max(
+        trials,
+        key=lambda trial: (trial.passes, trial.summary.safe, is_feasible(task, trial.attempt)),
+    )
     plan = to_plan(task, [best.attempt])
-    counts = {"margins_tried": len(trials), "attempts": len(attempts) + len(trials) - 1, "extra_margin_m": best.extra}
+    counts = {
+        "margins_tried": len(trials),
+        "attempts": len(attempts) + len(trials) - 1,
+        "extra_margin_m": best.extra,
+    }
     return replace(plan, statistics={**plan.statistics, **counts}), best.summary
 
 
@@ -126,7 +154,18 @@ def fly_scenarios(
         PlanError: The mission has no legs, it does not fit the flow, or the samples are not on the nodes of the estimate.
     """
     legs = legs_of_plan(plan, flow if isinstance(flow, FlowEstimate) else flow[0], 1)
-    task = mission_task(flow, MissionRequest(plan.start, plan.goals, plan.vehicle, plan.settings, no_go, bathymetry, plan.start_time_ns))
+    task = mission_task(
+        flow,
+        MissionRequest(
+            plan.start,
+            plan.goals,
+            plan.vehicle,
+            plan.settings,
+            no_go,
+            bathymetry,
+            plan.start_time_ns,
+        ),
+    )
     predicted = predict(task, legs)
     flight = fly_samples(task, currents_around(flow, samples), legs, predicted, pilot)
     return summarise_flights(task, flight, points_at(predicted, plan.goal_times))[0]
@@ -150,7 +189,9 @@ def points_at(predicted: Flight, times: Array) -> NDArray[np.intp]:
     return np.asarray(np.argmin(np.abs(predicted.time - times[:, None]), axis=1))
 
 
-def summarise_flights(task: MissionTask, flight: Flight, points: NDArray[np.intp]) -> tuple[MonteCarloSummary, Array]:
+def summarise_flights(
+    task: MissionTask, flight: Flight, points: NDArray[np.intp]
+) -> tuple[MonteCarloSummary, Array]:
     """Return the summary of K flights and the least clearance of each [m], shape (K,): 0 or less where it violates a constraint.
 
     Args:
@@ -161,10 +202,14 @@ def summarise_flights(task: MissionTask, flight: Flight, points: NDArray[np.intp
     miss = np.linalg.norm(flight.place[:, points] - task.goals[:, :2], axis=2)
     by_name = clearances(task, flight)
     clear = np.min(list(by_name.values()), axis=0)
-    violations = {name: float(np.mean(one <= 0.0)) for name, one in by_name.items() if np.any(one <= 0.0)}
+    violations = {
+        name: float(np.mean(one <= 0.0)) for name, one in by_name.items() if np.any(one <= 0.0)
+    }
     median, ninety = (float(np.quantile(miss[:, -1], share)) for share in (0.5, 0.9))
     reached = float(np.mean(np.all(miss <= task.settings.tolerance, axis=1)))
-    return MonteCarloSummary(reached, float(np.mean(clear > 0.0)), median, ninety, violations), clear
+    return MonteCarloSummary(
+        reached, float(np.mean(clear > 0.0)), median, ninety, violations
+    ), clear
 
 
 def predict(task: MissionTask, legs: Legs) -> Flight:
@@ -172,7 +217,9 @@ def predict(task: MissionTask, legs: Legs) -> Flight:
     return fly_legs(task.currents, task.vehicle, task.start[:2], legs, task.start_time)
 
 
-def fly_samples(task: MissionTask, currents: Currents, legs: Legs, predicted: Flight, pilot: Pilot | None) -> Flight:
+def fly_samples(
+    task: MissionTask, currents: Currents, legs: Legs, predicted: Flight, pilot: Pilot | None
+) -> Flight:
     """Return the flights of legs in K currents, by the midpoint method; a pilot leads them where the prediction goes."""
     known, met = (one.since(task.request.start_time_ns) for one in (task.currents, currents))
     if pilot is None:
@@ -187,11 +234,16 @@ def currents_around(flow: Flow, samples: Sequence[Sample]) -> Currents:
     from its first time persists.
     """
     if not samples:
-        raise PlanError("a plan for samples of the estimate needs some; draw them with flow.sample(20, seed)")
+        raise PlanError(
+            "a plan for samples of the estimate needs some; draw them with flow.sample(20, seed)"
+        )
     first = flow if isinstance(flow, FlowEstimate) else flow[0]
     if isinstance(samples[0], LocalSample):
         drawn = currents_of_samples(samples)
-        without, beside = currents_around(flow, [one.flow for one in samples if isinstance(one, LocalSample)]), drawn.beside
+        without, beside = (
+            currents_around(flow, [one.flow for one in samples if isinstance(one, LocalSample)]),
+            drawn.beside,
+        )
         assert beside is not None
         # the clock of each begins with the time of its own first flow
         later = ((drawn.flow.time_ns or 0) - (without.flow.time_ns or 0)) / 1e9
@@ -199,13 +251,17 @@ def currents_around(flow: Flow, samples: Sequence[Sample]) -> Currents:
     if not isinstance(samples[0], FlowEstimate):
         changing = currents_of_samples(samples)
         if graph_key(changing.flow) != graph_key(first):
-            raise PlanError("the samples are not on the nodes, levels, kernel and depth functions of the estimate; draw them from it")
+            raise PlanError(
+                "the samples are not on the nodes, levels, kernel and depth functions of the estimate; draw them from it"
+            )
         return changing
     both = currents_of_samples([first, *samples])
     if isinstance(flow, FlowEstimate):
         return replace(both, latent=both.latent[1:])
     known = currents_of(flow)
-    return replace(known, latent=known.latent + np.tile(both.latent[1:] - both.latent[:1], (1, 1, len(flow))))
+    return replace(
+        known, latent=known.latent + np.tile(both.latent[1:] - both.latent[:1], (1, 1, len(flow)))
+    )
 
 
 def _widen_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) -> Attempt:
@@ -213,7 +269,9 @@ def _widen_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) -> A
     found = solve_with_margin(task, before, margin)
     n_legs = len(before.legs.headings)
     for longer in range(n_legs + 1, min(n_legs + _LONGER, task.settings.max_legs) + 1):
-        if (is_feasible(task, found) and found.plane_violation < _KEPT) or task.settings.legs is not None:
+        if (
+            is_feasible(task, found) and found.plane_violation < _KEPT
+        ) or task.settings.legs is not None:
             break
         more = solve_with_margin(task, with_n_legs(task, before, longer), margin)
         found = min(found, more, key=lambda one: (not is_feasible(task, one), one.plane_violation))
@@ -225,12 +283,22 @@ def with_n_legs(task: MissionTask, attempt: Attempt, n_legs: int) -> Attempt:
     flight, duration = attempt.flight, float(attempt.flight.time[-1])
     at = duration * np.arange(1, n_legs + 1) / n_legs
     places = np.column_stack([np.interp(at, flight.time, flight.place[0, :, i]) for i in (0, 1)])
-    headings = np.interp(at - 0.5 * at[0], flight.time, np.unwrap(attempt.legs.headings)[flight.leg])
+    headings = np.interp(
+        at - 0.5 * at[0], flight.time, np.unwrap(attempt.legs.headings)[flight.leg]
+    )
     passed = flight.time[attempt.goals.points(flight)]
     # a leg over several turns as high as the highest of their dives
     ends, turns = flight.time[flight.ends], np.array(turns_of(attempt.yo_depths))
-    first, last = np.searchsorted(ends, at - at[0], side="right"), np.minimum(np.searchsorted(ends, at), len(ends) - 1)
-    limited = replace(task, turns=tuple(float(turns[begin : end + 1].min()) for begin, end in zip(first, last, strict=True)))
+    first, last = (
+        np.searchsorted(ends, at - at[0], side="right"),
+        np.minimum(np.searchsorted(ends, at), len(ends) - 1),
+    )
+    limited = replace(
+        task,
+        turns=tuple(
+            float(turns[begin : end + 1].min()) for begin, end in zip(first, last, strict=True)
+        ),
+    )
     goals = goal_steps_of(limited, passed, goal_legs_of(passed, n_legs))
     return replace(
         attempt,

@@ -120,19 +120,31 @@ def _search_at_full_depth(task: MissionTask, water: Water, bound: Bound | None) 
     attempts = _search(task, water, task.rings, bound)
     if _goes_on(task, attempts) and any(ring.surface_only for ring in task.rings):
         # an area too wide to be passed under water between two surfacings must be rounded
-        attempts += _search(task, water, tuple(replace(ring, surface_only=False) for ring in task.rings), bound)
+        attempts += _search(
+            task, water, tuple(replace(ring, surface_only=False) for ring in task.rings), bound
+        )
     if _goes_on(task, attempts) and any(ring.drawn for ring in task.rings):
         # half-planes may bend a route through an area clear of it where they do not hold one round it
-        attempts += _search(task, water, tuple(ring for ring in task.rings if not ring.drawn), bound, once=True)
+        attempts += _search(
+            task, water, tuple(ring for ring in task.rings if not ring.drawn), bound, once=True
+        )
     return attempts
 
 
 def _goes_on(task: MissionTask, attempts: list[Attempt]) -> bool:
     """Return whether something else is to be tried: nothing is feasible yet, and there is time or nothing was tried at all."""
-    return not any(is_feasible(task, attempt) for attempt in attempts) and (not attempts or not task.is_late)
+    return not any(is_feasible(task, attempt) for attempt in attempts) and (
+        not attempts or not task.is_late
+    )
 
 
-def _search(task: MissionTask, water: Water, rings: tuple[Ring, ...], bound: Bound | None, once: bool = False) -> list[Attempt]:
+def _search(
+    task: MissionTask,
+    water: Water,
+    rings: tuple[Ring, ...],
+    bound: Bound | None,
+    once: bool = False,
+) -> list[Attempt]:
     """Return the attempts with the number of legs that a route clear of rings suggests and, unless once is enough, with fewer or more."""
     settings, passage = task.settings, passage_past_goals(task, water, rings)
     solve = _solver(task, water, passage)
@@ -144,23 +156,43 @@ def _search(task: MissionTask, water: Water, rings: tuple[Ring, ...], bound: Bou
     if settings.legs is not None or not passage.route.arrives or once or task.is_late:
         return attempts
     # half-planes have more room along a wider way, and often end in a better optimum
-    wider = _solver(task, water, widest_passage(task, water, rings, passage)) if is_beside(task, rings, passage) else None
+    wider = (
+        _solver(task, water, widest_passage(task, water, rings, passage))
+        if is_beside(task, rings, passage)
+        else None
+    )
     crosses = attempts[0].violation is not None
     widely = [wider(goal_legs_of(passed, likely), False)] if wider is not None and crosses else []
     attempts += widely
     for n_legs in range(likely - 1, _fewest_legs(task, bound) - 1, -1):
-        if task.is_late or not is_feasible(task, attempts[-1]) or best_of(task, attempts) is not attempts[-1]:
+        if (
+            task.is_late
+            or not is_feasible(task, attempts[-1])
+            or best_of(task, attempts) is not attempts[-1]
+        ):
             break
         attempts.append(solve(goal_legs_of(passed, n_legs), True))
     last = attempts[0]
     for n_legs in _more_legs(task, likely):
-        if task.is_late or any(done.violation is None and goals_met(task, done) for done in attempts):
+        if task.is_late or any(
+            done.violation is None and goals_met(task, done) for done in attempts
+        ):
             break
         next_one = n_legs == last.goals.legs[-1] + 1
-        last = solve(add_leg(last.goals.legs, last.legs.angles) if next_one else goal_legs_of(passed, n_legs), False)
+        last = solve(
+            add_leg(last.goals.legs, last.legs.angles)
+            if next_one
+            else goal_legs_of(passed, n_legs),
+            False,
+        )
         attempts.append(last)
     best = best_of(task, attempts)
-    if wider is not None and is_feasible(task, best) and best.flight.time[-1] > _DETOUR * passed[-1] and not task.is_late:
+    if (
+        wider is not None
+        and is_feasible(task, best)
+        and best.flight.time[-1] > _DETOUR * passed[-1]
+        and not task.is_late
+    ):
         # beside obstacles legs that bend more often may be quicker than fewer
         more = min(best.goals.legs[-1] + 1, settings.max_legs)
         if all(more != done.goals.legs[-1] for done in attempts):
@@ -171,14 +203,20 @@ def _search(task: MissionTask, water: Water, rings: tuple[Ring, ...], bound: Bou
     return attempts
 
 
-def _solver(task: MissionTask, water: Water, passage: Passage) -> Callable[[tuple[int, ...], bool], Attempt]:
+def _solver(
+    task: MissionTask, water: Water, passage: Passage
+) -> Callable[[tuple[int, ...], bool], Attempt]:
     """Return the function that solves a passage with the goals met in given legs; its second argument says that more are known to do."""
     route = passage.route
 
     def solve(legs: tuple[int, ...], fewer: bool) -> Attempt:
         announce(f"planning: {legs[-1]} legs")
-        guess = initial_guess(task, route, water, route.times[-1] * np.arange(legs[-1] + 1) / legs[-1])
-        return solve_legs(task, guess, goal_steps_of(task, passage.passed, legs), route, fewer=fewer)
+        guess = initial_guess(
+            task, route, water, route.times[-1] * np.arange(legs[-1] + 1) / legs[-1]
+        )
+        return solve_legs(
+            task, guess, goal_steps_of(task, passage.passed, legs), route, fewer=fewer
+        )
 
     return solve
 
@@ -192,7 +230,9 @@ def likely_legs(task: MissionTask, seconds: float) -> int:
 def _fewest_legs(task: MissionTask, bound: Bound | None) -> int:
     """Return the least number of legs that can arrive: one for each goal, and as many as the bound's time takes."""
     longest, drift = task.leg_time(task.vehicle.angles[0]), task.settings.surface_time
-    return max(len(task.goals), 1 if bound is None else int(np.ceil((bound.time + drift) / longest - 1e-6)))
+    return max(
+        len(task.goals), 1 if bound is None else int(np.ceil((bound.time + drift) / longest - 1e-6))
+    )
 
 
 def _more_legs(task: MissionTask, likely: int) -> list[int]:
@@ -206,19 +246,28 @@ def _approach(task: MissionTask, water: Water, bound: Bound) -> Attempt:
     """Return the mission that comes nearest to a goal out of reach: along the route of the front, or heading at the goal itself."""
     passage = passage_past_goals(task, water, task.rings)
     route, settings, goal = passage.route, task.settings, task.goals[bound.goal, :2]
-    n_legs = max(settings.legs or min(likely_legs(task, passage.passed[-1]), _LEGS_OUT_OF_REACH), len(task.goals))
+    n_legs = max(
+        settings.legs or min(likely_legs(task, passage.passed[-1]), _LEGS_OUT_OF_REACH),
+        len(task.goals),
+    )
     ahead = task.leg_time(task.vehicle.angles[0])
 
     def on_route(_at: Array, now: float, _goal: int) -> Array:
         # the last leg heads at the goal
-        return np.asarray(goal if now + ahead >= route.times[-1] else route.at(np.array([now + ahead]))[0])
+        return np.asarray(
+            goal if now + ahead >= route.times[-1] else route.at(np.array([now + ahead]))[0]
+        )
 
     def at_goal(_at: Array, _now: float, number: int) -> Array:
         return np.asarray(task.goals[number, :2])
 
     def flown(target: Target) -> Attempt:
         course = along_route(task, water, n_legs, target)
-        while course.violation is not None and settings.legs is None and course.violation.leg > len(task.goals):
+        while (
+            course.violation is not None
+            and settings.legs is None
+            and course.violation.leg > len(task.goals)
+        ):
             course = along_route(task, water, course.violation.leg - 1, target)
         return course
 
@@ -231,7 +280,11 @@ def _approach(task: MissionTask, water: Water, bound: Bound) -> Attempt:
 
 def _reconsidered(task: MissionTask, water: Water, rest: Attempt) -> list[Attempt]:
     """Return the attempts from a new route where that is clearly quicker than the rest of an earlier plan."""
-    if task.settings.legs is not None or task.reference_path is not None or task.settings.weights.time == 0.0:
+    if (
+        task.settings.legs is not None
+        or task.reference_path is not None
+        or task.settings.weights.time == 0.0
+    ):
         return []
     legs, lasts = len(rest.legs.headings), float(rest.flight.time[-1])
     for quick in (True, False):
@@ -239,7 +292,11 @@ def _reconsidered(task: MissionTask, water: Water, rest: Attempt) -> list[Attemp
         passage = passage_past_goals(task, water, task.rings, quick=quick)
         share = _ON_LATTICE if quick else 1.0
         likely = likely_legs(task, share * passage.passed[-1])
-        if not passage.route.arrives or lasts <= share * _RECONSIDERED * passage.passed[-1] or likely >= legs:
+        if (
+            not passage.route.arrives
+            or lasts <= share * _RECONSIDERED * passage.passed[-1]
+            or likely >= legs
+        ):
             return []
     solve, found = _solver(task, water, passage), list[Attempt]()
     for n_legs in (likely, likely + 1):
@@ -253,10 +310,21 @@ def _from_habit(task: MissionTask, water: Water, attempts: list[Attempt]) -> lis
     if task.settings.legs is not None or not _is_bounded(task) or task.settings.aim.distance_first:
         return []
     # a course that takes longer than the best attempt is not flown to its end
-    feasible = [float(attempt.flight.time[-1]) for attempt in attempts if is_feasible(task, attempt)]
+    feasible = [
+        float(attempt.flight.time[-1]) for attempt in attempts if is_feasible(task, attempt)
+    ]
     latest = min([longest_time(task), *feasible])
-    flown = habit(task, water, min(int(latest / task.leg_time(task.vehicle.angles[1])) + 1, task.settings.max_legs), latest)
-    if flown is None or not is_feasible(task, flown) or best_of(task, [*attempts, flown]) is not flown:
+    flown = habit(
+        task,
+        water,
+        min(int(latest / task.leg_time(task.vehicle.angles[1])) + 1, task.settings.max_legs),
+        latest,
+    )
+    if (
+        flown is None
+        or not is_feasible(task, flown)
+        or best_of(task, [*attempts, flown]) is not flown
+    ):
         return []
     return [flown, solve_legs(task, flown.guess, flown.goals, None)]
 
@@ -272,12 +340,22 @@ def rest_of(task: MissionTask, warm: MissionPlan, fewer: bool = False) -> list[A
     begun = warm.legs_flown(task.request.start_time_ns)
     left = len(warm.headings_deg) - begun
     goal_legs = tuple(number - begun for number in warm.goal_legs if number > begun)
-    if left <= 0 or len(goal_legs) != len(task.goals) or left > task.settings.max_legs or task.settings.legs not in (None, left):
+    if (
+        left <= 0
+        or len(goal_legs) != len(task.goals)
+        or left > task.settings.max_legs
+        or task.settings.legs not in (None, left)
+    ):
         return []
     task = replace(task, turns=turns_of(warm.yo_depths[begun:]))
     begins = np.concatenate([[0.0], warm.surfacing_times])[np.array(goal_legs) + begun - 1]
     durations = warm.surfacing_times[np.array(goal_legs) + begun - 1] - begins
-    goals = GoalSteps(goal_legs, task.goal_steps(goal_legs, left, (warm.goal_times[-len(goal_legs) :] - begins) / durations))
+    goals = GoalSteps(
+        goal_legs,
+        task.goal_steps(goal_legs, left, (warm.goal_times[-len(goal_legs) :] - begins) / durations),
+    )
     places = np.column_stack(to_local(task.region.grid.projection, *warm.surfacings[begun:].T))
-    guess = MissionGuess(places, np.deg2rad(warm.headings_deg[begun:]), np.deg2rad(warm.glide_angles_deg[begun:]))
+    guess = MissionGuess(
+        places, np.deg2rad(warm.headings_deg[begun:]), np.deg2rad(warm.glide_angles_deg[begun:])
+    )
     return [solve_legs(task, guess, goals, None, fewer=fewer)]

@@ -10,7 +10,14 @@ from planners.front.route import Route
 from planners.mission.attempt import Attempt, GoalSteps, LegsProblem, ranking_key
 from planners.mission.check import check
 from planners.mission.flight import Legs, refine_steps
-from planners.mission.program import MissionData, MissionGuess, MissionModel, MissionShape, MissionSolution, solve_mission
+from planners.mission.program import (
+    MissionData,
+    MissionGuess,
+    MissionModel,
+    MissionShape,
+    MissionSolution,
+    solve_mission,
+)
 from planners.mission.safety_margin import SafetyMargin
 from planners.mission.solved_flight import fly_solution
 from planners.mission.task import REFINED, MissionTask, turns_of
@@ -70,7 +77,10 @@ def solve_legs(
     n_legs, settings = len(guess.headings), task.settings
     problem = LegsProblem(task, n_legs, goals)
     # where the miss distance is weighed against other costs, a goal that is not met is no failure
-    closest, weighed = settings.aim.distance_first, settings.weighs_distance or task.reference_path is not None
+    closest, weighed = (
+        settings.aim.distance_first,
+        settings.weighs_distance or task.reference_path is not None,
+    )
     unreachable = route is not None and not route.arrives and not weighed
     solution = _solve(problem, guess, closest=closest or unreachable, warm_start=route is None)
     best = _fly(problem, solution, 0)
@@ -88,7 +98,11 @@ def solve_legs(
         best = _fly(problem, solution, best.iterations)
         closest = True
     return (
-        best if best.violation is None else _solve_within_half_planes(problem, best, guess, _points_along(problem, guess, route), closest)
+        best
+        if best.violation is None
+        else _solve_within_half_planes(
+            problem, best, guess, _points_along(problem, guess, route), closest
+        )
     )
 
 
@@ -100,8 +114,15 @@ def fly_guess(problem: LegsProblem, guess: MissionGuess) -> Attempt:
 def solve_with_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) -> Attempt:
     """Return the optimum that keeps a safety margin, found from an attempt without it."""
     task = replace(task, turns=turns_of(before.yo_depths))
-    problem, at, best, iterations = LegsProblem(task, len(before.guess.headings), before.goals), before.guess, None, 0
-    missed = not task.settings.weighs_distance and bool(np.any(before.miss > task.settings.tolerance))
+    problem, at, best, iterations = (
+        LegsProblem(task, len(before.guess.headings), before.goals),
+        before.guess,
+        None,
+        0,
+    )
+    missed = not task.settings.weighs_distance and bool(
+        np.any(before.miss > task.settings.tolerance)
+    )
     closest = missed or task.settings.aim.distance_first
     for _ in range(_ROUNDS_WITH_MARGIN):
         solution = _solve(
@@ -112,24 +133,34 @@ def solve_with_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) 
             warm_start=best is not None,
         )
         iterations += solution.iterations
-        if best is not None and solution.objective > best.objective - _PROGRESS * abs(best.objective):
+        if best is not None and solution.objective > best.objective - _PROGRESS * abs(
+            best.objective
+        ):
             break
         best, at = solution, solution.guess
     assert best is not None
     return _fly(problem, best, iterations - best.iterations)
 
 
-def _solve_within_half_planes(problem: LegsProblem, free: Attempt, guess: MissionGuess, path: Array, closest: bool) -> Attempt:
+def _solve_within_half_planes(
+    problem: LegsProblem, free: Attempt, guess: MissionGuess, path: Array, closest: bool
+) -> Attempt:
     """Return the best path found within half-planes: along a path, then following the places until other obstacles bring no more gain."""
     task, best, at, before, iterations = problem.task, free, guess, np.inf, free.iterations
     for again in range(_ROUNDS):
         announce(f"planning: {problem.n_legs} legs, round {again + 1} along obstacles")
         solution = _solve(
-            problem, at, (_following_walls if again else _standing_walls)(problem, path), closest=closest, warm_start=again > 0
+            problem,
+            at,
+            (_following_walls if again else _standing_walls)(problem, path),
+            closest=closest,
+            warm_start=again > 0,
         )
         flown = _fly(problem, solution, iterations)
         iterations = flown.iterations
-        better = flown.violation is None and (best.violation is not None or ranking_key(task, flown) < ranking_key(task, best))
+        better = flown.violation is None and (
+            best.violation is not None or ranking_key(task, flown) < ranking_key(task, best)
+        )
         best = flown if better or best is free else best
         gained = not np.isfinite(before) or solution.objective < before - _PROGRESS * abs(before)
         moved = float(np.max(np.abs(solution.guess.places - at.places)))
@@ -161,26 +192,44 @@ def _standing_walls(problem: LegsProblem, path: Array) -> Walls:
 def _following_walls(problem: LegsProblem, path: Array) -> Walls:
     """Return what the places of legs keep clear of, and each third of the steps between them where it is nearest to an obstacle."""
     surfaced = _surfaced(problem, path.shape[1])
-    begins = np.concatenate([np.vstack([problem.task.start[None, :2], path[:-1, -1]])[:, None], path[:, :-1]], axis=1)
+    begins = np.concatenate(
+        [np.vstack([problem.task.start[None, :2], path[:-1, -1]])[:, None], path[:, :-1]], axis=1
+    )
     adrift = surfaced & np.concatenate([np.full((len(path), 1), False), surfaced[:, :-1]], axis=1)
     shares = np.tile(_BETWEEN, (*path.shape[:2], 1))
     along = begins[:, :, None] + shares[..., None] * (path - begins)[:, :, None]
     near = _near(problem, along, np.repeat(adrift[..., None], shares.shape[2], axis=2), 1)
     clear = near.clearance(along.reshape(-1, 2)).reshape(*path.shape[:2], _PARTS, -1)
     worst = np.argmin(clear, axis=3)[..., None] + np.arange(_PARTS)[:, None] * clear.shape[3]
-    between, which = (np.take_along_axis(one.reshape(shares.shape), worst[..., 0], axis=2) for one in (shares, near.which))
+    between, which = (
+        np.take_along_axis(one.reshape(shares.shape), worst[..., 0], axis=2)
+        for one in (shares, near.which)
+    )
     ends = _near(problem, path, surfaced, _PLANES)
     both = np.concatenate([ends.which.reshape(*path.shape[:2], -1), which], axis=2)
-    return Walls(np.concatenate([np.ones((*path.shape[:2], _PLANES)), between], axis=2), obstacles=replace(ends, which=both.ravel()))
+    return Walls(
+        np.concatenate([np.ones((*path.shape[:2], _PLANES)), between], axis=2),
+        obstacles=replace(ends, which=both.ravel()),
+    )
 
 
 def _surfaced(problem: LegsProblem, n_places: int) -> NDArray[np.bool_]:
     """Return which places of the legs are at the surface, shape (L, n_places)."""
     # between the dives of a leg the glider is there, too
-    return np.array([[*steps[1:], *steps[-1:].repeat(n_places - steps.size + 1)] for steps in problem.depths]) <= 0.0
+    return (
+        np.array(
+            [
+                [*steps[1:], *steps[-1:].repeat(n_places - steps.size + 1)]
+                for steps in problem.depths
+            ]
+        )
+        <= 0.0
+    )
 
 
-def _near(problem: LegsProblem, places: Array, surfaced: NDArray[np.bool_], count: int) -> NearRings:
+def _near(
+    problem: LegsProblem, places: Array, surfaced: NDArray[np.bool_], count: int
+) -> NearRings:
     """Return the rings nearest to places of each leg, shape (L, ..., 2) [m]; at the surface or not, shape (L, ...)."""
     task, rings, turns = problem.task, list[Ring](), np.array(turns_of(problem.yo_depths))
     which = np.empty((*surfaced.shape, count), dtype=np.intp)
@@ -193,7 +242,12 @@ def _near(problem: LegsProblem, places: Array, surfaced: NDArray[np.bool_], coun
 
 
 def _solve(
-    problem: LegsProblem, guess: MissionGuess, walls: Walls | None = None, *, closest: bool = False, warm_start: bool = False
+    problem: LegsProblem,
+    guess: MissionGuess,
+    walls: Walls | None = None,
+    *,
+    closest: bool = False,
+    warm_start: bool = False,
 ) -> MissionSolution:
     """Return the solver's solution; with ``closest`` only the miss distance counts."""
     task, shape = problem.task, problem.shape(0 if walls is None else walls.count)
@@ -201,7 +255,9 @@ def _solve(
     time_weight, miss_weight = _CLOSEST if closest else (time_weight, 0.0)
     if walls is not None:
         # a kilometre less of a large miss distance must not pay for a kilometre beyond a half-plane
-        miss_weight /= max(float(np.max(np.linalg.norm(task.goals[:, :2] - task.start[:2], axis=1))) / KM, 1.0)
+        miss_weight /= max(
+            float(np.max(np.linalg.norm(task.goals[:, :2] - task.start[:2], axis=1))) / KM, 1.0
+        )
     line_end = _END_OF_LINE if shape.has_reference and distance_weight is None else 1.0
     data = MissionData(
         task.start[:2],
@@ -228,7 +284,12 @@ def _solve(
     if covered and _strays(problem, solution.guess.angles) <= _MET:
         return solution
     # once more in the flow itself
-    polished = solve_mission(replace(model, spline=None), data, solution.guess if covered else guess, warm_start=covered or warm_start)
+    polished = solve_mission(
+        replace(model, spline=None),
+        data,
+        solution.guess if covered else guess,
+        warm_start=covered or warm_start,
+    )
     return replace(polished, iterations=solution.iterations + polished.iterations)
 
 
@@ -236,7 +297,9 @@ def _strays(problem: LegsProblem, angles: Array) -> float:
     """Return how far the error of the spline may lead a mission astray [m]."""
     assert problem.task.spline is not None
     lengths = np.array([np.sum(np.abs(np.diff(steps))) for steps in problem.depths])
-    lasts = np.sum(lengths / np.asarray(problem.task.vehicle.speeds(np, angles)[1])) + np.sum(problem.drifts)
+    lasts = np.sum(lengths / np.asarray(problem.task.vehicle.speeds(np, angles)[1])) + np.sum(
+        problem.drifts
+    )
     return float(lasts * problem.task.spline.largest_error)
 
 
@@ -246,7 +309,11 @@ def _weights(task: MissionTask) -> tuple[float, float | None, float]:
     hourly = weights.time + weights.energy * task.vehicle.hotel * HOUR / 1e3
     reference = 0.0 if task.reference_path is None else task.reference_path.weight
     largest = max(hourly, weights.closest or 0.0, reference)
-    return hourly / largest, None if weights.closest is None else weights.closest / largest, reference / largest
+    return (
+        hourly / largest,
+        None if weights.closest is None else weights.closest / largest,
+        reference / largest,
+    )
 
 
 def _reference_weights_and_limits(
@@ -258,7 +325,8 @@ def _reference_weights_and_limits(
         return np.zeros((0, 0)), np.zeros((0, 0))
     hours = np.zeros((shape.n_legs, shape.n_places))
     hours[:, : shape.n_steps] = [
-        np.abs(np.diff(steps)) / float(task.vehicle.speeds(np, angle)[1]) / HOUR for steps, angle in zip(depths, angles, strict=True)
+        np.abs(np.diff(steps)) / float(task.vehicle.speeds(np, angle)[1]) / HOUR
+        for steps, angle in zip(depths, angles, strict=True)
     ]
     if shape.drifts:
         hours[:-1, -1] = task.settings.surface_time / HOUR
@@ -285,11 +353,34 @@ def _points_along(problem: LegsProblem, guess: MissionGuess, route: Route | None
 def _fly(problem: LegsProblem, solution: MissionSolution, iterations: int) -> Attempt:
     """Return a solution flown densely and checked, after so many iterations of earlier solves."""
     task, goals, guess = problem.task, problem.goals, solution.guess
-    legs = Legs(guess.headings, guess.angles, tuple(refine_steps(steps, REFINED) for steps in problem.depths), problem.drifts)
-    flight = fly_solution(task.currents, task.vehicle, task.start[:2], legs, task.start_time, solution)
+    legs = Legs(
+        guess.headings,
+        guess.angles,
+        tuple(refine_steps(steps, REFINED) for steps in problem.depths),
+        problem.drifts,
+    )
+    flight = fly_solution(
+        task.currents, task.vehicle, task.start[:2], legs, task.start_time, solution
+    )
     miss = np.linalg.norm(flight.place[0, goals.points(flight)] - task.goals[:, :2], axis=1)
     reference = task.reference_path
-    deviation = (0.0, 0.0) if reference is None else reference.farthest_and_rms(flight.time, flight.place[0], flight.ends)
+    deviation = (
+        (0.0, 0.0)
+        if reference is None
+        else reference.farthest_and_rms(flight.time, flight.place[0], flight.ends)
+    )
     total = iterations + solution.iterations
     violation, status = check(task, flight), solution.return_status
-    return Attempt(legs, problem.yo_depths, flight, goals, miss, deviation, violation, guess, total, status, solution.plane_violation)
+    return Attempt(
+        legs,
+        problem.yo_depths,
+        flight,
+        goals,
+        miss,
+        deviation,
+        violation,
+        guess,
+        total,
+        status,
+        solution.plane_violation,
+    )

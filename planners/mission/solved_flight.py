@@ -15,7 +15,14 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.grid import Projection
 
 
-def fly_solution(currents: Currents, vehicle: Glider, start: Array, legs: Legs, start_time: float, solution: MissionSolution) -> Flight:
+def fly_solution(
+    currents: Currents,
+    vehicle: Glider,
+    start: Array,
+    legs: Legs,
+    start_time: float,
+    solution: MissionSolution,
+) -> Flight:
     """Return the flight of the legs of a solution, as ``fly_legs`` does to a thousandth of a millimetre.
 
     Args:
@@ -27,10 +34,18 @@ def fly_solution(currents: Currents, vehicle: Glider, start: Array, legs: Legs, 
         solution: Where its legs begin and end.
     """
     flow, adrift, guess = currents.flow, bool(np.any(legs.drifts)), solution.guess
-    schedule = schedule_of(legs.depths, legs.drifts, adrift, flow.levels, flow.depth_functions, currents.times)
+    schedule = schedule_of(
+        legs.depths, legs.drifts, adrift, flow.levels, flow.depth_functions, currents.times
+    )
     begins = np.column_stack([np.vstack([start, guess.places[:-1]]), legs.headings, legs.angles])
     frames = _frames(flow.grid.projection, vehicle, len(begins))
-    flown = fly_together(stream_of(flow, currents.latent[0]), schedule, frames, (begins, start_time), solution.through)
+    flown = fly_together(
+        stream_of(flow, currents.latent[0]),
+        schedule,
+        frames,
+        (begins, start_time),
+        solution.through,
+    )
     if flown is None:
         return fly_legs(currents, vehicle, start, legs, start_time)
     places, times = flown
@@ -38,9 +53,17 @@ def fly_solution(currents: Currents, vehicle: Glider, start: Array, legs: Legs, 
     kept = np.full(places.shape[:2], True)
     kept[1:, 0] = False
     kept[legs.drifts <= 0.0, schedule.n_wet + 1 :] = False
-    depths = np.concatenate([np.array(legs.depths), np.zeros((len(begins), DRIFT_STEPS * int(adrift)))], axis=1)
+    depths = np.concatenate(
+        [np.array(legs.depths), np.zeros((len(begins), DRIFT_STEPS * int(adrift)))], axis=1
+    )
     number = np.broadcast_to(np.arange(len(begins))[:, None], kept.shape)
-    return Flight(times[kept] - start_time, depths[kept], places[kept][None], number[kept], np.cumsum(kept.sum(axis=1)) - 1)
+    return Flight(
+        times[kept] - start_time,
+        depths[kept],
+        places[kept][None],
+        number[kept],
+        np.cumsum(kept.sum(axis=1)) - 1,
+    )
 
 
 @lru_cache(maxsize=64)

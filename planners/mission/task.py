@@ -115,7 +115,9 @@ class MissionTask:
 
     def n_steps(self, yo_depths: tuple[YoDepths, ...]) -> int:
         """Return the number of steps that is enough for each leg."""
-        return max(steps_needed(leg, self.stops, self.settings.steps) for leg in dict.fromkeys(yo_depths))
+        return max(
+            steps_needed(leg, self.stops, self.settings.steps) for leg in dict.fromkeys(yo_depths)
+        )
 
     def depths(self, yo_depths: tuple[YoDepths, ...]) -> tuple[Array, ...]:
         """Return the depths [m] of each leg's steps."""
@@ -146,7 +148,10 @@ class MissionTask:
 
     def leg_time(self, angle: float, depth: float | None = None) -> float:
         """Return the duration of a leg at a glide angle [rad] to a depth [m], by default that of the settings, with its drift [s]."""
-        down, deep = float(self.vehicle.speeds(np, angle)[1]), self.settings.depth if depth is None else depth
+        down, deep = (
+            float(self.vehicle.speeds(np, angle)[1]),
+            self.settings.depth if depth is None else depth,
+        )
         return 2.0 * self.settings.yos * deep / down + self.settings.surface_time
 
     def angle_of(self, leg_time: float, depth: float | None = None) -> float:
@@ -161,7 +166,9 @@ def turns_of(yo_depths: tuple[YoDepths, ...]) -> tuple[float, ...]:
     return tuple(max(leg[1:]) for leg in yo_depths)
 
 
-def mission_task(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRequest) -> MissionTask:
+def mission_task(
+    flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRequest
+) -> MissionTask:
     """Return a mission in the local frame of its flow.
 
     Raises:
@@ -171,21 +178,39 @@ def mission_task(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRe
     currents, settings = currents_of(flow), request.settings
     region = region_of(currents.flow.grid, request.vehicle.max_depth)
     _check_request(request, region)
-    names = ["goal"] if len(request.goals) == 1 else [f"goal {k + 1}" for k in range(len(request.goals))]
+    names = (
+        ["goal"]
+        if len(request.goals) == 1
+        else [f"goal {k + 1}" for k in range(len(request.goals))]
+    )
     start = locate(region, request.start, "start")
-    goals = np.array([locate(region, goal, name) for goal, name in zip(request.goals, names, strict=True)])
+    goals = np.array(
+        [locate(region, goal, name) for goal, name in zip(request.goals, names, strict=True)]
+    )
     bottom = bottom_of(region, request.bathymetry, settings.clearance)
     rings = fixed_rings(region, request.no_go, bottom)
     for name, point in zip(["start", *names], [start, *goals], strict=True):
         _check_place(rings, bottom, name, point)
     # a region that is less deep everywhere needs no search for how deep each dive may be
-    depth = min(settings.depth, max(bottom.deepest, LEAST_DIVE, float(np.max(goals[:, 2])), float(start[2])))
+    depth = min(
+        settings.depth, max(bottom.deepest, LEAST_DIVE, float(np.max(goals[:, 2])), float(start[2]))
+    )
     request = replace(request, settings=replace(settings, depth=depth))
-    clock, deadline = time_on_clock(currents, request.start_time_ns), monotonic() + settings.time_limit
-    task = MissionTask(request, currents, region, rings, bottom, start, goals, clock, deadline=deadline)
+    clock, deadline = (
+        time_on_clock(currents, request.start_time_ns),
+        monotonic() + settings.time_limit,
+    )
+    task = MissionTask(
+        request, currents, region, rings, bottom, start, goals, clock, deadline=deadline
+    )
     if not settings.spline or not task.is_finite:
         return task
-    return replace(task, spline=spline_of(currents.flow, currents.latent[0], settings.spline, *_surroundings(start, goals)))
+    return replace(
+        task,
+        spline=spline_of(
+            currents.flow, currents.latent[0], settings.spline, *_surroundings(start, goals)
+        ),
+    )
 
 
 def _surroundings(start: Array, goals: Array) -> tuple[Array, Array]:
@@ -202,8 +227,14 @@ def _check_place(rings: tuple[Ring, ...], bottom: Bottom, name: str, point: Arra
     check_outside([ring for ring in rings if surfacing or not ring.surface_only], name, point)
     deepest, needed = float(bottom.limit_at(point[None, :2])[0]), max(float(point[2]), LEAST_DIVE)
     if deepest < needed - DEPTH_TOLERANCE:
-        room = f"the bottom less a clearance of {bottom.clearance:g} m leaves {deepest:g} m" if np.isfinite(deepest) else "land"
-        raise PlanError(f"{name} is where dives to {needed:g} m may not go: {room}; move it to deeper water")
+        room = (
+            f"the bottom less a clearance of {bottom.clearance:g} m leaves {deepest:g} m"
+            if np.isfinite(deepest)
+            else "land"
+        )
+        raise PlanError(
+            f"{name} is where dives to {needed:g} m may not go: {room}; move it to deeper water"
+        )
 
 
 def _check_request(request: MissionRequest, region: Region) -> None:
@@ -213,12 +244,18 @@ def _check_request(request: MissionRequest, region: Region) -> None:
         raise PlanError("a mission needs a goal; give one or several")
     most = min(settings.legs or settings.max_legs, settings.max_legs)
     if most < len(goals):
-        raise PlanError(f"{len(goals)} goals need as many legs, as each is met at the end of one, but only {most} are allowed; allow more")
+        raise PlanError(
+            f"{len(goals)} goals need as many legs, as each is met at the end of one, but only {most} are allowed; allow more"
+        )
     if settings.depth > region.deepest:
-        raise PlanError(f"dives to {settings.depth:g} m are deeper than {region.floor}; choose a lesser depth")
+        raise PlanError(
+            f"dives to {settings.depth:g} m are deeper than {region.floor}; choose a lesser depth"
+        )
     deepest = max(goal.depth for goal in goals)
     if deepest > settings.depth:
-        raise PlanError(f"the goal at {deepest:g} m is deeper than the dives, {settings.depth:g} m; choose deeper dives")
+        raise PlanError(
+            f"the goal at {deepest:g} m is deeper than the dives, {settings.depth:g} m; choose deeper dives"
+        )
 
 
 def time_on_clock(currents: Currents, time_ns: int) -> float:

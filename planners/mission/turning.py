@@ -40,7 +40,11 @@ def solve_turning(task: MissionTask, water: Water, rings: tuple[Ring, ...]) -> l
     route, passed = passage.route, passage.passed
     for pace in _PACES:
         cut = _cut(task, route, passed, pace)
-        if cut is None or (attempts and task.is_late) or any(is_feasible(task, attempt) for attempt in attempts):
+        if (
+            cut is None
+            or (attempts and task.is_late)
+            or any(is_feasible(task, attempt) for attempt in attempts)
+        ):
             break
         attempts.append(_solve_cut(task, water, route, cut))
         if task.settings.legs is not None:
@@ -71,13 +75,21 @@ def _flown_clear(task: MissionTask, water: Water, route: Route, cut: _Cut) -> At
     ends, turns, _ = cut
 
     def at_end(_at: Array, now: float, _goal: int) -> Array:
-        return np.asarray(route.at(ends[min(int(np.searchsorted(ends, now, side="right")), ends.size - 1)][None])[0])
+        return np.asarray(
+            route.at(ends[min(int(np.searchsorted(ends, now, side="right")), ends.size - 1)][None])[
+                0
+            ]
+        )
 
     def flown(count: int) -> Attempt:
         return along_route(replace(task, turns=turns[:count]), water, count, at_end)
 
     course = flown(len(turns))
-    while course.violation is not None and task.settings.legs is None and course.violation.leg > len(task.goals):
+    while (
+        course.violation is not None
+        and task.settings.legs is None
+        and course.violation.leg > len(task.goals)
+    ):
         course = flown(course.violation.leg - 1)
     return course
 
@@ -90,7 +102,11 @@ def _solve_cut(task: MissionTask, water: Water, route: Route, cut: _Cut) -> Atte
     goals = GoalSteps(goal_legs, limited.goal_steps(goal_legs, len(turns), np.ones(len(goal_legs))))
     # half-planes are placed along a route whose legs take equal times
     times = np.union1d(route.times, ends)
-    even = Route(route.at(times), np.interp(times, ends, np.arange(ends.size, dtype=np.float64)), route.arrives)
+    even = Route(
+        route.at(times),
+        np.interp(times, ends, np.arange(ends.size, dtype=np.float64)),
+        route.arrives,
+    )
     return solve_legs(limited, guess, goals, even)
 
 
@@ -109,15 +125,27 @@ def _cut(task: MissionTask, route: Route, passed: Array, pace: float) -> _Cut | 
     length = float(np.sum(np.linalg.norm(np.diff(route.points, axis=0), axis=1)))
     times = np.union1d(np.linspace(0.0, route.times[-1], int(length / _SPACING) + 2), route.times)
     places = route.at(times)
-    beside, own = task.bottom.limit_at(places, _BESIDE * task.settings.margin), task.bottom.limit_at(places)
+    beside, own = (
+        task.bottom.limit_at(places, _BESIDE * task.settings.margin),
+        task.bottom.limit_at(places),
+    )
     # the route keeps its margin from what is too shallow for any dive
     limits = np.where(beside < LEAST_DIVE, own, beside)
     most = min(task.settings.legs or task.settings.max_legs, task.settings.max_legs)
     if task.settings.legs is not None:
-        ends = np.unique(np.concatenate([np.linspace(0.0, route.times[-1], task.settings.legs + 1)[1:-1], [0.0, route.times[-1]]]))
+        ends = np.unique(
+            np.concatenate(
+                [
+                    np.linspace(0.0, route.times[-1], task.settings.legs + 1)[1:-1],
+                    [0.0, route.times[-1]],
+                ]
+            )
+        )
         turns = tuple(_turn(task, times, limits, begin, end) for begin, end in pairwise(ends))
         shares = np.round(passed / route.times[-1] * task.settings.legs).astype(int)
-        goal_legs = tuple(int(np.clip(n, k + 1, most - len(passed) + k + 1)) for k, n in enumerate(shares))
+        goal_legs = tuple(
+            int(np.clip(n, k + 1, most - len(passed) + k + 1)) for k, n in enumerate(shares)
+        )
         return ends, _deep_enough(task, turns, goal_legs), goal_legs
     at, depths, counts = [0.0], list[float](), list[int]()
     for goal in passed:
@@ -139,7 +167,9 @@ def _cut(task: MissionTask, route: Route, passed: Array, pace: float) -> _Cut | 
     return np.array(at), _deep_enough(task, tuple(depths), tuple(counts)), tuple(counts)
 
 
-def _deep_enough(task: MissionTask, turns: tuple[float, ...], goal_legs: tuple[int, ...]) -> tuple[float, ...]:
+def _deep_enough(
+    task: MissionTask, turns: tuple[float, ...], goal_legs: tuple[int, ...]
+) -> tuple[float, ...]:
     """Return the depths at which legs turn [m], no less than those of the goals that they meet."""
     deep = np.array(turns)
     deep[np.array(goal_legs) - 1] = np.maximum(deep[np.array(goal_legs) - 1], task.goals[:, 2])
@@ -154,6 +184,11 @@ def _span(task: MissionTask, turn: float) -> float:
 
 def _turn(task: MissionTask, times: Array, limits: Array, begin: float, end: float) -> float:
     """Return how deep dives may be between two times of a route [s], by the limits [m] at some times."""
-    first, last = np.searchsorted(times, begin, side="right") - 1, np.searchsorted(times, end, side="left") + 1
+    first, last = (
+        np.searchsorted(times, begin, side="right") - 1,
+        np.searchsorted(times, end, side="left") + 1,
+    )
     least = min(float(np.min(limits[first:last])), task.settings.depth)
-    return least if least == task.settings.depth else max(np.floor(least / _STEP) * _STEP, LEAST_DIVE)
+    return (
+        least if least == task.settings.depth else max(np.floor(least / _STEP) * _STEP, LEAST_DIVE)
+    )

@@ -60,19 +60,38 @@ class MissionSettings:
     def __post_init__(self) -> None:
         """Raise PlanError for settings outside their range."""
         if not isinstance(self.objective, Weights) and self.objective not in OBJECTIVES:
-            raise PlanError(f"a mission's objective is {self.objective!r}; expected one of {', '.join(OBJECTIVES)}, or weights")
-        positive = {name: getattr(self, name) for name in ("depth", "yos", "tolerance", "max_legs", "max_duration", "steps", "time_limit")}
+            raise PlanError(
+                f"a mission's objective is {self.objective!r}; expected one of {', '.join(OBJECTIVES)}, or weights"
+            )
+        positive = {
+            name: getattr(self, name)
+            for name in (
+                "depth",
+                "yos",
+                "tolerance",
+                "max_legs",
+                "max_duration",
+                "steps",
+                "time_limit",
+            )
+        }
         for name, value in {**positive, "legs": 1 if self.legs is None else self.legs}.items():
             if not value > 0:
                 raise PlanError(f"a mission's {name} is {value!r}; expected a number above 0")
         for name in ("surface_time", "margin", "clearance", "spline"):
             if not getattr(self, name) >= 0.0:
-                raise PlanError(f"a mission's {name} is {getattr(self, name)!r}; expected 0 or more")
+                raise PlanError(
+                    f"a mission's {name} is {getattr(self, name)!r}; expected 0 or more"
+                )
 
     @property
     def aim(self) -> Objective:
         """The objective."""
-        return Objective(self.objective) if isinstance(self.objective, Weights) else OBJECTIVES[self.objective]
+        return (
+            Objective(self.objective)
+            if isinstance(self.objective, Weights)
+            else OBJECTIVES[self.objective]
+        )
 
     @property
     def weights(self) -> Weights:
@@ -126,7 +145,9 @@ class Mooring:
     def __post_init__(self) -> None:
         """Raise PlanError for a radius or a duration that is not above 0."""
         if not (0.0 < self.radius < inf and 0.0 < self.duration < inf):
-            raise PlanError(f"a mooring within {self.radius!r} m for {self.duration!r} s: expected two numbers above 0")
+            raise PlanError(
+                f"a mooring within {self.radius!r} m for {self.duration!r} s: expected two numbers above 0"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +167,9 @@ class Line:
     def __post_init__(self) -> None:
         """Raise PlanError for a negative weight or a width that is not above 0."""
         if not (0.0 <= self.weight < inf and self.width > 0.0):
-            raise PlanError(f"a line of weight {self.weight!r} and width {self.width!r} m: expected a number of 0 or more and one above 0")
+            raise PlanError(
+                f"a line of weight {self.weight!r} and width {self.width!r} m: expected a number of 0 or more and one above 0"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -116,13 +116,32 @@ def waypoints_of(
     """
     if plan.settings.weights.closest == 0.0:
         raise PlanError("a mooring has no waypoints: give the glider the place of the mooring")
-    task = mission_task(flow, MissionRequest(plan.start, plan.goals, plan.vehicle, plan.settings, no_go, bathymetry, plan.start_time_ns))
-    legs, projection, settings = legs_of_plan(plan, task.flow), task.region.grid.projection, plan.settings
+    task = mission_task(
+        flow,
+        MissionRequest(
+            plan.start,
+            plan.goals,
+            plan.vehicle,
+            plan.settings,
+            no_go,
+            bathymetry,
+            plan.start_time_ns,
+        ),
+    )
+    legs, projection, settings = (
+        legs_of_plan(plan, task.flow),
+        task.region.grid.projection,
+        plan.settings,
+    )
     ends = np.column_stack(to_local(projection, *plan.surfacings.T))
     places, tried = np.vstack([task.start[None, :2], ends]), list[_Followed]()
-    fewest = kept_surfacings(plan, places, settings.tolerance if tolerance is None else tolerance, task.rings)
+    fewest = kept_surfacings(
+        plan, places, settings.tolerance if tolerance is None else tolerance, task.rings
+    )
     for kept in (fewest, tuple(range(1, len(ends) + 1))):
-        tried += [_follow(task, plan, legs, kept, float(radius)) for radius in settings.tolerance * _RADII]
+        tried += [
+            _follow(task, plan, legs, kept, float(radius)) for radius in settings.tolerance * _RADII
+        ]
         if any(one.violation is None for one in tried):
             break
 
@@ -130,14 +149,22 @@ def waypoints_of(
         off_end = float(np.linalg.norm(one.path[-1][0] - ends[-1]))
         # the rest of the distance to the plan's end would take time as well
         late = one.path[-1][1] + off_end / float(plan.vehicle.speeds(np, one.angles[-1])[0])
-        return one.violation is not None, int(np.isnan(one.times).sum()), off_end > settings.tolerance, late
+        return (
+            one.violation is not None,
+            int(np.isnan(one.times).sum()),
+            off_end > settings.tolerance,
+            late,
+        )
 
     return _waypoints(task, plan, min(tried, key=lost), places)
 
 
 def _waypoints(task: MissionTask, plan: MissionPlan, best: _Followed, places: Array) -> Waypoints:
     """Return the waypoints that are followed best, and what they lose against the plan, whose legs lie between places [m]."""
-    off_end, delay = float(np.linalg.norm(best.path[-1][0] - places[-1])), best.path[-1][1] - plan.duration
+    off_end, delay = (
+        float(np.linalg.norm(best.path[-1][0] - places[-1])),
+        best.path[-1][1] - plan.duration,
+    )
     surfacings, at = np.array([place for place, _ in best.path[1:]]), best.violation
     off_track = float(np.max(_distance_to_legs(surfacings, places)))
     n_reached = int(np.isfinite(best.times).sum())
@@ -153,10 +180,25 @@ def _waypoints(task: MissionTask, plan: MissionPlan, best: _Followed, places: Ar
     surfaced = np.column_stack(to_geographic(task.region.grid.projection, *surfacings.T))
     dives = best.depths, plan.settings.yos, best.radius
     angles = np.rad2deg(best.angles)
-    return Waypoints(longitude, latitude, angles, pitches, *dives, best.times, surfaced, off_end, delay, off_track, at, message)
+    return Waypoints(
+        longitude,
+        latitude,
+        angles,
+        pitches,
+        *dives,
+        best.times,
+        surfaced,
+        off_end,
+        delay,
+        off_track,
+        at,
+        message,
+    )
 
 
-def kept_surfacings(plan: MissionPlan, places: Array, tolerance: float, rings: Sequence[Ring] = ()) -> tuple[int, ...]:
+def kept_surfacings(
+    plan: MissionPlan, places: Array, tolerance: float, rings: Sequence[Ring] = ()
+) -> tuple[int, ...]:
     """Return the numbers of the legs, counted from 1, whose ends are waypoints: those of the goals, and what is needed between them.
 
     Between two that are kept, the one farthest from steady progress is kept as well, until none is farther than the tolerance
@@ -178,7 +220,12 @@ def kept_surfacings(plan: MissionPlan, places: Array, tolerance: float, rings: S
     while open_spans:
         begin, end = open_spans.pop()
         share = (times[begin + 1 : end] - times[begin]) / (times[end] - times[begin])
-        away = np.linalg.norm(places[begin] + share[:, None] * (places[end] - places[begin]) - places[begin + 1 : end], axis=1)
+        away = np.linalg.norm(
+            places[begin]
+            + share[:, None] * (places[end] - places[begin])
+            - places[begin + 1 : end],
+            axis=1,
+        )
         line, skin = places[[begin, end]][None], np.array([plan.settings.margin])
         if away.size and (away.max() > tolerance or first_crossing(rings, line, skin) is not None):
             middle = begin + 1 + int(np.argmax(away))
@@ -187,26 +234,51 @@ def kept_surfacings(plan: MissionPlan, places: Array, tolerance: float, rings: S
     return tuple(sorted(kept - {0}))
 
 
-def _follow(task: MissionTask, plan: MissionPlan, legs: Legs, kept: tuple[int, ...], radius: float) -> _Followed:
+def _follow(
+    task: MissionTask, plan: MissionPlan, legs: Legs, kept: tuple[int, ...], radius: float
+) -> _Followed:
     """Return the flight of a glider that heads for the ends of the legs kept, until the last is reached within a radius [m]."""
     settings, projection = plan.settings, task.region.grid.projection
     ends = np.column_stack(to_local(projection, *plan.surfacings.T))
-    waypoints, drift, levels = ends[np.array(kept) - 1], plan.settings.surface_time, task.flow.levels
-    margin = _margin(task, settings.margin, np.vstack([task.start[None, :2], ends[np.array(plan.goal_legs) - 1]]))
+    waypoints, drift, levels = (
+        ends[np.array(kept) - 1],
+        plan.settings.surface_time,
+        task.flow.levels,
+    )
+    margin = _margin(
+        task, settings.margin, np.vstack([task.start[None, :2], ends[np.array(plan.goal_legs) - 1]])
+    )
     angles = np.array([np.mean(legs.angles[begin:end]) for begin, end in pairwise([0, *kept])])
     turns = np.array(turns_of(plan.yo_depths))
     deep = np.array([np.min(turns[begin:end]) for begin, end in pairwise([0, *kept])])
     turn = true_north_halfway(projection, task.start[None, :2], ends[:1])[0]
-    first = ends[0] - task.start[:2], float(plan.surfacing_times[0]), float(legs.headings[0] + turn), float(legs.angles[0])
+    first = (
+        ends[0] - task.start[:2],
+        float(plan.surfacing_times[0]),
+        float(legs.headings[0] + turn),
+        float(legs.angles[0]),
+    )
     current = _dead_reckoned_current(plan, *first)
-    times, path, target, violation = np.full(len(waypoints), np.nan), [(task.start[:2], 0.0)], 0, None
+    times, path, target, violation = (
+        np.full(len(waypoints), np.nan),
+        [(task.start[:2], 0.0)],
+        0,
+        None,
+    )
     for number in range(_LEGS_EACH * len(legs.headings) + _LEGS_MORE):
         (at, now), angle, depth = path[-1], float(angles[target]), float(deep[target])
-        local, share = heading_for(replace(plan, settings=replace(settings, depth=depth)), waypoints[target] - at, angle, current)
+        local, share = heading_for(
+            replace(plan, settings=replace(settings, depth=depth)),
+            waypoints[target] - at,
+            angle,
+            current,
+        )
         heading = local - float(true_north_halfway(projection, at[None], at[None])[0])
         begin = plan.yo_depths[0][0] if number == 0 else 0.0
         yo_depths = (begin, *(max(share * depth, begin), 0.0) * settings.yos)
-        depths = refine_steps(leg_depths(yo_depths, levels, steps_needed(yo_depths, levels, settings.steps)), REFINED)
+        depths = refine_steps(
+            leg_depths(yo_depths, levels, steps_needed(yo_depths, levels, settings.steps)), REFINED
+        )
         leg = Legs(np.array([heading]), np.array([angle]), (depths,), np.array([drift]))
         flown = fly_legs(task.currents, plan.vehicle, at, leg, task.start_time + now)
         violation = violation or check(task, flown, margin)
@@ -226,7 +298,9 @@ def _follow(task: MissionTask, plan: MissionPlan, legs: Legs, kept: tuple[int, .
     if violation is None and target < len(waypoints) and _has_hazards(task, float(deep.max())):
         place, time = path[-1]
         what = f"water that was not checked, as waypoint {target + 1} is not reached in {len(path) - 1} legs,"
-        violation = Violation(what, time, len(path) - 1, *(float(part) for part in to_geographic(projection, *place)))
+        violation = Violation(
+            what, time, len(path) - 1, *(float(part) for part in to_geographic(projection, *place))
+        )
     return _Followed(radius, kept, angles, deep, times, path, violation)
 
 
@@ -249,13 +323,21 @@ def _margin(task: MissionTask, margin: float, given: Array) -> float:
     return float(np.clip(0.5 * least, 0.0, _AS_FAR * margin))
 
 
-def _dead_reckoned_current(plan: MissionPlan, displacement: Array, duration: float, heading: float, angle: float) -> Array:
+def _dead_reckoned_current(
+    plan: MissionPlan, displacement: Array, duration: float, heading: float, angle: float
+) -> Array:
     """Return the mean current [m/s] of a leg by dead reckoning: its displacement over ground [m] less that through water, over time [s]."""
-    along = float(plan.vehicle.speeds(np, angle)[0]) * max(duration - plan.settings.surface_time, 0.0)
-    return np.asarray((displacement - along * np.array([np.sin(heading), np.cos(heading)])) / duration)
+    along = float(plan.vehicle.speeds(np, angle)[0]) * max(
+        duration - plan.settings.surface_time, 0.0
+    )
+    return np.asarray(
+        (displacement - along * np.array([np.sin(heading), np.cos(heading)])) / duration
+    )
 
 
-def heading_for(plan: MissionPlan, displacement: Array, angle: float, current: Array) -> tuple[float, float]:
+def heading_for(
+    plan: MissionPlan, displacement: Array, angle: float, current: Array
+) -> tuple[float, float]:
     """Return the heading from local north [rad] to a waypoint and the share of a full dive's depth that is needed to reach it.
 
     Args:
@@ -265,7 +347,10 @@ def heading_for(plan: MissionPlan, displacement: Array, angle: float, current: A
         current: Mean over a leg [m/s].
     """
     settings, (along, down) = plan.settings, plan.vehicle.speeds(np, angle)
-    under, distance = 2.0 * settings.yos * settings.depth / float(down), float(np.linalg.norm(displacement))
+    under, distance = (
+        2.0 * settings.yos * settings.depth / float(down),
+        float(np.linalg.norm(displacement)),
+    )
     ahead = displacement / distance
     off = np.array([-ahead[1], ahead[0]])
     heading, share = 0.0, 1.0

@@ -27,7 +27,11 @@ def position(longitude: float, latitude: float, near: float) -> list[float]:
 
 def feature(kind: str, coordinates: Any, properties: Mapping[str, Any]) -> Feature:
     """Return a GeoJSON feature of one geometry."""
-    return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
+    return {
+        "type": "Feature",
+        "geometry": {"type": kind, "coordinates": coordinates},
+        "properties": properties,
+    }
 
 
 def collection_text(features: Sequence[Feature]) -> str:

@@ -39,7 +39,13 @@ def legs_table(plan: MissionPlan, ellipses: Array | None) -> list[dict[str, floa
             "latitude": float(plan.surfacings[k, 1]),
         }
         if ellipses is not None:
-            names = "ellipse_longitude", "ellipse_latitude", "ellipse_major_m", "ellipse_minor_m", "ellipse_bearing_deg"
+            names = (
+                "ellipse_longitude",
+                "ellipse_latitude",
+                "ellipse_major_m",
+                "ellipse_minor_m",
+                "ellipse_bearing_deg",
+            )
             row |= {name: float(value) for name, value in zip(names, ellipses[k], strict=True)}
         rows.append(row)
     return rows
@@ -76,11 +82,15 @@ def to_json(plan: MissionPlan, ellipses: Array | None) -> dict[str, Any]:
         "closest_approach_m": [float(miss) for miss in plan.closest_approach],
         "goals": goals_table(plan),
         "legs": legs_table(plan, ellipses),
-        "statistics": {name: value if value == value else None for name, value in plan.statistics.items()},
+        "statistics": {
+            name: value if value == value else None for name, value in plan.statistics.items()
+        },
     }
 
 
-def to_geojson(plan: MissionPlan, projection: Projection, ellipses: Array | None, samples: int | None = None) -> str:
+def to_geojson(
+    plan: MissionPlan, projection: Projection, ellipses: Array | None, samples: int | None = None
+) -> str:
     """Return the predicted track as a line, start, surfacings and goals as points, and ellipses as polygons.
 
     Args:
@@ -96,16 +106,36 @@ def to_geojson(plan: MissionPlan, projection: Projection, ellipses: Array | None
     features = []
     if len(plan.track) > 1:
         line = zip(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]), strict=True)
-        properties = {"name": "track", "status": plan.status, "message": plan.message, "duration_s": plan.duration, "energy_j": plan.energy}
-        features.append(feature("LineString", [at(float(lon), float(lat)) for lon, lat in line], properties))
-    features.append(feature("Point", at(plan.start.longitude, plan.start.latitude), {"name": "start"}))
+        properties = {
+            "name": "track",
+            "status": plan.status,
+            "message": plan.message,
+            "duration_s": plan.duration,
+            "energy_j": plan.energy,
+        }
+        features.append(
+            feature("LineString", [at(float(lon), float(lat)) for lon, lat in line], properties)
+        )
+    features.append(
+        feature("Point", at(plan.start.longitude, plan.start.latitude), {"name": "start"})
+    )
     for k, (goal, met) in enumerate(zip(plan.goals, goals_table(plan), strict=True)):
-        features.append(feature("Point", at(goal.longitude, goal.latitude), {"name": f"goal {k + 1}", **met}))
+        features.append(
+            feature("Point", at(goal.longitude, goal.latitude), {"name": f"goal {k + 1}", **met})
+        )
     for row in legs_table(plan, ellipses):
-        features.append(feature("Point", at(row["longitude"], row["latitude"]), {"name": f"surfacing {row['leg']}", **row}))
+        features.append(
+            feature(
+                "Point",
+                at(row["longitude"], row["latitude"]),
+                {"name": f"surfacing {row['leg']}", **row},
+            )
+        )
     for k, ellipse in enumerate([] if ellipses is None else ellipses):
         around = [at(float(lon), float(lat)) for lon, lat in ellipse_outline(ellipse, projection)]
-        about = {"name": f"90 % of surfacings {k + 1}"} | ({} if samples is None else {"samples": samples})
+        about = {"name": f"90 % of surfacings {k + 1}"} | (
+            {} if samples is None else {"samples": samples}
+        )
         features.append(feature("Polygon", [around], about))
     return collection_text(features)
 
@@ -115,7 +145,9 @@ def ellipse_outline(ellipse: Array, projection: Projection) -> Array:
 
     They run counter-clockwise, as RFC 7946 asks of the outer ring of a polygon.
     """
-    return np.column_stack(to_geographic(projection, *Ellipse(*ellipse.tolist()).outline(projection).T))
+    return np.column_stack(
+        to_geographic(projection, *Ellipse(*ellipse.tolist()).outline(projection).T)
+    )
 
 
 def as_glide(plan: MissionPlan, projection: Projection, odds: MissionOdds | None = None) -> Plan:
@@ -129,8 +161,13 @@ def as_glide(plan: MissionPlan, projection: Projection, odds: MissionOdds | None
         odds: Of it; None without samples.
     """
     legs = len(plan.headings_deg)
-    heading, angle = (float(values[0]) if legs else 0.0 for values in (plan.headings_deg, np.deg2rad(plan.glide_angles_deg)))
-    along, down = (float(speed) for speed in plan.vehicle.speeds(np, angle if legs else plan.vehicle.angles[0]))
+    heading, angle = (
+        float(values[0]) if legs else 0.0
+        for values in (plan.headings_deg, np.deg2rad(plan.glide_angles_deg))
+    )
+    along, down = (
+        float(speed) for speed in plan.vehicle.speeds(np, angle if legs else plan.vehicle.angles[0])
+    )
     turn = float(grid_bearing_of_true_north(projection, plan.start.longitude, plan.start.latitude))
     local = np.deg2rad(heading) + turn
     ellipses = None if odds is None else odds.ellipses
@@ -157,4 +194,11 @@ def as_glide(plan: MissionPlan, projection: Projection, odds: MissionOdds | None
 
 def _odds(odds: MissionOdds) -> Odds:
     pilot = odds.corrected
-    return Odds(odds.count, pilot.reached, odds.held.reached, pilot.safe, pilot.miss_median, pilot.miss_90_percent)
+    return Odds(
+        odds.count,
+        pilot.reached,
+        odds.held.reached,
+        pilot.safe,
+        pilot.miss_median,
+        pilot.miss_90_percent,
+    )

@@ -23,7 +23,11 @@ def waypoint_text(waypoints: Waypoints, path: Path) -> str:
         PlanError: The name tells none.
     """
     form = check_form(path)
-    return _slocum_yo(waypoints) if form == ".ma" and path.name.lower().startswith("yo") else FORMS[form](waypoints)
+    return (
+        _slocum_yo(waypoints)
+        if form == ".ma" and path.name.lower().startswith("yo")
+        else FORMS[form](waypoints)
+    )
 
 
 def check_form(path: Path) -> str:
@@ -34,7 +38,9 @@ def check_form(path: Path) -> str:
     """
     form = path.suffix.lower() or f".{path.name.lower()}"
     if form not in FORMS:
-        raise PlanError(f"{path}: expected a name of waypoints that ends in one of {', '.join(FORMS)}")
+        raise PlanError(
+            f"{path}: expected a name of waypoints that ends in one of {', '.join(FORMS)}"
+        )
     return form
 
 
@@ -79,7 +85,13 @@ def _geojson(waypoints: Waypoints) -> str:
     """Return the waypoints as points, and where the glider surfaces on the way as one feature of many points."""
     near = float(waypoints.longitude[0])
     about = {name: value for name, value in waypoint_json(waypoints).items() if name != "waypoints"}
-    features = [feature("MultiPoint", [position(x, y, near) for x, y in waypoints.surfacings], {"name": "surfacings on the way", **about})]
+    features = [
+        feature(
+            "MultiPoint",
+            [position(x, y, near) for x, y in waypoints.surfacings],
+            {"name": "surfacings on the way", **about},
+        )
+    ]
     for k, row in enumerate(waypoint_rows(waypoints)):
         at = position(float(waypoints.longitude[k]), float(waypoints.latitude[k]), near)
         features.append(feature("Point", at, {"name": f"waypoint {k + 1}", **row}))
@@ -107,7 +119,10 @@ def _slocum(waypoints: Waypoints) -> str:
         "<end:b_arg>",
         "<start:waypoints>",
         "# longitude latitude, degrees and minutes",
-        *(f"{_minutes(x)} {_minutes(y)}" for x, y in zip(waypoints.longitude, waypoints.latitude, strict=True)),
+        *(
+            f"{_minutes(x)} {_minutes(y)}"
+            for x, y in zip(waypoints.longitude, waypoints.latitude, strict=True)
+        ),
         "<end:waypoints>",
     ]
     return "\n".join(lines) + "\n"
@@ -121,7 +136,9 @@ def _seaglider(waypoints: Waypoints) -> str:
     """
     lines, last = [f"/ {waypoints.message}"], len(waypoints.times)
     for k, (x, y) in enumerate(zip(waypoints.longitude, waypoints.latitude, strict=True), start=1):
-        lines.append(f"WP{k:03d} lat={_minutes(y)} lon={_minutes(x)} radius={waypoints.radius:g} goto=WP{min(k + 1, last):03d}")
+        lines.append(
+            f"WP{k:03d} lat={_minutes(y)} lon={_minutes(x)} radius={waypoints.radius:g} goto=WP{min(k + 1, last):03d}"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -155,7 +172,10 @@ def _qgroundcontrol(waypoints: Waypoints) -> str:
     References: QGroundControl developer guide, Plan File Format; MAVLink common messages, MAV_CMD_NAV_WAYPOINT (16),
     MAV_FRAME_GLOBAL_RELATIVE_ALT (3), MAV_TYPE_SUBMARINE (12), MAV_AUTOPILOT_GENERIC (0).
     """
-    places = [[round(float(y), 7), round(float(x), 7), 0.0] for x, y in zip(waypoints.longitude, waypoints.latitude, strict=True)]
+    places = [
+        [round(float(y), 7), round(float(x), 7), 0.0]
+        for x, y in zip(waypoints.longitude, waypoints.latitude, strict=True)
+    ]
     items = [
         {
             "AMSLAltAboveTerrain": None,
@@ -171,7 +191,14 @@ def _qgroundcontrol(waypoints: Waypoints) -> str:
         }
         for number, place in enumerate(places, start=1)
     ]
-    mission = {"cruiseSpeed": 1, "hoverSpeed": 1, "firmwareType": 0, "vehicleType": 12, "globalPlanAltitudeMode": 1, "version": 2}
+    mission = {
+        "cruiseSpeed": 1,
+        "hoverSpeed": 1,
+        "firmwareType": 0,
+        "vehicleType": 12,
+        "globalPlanAltitudeMode": 1,
+        "version": 2,
+    }
     plan = {
         "fileType": "Plan",
         "groundStation": "QGroundControl",
@@ -194,11 +221,18 @@ def _kml(waypoints: Waypoints) -> str:
         for x, y in zip(waypoints.longitude, waypoints.latitude, strict=True)
     ]
     placemarks = [
-        f"<Placemark><name>waypoint {k}</name><Point><coordinates>{at}</coordinates></Point></Placemark>" for k, at in enumerate(texts, 1)
+        f"<Placemark><name>waypoint {k}</name><Point><coordinates>{at}</coordinates></Point></Placemark>"
+        for k, at in enumerate(texts, 1)
     ]
     line = f"<Placemark><name>way</name><LineString><coordinates>{' '.join(texts)}</coordinates></LineString></Placemark>"
     about = f"<description>{escape(waypoints.message)}</description>"
-    parts = ['<?xml version="1.0" encoding="UTF-8"?>', '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>', about, *placemarks, line]
+    parts = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>',
+        about,
+        *placemarks,
+        line,
+    ]
     return "\n".join([*parts, "</Document></kml>"]) + "\n"
 
 

@@ -98,7 +98,9 @@ def plan_path(flow: FlowEstimate | Sequence[FlowEstimate], request: PathRequest)
     for name, point in (("start", begin), ("goal", end)):
         check_outside(fixed, name, point)
     rings, times = (*fixed, *bottom.rings(deep)), (flows[1:], request.start_time_ns)
-    problem = AuvProblem(flows[0], region, rings, bottom, request.vehicle, settings, begin, end, *times)
+    problem = AuvProblem(
+        flows[0], region, rings, bottom, request.vehicle, settings, begin, end, *times
+    )
 
     def made(guess: Array, free: bool, held: tuple[Array, float] | None = None) -> AuvPlan:
         return _to_plan(problem, start, goal, solve_path(problem, guess, free, held))
@@ -111,18 +113,30 @@ def plan_path(flow: FlowEstimate | Sequence[FlowEstimate], request: PathRequest)
             plans.append(made(made(plans[-1].track, free=True).track, free=False))
     if any(plan.status == "unsafe" for plan in plans):
         # the route is clear; the depths are those found without it, and the deeper they are the more is land
-        depths = np.interp(np.linspace(0.0, 1.0, len(route)), np.linspace(0.0, 1.0, len(plans[0].track)), plans[0].track[:, 2])
+        depths = np.interp(
+            np.linspace(0.0, 1.0, len(route)),
+            np.linspace(0.0, 1.0, len(plans[0].track)),
+            plans[0].track[:, 2],
+        )
         route = np.column_stack([route[:, :2], depths])
         problem = replace(problem, rings=(*fixed, *bottom.rings(float(depths.max()))))
-        plans += _solve_within_half_planes(settings, route, lambda along, margin: made(along, False, (along, margin)))
+        plans += _solve_within_half_planes(
+            settings, route, lambda along, margin: made(along, False, (along, margin))
+        )
     return min(plans, key=lambda plan: _ranking_key(settings, plan))
 
 
 def _ranking_key(settings: AuvSettings, plan: AuvPlan) -> tuple[bool, bool, float]:
-    return plan.closest_approach > settings.tolerance, plan.status == "unsafe", getattr(plan, _COST[settings.objective])
+    return (
+        plan.closest_approach > settings.tolerance,
+        plan.status == "unsafe",
+        getattr(plan, _COST[settings.objective]),
+    )
 
 
-def _solve_within_half_planes(settings: AuvSettings, route: Array, made: Callable[[Array, float], AuvPlan]) -> list[AuvPlan]:
+def _solve_within_half_planes(
+    settings: AuvSettings, route: Array, made: Callable[[Array, float], AuvPlan]
+) -> list[AuvPlan]:
     """Return the paths found within half-planes, placed along a route and anew along each path found until there is no more gain.
 
     Half-planes hold the ends of steps; where a step between two cuts a corner the margin is doubled.
@@ -157,27 +171,46 @@ def _route(problem: AuvProblem) -> Array:
         obstacles_of(problem.rings, settings.margin, places),
     )
     first = sea.current.places.size
-    front = spread(sea, np.array([first]), np.zeros(1), settings.max_duration, np.array([first + 1]))
+    front = spread(
+        sea, np.array([first]), np.zeros(1), settings.max_duration, np.array([first + 1])
+    )
     arrives = bool(np.isfinite(front.times[first + 1]))
-    route = front.route_to(first + 1 if arrives else front.nearest_to(complex(places[1])), 0.0, arrives)
+    route = front.route_to(
+        first + 1 if arrives else front.nearest_to(complex(places[1])), 0.0, arrives
+    )
     route = relax(sea, route, 0.0)
     times = np.linspace(0.0, route.times[-1], 100)
     return np.column_stack([route.at(times), np.linspace(begin[2], end[2], 100)])
 
 
 def _to_plan(problem: AuvProblem, start: Place, goal: Place, solution: PathSolution) -> AuvPlan:
-    settings, vehicle, through, duration = problem.settings, problem.vehicle, solution.velocity, solution.duration
+    settings, vehicle, through, duration = (
+        problem.settings,
+        problem.vehicle,
+        solution.velocity,
+        solution.duration,
+    )
     time, track = _fly(problem, through, duration)
     what = _crossed(problem.bottom, problem.rings, track)
     miss = float(np.linalg.norm(track[-1] - problem.end))
     met = miss <= settings.tolerance
-    message = f"ends {miss:.1f} m from the goal after {duration / HOUR:.2f} h" + ("" if what is None else f"; not safe: crosses {what}")
+    message = f"ends {miss:.1f} m from the goal after {duration / HOUR:.2f} h" + (
+        "" if what is None else f"; not safe: crosses {what}"
+    )
     if not met:
         message += f"; outside the tolerance of {settings.tolerance:g} m: the current or max_duration keeps it from there"
     status: AuvStatus = "unsafe" if what is not None else "reached" if met else "unreachable"
-    energy = float(np.mean(vehicle.hotel + vehicle.drag * np.linalg.norm(through, axis=1) ** 3)) * duration
-    statistics: dict[str, float | int | str] = {"iterations": solution.iterations, "return_status": solution.return_status}
-    return AuvPlan(status, start, goal, through, duration, energy, miss, time, track, message, statistics)
+    energy = (
+        float(np.mean(vehicle.hotel + vehicle.drag * np.linalg.norm(through, axis=1) ** 3))
+        * duration
+    )
+    statistics: dict[str, float | int | str] = {
+        "iterations": solution.iterations,
+        "return_status": solution.return_status,
+    }
+    return AuvPlan(
+        status, start, goal, through, duration, energy, miss, time, track, message, statistics
+    )
 
 
 def _fly(problem: AuvProblem, through: Array, duration: float) -> tuple[Array, Array]:
@@ -187,7 +220,9 @@ def _fly(problem: AuvProblem, through: Array, duration: float) -> tuple[Array, A
     began_ns = problem.start_time_ns or problem.flow.time_ns or 0
     for k, velocity in enumerate(through):
         clock = np.linspace(0.0, each, steps + 1)
-        flown = fly_glide(problem.currents, track[-1][-1], velocity, clock, began_ns + round(k * each * 1e9))
+        flown = fly_glide(
+            problem.currents, track[-1][-1], velocity, clock, began_ns + round(k * each * 1e9)
+        )
         time.append(k * each + flown.time[1:])
         track.append(flown.position[1:])
     return np.concatenate(time), np.concatenate(track)
@@ -195,7 +230,10 @@ def _fly(problem: AuvProblem, through: Array, duration: float) -> tuple[Array, A
 
 def _crossed(bottom: Bottom, rings: tuple[Ring, ...], track: Array) -> str | None:
     """Return the hazard that a track crosses first, with a metre to spare beside its segments; None when it crosses none."""
-    segments, depths = np.stack([track[:-1, :2], track[1:, :2]], axis=1), np.column_stack([track[:-1, 2], track[1:, 2]])
+    segments, depths = (
+        np.stack([track[:-1, :2], track[1:, :2]], axis=1),
+        np.column_stack([track[:-1, 2], track[1:, 2]]),
+    )
     skin = np.full(len(segments), _SKIN)
     # shallows count for the depths of the path, not at all of them
     area = first_crossing([ring for ring in rings if ring.outside or ring.drawn], segments, skin)

@@ -73,14 +73,21 @@ class Bottom:
     def _cells(self) -> tuple[Any, Array]:
         """The polygons of all cells with a limit, in a tree, and their limits [m]."""
         limited = [np.argwhere(np.isfinite(grid.limit) | (grid.limit < 0.0)) for grid in self.grids]
-        corners = np.concatenate([grid.polygons(cells) for grid, cells in zip(self.grids, limited, strict=True)])
-        limits = np.concatenate([grid.limit[tuple(cells.T)] for grid, cells in zip(self.grids, limited, strict=True)])
+        corners = np.concatenate(
+            [grid.polygons(cells) for grid, cells in zip(self.grids, limited, strict=True)]
+        )
+        limits = np.concatenate(
+            [grid.limit[tuple(cells.T)] for grid, cells in zip(self.grids, limited, strict=True)]
+        )
         return shapely.STRtree(shapely.polygons(corners)), limits
 
     @property
     def shallowest(self) -> float:
         """Least limit of a cell where a path may be at the surface [m]; infinite without any."""
-        return min(float(np.min(grid.limit, where=grid.limit >= 0.0, initial=np.inf)) for grid in self.grids)
+        return min(
+            float(np.min(grid.limit, where=grid.limit >= 0.0, initial=np.inf))
+            for grid in self.grids
+        )
 
     @property
     def deepest(self) -> float:
@@ -102,7 +109,9 @@ class Bottom:
             point: Local east, north, depth.
         """
         if self.limit_at(point[None, :2])[0] < point[2]:
-            raise PlanError(f"{name} at {point[2]:g} m is below the bottom less the clearance of {self.clearance:g} m; move it up")
+            raise PlanError(
+                f"{name} at {point[2]:g} m is below the bottom less the clearance of {self.clearance:g} m; move it up"
+            )
 
     def is_below(self, segments: Array, depths: Array, skin: Array) -> NDArray[np.bool_]:
         """Return which segments of paths are deeper than allowed somewhere, shape (n,).
@@ -182,8 +191,16 @@ def bottom_of(region: Region, bathymetry: Bathymetry | None, clearance: float) -
     if bathymetry is None:
         return Bottom((mask,), clearance)
     cells, covered = _cells_of(region, bathymetry, clearance)
-    edge = None if shapely.covers(shapely.Polygon(covered), shapely.Polygon(outline(grid))) else covered
-    return Bottom((mask, cells), clearance, None if edge is None else Ring(edge, True, "the edge of the bathymetry"))
+    edge = (
+        None
+        if shapely.covers(shapely.Polygon(covered), shapely.Polygon(outline(grid)))
+        else covered
+    )
+    return Bottom(
+        (mask, cells),
+        clearance,
+        None if edge is None else Ring(edge, True, "the edge of the bathymetry"),
+    )
 
 
 def fixed_rings(region: Region, no_go: tuple[NoGo, ...], bottom: Bottom) -> tuple[Ring, ...]:
@@ -197,7 +214,10 @@ def fixed_rings(region: Region, no_go: tuple[NoGo, ...], bottom: Bottom) -> tupl
     Raises:
         PlanError: As for ``no_go_rings``.
     """
-    edges = Ring(outline(region.grid), True, "the edge of the region that the forecast covers"), bottom.edge
+    edges = (
+        Ring(outline(region.grid), True, "the edge of the region that the forecast covers"),
+        bottom.edge,
+    )
     areas = [ring for area in no_go for ring in no_go_rings(region.grid.projection, area)]
     return (*(edge for edge in edges if edge is not None), *areas)
 
@@ -205,19 +225,34 @@ def fixed_rings(region: Region, no_go: tuple[NoGo, ...], bottom: Bottom) -> tupl
 def _cells_of(region: Region, bathymetry: Bathymetry, clearance: float) -> tuple[DepthCells, Array]:
     """Return the cells of a bathymetry that lie in a region, and the outline of all of it, shape (n, 2) [m]."""
     longitude, latitude, bottom = bathymetry.longitude, bathymetry.latitude, bathymetry.depth
-    if not longitude.shape == latitude.shape == bottom.shape or bottom.ndim != 2 or min(bottom.shape) < 2:
+    if (
+        not longitude.shape == latitude.shape == bottom.shape
+        or bottom.ndim != 2
+        or min(bottom.shape) < 2
+    ):
         raise PlanError(
             f"a bathymetry has longitudes {longitude.shape}, latitudes {latitude.shape}, depths {bottom.shape}; expected one shape of "
             "two rows and columns or more"
         )
     points = np.stack(to_local(region.grid.projection, longitude, latitude), axis=-1)
-    low, high = (np.array([pick(region.grid.east), pick(region.grid.north)]) for pick in (np.min, np.max))
-    inside = maximum_filter(np.all((points >= low) & (points <= high), axis=-1), size=3, mode="constant")
+    low, high = (
+        np.array([pick(region.grid.east), pick(region.grid.north)]) for pick in (np.min, np.max)
+    )
+    inside = maximum_filter(
+        np.all((points >= low) & (points <= high), axis=-1), size=3, mode="constant"
+    )
     # a bathymetry coarser than the region has no point in it, and is kept whole
-    rows, columns = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0)) if inside.any() else map(np.arange, bottom.shape)
+    rows, columns = (
+        (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
+        if inside.any()
+        else map(np.arange, bottom.shape)
+    )
     cut = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     near, depths = points[cut], np.nan_to_num(bottom[cut], nan=-np.inf)
-    limit = np.min([depths[:-1, :-1], depths[:-1, 1:], depths[1:, 1:], depths[1:, :-1]], axis=0) - clearance
+    limit = (
+        np.min([depths[:-1, :-1], depths[:-1, 1:], depths[1:, 1:], depths[1:, :-1]], axis=0)
+        - clearance
+    )
     edges = points[0, :-1], points[:-1, -1], points[-1, :0:-1], points[:0:-1, 0]
     return DepthCells(near, limit, None), np.concatenate(edges)
 
@@ -225,8 +260,19 @@ def _cells_of(region: Region, bathymetry: Bathymetry, clearance: float) -> tuple
 def _cell_corners(values: Array) -> Array:
     """Return the corners of the cells around the points of a grid: halfway between them, and as far beyond its edge."""
     for axis in (0, 1):
-        first = 2.0 * np.take(values, [0], axis) - np.take(values, [1], axis) if values.shape[axis] > 1 else values - 1.0
-        last = 2.0 * np.take(values, [-1], axis) - np.take(values, [-2], axis) if values.shape[axis] > 1 else values + 1.0
+        first = (
+            2.0 * np.take(values, [0], axis) - np.take(values, [1], axis)
+            if values.shape[axis] > 1
+            else values - 1.0
+        )
+        last = (
+            2.0 * np.take(values, [-1], axis) - np.take(values, [-2], axis)
+            if values.shape[axis] > 1
+            else values + 1.0
+        )
         longer = np.concatenate([first, values, last], axis)
-        values = 0.5 * (np.take(longer, range(longer.shape[axis] - 1), axis) + np.take(longer, range(1, longer.shape[axis]), axis))
+        values = 0.5 * (
+            np.take(longer, range(longer.shape[axis] - 1), axis)
+            + np.take(longer, range(1, longer.shape[axis]), axis)
+        )
     return values

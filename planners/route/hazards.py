@@ -111,17 +111,38 @@ def no_go_rings(projection: Projection, area: NoGo) -> tuple[Ring, ...]:
     Raises:
         PlanError: It has fewer than three corners, or one is not a number, or it encloses nothing.
     """
-    corners = np.array([corner for k, corner in enumerate(area.polygon) if k == 0 or corner != area.polygon[0]], dtype=np.float64)
+    corners = np.array(
+        [corner for k, corner in enumerate(area.polygon) if k == 0 or corner != area.polygon[0]],
+        dtype=np.float64,
+    )
     if corners.ndim != 2 or len(corners) < 3 or not np.all(np.isfinite(corners)):
         raise PlanError(
             f"{area.name} has {len(corners)} corners that are numbers; a no-go area needs three pairs of longitude and latitude"
         )
     corners[:, 0] = unwrap_longitude(corners[:, 0], projection.longitude)
-    outlines = [shapely.make_valid(shapely.Polygon(np.column_stack(to_local(projection, *line.T)))) for line in _densified(corners)]
-    parts = [part for part in shapely.get_parts(shapely.union_all(outlines)) if part.geom_type == "Polygon"]
+    outlines = [
+        shapely.make_valid(shapely.Polygon(np.column_stack(to_local(projection, *line.T))))
+        for line in _densified(corners)
+    ]
+    parts = [
+        part
+        for part in shapely.get_parts(shapely.union_all(outlines))
+        if part.geom_type == "Polygon"
+    ]
     if not parts:
-        raise PlanError(f"{area.name} encloses no water: its {len(corners)} corners lie on one line; draw it as a polygon")
-    return tuple(Ring(shapely.get_coordinates(part.exterior)[:-1], False, area.name, area.surface_only, drawn=True) for part in parts)
+        raise PlanError(
+            f"{area.name} encloses no water: its {len(corners)} corners lie on one line; draw it as a polygon"
+        )
+    return tuple(
+        Ring(
+            shapely.get_coordinates(part.exterior)[:-1],
+            False,
+            area.name,
+            area.surface_only,
+            drawn=True,
+        )
+        for part in parts
+    )
 
 
 def _densified(corners: Array) -> tuple[Array, ...]:
@@ -130,7 +151,9 @@ def _densified(corners: Array) -> tuple[Array, ...]:
     for begin, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         pieces = max(int(np.ceil(_ELLIPSOID.inv(*begin, *end)[2] / _EDGE)), 1)
         straight.append(begin + np.arange(pieces)[:, None] / pieces * (end - begin))
-        between = [] if pieces == 1 else _ELLIPSOID.npts(begin[0], begin[1], end[0], end[1], pieces - 1)
+        between = (
+            [] if pieces == 1 else _ELLIPSOID.npts(begin[0], begin[1], end[0], end[1], pieces - 1)
+        )
         shortest.append(np.array([begin, *between]))
     longest = len(corners) < sum(map(len, straight))
     return (np.concatenate(straight), np.concatenate(shortest)) if longest else (corners,)
@@ -140,10 +163,14 @@ def check_outside(rings: Sequence[Ring], name: str, point: Array) -> None:
     """Raise PlanError when a ring forbids a point, shape (3,) [m], that is called ``start`` or ``goal``."""
     area = next((ring.name for ring in rings if ring.forbids(point[None, :2])[0]), None)
     if area is not None:
-        raise PlanError(f"{name} is where the vehicle may not go: {area}; move it, or change the area")
+        raise PlanError(
+            f"{name} is where the vehicle may not go: {area}; move it, or change the area"
+        )
 
 
-def first_crossing(rings: Sequence[Ring], segments: Array, skin: Array) -> tuple[str, int, float] | None:
+def first_crossing(
+    rings: Sequence[Ring], segments: Array, skin: Array
+) -> tuple[str, int, float] | None:
     """Return the ring's name that a path crosses first, the number of the segment and the share of it before that; None for no crossing.
 
     Args:
@@ -153,12 +180,22 @@ def first_crossing(rings: Sequence[Ring], segments: Array, skin: Array) -> tuple
     """
     lines, found = shapely.linestrings(segments), list[tuple[int, float, str]]()
     for ring in rings:
-        bad = ~shapely.covers(ring.area, lines) if ring.outside else shapely.dwithin(ring.area, lines, skin)
+        bad = (
+            ~shapely.covers(ring.area, lines)
+            if ring.outside
+            else shapely.dwithin(ring.area, lines, skin)
+        )
         if bad.any():
             number = int(np.argmax(bad))
-            forbidden = shapely.difference(lines[number], ring.area) if ring.outside else shapely.intersection(lines[number], ring.area)
+            forbidden = (
+                shapely.difference(lines[number], ring.area)
+                if ring.outside
+                else shapely.intersection(lines[number], ring.area)
+            )
             begin, way = segments[number, 0], segments[number, 1] - segments[number, 0]
-            along = (shapely.get_coordinates(forbidden) - begin) @ way / max(float(way @ way), 1e-12)
+            along = (
+                (shapely.get_coordinates(forbidden) - begin) @ way / max(float(way @ way), 1e-12)
+            )
             found.append((number, float(np.clip(np.min(along, initial=1.0), 0.0, 1.0)), ring.name))
     if not found:
         return None
@@ -213,7 +250,9 @@ class NearRings:
         return planes, bend
 
 
-def near_rings(rings: Sequence[Ring], points: Array, surfacing: NDArray[np.bool_], count: int) -> NDArray[np.intp]:
+def near_rings(
+    rings: Sequence[Ring], points: Array, surfacing: NDArray[np.bool_], count: int
+) -> NDArray[np.intp]:
     """Return the numbers of the rings nearest to some places, shape (n, count), nearest first; -1 where there are fewer.
 
     Args:
@@ -231,7 +270,9 @@ def near_rings(rings: Sequence[Ring], points: Array, surfacing: NDArray[np.bool_
     return np.where(np.isfinite(np.take_along_axis(distances, order, axis=1)), order, -1)
 
 
-def half_planes(rings: Sequence[Ring], points: Array, surfacing: NDArray[np.bool_], count: int, margin: float) -> Array:
+def half_planes(
+    rings: Sequence[Ring], points: Array, surfacing: NDArray[np.bool_], count: int, margin: float
+) -> Array:
     """Return the half-planes of the rings nearest to some places, as ``NearRings`` says, shape (n, count, 3).
 
     Args:
@@ -242,7 +283,9 @@ def half_planes(rings: Sequence[Ring], points: Array, surfacing: NDArray[np.bool
         margin: Distance kept [m].
     """
     which = near_rings(rings, points, surfacing, count)
-    planes = NearRings(tuple(rings), which.ravel(), margin).planes(np.repeat(points, count, axis=0))[0]
+    planes = NearRings(tuple(rings), which.ravel(), margin).planes(
+        np.repeat(points, count, axis=0)
+    )[0]
     return planes.reshape(len(points), count, 3)
 
 

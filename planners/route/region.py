@@ -45,11 +45,15 @@ class Region:
     def wet(self, points: Array) -> NDArray[np.bool_]:
         """Return whether points, shape (n, 3) [m], are water: the nearest grid point is, at the last level at or above their depth."""
         nearest = self.tree.query(points[:, :2])[1]
-        return np.asarray(self.grid.wet.reshape(self.grid.levels.size, -1)[self.level_at(points[:, 2]), nearest])
+        return np.asarray(
+            self.grid.wet.reshape(self.grid.levels.size, -1)[self.level_at(points[:, 2]), nearest]
+        )
 
     def level_at(self, depth: Array) -> NDArray[np.intp]:
         """Return the number of the last level at or above depths, shape (n,) [m]; the first for what is above all."""
-        return np.clip(np.searchsorted(self.grid.levels, depth, side="right") - 1, 0, self.grid.levels.size - 1)
+        return np.clip(
+            np.searchsorted(self.grid.levels, depth, side="right") - 1, 0, self.grid.levels.size - 1
+        )
 
     def wet_by_level(self, points: Array) -> NDArray[np.bool_]:
         """Return whether horizontal points, shape (..., 2) [m], are water at each level, shape (Z, ...)."""
@@ -62,7 +66,9 @@ class Region:
 
     def inside(self, points: Array) -> NDArray[np.bool_]:
         """Return whether points, shape (n, 3) [m], lie within the outline, the surface and the greatest depth allowed."""
-        depth_fits = (points[:, 2] >= -_DEPTH_MARGIN) & (points[:, 2] <= self.deepest + _DEPTH_MARGIN)
+        depth_fits = (points[:, 2] >= -_DEPTH_MARGIN) & (
+            points[:, 2] <= self.deepest + _DEPTH_MARGIN
+        )
         return np.asarray(depth_fits & self.inside_outline(points[:, :2]))
 
     def allowed(self, points: Array) -> NDArray[np.bool_]:
@@ -78,7 +84,9 @@ class Region:
         east, north = self.grid.east / 1e3, self.grid.north / 1e3
         centre = np.array([east.mean(), north.mean()])
         edges = (np.s_[0, :], np.s_[:, -1], np.s_[-1, :], np.s_[:, 0])
-        return np.array([_parabola(np.column_stack([east[edge], north[edge]]), centre) for edge in edges])
+        return np.array(
+            [_parabola(np.column_stack([east[edge], north[edge]]), centre) for edge in edges]
+        )
 
 
 def _parabola(points: Array, centre: Array) -> Array:
@@ -118,10 +126,15 @@ def locate(region: Region, place: Place, role: str) -> Array:
     if not np.all(np.isfinite(point)) or not inside_grid(region.grid, point[0], point[1]):
         raise PlanError(
             f"{where} is outside the forecast's region {_bounds(region.grid)}; "
-            + (_swapped(region.grid, place) or "choose a place inside it or a forecast that covers it")
+            + (
+                _swapped(region.grid, place)
+                or "choose a place inside it or a forecast that covers it"
+            )
         )
     if not 0.0 <= place.depth <= region.deepest:
-        raise PlanError(f"{where} is not between the surface and {region.floor}; choose a depth within them")
+        raise PlanError(
+            f"{where} is not between the surface and {region.floor}; choose a depth within them"
+        )
     if not region.wet(point[None])[0]:
         raise PlanError(
             f"{where} is on land in the forecast: the nearest grid point is dry there; choose a place in water {_bounds(region.grid)}"
@@ -132,11 +145,20 @@ def locate(region: Region, place: Place, role: str) -> Array:
 def _swapped(grid: Grid, place: Place) -> str:
     """Return the question whether longitude and latitude are swapped; empty where the swapped place is outside the region too."""
     east, north = to_local(grid.projection, place.latitude, place.longitude)
-    if abs(place.longitude) > 90.0 or not np.isfinite([east, north]).all() or not inside_grid(grid, float(east), float(north)):
+    if (
+        abs(place.longitude) > 90.0
+        or not np.isfinite([east, north]).all()
+        or not inside_grid(grid, float(east), float(north))
+    ):
         return ""
     return f"did you mean {place.latitude:g},{place.longitude:g},{place.depth:g}? Longitude is the first number"
 
 
 def _bounds(grid: Grid) -> str:
-    west, south, east, north = grid.longitude.min(), grid.latitude.min(), grid.longitude.max(), grid.latitude.max()
+    west, south, east, north = (
+        grid.longitude.min(),
+        grid.latitude.min(),
+        grid.longitude.max(),
+        grid.latitude.max(),
+    )
     return f"(west, south, east, north: {west:.3f}, {south:.3f}, {east:.3f}, {north:.3f})"

@@ -39,7 +39,10 @@ class FlowTable:
         """Return the flow [m/s], shape (n, 3) with nothing downwards, at points, shape (n, 3) [m]; held constant outside the table."""
         column, row = ((points[:, :2] - self.origin) / self.spacing).T
         layer = np.interp(points[:, 2], self.depths, np.arange(self.depths.size, dtype=np.float64))
-        u, v = (map_coordinates(component, [layer, row, column], order=1, mode="nearest") for component in self.velocity)
+        u, v = (
+            map_coordinates(component, [layer, row, column], order=1, mode="nearest")
+            for component in self.velocity
+        )
         return np.column_stack([u, v, np.zeros_like(u)])
 
     def allowed_at(self, points: Array) -> NDArray[np.bool_]:
@@ -69,10 +72,21 @@ def tabulate(flow: FlowEstimate, region: Region) -> FlowTable:
     points = np.stack(np.meshgrid(east, north), axis=-1)
     # Hats are linear between levels already; a Gaussian bends between them.
     finer = 1 if flow.depth_functions.kind == "hat" else 4
-    depths = np.interp(np.arange((flow.levels.size - 1) * finer + 1) / finer, np.arange(flow.levels.size), flow.levels)
+    depths = np.interp(
+        np.arange((flow.levels.size - 1) * finer + 1) / finer,
+        np.arange(flow.levels.size),
+        flow.levels,
+    )
     weights = depth_weights(flow.depth_functions, depths, flow.levels)
     rows = [flow.horizontal.velocity(row, flow.latent) for row in points]
     velocity = np.stack([row @ weights.T for row in rows], axis=1)
     allowed = region.inside_outline(points) & region.wet_by_level(points)
     allowed = allowed[:, 1:, 1:] & allowed[:, 1:, :-1] & allowed[:, :-1, 1:] & allowed[:, :-1, :-1]
-    return FlowTable(low, extent / (size - 1), depths, np.ascontiguousarray(velocity.transpose(0, 3, 1, 2)), allowed, region)
+    return FlowTable(
+        low,
+        extent / (size - 1),
+        depths,
+        np.ascontiguousarray(velocity.transpose(0, 3, 1, 2)),
+        allowed,
+        region,
+    )

@@ -14,7 +14,13 @@ from replay_kit.core.arrays import Array
 class _Callback(ca.Callback):
     """A CasADi function that calls one of NumPy's arrays."""
 
-    def __init__(self, name: str, given: Sequence[Any], found: Sequence[Any], evaluate: Callable[..., Sequence[Array | float]]) -> None:
+    def __init__(
+        self,
+        name: str,
+        given: Sequence[Any],
+        found: Sequence[Any],
+        evaluate: Callable[..., Sequence[Array | float]],
+    ) -> None:
         """Take the sparsities of what is given and found, and the function between their entries."""
         ca.Callback.__init__(self)
         self._given, self._found, self._evaluate = given, found, evaluate
@@ -42,7 +48,10 @@ class _Callback(ca.Callback):
 
     def eval_buffer(self, given: Sequence[Any], found: Sequence[Any]) -> int:
         """Evaluate the function."""
-        values = [np.frombuffer(one) if size.nnz() else np.zeros(0) for one, size in zip(given, self._given, strict=True)]
+        values = [
+            np.frombuffer(one) if size.nnz() else np.zeros(0)
+            for one, size in zip(given, self._given, strict=True)
+        ]
         for out, value in zip(found, self._evaluate(*values), strict=True):
             if out is not None:
                 np.frombuffer(out)[:] = value
@@ -57,16 +66,37 @@ class Program:
         self.functions, layout = functions, functions.layout
         self.lower = np.concatenate([np.zeros(layout.n_equal), np.full(layout.n_limited, -np.inf)])
         self.upper = np.zeros(layout.n_equal + layout.n_limited)
-        unknowns, one, none = ca.Sparsity.dense(layout.n_unknowns, 1), ca.Sparsity.dense(1, 1), ca.Sparsity(0, 0)
+        unknowns, one, none = (
+            ca.Sparsity.dense(layout.n_unknowns, 1),
+            ca.Sparsity.dense(1, 1),
+            ca.Sparsity(0, 0),
+        )
         limits = ca.Sparsity.dense(self.upper.size, 1)
-        value, jacobian, hessian = functions.value, functions.jacobian_entries, functions.hessian_entries
+        value, jacobian, hessian = (
+            functions.value,
+            functions.jacobian_entries,
+            functions.hessian_entries,
+        )
         # held: CasADi does not keep them
         self._value = _Callback("mission", [unknowns], [one, limits], value)
         self._derivatives = {
-            "grad_f": _Callback("grad_f", [unknowns, none], [one, unknowns], lambda x, _: (value(x)[0], functions.gradient(x))),
-            "jac_g": _Callback("jac_g", [unknowns, none], [limits, functions.jacobian.sparsity], lambda x, _: (value(x)[1], jacobian(x))),
+            "grad_f": _Callback(
+                "grad_f",
+                [unknowns, none],
+                [one, unknowns],
+                lambda x, _: (value(x)[0], functions.gradient(x)),
+            ),
+            "jac_g": _Callback(
+                "jac_g",
+                [unknowns, none],
+                [limits, functions.jacobian.sparsity],
+                lambda x, _: (value(x)[1], jacobian(x)),
+            ),
             "hess_lag": _Callback(
-                "hess_lag", [unknowns, none, one, limits], [functions.hessian.sparsity], lambda x, _, f, g: (hessian(x, float(f[0]), g),)
+                "hess_lag",
+                [unknowns, none, one, limits],
+                [functions.hessian.sparsity],
+                lambda x, _, f, g: (hessian(x, float(f[0]), g),),
             ),
         }
         self._solvers: dict[bool, Any] = {}
@@ -83,5 +113,7 @@ class Program:
                 "no_nlp_grad": True,
                 **self._derivatives,
             }
-            self._solvers[warm_start] = ca.nlpsol("mission", "ipopt", {"x": x, "f": cost, "g": constraints}, options)
+            self._solvers[warm_start] = ca.nlpsol(
+                "mission", "ipopt", {"x": x, "f": cost, "g": constraints}, options
+            )
         return self._solvers[warm_start]

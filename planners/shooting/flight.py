@@ -18,7 +18,11 @@ _MEETS, _ROUNDS = 1e-4, 8
 
 
 def fly_together(
-    stream: Stream, schedule: Schedule, frames: FrameMap, starts: tuple[Array, float], through: Array | None
+    stream: Stream,
+    schedule: Schedule,
+    frames: FrameMap,
+    starts: tuple[Array, float],
+    through: Array | None,
 ) -> tuple[Array, Array] | None:
     """Return the places at the beginning of each step and the end of the last, shape (L, N + 1, 2) [m], and their times, (L, N + 1) [s].
 
@@ -55,20 +59,31 @@ def fly_together(
 def _timed(schedule: Schedule, frames: FrameMap, legs: Array, begin: float) -> Starts:
     """Return the starts of legs of which each begins when the one before it ends."""
     coefficients = frames.value(legs, schedule.lengths)
-    lasts = schedule.lengths * coefficients[:, -1] + np.sum(schedule.steps[:, schedule.n_wet :], axis=1)
+    lasts = schedule.lengths * coefficients[:, -1] + np.sum(
+        schedule.steps[:, schedule.n_wet :], axis=1
+    )
     return Starts(legs, begin + np.concatenate([[0.0], np.cumsum(lasts[:-1])]), coefficients)
 
 
 def _fly(stream: Stream, schedule: Schedule, starts: Starts) -> tuple[Array, Array]:
     """Return places and times of the legs, each flown from where it starts."""
-    (n_legs, n_steps), begins, clock = schedule.steps.shape, starts.legs[:, :2], starts.clock(schedule)
+    (n_legs, n_steps), begins, clock = (
+        schedule.steps.shape,
+        starts.legs[:, :2],
+        starts.clock(schedule),
+    )
     columns, weights = schedule.columns_at(clock)
-    motions, places = [starts.motion(wet) for wet in (True, False)], np.empty((n_legs, n_steps + 1, 2))
+    motions, places = (
+        [starts.motion(wet) for wet in (True, False)],
+        np.empty((n_legs, n_steps + 1, 2)),
+    )
     places[:, 0] = begins
 
     def rate(at: Array, step: int, stage: int) -> Array:
         rho, matrix = motions[int(step >= schedule.n_wet)]
-        found = stream.derivatives(at, columns[:, step, stage], weights[:, step, stage, :1], 2)[:, 0]
+        found = stream.derivatives(at, columns[:, step, stage], weights[:, step, stage, :1], 2)[
+            :, 0
+        ]
         moved = np.concatenate([at - begins, found[:, 0, 1, None], -found[:, 1, 0, None]], axis=1)
         return np.asarray(rho + (matrix @ moved[..., None])[..., 0])
 

@@ -28,7 +28,9 @@ class FrameMap:
         """Prepare the memory of ``count`` legs."""
         functions = _functions(projection, vehicle)
         shapes = (COUNT,), (GIVEN, COUNT), (GIVEN, GIVEN)
-        self._calls = [_Call(function, count, shape) for function, shape in zip(functions, shapes, strict=True)]
+        self._calls = [
+            _Call(function, count, shape) for function, shape in zip(functions, shapes, strict=True)
+        ]
 
     def value(self, legs: Array, lengths: Array) -> Array:
         """Return the coefficients, shape (L, 15).
@@ -100,11 +102,16 @@ def frame_function(projection: Projection) -> ca.Function:
     """
     place, through, current = (ca.SX.sym(name, 2) for name in ("place", "through", "current"))
     duration, at = ca.SX.sym("duration"), ca.SX.sym("at", 2)
-    exact = ca.vertcat(*rate_in_frame(projection, at[0], at[1], (through[0], through[1]), (current[0], current[1])))
+    exact = ca.vertcat(
+        *rate_in_frame(projection, at[0], at[1], (through[0], through[1]), (current[0], current[1]))
+    )
     halfway = 0.5 * duration * through
     turn, stretch = (
         ca.substitute(ca.substitute(value, current, ca.DM.zeros(2)), at, place + halfway)
         for value in (ca.jacobian(exact, at), ca.jacobian(exact, current))
     )
-    rate = ca.substitute(ca.substitute(exact, current, ca.DM.zeros(2)), at, place + halfway) - turn @ halfway
+    rate = (
+        ca.substitute(ca.substitute(exact, current, ca.DM.zeros(2)), at, place + halfway)
+        - turn @ halfway
+    )
     return ca.Function("frame", [place, through, duration], [rate, turn, stretch], {"cse": True})

@@ -98,7 +98,11 @@ class MissionFunctions:
             case, legs = self._known(), unknowns[: self.layout.slack_at].reshape(-1, EACH)
             begins = np.concatenate([[[*case.start / KM, 0.0]], legs[:-1, :3]])
             given = np.concatenate([begins[:, :2] * KM, legs[:, 3:]], axis=1)
-            starts = Starts(given, case.start_time + begins[:, 2] * HOUR, self._frames.value(given, case.lengths))
+            starts = Starts(
+                given,
+                case.start_time + begins[:, 2] * HOUR,
+                self._frames.value(given, case.lengths),
+            )
             self._at, self._paths = key, fly_paths(case.stream, case.schedule, starts)
         return self._paths
 
@@ -106,7 +110,10 @@ class MissionFunctions:
         """Return the paths and their first derivatives."""
         paths, case = self.paths(unknowns), self._known()
         if self._first is None or self._first_at != self._at:
-            self._first_at, self._first = self._at, derive(paths, self._frames.first(paths.starts.legs, case.lengths))
+            self._first_at, self._first = (
+                self._at,
+                derive(paths, self._frames.first(paths.starts.legs, case.lengths)),
+            )
         return paths, self._first
 
     def _limited(self, paths: Paths) -> Limits:
@@ -115,13 +122,19 @@ class MissionFunctions:
         assert walls is not None, "there are half-planes only of something"
         ends = self._chosen(paths.places) / KM
         if self._limits is None or self._limits.key != self._at:
-            self._limits = walls.limits(np.concatenate([paths.places[:, :1] / KM, ends[:, :-1]], axis=1), ends, self._at)
+            self._limits = walls.limits(
+                np.concatenate([paths.places[:, :1] / KM, ends[:, :-1]], axis=1), ends, self._at
+            )
         return self._limits
 
     def _chosen(self, by_step: Array) -> Array:
         """Return what belongs to the places that count, shape (L, n_places, ...): ends of steps under water, and the leg's end."""
         n_wet = self._known().schedule.n_wet
-        return by_step[:, 1:] if by_step.shape[1] == n_wet + 1 else np.concatenate([by_step[:, 1 : n_wet + 1], by_step[:, -1:]], axis=1)
+        return (
+            by_step[:, 1:]
+            if by_step.shape[1] == n_wet + 1
+            else np.concatenate([by_step[:, 1 : n_wet + 1], by_step[:, -1:]], axis=1)
+        )
 
     def places(self, unknowns: Array) -> Array:
         """Return the places at which half-planes and the reference path count, shape (L, n_places, 2) [m]."""
@@ -131,10 +144,20 @@ class MissionFunctions:
         """Return the cost and the constraints."""
         case, layout, paths = self._known(), self.layout, self.paths(unknowns)
         legs, slacks = unknowns[: layout.slack_at].reshape(-1, EACH), self._misses(unknowns)
-        ends = paths.starts.times + case.lengths * paths.starts.coefficients[:, SIGMA] + case.drifts - case.start_time
+        ends = (
+            paths.starts.times
+            + case.lengths * paths.starts.coefficients[:, SIGMA]
+            + case.drifts
+            - case.start_time
+        )
         equal = np.column_stack([paths.places[:, -1] / KM, ends / HOUR]) - legs[:, :3]
         places, miss = self._chosen(paths.places) / KM, slacks[:, :2] - slacks[:, 2:]
-        met = np.array([legs[leg, :2] if step == 0 else paths.places[leg, step] / KM for leg, step in layout.goals])
+        met = np.array(
+            [
+                legs[leg, :2] if step == 0 else paths.places[leg, step] / KM
+                for leg, step in layout.goals
+            ]
+        )
         squared, linear, each = case.miss_weights
         cost = case.time_weight * legs[-1, 2] + squared * np.sum(miss**2) + each * np.sum(slacks)
         cost += linear * np.sum(np.sqrt(np.sum(miss**2, axis=1) + BOWL**2))
@@ -162,20 +185,33 @@ class MissionFunctions:
         Derivatives are by the unknowns, shape (L, n_places, 2, Q).
         """
         moved, scale = self._chosen(first.places) * (self._scale / KM), self._scale / KM
-        return self._chosen(paths.places) / KM, np.concatenate([first.places[:, :1] * scale, moved[:, :-1]], axis=1), moved
+        return (
+            self._chosen(paths.places) / KM,
+            np.concatenate([first.places[:, :1] * scale, moved[:, :-1]], axis=1),
+            moved,
+        )
 
     def gradient(self, unknowns: Array) -> Array:
         """Return the gradient of the cost."""
         case, layout, out = self._known(), self.layout, np.zeros(unknowns.size)
         slacks, (squared, linear, each) = self._misses(unknowns), case.miss_weights
         miss = slacks[:, :2] - slacks[:, 2:]
-        slope = 2.0 * squared * miss + linear * miss / np.sqrt(np.sum(miss**2, axis=1) + BOWL**2)[:, None]
-        out[layout.slack_at : self._reference_at] = (each + np.concatenate([slope, -slope], axis=1)).ravel()
+        slope = (
+            2.0 * squared * miss
+            + linear * miss / np.sqrt(np.sum(miss**2, axis=1) + BOWL**2)[:, None]
+        )
+        out[layout.slack_at : self._reference_at] = (
+            each + np.concatenate([slope, -slope], axis=1)
+        ).ravel()
         out[layout.slack_at - EACH + 2] = case.time_weight
         if case.reference is not None:
             reference = case.reference
             places, _, moved = self._places(*self.first(unknowns))
-            pulls = 2.0 * reference.weights[..., None] * ((places - reference.origin) @ reference.across.T @ reference.across)
+            pulls = (
+                2.0
+                * reference.weights[..., None]
+                * ((places - reference.origin) @ reference.across.T @ reference.across)
+            )
             by_leg, columns = np.einsum("lpi,lpiq->lq", pulls, moved), layout.columns
             np.add.at(out, columns[columns >= 0], by_leg[columns >= 0])
             out[self._reference_at] = reference.slack_cost
@@ -190,15 +226,25 @@ class MissionFunctions:
         n_legs, n_goals = layout.n_legs, len(layout.goals)
         by_angle = case.lengths * first.coefficients[:, SIGMA, 3] / HOUR
         parts: list[Array] = [moved[:, -1], np.full((n_legs, 3), -1.0), np.ones(n_legs), by_angle]
-        parts += [first.places[leg, step] * (self._scale / KM) if step else np.ones(2) for leg, step in layout.goals]
+        parts += [
+            first.places[leg, step] * (self._scale / KM) if step else np.ones(2)
+            for leg, step in layout.goals
+        ]
         parts.append(np.tile([-1.0, -1.0, 1.0, 1.0], n_goals))
         if layout.n_planes:
             limits = self._limited(paths)
             parts += [limits.jacobian(begins, moved), np.full(limits.beyond.shape, -1.0)]
         if case.reference is not None:
             reference, slack = case.reference, unknowns[self._reference_at]
-            pulls = 2.0 * ((places - reference.origin) @ reference.across.T @ reference.across) / reference.limits[..., None]
-            parts += [np.einsum("lpi,lpiq->lpq", pulls, moved), -2.0 * (reference.limits + slack) / reference.limits]
+            pulls = (
+                2.0
+                * ((places - reference.origin) @ reference.across.T @ reference.across)
+                / reference.limits[..., None]
+            )
+            parts += [
+                np.einsum("lpi,lpiq->lpq", pulls, moved),
+                -2.0 * (reference.limits + slack) / reference.limits,
+            ]
         return self.jacobian(*parts)
 
     def hessian_entries(self, unknowns: Array, of_cost: float, multipliers: Array) -> Array:
@@ -215,7 +261,9 @@ class MissionFunctions:
         equal = multipliers[: 3 * n_legs].reshape(n_legs, 3)
         weights, at = np.zeros((n_legs, paths.places.shape[1] - 1, 2)), layout.n_equal
         weights[:, -1] = equal[:, :2]
-        for (leg, step), of_goal in zip(layout.goals, multipliers[3 * n_legs : at].reshape(n_goals, 2), strict=True):
+        for (leg, step), of_goal in zip(
+            layout.goals, multipliers[3 * n_legs : at].reshape(n_goals, 2), strict=True
+        ):
             if step:
                 weights[leg, step - 1] += of_goal
         pulls = np.zeros(places.shape)
@@ -229,7 +277,9 @@ class MissionFunctions:
         if case.reference is not None:
             reference, of_limits = case.reference, multipliers[at:].reshape(places.shape[:2])
             each = 2.0 * (of_cost * reference.weights + of_limits / reference.limits)
-            pulls += each[..., None] * ((places - reference.origin) @ reference.across.T @ reference.across)
+            pulls += each[..., None] * (
+                (places - reference.origin) @ reference.across.T @ reference.across
+            )
             across = reference.across @ moved
             curved += np.einsum("lp,lpiq,lpir->lqr", each, across, across, optimize=True)
             of_slack = -2.0 * np.sum(of_limits / reference.limits)
@@ -242,7 +292,11 @@ class MissionFunctions:
         second[:, :GIVEN, :GIVEN] += self._frames.second(paths.starts.legs, case.lengths, sums)
         blocks = curved + second * self._scale[:, None] * self._scale
         parts = [blocks, of_cost * self._goal_blocks(unknowns)]
-        return self.hessian(*parts, np.array([of_slack])) if layout.has_reference else self.hessian(*parts)
+        return (
+            self.hessian(*parts, np.array([of_slack]))
+            if layout.has_reference
+            else self.hessian(*parts)
+        )
 
     def _goal_blocks(self, unknowns: Array) -> Array:
         """Return the second derivatives of the cost by the slacks of each goal, shape (G, 4, 4)."""
@@ -250,6 +304,8 @@ class MissionFunctions:
         slacks = self._misses(unknowns)
         miss = slacks[:, :2] - slacks[:, 2:]
         radius = np.sqrt(np.sum(miss**2, axis=1) + BOWL**2)[:, None, None]
-        bowl = 2.0 * squared * np.eye(2) + linear * (np.eye(2) / radius - miss[:, :, None] * miss[:, None] / radius**3)
+        bowl = 2.0 * squared * np.eye(2) + linear * (
+            np.eye(2) / radius - miss[:, :, None] * miss[:, None] / radius**3
+        )
         signs = np.concatenate([np.eye(2), -np.eye(2)])
         return np.asarray(signs @ bowl @ signs.T)

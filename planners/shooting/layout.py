@@ -42,7 +42,9 @@ class Layout:
     @property
     def n_unknowns(self) -> int:
         """Number of unknowns."""
-        return self.slack_at + 4 * len(self.goals) + int(self.has_reference) + int(self.n_planes > 0)
+        return (
+            self.slack_at + 4 * len(self.goals) + int(self.has_reference) + int(self.n_planes > 0)
+        )
 
     @property
     def slack_at(self) -> int:
@@ -97,12 +99,17 @@ def jacobian_scatter(layout: Layout) -> Scatter:
     found.append((rows, layout.slack_at + np.arange(4 * len(layout.goals)).reshape(-1, 4)))
     at, per_leg = layout.n_equal, columns[:, None, None]
     if layout.n_planes:
-        of_planes = at + np.arange(n_legs * layout.n_places * layout.n_planes).reshape(n_legs, layout.n_places, layout.n_planes)
+        of_planes = at + np.arange(n_legs * layout.n_places * layout.n_planes).reshape(
+            n_legs, layout.n_places, layout.n_planes
+        )
         found += [(of_planes[..., None], per_leg), (of_planes, np.array(layout.n_unknowns - 1))]
         at += of_planes.size
     if layout.has_reference:
         of_places = at + np.arange(n_legs * layout.n_places).reshape(n_legs, layout.n_places)
-        found += [(of_places[..., None], per_leg[:, 0]), (of_places, np.array(layout.slack_at + 4 * len(layout.goals)))]
+        found += [
+            (of_places[..., None], per_leg[:, 0]),
+            (of_places, np.array(layout.slack_at + 4 * len(layout.goals))),
+        ]
     return _scatter(found, (layout.n_equal + layout.n_limited, layout.n_unknowns))
 
 

@@ -104,7 +104,9 @@ class Paths:
             return bend
         wide = np.zeros((*bend.shape[:2], 3, 3))
         wide[..., :2, :2] = bend
-        wide[..., 2, :2] = wide[..., :2, 2] = np.sum(weights[..., None] * stream[:, :, 1, _SLOPE], axis=2)
+        wide[..., 2, :2] = wide[..., :2, 2] = np.sum(
+            weights[..., None] * stream[:, :, 1, _SLOPE], axis=2
+        )
         return wide
 
 
@@ -123,10 +125,16 @@ def fly_paths(stream: Stream, schedule: Schedule, starts: Starts) -> Paths:
     places[:, 0] = begins
     motions = [starts.motion(wet) for wet in (True, False)]
     for i in range(n_steps):
-        here, step, (rho, matrix) = places[:, i], schedule.steps[:, i, None], motions[int(i >= schedule.n_wet)]
+        here, step, (rho, matrix) = (
+            places[:, i],
+            schedule.steps[:, i, None],
+            motions[int(i >= schedule.n_wet)],
+        )
         for s in (2 * i, 2 * i + 1):
             at[:, s] = here
-            found[:, s] = stream.derivatives(here, columns[:, i, s % 2], weights[:, i, s % 2]).reshape(n_legs, -1, 16)
+            found[:, s] = stream.derivatives(
+                here, columns[:, i, s % 2], weights[:, i, s % 2]
+            ).reshape(n_legs, -1, 16)
             moved = np.concatenate([here - begins, found[:, s, 0, _VALUE] * _SIGN], axis=1)
             rate = rho + (matrix @ moved[..., None])[..., 0]
             here = places[:, i] + (0.5 * step if s == 2 * i else step) * rate
@@ -156,7 +164,9 @@ class Derivatives:
 
     def times(self, schedule: Schedule) -> Array:
         """Return the derivatives of the stages' times, shape (L, S, Q)."""
-        times = schedule.stages(schedule.depth_passed)[..., None] * self.coefficients[:, None, SIGMA]
+        times = (
+            schedule.stages(schedule.depth_passed)[..., None] * self.coefficients[:, None, SIGMA]
+        )
         times[..., GIVEN:] = 1.0
         return np.asarray(times)
 
@@ -177,7 +187,9 @@ def derive(paths: Paths, coefficients: Array) -> Derivatives:
         by_place[:, stages] = matrix[..., :2] + matrix[..., 2:] @ slope[:, stages, :, :2]
         by_leg[:, stages] = _moved(paths, wide, wet) - matrix[..., :2] @ np.eye(2, count)
         if schedule.times is not None:
-            times = schedule.stages(schedule.depth_passed)[:, stages, None] * wide[:, None, SIGMA] + np.eye(1, count, GIVEN)
+            times = schedule.stages(schedule.depth_passed)[:, stages, None] * wide[
+                :, None, SIGMA
+            ] + np.eye(1, count, GIVEN)
             by_leg[:, stages] += (matrix[..., 2:] @ slope[:, stages, :, 2:]) * times[:, :, None]
     step = schedule.steps[..., None, None]
     first, half = by_place[:, ::2], by_place[:, 1::2]
@@ -200,7 +212,9 @@ def _moved(paths: Paths, coefficients: Array, wet: bool) -> Array:
     first = KAPPA if wet else STRETCH
     moved = current[:, stages] @ _by_column(coefficients[:, first : first + 4])
     if wet:
-        moved += (paths.at[:, stages] - paths.places[:, :1]) @ _by_column(coefficients[:, TAU:KAPPA])
+        moved += (paths.at[:, stages] - paths.places[:, :1]) @ _by_column(
+            coefficients[:, TAU:KAPPA]
+        )
     moved = moved.reshape(n_legs, -1, 2, count)
     return moved + coefficients[:, None, RHO:TAU] if wet else moved
 
@@ -219,7 +233,11 @@ def adjoint(first: Derivatives, schedule: Schedule, weights: Array) -> Array:
         schedule: Of the legs.
         weights: shape (L, N, 2).
     """
-    ends, carried, step = np.empty_like(weights), np.zeros((len(weights), 2)), schedule.steps[..., None]
+    ends, carried, step = (
+        np.empty_like(weights),
+        np.zeros((len(weights), 2)),
+        schedule.steps[..., None],
+    )
     for i in reversed(range(weights.shape[1])):
         ends[:, i] = carried = carried + weights[:, i]
         carried = (carried[:, None] @ first.through[:, i])[:, 0]
@@ -241,10 +259,18 @@ def derive_twice(paths: Paths, first: Derivatives, weights: Array) -> tuple[Arra
     """
     schedule, n_legs, count = paths.schedule, len(weights), paths.schedule.n_derived
     of_stage = adjoint(first, schedule, weights)
-    moves = first.stages if schedule.times is None else np.concatenate([first.stages, first.times(schedule)[:, :, None]], axis=2)
+    moves = (
+        first.stages
+        if schedule.times is None
+        else np.concatenate([first.stages, first.times(schedule)[:, :, None]], axis=2)
+    )
     moved = np.concatenate([first.stages - np.eye(2, count), first.slope @ moves], axis=3)
     values = np.concatenate([paths.at - paths.places[:, :1], paths.velocity()], axis=2)
-    second, sums, flat = np.zeros((n_legs, count, count)), np.zeros((n_legs, COUNT)), (n_legs, -1, count)
+    second, sums, flat = (
+        np.zeros((n_legs, count, count)),
+        np.zeros((n_legs, COUNT)),
+        (n_legs, -1, count),
+    )
     for wet, stages in zip((True, False), paths.phases, strict=True):
         weight, kappa = of_stage[:, stages], paths.starts.motion(wet)[1][:, None, :, 2:]
         of_velocity = (weight[:, :, None] @ kappa)[:, :, 0]
@@ -252,16 +278,24 @@ def derive_twice(paths: Paths, first: Derivatives, weights: Array) -> tuple[Arra
         second += moves[:, stages].reshape(flat).transpose(0, 2, 1) @ bent.reshape(flat)
         if schedule.times is not None:
             rate = np.sum(of_velocity * first.slope[:, stages, :, 2], axis=2)
-            sums[:, SIGMA] += np.sum(rate * schedule.stages(schedule.depth_passed)[:, stages], axis=1)
+            sums[:, SIGMA] += np.sum(
+                rate * schedule.stages(schedule.depth_passed)[:, stages], axis=1
+            )
         # of each row of tau and kappa: what its numbers are multiplied by, and how that moves
         at = np.arange(TAU, TAU + 8) if wet else np.arange(STRETCH, SIGMA)
         transposed, chosen = weight.transpose(0, 2, 1), slice(0, None) if wet else slice(2, None)
-        factors = (transposed @ values[:, stages, chosen]).reshape(n_legs, 2, -1, 2).transpose(0, 2, 1, 3)
+        factors = (
+            (transposed @ values[:, stages, chosen]).reshape(n_legs, 2, -1, 2).transpose(0, 2, 1, 3)
+        )
         sums[:, at] += factors.reshape(n_legs, -1)
         if wet:
             sums[:, RHO:TAU] += weight.sum(axis=1)
-        changes = (transposed @ moved[:, stages].reshape(n_legs, -1, 4 * count)).reshape(n_legs, 2, 2, 2, count)
-        changes = changes.transpose(0, 3, 1, 2, 4) if wet else changes.transpose(0, 3, 1, 2, 4)[:, 1:]
+        changes = (transposed @ moved[:, stages].reshape(n_legs, -1, 4 * count)).reshape(
+            n_legs, 2, 2, 2, count
+        )
+        changes = (
+            changes.transpose(0, 3, 1, 2, 4) if wet else changes.transpose(0, 3, 1, 2, 4)[:, 1:]
+        )
         mixed = first.coefficients[:, at].transpose(0, 2, 1) @ changes.reshape(n_legs, -1, count)
         second += mixed + mixed.transpose(0, 2, 1)
     return second, sums

@@ -59,17 +59,31 @@ class Schedule:
         """
         if self.times is None:
             return self.columns, self.weights[..., None, :]
-        before = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, self.times.size - 2)
+        before = np.clip(
+            np.searchsorted(self.times, times, side="right") - 1, 0, self.times.size - 2
+        )
         spacing = self.times[before + 1] - self.times[before]
         share = (times - self.times[before]) / spacing
         within, share = ((share >= 0.0) & (share <= 1.0)) / spacing, np.clip(share, 0.0, 1.0)
-        columns = np.concatenate([self.columns + (self.n_levels * (before + later))[..., None] for later in (0, 1)], axis=-1)
-        of_time = np.stack([np.stack([1.0 - share, share], axis=-1), np.stack([-within, within], axis=-1)], axis=-2)
-        return columns, (of_time[..., None] * self.weights[..., None, None, :]).reshape(*of_time.shape[:4], -1)
+        columns = np.concatenate(
+            [self.columns + (self.n_levels * (before + later))[..., None] for later in (0, 1)],
+            axis=-1,
+        )
+        of_time = np.stack(
+            [np.stack([1.0 - share, share], axis=-1), np.stack([-within, within], axis=-1)], axis=-2
+        )
+        return columns, (of_time[..., None] * self.weights[..., None, None, :]).reshape(
+            *of_time.shape[:4], -1
+        )
 
 
 def schedule_of(
-    depths: Sequence[Array], drifts: Array, adrift: bool, levels: Array, functions: DepthFunctions, times: Array | None
+    depths: Sequence[Array],
+    drifts: Array,
+    adrift: bool,
+    levels: Array,
+    functions: DepthFunctions,
+    times: Array | None,
 ) -> Schedule:
     """Return the schedule of legs.
 
@@ -84,10 +98,14 @@ def schedule_of(
     at, count, shares = np.array(depths), DRIFT_STEPS * int(adrift), np.array([0.0, 0.5, 1.0])
     wet, n_legs = np.abs(np.diff(at, axis=1)), len(at)
     middles = 0.5 * (at[:, :-1] + at[:, 1:])
-    stages = np.concatenate([np.stack([at[:, :-1], middles, at[:, 1:]], axis=2), np.zeros((n_legs, count, 3))], axis=1)
+    stages = np.concatenate(
+        [np.stack([at[:, :-1], middles, at[:, 1:]], axis=2), np.zeros((n_legs, count, 3))], axis=1
+    )
     steps = np.concatenate([wet, drifts[:, None] / DRIFT_STEPS * np.ones(count)], axis=1)
     until = [np.zeros((n_legs, steps.shape[1], 3)) for _ in range(2)]
-    for kind, chosen in zip(until, (slice(0, wet.shape[1]), slice(wet.shape[1], None)), strict=True):
+    for kind, chosen in zip(
+        until, (slice(0, wet.shape[1]), slice(wet.shape[1], None)), strict=True
+    ):
         passed = np.cumsum(steps[:, chosen], axis=1)
         kind[:, chosen] = (passed - steps[:, chosen])[..., None] + steps[:, chosen, None] * shares
     until[0][:, wet.shape[1] :] = wet.sum(axis=1)[:, None, None]
@@ -95,11 +113,15 @@ def schedule_of(
     return Schedule(steps, wet.shape[1], until[0], until[1], columns, weights, levels.size, times)
 
 
-def _of_levels(depths: Array, levels: Array, functions: DepthFunctions) -> tuple[NDArray[np.intp], Array]:
+def _of_levels(
+    depths: Array, levels: Array, functions: DepthFunctions
+) -> tuple[NDArray[np.intp], Array]:
     """Return which levels count at each depth, and their weights: as many for each as the most that count at one."""
     different, which = np.unique(depths, return_inverse=True)
     weights = depth_weights(functions, different, levels)
     most = int(np.max(np.sum(weights != 0.0, axis=1)))
     columns = np.sort(np.argsort(weights == 0.0, axis=1, kind="stable")[:, :most], axis=1)
     shape = (*depths.shape, most)
-    return columns[which.ravel()].reshape(shape), np.take_along_axis(weights, columns, axis=1)[which.ravel()].reshape(shape)
+    return columns[which.ravel()].reshape(shape), np.take_along_axis(weights, columns, axis=1)[
+        which.ravel()
+    ].reshape(shape)

@@ -54,7 +54,9 @@ class FlowSpline:
         """Return whether all of some places, shape (n, 2) [m], are within what the spline covers."""
         return bool(np.all((places >= self.low) & (places <= self.high)))
 
-    def derivatives(self, place: Array, columns: NDArray[np.intp], weights: Array, orders: int = ORDERS) -> Array:
+    def derivatives(
+        self, place: Array, columns: NDArray[np.intp], weights: Array, orders: int = ORDERS
+    ) -> Array:
         """Return the derivatives as ``Stream`` says."""
         at = (place - self.origin) / self.spacing
         cell = np.minimum(np.maximum(np.floor(at), 0.0), np.array(self.windows.shape[1:3]) - 1.0)
@@ -63,14 +65,18 @@ class FlowSpline:
         factors = (powers @ _BASIS[:, : orders * _WINDOW]).reshape(len(place), 2, orders, _WINDOW)
         factors /= self.spacing[:, None, None] ** np.arange(orders)[:, None]
         near = self.windows[columns, first[:, :1], first[:, 1:]]
-        summed = np.matmul(weights, near.reshape(*columns.shape, -1)).reshape(*weights.shape[:2], _WINDOW, _WINDOW)
+        summed = np.matmul(weights, near.reshape(*columns.shape, -1)).reshape(
+            *weights.shape[:2], _WINDOW, _WINDOW
+        )
         return np.asarray(factors[:, None, 0] @ summed @ factors[:, 1].transpose(0, 2, 1)[:, None])
 
 
 def _basis() -> Array:
     """Return the B-splines of a cell as polynomials of the share of it, with their derivatives: shape (6, 4 * 6), powers first."""
     pieces = PPoly.from_spline(BSpline.basis_element(np.arange(_WINDOW + 1.0)))
-    kept = np.flatnonzero((pieces.x[:-1] < pieces.x[1:]) & (pieces.x[:-1] >= 0.0) & (pieces.x[1:] <= _WINDOW))
+    kept = np.flatnonzero(
+        (pieces.x[:-1] < pieces.x[1:]) & (pieces.x[:-1] >= 0.0) & (pieces.x[1:] <= _WINDOW)
+    )
     # of the six that count in a cell, the one that begins first is in its last piece
     basis = pieces.c[::-1, kept[::-1]]
     out = np.zeros((_WINDOW, ORDERS, _WINDOW))
@@ -85,7 +91,9 @@ _BASIS = _basis()
 _splines = Recent[FlowSpline](4)
 
 
-def spline_of(flow: FlowEstimate, latent: Array, points: int, low: Array, high: Array) -> FlowSpline:
+def spline_of(
+    flow: FlowEstimate, latent: Array, points: int, low: Array, high: Array
+) -> FlowSpline:
     """Return the B-spline of a flow's stream function over a box, with its error relative to the flow.
 
     Args:
@@ -95,7 +103,14 @@ def spline_of(flow: FlowEstimate, latent: Array, points: int, low: Array, high: 
         low: shape (2,) [m], the box's least east and north.
         high: shape (2,) [m], its largest.
     """
-    key = (*graph_key(flow), blake2b(latent.tobytes()).digest(), latent.shape, points, low.tobytes(), high.tobytes())
+    key = (
+        *graph_key(flow),
+        blake2b(latent.tobytes()).digest(),
+        latent.shape,
+        points,
+        low.tobytes(),
+        high.tobytes(),
+    )
     return _splines.get(key, lambda: _spline(flow, latent, points, low, high))
 
 
@@ -104,11 +119,22 @@ def _spline(flow: FlowEstimate, latent: Array, points: int, low: Array, high: Ar
     spacing = lengths / points
     size, beyond = np.ceil((high - low) / spacing).astype(int) + 1, points + _WINDOW + _BEYOND
     sites = [low[i] + spacing[i] * np.arange(-beyond, size[i] + beyond) for i in (0, 1)]
-    fading = [_fading(sites[i], low[i] - _WINDOW * spacing[i], high[i] + _WINDOW * spacing[i], lengths[i])[:, None] for i in (0, 1)]
+    fading = [
+        _fading(
+            sites[i], low[i] - _WINDOW * spacing[i], high[i] + _WINDOW * spacing[i], lengths[i]
+        )[:, None]
+        for i in (0, 1)
+    ]
     stream = stream_of(flow, latent)
-    coefficients = stream.products(*(fading[i] * _coefficients(stream.factors(i, sites[i])) for i in (0, 1)))
-    windows = np.lib.stride_tricks.sliding_window_view(coefficients, (_WINDOW, _WINDOW), axis=(1, 2))
-    spline = FlowSpline(np.array([axis[_DEGREE // 2] for axis in sites]), spacing, windows, low, high)
+    coefficients = stream.products(
+        *(fading[i] * _coefficients(stream.factors(i, sites[i])) for i in (0, 1))
+    )
+    windows = np.lib.stride_tricks.sliding_window_view(
+        coefficients, (_WINDOW, _WINDOW), axis=(1, 2)
+    )
+    spline = FlowSpline(
+        np.array([axis[_DEGREE // 2] for axis in sites]), spacing, windows, low, high
+    )
     largest, rms = _errors(flow, spline, stream)
     return replace(spline, largest_error=largest, rms_error=rms)
 
@@ -118,7 +144,11 @@ def _coefficients(samples: Array) -> Array:
     at_sites = BSpline.basis_element(np.arange(_WINDOW + 1.0))(np.arange(1.0, _WINDOW))
     bands = np.tile(at_sites[:, None], (1, len(samples)))
     each_side = len(at_sites) // 2
-    return np.asarray(solve_banded((each_side, each_side), bands, samples.reshape(len(samples), -1)).reshape(samples.shape))
+    return np.asarray(
+        solve_banded((each_side, each_side), bands, samples.reshape(len(samples), -1)).reshape(
+            samples.shape
+        )
+    )
 
 
 def _fading(sites: Array, low: float, high: float, length: float) -> Array:
@@ -130,9 +160,16 @@ def _fading(sites: Array, low: float, high: float, length: float) -> Array:
 def _errors(flow: FlowEstimate, spline: FlowSpline, stream: Stream) -> tuple[float, float]:
     """Return the largest and the root mean square error of the velocity [m/s] at random places, each at a random depth and time."""
     rng, n_levels = np.random.default_rng(0), flow.levels.size
-    at, depths = rng.uniform(spline.low, spline.high, (_PLACES, 2)), rng.uniform(flow.levels[0], flow.levels[-1], _PLACES)
+    at, depths = (
+        rng.uniform(spline.low, spline.high, (_PLACES, 2)),
+        rng.uniform(flow.levels[0], flow.levels[-1], _PLACES),
+    )
     times = rng.integers(0, len(spline.windows) // n_levels, (_PLACES, 1))
-    where = at, times * n_levels + np.arange(n_levels), depth_weights(flow.depth_functions, depths, flow.levels)[:, None]
+    where = (
+        at,
+        times * n_levels + np.arange(n_levels),
+        depth_weights(flow.depth_functions, depths, flow.levels)[:, None],
+    )
     off = spline.derivatives(*where, 2) - stream.derivatives(*where, 2)
     error = np.hypot(off[:, 0, 0, 1], off[:, 0, 1, 0])
     return float(error.max()), float(np.sqrt(np.mean(error**2)))

@@ -27,7 +27,9 @@ ORDERS = 4
 class Stream(Protocol):
     """A stream function of several columns of latent values."""
 
-    def derivatives(self, place: Array, columns: NDArray[np.intp], weights: Array, orders: int = ORDERS) -> Array:
+    def derivatives(
+        self, place: Array, columns: NDArray[np.intp], weights: Array, orders: int = ORDERS
+    ) -> Array:
         """Return d^(p+q) psi / dx^p dy^q, shape (K, m, orders, orders) [m^2/s over m^(p+q)], of m sums of columns near each of K places.
 
         Args:
@@ -60,12 +62,18 @@ class LatticeStream:
     lattice: StreamFunctionLattice
     coefficients: Array
 
-    def derivatives(self, place: Array, columns: NDArray[np.intp], weights: Array, orders: int = ORDERS) -> Array:
+    def derivatives(
+        self, place: Array, columns: NDArray[np.intp], weights: Array, orders: int = ORDERS
+    ) -> Array:
         """Return the derivatives as ``Stream`` says."""
         first, factors = _window_factors(self.lattice, place, orders)
-        windows = np.lib.stride_tricks.sliding_window_view(self.coefficients, (WINDOW, WINDOW), axis=(1, 2))
+        windows = np.lib.stride_tricks.sliding_window_view(
+            self.coefficients, (WINDOW, WINDOW), axis=(1, 2)
+        )
         near = windows[columns, first[:, :1], first[:, 1:]]
-        summed = np.matmul(weights, near.reshape(*columns.shape, -1)).reshape(*weights.shape[:2], WINDOW, WINDOW)
+        summed = np.matmul(weights, near.reshape(*columns.shape, -1)).reshape(
+            *weights.shape[:2], WINDOW, WINDOW
+        )
         return np.asarray(factors[0][:, None] @ summed @ factors[1].transpose(0, 2, 1)[:, None])
 
     def factors(self, axis: int, sites: Array) -> Array:
@@ -79,11 +87,21 @@ class LatticeStream:
         return np.asarray(east @ self.coefficients @ north.T)
 
 
-def _window_factors(lattice: StreamFunctionLattice, place: Array, orders: int) -> tuple[NDArray[np.intp], Array]:
+def _window_factors(
+    lattice: StreamFunctionLattice, place: Array, orders: int
+) -> tuple[NDArray[np.intp], Array]:
     """Return the first lattice lines that count at each place, shape (K, 2), and the Gaussians there, shape (2, K, orders, 18)."""
-    origin, spacing, widths = (np.array(pair) for pair in (lattice.origin, lattice.spacing, lattice.widths))
-    first = np.clip(np.floor((place - origin) / spacing) - (WINDOW // 2 - 1), 0, np.array(lattice.shape) - WINDOW)
-    x = ((place - origin - spacing * first).T[..., None] - spacing[:, None, None] * np.arange(WINDOW)) / widths[:, None, None]
+    origin, spacing, widths = (
+        np.array(pair) for pair in (lattice.origin, lattice.spacing, lattice.widths)
+    )
+    first = np.clip(
+        np.floor((place - origin) / spacing) - (WINDOW // 2 - 1),
+        0,
+        np.array(lattice.shape) - WINDOW,
+    )
+    x = (
+        (place - origin - spacing * first).T[..., None] - spacing[:, None, None] * np.arange(WINDOW)
+    ) / widths[:, None, None]
     return first.astype(np.intp), _gaussians(x, widths, orders)
 
 
@@ -110,11 +128,15 @@ class NodeStream:
     functions: NodeKernel
     latent: Array
 
-    def derivatives(self, place: Array, columns: NDArray[np.intp], weights: Array, orders: int = ORDERS) -> Array:
+    def derivatives(
+        self, place: Array, columns: NDArray[np.intp], weights: Array, orders: int = ORDERS
+    ) -> Array:
         """Return the derivatives as ``Stream`` says."""
         kernel, nodes = self.functions.kernel, self.functions.nodes
         lengths = np.array([kernel.length_east, kernel.length_north])
-        factors = _gaussians((place.T[..., None] - nodes.T[:, None]) / lengths[:, None, None], lengths, orders + 1)
+        factors = _gaussians(
+            (place.T[..., None] - nodes.T[:, None]) / lengths[:, None, None], lengths, orders + 1
+        )
         used, which = np.unique(columns, return_inverse=True)
         spread = weights @ np.eye(used.size)[which.reshape(columns.shape)]
         latent = (kernel.speed * kernel.length_east) ** 2 * (spread @ self.latent[used])
@@ -137,7 +159,12 @@ class NodeStream:
         """Return the stream function as ``Separable`` says."""
         kernel, n = self.functions.kernel, len(self.functions.nodes)
         latent = (kernel.speed * kernel.length_east) ** 2 * self.latent
-        return np.stack([(one[n:] * east[:, n:]) @ north[:, :n].T - (one[:n] * east[:, :n]) @ north[:, n:].T for one in latent])
+        return np.stack(
+            [
+                (one[n:] * east[:, n:]) @ north[:, :n].T - (one[:n] * east[:, :n]) @ north[:, n:].T
+                for one in latent
+            ]
+        )
 
 
 def stream_of(flow: FlowEstimate, latent: Array) -> Separable:

@@ -70,7 +70,13 @@ class Limits:
         normals = self.normals[turning]
         # round a corner the distance bends across the direction to it
         across = np.einsum("ki,kiq->kq", normals[:, ::-1] * np.array([1.0, -1.0]), moved)
-        np.add.at(out, turning[0], -(weights * self.curvature)[turning][:, None, None] * across[:, :, None] * across[:, None])
+        np.add.at(
+            out,
+            turning[0],
+            -(weights * self.curvature)[turning][:, None, None]
+            * across[:, :, None]
+            * across[:, None],
+        )
         return out
 
 
@@ -103,4 +109,10 @@ class Walls:
             found, turning = self.obstacles.planes(at.reshape(-1, 2) * KM)
             planes, curvature = found.reshape(*at.shape[:3], 3), turning.reshape(at.shape[:3]) * KM
         normals = planes[..., :2]
-        return Limits(key, normals, curvature, self.shares, np.sum(normals * at, axis=-1) - planes[..., 2] / KM)
+        return Limits(
+            key,
+            normals,
+            curvature,
+            self.shares,
+            np.sum(normals * at, axis=-1) - planes[..., 2] / KM,
+        )

@@ -35,8 +35,14 @@ _COMMANDS = {
         "LOG... --ensemble FILE... -o OUT.mcap",
         "Estimate the current at each time from the measurements before and after it, once a mission is over.",
     ),
-    "info": ("LOG... | --ensemble FILE...", "Report what is in a log or a forecast and what it can be used for."),
-    "qc": ("LOG...", "Show the outcome of each quality test of the ADCP's bins, and the dives of the track."),
+    "info": (
+        "LOG... | --ensemble FILE...",
+        "Report what is in a log or a forecast and what it can be used for.",
+    ),
+    "qc": (
+        "LOG...",
+        "Show the outcome of each quality test of the ADCP's bins, and the dives of the track.",
+    ),
     "convert": (
         "LOG... -o OUT.mcap|OUT.tlog",
         "Convert logs to one MCAP or telemetry log without loss of what that format can hold; several logs are merged by time.",
@@ -66,12 +72,18 @@ _COMMANDS = {
         "Plan a mission of dives: headings, glide angles and surfacings to one goal or several, near a place, or along a line; or what to "
         "measure before a stretch without fixes (--objective learn) and for a map (--objective map).",
     ),
-    "twin": ("--truth FILE[#member] -o X.mcap|X.tlog", "Make a log by moving a vehicle with a simulated ADCP through a known current."),
+    "twin": (
+        "--truth FILE[#member] -o X.mcap|X.tlog",
+        "Make a log by moving a vehicle with a simulated ADCP through a known current.",
+    ),
     "synthesize": (
         "--ensemble E.nc --truth T.nc",
         "Make a synthetic ensemble (incompressible, eddying, baroclinic) and a truth withheld from it.",
     ),
-    "fit": ("ENSEMBLE -o TOML", "Fit the prior to an ensemble by leaving members out, and report what was chosen."),
+    "fit": (
+        "ENSEMBLE -o TOML",
+        "Fit the prior to an ensemble by leaving members out, and report what was chosen.",
+    ),
     "fleet": (
         "MISSIONS.toml|LOG... -o DIR",
         "Replay many missions on many processes: a result of each, and one table and page over all.",
@@ -119,7 +131,14 @@ _NO_CONSOLE: Any = object()
 def _group(name: str, help: str, **more: Any) -> App:
     defaults = Parameter(negative="", show_env_var=False)
     version = f"replay-kit {__version__}"
-    return App(name=name, help=help, version=version, default_parameter=defaults, group_parameters=CHOICES, **more)
+    return App(
+        name=name,
+        help=help,
+        version=version,
+        default_parameter=defaults,
+        group_parameters=CHOICES,
+        **more,
+    )
 
 
 app = _group(
@@ -131,14 +150,20 @@ app = _group(
     suppress_keyboard_interrupt=False,
     print_error=False,
 )
-experiment = _group("experiment", "Studies: the accuracy of the estimator and of the plans made on it.")
+experiment = _group(
+    "experiment", "Studies: the accuracy of the estimator and of the plans made on it."
+)
 # by their import paths, so that the modules of a command are loaded when it is called
 for _name, (_, _help) in _COMMANDS.items():
     app.command(f"replay_kit.cli.commands.{_name}:{_name}", name=_name, help=_help)
 for _name, (_, _help) in _STUDIES.items():
-    experiment.command(f"replay_kit.cli.commands.experiment.{_name}:{_name}", name=_name, help=_help)
+    experiment.command(
+        f"replay_kit.cli.commands.experiment.{_name}:{_name}", name=_name, help=_help
+    )
 app.command(experiment)
-app.register_install_completion_command(help="Install the completion of commands and options in the shell.")
+app.register_install_completion_command(
+    help="Install the completion of commands and options in the shell."
+)
 
 
 def main() -> None:
@@ -153,7 +178,11 @@ def main() -> None:
     except (CycloptsError, ReplayKitError, OSError, KeyboardInterrupt) as error:
         code = report(error)
     except MemoryError as error:
-        code = report(ReplayKitError(f"there is not enough memory: {error}; choose less with --region, --levels or --modes"))
+        code = report(
+            ReplayKitError(
+                f"there is not enough memory: {error}; choose less with --region, --levels or --modes"
+            )
+        )
     sys.exit(code)
 
 
@@ -197,9 +226,18 @@ def _command_first(arguments: list[str]) -> list[str]:
     for k, word in enumerate(arguments):
         if word in _COMMANDS or word == "experiment":
             command = " ".join(arguments[k : k + 1 + (word == "experiment")])
-            foreign = next((option for option in before if option.startswith("-") and option.partition("=")[0] not in _ANYWHERE), None)
+            foreign = next(
+                (
+                    option
+                    for option in before
+                    if option.startswith("-") and option.partition("=")[0] not in _ANYWHERE
+                ),
+                None,
+            )
             if foreign is not None:
-                raise ConfigError(f"{foreign}: stands before the command; write replay-kit {command} {foreign} ...")
+                raise ConfigError(
+                    f"{foreign}: stands before the command; write replay-kit {command} {foreign} ..."
+                )
             return arguments[k:] + before
         if not (word.startswith("-") or (before and before[-1].startswith("-"))):
             break
@@ -213,11 +251,18 @@ def _help_text(chain: tuple[str, ...], command: App, every: bool) -> str:
     hidden = 0
     if command.default_command is None:
         known = {name: words for name, (_, words) in (_STUDIES if chain else _COMMANDS).items()}
-        groups = [command_group(known if chain else {**known, "experiment": str(experiment.help)}), ("Options", _ROOT_OPTIONS)]
+        groups = [
+            command_group(known if chain else {**known, "experiment": str(experiment.help)}),
+            ("Options", _ROOT_OPTIONS),
+        ]
     else:
         groups, hidden = option_groups(command.assemble_argument_collection(), every)
     form = " ".join(("Usage: replay-kit", *chain, usage, "[OPTIONS]"))
-    more = f"{hidden} more options, and what each accepts: replay-kit {' '.join(chain)} {_EVERY_OPTION}" if hidden else ""
+    more = (
+        f"{hidden} more options, and what each accepts: replay-kit {' '.join(chain)} {_EVERY_OPTION}"
+        if hidden
+        else ""
+    )
     return layout(form, about or "", groups, width, more)
 
 
@@ -265,5 +310,9 @@ def _repeated(error: RepeatArgumentError) -> str:
     words = error.root_input_tokens or []
     split = [word.partition("=") for word in words]
     after = [*words[1:], ""]
-    values = [value if equals else after[k] for k, (name, equals, value) in enumerate(split) if name in names]
+    values = [
+        value if equals else after[k]
+        for k, (name, equals, value) in enumerate(split)
+        if name in names
+    ]
     return f"{names[0]}: expected one value, got {' and '.join(values)}; give the option once."

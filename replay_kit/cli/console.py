@@ -44,7 +44,11 @@ def part_named(out: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        left = f"what was written so far is in {part}" if _stamp(part) not in (None, before) else "nothing was written yet"
+        left = (
+            f"what was written so far is in {part}"
+            if _stamp(part) not in (None, before)
+            else "nothing was written yet"
+        )
         raise InterruptedRunError(f"interrupted; {left}") from None
 
 
@@ -81,7 +85,9 @@ def console_beside(*answers: Path | None) -> "Console":
     """Return where tables and messages go: standard output, or standard error when an answer takes that; wide in a pipe."""
     from replay_kit.cli.terminal import SafeConsole
 
-    stream = sys.stderr if any(path is not None and str(path) == "-" for path in answers) else sys.stdout
+    stream = (
+        sys.stderr if any(path is not None and str(path) == "-" for path in answers) else sys.stdout
+    )
     width = None if stream.isatty() or "COLUMNS" in os.environ else reporting.PIPE_WIDTH
     # no markup: a unit in brackets is not a style, and a name between colons no picture
     return SafeConsole(file=_Kept(stream), highlight=False, markup=False, emoji=False, width=width)
@@ -106,7 +112,12 @@ def progress(threads: int | None = None) -> Iterator[Progress]:
         from rich.progress import Progress as Bars
 
         left = (TextColumn("for"), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-        columns = (TextColumn("{task.description}", markup=False), BarColumn(20), TextColumn("{task.fields[share]}"), *left)
+        columns = (
+            TextColumn("{task.description}", markup=False),
+            BarColumn(20),
+            TextColumn("{task.fields[share]}"),
+            *left,
+        )
         with Bars(*columns, console=Console(stderr=True), transient=True) as shown:
             task = shown.add_task("", total=None, share="")
 
@@ -149,7 +160,11 @@ def _stages(show: Progress) -> Progress:
 def write_json(path: Path | None, answer: Mapping[str, Any]) -> None:
     """Write an answer as JSON with the version of its format, as ``write_text`` does."""
     if path is not None:
-        write_text(path, json.dumps({"format_version": FORMAT_VERSION, **answer}, indent=1, allow_nan=False) + "\n")
+        write_text(
+            path,
+            json.dumps({"format_version": FORMAT_VERSION, **answer}, indent=1, allow_nan=False)
+            + "\n",
+        )
 
 
 def keep_json(path: Path | None, answer: Mapping[str, Any]) -> None:

@@ -13,13 +13,61 @@ _NAMES = 26
 # ones, and those of its own that are not for rare cases.
 _MANY = 16
 _COMMON = {
-    *("--goal", "--start", "--end", "--region", "--levels", "--members", "--modes", "--place-ensemble", "--config", "--json"),
-    *("--overwrite", "--depth", "--surface-time", "--samples", "--speed", "--tolerance", "--without"),
+    *(
+        "--goal",
+        "--start",
+        "--end",
+        "--region",
+        "--levels",
+        "--members",
+        "--modes",
+        "--place-ensemble",
+        "--config",
+        "--json",
+    ),
+    *(
+        "--overwrite",
+        "--depth",
+        "--surface-time",
+        "--samples",
+        "--speed",
+        "--tolerance",
+        "--without",
+    ),
 }
 _RARE = {
-    *("--truth-radius", "--checkpoint", "--include-inputs", "--interval", "--until-idle", "--goal-file", "--notify", "--write-unsafe"),
-    *("--waypoint-tolerance", "--surfacings-only", "--line-weight", "--spline", "--time-limit", "--arrive", "--scheduler", "--workers"),
-    *("--scenarios", "--fresh", "--archive", "--every", "--mean-factors", "--then", "--blind", "--survey", "--box", "--profiles"),
+    *(
+        "--truth-radius",
+        "--checkpoint",
+        "--include-inputs",
+        "--interval",
+        "--until-idle",
+        "--goal-file",
+        "--notify",
+        "--write-unsafe",
+    ),
+    *(
+        "--waypoint-tolerance",
+        "--surfacings-only",
+        "--line-weight",
+        "--spline",
+        "--time-limit",
+        "--arrive",
+        "--scheduler",
+        "--workers",
+    ),
+    *(
+        "--scenarios",
+        "--fresh",
+        "--archive",
+        "--every",
+        "--mean-factors",
+        "--then",
+        "--blind",
+        "--survey",
+        "--box",
+        "--profiles",
+    ),
     *("--profile-error", "--others", "--surveys", "--maps", "--detours"),
 }
 # Up to a full stop or semicolon, not one in a name such as .mcap; and the default at the end.
@@ -27,7 +75,13 @@ _FIRST_SENTENCE = re.compile(r"(.*?)(?=[.;](?:\s|$)|$).*?( \[default: [^]]*\])?$
 _SETTINGS_FROM = 4  # order of the groups of settings, after those of a command's own options
 
 
-def layout(usage: str, about: str, groups: Iterable[tuple[str, Iterable[tuple[str, str]]]], width: int, more: str = "") -> str:
+def layout(
+    usage: str,
+    about: str,
+    groups: Iterable[tuple[str, Iterable[tuple[str, str]]]],
+    width: int,
+    more: str = "",
+) -> str:
     """Return a help text no line of which is wider than the terminal.
 
     Args:
@@ -45,7 +99,9 @@ def layout(usage: str, about: str, groups: Iterable[tuple[str, Iterable[tuple[st
     return "\n".join([*lines, "", *textwrap.wrap(more, width)] if more else lines) + "\n"
 
 
-def option_groups(arguments: ArgumentCollection, every: bool = True) -> tuple[list[tuple[str, list[tuple[str, str]]]], int]:
+def option_groups(
+    arguments: ArgumentCollection, every: bool = True
+) -> tuple[list[tuple[str, list[tuple[str, str]]]], int]:
     """Return the options of a command under their headings, and how many are left out; those that must be given come first.
 
     Args:
@@ -59,11 +115,22 @@ def option_groups(arguments: ArgumentCollection, every: bool = True) -> tuple[li
     for argument in sorted(shown, key=lambda argument: _group(argument)[0]):
         order, heading = _group(argument)
         common = many and (argument.required or not _COMMON.isdisjoint(argument.names))
-        if every or not many or common or (order < _SETTINGS_FROM and _RARE.isdisjoint(argument.names)):
+        if (
+            every
+            or not many
+            or common
+            or (order < _SETTINGS_FROM and _RARE.isdisjoint(argument.names))
+        ):
             groups.setdefault("Common options" if common else heading, []).append(argument)
     brief = many and not every
-    ordered = ((heading, sorted(those, key=lambda argument: not argument.required)) for heading, those in groups.items())
-    entries = [(heading, [(_names(argument, brief), _description(argument, brief)) for argument in those]) for heading, those in ordered]
+    ordered = (
+        (heading, sorted(those, key=lambda argument: not argument.required))
+        for heading, those in groups.items()
+    )
+    entries = [
+        (heading, [(_names(argument, brief), _description(argument, brief)) for argument in those])
+        for heading, those in ordered
+    ]
     return entries, len(shown) - sum(len(those) for those in groups.values())
 
 
@@ -85,7 +152,9 @@ def _names(argument: Argument, brief: bool) -> str:
     if not form and bool not in (argument.hint, *getattr(argument.hint, "__args__", ())):
         form = {int: "COUNT", float: "NUMBER"}.get(argument.hint, "TEXT")
     names = [name for name in argument.names if not brief or "." not in name]
-    return ", ".join(sorted(names, key=lambda name: name.startswith("--"))) + (f" {form}" if form else "")
+    return ", ".join(sorted(names, key=lambda name: name.startswith("--"))) + (
+        f" {form}" if form else ""
+    )
 
 
 def _description(argument: Argument, brief: bool) -> str:
@@ -93,7 +162,9 @@ def _description(argument: Argument, brief: bool) -> str:
     default = argument.field_info.default if argument.parameter.show_default is not False else None
     notes = [" [required]"] if argument.required else []
     if isinstance(default, int | float | str) and not isinstance(default, bool):
-        notes.append(f" [default: {default:g}]" if isinstance(default, float) else f" [default: {default}]")
+        notes.append(
+            f" [default: {default:g}]" if isinstance(default, float) else f" [default: {default}]"
+        )
     text = argument.parameter.help or ""
     if brief and not argument.required:
         text = "".join(_FIRST_SENTENCE.match(text).groups(""))  # type: ignore[union-attr]
@@ -103,9 +174,13 @@ def _description(argument: Argument, brief: bool) -> str:
 def _entry(names: str, description: str, width: int) -> Iterator[str]:
     margin = " " * _NAMES
     # what a word is, is not what it looks like: a list of values without spaces may be wider than the column
-    lines = textwrap.wrap(description, width, initial_indent=margin, subsequent_indent=margin, break_on_hyphens=False) or [""]
+    lines = textwrap.wrap(
+        description, width, initial_indent=margin, subsequent_indent=margin, break_on_hyphens=False
+    ) or [""]
     if len(names) <= _NAMES - 4:
         lines[0] = f"  {names}".ljust(_NAMES) + lines[0][_NAMES:]
     else:
-        yield from textwrap.wrap(names, width, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
+        yield from textwrap.wrap(
+            names, width, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False
+        )
     yield from lines

@@ -22,13 +22,35 @@ CHOICES = Group("Options", sort_key=3)
 REPORTING = Group("Reporting", sort_key=9)
 
 # Endings of file names, which the name of a folder does not have.
-_FILE_ENDINGS = (".mcap", ".tlog", ".nc", ".json", ".csv", ".geojson", ".toml", ".html", ".png", ".svg", ".pdf", ".kml")
+_FILE_ENDINGS = (
+    ".mcap",
+    ".tlog",
+    ".nc",
+    ".json",
+    ".csv",
+    ".geojson",
+    ".toml",
+    ".html",
+    ".png",
+    ".svg",
+    ".pdf",
+    ".kml",
+)
 
 # Of a group of values: each of its fields is an option of its own, under the group's heading.
-TO_INPUTS, TO_OUTPUTS, TO_OPTIONS = (Parameter(name="*", group=group) for group in (INPUTS, OUTPUTS, CHOICES))
+TO_INPUTS, TO_OUTPUTS, TO_OPTIONS = (
+    Parameter(name="*", group=group) for group in (INPUTS, OUTPUTS, CHOICES)
+)
 
 
-def option(names: str, help: str, *, metavar: str | None = None, group: Group | None = None, least: float | None = None) -> Parameter:
+def option(
+    names: str,
+    help: str,
+    *,
+    metavar: str | None = None,
+    group: Group | None = None,
+    least: float | None = None,
+) -> Parameter:
     """Return an option with one value; the help adds its default.
 
     Args:
@@ -39,7 +61,13 @@ def option(names: str, help: str, *, metavar: str | None = None, group: Group | 
         least: Least number accepted; None for no bound.
     """
     validator = () if least is None else (Number(gte=least),)
-    made = Parameter(name=names.split(), help=help, metavar=metavar, validator=validator, allow_leading_hyphen=metavar is not None)
+    made = Parameter(
+        name=names.split(),
+        help=help,
+        metavar=metavar,
+        validator=validator,
+        allow_leading_hyphen=metavar is not None,
+    )
     # a heading that is None would be no heading at all, not that of the values around it
     return made if group is None else Parameter.combine(made, Parameter(group=group))
 
@@ -92,10 +120,18 @@ class Ending:
         kind = f"the name of a file that ends in {'one of ' if len(self.endings) > 1 else ''}{', '.join(self.endings)}"
         if streamed:
             if not self.stream:
-                raise ConfigError(f"{name}: expected {kind}, got the stream '{path}'; this output cannot be written to a stream")
-        elif not (ending in self.endings or f".{path.name.lower()}" in self.endings or (not ending and len(self.endings) == 1)):
+                raise ConfigError(
+                    f"{name}: expected {kind}, got the stream '{path}'; this output cannot be written to a stream"
+                )
+        elif not (
+            ending in self.endings
+            or f".{path.name.lower()}" in self.endings
+            or (not ending and len(self.endings) == 1)
+        ):
             got = f"the ending {path.suffix}" if ending else "no ending"
-            raise ConfigError(f"{name}: expected {kind}, got '{path}' with {got}; choose another name")
+            raise ConfigError(
+                f"{name}: expected {kind}, got '{path}' with {got}; choose another name"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,8 +145,14 @@ class Numbers:
         values = numbers(text, name, self.form)
         if self.form.startswith("LON,LAT,") and abs(values[1]) > 90.0:
             swapped = ",".join(f"{value:g}" for value in (values[1], values[0], *values[2:]))
-            meant = f"did you mean {name}={swapped}?" if abs(values[0]) <= 90.0 else "give a place on the Earth"
-            raise ConfigError(f"{name}: expected {self.form}, got '{text}': the latitude {values[1]:g} is outside -90..90; {meant}")
+            meant = (
+                f"did you mean {name}={swapped}?"
+                if abs(values[0]) <= 90.0
+                else "give a place on the Earth"
+            )
+            raise ConfigError(
+                f"{name}: expected {self.form}, got '{text}': the latitude {values[1]:g} is outside -90..90; {meant}"
+            )
 
 
 def before_conversion(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
@@ -121,14 +163,20 @@ def before_conversion(app: App, commands: tuple[str, ...], arguments: ArgumentCo
     Raises:
         ConfigError: An ending or a number does not fit, or the file of ``--log`` is another of the command's files, or cannot be written.
     """
-    given = {argument.name: [token.value for token in argument.tokens] for argument in arguments if argument.tokens}
+    given = {
+        argument.name: [token.value for token in argument.tokens]
+        for argument in arguments
+        if argument.tokens
+    }
     for argument in arguments:
         for mark in get_args(argument.field_info.annotation)[1:]:
             if isinstance(mark, Ending | Numbers):
                 for value in given.get(argument.name, []):
                     mark.check(argument.name, value)
     log = next((Path(value) for value in given.get("--log", [])), None)
-    if log is not None and any(_is(log, value) for name, values in given.items() if name != "--log" for value in values):
+    if log is not None and any(
+        _is(log, value) for name, values in given.items() if name != "--log" for value in values
+    ):
         raise ConfigError(f"--log: '{log}' is another file of this command; choose another name")
     begin(Reporting("--quiet" in given, "--verbose" in given, log))
 
@@ -150,22 +198,44 @@ LogIfAny = Annotated[Path, Parameter(name="LOG", help=_LOGS, group=INPUTS, requi
 PLACE = Numbers("LON,LAT,DEPTH")
 MCAP, NETCDF, HTML = Ending((".mcap",)), Ending((".nc",)), Ending((".html",))
 ENSEMBLE_HELP = "NetCDF files, Zarr stores, folders or patterns; may be repeated. --members says what a member is."
-Ensemble = Annotated[tuple[Path, ...], option("--ensemble", f"Ensemble forecast: {ENSEMBLE_HELP}", metavar="FILE...", group=INPUTS)]
-Truth = Annotated[str | None, option("--truth", "Known truth to score against.", metavar="T.nc[#member]")]
-Noise = Annotated[float, option("--noise", "Standard deviation of each velocity component of a bin [m/s].", least=0.0)]
-ConfigFile = Annotated[Path | None, option("--config", "Settings of the run; options given here win.", metavar="TOML", group=INPUTS)]
+Ensemble = Annotated[
+    tuple[Path, ...],
+    option("--ensemble", f"Ensemble forecast: {ENSEMBLE_HELP}", metavar="FILE...", group=INPUTS),
+]
+Truth = Annotated[
+    str | None, option("--truth", "Known truth to score against.", metavar="T.nc[#member]")
+]
+Noise = Annotated[
+    float,
+    option("--noise", "Standard deviation of each velocity component of a bin [m/s].", least=0.0),
+]
+ConfigFile = Annotated[
+    Path | None,
+    option(
+        "--config", "Settings of the run; options given here win.", metavar="TOML", group=INPUTS
+    ),
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Replacing:
     """Whether outputs that exist are replaced, and how much is printed."""
 
-    overwrite: Annotated[bool, flag("--overwrite", "Replace outputs that exist. An input is never replaced.")] = False
+    overwrite: Annotated[
+        bool, flag("--overwrite", "Replace outputs that exist. An input is never replaced.")
+    ] = False
     quiet: Annotated[bool, flag("--quiet -q", "Print nothing but errors.", REPORTING)] = False
-    verbose: Annotated[bool, flag("--verbose -v", "Print whole tables, row by row.", REPORTING)] = False
+    verbose: Annotated[bool, flag("--verbose -v", "Print whole tables, row by row.", REPORTING)] = (
+        False
+    )
     log: Annotated[
         Path | None,
-        option("--log", "Add everything that is printed to a file, with the time.", metavar="FILE.log", group=REPORTING),
+        option(
+            "--log",
+            "Add everything that is printed to a file, with the time.",
+            metavar="FILE.log",
+            group=REPORTING,
+        ),
         Ending((".log", ".txt")),
     ] = None
 
@@ -175,7 +245,9 @@ class Answer(Replacing):
     """Where a command's answer goes beside the terminal."""
 
     json_file: Annotated[
-        Path | None, option("--json", "Write the answer as JSON; - is standard output.", metavar="FILE"), Ending((".json",), stream=True)
+        Path | None,
+        option("--json", "Write the answer as JSON; - is standard output.", metavar="FILE"),
+        Ending((".json",), stream=True),
     ] = None
 
 
@@ -194,7 +266,9 @@ def numbers(text: str, name: str, form: str | None = None) -> tuple[float, ...]:
     expected = f"{name}: expected {form or 'numbers with commas between them'}, got '{text}'"
     if labels and len(parts) < len(labels):
         missing = labels[len(parts) :]
-        raise ConfigError(f"{expected}: {' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing")
+        raise ConfigError(
+            f"{expected}: {' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
+        )
     if labels and len(parts) > len(labels):
         raise ConfigError(f"{expected}: {len(parts)} numbers instead of {len(labels)}")
     return tuple(_number(part.strip(), expected) for part in parts)
@@ -204,7 +278,9 @@ def _number(part: str, expected: str) -> float:
     """Return a finite number; ``expected`` begins the error where it is none."""
     if hemisphere := re.fullmatch(r"([\d.]+)\s*°?\s*([NSEWnsew])", part):
         sign = "-" if hemisphere[2] in "SWsw" else ""
-        raise ConfigError(f"{expected}: write {sign}{hemisphere[1]} for {part}; west and south are negative")
+        raise ConfigError(
+            f"{expected}: write {sign}{hemisphere[1]} for {part}; west and south are negative"
+        )
     try:
         value = float(part)
     except ValueError:
@@ -227,6 +303,14 @@ class Processes:
     """Which processes do the work."""
 
     scheduler: Annotated[
-        str | None, option("--scheduler", "Address of a Dask cluster's scheduler, such as tcp://10.0.0.1:8786.", metavar="ADDRESS")
+        str | None,
+        option(
+            "--scheduler",
+            "Address of a Dask cluster's scheduler, such as tcp://10.0.0.1:8786.",
+            metavar="ADDRESS",
+        ),
     ] = None
-    workers: Annotated[int | None, option("--workers", "Number of processes of this machine.", metavar="N", least=1)] = None
+    workers: Annotated[
+        int | None,
+        option("--workers", "Number of processes of this machine.", metavar="N", least=1),
+    ] = None

@@ -46,7 +46,9 @@ def begin(asked: Reporting) -> None:
         keep("started")
     except OSError as error:
         _CURRENT.set(Reporting())
-        raise ConfigError(f"--log: cannot write '{asked.log}': {error.strerror}; choose another file") from error
+        raise ConfigError(
+            f"--log: cannot write '{asked.log}': {error.strerror}; choose another file"
+        ) from error
 
 
 def keep(text: str) -> None:
@@ -54,4 +56,6 @@ def keep(text: str) -> None:
     if (path := current().log) is not None and text.strip():
         now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
         with path.open("a", encoding="utf-8") as file:
-            file.writelines(f"{now} {line.rstrip()}\n" for line in text.splitlines() if line.strip())
+            file.writelines(
+                f"{now} {line.rstrip()}\n" for line in text.splitlines() if line.strip()
+            )

@@ -44,7 +44,10 @@ class Settings:
             if isinstance(value, bool):
                 found.append(f"--{section}.{'' if value else 'no-'}{key}")
             else:
-                found += [f"--{section}.{key}={one}" for one in (value if isinstance(value, list) else [value])]
+                found += [
+                    f"--{section}.{key}={one}"
+                    for one in (value if isinstance(value, list) else [value])
+                ]
         return found
 
     def load(self, **sections: Mapping[str, object]) -> RunConfig:
@@ -61,12 +64,16 @@ class Settings:
             value = vars(self)[entry.name]
             if entry.metadata and value is not None:
                 *sections, key = entry.metadata["path"].split(".")
-                table = reduce(lambda within, section: within.setdefault(section, {}), sections, given)
+                table = reduce(
+                    lambda within, section: within.setdefault(section, {}), sections, given
+                )
                 table[key] = entry.metadata["read"](value)
         return load_config(self.file, given)
 
 
-def takes_settings(*paths: str, without: Collection[str] = (), short: str = "", file: bool = True) -> Callable[[_Command], _Command]:
+def takes_settings(
+    *paths: str, without: Collection[str] = (), short: str = "", file: bool = True
+) -> Callable[[_Command], _Command]:
     """Return the decorator that gives the parameter ``settings`` of a command the options of settings.
 
     Args:
@@ -75,17 +82,25 @@ def takes_settings(*paths: str, without: Collection[str] = (), short: str = "", 
         short: Section whose settings have their keys as short names, ``--depth`` for ``planner.depth``.
         file: Whether it has ``--config`` too.
     """
-    entries: list[tuple[str, Any, Any]] = [("config", ConfigFile, field(default=None))] if file else []
+    entries: list[tuple[str, Any, Any]] = (
+        [("config", ConfigFile, field(default=None))] if file else []
+    )
     known = dict(_settings(RunConfig))
     for wanted in paths:
-        assert any(f"{path}.".startswith(f"{wanted}.") for path in known), f"{wanted} is neither a section nor a setting"
+        assert any(f"{path}.".startswith(f"{wanted}.") for path in known), (
+            f"{wanted} is neither a section nor a setting"
+        )
     for path, setting in known.items():
         if path not in without and any(f"{path}.".startswith(f"{wanted}.") for wanted in paths):
             kind, read = _option_type(setting.annotation)
             entry = field(default=None, metadata={"path": path, "read": read})
-            entries.append((path.replace(".", "__"), Annotated[kind, _parameter(path, setting, short)], entry))
+            entries.append(
+                (path.replace(".", "__"), Annotated[kind, _parameter(path, setting, short)], entry)
+            )
     # cyclopts takes a class without a module of its own for one of Python's, which it does not look into
-    given = make_dataclass("GivenSettings", entries, bases=(Settings,), frozen=True, namespace={"__module__": __name__})
+    given = make_dataclass(
+        "GivenSettings", entries, bases=(Settings,), frozen=True, namespace={"__module__": __name__}
+    )
 
     def decorate(command: _Command) -> _Command:
         function = cast(FunctionType, command)
@@ -103,7 +118,9 @@ def remapped(pairs: list[str]) -> dict[str, str]:
         ConfigError: One is not such a pair, or an old name is given twice.
     """
     names = [pair.partition("=") for pair in pairs]
-    if not all(old and new for old, _, new in names) or len({old for old, _, _ in names}) < len(names):
+    if not all(old and new for old, _, new in names) or len({old for old, _, _ in names}) < len(
+        names
+    ):
         raise ConfigError(f"--remap: expected OLD=NEW, each old topic once, got {' '.join(pairs)}")
     return {old: new for old, _, new in names}
 
@@ -123,7 +140,9 @@ def _option_type(annotation: Any) -> tuple[Any, Callable[[Any], object]]:
 
     Switches and words are checked with the option; other text is checked by the settings' model, as a TOML file is.
     """
-    members = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
+    members = (
+        get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
+    )
     kinds = [member for member in members if member is not NoneType]
     (first, *others), origin = kinds, get_origin(kinds[0])
     if first is bool or (origin is Literal and not others):
@@ -159,7 +178,13 @@ def _parameter(path: str, setting: FieldInfo, short: str) -> Parameter:
 def _metavar(annotation: Any) -> str | None:
     """Return the form of a setting's value: of one number what it counts, of several that commas are between them; None for words."""
     text = str(annotation)
-    forms = (("tuple", "V1,V2,..."), ("Literal", None), ("float", "NUMBER"), ("int", "COUNT"), ("str", "TEXT"))
+    forms = (
+        ("tuple", "V1,V2,..."),
+        ("Literal", None),
+        ("float", "NUMBER"),
+        ("int", "COUNT"),
+        ("str", "TEXT"),
+    )
     return next((form for name, form in forms if name in text), None)
 
 

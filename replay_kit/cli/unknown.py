@@ -11,7 +11,12 @@ from cyclopts import Parameter
 from replay_kit.core.errors import ConfigError
 
 
-def refuse_unknown(command: Callable[..., object], words: Sequence[str], everywhere: Sequence[str], chain: Sequence[str]) -> None:
+def refuse_unknown(
+    command: Callable[..., object],
+    words: Sequence[str],
+    everywhere: Sequence[str],
+    chain: Sequence[str],
+) -> None:
     """Raise ConfigError for the first long option that a command does not have.
 
     Args:
@@ -20,13 +25,21 @@ def refuse_unknown(command: Callable[..., object], words: Sequence[str], everywh
         everywhere: Options that every command has.
         chain: Names of the command.
     """
-    given = [word.partition("=")[0] for word in takewhile(lambda word: word != "--", words) if word.startswith("--")]
+    given = [
+        word.partition("=")[0]
+        for word in takewhile(lambda word: word != "--", words)
+        if word.startswith("--")
+    ]
     known = {*option_names(command), *everywhere}
     # an underscore is the same as a hyphen
     unknown = next((name for name in given if name.replace("_", "-") not in known), None)
     if unknown is not None:
-        nearest = "".join(f" Did you mean {name}?" for name in get_close_matches(unknown, sorted(known), n=1))
-        raise ConfigError(f"Unknown option: {unknown}.{nearest} See {' '.join(('replay-kit', *chain))} --help.")
+        nearest = "".join(
+            f" Did you mean {name}?" for name in get_close_matches(unknown, sorted(known), n=1)
+        )
+        raise ConfigError(
+            f"Unknown option: {unknown}.{nearest} See {' '.join(('replay-kit', *chain))} --help."
+        )
 
 
 def option_names(owner: Any) -> Iterator[str]:

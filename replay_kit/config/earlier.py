@@ -16,7 +16,12 @@ _REMOVED = {
         "drift_depth": ("0.5", "drift is that of the current at 0.5 m"),
     },
     "forecast": {"level_step": ("1", "name the levels, as in levels = [0, 100, 300]")},
-    "gating": {"soften_factor": ("2.0", "a softened profile moves the estimate by two prior standard deviations")},
+    "gating": {
+        "soften_factor": (
+            "2.0",
+            "a softened profile moves the estimate by two prior standard deviations",
+        )
+    },
     "planner": {"flight_model": ("false", "a script plans with Glider(flight=fit_flight(...))")},
 }
 
@@ -33,7 +38,9 @@ def refuse_earlier(tables: Mapping[str, Any], path: Path | None) -> None:
     """
     if "trust" in tables:
         keys = ", ".join(f"{old} is {new}" for old, new in _RENAMED.items())
-        raise ConfigError(f"{path}: the table [trust] is now called [gating], and of its keys {keys}; rename them")
+        raise ConfigError(
+            f"{path}: the table [trust] is now called [gating], and of its keys {keys}; rename them"
+        )
     for name, removed in _REMOVED.items():
         table: Any = tables
         for part in name.split("."):
@@ -56,7 +63,9 @@ def with_current_keys(toml: str) -> str:
 def _current(table: str) -> str:
     """Return a table, as TOML with its heading, with current names."""
     if table.startswith("[trust]\n"):
-        table = re.sub(r"(?m)^\w+(?= =)", lambda key: _RENAMED.get(key[0], key[0]), table).replace("[trust]", "[gating]", 1)
+        table = re.sub(r"(?m)^\w+(?= =)", lambda key: _RENAMED.get(key[0], key[0]), table).replace(
+            "[trust]", "[gating]", 1
+        )
     name = table.partition("]")[0].removeprefix("[")
     for key, (value, _) in _REMOVED.get(name, {}).items():
         table = re.sub(rf"(?m)^{key} = {re.escape(value)}\n", "", table)

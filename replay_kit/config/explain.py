@@ -11,10 +11,19 @@ from pydantic import BaseModel, ValidationError
 # Errors that are named one by one, and a value in them: a file may hold millions, or one that is nested a thousand deep.
 _MOST = 20
 _SHORT = reprlib.Repr()
-_SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxdict, _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlong = 4, 20, 20, 200, 200, 200
+(
+    _SHORT.maxlevel,
+    _SHORT.maxlist,
+    _SHORT.maxdict,
+    _SHORT.maxstring,
+    _SHORT.maxother,
+    _SHORT.maxlong,
+) = 4, 20, 20, 200, 200, 200
 
 
-def explain(error: ValidationError, model: type[BaseModel], path: Path | None, options: Mapping[str, Any]) -> str:
+def explain(
+    error: ValidationError, model: type[BaseModel], path: Path | None, options: Mapping[str, Any]
+) -> str:
     """Return what is wrong with a configuration: each key with its value, and the known keys where one is unknown.
 
     Args:
@@ -33,7 +42,9 @@ def explain(error: ValidationError, model: type[BaseModel], path: Path | None, o
         else:
             said, got = item["msg"].removeprefix("Value error, "), _SHORT.repr(item["input"])
             line = f"'{key}': {said}" if said.startswith(got) else f"'{key}': {said}, got {got}"
-        found["options" if path is None or _is_given(options, item["loc"]) else str(path)].append(line)
+        found["options" if path is None or _is_given(options, item["loc"]) else str(path)].append(
+            line
+        )
     more = [f"and {len(errors) - _MOST} more"] if len(errors) > _MOST else []
     return "; ".join([*(f"{origin}: {'; '.join(lines)}" for origin, lines in found.items()), *more])
 
@@ -45,7 +56,11 @@ def _is_given(options: Mapping[str, Any], location: tuple[int | str, ...]) -> bo
         if not isinstance(value, Mapping):
             break
         value = value.get(str(part))
-    return any(part is not None for part in value.values()) if isinstance(value, Mapping) else value is not None
+    return (
+        any(part is not None for part in value.values())
+        if isinstance(value, Mapping)
+        else value is not None
+    )
 
 
 def _known_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
@@ -53,7 +68,11 @@ def _known_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list
     for part in location:
         if isinstance(part, int) or part not in model.model_fields:
             continue
-        found = [kind for kind in _models_in(model.model_fields[part].annotation) if _is_kind(kind, location)]
+        found = [
+            kind
+            for kind in _models_in(model.model_fields[part].annotation)
+            if _is_kind(kind, location)
+        ]
         if not found:
             break
         model = found[0]

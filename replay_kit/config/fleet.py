@@ -25,15 +25,26 @@ class MissionEntry(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     name: Annotated[str, Field(pattern=r"^[\w][\w. -]*$")] | None = Field(
-        default=None, description="Name of the result. Default: that of the first log, without its ending."
+        default=None,
+        description="Name of the result. Default: that of the first log, without its ending.",
     )
     logs: _Files | None = Field(default=None, description="Logs of one mission.")
-    each: _Files | None = Field(default=None, description="Patterns of logs, each of which is a mission of its own.")
-    ensemble: _Files | None = Field(default=None, description="Ensemble forecast: files, stores, folders or patterns.")
-    goal: tuple[float, float, float] | None = Field(default=None, description="Longitude, latitude [degrees], depth [m] to plan for.")
-    truth: str | None = Field(default=None, description="Known truth to score against, FILE or FILE#member.")
+    each: _Files | None = Field(
+        default=None, description="Patterns of logs, each of which is a mission of its own."
+    )
+    ensemble: _Files | None = Field(
+        default=None, description="Ensemble forecast: files, stores, folders or patterns."
+    )
+    goal: tuple[float, float, float] | None = Field(
+        default=None, description="Longitude, latitude [degrees], depth [m] to plan for."
+    )
+    truth: str | None = Field(
+        default=None, description="Known truth to score against, FILE or FILE#member."
+    )
     config: str | None = Field(default=None, description="File of settings.")
-    settings: Mapping[str, Any] = Field(default_factory=dict, description="Settings over those of the file, as tables.")
+    settings: Mapping[str, Any] = Field(
+        default_factory=dict, description="Settings over those of the file, as tables."
+    )
 
 
 class FleetTable(BaseModel):
@@ -41,7 +52,9 @@ class FleetTable(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
-    all: MissionEntry = Field(default_factory=MissionEntry, description="What all missions have unless they state it.")
+    all: MissionEntry = Field(
+        default_factory=MissionEntry, description="What all missions have unless they state it."
+    )
     mission: tuple[MissionEntry, ...] = Field(min_length=1, description="The missions.")
 
     @model_validator(mode="after")
@@ -50,7 +63,9 @@ class FleetTable(BaseModel):
             if (entry.logs is None) == (entry.each is None):
                 raise ValueError(f"mission {number}: expected one of logs and each")
             if entry.each is not None and entry.name is not None:
-                raise ValueError(f"mission {number}: each log of 'each' has its own name; leave name {entry.name} out")
+                raise ValueError(
+                    f"mission {number}: each log of 'each' has its own name; leave name {entry.name} out"
+                )
         if self.all.name or self.all.logs or self.all.each:
             raise ValueError("[all] has no name, logs or each; these are a mission's own")
         return self

@@ -15,8 +15,19 @@ class GatingConfig(BaseModel):
         description="treatment of a profile that exceeds the gate; soften bounds how far any profile may move the estimate",
     )
     gate_probability: float = Field(
-        default=1e-5, gt=0.0, lt=0.5, description="probability that a profile with sound errors exceeds the gate"
+        default=1e-5,
+        gt=0.0,
+        lt=0.5,
+        description="probability that a profile with sound errors exceeds the gate",
     )
-    adapt_errors: bool = Field(default=True, description="increase a profile's errors to those that the scatter of its own bins shows")
-    inflate: bool = Field(default=True, description="inflate the estimate's covariance when most profiles lie outside its prediction")
-    inflation_profiles: int = Field(default=20, ge=4, description="number of latest profiles on which the inflation is decided")
+    adapt_errors: bool = Field(
+        default=True,
+        description="increase a profile's errors to those that the scatter of its own bins shows",
+    )
+    inflate: bool = Field(
+        default=True,
+        description="inflate the estimate's covariance when most profiles lie outside its prediction",
+    )
+    inflation_profiles: int = Field(
+        default=20, ge=4, description="number of latest profiles on which the inflation is decided"
+    )

@@ -19,23 +19,38 @@ DepthUnit = Literal["m", "dm", "cm", "mm", "dbar", "bar", "Pa", "hPa", "kPa"]
 class _Map(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
-    topic: str = Field(min_length=1, description="Topic whose messages are read in this way, whatever their schema.")
+    topic: str = Field(
+        min_length=1,
+        description="Topic whose messages are read in this way, whatever their schema.",
+    )
     name: str | None = Field(
-        default=None, description="Read only messages whose field 'name' is this one, on topics that carry several things under names."
+        default=None,
+        description="Read only messages whose field 'name' is this one, on topics that carry several things under names.",
     )
-    depth: Path | None = Field(default=None, description="Path of the vehicle's depth, height or pressure.")
-    depth_unit: DepthUnit = Field(default="m", description="Unit of depth; a unit of pressure makes it a pressure.")
+    depth: Path | None = Field(
+        default=None, description="Path of the vehicle's depth, height or pressure."
+    )
+    depth_unit: DepthUnit = Field(
+        default="m", description="Unit of depth; a unit of pressure makes it a pressure."
+    )
     depth_positive: Literal["down", "up"] = Field(
-        default="down", description="Direction in which depth increases; without effect on a pressure."
+        default="down",
+        description="Direction in which depth increases; without effect on a pressure.",
     )
-    depth_absolute: bool = Field(default=False, description="Whether a pressure includes that of the atmosphere, 1013.25 hPa.")
+    depth_absolute: bool = Field(
+        default=False,
+        description="Whether a pressure includes that of the atmosphere, 1013.25 hPa.",
+    )
 
 
 class _PlaceMap(_Map):
     longitude: Path | None = None
     latitude: Path | None = None
     angle_unit: AngleUnit = "deg"
-    dead_reckoned: bool = Field(default=False, description="Whether the position was computed by dead reckoning, not measured.")
+    dead_reckoned: bool = Field(
+        default=False,
+        description="Whether the position was computed by dead reckoning, not measured.",
+    )
 
 
 class _CurrentMap(_PlaceMap):
@@ -51,7 +66,9 @@ class _CurrentMap(_PlaceMap):
     def _joined(self) -> Self:
         stated = {"name": self.name, "depth": self.depth, "longitude": self.longitude}
         if self.join_within is not None and any(value is not None for value in stated.values()):
-            raise ValueError(f"join_within takes messages of one component alone; leave out {', '.join(stated)} and latitude")
+            raise ValueError(
+                f"join_within takes messages of one component alone; leave out {', '.join(stated)} and latitude"
+            )
         return self
 
 
@@ -77,34 +94,57 @@ class ProfileMap(_CurrentMap):
     reference: Literal["earth", "platform", "unknown"] = Field(
         description="What the velocities are relative to; there is no default, and with unknown they are not used."
     )
-    frame: Literal["enu", "ned", "ship", "instrument", "beam"] = Field(description="Frame of the velocity components, in this order.")
-    velocity: Path | None = Field(default=None, description="Path of the components, cell after cell, as lists of lists or flat.")
-    components: int | None = Field(default=None, ge=2, description="Number of components per cell, when velocity is flat.")
+    frame: Literal["enu", "ned", "ship", "instrument", "beam"] = Field(
+        description="Frame of the velocity components, in this order."
+    )
+    velocity: Path | None = Field(
+        default=None,
+        description="Path of the components, cell after cell, as lists of lists or flat.",
+    )
+    components: int | None = Field(
+        default=None, ge=2, description="Number of components per cell, when velocity is flat."
+    )
     east: Path | None = Field(
-        default=None, description="Path of the eastward velocity, one number per cell; with north instead of velocity."
+        default=None,
+        description="Path of the eastward velocity, one number per cell; with north instead of velocity.",
     )
     north: Path | None = None
     speed_unit: SpeedUnit = "m/s"
-    velocity_std: Annotated[float, Field(gt=0.0)] | None = Field(default=None, description="Standard error of each component [m/s].")
-    missing: tuple[float, ...] = Field(default=(), description="Numbers in the message that mark a missing velocity, such as -32768.")
+    velocity_std: Annotated[float, Field(gt=0.0)] | None = Field(
+        default=None, description="Standard error of each component [m/s]."
+    )
+    missing: tuple[float, ...] = Field(
+        default=(),
+        description="Numbers in the message that mark a missing velocity, such as -32768.",
+    )
     depths: Path | None = Field(
-        default=None, description="Path of the depths of the cells' centres below the surface; depth_positive applies to them."
+        default=None,
+        description="Path of the depths of the cells' centres below the surface; depth_positive applies to them.",
     )
     distances: Path | None = Field(
-        default=None, description="Path of the distances of the cells' centres from the instrument, instead of depths."
+        default=None,
+        description="Path of the distances of the cells' centres from the instrument, instead of depths.",
     )
     cell_size: float | Path | None = Field(
-        default=None, description="Size of the cells, a number or a path; with first_cell instead of depths and distances."
+        default=None,
+        description="Size of the cells, a number or a path; with first_cell instead of depths and distances.",
     )
     first_cell: float | Path | None = Field(
-        default=None, description="Distance from the instrument to the centre of the first cell, a number or a path."
+        default=None,
+        description="Distance from the instrument to the centre of the first cell, a number or a path.",
     )
-    distance_unit: LengthUnit = Field(default="m", description="Unit of depths, distances, cell_size and first_cell.")
-    orientation: Literal["down", "up"] = Field(default="down", description="Direction in which the instrument looks.")
+    distance_unit: LengthUnit = Field(
+        default="m", description="Unit of depths, distances, cell_size and first_cell."
+    )
+    orientation: Literal["down", "up"] = Field(
+        default="down", description="Direction in which the instrument looks."
+    )
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        if (self.velocity is None) == (self.east is None) or (self.east is None) != (self.north is None):
+        if (self.velocity is None) == (self.east is None) or (self.east is None) != (
+            self.north is None
+        ):
             raise ValueError("give velocity, or east and north")
         if (self.longitude is None) != (self.latitude is None):
             raise ValueError("give longitude and latitude, or neither")
@@ -113,7 +153,9 @@ class ProfileMap(_CurrentMap):
         given = [value is not None for value in (self.depths, self.distances, self.cell_size)]
         if sum(given) != 1 or (self.cell_size is None) != (self.first_cell is None):
             raise ValueError("give one of depths, distances, or cell_size with first_cell")
-        if self.join_within is not None and (self.east is None or self.depths is not None or self.distances is not None):
+        if self.join_within is not None and (
+            self.east is None or self.depths is not None or self.distances is not None
+        ):
             raise ValueError("join_within needs east and north, with cell_size and first_cell")
         if self.depths is not None and self.depth is not None:
             raise ValueError("depths are below the surface; leave out depth, or give distances")
@@ -133,30 +175,46 @@ class VelocityMap(_CurrentMap):
     east: Path
     north: Path
     speed_unit: SpeedUnit = "m/s"
-    velocity_std: Annotated[float, Field(gt=0.0)] | None = Field(default=None, description="Standard error of each component [m/s].")
-    missing: tuple[float, ...] = Field(default=(), description="Numbers in the message that mark a missing velocity, such as -32768.")
+    velocity_std: Annotated[float, Field(gt=0.0)] | None = Field(
+        default=None, description="Standard error of each component [m/s]."
+    )
+    missing: tuple[float, ...] = Field(
+        default=(),
+        description="Numbers in the message that mark a missing velocity, such as -32768.",
+    )
     at_depth: Annotated[float, Field(ge=0.0)] | None = Field(
-        default=None, description="Depth of the measurement, where the message does not state it [m]."
+        default=None,
+        description="Depth of the measurement, where the message does not state it [m].",
     )
     distance: Annotated[float, Field(ge=0.0)] | None = Field(
-        default=None, description="Distance of the measurement from the vehicle, as of one cell of its ADCP [m]."
+        default=None,
+        description="Distance of the measurement from the vehicle, as of one cell of its ADCP [m].",
     )
     orientation: Literal["down", "up"] = Field(default="down", description="Direction of distance.")
     place: tuple[float, float] | None = Field(
-        default=None, description="Longitude and latitude of an instrument that does not move [degrees]."
+        default=None,
+        description="Longitude and latitude of an instrument that does not move [degrees].",
     )
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        if (self.longitude is None) != (self.latitude is None) or (self.longitude is not None and self.place is not None):
+        if (self.longitude is None) != (self.latitude is None) or (
+            self.longitude is not None and self.place is not None
+        ):
             raise ValueError("give longitude and latitude, or place, or neither")
         if self.depth is not None and self.at_depth is not None:
             raise ValueError("give depth or at_depth, not both")
-        if self.distance is not None and (self.elsewhere or self.depth is not None or self.at_depth is not None):
-            raise ValueError("distance is counted from the vehicle; leave out depth, at_depth and the place")
+        if self.distance is not None and (
+            self.elsewhere or self.depth is not None or self.at_depth is not None
+        ):
+            raise ValueError(
+                "distance is counted from the vehicle; leave out depth, at_depth and the place"
+            )
         if self.elsewhere and (self.depth is None) == (self.at_depth is None):
             raise ValueError("a velocity with a place of its own needs depth or at_depth")
-        if self.place is not None and not (-180.0 <= self.place[0] <= 360.0 and abs(self.place[1]) <= 90.0):
+        if self.place is not None and not (
+            -180.0 <= self.place[0] <= 360.0 and abs(self.place[1]) <= 90.0
+        ):
             raise ValueError("place is no longitude and latitude")
         return self
 

@@ -26,33 +26,62 @@ class PlannerConfig(BaseModel):
         "interval without one.",
     )
     speed: float = Field(default=0.3, gt=0.0, description="Speed through water [m/s].")
-    tolerance: float = Field(default=250.0, gt=0.0, description="Distance from the goal within which it is reached [m].")
-    interval: float = Field(default=43200.0, gt=0.0, description="Log time between plans [s]; a very large number plans at the end only.")
-    max_duration: float = Field(default=432000.0, gt=0.0, description="Longest glide or mission considered [s].")
+    tolerance: float = Field(
+        default=250.0, gt=0.0, description="Distance from the goal within which it is reached [m]."
+    )
+    interval: float = Field(
+        default=43200.0,
+        gt=0.0,
+        description="Log time between plans [s]; a very large number plans at the end only.",
+    )
+    max_duration: float = Field(
+        default=432000.0, gt=0.0, description="Longest glide or mission considered [s]."
+    )
     depth: float = Field(default=500.0, gt=0.0, description="Depth of a mission's dives [m].")
     max_depth: float | None = Field(
         default=None,
         gt=0.0,
         description="Greatest depth of the vehicle [m]; deeper dives and goals are refused. Default: none.",
     )
-    dives: int = Field(default=1, ge=1, description="Number of a mission's dives between surfacings; heading and glide angle are held.")
-    surface_time: float = Field(default=0.0, ge=0.0, description="Time that a mission drifts at each surfacing [s].")
-    legs: int | None = Field(
-        default=None, ge=1, description="Number of surfacings of a mission, from its first plan on. Default: the best number."
+    dives: int = Field(
+        default=1,
+        ge=1,
+        description="Number of a mission's dives between surfacings; heading and glide angle are held.",
     )
-    max_legs: int = Field(default=60, ge=1, description="Largest number of surfacings of a mission considered.")
+    surface_time: float = Field(
+        default=0.0, ge=0.0, description="Time that a mission drifts at each surfacing [s]."
+    )
+    legs: int | None = Field(
+        default=None,
+        ge=1,
+        description="Number of surfacings of a mission, from its first plan on. Default: the best number.",
+    )
+    max_legs: int = Field(
+        default=60, ge=1, description="Largest number of surfacings of a mission considered."
+    )
     objective: ObjectiveName = Field(default="time", description="What a mission minimises.")
-    min_angle: float = Field(default=15.0, gt=0.0, lt=90.0, description="Shallowest glide angle of a mission [degrees].")
-    max_angle: float = Field(default=35.0, gt=0.0, lt=90.0, description="Steepest glide angle of a mission [degrees].")
-    margin: float = Field(default=50.0, ge=0.0, description="Distance that a mission keeps from land, shallows and no-go areas [m].")
+    min_angle: float = Field(
+        default=15.0, gt=0.0, lt=90.0, description="Shallowest glide angle of a mission [degrees]."
+    )
+    max_angle: float = Field(
+        default=35.0, gt=0.0, lt=90.0, description="Steepest glide angle of a mission [degrees]."
+    )
+    margin: float = Field(
+        default=50.0,
+        ge=0.0,
+        description="Distance that a mission keeps from land, shallows and no-go areas [m].",
+    )
     bathymetry: Annotated[str | None, Option("--bathymetry", "FILE.nc")] = Field(
-        default=None, description="Depth of the bottom on a grid, above which a mission's dives turn and a glide ends; NetCDF."
+        default=None,
+        description="Depth of the bottom on a grid, above which a mission's dives turn and a glide ends; NetCDF.",
     )
     clearance: Annotated[float, Option("--clearance")] = Field(
         default=20.0, ge=0.0, description="Least height of a plan above the bottom [m]."
     )
     flow_step: float = Field(
-        default=43200.0, gt=0.0, description="Time between the estimates that a mission is planned on where the current changes [s]."
+        default=43200.0,
+        gt=0.0,
+        description="Time between the estimates that a mission is planned on where the current changes [s].",
     )
     samples: int = Field(
         default=0,
@@ -65,7 +94,9 @@ class PlannerConfig(BaseModel):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if self.min_angle > self.max_angle:
-            raise ValueError(f"min_angle {self.min_angle:g} is above max_angle {self.max_angle:g}; give them in order")
+            raise ValueError(
+                f"min_angle {self.min_angle:g} is above max_angle {self.max_angle:g}; give them in order"
+            )
         if 0 < self.samples < 3:
             raise ValueError(f"samples: an ellipse needs three or more, got {self.samples}")
         return self
@@ -92,5 +123,9 @@ class PlannerConfig(BaseModel):
             return self
         if not of_glider:
             return self.model_copy(update={"kind": "glide"})
-        depth = self.depth if "depth" in self.model_fields_set else min(max(self.depth, goal_depth), deepest, self.depth_limit)
+        depth = (
+            self.depth
+            if "depth" in self.model_fields_set
+            else min(max(self.depth, goal_depth), deepest, self.depth_limit)
+        )
         return self.model_copy(update={"kind": "mission", "depth": depth})

@@ -20,16 +20,27 @@ def _none_is_off(value: float | None) -> float | str:
 
 
 _Limit = Annotated[
-    Annotated[float, Field(ge=0.0)] | None, BeforeValidator(_off_is_none), PlainSerializer(_none_is_off, return_type=float | str)
+    Annotated[float, Field(ge=0.0)] | None,
+    BeforeValidator(_off_is_none),
+    PlainSerializer(_none_is_off, return_type=float | str),
 ]
 # units of the tests for values below their limits, and of those for values above them
-_LEAST = {"correlation": "%", "nortek_correlation": "%", "amplitude": "dB", "snr": "dB", "percent_good": "%"}
+_LEAST = {
+    "correlation": "%",
+    "nortek_correlation": "%",
+    "amplitude": "dB",
+    "snr": "dB",
+    "percent_good": "%",
+}
 _MOST = {"error_velocity": "m/s", "speed": "m/s", "tilt": "degrees", "outlier": "median deviations"}
 
 
 def _limit(quantity: str, side: str, unit: str, default: float | None, note: str = "") -> Any:
     """Return the setting of a threshold; its name says whether a bin beyond it is suspect or fails."""
-    return Field(default=default, description=f"{quantity} {side} which a bin is flagged [{unit}]{note and '; '}{note}.")
+    return Field(
+        default=default,
+        description=f"{quantity} {side} which a bin is flagged [{unit}]{note and '; '}{note}.",
+    )
 
 
 class QualityConfig(BaseModel):
@@ -38,49 +49,138 @@ class QualityConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     use_suspect: bool = Field(default=True, description="Use suspect bins; off makes them fail.")
-    correlation_suspect: _Limit = _limit("Correlation", "below", "%", None, "Teledyne states one threshold only")
-    correlation_fail: _Limit = _limit("Correlation of the third best beam", "below", "%", 25.0, "Teledyne's WC, 64 of 255 counts")
-    nortek_correlation_suspect: _Limit = _limit("Correlation", "below", "%", None, "for pings whose attitude_convention is nortek")
-    nortek_correlation_fail: _Limit = _limit("Correlation of the third best beam", "below", "%", 50.0, "for such pings; Nortek's own limit")
-    amplitude_suspect: _Limit = _limit("Amplitude", "below", "dB", None, "what is low depends on the instrument")
-    amplitude_fail: _Limit = _limit(
-        "Amplitude of the third best beam", "below", "dB", 10.0, "below the noise of every receiver, a dead channel"
+    correlation_suspect: _Limit = _limit(
+        "Correlation", "below", "%", None, "Teledyne states one threshold only"
     )
-    snr_suspect: _Limit = _limit("Signal-to-noise ratio of the third best beam", "below", "dB", 6.0, "for pings with snr or noise_floor")
-    snr_fail: _Limit = _limit("Signal-to-noise ratio of the third best beam", "below", "dB", 3.0, "where manufacturers end the range")
-    percent_good_suspect: _Limit = _limit("Share of three- and four-beam solutions", "below", "%", 50.0)
-    percent_good_fail: _Limit = _limit("Share of three- and four-beam solutions", "below", "%", 25.0)
-    error_velocity_suspect: _Limit = _limit("Error velocity", "above", "m/s", 0.8, "usual for single pings")
+    correlation_fail: _Limit = _limit(
+        "Correlation of the third best beam", "below", "%", 25.0, "Teledyne's WC, 64 of 255 counts"
+    )
+    nortek_correlation_suspect: _Limit = _limit(
+        "Correlation", "below", "%", None, "for pings whose attitude_convention is nortek"
+    )
+    nortek_correlation_fail: _Limit = _limit(
+        "Correlation of the third best beam",
+        "below",
+        "%",
+        50.0,
+        "for such pings; Nortek's own limit",
+    )
+    amplitude_suspect: _Limit = _limit(
+        "Amplitude", "below", "dB", None, "what is low depends on the instrument"
+    )
+    amplitude_fail: _Limit = _limit(
+        "Amplitude of the third best beam",
+        "below",
+        "dB",
+        10.0,
+        "below the noise of every receiver, a dead channel",
+    )
+    snr_suspect: _Limit = _limit(
+        "Signal-to-noise ratio of the third best beam",
+        "below",
+        "dB",
+        6.0,
+        "for pings with snr or noise_floor",
+    )
+    snr_fail: _Limit = _limit(
+        "Signal-to-noise ratio of the third best beam",
+        "below",
+        "dB",
+        3.0,
+        "where manufacturers end the range",
+    )
+    percent_good_suspect: _Limit = _limit(
+        "Share of three- and four-beam solutions", "below", "%", 50.0
+    )
+    percent_good_fail: _Limit = _limit(
+        "Share of three- and four-beam solutions", "below", "%", 25.0
+    )
+    error_velocity_suspect: _Limit = _limit(
+        "Error velocity", "above", "m/s", 0.8, "usual for single pings"
+    )
     error_velocity_fail: _Limit = _limit("Error velocity", "above", "m/s", 2.0, "Teledyne's WE")
-    speed_suspect: _Limit = _limit("Speed over the ground", "above", "m/s", 3.0, "few ocean currents are faster")
-    speed_fail: _Limit = _limit("Speed over the ground", "above", "m/s", None, "measurements.max_speed fails a component in any case")
-    tilt_suspect: _Limit = _limit("Tilt", "above", "degrees from the vertical", 15.0, "not for vehicles that dive, which tilt to glide")
-    tilt_fail: _Limit = _limit("Tilt", "above", "degrees from the vertical", 30.0, "the limit of Nortek's tilt sensor and bin mapping")
-    sidelobe: bool = Field(default=True, description="Fail bins that are contaminated by the side lobes' echo from the surface.")
+    speed_suspect: _Limit = _limit(
+        "Speed over the ground", "above", "m/s", 3.0, "few ocean currents are faster"
+    )
+    speed_fail: _Limit = _limit(
+        "Speed over the ground",
+        "above",
+        "m/s",
+        None,
+        "measurements.max_speed fails a component in any case",
+    )
+    tilt_suspect: _Limit = _limit(
+        "Tilt",
+        "above",
+        "degrees from the vertical",
+        15.0,
+        "not for vehicles that dive, which tilt to glide",
+    )
+    tilt_fail: _Limit = _limit(
+        "Tilt",
+        "above",
+        "degrees from the vertical",
+        30.0,
+        "the limit of Nortek's tilt sensor and bin mapping",
+    )
+    sidelobe: bool = Field(
+        default=True,
+        description="Fail bins that are contaminated by the side lobes' echo from the surface.",
+    )
     beam_angle: float = Field(
         default=20.0,
         gt=0.0,
         lt=90.0,
         description="Angle of the beams from the instrument's axis in pings without beam_unit_vectors [degrees].",
     )
-    outlier_suspect: _Limit = _limit("Deviation from the neighbouring bins", "above", "median deviations, as standard deviations", 4.0)
-    outlier_fail: _Limit = _limit("Deviation from the neighbouring bins", "above", "median deviations, as standard deviations", 6.0)
-    outlier_window: int = Field(default=7, ge=5, le=99, description="Number of bins in the window whose middle one is tested.")
+    outlier_suspect: _Limit = _limit(
+        "Deviation from the neighbouring bins",
+        "above",
+        "median deviations, as standard deviations",
+        4.0,
+    )
+    outlier_fail: _Limit = _limit(
+        "Deviation from the neighbouring bins",
+        "above",
+        "median deviations, as standard deviations",
+        6.0,
+    )
+    outlier_window: int = Field(
+        default=7,
+        ge=5,
+        le=99,
+        description="Number of bins in the window whose middle one is tested.",
+    )
     outlier_floor: float = Field(
-        default=0.1, gt=0.0, description="Least median deviation [m/s], in addition to the bin's own error, so that smooth profiles pass."
+        default=0.1,
+        gt=0.0,
+        description="Least median deviation [m/s], in addition to the bin's own error, so that smooth profiles pass.",
     )
     at_surface: Literal["off", "suspect", "fail"] = Field(
-        default="suspect", description="Treatment of pings above measurements.surface_depth from a vehicle that dives."
+        default="suspect",
+        description="Treatment of pings above measurements.surface_depth from a vehicle that dives.",
     )
-    leg: float = Field(default=10.0, gt=0.0, description="Change of depth that makes a turn, and least length of a leg [m].")
-    gap: float = Field(default=3600.0, gt=0.0, description="Longest time without a depth within a leg [s].")
+    leg: float = Field(
+        default=10.0,
+        gt=0.0,
+        description="Change of depth that makes a turn, and least length of a leg [m].",
+    )
+    gap: float = Field(
+        default=3600.0, gt=0.0, description="Longest time without a depth within a leg [s]."
+    )
 
     @model_validator(mode="after")
     def _suspect_comes_first(self) -> Self:
         for name in (*_LEAST, *_MOST):
             suspect, fail = self.limits(name)
-            if suspect is not None and fail is not None and (suspect < fail if name in _LEAST else suspect > fail):
-                raise ValueError(f"{name}_suspect {suspect:g} is beyond {name}_fail {fail:g}; a bin is suspect before it fails")
+            if (
+                suspect is not None
+                and fail is not None
+                and (suspect < fail if name in _LEAST else suspect > fail)
+            ):
+                raise ValueError(
+                    f"{name}_suspect {suspect:g} is beyond {name}_fail {fail:g}; a bin is suspect before it fails"
+                )
         return self
 
     def limits(self, name: str) -> tuple[float | None, float | None]:
@@ -90,5 +190,7 @@ class QualityConfig(BaseModel):
     def limits_in_words(self, name: str) -> tuple[str, str]:
         """Return the thresholds of a test with their sign and unit, suspect and fail; empty where it has none."""
         sign, unit = ("<", _LEAST[name]) if name in _LEAST else (">", _MOST[name])
-        suspect, fail = ("" if limit is None else f"{sign} {limit:g} {unit}" for limit in self.limits(name))
+        suspect, fail = (
+            "" if limit is None else f"{sign} {limit:g} {unit}" for limit in self.limits(name)
+        )
         return suspect, fail

@@ -8,7 +8,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_serializer,
+    field_validator,
+    model_validator,
+)
 
 from replay_kit.config import without
 from replay_kit.config.consistency import ConsistencyConfig
@@ -42,15 +50,25 @@ class LogConfig(_Section):
         default="log", description="Time stamp that orders the replay."
     )
     system: int | None = Field(
-        default=None, ge=0, le=255, description="MAVLink system to read; required for a log with positions of several systems."
+        default=None,
+        ge=0,
+        le=255,
+        description="MAVLink system to read; required for a log with positions of several systems.",
     )
-    start: Annotated[Moment | None, Option("--start", "TIME")] = Field(default=None, description="First time used, ISO 8601 UTC.")
-    end: Annotated[Moment | None, Option("--end", "TIME")] = Field(default=None, description="Last time used, ISO 8601 UTC.")
+    start: Annotated[Moment | None, Option("--start", "TIME")] = Field(
+        default=None, description="First time used, ISO 8601 UTC."
+    )
+    end: Annotated[Moment | None, Option("--end", "TIME")] = Field(
+        default=None, description="Last time used, ISO 8601 UTC."
+    )
     reorder_window: float = Field(
-        default=1.0, ge=0.0, description="Largest delay at which a message is still sorted in [s]; later ones are counted and left out."
+        default=1.0,
+        ge=0.0,
+        description="Largest delay at which a message is still sorted in [s]; later ones are counted and left out.",
     )
     remap: Annotated[dict[str, str], Option("--remap", "OLD=NEW")] = Field(
-        default_factory=dict, description="New names of topics, by their old names; the option may be repeated."
+        default_factory=dict,
+        description="New names of topics, by their old names; the option may be repeated.",
     )
 
     @model_validator(mode="after")
@@ -74,22 +92,34 @@ class MeasurementConfig(_Section):
     """``[measurements]``: how messages become observations."""
 
     position_max_age: float = Field(
-        default=600.0, gt=0.0, description="Longest time from a ping to the nearest fix [s]; a farther ping is used in a dive only."
+        default=600.0,
+        gt=0.0,
+        description="Longest time from a ping to the nearest fix [s]; a farther ping is used in a dive only.",
     )
     position_max_gap: float = Field(
-        default=86400.0, gt=0.0, description="Longest time between the positions about a dive, from which its pings are placed [s]."
+        default=86400.0,
+        gt=0.0,
+        description="Longest time between the positions about a dive, from which its pings are placed [s].",
     )
-    surface_depth: float = Field(default=3.0, gt=0.0, description="Depth above which the vehicle is at the surface [m].")
+    surface_depth: float = Field(
+        default=3.0, gt=0.0, description="Depth above which the vehicle is at the surface [m]."
+    )
     velocity_std: float = Field(
-        default=0.09, gt=0.0, description="Standard error of each velocity component of a bin whose message states none [m/s]."
+        default=0.09,
+        gt=0.0,
+        description="Standard error of each velocity component of a bin whose message states none [m/s].",
     )
     reference: Literal["earth", "platform"] | None = Field(
         default=None,
         description="What the velocities are relative to in profiles whose message does not state it; without it these are not used.",
     )
-    use_relative: bool = Field(default=True, description="Use profiles relative to a platform of unknown velocity, for their shear.")
+    use_relative: bool = Field(
+        default=True,
+        description="Use profiles relative to a platform of unknown velocity, for their shear.",
+    )
     use_inverted: bool = Field(
-        default=True, description="Use profiles that were computed from a dive's pings and depth-averaged current instead of these."
+        default=True,
+        description="Use profiles that were computed from a dive's pings and depth-averaged current instead of these.",
     )
     flight_bias: bool = Field(
         default=True,
@@ -102,22 +132,32 @@ class MeasurementConfig(_Section):
         "dives whose log states none.",
     )
     dac_std: float = Field(
-        default=0.02, gt=0.0, description="Standard error of a depth-averaged current that states none [m/s], beside that of its fixes."
+        default=0.02,
+        gt=0.0,
+        description="Standard error of a depth-averaged current that states none [m/s], beside that of its fixes.",
     )
     use_drift: bool = Field(
-        default=False, description="Use the drift between fixes at the surface as a current; not for vehicles under power."
+        default=False,
+        description="Use the drift between fixes at the surface as a current; not for vehicles under power.",
     )
     drift_std: float = Field(
-        default=0.07, gt=0.0, description="Standard error of such a drift caused by the wind [m/s], in addition to that of its fixes."
+        default=0.07,
+        gt=0.0,
+        description="Standard error of such a drift caused by the wind [m/s], in addition to that of its fixes.",
     )
     water_track_distance: Annotated[float, Field(ge=0.0)] | None = Field(
-        default=None, description="Distance of a DVL's water-track layer below the vehicle [m], which its message does not state."
+        default=None,
+        description="Distance of a DVL's water-track layer below the vehicle [m], which its message does not state.",
     )
     fix_std: float = Field(
-        default=20.0, gt=0.0, description="Standard error of each component of a fix [m], in mean currents between fixes."
+        default=20.0,
+        gt=0.0,
+        description="Standard error of each component of a fix [m], in mean currents between fixes.",
     )
     correlation_depth: float = Field(
-        default=0.0, ge=0.0, description="E-folding distance of the correlation of the errors within a ping that states none [m]."
+        default=0.0,
+        ge=0.0,
+        description="E-folding distance of the correlation of the errors within a ping that states none [m].",
     )
     without: Annotated[tuple[str, ...], Option("--without", "WHAT,...")] = Field(
         default=(),
@@ -125,11 +165,15 @@ class MeasurementConfig(_Section):
         "dives:3-5; what was computed from them before the log was written stays.",
     )
     map: tuple[TopicMap, ...] = Field(
-        default=(), description="How to read topics that no known kind covers; replay-kit info --suggest writes a first version."
+        default=(),
+        description="How to read topics that no known kind covers; replay-kit info --suggest writes a first version.",
     )
-    max_speed: float = Field(default=5.0, gt=0.0, description="Largest velocity component of a bin that is used [m/s].")
+    max_speed: float = Field(
+        default=5.0, gt=0.0, description="Largest velocity component of a bin that is used [m/s]."
+    )
     magnetic_declination: Annotated[float, Field(ge=-180.0, le=180.0)] | None = Field(
-        default=None, description="Declination for pings with a magnetic heading that state none [degrees east]."
+        default=None,
+        description="Declination for pings with a magnetic heading that state none [degrees east].",
     )
     velocity_unit: Literal["m/s", "cm/s", "mm/s", "knots"] | None = Field(
         default=None,
@@ -155,9 +199,12 @@ class ForecastConfig(_Section):
         "dimension, else labels such as mem001 in the names of files.",
     )
     axes: Annotated[Literal["auto", "grid", "true"], Option("--axes")] = Field(
-        default="auto", description="Whether velocities lie along the grid's axes or along true east and north; auto: as the file says."
+        default="auto",
+        description="Whether velocities lie along the grid's axes or along true east and north; auto: as the file says.",
     )
-    region: Annotated[tuple[float, float, float, float] | None, Option("--region", "W,S,E,N|all")] = Field(
+    region: Annotated[
+        tuple[float, float, float, float] | None, Option("--region", "W,S,E,N|all")
+    ] = Field(
         default=None,
         description="West, south, east and north bound of the part used [degrees], or all. Default: all of a forecast of 1,200 points a "
         "level or fewer, or without a log; of a larger one the log's positions, the goal and four correlation lengths around them.",
@@ -183,7 +230,8 @@ class ForecastConfig(_Section):
         "the time nearest to the log's first message; the first time without a log.",
     )
     reference_time: Annotated[Moment | None, Option("--reference-time", "TIME")] = Field(
-        default=None, description="Start of the forecast, ISO 8601 UTC, for a file of leads that states none."
+        default=None,
+        description="Start of the forecast, ISO 8601 UTC, for a file of leads that states none.",
     )
     place: Annotated[bool, Option("--place-ensemble")] = Field(
         default=False, description="Move the ensemble's centre to the mean fix of the log."
@@ -198,8 +246,12 @@ class ForecastConfig(_Section):
     @field_validator("members")
     @classmethod
     def _is_a_rule(cls, value: str | None) -> str | None:
-        if value is not None and not re.fullmatch(r"dim(:.+)?|files(:.+)?|suffix|lags|times:\d+(\.\d+)?d?|models", value):
-            raise ValueError("expected dim[:NAME], files[:REGEX], suffix, lags, times:15d or models")
+        if value is not None and not re.fullmatch(
+            r"dim(:.+)?|files(:.+)?|suffix|lags|times:\d+(\.\d+)?d?|models", value
+        ):
+            raise ValueError(
+                "expected dim[:NAME], files[:REGEX], suffix, lags, times:15d or models"
+            )
         return value
 
 
@@ -212,19 +264,32 @@ class EstimatorConfig(_Section):
         "depth_average.",
     )
     preset: Annotated[Literal["default", "paper"], Option("--preset")] = Field(
-        default="default", description="Settings of the estimator: the project's own, or exactly those of Kong et al. (IROS 2021)."
+        default="default",
+        description="Settings of the estimator: the project's own, or exactly those of Kong et al. (IROS 2021).",
     )
     modes: Annotated[int | None, Option("--modes", "N|all")] = Field(
-        default=300, ge=1, description="Number of modes per level, fewer where fewer exist; 'all' for all."
+        default=300,
+        ge=1,
+        description="Number of modes per level, fewer where fewer exist; 'all' for all.",
     )
     speed: float | None = Field(
-        default=None, gt=0.0, description="Amplitude of the kernel [m/s]. Default: RMS component speed of the first level."
+        default=None,
+        gt=0.0,
+        description="Amplitude of the kernel [m/s]. Default: RMS component speed of the first level.",
     )
     length_horizontal: float | None = Field(
-        default=None, gt=0.0, description="Horizontal length of the kernel [m]. Default: two cells; 10 km with the preset paper."
+        default=None,
+        gt=0.0,
+        description="Horizontal length of the kernel [m]. Default: two cells; 10 km with the preset paper.",
     )
-    length_vertical: float = Field(default=100.0, gt=0.0, description="Vertical length of the kernel [m]; preset paper only.")
-    nugget: float = Field(default=1e-6, ge=0.0, description="Share of the kernel's largest eigenvalue added to all; preset default only.")
+    length_vertical: float = Field(
+        default=100.0, gt=0.0, description="Vertical length of the kernel [m]; preset paper only."
+    )
+    nugget: float = Field(
+        default=1e-6,
+        ge=0.0,
+        description="Share of the kernel's largest eigenvalue added to all; preset default only.",
+    )
     sample_share: float | None = Field(
         default=None,
         ge=0.0,
@@ -250,7 +315,9 @@ class EstimatorConfig(_Section):
         description="Distance at which the localisation's taper is zero [m]; preset default only. Default: 6.5 correlation lengths.",
     )
     representation_error_std: float | None = Field(
-        default=None, ge=0.0, description="Representation error [m/s]. Default: from what the truncated basis does not represent."
+        default=None,
+        ge=0.0,
+        description="Representation error [m/s]. Default: from what the truncated basis does not represent.",
     )
     spread: Literal["as_given", "fit"] | Annotated[float, Field(gt=0.0)] | None = Field(
         default=None,
@@ -258,7 +325,9 @@ class EstimatorConfig(_Section):
         "measurements, with the preset default and a static estimate alone; or a number. Default: fit, where it can be, for members made "
         "of lags, times or models, else as_given.",
     )
-    paper_error_std: float = Field(default=0.12, gt=0.0, description="Standard error of every bin with the preset paper [m/s].")
+    paper_error_std: float = Field(
+        default=0.12, gt=0.0, description="Standard error of every bin with the preset paper [m/s]."
+    )
 
     @field_validator("modes", mode="before")
     @classmethod
@@ -274,11 +343,20 @@ class EstimatorConfig(_Section):
 class OutputConfig(_Section):
     """``[output]``: what is published, and how often."""
 
-    depths: tuple[_Depth, ...] | None = Field(default=None, description="Depths of the published slices [m]. Default: three levels.")
-    interval: float = Field(default=21600.0, gt=0.0, description="Log time between published grids [s].")
-    checkpoint_interval: float = Field(default=3600.0, gt=0.0, description="Log time between checkpoints [s].")
+    depths: tuple[_Depth, ...] | None = Field(
+        default=None, description="Depths of the published slices [m]. Default: three levels."
+    )
+    interval: float = Field(
+        default=21600.0, gt=0.0, description="Log time between published grids [s]."
+    )
+    checkpoint_interval: float = Field(
+        default=3600.0, gt=0.0, description="Log time between checkpoints [s]."
+    )
     threads: int = Field(
-        default=1, ge=1, le=1024, description="Number of BLAS threads; another number changes the last bits of the results."
+        default=1,
+        ge=1,
+        le=1024,
+        description="Number of BLAS threads; another number changes the last bits of the results.",
     )
 
 

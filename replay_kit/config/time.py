@@ -15,7 +15,10 @@ class TimeConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
-    scale: Annotated[Literal["auto", "static"] | Annotated[float, Field(gt=0.0)], Option("--time-scale", "S|auto|static")] = Field(
+    scale: Annotated[
+        Literal["auto", "static"] | Annotated[float, Field(gt=0.0)],
+        Option("--time-scale", "S|auto|static"),
+    ] = Field(
         default="auto",
         description="Time over which the part of the current that the forecast does not explain is forgotten [s]; auto: from the "
         "ensemble's change between its dated times, static where it has one; static: the current does not change.",
@@ -40,13 +43,30 @@ class TimeConfig(BaseModel):
         description="Oscillations uniform over the region with their own depth structure: inertial, M2, S2, K1, O1; steady does not "
         "rotate and resolves depth more finely than the forecast's levels.",
     )
-    oscillator_std: float = Field(default=0.1, gt=0.0, description="Prior standard deviation of the components of an oscillation [m/s].")
-    oscillator_scale: float = Field(default=259200.0, gt=0.0, description="Time over which the phase of an oscillation is forgotten [s].")
-    oscillator_depth_length: float = Field(default=100.0, gt=0.0, description="Correlation length of oscillations in depth [m].")
-    biases: tuple[Bias, ...] = Field(default=(), description="Errors of the instrument that are estimated: heading, scale, shear.")
-    heading_bias_std: float = Field(default=5.0, gt=0.0, description="Prior standard deviation of the heading bias [degrees].")
+    oscillator_std: float = Field(
+        default=0.1,
+        gt=0.0,
+        description="Prior standard deviation of the components of an oscillation [m/s].",
+    )
+    oscillator_scale: float = Field(
+        default=259200.0,
+        gt=0.0,
+        description="Time over which the phase of an oscillation is forgotten [s].",
+    )
+    oscillator_depth_length: float = Field(
+        default=100.0, gt=0.0, description="Correlation length of oscillations in depth [m]."
+    )
+    biases: tuple[Bias, ...] = Field(
+        default=(),
+        description="Errors of the instrument that are estimated: heading, scale, shear.",
+    )
+    heading_bias_std: float = Field(
+        default=5.0, gt=0.0, description="Prior standard deviation of the heading bias [degrees]."
+    )
     scale_bias_std: float = Field(
-        default=0.05, gt=0.0, description="Prior standard deviation of the scale bias, as a share of the velocity relative to the platform."
+        default=0.05,
+        gt=0.0,
+        description="Prior standard deviation of the scale bias, as a share of the velocity relative to the platform.",
     )
     shear_bias_std: float = Field(
         default=2e-4,

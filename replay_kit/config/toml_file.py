@@ -23,7 +23,9 @@ def read_toml(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}") from error
     if len(data) > _LARGEST:
-        raise ConfigError(f"{path}: expected a configuration of at most {_LARGEST} bytes, it has more; is it the right file?")
+        raise ConfigError(
+            f"{path}: expected a configuration of at most {_LARGEST} bytes, it has more; is it the right file?"
+        )
     # tomllib lets through what Python says of numbers and nesting that are too long
     try:
         return tomllib.loads(data.decode("utf-8"))
@@ -33,9 +35,15 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def _explain(error: ValueError | RecursionError, data: bytes) -> str:
     """Return why bytes are not TOML; of a key or a table that stands twice its name and line."""
-    if place := re.fullmatch(r"Cannot (?:overwrite a value|declare .* twice) \(at line (\d+), column \d+\)", str(error)):
+    if place := re.fullmatch(
+        r"Cannot (?:overwrite a value|declare .* twice) \(at line (\d+), column \d+\)", str(error)
+    ):
         line = data.decode("utf-8").splitlines()[int(place[1]) - 1].strip()
-        what = f"the table {line}" if line.startswith("[") else f"the key '{line.partition('=')[0].strip()}'"
+        what = (
+            f"the table {line}"
+            if line.startswith("[")
+            else f"the key '{line.partition('=')[0].strip()}'"
+        )
         return f"line {place[1]}: {what} stands twice; keep one"
     if isinstance(error, RecursionError):
         return "not TOML: its values are nested too deeply"

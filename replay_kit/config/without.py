@@ -19,7 +19,9 @@ def checked(rules: Sequence[str]) -> None:
             raise ValueError(f"{_EXPECTED}; '{rule}' is none of them")
         first, last = _dives(rule)
         if first < 1 or last < first:
-            raise ValueError(f"{_EXPECTED}; in '{rule}' dives count from 1, the first before the last")
+            raise ValueError(
+                f"{_EXPECTED}; in '{rule}' dives count from 1, the first before the last"
+            )
     if repeated := sorted({rule for rule in rules if list(rules).count(rule) > 1}):
         raise ValueError(f"{_EXPECTED}, each once; '{repeated[0]}' is there twice")
 
@@ -32,7 +34,11 @@ def rules_for(rules: Sequence[str], kind: Kind, dive: int) -> tuple[str, ...]:
         kind: Of the measurement.
         dive: Its dive's number; 0 before the first dive, or without dives.
     """
-    return tuple(rule for rule in rules if rule == kind or (rule not in _KINDS and _dives(rule)[0] <= dive <= _dives(rule)[1]))
+    return tuple(
+        rule
+        for rule in rules
+        if rule == kind or (rule not in _KINDS and _dives(rule)[0] <= dive <= _dives(rule)[1])
+    )
 
 
 def _dives(rule: str) -> tuple[int, int]:

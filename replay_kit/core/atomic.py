@@ -49,7 +49,9 @@ def stored(path: Path) -> Iterator[None]:
     except OSError as error:
         if error.filename not in (None, str(path)):
             raise
-        raise ReplayKitError(f"{path}: cannot be written: {error.strerror or error}; is the disk full? Make room, and run again") from error
+        raise ReplayKitError(
+            f"{path}: cannot be written: {error.strerror or error}; is the disk full? Make room, and run again"
+        ) from error
 
 
 def part_of(path: Path) -> Path:
@@ -67,15 +69,26 @@ def open_part(path: Path) -> BinaryIO:
     """
     part = part_of(path)
     if path.exists() and not path.is_file():
-        raise ConfigError(f"{path}: is no file but a folder, device, pipe or socket, which is not replaced; choose another name")
+        raise ConfigError(
+            f"{path}: is no file but a folder, device, pipe or socket, which is not replaced; choose another name"
+        )
     try:
         if os.path.lexists(part):
             if not stat.S_ISREG(part.lstat().st_mode):
-                raise ConfigError(f"{part}: is no file but a link, folder or device; remove it, or choose another name for {path.name}")
+                raise ConfigError(
+                    f"{part}: is no file but a link, folder or device; remove it, or choose another name for {path.name}"
+                )
             part.unlink()
-        return os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666), "wb")
+        return os.fdopen(
+            os.open(
+                part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666
+            ),
+            "wb",
+        )
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}; choose another place") from error
+        raise ConfigError(
+            f"{path}: cannot be written: {error.strerror}; choose another place"
+        ) from error
 
 
 def sync(path: Path) -> None:

@@ -9,7 +9,10 @@ from replay_kit.core.arrays import Array
 
 
 def bootstrap_interval(
-    statistic: Callable[[NDArray[np.int64]], Array], cases: int, resamples: int = 2000, share: float = 0.9
+    statistic: Callable[[NDArray[np.int64]], Array],
+    cases: int,
+    resamples: int = 2000,
+    share: float = 0.9,
 ) -> tuple[float, float]:
     """Return the ends of the central interval of a statistic of resampled cases, by the percentile method.
 

@@ -88,7 +88,11 @@ class DiveOutcome:
     @property
     def off(self) -> tuple[float, float]:
         """From the expected place to the actual one, true east and north [m]."""
-        east, north = to_local(Projection(self.forecast.longitude, self.forecast.latitude), self.fix.longitude, self.fix.latitude)
+        east, north = to_local(
+            Projection(self.forecast.longitude, self.forecast.latitude),
+            self.fix.longitude,
+            self.fix.latitude,
+        )
         return float(east), float(north)
 
     @property
@@ -104,7 +108,9 @@ class DiveOutcome:
 
 def forecast_place(start: Fix, seconds: float, velocity: Array) -> tuple[float, float]:
     """Return longitude and latitude [degrees] after a time at a mean velocity over ground, shape (2,), true east and north [m/s]."""
-    longitude, latitude = to_geographic(Projection(start.longitude, start.latitude), *(seconds * velocity))
+    longitude, latitude = to_geographic(
+        Projection(start.longitude, start.latitude), *(seconds * velocity)
+    )
     return float(longitude), float(latitude)
 
 
@@ -125,4 +131,6 @@ def ellipse_of(longitude: float, latitude: float, cov: Array, radius: float) -> 
 
 def held_shares(outcomes: Sequence[DiveOutcome]) -> tuple[float, float]:
     """Return the shares of surfacings, one at least, in their inner and outer ellipses."""
-    return float(np.mean([one.in_inner for one in outcomes])), float(np.mean([one.in_outer for one in outcomes]))
+    return float(np.mean([one.in_inner for one in outcomes])), float(
+        np.mean([one.in_outer for one in outcomes])
+    )

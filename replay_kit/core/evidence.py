@@ -28,9 +28,13 @@ class BlockEvidence:
     values: int = 0
     measurements: int = 0
 
-    def with_measurement(self, log_density: float, values: int, measurements: int) -> "BlockEvidence":
+    def with_measurement(
+        self, log_density: float, values: int, measurements: int
+    ) -> "BlockEvidence":
         """Return the sums with a measurement, or with several that were combined."""
-        return BlockEvidence(self.log_density + log_density, self.values + values, self.measurements + measurements)
+        return BlockEvidence(
+            self.log_density + log_density, self.values + values, self.measurements + measurements
+        )
 
     @property
     def log_evidence(self) -> float:
@@ -52,7 +56,11 @@ class Evidence:
     def total(self) -> BlockEvidence:
         """Of the whole log."""
         each = self.blocks.values()
-        sums = (sum(block.log_density for block in each), sum(block.values for block in each), sum(block.measurements for block in each))
+        sums = (
+            sum(block.log_density for block in each),
+            sum(block.values for block in each),
+            sum(block.measurements for block in each),
+        )
         return BlockEvidence(*sums)
 
     @property
@@ -100,7 +108,11 @@ def compare(one: Evidence, other: Evidence) -> Comparison:
     keys = sorted(one.blocks.keys() | other.blocks.keys())
     nothing = BlockEvidence()
     pairs = [(one.blocks.get(key, nothing), other.blocks.get(key, nothing)) for key in keys]
-    gains = [first.log_density - second.log_density for first, second in pairs if first.values == second.values > 0]
+    gains = [
+        first.log_density - second.log_density
+        for first, second in pairs
+        if first.values == second.values > 0
+    ]
     gain = math.fsum(gains)
     mean = gain / len(gains) if gains else math.nan
     return Comparison(len(gains), len(keys) - len(gains), gain, mean, _interval(gains))
@@ -109,4 +121,6 @@ def compare(one: Evidence, other: Evidence) -> Comparison:
 def _interval(gains: Sequence[float]) -> tuple[float, float]:
     if len(gains) < _LEAST:
         return math.nan, math.nan
-    return bootstrap_interval(lambda drawn: np.array(gains)[drawn].mean(axis=1), len(gains), _RESAMPLES)
+    return bootstrap_interval(
+        lambda drawn: np.array(gains)[drawn].mean(axis=1), len(gains), _RESAMPLES
+    )

@@ -20,24 +20,37 @@ _ELLIPSOID = Geod(ellps="WGS84")
 
 @lru_cache(maxsize=64)
 def _proj(projection: Projection) -> Proj:
-    return Proj(proj="aeqd", lat_0=projection.latitude, lon_0=projection.longitude, ellps="WGS84", units="m")
+    return Proj(
+        proj="aeqd", lat_0=projection.latitude, lon_0=projection.longitude, ellps="WGS84", units="m"
+    )
 
 
-def to_local(projection: Projection, longitude: ArrayLike, latitude: ArrayLike) -> tuple[Array, Array]:
+def to_local(
+    projection: Projection, longitude: ArrayLike, latitude: ArrayLike
+) -> tuple[Array, Array]:
     """Return local (east, north) [m] of places given in degrees; the shapes are kept, any longitude convention is read."""
-    east, north = _proj(projection)(np.asarray(longitude, dtype=np.float64), np.asarray(latitude, dtype=np.float64))
+    east, north = _proj(projection)(
+        np.asarray(longitude, dtype=np.float64), np.asarray(latitude, dtype=np.float64)
+    )
     return np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64)
 
 
 def to_geographic(projection: Projection, east: ArrayLike, north: ArrayLike) -> tuple[Array, Array]:
     """Return (longitude, latitude) [degrees] of local points [m]; longitudes in -180..180."""
-    longitude, latitude = _proj(projection)(np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64), inverse=True)
+    longitude, latitude = _proj(projection)(
+        np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64), inverse=True
+    )
     return np.asarray(longitude, dtype=np.float64), np.asarray(latitude, dtype=np.float64)
 
 
-def grid_bearing_of_true_north(projection: Projection, longitude: ArrayLike, latitude: ArrayLike) -> Array:
+def grid_bearing_of_true_north(
+    projection: Projection, longitude: ArrayLike, latitude: ArrayLike
+) -> Array:
     """Return the angle [rad], clockwise from the local north axis, in which true north points at each place; NaN where a place is NaN."""
-    longitude, latitude = np.asarray(longitude, dtype=np.float64), np.asarray(latitude, dtype=np.float64)
+    longitude, latitude = (
+        np.asarray(longitude, dtype=np.float64),
+        np.asarray(latitude, dtype=np.float64),
+    )
     known = np.isfinite(longitude) & np.isfinite(latitude)
     if not known.all() or not known.size:
         # pyproj takes neither no places nor places that are not numbers
@@ -61,11 +74,17 @@ def true_north_halfway(projection: Projection, begins: Array, ends: Array) -> Ar
     """
     if len(begins) == 0:
         return np.zeros(0)
-    return grid_bearing_of_true_north(projection, *to_geographic(projection, *(0.5 * (begins + ends)).T))
+    return grid_bearing_of_true_north(
+        projection, *to_geographic(projection, *(0.5 * (begins + ends)).T)
+    )
 
 
 def rotate_to_local(
-    projection: Projection, longitude: ArrayLike, latitude: ArrayLike, east: ArrayLike, north: ArrayLike
+    projection: Projection,
+    longitude: ArrayLike,
+    latitude: ArrayLike,
+    east: ArrayLike,
+    north: ArrayLike,
 ) -> tuple[Array, Array]:
     """Return vector components along the local axes.
 
@@ -80,7 +99,11 @@ def rotate_to_local(
 
 
 def rotate_to_geographic(
-    projection: Projection, longitude: ArrayLike, latitude: ArrayLike, east: ArrayLike, north: ArrayLike
+    projection: Projection,
+    longitude: ArrayLike,
+    latitude: ArrayLike,
+    east: ArrayLike,
+    north: ArrayLike,
 ) -> tuple[Array, Array]:
     """Return vector components towards true east and true north; the inverse of ``rotate_to_local``."""
     return _rotate(-grid_bearing_of_true_north(projection, longitude, latitude), east, north)
@@ -93,7 +116,11 @@ def _rotate(clockwise: Array, east: ArrayLike, north: ArrayLike) -> tuple[Array,
 
 
 def rate_in_frame(
-    projection: Projection, east: Any, north: Any, through_water: tuple[Any, Any], current: tuple[Any, Any]
+    projection: Projection,
+    east: Any,
+    north: Any,
+    through_water: tuple[Any, Any],
+    current: tuple[Any, Any],
 ) -> tuple[Any, Any]:
     """Return how fast the local coordinates (east, north) of a vehicle change [m/s], for NumPy arrays and CasADi expressions.
 
@@ -111,7 +138,11 @@ def rate_in_frame(
     References:
         Karney (2013), Algorithms for geodesics, doi:10.1007/s00190-012-0578-z; Snyder (1987), USGS Professional Paper 1395, p. 195.
     """
-    square = _ELLIPSOID.a**2 * (1.0 - _ELLIPSOID.es) / (1.0 - _ELLIPSOID.es * sin(radians(projection.latitude)) ** 2) ** 2
+    square = (
+        _ELLIPSOID.a**2
+        * (1.0 - _ELLIPSOID.es)
+        / (1.0 - _ELLIPSOID.es * sin(radians(projection.latitude)) ** 2) ** 2
+    )
     # c / sin(c) - 1 of the arc c to the place, over its squared radius
     growth = (1.0 + 7.0 / 60.0 * (east * east + north * north) / square) / (6.0 * square)
 
@@ -145,7 +176,9 @@ def _azimuth_of_true_north(projection: Projection, east: Any, north: Any) -> tup
     return east_part / length, north_part / length
 
 
-def distance(longitude: ArrayLike, latitude: ArrayLike, other_longitude: ArrayLike, other_latitude: ArrayLike) -> Array:
+def distance(
+    longitude: ArrayLike, latitude: ArrayLike, other_longitude: ArrayLike, other_latitude: ArrayLike
+) -> Array:
     """Return geodesic distances [m] on WGS84 between places given in degrees."""
     x0, y0, x1, y1 = np.broadcast_arrays(longitude, latitude, other_longitude, other_latitude)
     _, _, metres = _ELLIPSOID.inv(x0, y0, x1, y1)
@@ -167,7 +200,9 @@ def inside_grid(grid: Grid, east: ArrayLike, north: ArrayLike) -> NDArray[np.boo
     """Return whether local points [m] lie inside the grid's outline, its edge included to a millimetre; the shape is kept."""
     ring = outline(grid)
     start, edge = ring, np.roll(ring, -1, axis=0) - ring
-    east, north = np.broadcast_arrays(np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64))
+    east, north = np.broadcast_arrays(
+        np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64)
+    )
     dx, dy = east[..., None] - start[:, 0], north[..., None] - start[:, 1]
     # even-odd rule: count the edges that a ray towards growing east crosses
     straddles = (dy >= 0.0) != (dy - edge[:, 1] >= 0.0)

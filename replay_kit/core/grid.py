@@ -48,7 +48,9 @@ class Grid:
         """Return its shape and what it covers."""
         z, j, i = self.wet.shape
         region = f"longitude {span_text(self.longitude)}, latitude {span_text(self.latitude)} degrees, depth {span_text(self.levels)} m"
-        return f"Grid of {z} levels x {j} x {i} points ({100.0 * self.wet.mean():.0f} % wet): {region}"
+        return (
+            f"Grid of {z} levels x {j} x {i} points ({100.0 * self.wet.mean():.0f} % wet): {region}"
+        )
 
     @property
     def nodes(self) -> Array:

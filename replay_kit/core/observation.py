@@ -66,7 +66,11 @@ def reasons_of(reasons: NDArray[np.int32], flags: NDArray[np.int8]) -> list[tupl
     """Return the names of the reasons for which bins are not used, each with its number of bins."""
     not_used = reasons[~usable(flags)]
     found = int(np.bitwise_or.reduce(not_used, initial=0))
-    return [(str(reason.name).lower(), int(np.count_nonzero(not_used & reason.value))) for reason in Reason if found & reason.value]
+    return [
+        (str(reason.name).lower(), int(np.count_nonzero(not_used & reason.value)))
+        for reason in Reason
+        if found & reason.value
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +176,9 @@ class Observation:
         u, v = (span_text(component, 2) for component in self.velocity.T)
         usable = int(np.sum((self.flags == Flag.GOOD) | (self.flags == Flag.SUSPECT)))
         where = f"{time_text(self.time_ns)} at {place_text(self.longitude, self.latitude)}, dive {self.dive}"
-        error = f"error {span_text(self.error_std, 2)} m/s (true axes, relative to {self.reference})"
+        error = (
+            f"error {span_text(self.error_std, 2)} m/s (true axes, relative to {self.reference})"
+        )
         bins = f"{self.depth.size} bins, {usable} usable, {span_text(self.depth)} m deep"
         return f"Observation {where}: {bins}\n  u {u}, v {v}, {error}"
 

@@ -20,7 +20,9 @@ def on_demand(names: dict[str, object], places: Mapping[str, str]) -> Callable[[
             AttributeError: The package has no such name.
         """
         if name not in places:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}; it has {', '.join(sorted(places))}")
+            raise AttributeError(
+                f"module {package!r} has no attribute {name!r}; it has {', '.join(sorted(places))}"
+            )
         module, _, there = places[name].partition(":")
         names[name] = value = getattr(import_module(f"{package}.{module}"), there or name)
         return value

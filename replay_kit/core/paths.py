@@ -11,7 +11,10 @@ Paths = str | Path | Sequence[str | Path | Sequence[str | Path]]
 
 
 def check_paths(
-    inputs: Iterable[Path | None], outputs: Iterable[Path | None], overwrite: bool, may_exist: Iterable[Path | None] = ()
+    inputs: Iterable[Path | None],
+    outputs: Iterable[Path | None],
+    overwrite: bool,
+    may_exist: Iterable[Path | None] = (),
 ) -> None:
     """Raise ConfigError when an output cannot or may not be written; the contents of no file are read.
 
@@ -27,16 +30,24 @@ def check_paths(
     for position, path in enumerate(wanted):
         names = (path, part_of(path)) if path.name else (path,)
         if any(_touches(name, source) for name in names for source in read):
-            raise ConfigError(f"{path}: is an input of this run; an input is never overwritten: choose another name")
+            raise ConfigError(
+                f"{path}: is an input of this run; an input is never overwritten: choose another name"
+            )
         earlier = wanted[:position]
-        if any(_same(name, other) for name in names for other in earlier) or any(_same(path, part_of(other)) for other in earlier):
+        if any(_same(name, other) for name in names for other in earlier) or any(
+            _same(path, part_of(other)) for other in earlier
+        ):
             raise ConfigError(f"{path}: two outputs have this name; choose another for one of them")
         if path.is_dir():
             raise ConfigError(f"{path}: is a folder; give the name of a file")
         if path.is_socket() or path.is_block_device():
-            raise ConfigError(f"{path}: is a socket or a disk, which is not replaced; give the name of a file")
+            raise ConfigError(
+                f"{path}: is a socket or a disk, which is not replaced; give the name of a file"
+            )
         if not path.parent.is_dir():
-            raise ConfigError(f"{path}: there is no folder {path.parent}; make it, or choose another place")
+            raise ConfigError(
+                f"{path}: there is no folder {path.parent}; make it, or choose another place"
+            )
         if path.exists() and not overwrite and path not in kept and not is_stream(path):
             raise ConfigError(f"{path}: exists; choose another name or give --overwrite")
 
@@ -45,7 +56,9 @@ def check_inputs(inputs: Iterable[Path | None]) -> None:
     """Raise PlanError for the first input of a plan that is not there; None is ignored."""
     for path in inputs:
         if path is not None and not path.exists():
-            raise PlanError(f"{path}: expected a file to plan with, there is none of this name; check the path")
+            raise PlanError(
+                f"{path}: expected a file to plan with, there is none of this name; check the path"
+            )
 
 
 def as_path(value: object, what: str) -> Path:
@@ -60,7 +73,9 @@ def as_path(value: object, what: str) -> Path:
     """
     if isinstance(value, str | Path):
         return Path(value)
-    raise ConfigError(f"{what}: expected a path (str or Path), got {type(value).__name__}; give the name of the file")
+    raise ConfigError(
+        f"{what}: expected a path (str or Path), got {type(value).__name__}; give the name of the file"
+    )
 
 
 def as_paths(value: object, what: str) -> tuple[Path, ...]:
@@ -91,7 +106,9 @@ def check_folder(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise ConfigError(f"{out}: is a file; give the name of a folder")
     if not out.parent.is_dir():
-        raise ConfigError(f"{out}: there is no folder {out.parent}; make it, or choose another place")
+        raise ConfigError(
+            f"{out}: there is no folder {out.parent}; make it, or choose another place"
+        )
 
 
 def is_stream(path: Path) -> bool:
@@ -106,9 +123,13 @@ def truth_path(spec: str | None) -> Path | None:
 
 def _same(path: Path, other: Path) -> bool:
     """Return whether two names are one file, also by links or by a file system that ignores case."""
-    return path.resolve() == other.resolve() or (path.exists() and other.exists() and path.samefile(other))
+    return path.resolve() == other.resolve() or (
+        path.exists() and other.exists() and path.samefile(other)
+    )
 
 
 def _touches(path: Path, source: Path) -> bool:
     """Return whether writing a path changes an input: it is the input, or lies in it, as in a Zarr store."""
-    return _same(path, source) or (source.is_dir() and path.resolve().is_relative_to(source.resolve()))
+    return _same(path, source) or (
+        source.is_dir() and path.resolve().is_relative_to(source.resolve())
+    )

@@ -62,7 +62,9 @@ class ChannelWriter(Protocol):
         """Declare a schema and return its number."""
         ...
 
-    def register_channel(self, topic: str, message_encoding: str, schema_id: int, metadata: dict[str, str], /) -> int:
+    def register_channel(
+        self, topic: str, message_encoding: str, schema_id: int, metadata: dict[str, str], /
+    ) -> int:
         """Declare a channel and return its number."""
         ...
 
@@ -90,7 +92,9 @@ class OutChannels:
         key = (input, channel)
         number = self._channels.get(key)
         if number is None:
-            number = self._writer.register_channel(channel.topic, channel.encoding, self._schema(channel), dict(channel.metadata))
+            number = self._writer.register_channel(
+                channel.topic, channel.encoding, self._schema(channel), dict(channel.metadata)
+            )
             self._channels[key] = number
         return number
 

@@ -43,13 +43,22 @@ def rounded(region: Region) -> Region:
     """Return a box rounded outwards, its longitudes in -180..180."""
     west, south, east, north = region
     scale = 10.0**_DIGITS
-    outwards = [np.floor(west * scale), np.floor(south * scale), np.ceil(east * scale), np.ceil(north * scale)]
+    outwards = [
+        np.floor(west * scale),
+        np.floor(south * scale),
+        np.ceil(east * scale),
+        np.ceil(north * scale),
+    ]
     west, south, east, north = (round(float(value) / scale, _DIGITS) for value in outwards)
     return _wrapped(west), max(south, -90.0), _wrapped(east), min(north, 90.0)
 
 
 def _wrapped(longitude: float) -> float:
-    return longitude if -180.0 <= longitude <= 180.0 else round((longitude + 180.0) % 360.0 - 180.0, _DIGITS)
+    return (
+        longitude
+        if -180.0 <= longitude <= 180.0
+        else round((longitude + 180.0) % 360.0 - 180.0, _DIGITS)
+    )
 
 
 def centre(region: Region) -> tuple[float, float]:

@@ -32,9 +32,14 @@ class Ellipse:
         """Return whether a place lies inside."""
         east, north = to_local(Projection(self.longitude, self.latitude), longitude, latitude)
         bearing = np.deg2rad(self.bearing_deg)
-        along, across = east * np.sin(bearing) + north * np.cos(bearing), east * np.cos(bearing) - north * np.sin(bearing)
+        along, across = (
+            east * np.sin(bearing) + north * np.cos(bearing),
+            east * np.cos(bearing) - north * np.sin(bearing),
+        )
         # an ellipse without width holds what lies on it
-        return bool((along * self.minor) ** 2 + (across * self.major) ** 2 <= (self.major * self.minor) ** 2)
+        return bool(
+            (along * self.minor) ** 2 + (across * self.major) ** 2 <= (self.major * self.minor) ** 2
+        )
 
     def outline(self, projection: Projection) -> Array:
         """Return its outline in a local frame, shape (37, 2) [m], the last point the first.
@@ -43,12 +48,17 @@ class Ellipse:
         """
         # the last point is the first to the last bit
         angle = np.deg2rad(10.0 * (np.arange(37) % 36))
-        bearing = np.deg2rad(self.bearing_deg) + float(grid_bearing_of_true_north(projection, self.longitude, self.latitude))
+        bearing = np.deg2rad(self.bearing_deg) + float(
+            grid_bearing_of_true_north(projection, self.longitude, self.latitude)
+        )
         # the second axis to the left of the first, so that the angle grows counter-clockwise
         along, across = self.major * np.cos(angle), -self.minor * np.sin(angle)
         east, north = to_local(projection, self.longitude, self.latitude)
         return np.column_stack(
-            [east + along * np.sin(bearing) + across * np.cos(bearing), north + along * np.cos(bearing) - across * np.sin(bearing)]
+            [
+                east + along * np.sin(bearing) + across * np.cos(bearing),
+                north + along * np.cos(bearing) - across * np.sin(bearing),
+            ]
         )
 
 
@@ -99,7 +109,11 @@ class Outcome:
     @property
     def inside(self) -> bool | None:
         """Whether the vehicle surfaced inside the ellipse; None without one."""
-        return None if self.predicted.ellipse is None else self.predicted.ellipse.holds(self.longitude, self.latitude)
+        return (
+            None
+            if self.predicted.ellipse is None
+            else self.predicted.ellipse.holds(self.longitude, self.latitude)
+        )
 
 
 def outcome_of(planned_ns: int, predicted: Surfacing, fix: VehicleState) -> Outcome:
@@ -110,6 +124,8 @@ def outcome_of(planned_ns: int, predicted: Surfacing, fix: VehicleState) -> Outc
         predicted: What it said.
         fix: The vehicle's.
     """
-    east, north = to_local(Projection(predicted.longitude, predicted.latitude), fix.longitude, fix.latitude)
+    east, north = to_local(
+        Projection(predicted.longitude, predicted.latitude), fix.longitude, fix.latitude
+    )
     away, direction = float(np.hypot(east, north)), float(heading_deg(east, north))
     return Outcome(planned_ns, predicted, fix.time_ns, fix.longitude, fix.latitude, away, direction)

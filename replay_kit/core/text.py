@@ -9,7 +9,11 @@ from numpy.typing import ArrayLike
 
 def time_text(time_ns: int | None) -> str:
     """Return a time [ns, UTC] to the second, such as ``2018-11-16 03:20:00Z``; without one ``no time``."""
-    return "no time" if time_ns is None else f"{datetime.fromtimestamp(time_ns // 10**9, UTC):%Y-%m-%d %H:%M:%SZ}"
+    return (
+        "no time"
+        if time_ns is None
+        else f"{datetime.fromtimestamp(time_ns // 10**9, UTC):%Y-%m-%d %H:%M:%SZ}"
+    )
 
 
 def count_text(count: int, noun: str) -> str:

@@ -24,15 +24,21 @@ def parse_time(text: str) -> int:
     try:
         moment = datetime.fromisoformat(text.strip())
     except ValueError as error:
-        raise ConfigError(f"'{text}' is no time; write ISO 8601 UTC such as 2018-11-16T00:00:00Z") from error
+        raise ConfigError(
+            f"'{text}' is no time; write ISO 8601 UTC such as 2018-11-16T00:00:00Z"
+        ) from error
     # a time with an offset is moved by hand, as datetime itself fails on those that leave its years 1..9999
     offset = moment.utcoffset() or timedelta(0)
     since = moment.replace(tzinfo=UTC) - _EPOCH - offset
     # datetime ends at microseconds; logs are stamped in nanoseconds
     digits = re.search(r"[.,]\d{6}(\d{1,3})", text)
-    time_ns = since // timedelta(microseconds=1) * 1000 + (int(digits[1].ljust(3, "0")) if digits else 0)
+    time_ns = since // timedelta(microseconds=1) * 1000 + (
+        int(digits[1].ljust(3, "0")) if digits else 0
+    )
     if not 0 <= time_ns <= _LAST_NS:
-        raise ConfigError(f"'{text}' is outside 1970..2262; write a time of the mission such as 2018-11-16T00:00:00Z")
+        raise ConfigError(
+            f"'{text}' is outside 1970..2262; write a time of the mission such as 2018-11-16T00:00:00Z"
+        )
     return time_ns
 
 
@@ -44,7 +50,9 @@ def parse_duration(text: str) -> float:
     """
     found = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(s|min|h|d)\s*", text)
     if found is None:
-        raise ConfigError(f"'{text}' is no duration; write a number and its unit, such as 90s, 30min, 6h or 3d")
+        raise ConfigError(
+            f"'{text}' is no duration; write a number and its unit, such as 90s, 30min, 6h or 3d"
+        )
     return float(found[1]) * _UNITS[found[2]]
 
 
@@ -66,7 +74,9 @@ def to_time_ns(time: Any) -> "NDArray[np.int64]":
         return values.astype(np.int64)
     if values.dtype.kind == "M" and not np.isnat(values).any():
         return values.astype("datetime64[ns]").astype(np.int64)
-    texts = [each.isoformat() if isinstance(each, date) else each for each in values.ravel().tolist()]
+    texts = [
+        each.isoformat() if isinstance(each, date) else each for each in values.ravel().tolist()
+    ]
     if not all(isinstance(text, str) for text in texts):
         raise ConfigError(
             "time: expected ISO 8601 text, datetime64 or integer nanoseconds since 1970 (UTC), "

@@ -59,19 +59,25 @@ class Estimator(Protocol[State]):
         """
         ...
 
-    def steps(self, state: State, observations: Iterable[Measurement]) -> Iterator[tuple[State, Innovation]]:
+    def steps(
+        self, state: State, observations: Iterable[Measurement]
+    ) -> Iterator[tuple[State, Innovation]]:
         """Yield the state after each observation, and its innovation; an estimator may read ahead to be faster."""
         for observation in observations:
             state, innovation = self.step(state, observation)
             yield state, innovation
 
-    def group_steps(self, state: State, items: Iterable[Measurement | ProfileGroup]) -> Iterator[Stepped[State]]:
+    def group_steps(
+        self, state: State, items: Iterable[Measurement | ProfileGroup]
+    ) -> Iterator[Stepped[State]]:
         """Yield what became of measurements and groups of profiles: several things of a group where some of it is not used.
 
         An estimator without ``grouping`` is given none.
         """
         measurements = [item for item in items if not isinstance(item, ProfileGroup)]
-        for measurement, (after, innovation) in zip(measurements, self.steps(state, measurements), strict=True):
+        for measurement, (after, innovation) in zip(
+            measurements, self.steps(state, measurements), strict=True
+        ):
             yield Stepped(measurement, state, after, innovation)
             state = after
 
@@ -88,7 +94,9 @@ class Estimator(Protocol[State]):
 
         An estimator without ``grouping`` takes each alone.
         """
-        return np.concatenate([np.nan_to_num(self.innovation(state, profile)) for profile in group.profiles])
+        return np.concatenate(
+            [np.nan_to_num(self.innovation(state, profile)) for profile in group.profiles]
+        )
 
     def flow(self, state: State) -> FlowEstimate:
         """Return the current estimate of a state, at the state's time."""

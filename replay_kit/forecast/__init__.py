@@ -6,4 +6,12 @@ from replay_kit.forecast.reader import read_ensemble, read_truth
 from replay_kit.forecast.series import read_series
 from replay_kit.forecast.sources import ensemble_files, find_sources
 
-__all__ = ["describe_ensemble", "ensemble_files", "find_sources", "read_changing_truth", "read_ensemble", "read_series", "read_truth"]
+__all__ = [
+    "describe_ensemble",
+    "ensemble_files",
+    "find_sources",
+    "read_changing_truth",
+    "read_ensemble",
+    "read_series",
+    "read_truth",
+]

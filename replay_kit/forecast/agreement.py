@@ -16,13 +16,18 @@ WARNING = "WARNING: "
 _ODD_SPEEDS = (0.004, 1.5)
 
 
-def common_water(velocity: Array, labels: tuple[str, ...], source: str) -> tuple[Array, NDArray[np.bool_], tuple[str, ...]]:
+def common_water(
+    velocity: Array, labels: tuple[str, ...], source: str
+) -> tuple[Array, NDArray[np.bool_], tuple[str, ...]]:
     """Return velocities where all members have one, NaN being written elsewhere, where that is, and what was lost by it.
 
     Raises:
         ForecastError: No water is left at the first level.
     """
-    wet, anywhere = np.ones(velocity.shape[2:], dtype=bool), np.zeros(velocity.shape[2:], dtype=bool)
+    wet, anywhere = (
+        np.ones(velocity.shape[2:], dtype=bool),
+        np.zeros(velocity.shape[2:], dtype=bool),
+    )
     counts = []
     for member in one_by_one(velocity):
         own = np.isfinite(member).all(axis=0)
@@ -32,7 +37,9 @@ def common_water(velocity: Array, labels: tuple[str, ...], source: str) -> tuple
     missing = int(anywhere.sum()) - np.array(counts)
     worst = int(np.argmax(missing))
     if not anywhere[0].any():
-        raise ForecastError(f"{source}: every point of the first level is land; check the region and the variables' missing values")
+        raise ForecastError(
+            f"{source}: every point of the first level is land; check the region and the variables' missing values"
+        )
     if not wet[0].any():
         raise ForecastError(
             f"{source}: the masks of the members leave no water at the first level; '{labels[worst]}' misses most "
@@ -64,12 +71,23 @@ def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tu
             same.append(f"'{label}' and '{seen[key]}'")
         seen.setdefault(key, label)
     if len(labels) > 1 and len(seen) == 1:
-        raise ForecastError(f"{source}: all {len(labels)} members are the same; give members that differ")
+        raise ForecastError(
+            f"{source}: all {len(labels)} members are the same; give members that differ"
+        )
     if same:
-        notes.append(f"{WARNING}members that are copies of others count twice: {len(same)}, such as {same[0]}; leave them out")
+        notes.append(
+            f"{WARNING}members that are copies of others count twice: {len(same)}, such as {same[0]}; leave them out"
+        )
     rms = component_rms(velocity)
     if not _ODD_SPEEDS[0] < rms < _ODD_SPEEDS[1]:
-        notes.append(f"{WARNING}currents of {rms:.3g} m/s rms are no usual ones; check the attribute units of the velocities")
-    if len(labels) > 3 and np.sqrt(np.nanmean(np.square(sum(one_by_one(velocity)) / len(velocity)))) < 1e-3 * rms:
-        notes.append(f"{WARNING}the members cancel out in their mean, as anomalies do; give the background as bg_*.nc with --ensemble too")
+        notes.append(
+            f"{WARNING}currents of {rms:.3g} m/s rms are no usual ones; check the attribute units of the velocities"
+        )
+    if (
+        len(labels) > 3
+        and np.sqrt(np.nanmean(np.square(sum(one_by_one(velocity)) / len(velocity)))) < 1e-3 * rms
+    ):
+        notes.append(
+            f"{WARNING}the members cancel out in their mean, as anomalies do; give the background as bg_*.nc with --ensemble too"
+        )
     return tuple(notes)

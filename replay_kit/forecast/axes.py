@@ -71,16 +71,22 @@ class AxesCheck:
         """The tests' figures in words."""
         found = []
         if self.residual is not None:
-            found.append(f"share of the variance in no divergence-free flow {self.residual[0]:.2f} as read, {self.residual[1]:.2f} turned")
+            found.append(
+                f"share of the variance in no divergence-free flow {self.residual[0]:.2f} as read, {self.residual[1]:.2f} turned"
+            )
         if self.phase is not None:
-            found.append(f"angle to the geostrophic current {self.phase[0]:.0f} degrees as read, {self.phase[1]:.0f} turned")
+            found.append(
+                f"angle to the geostrophic current {self.phase[0]:.0f} degrees as read, {self.phase[1]:.0f} turned"
+            )
         return "; ".join(found) or "not tested"
 
 
 _NAMES = {"grid": "the grid's axes", "true": "true east and north"}
 
 
-def check_axes(window: Window, layout: Layout, velocity: Array, wet: NDArray[np.bool_], projection: Projection) -> AxesCheck:
+def check_axes(
+    window: Window, layout: Layout, velocity: Array, wet: NDArray[np.bool_], projection: Projection
+) -> AxesCheck:
     """Return what physics says of the axes that velocities were read along.
 
     Args:
@@ -90,7 +96,9 @@ def check_axes(window: Window, layout: Layout, velocity: Array, wet: NDArray[np.
         wet: shape (Z, J, I).
         projection: The local frame.
     """
-    east, north = to_local(projection, unwrap_longitude(window.longitude, projection.longitude), window.latitude)
+    east, north = to_local(
+        projection, unwrap_longitude(window.longitude, projection.longitude), window.latitude
+    )
     turn = grid_angle(window.longitude, window.latitude, east, north, projection)
     angle = float(np.degrees(np.abs(np.angle(turn))).max())
     found = AxesCheck(layout.axes, layout.why, angle)
@@ -99,7 +107,9 @@ def check_axes(window: Window, layout: Layout, velocity: Array, wet: NDArray[np.
     # from the reading made to the other one
     other = np.conj(turn) if layout.axes == "grid" else turn
     level = _level(window.levels, wet)
-    cut = tuple(slice((n - min(n, _MOST_NODES)) // 2, (n + min(n, _MOST_NODES)) // 2) for n in east.shape)
+    cut = tuple(
+        slice((n - min(n, _MOST_NODES)) // 2, (n + min(n, _MOST_NODES)) // 2) for n in east.shape
+    )
     water = wet[level][cut]
     if water.sum() < _LEAST_WET:
         return found
@@ -109,18 +119,26 @@ def check_axes(window: Window, layout: Layout, velocity: Array, wet: NDArray[np.
     read, turned = (divergent_share(*place, field, water) for field in (flow, flow * other[cut]))
     phase = None
     if window.sea_level is not None:
-        phase = _phases(window.sea_level[cut], place, window.latitude[cut], flow[0], other[cut], water)
+        phase = _phases(
+            window.sea_level[cut], place, window.latitude[cut], flow[0], other[cut], water
+        )
     by_phase = phase is not None and abs(phase[0]) > 15.0 and abs(phase[1]) < abs(phase[0]) - 10.0
     agrees = phase is not None and abs(phase[0]) < abs(phase[1])
     by_share = read > _LEAST_SHARE and read > 3.0 * turned and not agrees
     std = float(np.sqrt(read * np.mean(np.abs(flow[:, water]) ** 2) / 2.0))
-    return AxesCheck(layout.axes, layout.why, angle, (read, turned), phase, bool(by_phase or by_share), std)
+    return AxesCheck(
+        layout.axes, layout.why, angle, (read, turned), phase, bool(by_phase or by_share), std
+    )
 
 
-def grid_angle(longitude: Array, latitude: Array, east: Array, north: Array, projection: Projection) -> _Complex:
+def grid_angle(
+    longitude: Array, latitude: Array, east: Array, north: Array, projection: Projection
+) -> _Complex:
     """Return the turn from true east to the grid's first axis as a unit number, shape (J, I)."""
     along = np.gradient(east, axis=1) + 1j * np.gradient(north, axis=1)
-    true_e, true_n = rotate_to_local(projection, longitude, latitude, np.ones_like(east), np.zeros_like(east))
+    true_e, true_n = rotate_to_local(
+        projection, longitude, latitude, np.ones_like(east), np.zeros_like(east)
+    )
     turn = along / np.abs(along) * np.conj(true_e + 1j * true_n)
     return np.asarray(turn / np.abs(turn))
 
@@ -156,10 +174,17 @@ def divergent_share(east: Array, north: Array, flow: _Complex, wet: NDArray[np.b
     operator = scipy.sparse.vstack([-d_n.tocsr()[used], d_e.tocsr()[used]]).tocsc()
     scale = 1.0 / abs(operator).max()
     rough = scipy.sparse.vstack(
-        [scipy.sparse.kron(_second(ny + 1), scipy.sparse.eye(nx + 1)), scipy.sparse.kron(scipy.sparse.eye(ny + 1), _second(nx + 1))]
+        [
+            scipy.sparse.kron(_second(ny + 1), scipy.sparse.eye(nx + 1)),
+            scipy.sparse.kron(scipy.sparse.eye(ny + 1), _second(nx + 1)),
+        ]
     )
     operator = operator * scale
-    normal = operator.T @ operator + 1e-3 * rough.T @ rough + 1e-9 * scipy.sparse.eye((ny + 1) * (nx + 1))
+    normal = (
+        operator.T @ operator
+        + 1e-3 * rough.T @ rough
+        + 1e-9 * scipy.sparse.eye((ny + 1) * (nx + 1))
+    )
     data = np.concatenate([flow.real[:, wet], flow.imag[:, wet]], axis=1).T
     fitted = operator @ spsolve(normal.tocsc(), operator.T @ data).reshape(operator.shape[1], -1)
     return float(np.sum((data - fitted) ** 2) / max(np.sum(data**2), np.finfo(float).tiny))
@@ -170,7 +195,9 @@ def _difference(n: int) -> scipy.sparse.csr_matrix:
 
 
 def _second(n: int) -> scipy.sparse.csr_matrix:
-    return scipy.sparse.diags([np.ones(n - 2), -2.0 * np.ones(n - 2), np.ones(n - 2)], [0, 1, 2], shape=(n - 2, n)).tocsr()
+    return scipy.sparse.diags(
+        [np.ones(n - 2), -2.0 * np.ones(n - 2), np.ones(n - 2)], [0, 1, 2], shape=(n - 2, n)
+    ).tocsr()
 
 
 def _times(factor: Any, operator: scipy.sparse.spmatrix) -> scipy.sparse.spmatrix:
@@ -193,7 +220,10 @@ def _phases(
     found = []
     for field in (flow[used], flow[used] * other[used]):
         a, b = field - field.mean(), geostrophic[used] - geostrophic[used].mean()
-        found.append(np.mean(a * np.conj(b)) / max(np.sqrt(np.mean(np.abs(a) ** 2) * np.mean(np.abs(b) ** 2)), np.finfo(float).tiny))
+        found.append(
+            np.mean(a * np.conj(b))
+            / max(np.sqrt(np.mean(np.abs(a) ** 2) * np.mean(np.abs(b) ** 2)), np.finfo(float).tiny)
+        )
     if max(abs(value) for value in found) < _LEAST_CORRELATION:
         return None
     return float(np.degrees(np.angle(found[0]))), float(np.degrees(np.angle(found[1])))

@@ -30,7 +30,16 @@ from replay_kit.forecast.pairs import OpenedFile, Part, pair_files
 from replay_kit.forecast.sources import find_sources, natural
 
 #: What xarray, HDF5, pyproj and numpy raise on contents that are none of a forecast.
-_FOREIGN = (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError, ArithmeticError, MemoryError)
+_FOREIGN = (
+    OSError,
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    RuntimeError,
+    ArithmeticError,
+    MemoryError,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,16 +104,28 @@ def open_collection(given: Paths, rule: MemberRule | None) -> Iterator[Collectio
             ]
             files, rule = _identified(opened, rule)
             of_suffix = opened if rule is not None and rule.kind == "suffix" else ()
-            alone = [f"{path.name}: {name}" for _, path, ds in of_suffix for name in without_partner(ds)]
-            notes = (f"{WARNING}members of one component alone were left out: {some_text(alone)}; add the other",) if alone else ()
+            alone = [
+                f"{path.name}: {name}" for _, path, ds in of_suffix for name in without_partner(ds)
+            ]
+            notes = (
+                (
+                    f"{WARNING}members of one component alone were left out: {some_text(alone)}; add the other",
+                )
+                if alone
+                else ()
+            )
             yield _collected(files, rule, (*sources.notes, *notes))
     # values of unexpected kinds and damaged data blocks are found where they are used
     except _FOREIGN as error:
         names, words = ", ".join(map(str, sources.files[:3])), " ".join(str(error).split())[:200]
-        raise ForecastError(f"{names}: cannot be used as a forecast: {type(error).__name__}: {words}; is it whole?") from error
+        raise ForecastError(
+            f"{names}: cannot be used as a forecast: {type(error).__name__}: {words}; is it whole?"
+        ) from error
 
 
-def _identified(opened: Sequence[tuple[int, Path, xr.Dataset]], rule: MemberRule | None) -> tuple[list[OpenedFile], MemberRule | None]:
+def _identified(
+    opened: Sequence[tuple[int, Path, xr.Dataset]], rule: MemberRule | None
+) -> tuple[list[OpenedFile], MemberRule | None]:
     """Return the files with the names of their components; one for each suffix where suffixes are the members."""
     found: list[OpenedFile] = []
     if rule is None and all(len(suffixes(ds)) > 1 for _, _, ds in opened) and opened:
@@ -113,7 +134,10 @@ def _identified(opened: Sequence[tuple[int, Path, xr.Dataset]], rule: MemberRule
         if rule is not None and rule.kind == "suffix":
             pairs = suffixes(ds)
             found += [
-                OpenedFile(path, ds, Current(u, v, _axes_of(ds, u), f"suffix {label}"), number, label) for label, (u, v) in pairs.items()
+                OpenedFile(
+                    path, ds, Current(u, v, _axes_of(ds, u), f"suffix {label}"), number, label
+                )
+                for label, (u, v) in pairs.items()
             ]
             if not pairs:
                 found.append(OpenedFile(path, ds, None, number))
@@ -128,20 +152,35 @@ def _axes_of(ds: xr.Dataset, name: str) -> Axes | None:
     return None if current is None else current.axes
 
 
-def _collected(files: Sequence[OpenedFile], rule: MemberRule | None, notes: tuple[str, ...]) -> Collection:
+def _collected(
+    files: Sequence[OpenedFile], rule: MemberRule | None, notes: tuple[str, ...]
+) -> Collection:
     grids = [file for file in files if file.current is None]
     holders = [file for file in files if file.current is not None]
     if not holders:
         if rule is not None and rule.kind == "suffix":
-            raise ForecastError(f"{files[0].path}: --members suffix, but no variables differ by a suffix alone, as uo_glor and uo_oras do")
+            raise ForecastError(
+                f"{files[0].path}: --members suffix, but no variables differ by a suffix alone, as uo_glor and uo_oras do"
+            )
         raise no_current(files[0].ds, ", ".join(str(file.path) for file in files))
     first = holders[0]
     assert first.current is not None
-    if rule is None and find_member(first.ds, first.ds[first.current.u or first.current.v].dims) is not None:
+    if (
+        rule is None
+        and find_member(first.ds, first.ds[first.current.u or first.current.v].dims) is not None
+    ):
         rule = MemberRule("dim")
-    if rule is None and usual_labels([file.path for file in holders if not is_background(file.path)]) is not None:
+    if (
+        rule is None
+        and usual_labels([file.path for file in holders if not is_background(file.path)])
+        is not None
+    ):
         rule = MemberRule("files")
-    background = [file for file in holders if is_background(file.path)] if rule is not None and rule.kind == "files" else []
+    background = (
+        [file for file in holders if is_background(file.path)]
+        if rule is not None and rule.kind == "files"
+        else []
+    )
     holders = _labelled([file for file in holders if file not in background], rule)
     blocks: list[Block] = []
     for label in dict.fromkeys(file.label for file in holders):
@@ -151,8 +190,19 @@ def _collected(files: Sequence[OpenedFile], rule: MemberRule | None, notes: tupl
     about = None
     if background:
         about = Block(pair_files(background, grids)[0], None, "background")
-    source = str(holders[0].path) if len({file.path for file in files}) == 1 else f"{len(files)} files ({holders[0].path.name} ...)"
-    return Collection(rule, tuple(blocks), about, tuple(file.path for file in grids), source, tuple(dict.fromkeys(notes)))
+    source = (
+        str(holders[0].path)
+        if len({file.path for file in files}) == 1
+        else f"{len(files)} files ({holders[0].path.name} ...)"
+    )
+    return Collection(
+        rule,
+        tuple(blocks),
+        about,
+        tuple(file.path for file in grids),
+        source,
+        tuple(dict.fromkeys(notes)),
+    )
 
 
 def _labelled(holders: list[OpenedFile], rule: MemberRule | None) -> list[OpenedFile]:
@@ -160,34 +210,57 @@ def _labelled(holders: list[OpenedFile], rule: MemberRule | None) -> list[Opened
     kind = None if rule is None else rule.kind
     if rule is not None and kind == "files":
         labels = label_files([file.path for file in holders], rule.name)
-        whole = any(file.current is not None and file.current.u and file.current.v for file in holders)
+        whole = any(
+            file.current is not None and file.current.u and file.current.v for file in holders
+        )
         if len(set(labels.values())) == len(holders) and not whole:
             # a file of u and one of v to each member, whose names say no member: paired in their order
             us, vs = (
-                sorted((file.path for file in holders if file.current and bool(file.current.u) is first), key=natural)
+                sorted(
+                    (
+                        file.path
+                        for file in holders
+                        if file.current and bool(file.current.u) is first
+                    ),
+                    key=natural,
+                )
                 for first in (True, False)
             )
             labels |= {v: u.name for u, v in zip(us, vs, strict=False)} | {u: u.name for u in us}
-        return sorted((replace(file, label=labels[file.path]) for file in holders), key=lambda file: natural(Path(file.label)))
+        return sorted(
+            (replace(file, label=labels[file.path]) for file in holders),
+            key=lambda file: natural(Path(file.label)),
+        )
     if kind == "lags":
-        return sorted((replace(file, label=_reference(file)) for file in holders), key=lambda file: file.label)
+        return sorted(
+            (replace(file, label=_reference(file)) for file in holders), key=lambda file: file.label
+        )
     if kind == "models":
         several = len({file.argument for file in holders}) > 1
-        return [replace(file, label=f"model {file.argument}" if several else file.path.name) for file in holders]
+        return [
+            replace(file, label=f"model {file.argument}" if several else file.path.name)
+            for file in holders
+        ]
     return holders
 
 
 def _reference(file: OpenedFile) -> str:
     """Return when a forecast was started: stated, or its first time."""
     for name, variable in file.ds.variables.items():
-        if "forecast_reference_time" in (variable.attrs.get("standard_name"), name) and variable.size == 1 and variable.dtype.kind == "M":
+        if (
+            "forecast_reference_time" in (variable.attrs.get("standard_name"), name)
+            and variable.size == 1
+            and variable.dtype.kind == "M"
+        ):
             return str(np.datetime_as_string(variable.values.ravel()[0], unit="m"))
     if "bulletin_date" in file.ds.attrs:
         return str(file.ds.attrs["bulletin_date"])
     assert file.current is not None
     time = find_time(file.ds, file.ds[file.current.u or file.current.v].dims)
     if time is None or file.ds[time].dtype.kind != "M":
-        raise ForecastError(f"{file.path}: --members lags needs dated forecasts; expected a dimension of times with an epoch")
+        raise ForecastError(
+            f"{file.path}: --members lags needs dated forecasts; expected a dimension of times with an epoch"
+        )
     return str(np.datetime_as_string(file.ds[time].values.min(), unit="m"))
 
 
@@ -211,7 +284,9 @@ def _blocks(parts: tuple[Part, ...], rule: MemberRule | None, label: str) -> lis
                 f"{part.paths[-1]}: its members are not those of {part.paths[0]}: {sizes}; give files with the same members"
             )
         if member not in part.ds[V].dims:
-            raise ForecastError(f"{part.paths[-1]}: {part.current.v} has no dimension {member}, which {part.current.u} has; mend the file")
+            raise ForecastError(
+                f"{part.paths[-1]}: {part.current.v} has no dimension {member}, which {part.current.u} has; mend the file"
+            )
         found.append(Block((part,), str(member), part.names))
     over_time = {tuple(part.times.astype(np.int64)) for part in parts}
     if rule.name and find_time(parts[0].ds, (rule.name,)) == rule.name:

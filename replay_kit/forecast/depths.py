@@ -19,7 +19,17 @@ _NAMES = {
 _SYMBOLS = {"m": 1.0, "km": 1e3, "cm": 1e-2, "ft": 0.3048}
 _PRESSURES = ("dbar", "dbars", "decibar", "decibars")
 # Units and standard names (CF conventions, appendix D) of axes that number or scale the levels and hold no depth.
-_DIMENSIONLESS = ("1", "level", "levels", "layer", "layers", "sigma", "sigma_level", "model_level", "model_levels")
+_DIMENSIONLESS = (
+    "1",
+    "level",
+    "levels",
+    "layer",
+    "layers",
+    "sigma",
+    "sigma_level",
+    "model_level",
+    "model_levels",
+)
 _PARAMETRIC = (
     "model_level_number",
     "ocean_sigma_coordinate",
@@ -56,7 +66,11 @@ def in_metres(axis: xr.DataArray, latitude: float, where: str) -> tuple[Array, t
         note = f"coordinate {axis.name} is in {unit}: converted to metres with TEOS-10 at latitude {latitude:.2f}"
         return np.asarray(depths, dtype=np.float64), (note,)
     standard_name = str(axis.attrs.get("standard_name", ""))
-    if unit.lower() in _DIMENSIONLESS or standard_name in _PARAMETRIC or (not unit and "formula_terms" in axis.attrs):
+    if (
+        unit.lower() in _DIMENSIONLESS
+        or standard_name in _PARAMETRIC
+        or (not unit and "formula_terms" in axis.attrs)
+    ):
         stated = f"units '{unit}'" if unit else "no units"
         if standard_name:
             stated += f" and standard name {standard_name}"
@@ -65,12 +79,18 @@ def in_metres(axis: xr.DataArray, latitude: float, where: str) -> tuple[Array, t
             "fixed depths in metres"
         )
     if unit:
-        raise ForecastError(f"{where}: coordinate {axis.name} is in '{unit}'; {_WANTED}: {_CONVERT}")
+        raise ForecastError(
+            f"{where}: coordinate {axis.name} is in '{unit}'; {_WANTED}: {_CONVERT}"
+        )
     return values, (f"coordinate {axis.name} states no unit and was taken to be in metres",)
 
 
 def choose_levels(
-    ds: xr.Dataset, dims: tuple[str | None, ...], config: ForecastConfig, latitude: float, where: str
+    ds: xr.Dataset,
+    dims: tuple[str | None, ...],
+    config: ForecastConfig,
+    latitude: float,
+    where: str,
 ) -> tuple[Array, NDArray[np.int64], tuple[str, ...]]:
     """Return the levels used [m, increasing], their positions in the file, and notes; one level at 0 m without a depth dimension.
 
@@ -87,15 +107,23 @@ def choose_levels(
     if dims[0] is None:
         return np.zeros(1), np.zeros(1, dtype=np.int64), ()
     values, notes = _depths(ds, dims[0], latitude, where)
-    if dims[1] is not None and dims[1] != dims[0] and not np.allclose(_depths(ds, dims[1], latitude, where)[0], values, rtol=1e-3):
-        raise ForecastError(f"{where}: the depths of u ({dims[0]}) and v ({dims[1]}) differ; interpolate them to the same levels")
+    if (
+        dims[1] is not None
+        and dims[1] != dims[0]
+        and not np.allclose(_depths(ds, dims[1], latitude, where)[0], values, rtol=1e-3)
+    ):
+        raise ForecastError(
+            f"{where}: the depths of u ({dims[0]}) and v ({dims[1]}) differ; interpolate them to the same levels"
+        )
     order = np.argsort(values, kind="stable")
     if config.levels is not None:
         nearest = [int(np.argmin(np.abs(values[order] - wanted))) for wanted in config.levels]
         order = order[np.unique(nearest)]
     levels = values[order]
     if not np.isfinite(levels).all() or levels[0] < 0.0 or np.any(np.diff(levels) <= 0.0):
-        raise ForecastError(f"{where}: depths must be finite, at or below the surface and distinct, got {levels.tolist()}")
+        raise ForecastError(
+            f"{where}: depths must be finite, at or below the surface and distinct, got {levels.tolist()}"
+        )
     return levels, order, notes
 
 
@@ -104,10 +132,26 @@ _DEPTH_VARIABLES = ("depth", "Z", "zt", "z", "deptht", "lev", "RC", "z_t", "st_o
 
 def _depths(ds: xr.Dataset, dim: str, latitude: float, where: str) -> tuple[Array, tuple[str, ...]]:
     """Return the depths of a dimension [m], positive down, from its coordinate or from a variable of depths along it."""
-    name = dim if dim in ds.coords else next((name for name in _DEPTH_VARIABLES if name in ds.variables and ds[name].dims == (dim,)), None)
-    if name is None and (edges := next((name for name in ds.variables if _bounds(ds[name], ds.sizes[dim])), None)) is not None:
+    name = (
+        dim
+        if dim in ds.coords
+        else next(
+            (name for name in _DEPTH_VARIABLES if name in ds.variables and ds[name].dims == (dim,)),
+            None,
+        )
+    )
+    if (
+        name is None
+        and (
+            edges := next((name for name in ds.variables if _bounds(ds[name], ds.sizes[dim])), None)
+        )
+        is not None
+    ):
         values, notes = in_metres(ds[edges].astype(np.float64), latitude, where)
-        return np.abs(values[:-1] + values[1:]) / 2.0, (*notes, f"levels of {dim} were taken midway between the interfaces {edges}")
+        return np.abs(values[:-1] + values[1:]) / 2.0, (
+            *notes,
+            f"levels of {dim} were taken midway between the interfaces {edges}",
+        )
     if name is None:
         raise ForecastError(
             f"{where}: dimension {dim} has no coordinate values; add a depth coordinate in metres, or give the file of the grid"
@@ -120,4 +164,9 @@ def _depths(ds: xr.Dataset, dim: str, latitude: float, where: str) -> tuple[Arra
 
 def _bounds(variable: xr.DataArray, levels: int) -> bool:
     """Return whether a variable holds the depths of the interfaces between so many levels."""
-    return variable.ndim == 1 and variable.size == levels + 1 and "dep" in str(variable.name).lower() and variable.dtype.kind in "iuf"
+    return (
+        variable.ndim == 1
+        and variable.size == levels + 1
+        and "dep" in str(variable.name).lower()
+        and variable.dtype.kind in "iuf"
+    )

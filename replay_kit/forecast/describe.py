@@ -43,7 +43,9 @@ class Description:
     use: str
 
 
-def describe_ensemble(path: Paths, config: ForecastConfig, near_ns: int | None = None) -> Description:
+def describe_ensemble(
+    path: Paths, config: ForecastConfig, near_ns: int | None = None
+) -> Description:
     """Return what files hold, how they were understood, and what can be done with them.
 
     Args:
@@ -61,7 +63,9 @@ def describe_ensemble(path: Paths, config: ForecastConfig, near_ns: int | None =
     with open_collection(path, parse_rule(config.members)) as found:
         if found.rule is None:
             one = replace(found, rule=MemberRule("dim"))
-            reading = read_selection(select(one, config, near_ns), config, None, found.source, found.notes)
+            reading = read_selection(
+                select(one, config, near_ns), config, None, found.source, found.notes
+            )
             use = f"one field, which --truth takes; no ensemble{ways(found)}"
         else:
             reading = read_members(found, config, near_ns, None)
@@ -69,7 +73,16 @@ def describe_ensemble(path: Paths, config: ForecastConfig, near_ns: int | None =
         current = reading.part.current
         names = str(current.u), str(current.v)
         rule = _rule(found)
-        return Description(_named(files), found.grids, rule, reading.ensemble, names, reading.layout.name, reading.check, use)
+        return Description(
+            _named(files),
+            found.grids,
+            rule,
+            reading.ensemble,
+            names,
+            reading.layout.name,
+            reading.check,
+            use,
+        )
 
 
 def _without_current(files: Sequence[Path]) -> list[str] | None:
@@ -84,7 +97,9 @@ def _without_current(files: Sequence[Path]) -> list[str] | None:
 
 
 def _named(files: Sequence[Path]) -> str:
-    return str(files[0]) if len(files) == 1 else f"{len(files)} files, {files[0]} to {files[-1].name}"
+    return (
+        str(files[0]) if len(files) == 1 else f"{len(files)} files, {files[0]} to {files[-1].name}"
+    )
 
 
 def _rule(found: Collection) -> str:

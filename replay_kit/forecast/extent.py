@@ -51,26 +51,40 @@ class Extent:
     def box(self) -> Region:
         """The box around the grid's sides, a cell wider; all longitudes of a grid round the globe."""
         x, y = self._places
-        sides = [np.column_stack([x[side], y[side]]) for side in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1])]
+        sides = [
+            np.column_stack([x[side], y[side]])
+            for side in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1])
+        ]
         return around(np.concatenate(sides), max(self.step) * DEGREE)
 
     @property
     def _places(self) -> tuple[Array, Array]:
         """Longitude and latitude of all points, shape (J, I)."""
-        x, y = np.broadcast_arrays(self.longitude, self.latitude if self.latitude.ndim == 2 else self.latitude[:, None])
+        x, y = np.broadcast_arrays(
+            self.longitude, self.latitude if self.latitude.ndim == 2 else self.latitude[:, None]
+        )
         return x, y
 
     @property
     def step(self) -> tuple[float, float]:
         """The median distance of neighbours towards east and north [degrees]."""
-        by_axis = [[(np.diff(values, axis=axis) + 180.0) % 360.0 - 180.0 for axis in (0, 1)] for values in self._places]
-        east, north = (max(float(np.median(np.abs(along))) for along in values) for values in by_axis)
+        by_axis = [
+            [(np.diff(values, axis=axis) + 180.0) % 360.0 - 180.0 for axis in (0, 1)]
+            for values in self._places
+        ]
+        east, north = (
+            max(float(np.median(np.abs(along))) for along in values) for values in by_axis
+        )
         return east, north
 
     @property
     def has_several_times(self) -> bool:
         """Whether ``read_series`` reads the forecast at more than one time."""
-        return self.config.lead is None and self.config.time is None and len(dated_choices(self.found, self.config)) > 1
+        return (
+            self.config.lead is None
+            and self.config.time is None
+            and len(dated_choices(self.found, self.config)) > 1
+        )
 
     def shape_in(self, region: Region) -> tuple[int, int]:
         """Return the number of rows and columns of the block that holds a region; zeros where it holds no point."""
@@ -90,7 +104,11 @@ class Extent:
         for field in self.selection.fields:
             if field.extra or not left:
                 continue
-            taken = field if field.member is None else replace(field, ds=field.ds.isel({field.member: slice(left)}))
+            taken = (
+                field
+                if field.member is None
+                else replace(field, ds=field.ds.isel({field.member: slice(left)}))
+            )
             fields.append(replace(taken, labels=field.labels[:left]))
             left -= len(fields[-1].labels)
         some = replace(self.selection, fields=tuple(fields), change=None)
@@ -99,7 +117,9 @@ class Extent:
 
 
 @contextmanager
-def open_extent(path: Paths, config: ForecastConfig, near_ns: int | None) -> Iterator[Extent | None]:
+def open_extent(
+    path: Paths, config: ForecastConfig, near_ns: int | None
+) -> Iterator[Extent | None]:
     """Give where the points of a forecast lie; None where its files do not say what a member is.
 
     Args:
@@ -116,4 +136,6 @@ def open_extent(path: Paths, config: ForecastConfig, near_ns: int | None) -> Ite
             return
         selection = select(found, config, near_ns)
         first = selection.fields[0]
-        yield Extent(found.source, *layout_of(first.part, first.ds, config).places, found, selection, config)
+        yield Extent(
+            found.source, *layout_of(first.part, first.ds, config).places, found, selection, config
+        )

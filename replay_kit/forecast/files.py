@@ -34,7 +34,9 @@ def open_file(path: Path) -> xr.Dataset:
             head = stream.read(8)
         engine = "scipy" if head[:3] == b"CDF" else "h5netcdf" if head[1:4] == b"HDF" else ""
     if not engine:
-        raise ForecastError(f"{path}: neither NetCDF nor Zarr; it begins with {head.hex(' ') or 'nothing'}; {_HINT}")
+        raise ForecastError(
+            f"{path}: neither NetCDF nor Zarr; it begins with {head.hex(' ') or 'nothing'}; {_HINT}"
+        )
     options = {"zarr": {"consolidated": None}, "h5netcdf": {"phony_dims": "access"}}.get(engine, {})
     try:
         if engine == "h5netcdf" and (why := exceeds_claim(path, _small_arrays(path))):
@@ -42,10 +44,14 @@ def open_file(path: Path) -> xr.Dataset:
         with warnings.catch_warnings():
             # packed values whose fill value the packing cannot hold; land is then found by its constant value
             warnings.simplefilter("ignore", xr.SerializationWarning)
-            ds = xr.open_dataset(path, engine=engine, decode_times=False, decode_timedelta=False, **options)  # type: ignore[arg-type]
+            ds = xr.open_dataset(
+                path, engine=engine, decode_times=False, decode_timedelta=False, **options
+            )  # type: ignore[arg-type]
     except (OSError, ValueError, KeyError, TypeError, OverflowError, RuntimeError) as error:
         raise ForecastError(f"{path}: cannot be read as {engine}: {error}; {_HINT}") from error
-    dates = {name: dated for name in ds.variables if (dated := _dated(ds.variables[name])) is not None}
+    dates = {
+        name: dated for name in ds.variables if (dated := _dated(ds.variables[name])) is not None
+    }
     return ds.assign(dates) if dates else ds
 
 
@@ -70,7 +76,11 @@ def undated(variable: xr.Variable | xr.DataArray) -> str:
 
 def _dated(variable: xr.Variable) -> xr.Variable | None:
     """Return times as dates; None for what is no time with an epoch."""
-    if " since " not in str(variable.attrs.get("units", "")) or variable.ndim > 1 or variable.dtype.kind not in "iuf":
+    if (
+        " since " not in str(variable.attrs.get("units", ""))
+        or variable.ndim > 1
+        or variable.dtype.kind not in "iuf"
+    ):
         return None
     civil = str(variable.attrs.get("calendar", "")).lower() in _CIVIL
     try:
@@ -78,7 +88,13 @@ def _dated(variable: xr.Variable) -> xr.Variable | None:
             warnings.simplefilter("error")
             coder = xr.coders.CFDatetimeCoder(use_cftime=not civil)
             decoded = coder.decode(variable, name="time").values
-        dates = decoded if civil else np.array([moment.isoformat() for moment in decoded.ravel()], "M8[us]").reshape(decoded.shape)
+        dates = (
+            decoded
+            if civil
+            else np.array([moment.isoformat() for moment in decoded.ravel()], "M8[us]").reshape(
+                decoded.shape
+            )
+        )
         if np.any((dates < _FIRST) | (dates > _LAST)):
             return None
         left_out = ("units", "calendar") if civil else ("units",)

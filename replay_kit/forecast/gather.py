@@ -22,19 +22,28 @@ def in_groups(field: Selected, layout: Layout, config: ForecastConfig) -> list[S
 
     What is land by its constant value is found in each group by itself, as in each of several files.
     """
-    size = 0 if field.member is None or field.extra else window_size(field.ds, layout, config, str(field.part.paths[0]))
+    size = (
+        0
+        if field.member is None or field.extra
+        else window_size(field.ds, layout, config, str(field.part.paths[0]))
+    )
     if size <= IN_MEMORY:
         return [field]
     step = max(1, _GROUP * len(field.labels) // size)
     parts = [slice(start, start + step) for start in range(0, len(field.labels), step)]
-    return [replace(field, ds=field.ds.isel({field.member: part}), labels=field.labels[part]) for part in parts]
+    return [
+        replace(field, ds=field.ds.isel({field.member: part}), labels=field.labels[part])
+        for part in parts
+    ]
 
 
 def in_local_frame(window: Window, projection: Projection) -> Array:
     """Return a window's velocities along the axes of a local frame."""
     if window.axes == "true":
         return true_to_local(projection, window.longitude, window.latitude, window.velocity)
-    east, north = to_local(projection, unwrap_longitude(window.longitude, projection.longitude), window.latitude)
+    east, north = to_local(
+        projection, unwrap_longitude(window.longitude, projection.longitude), window.latitude
+    )
     return grid_to_local(east, north, window.velocity)
 
 
@@ -69,7 +78,9 @@ class MemberStore:
 
     def _turn(self) -> None:
         if self._waiting:
-            together = replace(self._window, velocity=np.concatenate([values for _, values in self._waiting]))
+            together = replace(
+                self._window, velocity=np.concatenate([values for _, values in self._waiting])
+            )
             done, local = 0, in_local_frame(together, self._projection)
             for start, values in self._waiting:
                 self._velocity[start : start + len(values)] = local[done : done + len(values)]

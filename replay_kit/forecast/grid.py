@@ -6,7 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import rotate_to_geographic, rotate_to_local, to_geographic, to_local, unwrap_longitude
+from replay_kit.core.geodesy import (
+    rotate_to_geographic,
+    rotate_to_local,
+    to_geographic,
+    to_local,
+    unwrap_longitude,
+)
 from replay_kit.core.grid import Ensemble, Grid, Projection
 
 
@@ -21,7 +27,9 @@ def centre_longitude(longitude: Array) -> float:
 Block = tuple[slice, tuple[slice, ...]]
 
 
-def region_block(longitude: Array, latitude: Array, region: tuple[float, float, float, float]) -> Block | None:
+def region_block(
+    longitude: Array, latitude: Array, region: tuple[float, float, float, float]
+) -> Block | None:
     """Return index slices (J, (I, ...)) of the smallest block that holds every grid point inside the region; None when none is.
 
     Columns are two slices, in their order in space, where the region crosses the seam of a grid that goes round the globe.
@@ -66,7 +74,13 @@ def columns_round(longitude: Array) -> int | None:
     return None
 
 
-def local_grid(longitude: Array, latitude: Array, levels: Array, wet: NDArray[np.bool_], place_at: tuple[float, float] | None) -> Grid:
+def local_grid(
+    longitude: Array,
+    latitude: Array,
+    levels: Array,
+    wet: NDArray[np.bool_],
+    place_at: tuple[float, float] | None,
+) -> Grid:
     """Return the grid in a local frame about its centre.
 
     Args:
@@ -87,9 +101,13 @@ def local_grid(longitude: Array, latitude: Array, levels: Array, wet: NDArray[np
     return Grid(projection, longitude, latitude, east, north, levels, wet)
 
 
-def true_to_local(projection: Projection, longitude: Array, latitude: Array, velocity: Array) -> Array:
+def true_to_local(
+    projection: Projection, longitude: Array, latitude: Array, velocity: Array
+) -> Array:
     """Return velocities, shape (..., 2, Z, J, I), turned from true east and north to the local axes."""
-    east, north = rotate_to_local(projection, longitude, latitude, velocity[..., 0, :, :, :], velocity[..., 1, :, :, :])
+    east, north = rotate_to_local(
+        projection, longitude, latitude, velocity[..., 0, :, :, :], velocity[..., 1, :, :, :]
+    )
     return np.stack([east, north], axis=-4)
 
 
@@ -97,9 +115,15 @@ def in_frame(ensemble: Ensemble, projection: Projection) -> Ensemble:
     """Return an ensemble in another local frame: its places and velocities are the same, along the other's axes."""
     grid = ensemble.grid
     east, north = to_local(projection, grid.longitude, grid.latitude)
-    turned = rotate_to_geographic(grid.projection, grid.longitude, grid.latitude, *np.moveaxis(ensemble.velocity, 1, 0))
+    turned = rotate_to_geographic(
+        grid.projection, grid.longitude, grid.latitude, *np.moveaxis(ensemble.velocity, 1, 0)
+    )
     velocity = np.stack(rotate_to_local(projection, grid.longitude, grid.latitude, *turned), axis=1)
-    return replace(ensemble, grid=replace(grid, projection=projection, east=east, north=north), velocity=velocity)
+    return replace(
+        ensemble,
+        grid=replace(grid, projection=projection, east=east, north=north),
+        velocity=velocity,
+    )
 
 
 def grid_to_local(east: Array, north: Array, velocity: Array) -> Array:

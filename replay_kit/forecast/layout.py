@@ -10,7 +10,17 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text
 from replay_kit.forecast.grid import columns_round
-from replay_kit.forecast.names import ANGLES, Axes, Coordinates, Current, find_coordinates, find_depth, find_lead, find_member, find_time
+from replay_kit.forecast.names import (
+    ANGLES,
+    Axes,
+    Coordinates,
+    Current,
+    find_coordinates,
+    find_depth,
+    find_lead,
+    find_member,
+    find_time,
+)
 
 #: Names of the two components in the datasets that are made of an ensemble's files.
 U, V = "replay_kit_u", "replay_kit_v"
@@ -62,7 +72,11 @@ class Layout:
     def name(self) -> str:
         """The arrangement in words."""
         grid = "longitude-latitude grid" if self.longitude.ndim == 1 else "curvilinear grid"
-        staggered = "velocities on cell faces (C-grid), averaged to centres" if self.first_face else "both components at the same points"
+        staggered = (
+            "velocities on cell faces (C-grid), averaged to centres"
+            if self.first_face
+            else "both components at the same points"
+        )
         return f"{self.kind.dialect} names, {grid}, {staggered}"
 
 
@@ -73,24 +87,44 @@ def lay_out(ds: xr.Dataset, current: Current, where: str) -> Layout:
         ForecastError: Coordinates are missing, or do not belong to the components.
     """
     u_dims, v_dims = _horizontal(ds, U, current.u, where), _horizontal(ds, V, current.v, where)
-    if not any("lon" in str(name).lower() or ds[name].attrs.get("standard_name") == "longitude" for name in ds.variables):
+    if not any(
+        "lon" in str(name).lower() or ds[name].attrs.get("standard_name") == "longitude"
+        for name in ds.variables
+    ):
         ds = _projected(ds, u_dims)
-    x_name, y_name, kind = find_coordinates(ds, [dim for dim in ds[U].dims if dim in ds[V].dims], where)
-    longitude, latitude = (_without_times(ds[name], (*u_dims, *v_dims)) for name in (x_name, y_name))
+    x_name, y_name, kind = find_coordinates(
+        ds, [dim for dim in ds[U].dims if dim in ds[V].dims], where
+    )
+    longitude, latitude = (
+        _without_times(ds[name], (*u_dims, *v_dims)) for name in (x_name, y_name)
+    )
     if longitude.ndim != latitude.ndim:
-        raise ForecastError(f"{where}: longitude has {longitude.ndim} dimensions and latitude {latitude.ndim}; both must have 1 or both 2")
+        raise ForecastError(
+            f"{where}: longitude has {longitude.ndim} dimensions and latitude {latitude.ndim}; both must have 1 or both 2"
+        )
     flat = longitude.ndim == 1
     centre = (str(latitude.dims[0]), str((longitude if flat else latitude).dims[-1]))
     u_dims, v_dims = (_ordered(dims, centre) for dims in (u_dims, v_dims))
-    x, y = (axis.values.astype(np.float64) if flat else axis.transpose(*centre).values.astype(np.float64) for axis in (longitude, latitude))
+    x, y = (
+        axis.values.astype(np.float64)
+        if flat
+        else axis.transpose(*centre).values.astype(np.float64)
+        for axis in (longitude, latitude)
+    )
     notes: tuple[str, ...] = ()
     face = _first_faces(ds, kind, (u_dims, v_dims), centre)
     if not flat:
         x, y, filled = _filled(x, y)
-        notes = (f"taken for land: {count_text(filled, 'point')} without coordinates",) if filled else ()
+        notes = (
+            (f"taken for land: {count_text(filled, 'point')} without coordinates",)
+            if filled
+            else ()
+        )
     if face is not None and kind.dialect == "NEMO" and x_name.startswith("nav_lon"):
         x, y = _before(x), _before(y)
-        notes += ("cell centres were taken midway between the points of u, as no file of the grid (glamt, gphit) was given",)
+        notes += (
+            "cell centres were taken midway between the points of u, as no file of the grid (glamt, gphit) was given",
+        )
     if not (np.isfinite(x).all() and np.isfinite(y).all() and (np.abs(y) <= 90.0).all()):
         raise ForecastError(
             f"{where}: longitude or latitude holds missing values or latitudes beyond 90 degrees; swapped or damaged coordinates?"
@@ -122,7 +156,9 @@ def _horizontal(ds: xr.Dataset, component: str, name: str | None, where: str) ->
         # members under a name of their own, chosen by dim:NAME, come before the grid
         left = left[-2:]
     if len(left) != 2:
-        raise ForecastError(f"{where}: {name} has dimensions {', '.join(map(str, dims))}; expected two horizontal ones among them")
+        raise ForecastError(
+            f"{where}: {name} has dimensions {', '.join(map(str, dims))}; expected two horizontal ones among them"
+        )
     return left[0], left[1]
 
 
@@ -132,21 +168,37 @@ def _ordered(dims: tuple[str, str], centre: tuple[str, str]) -> tuple[str, str]:
 
 
 def _first_faces(
-    ds: xr.Dataset, kind: Coordinates, dims: tuple[tuple[str, str], tuple[str, str]], centre: tuple[str, str]
+    ds: xr.Dataset,
+    kind: Coordinates,
+    dims: tuple[tuple[str, str], tuple[str, str]],
+    centre: tuple[str, str],
 ) -> tuple[int, int] | None:
     """Return the positions, along y and x, of the faces before the first centre; None where nothing is staggered."""
     (_, ux), (vy, _) = dims
     depths = {find_depth(ds, ds[name].dims) for name in (U, V)}
-    nemo = kind.dialect == "NEMO" and (bool(depths & {"depthu", "depthv"}) or bool(ds.attrs.get(STAGGERED)))
+    nemo = kind.dialect == "NEMO" and (
+        bool(depths & {"depthu", "depthv"}) or bool(ds.attrs.get(STAGGERED))
+    )
     if dims[0] == dims[1] and not nemo:
         return None
     found = []
     for face, middle in ((vy, centre[0]), (ux, centre[1])):
         more = ds.sizes[face] - ds.sizes[middle]
-        along = [ds[dim].values.astype(np.float64) if dim in ds.coords and ds[dim].dtype.kind in "fiu" else None for dim in (face, middle)]
+        along = [
+            ds[dim].values.astype(np.float64)
+            if dim in ds.coords and ds[dim].dtype.kind in "fiu"
+            else None
+            for dim in (face, middle)
+        ]
         if more == 1:
             found.append(0)
-        elif face != middle and along[0] is not None and along[1] is not None and along[0].size and more == 0:
+        elif (
+            face != middle
+            and along[0] is not None
+            and along[1] is not None
+            and along[0].size
+            and more == 0
+        ):
             found.append(0 if along[0][0] < along[1][0] else -1)
         else:
             found.append(-1 if kind.face == 1 or more < 0 else 0)
@@ -179,8 +231,12 @@ def _extended(values: Array, missing: Array) -> Array:
             if 2 <= known.size < row.size:
                 i = np.arange(row.size)
                 inside = np.interp(i, known, row[known])
-                before, after = ((row[known[k + 1]] - row[known[k]]) / (known[k + 1] - known[k]) for k in (0, -2))
-                inside += np.minimum(i - known[0], 0) * before + np.maximum(i - known[-1], 0) * after
+                before, after = (
+                    (row[known[k + 1]] - row[known[k]]) / (known[k + 1] - known[k]) for k in (0, -2)
+                )
+                inside += (
+                    np.minimum(i - known[0], 0) * before + np.maximum(i - known[-1], 0) * after
+                )
                 row[:] = np.where(np.isfinite(row), row, inside)
     return values
 
@@ -194,7 +250,9 @@ def _projected(ds: xr.Dataset, dims: tuple[str, str]) -> xr.Dataset:
     scale = [1e3 if ds[dim].attrs.get("units") == "km" else 1.0 for dim in (x, y)]
     crs = pyproj.CRS.from_cf(dict(ds[name].attrs))
     east, north = np.meshgrid(ds[x].values * scale[0], ds[y].values * scale[1])
-    longitude, latitude = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(east, north)
+    longitude, latitude = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(
+        east, north
+    )
     return ds.assign(longitude=(dims, longitude), latitude=(dims, latitude))
 
 
@@ -203,14 +261,23 @@ def _axes(ds: xr.Dataset, current: Current, staggered: bool) -> tuple[Axes, str]
     if current.axes is not None:
         return current.axes, current.why
     long_name = str(ds[U].attrs.get("long_name", "")).lower()
-    if any(mark in long_name for mark in ("x_velocity", "x-velocity", "i-current", "along x", "xi-")):
+    if any(
+        mark in long_name for mark in ("x_velocity", "x-velocity", "i-current", "along x", "xi-")
+    ):
         return "grid", f"long name '{ds[U].attrs['long_name']}'"
     if staggered:
         return "grid", "velocities on cell faces"
     angle = next((name for name in ANGLES if name in ds.variables), None)
     if angle is not None:
         return "grid", f"the file holds the grid's angle ({angle})"
-    mapping = next((ds[name].attrs["grid_mapping_name"] for name in ds.variables if "grid_mapping_name" in ds[name].attrs), None)
+    mapping = next(
+        (
+            ds[name].attrs["grid_mapping_name"]
+            for name in ds.variables
+            if "grid_mapping_name" in ds[name].attrs
+        ),
+        None,
+    )
     if mapping not in (None, "latitude_longitude"):
         return "grid", f"the map projection {mapping}"
     return "true", "no sign of other axes"

@@ -68,19 +68,30 @@ def label_files(paths: Sequence[Path], expression: str) -> dict[Path, str]:
         found = {path: re.search(expression, str(path)) for path in paths}
         other = next((path for path, match in found.items() if match is None), None)
         if other is not None:
-            raise ForecastError(f"{other}: --members files:{expression} does not fit this file; leave it out, or widen the expression")
-        return {path: match[1] if match.re.groups else match[0] for path, match in found.items() if match is not None}
+            raise ForecastError(
+                f"{other}: --members files:{expression} does not fit this file; leave it out, or widen the expression"
+            )
+        return {
+            path: match[1] if match.re.groups else match[0]
+            for path, match in found.items()
+            if match is not None
+        }
     labels = usual_labels(paths, _USUAL)
     if labels is None and len({path.parent for path in paths}) > 1:
         labels = {path: path.parent.name for path in paths}
     return labels or {path: path.name for path in paths}
 
 
-def usual_labels(paths: Sequence[Path], expressions: Sequence[str] = _SURE) -> dict[Path, str] | None:
+def usual_labels(
+    paths: Sequence[Path], expressions: Sequence[str] = _SURE
+) -> dict[Path, str] | None:
     """Return the members by usual names such as mem001_uv.nc, r1i1p1f1 or ens01/; None where not all files have such a name."""
     for expression in expressions:
         for texts in ([path.name for path in paths], [path.parent.name for path in paths]):
-            found = {path: re.search(expression, text, re.IGNORECASE) for path, text in zip(paths, texts, strict=True)}
+            found = {
+                path: re.search(expression, text, re.IGNORECASE)
+                for path, text in zip(paths, texts, strict=True)
+            }
             if all(found.values()) and len({match[1] for match in found.values() if match}) > 1:
                 return {path: match[1] for path, match in found.items() if match}
     return None

@@ -11,11 +11,36 @@ from replay_kit.core.text import some_text
 
 Axes = Literal["true", "grid"]
 
-MEMBER_NAMES = ("member", "ensemble", "ens", "number", "realization", "ensemble_member", "member_id", "record")
+MEMBER_NAMES = (
+    "member",
+    "ensemble",
+    "ens",
+    "number",
+    "realization",
+    "ensemble_member",
+    "member_id",
+    "record",
+)
 _LEAD_NAMES = ("lead", "lead_time", "leadtime", "step", "forecast_period")
 _TIME_NAMES = ("time", "valid_time", "time_counter", "ocean_time", "scrum_time", "mt", "t")
 _DEPTH_NAMES = (
-    *("depth", "lev", "level", "deptht", "depthu", "depthv", "z", "z_l", "st_ocean", "elevation", "zt", "zc", "z_t", "k", "zl"),
+    *(
+        "depth",
+        "lev",
+        "level",
+        "deptht",
+        "depthu",
+        "depthv",
+        "z",
+        "z_l",
+        "st_ocean",
+        "elevation",
+        "zt",
+        "zc",
+        "z_t",
+        "k",
+        "zl",
+    ),
     *("s_rho", "sc_r", "nav_lev", "olevel"),
 )
 _VELOCITY_STANDARD_NAMES: tuple[tuple[str, str, Axes], ...] = (
@@ -65,23 +90,63 @@ class Coordinates:
 
 # The first whose longitude and latitude are in the file is taken; more particular ones first.
 COORDINATES = (
-    Coordinates("ROMS or CROCO", ("lon_rho",), ("lat_rho",), ("mask_rho",), ("mask_u",), ("mask_v",)),
-    Coordinates("NEMO", ("glamt",), ("gphit",), ("tmask", "tmaskutil"), ("umask", "umaskutil"), ("vmask", "vmaskutil")),
-    Coordinates("MITgcm", ("XC",), ("YC",), ("hFacC", "maskC"), ("hFacW", "maskW"), ("hFacS", "maskS"), -1),
+    Coordinates(
+        "ROMS or CROCO", ("lon_rho",), ("lat_rho",), ("mask_rho",), ("mask_u",), ("mask_v",)
+    ),
+    Coordinates(
+        "NEMO",
+        ("glamt",),
+        ("gphit",),
+        ("tmask", "tmaskutil"),
+        ("umask", "umaskutil"),
+        ("vmask", "vmaskutil"),
+    ),
+    Coordinates(
+        "MITgcm", ("XC",), ("YC",), ("hFacC", "maskC"), ("hFacW", "maskW"), ("hFacS", "maskS"), -1
+    ),
     Coordinates("MOM6", ("geolon", "xh"), ("geolat", "yh"), ("wet",), ("wet_u",), ("wet_v",)),
     Coordinates("MOM5 (B-grid)", ("geolon_c", "xu_ocean"), ("geolat_c", "yu_ocean")),
     Coordinates("POP (B-grid)", ("ULON", "ULONG"), ("ULAT",), ("KMU",)),
-    Coordinates("NEMO", ("nav_lon",), ("nav_lat",), ("tmask", "tmaskutil"), ("umask", "umaskutil"), ("vmask", "vmaskutil")),
-    Coordinates("CF", ("longitude", "lon"), ("latitude", "lat"), ("mask", "land_sea_mask", "sea_binary_mask")),
+    Coordinates(
+        "NEMO",
+        ("nav_lon",),
+        ("nav_lat",),
+        ("tmask", "tmaskutil"),
+        ("umask", "umaskutil"),
+        ("vmask", "vmaskutil"),
+    ),
+    Coordinates(
+        "CF",
+        ("longitude", "lon"),
+        ("latitude", "lat"),
+        ("mask", "land_sea_mask", "sea_binary_mask"),
+    ),
 )
 #: Number of wet levels of each column, from the surface.
 LEVEL_COUNTS = ("num_levels", "mbathy", "kmt", "KMT", "kmu", "KMU")
-SEA_LEVEL = ("zeta", "zos", "ssh", "surf_el", "sossheig", "zeta_detided", "eta_t", "Eta", "ETAN", "adt", "sla", "SSH")
+SEA_LEVEL = (
+    "zeta",
+    "zos",
+    "ssh",
+    "surf_el",
+    "sossheig",
+    "zeta_detided",
+    "eta_t",
+    "Eta",
+    "ETAN",
+    "adt",
+    "sla",
+    "SSH",
+)
 ANGLES = ("angle", "CS", "AngleCS", "ANGLE", "cos_rot", "COSROT")
 
 
 def _by_standard_name(ds: xr.Dataset, standard_name: str) -> list[str]:
-    return [str(name) for name, variable in ds.variables.items() if variable.attrs.get("standard_name") == standard_name]
+    return [
+        str(name)
+        for name, variable in ds.variables.items()
+        if variable.attrs.get("standard_name") == standard_name
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,13 +197,22 @@ def find_current(ds: xr.Dataset, where: str) -> Current | None:
 
 def suffixes(ds: xr.Dataset) -> dict[str, tuple[str, str]]:
     """Return the components of members that differ by the suffix of their names, by suffix; statistics are left out."""
-    return {ending: pair for ending, pair in _with_suffix(ds).items() if all(name in ds.variables for name in pair)}
+    return {
+        ending: pair
+        for ending, pair in _with_suffix(ds).items()
+        if all(name in ds.variables for name in pair)
+    }
 
 
 def without_partner(ds: xr.Dataset) -> list[str]:
     """Return names of components whose suffix the other component has not, where suffixes distinguish several members."""
     pairs = _with_suffix(ds).values() if len(suffixes(ds)) > 1 else ()
-    return [f"{name} without {other}" for pair in pairs for name, other in (pair, pair[::-1]) if other not in ds.variables]
+    return [
+        f"{name} without {other}"
+        for pair in pairs
+        for name, other in (pair, pair[::-1])
+        if other not in ds.variables
+    ]
 
 
 def _with_suffix(ds: xr.Dataset) -> dict[str, tuple[str, str]]:
@@ -149,7 +223,11 @@ def _with_suffix(ds: xr.Dataset) -> dict[str, tuple[str, str]]:
             for part in pair:
                 ending = name.removeprefix(f"{part}_")
                 whole = all(f"{one}_{ending}" in ds.variables for one in pair)
-                if ending != name and ending.lower() not in _NO_MEMBERS and (whole or ending not in found):
+                if (
+                    ending != name
+                    and ending.lower() not in _NO_MEMBERS
+                    and (whole or ending not in found)
+                ):
                     found[ending] = (f"{pair[0]}_{ending}", f"{pair[1]}_{ending}")
     return found
 
@@ -164,7 +242,9 @@ def no_current(ds: xr.Dataset, where: str) -> ForecastError:
     )
 
 
-def find_coordinates(ds: xr.Dataset, dims: Iterable[Hashable], where: str) -> tuple[str, str, Coordinates]:
+def find_coordinates(
+    ds: xr.Dataset, dims: Iterable[Hashable], where: str
+) -> tuple[str, str, Coordinates]:
     """Return the names of longitude and latitude in one or two dimensions, and the kind of grid.
 
     Args:
@@ -179,11 +259,19 @@ def find_coordinates(ds: xr.Dataset, dims: Iterable[Hashable], where: str) -> tu
     for longitude in _by_standard_name(ds, "longitude"):
         for latitude in _by_standard_name(ds, "latitude"):
             usual = longitude in {name for kind in COORDINATES[:-1] for name in kind.longitude}
-            if not usual and ds[longitude].ndim in (1, 2) and set(ds[longitude].dims) | set(ds[latitude].dims) <= set(dims):
+            if (
+                not usual
+                and ds[longitude].ndim in (1, 2)
+                and set(ds[longitude].dims) | set(ds[latitude].dims) <= set(dims)
+            ):
                 return longitude, latitude, cf
     for kind in COORDINATES:
         for longitude, latitude in zip(kind.longitude, kind.latitude, strict=False):
-            if longitude in ds.variables and latitude in ds.variables and ds[longitude].ndim in (1, 2, 3):
+            if (
+                longitude in ds.variables
+                and latitude in ds.variables
+                and ds[longitude].ndim in (1, 2, 3)
+            ):
                 return longitude, latitude, kind
     for longitude in _by_standard_name(ds, "longitude"):
         for latitude in _by_standard_name(ds, "latitude"):
@@ -196,7 +284,12 @@ def find_coordinates(ds: xr.Dataset, dims: Iterable[Hashable], where: str) -> tu
     )
 
 
-def find_dimension(ds: xr.Dataset, dims: Iterable[Hashable], standard_names: tuple[str, ...], names: tuple[str, ...]) -> str | None:
+def find_dimension(
+    ds: xr.Dataset,
+    dims: Iterable[Hashable],
+    standard_names: tuple[str, ...],
+    names: tuple[str, ...],
+) -> str | None:
     """Return the dimension that has one of the standard names on its coordinate, else one of the short names, else None."""
     found = [str(dim) for dim in dims]
     for dim in found:
@@ -208,7 +301,9 @@ def find_dimension(ds: xr.Dataset, dims: Iterable[Hashable], standard_names: tup
 
 def find_member(ds: xr.Dataset, dims: Iterable[Hashable]) -> str | None:
     """Return the ensemble dimension, or None."""
-    axis = next((str(dim) for dim in dims if dim in ds.variables and ds[dim].attrs.get("axis") == "E"), None)
+    axis = next(
+        (str(dim) for dim in dims if dim in ds.variables and ds[dim].attrs.get("axis") == "E"), None
+    )
     return axis or find_dimension(ds, dims, ("realization",), MEMBER_NAMES)
 
 

@@ -54,7 +54,9 @@ class OpenedFile:
     label: str = ""
 
 
-def pair_files(files: Sequence[OpenedFile], grids: Sequence[OpenedFile]) -> tuple[tuple[Part, ...], tuple[str, ...]]:
+def pair_files(
+    files: Sequence[OpenedFile], grids: Sequence[OpenedFile]
+) -> tuple[tuple[Part, ...], tuple[str, ...]]:
     """Return files of both components, or of u and v each, as parts in order of time, and what was not used."""
     both = [file for file in files if file.current and file.current.u and file.current.v]
     us = [file for file in files if file.current and file.current.u and not file.current.v]
@@ -77,7 +79,9 @@ def pair_files(files: Sequence[OpenedFile], grids: Sequence[OpenedFile]) -> tupl
     return tuple(parts), notes
 
 
-def _joined(u: OpenedFile, v: OpenedFile, grids: Sequence[OpenedFile]) -> tuple[Part, tuple[str, ...]]:
+def _joined(
+    u: OpenedFile, v: OpenedFile, grids: Sequence[OpenedFile]
+) -> tuple[Part, tuple[str, ...]]:
     """Return one part of the files of its two components and of the grid, and which grid files do not fit."""
     assert u.current is not None
     assert v.current is not None
@@ -88,13 +92,17 @@ def _joined(u: OpenedFile, v: OpenedFile, grids: Sequence[OpenedFile]) -> tuple[
     second = v.ds[v.current.v].variable
     if v is not u:
         second, ds = _with_second(ds, v, second, str(u.path))
-    ds = ds.assign({U: _marked(u.ds[u.current.u].variable, current.u), V: _marked(second, current.v)})
+    ds = ds.assign(
+        {U: _marked(u.ds[u.current.u].variable, current.u), V: _marked(second, current.v)}
+    )
     notes = list(_told(u))
     for grid in grids:
         ds, fits = _with_grid(ds, grid.ds)
         if not fits:
             sizes = some_text([f"{dim} = {size}" for dim, size in grid.ds.sizes.items()])
-            notes.append(f"{grid.path.name} holds no current, and its sizes ({sizes}) are not those of the velocities: it was not used")
+            notes.append(
+                f"{grid.path.name} holds no current, and its sizes ({sizes}) are not those of the velocities: it was not used"
+            )
     return Part(ds, current, (u.path,) if u is v else (u.path, v.path)), tuple(notes)
 
 
@@ -103,13 +111,27 @@ def _told(u: OpenedFile) -> tuple[str, ...]:
     assert u.current is not None
     variable = u.ds[u.current.u]
     time = find_time(u.ds, variable.dims)
-    calendar = u.ds[time].attrs.get("calendar", "") if time is not None and u.ds[time].dtype.kind == "M" else ""
-    notes = [f"times of the calendar {calendar} were taken for civil dates of the same name"] if calendar else []
+    calendar = (
+        u.ds[time].attrs.get("calendar", "")
+        if time is not None and u.ds[time].dtype.kind == "M"
+        else ""
+    )
+    notes = (
+        [f"times of the calendar {calendar} were taken for civil dates of the same name"]
+        if calendar
+        else []
+    )
     named = str(variable.encoding.get("coordinates", variable.attrs.get("coordinates", ""))).split()
-    lacking = [name for name in named if name not in u.ds.variables and ("lon" in name.lower() or "lat" in name.lower())]
+    lacking = [
+        name
+        for name in named
+        if name not in u.ds.variables and ("lon" in name.lower() or "lat" in name.lower())
+    ]
     if lacking:
         names = ", ".join(lacking)
-        notes.append(f"coordinates {names} are named but not in the file: nominal ones were used, unless a grid file has them")
+        notes.append(
+            f"coordinates {names} are named but not in the file: nominal ones were used, unless a grid file has them"
+        )
     return tuple(notes)
 
 
@@ -117,17 +139,31 @@ def _marked(variable: xr.Variable, name: str | None) -> xr.Variable:
     """Return a component with its name and, if packed, what the packed value 0 stands for."""
     offset = variable.encoding.get("add_offset", 0.0)
     marked = variable.copy(deep=False)
-    marked.attrs = {**variable.attrs, "replay_kit_name": name, "replay_kit_offset": float(np.float32(offset))}
+    marked.attrs = {
+        **variable.attrs,
+        "replay_kit_name": name,
+        "replay_kit_offset": float(np.float32(offset)),
+    }
     return marked
 
 
-def _with_second(ds: xr.Dataset, v: OpenedFile, second: xr.Variable, where: str) -> tuple[xr.Variable, xr.Dataset]:
+def _with_second(
+    ds: xr.Dataset, v: OpenedFile, second: xr.Variable, where: str
+) -> tuple[xr.Variable, xr.Dataset]:
     """Return v's variable on dimensions that do not conflict with those of u's file, and that file with v's own coordinates."""
-    renamed = {dim: f"{dim}_of_v" for dim in second.dims if dim in ds.sizes and ds.sizes[dim] != v.ds.sizes[dim]}
+    renamed = {
+        dim: f"{dim}_of_v"
+        for dim in second.dims
+        if dim in ds.sizes and ds.sizes[dim] != v.ds.sizes[dim]
+    }
     for dim in second.dims:
         name = str(dim)
         times = name in v.ds.coords and v.ds[name].dtype.kind == "M"
-        if times and name in ds.coords and (dim in renamed or not np.array_equal(ds[name].values, v.ds[name].values)):
+        if (
+            times
+            and name in ds.coords
+            and (dim in renamed or not np.array_equal(ds[name].values, v.ds[name].values))
+        ):
             raise ForecastError(
                 f"{v.path}: its times ({v.ds.sizes[name]} from {v.ds[name].values[0]}) are not those of {where} ({ds.sizes[name]} from "
                 f"{ds[name].values[0]}); give files of u and v with the same times"
@@ -150,7 +186,12 @@ def _with_grid(ds: xr.Dataset, grid: xr.Dataset) -> tuple[xr.Dataset, bool]:
         small = variable.isel(dict.fromkeys(single, 0))
         fits = all(ds.sizes.get(dim, small.sizes[dim]) == small.sizes[dim] for dim in small.dims)
         fitting |= fits and bool(set(small.dims) & set(ds.sizes))
-        if name not in ds.variables and name not in _TIMES_OF_GRIDS and fits and small.dtype.kind in "fiub":
+        if (
+            name not in ds.variables
+            and name not in _TIMES_OF_GRIDS
+            and fits
+            and small.dtype.kind in "fiub"
+        ):
             added[name] = small
     return ds.assign(added), fitting
 
@@ -165,7 +206,13 @@ def _without_supergrid(ds: xr.Dataset, grid: xr.Dataset) -> xr.Dataset:
         return grid
     # u of a C-grid has the centres' rows, v their columns
     rows, columns = ds[U].dims[-2], ds[V].dims[-1]
-    first, names = (1, ("geolon", "geolat")) if ds[U].dims[-2:] != ds[V].dims[-2:] else (2, ("geolon_c", "geolat_c"))
+    first, names = (
+        (1, ("geolon", "geolat"))
+        if ds[U].dims[-2:] != ds[V].dims[-2:]
+        else (2, ("geolon_c", "geolat_c"))
+    )
     places = {"nyp": slice(first, None, 2), "nxp": slice(first, None, 2)}
     axes = (grid[name].variable.isel(places) for name in ("x", "y"))
-    return xr.Dataset({name: ((rows, columns), axis.values) for name, axis in zip(names, axes, strict=True)})
+    return xr.Dataset(
+        {name: ((rows, columns), axis.values) for name, axis in zip(names, axes, strict=True)}
+    )

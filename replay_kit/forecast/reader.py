@@ -68,7 +68,12 @@ def read_ensemble(
         return read_members(found, config, near_ns, place_at).ensemble
 
 
-def read_members(found: Collection, config: ForecastConfig, near_ns: int | None, place_at: tuple[float, float] | None) -> Reading:
+def read_members(
+    found: Collection,
+    config: ForecastConfig,
+    near_ns: int | None,
+    place_at: tuple[float, float] | None,
+) -> Reading:
     """Return the chosen part of an opened ensemble, and how it was understood; see ``read_ensemble``.
 
     Raises:
@@ -79,13 +84,21 @@ def read_members(found: Collection, config: ForecastConfig, near_ns: int | None,
     selection = select(found, config, near_ns)
     count = sum(len(field.labels) for field in selection.fields if not field.extra)
     if count < 2:
-        raise ForecastError(f"{found.source}: an ensemble needs at least 2 members, got {count}{ways(found)}")
+        raise ForecastError(
+            f"{found.source}: an ensemble needs at least 2 members, got {count}{ways(found)}"
+        )
     reading = read_selection(selection, config, place_at, found.source, found.notes)
     made_from = found.rule.kind if found.rule.kind in MADE else ""
     return replace(reading, ensemble=replace(reading.ensemble, made_from=made_from))
 
 
-def read_truth(spec: str, config: ForecastConfig, *, near_ns: int | None = None, place_at: tuple[float, float] | None = None) -> Ensemble:
+def read_truth(
+    spec: str,
+    config: ForecastConfig,
+    *,
+    near_ns: int | None = None,
+    place_at: tuple[float, float] | None = None,
+) -> Ensemble:
     """Return a truth, an ensemble of one, from ``PATH`` or ``PATH#MEMBER``.
 
     Args:
@@ -101,13 +114,19 @@ def read_truth(spec: str, config: ForecastConfig, *, near_ns: int | None = None,
     with open_collection(Path(name), None) as found:
         block = found.blocks[0]
         if block.member is None and label:
-            raise ForecastError(f"{name}: member '{label}' asked for, but the file has no member dimension; leave out '#{label}'")
+            raise ForecastError(
+                f"{name}: member '{label}' asked for, but the file has no member dimension; leave out '#{label}'"
+            )
         if block.member is not None and not label and block.count > 1:
-            raise ForecastError(f"{name}: {block.count} members; name the one that is the truth as '{name}#MEMBER'")
+            raise ForecastError(
+                f"{name}: {block.count} members; name the one that is the truth as '{name}#MEMBER'"
+            )
         if block.member is not None and label:
             block = _one_member(block, label, name)
         one = replace(found, blocks=(block,), rule=found.rule or MemberRule("dim"), background=None)
-        return read_selection(select(one, config, near_ns), config, place_at, spec, found.notes).ensemble
+        return read_selection(
+            select(one, config, near_ns), config, place_at, spec, found.notes
+        ).ensemble
 
 
 def _nothing_says(found: Collection) -> ForecastError:
@@ -136,15 +155,27 @@ def ways(found: Collection) -> str:
 def _one_member(block: Block, label: str, where: str) -> Block:
     """Return a block of one of its members."""
     ds, dim = block.parts[0].ds, block.member
-    labels = [str(value) for value in ds[dim].values] if dim in ds.coords else [str(i) for i in range(block.count)]
+    labels = (
+        [str(value) for value in ds[dim].values]
+        if dim in ds.coords
+        else [str(i) for i in range(block.count)]
+    )
     if label not in labels:
-        raise ForecastError(f"{where}: no member '{label}'; the file has {labels[0]} to {labels[-1]} ({len(labels)} members)")
+        raise ForecastError(
+            f"{where}: no member '{label}'; the file has {labels[0]} to {labels[-1]} ({len(labels)} members)"
+        )
     chosen = {dim: [labels.index(label)]}
-    return replace(block, parts=tuple(replace(part, ds=part.ds.isel(chosen)) for part in block.parts))
+    return replace(
+        block, parts=tuple(replace(part, ds=part.ds.isel(chosen)) for part in block.parts)
+    )
 
 
 def read_selection(
-    selection: Selection, config: ForecastConfig, place_at: tuple[float, float] | None, source: str, earlier: tuple[str, ...]
+    selection: Selection,
+    config: ForecastConfig,
+    place_at: tuple[float, float] | None,
+    source: str,
+    earlier: tuple[str, ...],
 ) -> Reading:
     """Return the fields of a selection as members on the grid of the first.
 
@@ -155,21 +186,35 @@ def read_selection(
     fields = [part for field in selection.fields for part in in_groups(field, layout, config)]
     first = fields[0]
     window, notes = _read(first, layout, config), list(selection.notes)
-    projection = local_grid(window.longitude, window.latitude, window.levels, np.ones(0, bool), None).projection
+    projection = local_grid(
+        window.longitude, window.latitude, window.levels, np.ones(0, bool), None
+    ).projection
     count = sum(1 if field.extra else len(field.labels) for field in fields)
-    members, moved = MemberStore(large_array((count, *window.velocity.shape[1:])), window, projection), 0
+    members, moved = (
+        MemberStore(large_array((count, *window.velocity.shape[1:])), window, projection),
+        0,
+    )
     members.add(window.velocity, turned=False)
     around = config.model_copy(update={"region": _around(window)})
     for field in fields[1:]:
-        last = layout if _same_grid(field.part, first.part) else layout_of(field.part, field.ds, config)
+        last = (
+            layout
+            if _same_grid(field.part, first.part)
+            else layout_of(field.part, field.ds, config)
+        )
         other = _read(field, last, config if last is layout else around)
         values, alike = other.velocity, _alike(other, window)
         if not alike:
-            values, moved = _moved(other, in_local_frame(other, projection), window, projection), moved + values.shape[0]
+            values, moved = (
+                _moved(other, in_local_frame(other, projection), window, projection),
+                moved + values.shape[0],
+            )
         members.add(values.mean(axis=0, keepdims=True) if field.extra else values, turned=not alike)
         notes += [note for note in other.notes if last is not layout or note not in window.notes]
     if moved:
-        notes.append(f"{count_text(moved, 'member')} interpolated to the grid of the first (bilinear; linear in depth)")
+        notes.append(
+            f"{count_text(moved, 'member')} interpolated to the grid of the first (bilinear; linear in depth)"
+        )
     velocity = members.finished()
     if selection.change is not None:
         velocity, changed = selection.change(velocity)
@@ -180,7 +225,15 @@ def read_selection(
     # axes that were stated need no check
     doubts = check.notes if config.axes == "auto" else ()
     grid = local_grid(window.longitude, window.latitude, window.levels, wet, place_at)
-    in_order = (*notes, *_placed(place_at), *window.notes, *holes, *unusual_members(velocity, labels, source), *doubts, *earlier)
+    in_order = (
+        *notes,
+        *_placed(place_at),
+        *window.notes,
+        *holes,
+        *unusual_members(velocity, labels, source),
+        *doubts,
+        *earlier,
+    )
     notes = list(dict.fromkeys(in_order))
     error_std = check.residual_std if doubts else 0.0
     ensemble = Ensemble(grid, velocity, selection.time_ns, source, tuple(notes), labels, error_std)
@@ -196,7 +249,9 @@ def layout_of(part: Part, ds: xr.Dataset, config: ForecastConfig) -> Layout:
 
 
 def _read(field: Selected, layout: Layout, config: ForecastConfig) -> Window:
-    return read_window(field.ds, field.part.current, layout, field.member, config, str(field.part.paths[0]))
+    return read_window(
+        field.ds, field.part.current, layout, field.member, config, str(field.part.paths[0])
+    )
 
 
 def _same_grid(one: Part, other: Part) -> bool:
@@ -204,10 +259,17 @@ def _same_grid(one: Part, other: Part) -> bool:
     if one.ds is other.ds or one.paths == other.paths:
         return True
     for name, variable in other.ds.variables.items():
-        if any(mark in str(name).lower() for mark in ("lon", "lat", "glam", "gphi", "xc", "yc", "xh", "yh", "xu_", "yu_", "geo")):
+        if any(
+            mark in str(name).lower()
+            for mark in ("lon", "lat", "glam", "gphi", "xc", "yc", "xh", "yh", "xu_", "yu_", "geo")
+        ):
             if name not in one.ds.variables or one.ds[name].shape != variable.shape:
                 return False
-            ends = [np.asarray(v.isel(dict.fromkeys(v.dims, k)).values) for v in (one.ds[name].variable, variable) for k in (0, -1)]
+            ends = [
+                np.asarray(v.isel(dict.fromkeys(v.dims, k)).values)
+                for v in (one.ds[name].variable, variable)
+                for k in (0, -1)
+            ]
             if not (np.array_equal(ends[0], ends[2]) and np.array_equal(ends[1], ends[3])):
                 return False
     return one.current == other.current
@@ -217,13 +279,24 @@ def _around(window: Window) -> tuple[float, float, float, float]:
     """Return the region that other grids are read in: the window and two of its cells around it."""
     middle = centre_longitude(window.longitude)
     x, y = unwrap_longitude(window.longitude, middle), window.latitude
-    step = 2.0 * max(float(np.abs(np.diff(x, axis=1)).max()), float(np.abs(np.diff(y, axis=0)).max()))
-    return float(x.min()) - step, max(float(y.min()) - step, -90.0), float(x.max()) + step, min(float(y.max()) + step, 90.0)
+    step = 2.0 * max(
+        float(np.abs(np.diff(x, axis=1)).max()), float(np.abs(np.diff(y, axis=0)).max())
+    )
+    return (
+        float(x.min()) - step,
+        max(float(y.min()) - step, -90.0),
+        float(x.max()) + step,
+        min(float(y.max()) + step, 90.0),
+    )
 
 
 def _alike(one: Window, other: Window) -> bool:
     """Return whether two windows have the same points, levels and axes."""
-    if one.axes != other.axes or one.longitude.shape != other.longitude.shape or one.levels.shape != other.levels.shape:
+    if (
+        one.axes != other.axes
+        or one.longitude.shape != other.longitude.shape
+        or one.levels.shape != other.levels.shape
+    ):
         return False
     apart = (one.longitude - other.longitude + 180.0) % 360.0 - 180.0
     return bool(
@@ -236,7 +309,8 @@ def _alike(one: Window, other: Window) -> bool:
 def _moved(other: Window, values: Array, window: Window, projection: Projection) -> Array:
     """Return another window's velocities, in the local frame, on the grid and levels of the first."""
     (east, north), (at_east, at_north) = (
-        to_local(projection, unwrap_longitude(part.longitude, projection.longitude), part.latitude) for part in (other, window)
+        to_local(projection, unwrap_longitude(part.longitude, projection.longitude), part.latitude)
+        for part in (other, window)
     )
     j, i, inside = find_cells(east, north, at_east, at_north)
     return bilinear(to_levels(values, other.levels, window.levels), j, i, inside)

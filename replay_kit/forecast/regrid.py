@@ -9,7 +9,9 @@ from replay_kit.core.arrays import Array
 _STEPS = 12
 
 
-def find_cells(east: Array, north: Array, at_east: Array, at_north: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+def find_cells(
+    east: Array, north: Array, at_east: Array, at_north: Array
+) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return the fractional indices (j, i) of points in a curvilinear grid, and which points lie in it.
 
     The nearest node starts a Newton iteration on the bilinear map of the cell.
@@ -21,8 +23,13 @@ def find_cells(east: Array, north: Array, at_east: Array, at_north: Array) -> tu
         at_north: Of the points [m], the same shape.
     """
     ny, nx = east.shape
-    _, nearest = cKDTree(np.column_stack([east.ravel(), north.ravel()])).query(np.column_stack([at_east.ravel(), at_north.ravel()]))
-    j, i = (index.astype(np.float64).reshape(at_east.shape) for index in np.unravel_index(nearest, east.shape))
+    _, nearest = cKDTree(np.column_stack([east.ravel(), north.ravel()])).query(
+        np.column_stack([at_east.ravel(), at_north.ravel()])
+    )
+    j, i = (
+        index.astype(np.float64).reshape(at_east.shape)
+        for index in np.unravel_index(nearest, east.shape)
+    )
     miss = np.zeros_like(j)
     for _ in range(_STEPS):
         (e, e_j, e_i), (n, n_j, n_i) = _mapped(east, j, i), _mapped(north, j, i)
@@ -41,7 +48,11 @@ def _mapped(values: Array, j: Array, i: Array) -> tuple[Array, Array, Array]:
     s, t = j - low_j, i - low_i
     a, b = values[low_j, low_i], values[low_j, low_i + 1]
     c, d = values[low_j + 1, low_i], values[low_j + 1, low_i + 1]
-    return (1 - s) * ((1 - t) * a + t * b) + s * ((1 - t) * c + t * d), (1 - t) * (c - a) + t * (d - b), (1 - s) * (b - a) + s * (d - c)
+    return (
+        (1 - s) * ((1 - t) * a + t * b) + s * ((1 - t) * c + t * d),
+        (1 - t) * (c - a) + t * (d - b),
+        (1 - s) * (b - a) + s * (d - c),
+    )
 
 
 def bilinear(values: Array, j: Array, i: Array, inside: NDArray[np.bool_]) -> Array:
@@ -56,7 +67,10 @@ def bilinear(values: Array, j: Array, i: Array, inside: NDArray[np.bool_]) -> Ar
     low_j = np.minimum(j.astype(np.intp), values.shape[-2] - 2)
     low_i = np.minimum(i.astype(np.intp), values.shape[-1] - 2)
     s, t = j - low_j, i - low_i
-    total, weight = np.zeros((*values.shape[:-2], *j.shape)), np.zeros((*values.shape[:-2], *j.shape))
+    total, weight = (
+        np.zeros((*values.shape[:-2], *j.shape)),
+        np.zeros((*values.shape[:-2], *j.shape)),
+    )
     for dj, along_j in ((0, 1.0 - s), (1, s)):
         for di, along_i in ((0, 1.0 - t), (1, t)):
             corner = values[..., low_j + dj, low_i + di]
@@ -78,8 +92,12 @@ def to_levels(values: Array, levels: Array, wanted: Array) -> Array:
     if levels.size == 1:
         return np.where((wanted <= levels[0] + 1e-6)[:, None, None], values, np.nan)
     upper = np.clip(np.searchsorted(levels, wanted, side="right") - 1, 0, levels.size - 2)
-    share = np.clip((wanted - levels[upper]) / (levels[upper + 1] - levels[upper]), 0.0, 1.0)[:, None, None]
+    share = np.clip((wanted - levels[upper]) / (levels[upper + 1] - levels[upper]), 0.0, 1.0)[
+        :, None, None
+    ]
     # a weight of zero on a dry level leaves the other as it is
     low, high = values[..., upper, :, :], values[..., upper + 1, :, :]
-    found = np.where(share == 0.0, low, np.where(share == 1.0, high, (1.0 - share) * low + share * high))
+    found = np.where(
+        share == 0.0, low, np.where(share == 1.0, high, (1.0 - share) * low + share * high)
+    )
     return np.where((wanted <= levels[-1] * (1.0 + 1e-6))[:, None, None], found, np.nan)

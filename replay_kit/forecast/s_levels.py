@@ -60,7 +60,10 @@ def find_s_coordinate(ds: xr.Dataset, dim: str, where: str) -> SCoordinate | Non
     Raises:
         ForecastError: It is one, but something is missing that its depths follow from.
     """
-    found = {key: next((name for name in names if name in ds.variables), None) for key, names in _NAMES.items()}
+    found = {
+        key: next((name for name in names if name in ds.variables), None)
+        for key, names in _NAMES.items()
+    }
     if found["c"] is None and dim not in _NAMES["s"]:
         return None
     if found["c"] is not None and dim not in ds[found["c"]].dims:
@@ -71,11 +74,21 @@ def find_s_coordinate(ds: xr.Dataset, dim: str, where: str) -> SCoordinate | Non
             f"{where}: {dim} numbers terrain-following levels, whose depths need {', '.join(missing)} too; give the file of the grid with "
             "--ensemble, or a file that holds them"
         )
-    values = {key: np.asarray(ds[name].values, dtype=np.float64) for key, name in found.items() if name is not None and key != "h"}
+    values = {
+        key: np.asarray(ds[name].values, dtype=np.float64)
+        for key, name in found.items()
+        if name is not None and key != "h"
+    }
     transform = int(values["transform"].ravel()[0])
     if transform not in (1, 2):
         raise ForecastError(f"{where}: Vtransform is {transform}; expected 1 or 2")
-    return SCoordinate(values["s"].ravel(), values["c"].ravel(), float(values["hc"].ravel()[0]), str(found["h"]), transform)
+    return SCoordinate(
+        values["s"].ravel(),
+        values["c"].ravel(),
+        float(values["hc"].ravel()[0]),
+        str(found["h"]),
+        transform,
+    )
 
 
 def at_depths(values: Array, depths: Array, bottom: Array, levels: Array) -> Array:

@@ -98,19 +98,28 @@ def select(found: Collection, config: ForecastConfig, near_ns: int | None) -> Se
     return Selection(tuple(fields), times[0], change, tuple(dict.fromkeys(notes)))
 
 
-def _at_time(block: Block, config: ForecastConfig, near_ns: int | None) -> tuple[Selected, int | None, tuple[str, ...]]:
+def _at_time(
+    block: Block, config: ForecastConfig, near_ns: int | None
+) -> tuple[Selected, int | None, tuple[str, ...]]:
     """Return the members of a block at the time chosen."""
     part = block.parts[0]
     if len(block.parts) > 1:
         wanted = parse_time(config.time) if config.time else near_ns
         if wanted is not None and all(part.times.size for part in block.parts):
-            part = min(block.parts, key=lambda part: int(np.abs(part.times.astype(np.int64) - wanted).min()))
+            part = min(
+                block.parts,
+                key=lambda part: int(np.abs(part.times.astype(np.int64) - wanted).min()),
+            )
     where = str(part.paths[0])
     dims = [dim for dim in part.ds[U].dims if dim != block.member]
     ds, time_ns, notes = choose_time(part.ds, dims, config, near_ns, where)
     if len(block.parts) > 1:
         notes = (f"{part.names}, one of {len(block.parts)} files of other times, was used", *notes)
-    return Selected(part, ds, block.member, _labels(part, block.member, block.label)), time_ns, notes
+    return (
+        Selected(part, ds, block.member, _labels(part, block.member, block.label)),
+        time_ns,
+        notes,
+    )
 
 
 def _unequal_times(fields: Sequence[Selected], times: Sequence[int | None]) -> list[str]:
@@ -118,9 +127,13 @@ def _unequal_times(fields: Sequence[Selected], times: Sequence[int | None]) -> l
     notes, dated = [], [time for time in times if time is not None]
     if len(set(dated)) > 1:
         first, last = (_date(np.datetime64(time, "ns")) for time in (min(dated), max(dated)))
-        notes.append(f"{WARNING}members are of different times, {first} to {last}: choose one that all have with forecast.time")
+        notes.append(
+            f"{WARNING}members are of different times, {first} to {last}: choose one that all have with forecast.time"
+        )
     if 0 < len(dated) < len(times):
-        without = [field.part.names for field, time in zip(fields, times, strict=True) if time is None]
+        without = [
+            field.part.names for field, time in zip(fields, times, strict=True) if time is None
+        ]
         notes.append(
             f"{WARNING}{count_text(len(without), 'member')} of {len(times)} without a date that can be aligned with the others, such as "
             f"{without[0]}: check the attributes units and calendar of its times"
@@ -131,11 +144,16 @@ def _unequal_times(fields: Sequence[Selected], times: Sequence[int | None]) -> l
 def _labels(part: Part, member: str | None, label: str) -> tuple[str, ...]:
     """Return where each member of a file comes from."""
     if member is None:
-        return (f"{part.names} {label}".strip() if label and label not in part.names else part.names,)
+        return (
+            f"{part.names} {label}".strip() if label and label not in part.names else part.names,
+        )
     if member not in part.ds.coords:
         return tuple(f"{part.names} {member}[{k}]" for k in range(part.ds.sizes[member]))
     values = part.ds[member].values
-    return tuple(f"{part.names} {member} {_date(value) if values.dtype.kind == 'M' else value}" for value in values)
+    return tuple(
+        f"{part.names} {member} {_date(value) if values.dtype.kind == 'M' else value}"
+        for value in values
+    )
 
 
 def _date(time: np.datetime64) -> str:
@@ -151,9 +169,13 @@ def _all_times(found: Collection, need: str) -> list[tuple[Block, Part, NDArray[
     parts = [(block, part, part.times) for block in found.blocks for part in block.parts]
     for _, part, times in parts:
         if not times.size:
-            raise ForecastError(f"{part.paths[0]}: {need} needs dated fields; the file has no dimension of times with an epoch")
+            raise ForecastError(
+                f"{part.paths[0]}: {need} needs dated fields; the file has no dimension of times with an epoch"
+            )
         if find_lead(part.ds, part.ds[U].dims) is not None:
-            raise ForecastError(f"{part.paths[0]}: {need} takes files of dated times, and this one has a dimension of leads")
+            raise ForecastError(
+                f"{part.paths[0]}: {need} takes files of dated times, and this one has a dimension of leads"
+            )
     return parts
 
 
@@ -166,29 +188,52 @@ def _one_time(part: Part, time: np.datetime64, label: str, extra: bool = False) 
 def _lagged(found: Collection, config: ForecastConfig, near_ns: int | None) -> Selection:
     """Return forecasts of several reference times, all valid at one time that all have."""
     parts = _all_times(found, "--members lags")
-    by_block = [np.concatenate([times for owner, _, times in parts if owner is block]) for block in found.blocks]
+    by_block = [
+        np.concatenate([times for owner, _, times in parts if owner is block])
+        for block in found.blocks
+    ]
     common = reduce(np.intersect1d, by_block)
     if not common.size:
         spans = "; ".join(
-            f"{block.label}: {_date(times.min())} to {_date(times.max())}" for block, times in zip(found.blocks, by_block, strict=True)
+            f"{block.label}: {_date(times.min())} to {_date(times.max())}"
+            for block, times in zip(found.blocks, by_block, strict=True)
         )
-        raise ForecastError(f"{found.source}: --members lags needs a time that all forecasts hold; they hold {spans}")
+        raise ForecastError(
+            f"{found.source}: --members lags needs a time that all forecasts hold; they hold {spans}"
+        )
     wanted = parse_time(config.time) if config.time else near_ns
-    time = common[-1] if wanted is None else common[np.argmin(np.abs(common.astype(np.int64) - wanted))]
-    chosen = [next(part for owner, part, times in parts if owner is block and time in times) for block in found.blocks]
-    fields = tuple(_one_time(part, time, f"{part.names} started {block.label}") for block, part in zip(found.blocks, chosen, strict=True))
+    time = (
+        common[-1]
+        if wanted is None
+        else common[np.argmin(np.abs(common.astype(np.int64) - wanted))]
+    )
+    chosen = [
+        next(part for owner, part, times in parts if owner is block and time in times)
+        for block in found.blocks
+    ]
+    fields = tuple(
+        _one_time(part, time, f"{part.names} started {block.label}")
+        for block, part in zip(found.blocks, chosen, strict=True)
+    )
     note = f"members: {len(fields)} forecasts started {found.blocks[0].label} to {found.blocks[-1].label}, all valid {_date(time)}"
     return Selection(
-        fields, int(time.astype("M8[ns]").astype(np.int64)), None, (note, "lagged forecasts usually differ by less than they err")
+        fields,
+        int(time.astype("M8[ns]").astype(np.int64)),
+        None,
+        (note, "lagged forecasts usually differ by less than they err"),
     )
 
 
-def _of_season(found: Collection, days: float, config: ForecastConfig, near_ns: int | None) -> Selection:
+def _of_season(
+    found: Collection, days: float, config: ForecastConfig, near_ns: int | None
+) -> Selection:
     """Return fields of the forecast's season of any year, to be used as anomalies about the forecast."""
     parts = _all_times(found, f"--members times:{days:g}d")
     known = np.concatenate([times for _, _, times in parts])
     wanted = parse_time(config.time) if config.time else near_ns
-    forecast = known.max() if wanted is None else known[np.argmin(np.abs(known.astype(np.int64) - wanted))]
+    forecast = (
+        known.max() if wanted is None else known[np.argmin(np.abs(known.astype(np.int64) - wanted))]
+    )
     fields, own = [], None
     for _, part, times in parts:
         for time in times:
@@ -197,7 +242,13 @@ def _of_season(found: Collection, days: float, config: ForecastConfig, near_ns: 
                 continue
             apart = abs((time - forecast) / _YEAR)
             if abs(apart - round(apart)) * (_YEAR / np.timedelta64(1, "D")) <= days:
-                fields.append(_one_time(part, time, f"{part.names} {_date(time)}, as an anomaly about {_date(forecast)}"))
+                fields.append(
+                    _one_time(
+                        part,
+                        time,
+                        f"{part.names} {_date(time)}, as an anomaly about {_date(forecast)}",
+                    )
+                )
     if len(fields) < 2:
         raise ForecastError(
             f"{found.source}: {count_text(len(fields), 'field')} within {days:g} days of the season of {_date(forecast)}; at least 2 are "
@@ -205,7 +256,9 @@ def _of_season(found: Collection, days: float, config: ForecastConfig, near_ns: 
         )
     assert own is not None
     note = f"members: the forecast of {_date(forecast)} plus the anomalies of {len(fields)} fields within {days:g} days of its season"
-    return Selection((*fields, own), int(forecast.astype("M8[ns]").astype(np.int64)), _about_forecast, (note,))
+    return Selection(
+        (*fields, own), int(forecast.astype("M8[ns]").astype(np.int64)), _about_forecast, (note,)
+    )
 
 
 def _about_forecast(velocity: Array) -> tuple[Array, tuple[str, ...]]:
@@ -221,7 +274,9 @@ def _about_background(velocity: Array) -> tuple[Array, tuple[str, ...]]:
     mean = members.mean(axis=0)[wet]
     # anomalies cancel out in their mean; states do not
     if np.sqrt(np.mean(mean**2)) < 0.05 * np.sqrt(np.mean(members[:, wet] ** 2)):
-        return background + members, ("the members are anomalies: they were added to the background",)
+        return background + members, (
+            "the members are anomalies: they were added to the background",
+        )
     return members, ("the members are states: the background was not used",)
 
 
@@ -230,7 +285,15 @@ def _fields_of_all_times(block: Block) -> list[Selected]:
     fields = []
     for part in block.parts:
         dim = find_time(part.ds, part.ds[U].dims)
-        fields.append(Selected(part, part.ds, dim, (block.label,) * (1 if dim is None else part.ds.sizes[dim]), extra=True))
+        fields.append(
+            Selected(
+                part,
+                part.ds,
+                dim,
+                (block.label,) * (1 if dim is None else part.ds.sizes[dim]),
+                extra=True,
+            )
+        )
     return fields if sum(len(field.labels) for field in fields) >= _LEAST_TIMES else []
 
 
@@ -245,10 +308,14 @@ def _without_bias(counts: list[list[int]]) -> Change:
         members = velocity[: len(counts)]
         averages = iter(velocity[len(counts) :])
         if all(counts):
-            means = np.stack([np.average([next(averages) for _ in own], axis=0, weights=own) for own in counts])
+            means = np.stack(
+                [np.average([next(averages) for _ in own], axis=0, weights=own) for own in counts]
+            )
             how = "over its times"
         else:
-            means = np.broadcast_to(np.nanmean(members, axis=(-2, -1), keepdims=True), members.shape)
+            means = np.broadcast_to(
+                np.nanmean(members, axis=(-2, -1), keepdims=True), members.shape
+            )
             how = "over the region, as not all have five times"
         note = f"each model's own mean {how} was replaced by that of all {len(counts)} models"
         return members - means + means.mean(axis=0), (note,)

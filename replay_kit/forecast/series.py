@@ -20,7 +20,11 @@ _DAY_NS = 86_400 * 10**9
 
 
 def read_series(
-    path: Paths, config: ForecastConfig, *, near_ns: int | None = None, place_at: tuple[float, float] | None = None
+    path: Paths,
+    config: ForecastConfig,
+    *,
+    near_ns: int | None = None,
+    place_at: tuple[float, float] | None = None,
 ) -> tuple[Ensemble, ...]:
     """Return the forecast at each of its dated times, in order; one alone where it has no more, or where one was chosen.
 
@@ -39,7 +43,10 @@ def read_series(
         chosen = dated_choices(found, config)
         if len(chosen) < 2:
             return (read_members(found, config, near_ns, place_at).ensemble,)
-        series = [read_members(found, config.model_copy(update=choice), None, place_at).ensemble for choice in chosen]
+        series = [
+            read_members(found, config.model_copy(update=choice), None, place_at).ensemble
+            for choice in chosen
+        ]
         where = found.source
     times = [int(part.time_ns or 0) for part in series]
     if any(after <= before for before, after in pairwise(times)):
@@ -51,12 +58,23 @@ def read_series(
             raise ForecastError(
                 f"{where}: land is not the same at all times of the forecast; choose one with --lead or forecast.time, or mend its mask"
             )
-    notes = tuple(note for note in series[0].notes if not note.startswith(("lead ", "the forecast is of ")))
-    first, last = (np.datetime_as_string(np.datetime64(part.time_ns, "ns"), unit="m") for part in (series[0], series[-1]))
-    notes = (f"the forecast at {len(series)} times, {first}Z to {last}Z, linear between them", *notes)
+    notes = tuple(
+        note for note in series[0].notes if not note.startswith(("lead ", "the forecast is of "))
+    )
+    first, last = (
+        np.datetime_as_string(np.datetime64(part.time_ns, "ns"), unit="m")
+        for part in (series[0], series[-1])
+    )
+    notes = (
+        f"the forecast at {len(series)} times, {first}Z to {last}Z, linear between them",
+        *notes,
+    )
     outside = 0 if near_ns is None else max(times[0] - near_ns, near_ns - times[-1])
     if outside > _DAY_NS:
-        notes = (f"the log begins {outside / _DAY_NS:.1f} days outside the forecast's times: the nearest of them holds there", *notes)
+        notes = (
+            f"the log begins {outside / _DAY_NS:.1f} days outside the forecast's times: the nearest of them holds there",
+            *notes,
+        )
     return tuple(replace(part, notes=notes if k == 0 else ()) for k, part in enumerate(series))
 
 
@@ -69,10 +87,16 @@ def dated_choices(found: Collection, config: ForecastConfig) -> list[dict[str, o
     if several or (lead is not None and time is not None):
         return []
     if lead is not None:
-        return [{"lead": value} for value, time_ns in sorted(dated_leads(ds, lead, config), key=lambda pair: pair[1])]
+        return [
+            {"lead": value}
+            for value, time_ns in sorted(dated_leads(ds, lead, config), key=lambda pair: pair[1])
+        ]
     if time is None or not all(part.times.size for part in block.parts):
         return []
     times = np.unique(np.concatenate([part.times for part in block.parts]))
-    if any(not np.array_equal(times, np.unique(np.concatenate([part.times for part in other.parts]))) for other in found.blocks[1:]):
+    if any(
+        not np.array_equal(times, np.unique(np.concatenate([part.times for part in other.parts])))
+        for other in found.blocks[1:]
+    ):
         return []
     return [{"time": str(value)} for value in times]

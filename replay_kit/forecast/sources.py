@@ -58,7 +58,9 @@ def find_sources(given: Paths) -> Sources:
     seen: set[Path] = set()
     for file in (file for argument in arguments for file in argument):
         if file.resolve() in seen:
-            raise ForecastError(f"{file}: given twice; a member given twice would count twice: leave one out")
+            raise ForecastError(
+                f"{file}: given twice; a member given twice would count twice: leave one out"
+            )
         seen.add(file.resolve())
     return Sources(tuple(arguments), tuple(notes))
 
@@ -74,7 +76,11 @@ def ensemble_files(given: Paths) -> tuple[Path, ...]:
 
 def natural(path: Path) -> list[tuple[int, int | str]]:
     """Return the key that sorts names with numbers in them in the order of counting."""
-    return [(0, int(part)) if part.isdigit() else (1, part) for part in re.split(r"(\d+)", str(path)) if part]
+    return [
+        (0, int(part)) if part.isdigit() else (1, part)
+        for part in re.split(r"(\d+)", str(path))
+        if part
+    ]
 
 
 def _files_of(path: Path) -> tuple[tuple[Path, ...], list[Path]]:
@@ -90,7 +96,9 @@ def _files_of(path: Path) -> tuple[tuple[Path, ...], list[Path]]:
     results = [file for file in found if any(mark in file.name for mark in _RESULTS)]
     kept = sorted((file for file in found if file not in results), key=natural)
     if not kept and results:
-        raise ForecastError(f"{path}: holds results alone, such as {results[0].name}; give the members, or name the results one by one")
+        raise ForecastError(
+            f"{path}: holds results alone, such as {results[0].name}; give the members, or name the results one by one"
+        )
     if not kept:
         raise ForecastError(f"{path}: {what}")
     return tuple(kept), results

@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 
 
-def to_centres(faces: Array, valid: NDArray[np.bool_], axis: int) -> tuple[Array, NDArray[np.bool_]]:
+def to_centres(
+    faces: Array, valid: NDArray[np.bool_], axis: int
+) -> tuple[Array, NDArray[np.bool_]]:
     """Return the mean of a component at the two faces of each cell, weighted by which of them are water, and whether any is.
 
     Args:
@@ -16,7 +18,9 @@ def to_centres(faces: Array, valid: NDArray[np.bool_], axis: int) -> tuple[Array
         valid: Water, of the same shape.
         axis: Of the faces.
     """
-    first, last = (np.take(np.where(valid, faces, 0.0), _range(faces, axis, k), axis) for k in (0, 1))
+    first, last = (
+        np.take(np.where(valid, faces, 0.0), _range(faces, axis, k), axis) for k in (0, 1)
+    )
     wet = [np.take(valid, _range(faces, axis, k), axis) for k in (0, 1)]
     weight = wet[0].astype(np.float64) + wet[1]
     return (first + last) / np.maximum(weight, 1.0), weight > 0.0

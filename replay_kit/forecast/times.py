@@ -22,7 +22,11 @@ _DAY_NS = 86_400 * 10**9
 
 
 def choose_time(
-    ds: xr.Dataset, dims: Sequence[Hashable], config: ForecastConfig, near_ns: int | None, where: str
+    ds: xr.Dataset,
+    dims: Sequence[Hashable],
+    config: ForecastConfig,
+    near_ns: int | None,
+    where: str,
 ) -> tuple[xr.Dataset, int | None, tuple[str, ...]]:
     """Return the dataset at one time, that time [ns, UTC] if known, and what a user should know of the choice.
 
@@ -38,14 +42,24 @@ def choose_time(
     """
     lead, time = find_lead(ds, dims), find_time(ds, dims)
     if lead is None and (config.lead is not None or config.reference_time is not None):
-        raise ForecastError(f"{where}: a lead or reference time was given, but the file has no dimension of leads; leave the option out")
+        raise ForecastError(
+            f"{where}: a lead or reference time was given, but the file has no dimension of leads; leave the option out"
+        )
     if time is None and config.time is not None:
-        raise ForecastError(f"{where}: a time was chosen, but the file has no dimension of times; leave the option out")
+        raise ForecastError(
+            f"{where}: a time was chosen, but the file has no dimension of times; leave the option out"
+        )
     if time is not None and (time not in ds.coords or ds[time].dtype.kind != "M"):
         if config.time is not None:
-            raise ForecastError(f"{where}: a time was chosen, but {time} has no dates ({undated(ds[time])}); leave the option out")
-        note = f"{time} has no dates ({undated(ds[time])})" + (f": the first of {ds.sizes[time]} was taken" if ds.sizes[time] > 1 else "")
-        inner, time_ns, more = choose_time(ds.isel({time: 0}), [dim for dim in dims if dim != time], config, near_ns, where)
+            raise ForecastError(
+                f"{where}: a time was chosen, but {time} has no dates ({undated(ds[time])}); leave the option out"
+            )
+        note = f"{time} has no dates ({undated(ds[time])})" + (
+            f": the first of {ds.sizes[time]} was taken" if ds.sizes[time] > 1 else ""
+        )
+        inner, time_ns, more = choose_time(
+            ds.isel({time: 0}), [dim for dim in dims if dim != time], config, near_ns, where
+        )
         return inner, time_ns, (note, *more)
     if time is not None:
         times = ds[time].values.astype("datetime64[ns]").astype(np.int64)
@@ -53,28 +67,49 @@ def choose_time(
         position = 0 if wanted is None else int(np.argmin(np.abs(times - wanted)))
         ds, time_ns = ds.isel({time: position}), int(times[position])
         if lead is None:
-            return ds, time_ns, _notes(time_ns, near_ns, f"of {times.size} times" if times.size > 1 else "")
+            return (
+                ds,
+                time_ns,
+                _notes(time_ns, near_ns, f"of {times.size} times" if times.size > 1 else ""),
+            )
         reference: int | None = time_ns
     else:
-        reference = parse_time(config.reference_time) if config.reference_time else _scalar_time(ds, "forecast_reference_time")
+        reference = (
+            parse_time(config.reference_time)
+            if config.reference_time
+            else _scalar_time(ds, "forecast_reference_time")
+        )
     if lead is None:
         time_ns_or_none = _scalar_time(ds, "time")
         return ds, time_ns_or_none, _notes(time_ns_or_none, near_ns, "")
     position, valid_ns = _choose_lead(ds[lead], config, reference, near_ns)
     chosen = f"{float(ds[lead].values[position]):g} {ds[lead].attrs.get('units', '')}".strip()
-    return ds.isel({lead: position}), valid_ns, (f"lead {chosen} of {ds.sizes[lead]} leads", *_notes(valid_ns, near_ns, ""))
+    return (
+        ds.isel({lead: position}),
+        valid_ns,
+        (f"lead {chosen} of {ds.sizes[lead]} leads", *_notes(valid_ns, near_ns, "")),
+    )
 
 
 def dated_leads(ds: xr.Dataset, lead: str, config: ForecastConfig) -> list[tuple[float, int]]:
     """Return each lead with the time it is valid for [ns, UTC]; none where no reference time is known."""
-    reference = parse_time(config.reference_time) if config.reference_time else _scalar_time(ds, "forecast_reference_time")
+    reference = (
+        parse_time(config.reference_time)
+        if config.reference_time
+        else _scalar_time(ds, "forecast_reference_time")
+    )
     valid = None if reference is None else _periods_ns(ds[lead])
     if valid is None or reference is None:
         return []
-    return [(float(value), int(reference + period)) for value, period in zip(ds[lead].values, valid, strict=True)]
+    return [
+        (float(value), int(reference + period))
+        for value, period in zip(ds[lead].values, valid, strict=True)
+    ]
 
 
-def _choose_lead(lead: xr.DataArray, config: ForecastConfig, reference: int | None, near_ns: int | None) -> tuple[int, int | None]:
+def _choose_lead(
+    lead: xr.DataArray, config: ForecastConfig, reference: int | None, near_ns: int | None
+) -> tuple[int, int | None]:
     """Return the lead's position and the time it is valid for [ns, UTC]."""
     valid = None if reference is None else _periods_ns(lead)
     if valid is not None and reference is not None:
@@ -95,7 +130,9 @@ def _notes(time_ns: int | None, near_ns: int | None, among: str) -> tuple[str, .
     note = f"the forecast is of {np.datetime_as_string(np.datetime64(time_ns, 'ns'), unit='m')}Z"
     days = 0.0 if near_ns is None else (near_ns - time_ns) / _DAY_NS
     if abs(days) > 1.0:
-        return (f"{note}, {abs(days):.1f} days {'before' if days > 0 else 'after'} the log begins: the log lies outside its time",)
+        return (
+            f"{note}, {abs(days):.1f} days {'before' if days > 0 else 'after'} the log begins: the log lies outside its time",
+        )
     return (f"{note}, {among}",) if among else ()
 
 
@@ -109,4 +146,8 @@ def _scalar_time(ds: xr.Dataset, standard_name: str) -> int | None:
 
 def _periods_ns(lead: xr.DataArray) -> NDArray[np.int64] | None:
     seconds = _LEAD_UNITS.get(str(lead.attrs.get("units", "")).strip().lower())
-    return None if seconds is None else np.round(lead.values.astype(np.float64) * seconds * 1e9).astype(np.int64)
+    return (
+        None
+        if seconds is None
+        else np.round(lead.values.astype(np.float64) * seconds * 1e9).astype(np.int64)
+    )

@@ -70,12 +70,18 @@ class Merge(Generic[_T]):
         self._jumps.clear()
         ordered = [self._ordered(reader) for reader in self.readers]
         merged = ordered[0] if len(ordered) == 1 else heapq.merge(*ordered, key=_order)
-        yield from merged if self.start_ns is None and self.end_ns is None else filter(self._wanted, merged)
+        yield from (
+            merged
+            if self.start_ns is None and self.end_ns is None
+            else filter(self._wanted, merged)
+        )
 
     def _wanted(self, message: _T) -> bool:
         if self.end_ns is not None and message.time_ns > self.end_ns:
             return False
-        return self.start_ns is None or message.time_ns >= self.start_ns or is_latched(message.topic)
+        return (
+            self.start_ns is None or message.time_ns >= self.start_ns or is_latched(message.topic)
+        )
 
     def _ordered(self, reader: Source[_T]) -> Iterator[_T]:
         """Yield one log's messages in order; late ones within the wanted time are counted."""
@@ -118,7 +124,11 @@ class Merge(Generic[_T]):
             if jump is not None:
                 self._jumps.append(ClockJump(message.input, jump[0], message.time_ns, jump[1]))
             # both are tuples, whose copy is of their own kind
-            yield message if time_ns == message.time_ns else cast(_T, message._replace(time_ns=time_ns))
+            yield (
+                message
+                if time_ns == message.time_ns
+                else cast(_T, message._replace(time_ns=time_ns))
+            )
 
 
 def merge(

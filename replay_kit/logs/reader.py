@@ -47,7 +47,13 @@ class LogFile(AbstractContextManager["LogFile"]):
     has_own_frames: ClassVar[bool] = False
     without_checksum: ClassVar[str] = ""
 
-    def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        input: int = 0,
+        config: LogConfig | None = None,
+        wanted: frozenset[str] | None = None,
+    ) -> None:
         """Remember what to read.
 
         Args:
@@ -69,7 +75,11 @@ class LogFile(AbstractContextManager["LogFile"]):
     def __repr__(self) -> str:
         """Return the file, and what the pass begun last has read of it."""
         topics = self.statistics.read
-        read = f"{topics.total()} messages of {len(topics)} topics read so far" if topics else "messages() reads it"
+        read = (
+            f"{topics.total()} messages of {len(topics)} topics read so far"
+            if topics
+            else "messages() reads it"
+        )
         return f"Log {self.path} ({self.format}, {Path(self.path).stat().st_size / 1e6:.2f} MB): {read}"
 
     def __exit__(self, *error: object) -> None:
@@ -137,11 +147,19 @@ class LogFile(AbstractContextManager["LogFile"]):
         """Return what was found so far."""
         report = replace(self.statistics.report(self.path, self.format), mission=self.mission)
         messages = self.statistics.read.total()
-        return replace(report, unchecked={self.without_checksum: messages}) if self.without_checksum and messages else report
+        return (
+            replace(report, unchecked={self.without_checksum: messages})
+            if self.without_checksum and messages
+            else report
+        )
 
     def share_read(self) -> float:
         """Return the share of the file that the pass begun last has read; 1 when it is read whole before its first message."""
-        return self._files[-1].tell() / max(os.fstat(self._files[-1].fileno()).st_size, 1) if self._files else 1.0
+        return (
+            self._files[-1].tell() / max(os.fstat(self._files[-1].fileno()).st_size, 1)
+            if self._files
+            else 1.0
+        )
 
     def _topic(self, name: str) -> str:
         """Return what a topic is called."""
@@ -162,7 +180,9 @@ class LogFile(AbstractContextManager["LogFile"]):
 
     def _by_time(self, entries: Iterable[Entry]) -> Iterator[Message]:
         """Yield the entries of a file that is read whole in order of time, those of one time in the order given."""
-        for position, (time_ns, topic, schema, payload) in enumerate(sorted(entries, key=itemgetter(0))):
+        for position, (time_ns, topic, schema, payload) in enumerate(
+            sorted(entries, key=itemgetter(0))
+        ):
             name = self._topic(topic)
             self.statistics.read[name] += 1
             yield Message(time_ns, name, schema, payload, self.input, position)

@@ -105,12 +105,23 @@ FORMATS = (
 PLUGINS = "replay_kit.logs"
 #: Logs that are recognised only to say what to do with them.
 _FOREIGN = (
-    (b"#ROSBAG", "a ROS 1 bag; convert it with the MCAP command line: mcap convert IN.bag OUT.mcap"),
-    (b"SQLite format 3", "an SQLite file, perhaps a ROS 2 bag; convert it with: ros2 bag convert, storage mcap"),
+    (
+        b"#ROSBAG",
+        "a ROS 1 bag; convert it with the MCAP command line: mcap convert IN.bag OUT.mcap",
+    ),
+    (
+        b"SQLite format 3",
+        "an SQLite file, perhaps a ROS 2 bag; convert it with: ros2 bag convert, storage mcap",
+    ),
 )
 
 
-def open_log(path: str | Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> LogFile:
+def open_log(
+    path: str | Path,
+    input: int = 0,
+    config: LogConfig | None = None,
+    wanted: frozenset[str] | None = None,
+) -> LogFile:
     """Return the reader of a log, chosen by its first bytes: MCAP, MAVLink, DataFlash, glider files or raw ADCP.
 
     Args:
@@ -127,7 +138,9 @@ def open_log(path: str | Path, input: int = 0, config: LogConfig | None = None, 
     if path.is_dir():
         logs = open_logs([path], config, wanted)
         if len(logs) != 1:
-            raise LogError(f"{path}: expected a folder with one log, it holds {len(logs)}; give the files in it")
+            raise LogError(
+                f"{path}: expected a folder with one log, it holds {len(logs)}; give the files in it"
+            )
         logs[0].input = input
         return logs[0]
     head = _first_bytes(path)
@@ -142,12 +155,19 @@ def open_log(path: str | Path, input: int = 0, config: LogConfig | None = None, 
     raise LogError(
         f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a DataFlash log (.BIN), a glider's NetCDF or "
         "SeaExplorer file, or a raw ADCP file (PD0, AD2CP); "
-        + (f"this is {foreign}" if foreign else f"its first bytes are {head[:16].hex(' ')}; give a log of one of these formats")
+        + (
+            f"this is {foreign}"
+            if foreign
+            else f"its first bytes are {head[:16].hex(' ')}; give a log of one of these formats"
+        )
     )
 
 
 def open_logs(
-    paths: Sequence[Path], config: LogConfig | None = None, wanted: frozenset[str] | None = None, several_missions: bool = False
+    paths: Sequence[Path],
+    config: LogConfig | None = None,
+    wanted: frozenset[str] | None = None,
+    several_missions: bool = False,
 ) -> list[LogFile]:
     """Return the readers of a mission's logs: a folder stands for the logs in it, and a glider's files of single profiles are one log.
 
@@ -168,7 +188,9 @@ def open_logs(
 
         for group in grouped([files[place] for place in places]):
             members = [places[k] for k in group]
-            groups |= {place: [] for place in members} | {members[0]: [files[place] for place in members]}
+            groups |= {place: [] for place in members} | {
+                members[0]: [files[place] for place in members]
+            }
     parts = [group for group in groups.values() if group]
     logs = [_opened(group, number, config, wanted) for number, group in enumerate(parts)]
     if len(places) > 1 and not several_missions:
@@ -179,7 +201,9 @@ def open_logs(
     return logs
 
 
-def _opened(group: Sequence[Path], number: int, config: LogConfig | None, wanted: frozenset[str] | None) -> LogFile:
+def _opened(
+    group: Sequence[Path], number: int, config: LogConfig | None, wanted: frozenset[str] | None
+) -> LogFile:
     if len(group) == 1:
         return open_log(group[0], number, config, wanted)
     from replay_kit.logs.glider.open import open_glider
@@ -196,5 +220,7 @@ def _first_bytes(path: Path) -> bytes:
     except OSError as error:
         raise unreadable(path, error) from error
     if not head:
-        raise LogError(f"{path}: expected a log, the file is empty (0 bytes); was the recording stopped before anything was written?")
+        raise LogError(
+            f"{path}: expected a log, the file is empty (0 bytes); was the recording stopped before anything was written?"
+        )
     return head

@@ -52,7 +52,11 @@ def left_out_reason(rules: Sequence[str]) -> str:
 
 def left_out_rules(reason: str) -> list[str]:
     """Return the rules that a reason names; none where it is another."""
-    return reason.removeprefix(_LEFT_OUT).removesuffix(_BY).split(", ") if reason.startswith(_LEFT_OUT) else []
+    return (
+        reason.removeprefix(_LEFT_OUT).removesuffix(_BY).split(", ")
+        if reason.startswith(_LEFT_OUT)
+        else []
+    )
 
 
 def malformed(error: Exception) -> str:

@@ -37,21 +37,23 @@ MAVLINK_NAMES = mavlink_vehicle.NAMES | {SCHEMA}
 _FOREVER_NS = 2.0**62
 
 #: What each kind of statement changes.
-_STEPS: Mapping[type, Callable[[MeasurementState, Any, Source, MeasurementConfig], Step]] = MappingProxyType(
-    {
-        StatedPing: pings.take_stated_ping,
-        PingFrame: pings.take_ping_frame,
-        Component: take_component,
-        Dvl: pings.take_dvl,
-        Position: positions.record_position,
-        mavlink_vehicle.NavigationPosition: positions.record_navigation,
-        mavlink_vehicle.GpsStatus: positions.record_gps_status,
-        Pose: positions.record_pose,
-        Orientation: positions.record_orientation,
-        Depth: positions.record_depth,
-        Pressure: positions.record_pressure,
-        MeanCurrent: positions.record_mean_current,
-    }
+_STEPS: Mapping[type, Callable[[MeasurementState, Any, Source, MeasurementConfig], Step]] = (
+    MappingProxyType(
+        {
+            StatedPing: pings.take_stated_ping,
+            PingFrame: pings.take_ping_frame,
+            Component: take_component,
+            Dvl: pings.take_dvl,
+            Position: positions.record_position,
+            mavlink_vehicle.NavigationPosition: positions.record_navigation,
+            mavlink_vehicle.GpsStatus: positions.record_gps_status,
+            Pose: positions.record_pose,
+            Orientation: positions.record_orientation,
+            Depth: positions.record_depth,
+            Pressure: positions.record_pressure,
+            MeanCurrent: positions.record_mean_current,
+        }
+    )
 )
 # what tells which MAVLink system counts, in a log that holds several
 _STATES_POSITION = (Position, mavlink_vehicle.NavigationPosition)
@@ -62,18 +64,24 @@ def initial_state(system: int | None = None) -> MeasurementState:
     return MeasurementState(system=None if system is None else str(system))
 
 
-def observations(messages: Iterable[Message], config: MeasurementConfig | None = None) -> Iterator[Measurement]:
+def observations(
+    messages: Iterable[Message], config: MeasurementConfig | None = None
+) -> Iterator[Measurement]:
     """Yield the profiles and mean currents in a stream of messages: what a post-mission script loops over.
 
     A mean current beside profiles that were computed from it is left out: without the flight model's bias it would count twice.
     """
     for events in events_of(messages, config or MeasurementConfig()):
         for event in events:
-            if isinstance(event, Measurement) and not (isinstance(event, PathMean) and event.beside_profiles):
+            if isinstance(event, Measurement) and not (
+                isinstance(event, PathMean) and event.beside_profiles
+            ):
                 yield event
 
 
-def events_of(messages: Iterable[Message], config: MeasurementConfig, system: int | None = None) -> Iterator[list[Event]]:
+def events_of(
+    messages: Iterable[Message], config: MeasurementConfig, system: int | None = None
+) -> Iterator[list[Event]]:
     """Yield the events that each message of a stream completes, and last those of what still waits at its end.
 
     Args:
@@ -88,7 +96,9 @@ def events_of(messages: Iterable[Message], config: MeasurementConfig, system: in
     yield finish(state, config)
 
 
-def interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
+def interpret(
+    state: MeasurementState, message: Message, config: MeasurementConfig
+) -> tuple[MeasurementState, list[Event]]:
     """Return the state after a message and the events it completes.
 
     Each message gives exactly one ``Used`` or ``Skipped``, at once or, for a ping, when its position is known. A message that is
@@ -136,8 +146,14 @@ def _step(state: MeasurementState, message: Message, config: MeasurementConfig) 
 
 def finish(state: MeasurementState, config: MeasurementConfig) -> list[Event]:
     """Return the events of what still waits when the log ends."""
-    waiting = [event for ping in state.waiting for event in place(ping, state.fix, None, state.track, config)]
-    return _kept(observed([[*pings.incomplete(state.frames), *alone(state), *waiting]], config), config)[0]
+    waiting = [
+        event
+        for ping in state.waiting
+        for event in place(ping, state.fix, None, state.track, config)
+    ]
+    return _kept(
+        observed([[*pings.incomplete(state.frames), *alone(state), *waiting]], config), config
+    )[0]
 
 
 def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> Step:
@@ -150,20 +166,42 @@ def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> 
     if first.source.time_ns >= oldest_ns:
         return state, []
     older, newer = split(state.waiting, oldest_ns)
-    expired = [ping for ping in older if now_ns - ping.source.time_ns > ping.longest_wait(config) * 1e9]
-    left = (*(ping for ping in older if now_ns - ping.source.time_ns <= ping.longest_wait(config) * 1e9), *newer)
-    return replace(state, waiting=left), [event for ping in expired for event in place(ping, state.fix, None, state.track, config)]
+    expired = [
+        ping for ping in older if now_ns - ping.source.time_ns > ping.longest_wait(config) * 1e9
+    ]
+    left = (
+        *(
+            ping
+            for ping in older
+            if now_ns - ping.source.time_ns <= ping.longest_wait(config) * 1e9
+        ),
+        *newer,
+    )
+    return replace(state, waiting=left), [
+        event for ping in expired for event in place(ping, state.fix, None, state.track, config)
+    ]
 
 
 def _interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> Step:
-    entry = next((entry for entry in config.map if _covers(entry, message)), None) if config.map else None
+    entry = (
+        next((entry for entry in config.map if _covers(entry, message)), None)
+        if config.map
+        else None
+    )
     # a mapping goes before a known kind
     system = mavlink_vehicle.system_of(message) if entry is None else None
     if system is not None and state.system not in (None, system):
-        return state, [Skipped(message.topic, f"of MAVLink system {system}, where {state.system} counts; system in [logs] chooses")]
+        return state, [
+            Skipped(
+                message.topic,
+                f"of MAVLink system {system}, where {state.system} counts; system in [logs] chooses",
+            )
+        ]
     if entry is None and (repeated := pings.duplicate_reason(message.payload, config)):
         return state, [Skipped(message.topic, repeated)]
-    stated: Statement | Component | None = statement(message) if entry is None else _by_mapping(message, entry)
+    stated: Statement | Component | None = (
+        statement(message) if entry is None else _by_mapping(message, entry)
+    )
     if stated is None or isinstance(stated, str):
         return state, [Skipped(message.topic, stated or NOT_A_KIND)]
     if system is not None and state.system is None and type(stated) in _STATES_POSITION:
@@ -179,7 +217,9 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
 
 def _covers(entry: TopicMap, message: Message) -> bool:
     names = (entry.east, entry.north) if _joins(entry) else (entry.name,)
-    return entry.topic == message.topic and (names == (None,) or message.payload.get("name") in names)
+    return entry.topic == message.topic and (
+        names == (None,) or message.payload.get("name") in names
+    )
 
 
 def _joins(entry: TopicMap) -> TypeGuard[ProfileMap | VelocityMap]:

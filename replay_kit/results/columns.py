@@ -13,7 +13,11 @@ from replay_kit.results.schemas import MESSAGES, TIME, Field
 _PACKAGE = ".replay_kit."
 # where a column's numbers are kept until all are read: those of lists as doubles, which hold NaN where a message has none
 _CODES = {"double": "d", "int32": "q", "uint32": "q", "uint64": "Q", "bool": "b", TIME: "q"}
-_LIST_TYPES: dict[str, np.dtype[Any]] = {"double": np.dtype(np.float64), "int32": np.dtype(np.int32), "uint32": np.dtype(np.uint32)}
+_LIST_TYPES: dict[str, np.dtype[Any]] = {
+    "double": np.dtype(np.float64),
+    "int32": np.dtype(np.int32),
+    "uint32": np.dtype(np.uint32),
+}
 
 
 class SingleValues:
@@ -23,10 +27,20 @@ class SingleValues:
         """Begin without rows; ``name`` is the message's, without the package."""
         single = [field for field in MESSAGES[name] if not field.repeated]
         self._columns: dict[str, Any] = {}
-        self._plain = [(field.name, self._begun(field)) for field in single if field.type in _CODES and field.type != TIME]
+        self._plain = [
+            (field.name, self._begun(field))
+            for field in single
+            if field.type in _CODES and field.type != TIME
+        ]
         self._times = [(field.name, self._begun(field)) for field in single if field.type == TIME]
-        self._texts = [(field.name, self._begun(field)) for field in single if field.type == "string"]
-        self._parts = [(field.name, self._begun_parts(field)) for field in single if field.type.startswith(_PACKAGE)]
+        self._texts = [
+            (field.name, self._begun(field)) for field in single if field.type == "string"
+        ]
+        self._parts = [
+            (field.name, self._begun_parts(field))
+            for field in single
+            if field.type.startswith(_PACKAGE)
+        ]
         self._types = {field.name: field.type for field in single}
         self._order = [text for field in single for text in self._names(field)]
         self._known: dict[str, str] = {}
@@ -48,14 +62,19 @@ class SingleValues:
 
     def columns(self) -> dict[str, Any]:
         """Return the columns in the order of the message's fields; times as ``datetime64[ns]``, parts that a message lacks as NaN."""
-        return {name: _typed(self._columns[name], self._types.get(name, "")) for name in self._order}
+        return {
+            name: _typed(self._columns[name], self._types.get(name, "")) for name in self._order
+        }
 
     def _begun(self, field: Field) -> Any:
         self._columns[field.name] = array(_CODES[field.type]) if field.type in _CODES else []
         return self._columns[field.name].append
 
     def _begun_parts(self, field: Field) -> list[tuple[str, Any]]:
-        columns = {part: self._columns.setdefault(name, []) for part, name in zip(_parts_of(field), self._names(field), strict=True)}
+        columns = {
+            part: self._columns.setdefault(name, [])
+            for part, name in zip(_parts_of(field), self._names(field), strict=True)
+        }
         return [(part, column.append) for part, column in columns.items()]
 
     @staticmethod
@@ -91,7 +110,12 @@ class ListValues:
 
     def columns(self) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
         """Return how many values each message has, shape (n,), and the columns."""
-        found = {field.name: self._filled(self._numbers[field.name]).astype(_LIST_TYPES[field.type], copy=False) for field in self._fields}
+        found = {
+            field.name: self._filled(self._numbers[field.name]).astype(
+                _LIST_TYPES[field.type], copy=False
+            )
+            for field in self._fields
+        }
         return shared(self._counts), found
 
     def _filled(self, numbers: "array[float]") -> NDArray[Any]:
@@ -111,12 +135,20 @@ def single_columns(values: Iterable[Any], name: str) -> dict[str, Any]:
 
 
 def _parts_of(field: Field) -> list[str]:
-    return [part.name for part in MESSAGES[field.type.removeprefix(_PACKAGE)]] if field.type.startswith(_PACKAGE) else []
+    return (
+        [part.name for part in MESSAGES[field.type.removeprefix(_PACKAGE)]]
+        if field.type.startswith(_PACKAGE)
+        else []
+    )
 
 
 def shared(numbers: "array[Any]") -> NDArray[Any]:
     """Return an array over the same memory."""
-    return np.frombuffer(numbers, dtype=numbers.typecode) if len(numbers) else np.empty(0, dtype=numbers.typecode)
+    return (
+        np.frombuffer(numbers, dtype=numbers.typecode)
+        if len(numbers)
+        else np.empty(0, dtype=numbers.typecode)
+    )
 
 
 def _typed(column: Any, kind: str) -> Any:
@@ -128,4 +160,8 @@ def _typed(column: Any, kind: str) -> Any:
     if kind == "bool":
         return found.view(np.bool_)
     # as pandas would: signed where that holds the largest
-    return found.astype(np.int64) if kind == "uint64" and (not found.size or found.max() < 1 << 63) else found
+    return (
+        found.astype(np.int64)
+        if kind == "uint64" and (not found.size or found.max() < 1 << 63)
+        else found
+    )

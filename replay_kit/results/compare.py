@@ -22,7 +22,16 @@ from replay_kit.results.mcap_writer import CONFIG_NAME
 
 _FIELDS_SHOWN = 10
 #: What the readers raise on a damaged file: their own errors, and what bytes taken for lengths and numbers lead to.
-DAMAGED = (McapError, DecodeError, zstandard.ZstdError, struct.error, ValueError, LookupError, OverflowError, EOFError)
+DAMAGED = (
+    McapError,
+    DecodeError,
+    zstandard.ZstdError,
+    struct.error,
+    ValueError,
+    LookupError,
+    OverflowError,
+    EOFError,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,21 +107,31 @@ def read_recorded(path: Path) -> Recorded:
                 values = dict(record.metadata)
                 metadata[record.name] = values
                 if record.name == DIGEST_NAME:
-                    digests.append(Digest(int(values["time_ns"]), int(values["messages"]), values["sha256"]))
+                    digests.append(
+                        Digest(int(values["time_ns"]), int(values["messages"]), values["sha256"])
+                    )
             attachments = {record.name: record.data for record in reader.iter_attachments()}
         config = attachments[CONFIG_NAME].decode()
         # a replay has an ensemble, a plan made on its own estimates
-        if not any(key.startswith(("ensemble", "flow")) for key in metadata.get("replay_kit.inputs", {})):
+        if not any(
+            key.startswith(("ensemble", "flow")) for key in metadata.get("replay_kit.inputs", {})
+        ):
             raise KeyError("replay_kit.inputs: ensemble or flow0")
     except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror}; check the file and its permissions") from error
+        raise LogError(
+            f"{path}: cannot be read: {error.strerror}; check the file and its permissions"
+        ) from error
     except DAMAGED as error:
         why = f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
-        raise LogError(f"{path}: expected a whole result of replay-kit replay or plan, but {why}; give the file of --out") from error
+        raise LogError(
+            f"{path}: expected a whole result of replay-kit replay or plan, but {why}; give the file of --out"
+        ) from error
     return Recorded(metadata, config, tuple(digests), attachments)
 
 
-def first_difference(one: Path, other: Path, end: int | None = None, definitions: bool = True) -> Difference | None:
+def first_difference(
+    one: Path, other: Path, end: int | None = None, definitions: bool = True
+) -> Difference | None:
     """Return the first message that two results do not share; None when they share all.
 
     Args:
@@ -126,9 +145,16 @@ def first_difference(one: Path, other: Path, end: int | None = None, definitions
         if a is None or b is None:
             more = a or b
             assert more is not None
-            return Difference(index, more.topic, more.time_ns, (f"only {'the first' if b is None else 'the second'} has this message",))
+            return Difference(
+                index,
+                more.topic,
+                more.time_ns,
+                (f"only {'the first' if b is None else 'the second'} has this message",),
+            )
         if a != b or (definitions and a.definition != b.definition):
-            return Difference(index, a.topic, a.time_ns, tuple(islice(_what_differs(a, b), _FIELDS_SHOWN)))
+            return Difference(
+                index, a.topic, a.time_ns, tuple(islice(_what_differs(a, b), _FIELDS_SHOWN))
+            )
     return None
 
 
@@ -145,9 +171,18 @@ def _messages(path: Path) -> Iterator[Written]:
                 elif isinstance(record, Message):
                     channel = channels[record.channel_id]
                     schema = schemas[channel.schema_id] if channel.schema_id else None
-                    name, definition = ((schema.name, schema.encoding), schema.data) if schema else (None, b"")
+                    name, definition = (
+                        ((schema.name, schema.encoding), schema.data) if schema else (None, b"")
+                    )
                     times = record.log_time, record.publish_time, record.sequence
-                    yield Written(channel.topic, *times, record.data, channel.message_encoding, name, definition)
+                    yield Written(
+                        channel.topic,
+                        *times,
+                        record.data,
+                        channel.message_encoding,
+                        name,
+                        definition,
+                    )
         except DAMAGED:
             # an unfinished file ends where it ends
             return
@@ -168,7 +203,11 @@ def _what_differs(a: Written, b: Written) -> Iterator[str]:
 def _contents(a: Written, b: Written) -> Iterator[str]:
     """Yield the fields that differ of two messages of one schema."""
     try:
-        schema = Schema(id=1, name=a.schema[0], encoding=a.schema[1], data=a.definition) if a.schema else None
+        schema = (
+            Schema(id=1, name=a.schema[0], encoding=a.schema[1], data=a.definition)
+            if a.schema
+            else None
+        )
         decode = DecoderFactory().decoder_for(a.encoding, schema)
         if decode is not None:
             yield from _fields(decode(a.data), decode(b.data), "")
@@ -181,7 +220,11 @@ def _contents(a: Written, b: Written) -> Iterator[str]:
 def _fields(a: ProtobufMessage, b: ProtobufMessage, path: str) -> Iterator[str]:
     """Yield the fields that differ, each as path and both values."""
     for described in a.DESCRIPTOR.fields:
-        ours, theirs, name = getattr(a, described.name), getattr(b, described.name), f"{path}{described.name}"
+        ours, theirs, name = (
+            getattr(a, described.name),
+            getattr(b, described.name),
+            f"{path}{described.name}",
+        )
         if isinstance(ours, Sequence) and not isinstance(ours, str | bytes):
             if len(ours) != len(theirs):
                 yield f"{name}: {len(ours)} | {len(theirs)} elements"
@@ -196,7 +239,10 @@ def _values(x: Any, y: Any, name: str) -> Iterator[str]:
         yield from _fields(x, y, f"{name}.")
     elif isinstance(x, bytes):
         if x != y:
-            at = next((i for i, (p, q) in enumerate(zip(x, y, strict=False)) if p != q), min(len(x), len(y)))
+            at = next(
+                (i for i, (p, q) in enumerate(zip(x, y, strict=False)) if p != q),
+                min(len(x), len(y)),
+            )
             yield f"{name}: {len(x)} | {len(y)} bytes, which differ at byte {at}"
     # repr tells apart all numbers that differ, and takes not-a-number for itself
     elif repr(x) != repr(y):

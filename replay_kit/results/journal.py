@@ -40,10 +40,14 @@ class Journal:
             if path.exists():
                 with path.open("rb") as file:
                     if file.read(len(_MAGIC)) not in (_MAGIC, b""):
-                        raise ConfigError(f"{path}: exists and is no journal of a checkpoint; choose another name for the checkpoint")
+                        raise ConfigError(
+                            f"{path}: exists and is no journal of a checkpoint; choose another name for the checkpoint"
+                        )
             size = path.stat().st_size if length else 0
             if size < length:
-                raise LogError(f"{path}: expected at least {length} bytes, got {size}; delete the checkpoint to begin anew")
+                raise LogError(
+                    f"{path}: expected at least {length} bytes, got {size}; delete the checkpoint to begin anew"
+                )
             self._file: BinaryIO = path.open("r+b" if length else "wb")
             self._file.truncate(length)
             self._file.seek(length)
@@ -52,13 +56,17 @@ class Journal:
             #: Bytes of all entries so far.
             self.length = length or len(_MAGIC)
         except OSError as error:
-            raise ConfigError(f"{path}: cannot be written: {error.strerror}; choose another place for the checkpoint") from error
+            raise ConfigError(
+                f"{path}: cannot be written: {error.strerror}; choose another place for the checkpoint"
+            ) from error
 
     def append(self, head: dict[str, Any], data: bytes) -> None:
         """Append an entry; it is safe on the disk after ``flushed``."""
         text = orjson.dumps(head)
         with stored(self.path):
-            self.length += self._file.write(_ENTRY.pack(len(text), len(data), zlib.crc32(data, zlib.crc32(text))) + text + data)
+            self.length += self._file.write(
+                _ENTRY.pack(len(text), len(data), zlib.crc32(data, zlib.crc32(text))) + text + data
+            )
 
     def flushed(self) -> int:
         """Force everything to the disk and return the file's length [bytes]."""
@@ -91,4 +99,6 @@ def read_journal(path: Path, length: int) -> Iterator[tuple[dict[str, Any], byte
                     raise ValueError("a checksum does not match")
                 yield orjson.loads(text), data
     except (OSError, struct.error, ValueError) as error:
-        raise LogError(f"{path}: the journal of the interrupted run is damaged: {error}; delete the checkpoint to begin anew") from error
+        raise LogError(
+            f"{path}: the journal of the interrupted run is damaged: {error}; delete the checkpoint to begin anew"
+        ) from error

@@ -15,4 +15,8 @@ def plan_legs(statistics: Mapping[str, Any]) -> list[dict[str, Any]]:
 def planned_ellipses(legs: Sequence[Mapping[str, float]]) -> list[Ellipse]:
     """Return the ellipses of the surfacings of a plan's legs, of those that have one."""
     names = ("longitude", "latitude", "major_m", "minor_m", "bearing_deg")
-    return [Ellipse(*(leg[f"ellipse_{name}"] for name in names)) for leg in legs if "ellipse_major_m" in leg]
+    return [
+        Ellipse(*(leg[f"ellipse_{name}"] for name in names))
+        for leg in legs
+        if "ellipse_major_m" in leg
+    ]

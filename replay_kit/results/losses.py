@@ -10,8 +10,14 @@ from replay_kit.core.message import LogReport, Loss
 
 def loss_words(loss: Loss) -> str:
     """Return what was lost in bytes, messages and time."""
-    messages = "an unknown number of messages" if loss.messages is None else f"{loss.messages} messages"
-    span = "" if loss.first_ns is None or loss.last_ns is None else f" of {iso_time(loss.first_ns)} to {iso_time(loss.last_ns)}"
+    messages = (
+        "an unknown number of messages" if loss.messages is None else f"{loss.messages} messages"
+    )
+    span = (
+        ""
+        if loss.first_ns is None or loss.last_ns is None
+        else f" of {iso_time(loss.first_ns)} to {iso_time(loss.last_ns)}"
+    )
     return f"{loss.what} ({loss.bytes} bytes, from byte {loss.offset}; {messages}{span if loss.messages != 0 else ''})"
 
 
@@ -46,12 +52,17 @@ def unchecked_lines(report: LogReport) -> Iterator[str]:
 
 def undecodable_lines(undecodable: Mapping[str, tuple[int, str]]) -> Iterator[str]:
     """Yield a line for each topic with messages that no decoder could read; as in ``LogReport.undecodable``."""
-    return (f"Cannot be decoded: {count} x {topic}: {reason}" for topic, (count, reason) in undecodable.items())
+    return (
+        f"Cannot be decoded: {count} x {topic}: {reason}"
+        for topic, (count, reason) in undecodable.items()
+    )
 
 
 def undecodable_json(undecodable: Mapping[str, tuple[int, str]]) -> dict[str, Any]:
     """Return the messages that no decoder could read for JSON, by topic."""
-    return {topic: {"count": count, "reason": reason} for topic, (count, reason) in undecodable.items()}
+    return {
+        topic: {"count": count, "reason": reason} for topic, (count, reason) in undecodable.items()
+    }
 
 
 def iso_time(time_ns: int, unit: Literal["s", "ms"] = "ms") -> str:

@@ -60,7 +60,9 @@ class ResultFile:
         self._overwrite = overwrite
         self._check_target()
         self._file = open_part(self.path)
-        self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_crcs=True, enable_data_crcs=True)
+        self._writer = Writer(
+            self._file, compression=CompressionType.ZSTD, enable_crcs=True, enable_data_crcs=True
+        )
         # without the library's version, which says nothing about the content
         self._writer.start(profile="replay-kit", library="replay-kit")
         self._out = OutChannels(self._writer)
@@ -77,14 +79,21 @@ class ResultFile:
         """Return the file."""
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         """Complete the file, or leave it as ``.part`` when the block raised."""
         if kind is None:
             self.close()
         else:
             self.abandon()
 
-    def write_message(self, topic: str, schema: Callable[[], Definition], data: bytes, time_ns: int) -> None:
+    def write_message(
+        self, topic: str, schema: Callable[[], Definition], data: bytes, time_ns: int
+    ) -> None:
         """Write a message.
 
         Args:
@@ -98,8 +107,13 @@ class ResultFile:
             number = self._channels.get(topic)
             if number is None:
                 name, encoding, definition = schema()
-                number = self._channels[topic] = self._out.number(_OURS, RawChannel(0, topic, "protobuf", (), (name, encoding, definition)))
-                self._record({"kind": "schema", "topic": topic, "name": name, "encoding": encoding}, definition)
+                number = self._channels[topic] = self._out.number(
+                    _OURS, RawChannel(0, topic, "protobuf", (), (name, encoding, definition))
+                )
+                self._record(
+                    {"kind": "schema", "topic": topic, "name": name, "encoding": encoding},
+                    definition,
+                )
             self._writer.add_message(number, time_ns, data, time_ns, self._counts[topic])
         self._record({"kind": "message", "topic": topic, "time_ns": time_ns}, data)
         self._digest.update(f"{topic}\0{time_ns}\0{len(data)}\0".encode() + data)
@@ -114,8 +128,12 @@ class ResultFile:
     def attach(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
         """Write an attachment."""
         with self._storing(f"attach {name}"):
-            self._writer.add_attachment(create_time=time_ns, log_time=time_ns, name=name, media_type=media_type, data=data)
-        self._record({"kind": "attachment", "time_ns": time_ns, "name": name, "media_type": media_type}, data)
+            self._writer.add_attachment(
+                create_time=time_ns, log_time=time_ns, name=name, media_type=media_type, data=data
+            )
+        self._record(
+            {"kind": "attachment", "time_ns": time_ns, "name": name, "media_type": media_type}, data
+        )
         self._attachments += 1
 
     def write_metadata(self, name: str, values: Mapping[str, str]) -> None:
@@ -134,9 +152,13 @@ class ResultFile:
         renamed: dict[RawChannel, RawChannel] = {}
         with self._storing("copy the inputs"):
             for message in source:
-                channel = renamed.get(message.channel) or renamed.setdefault(message.channel, _renamed(message.channel))
+                channel = renamed.get(message.channel) or renamed.setdefault(
+                    message.channel, _renamed(message.channel)
+                )
                 number = self._out.number(message.input, channel)
-                self._writer.add_message(number, message.log_ns, message.data, message.publish_ns, message.sequence)
+                self._writer.add_message(
+                    number, message.log_ns, message.data, message.publish_ns, message.sequence
+                )
                 self._counts[channel.topic] += 1
 
     def flush(self) -> None:
@@ -150,7 +172,9 @@ class ResultFile:
         """Return the digest of the messages so far."""
         return Digest(time_ns, self._counts.total(), self._digest.hexdigest())
 
-    def write_entries(self, entries: Iterable[tuple[dict[str, Any], bytes]], copy_inputs: Callable[[], None]) -> None:
+    def write_entries(
+        self, entries: Iterable[tuple[dict[str, Any], bytes]], copy_inputs: Callable[[], None]
+    ) -> None:
         """Write what is recorded in a journal.
 
         Args:
@@ -163,7 +187,12 @@ class ResultFile:
             if head["kind"] == "schema":
                 schemas[head["topic"]] = (head["name"], head["encoding"], data)
             elif head["kind"] == "message":
-                self.write_message(head["topic"], partial(schemas.__getitem__, head["topic"]), data, head["time_ns"])
+                self.write_message(
+                    head["topic"],
+                    partial(schemas.__getitem__, head["topic"]),
+                    data,
+                    head["time_ns"],
+                )
             elif head["kind"] == "attachment":
                 self.attach(head["time_ns"], head["name"], head["media_type"], data)
             elif head["kind"] == "copies":
@@ -232,13 +261,19 @@ class ResultFile:
         try:
             yield
         except OSError as error:
-            raise ReplayKitError(f"{self.part}: cannot {what}: {error}; is the disk full?") from error
+            raise ReplayKitError(
+                f"{self.part}: cannot {what}: {error}; is the disk full?"
+            ) from error
 
     def _check_target(self) -> None:
         if not self.path.parent.is_dir():
-            raise ConfigError(f"{self.path}: the folder {self.path.parent} does not exist; make it or write elsewhere")
+            raise ConfigError(
+                f"{self.path}: the folder {self.path.parent} does not exist; make it or write elsewhere"
+            )
         if self.path.exists() and not self._overwrite:
-            raise ConfigError(f"{self.path}: exists already; pass --overwrite to replace it, or write elsewhere")
+            raise ConfigError(
+                f"{self.path}: exists already; pass --overwrite to replace it, or write elsewhere"
+            )
 
 
 def _renamed(channel: RawChannel) -> RawChannel:

@@ -21,14 +21,23 @@ def read_windows(path: str | Path) -> tuple[FlowEstimate, ...]:
     last, path = read_estimate(path), as_path(path, "result")
     with path.open("rb") as file:
         reader = make_reader(file)
-        records = [record.metadata for record in reader.iter_metadata() if record.name == WINDOWS_RECORD]
+        records = [
+            record.metadata for record in reader.iter_metadata() if record.name == WINDOWS_RECORD
+        ]
         left = {
             int(record.name.removeprefix(WINDOW_NAME).removesuffix(".nc")): record
             for record in reader.iter_attachments()
             if record.name.startswith(WINDOW_NAME)
         }
     withdrawn = int(records[0]["withdrawn"]) if records else 0
-    return (*(load_bytes(left[number].data, f"{path}#{left[number].name}") for number in sorted(left) if number > withdrawn), last)
+    return (
+        *(
+            load_bytes(left[number].data, f"{path}#{left[number].name}")
+            for number in sorted(left)
+            if number > withdrawn
+        ),
+        last,
+    )
 
 
 def read_estimate(path: str | Path) -> FlowEstimate:
@@ -43,7 +52,11 @@ def read_estimate(path: str | Path) -> FlowEstimate:
     path = as_path(path, "result")
     try:
         with path.open("rb") as file:
-            attachments = [record.data for record in make_reader(file).iter_attachments() if record.name == ESTIMATE_NAME]
+            attachments = [
+                record.data
+                for record in make_reader(file).iter_attachments()
+                if record.name == ESTIMATE_NAME
+            ]
     except OSError as error:
         raise ForecastError(f"{path}: cannot read the result: {error.strerror}") from error
     except (McapError, ValueError) as error:

@@ -28,7 +28,13 @@ from replay_kit.results.journal import Journal
 from replay_kit.results.layout.layout import layout_of, layout_text
 from replay_kit.results.mcap_file import ResultFile
 from replay_kit.results.schemas import CONTRACT_VERSION, DESCRIPTOR_SET
-from replay_kit.results.slices import arrow_scale, arrows_message, depth_slice, grid_message, seabed_message
+from replay_kit.results.slices import (
+    arrow_scale,
+    arrows_message,
+    depth_slice,
+    grid_message,
+    seabed_message,
+)
 from replay_kit.results.surfacings.message import surfacing_message
 
 ESTIMATE_NAME = "estimate.nc"
@@ -53,7 +59,11 @@ class ResultWriter(ResultFile):
     """Writes the values of a run to one result MCAP."""
 
     def __init__(
-        self, path: Path, overwrite: bool = False, on_digest: Callable[[Digest], None] | None = None, journal: Journal | None = None
+        self,
+        path: Path,
+        overwrite: bool = False,
+        on_digest: Callable[[Digest], None] | None = None,
+        journal: Journal | None = None,
     ) -> None:
         """Open ``path`` + ``.part``; one left over by an interrupted run is replaced.
 
@@ -71,7 +81,13 @@ class ResultWriter(ResultFile):
         self._arrow_scale: float | None = None
         self._on_digest = on_digest
 
-    def start(self, projection: Projection, time_ns: int, metadata: Mapping[str, Mapping[str, str]], config_toml: str) -> None:
+    def start(
+        self,
+        projection: Projection,
+        time_ns: int,
+        metadata: Mapping[str, Mapping[str, str]],
+        config_toml: str,
+    ) -> None:
         """Write what applies to the whole run: the frame, the metadata records and the configuration.
 
         Args:
@@ -81,7 +97,9 @@ class ResultWriter(ResultFile):
             config_toml: The configuration, attached as ``config.toml``.
         """
         self._log("/tf", messages.frame_transform(time_ns), time_ns)
-        self.write_metadata("contract", {"version": str(CONTRACT_VERSION), "replay_kit": __version__})
+        self.write_metadata(
+            "contract", {"version": str(CONTRACT_VERSION), "replay_kit": __version__}
+        )
         frame = {
             "projection": "azimuthal equidistant, WGS84",
             "longitude": repr(float(projection.longitude)),
@@ -100,13 +118,26 @@ class ResultWriter(ResultFile):
         """Write the frame ``vehicle`` to ``/tf``; arguments as of ``messages.vehicle_transform``."""
         self._log("/tf", messages.vehicle_transform(time_ns, place, heading), time_ns)
 
-    def at_vehicle(self, time_ns: int, place: Sequence[float], velocity: Sequence[float], error: Sequence[float]) -> None:
+    def at_vehicle(
+        self,
+        time_ns: int,
+        place: Sequence[float],
+        velocity: Sequence[float],
+        error: Sequence[float],
+    ) -> None:
         """Write the estimate at the vehicle to ``/flow/at_vehicle``; arguments as of ``messages.at_vehicle``."""
-        self._log_own("/flow/at_vehicle", "AtVehicle", messages.at_vehicle(time_ns, place, velocity, error), time_ns)
+        self._log_own(
+            "/flow/at_vehicle",
+            "AtVehicle",
+            messages.at_vehicle(time_ns, place, velocity, error),
+            time_ns,
+        )
 
     def consistency(self, time_ns: int, findings: Sequence[Finding]) -> None:
         """Write all findings so far to ``/flow/consistency``."""
-        self._log_own("/flow/consistency", "Consistency", messages.consistency(time_ns, findings), time_ns)
+        self._log_own(
+            "/flow/consistency", "Consistency", messages.consistency(time_ns, findings), time_ns
+        )
 
     def innovation(self, value: Innovation) -> None:
         """Write the innovation of an observation to ``/flow/innovation``."""
@@ -138,7 +169,11 @@ class ResultWriter(ResultFile):
         self._arrow_scale = self._arrow_scale or arrow_scale(slices)
         for value in slices:
             self._log(f"/flow/grid/{value.depth:g}m", grid_message(time_ns, value), time_ns)
-            self._log(f"/flow/arrows/{value.depth:g}m", arrows_message(time_ns, value, self._arrow_scale or 0.0), time_ns)
+            self._log(
+                f"/flow/arrows/{value.depth:g}m",
+                arrows_message(time_ns, value, self._arrow_scale or 0.0),
+                time_ns,
+            )
         self.flush()
 
     def plan(self, plan: Plan, projection: Projection) -> None:
@@ -159,11 +194,15 @@ class ResultWriter(ResultFile):
 
     def outcome(self, outcome: Outcome) -> None:
         """Write a predicted surfacing with the actual one to ``/plan/outcome``."""
-        self._log_own("/plan/outcome", "PlanOutcome", messages.plan_outcome(outcome), outcome.time_ns)
+        self._log_own(
+            "/plan/outcome", "PlanOutcome", messages.plan_outcome(outcome), outcome.time_ns
+        )
 
     def dive_outcome(self, outcome: DiveOutcome) -> None:
         """Write where a dive was expected to surface, and where it did, to ``/flow/surfacing``."""
-        self._log_own("/flow/surfacing", "Surfacing", surfacing_message(outcome), outcome.fix.time_ns)
+        self._log_own(
+            "/flow/surfacing", "Surfacing", surfacing_message(outcome), outcome.fix.time_ns
+        )
 
     def log(self, time_ns: int, level: messages.Level, text: str) -> None:
         """Write an event to ``/log``."""
@@ -172,7 +211,10 @@ class ResultWriter(ResultFile):
     def digest(self, time_ns: int) -> None:
         """Write the digest of the messages so far as a metadata record, with which ``verify`` compares a repeated run as it goes."""
         value = self.current_digest(time_ns)
-        self.write_metadata(DIGEST_NAME, {"time_ns": str(time_ns), "messages": str(value.messages), "sha256": value.sha256})
+        self.write_metadata(
+            DIGEST_NAME,
+            {"time_ns": str(time_ns), "messages": str(value.messages), "sha256": value.sha256},
+        )
         if self._on_digest is not None:
             self._on_digest(value)
 
@@ -182,7 +224,10 @@ class ResultWriter(ResultFile):
         return self._accepted, self._arrow_scale
 
     def replay_journal(
-        self, entries: Iterable[tuple[dict[str, Any], bytes]], state: tuple[int, float | None], copy_inputs: Callable[[], None]
+        self,
+        entries: Iterable[tuple[dict[str, Any], bytes]],
+        state: tuple[int, float | None],
+        copy_inputs: Callable[[], None],
     ) -> None:
         """Write what an interrupted run had written.
 
@@ -201,7 +246,12 @@ class ResultWriter(ResultFile):
             time_ns: Time of the run's last message [ns, UTC].
             summary: As ``replay_kit.results.summary.to_record`` returns it.
         """
-        self.attach(time_ns, SUMMARY_NAME, "application/json", (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode())
+        self.attach(
+            time_ns,
+            SUMMARY_NAME,
+            "application/json",
+            (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode(),
+        )
 
     def window(self, number: int, flow: FlowEstimate) -> None:
         """Attach the last estimate of a window that the vehicle has left, as ``estimate_window_1.nc`` and so on.
@@ -226,7 +276,9 @@ class ResultWriter(ResultFile):
         self.close()
 
     def _log(self, topic: str, message: _Encodable, time_ns: int) -> None:
-        self.write_message(topic, lambda: _definition(message.get_schema()), message.encode(), time_ns)
+        self.write_message(
+            topic, lambda: _definition(message.get_schema()), message.encode(), time_ns
+        )
 
     def _log_own(self, topic: str, name: str, data: bytes, time_ns: int) -> None:
         self.write_message(topic, lambda: (f"replay_kit.{name}", *_OWN_SCHEMA), data, time_ns)

@@ -39,7 +39,9 @@ _SECOND = 1_000_000_000
 # a finding's key in JSON, whose field has another name
 _FINDING = {"set": "advice"}
 # attributes that the messages have under the same names
-_OF_INNOVATION = "dive depth nis dof error_inflation decision gate_statistic signal_dof prior_inflation profiles"
+_OF_INNOVATION = (
+    "dive depth nis dof error_inflation decision gate_statistic signal_dof prior_inflation profiles"
+)
 _OF_PLAN = "status message heading_deg glide_angle_deg speed velocity_through_water duration closest_approach track_time energy battery"
 
 
@@ -86,7 +88,9 @@ def vehicle_transform(time_ns: int, place: Sequence[float], heading: float) -> f
     )
 
 
-def at_vehicle(time_ns: int, place: Sequence[float], velocity: Sequence[float], error: Sequence[float]) -> bytes:
+def at_vehicle(
+    time_ns: int, place: Sequence[float], velocity: Sequence[float], error: Sequence[float]
+) -> bytes:
     """Return ``replay_kit.AtVehicle``.
 
     Args:
@@ -95,13 +99,27 @@ def at_vehicle(time_ns: int, place: Sequence[float], velocity: Sequence[float], 
         velocity: Towards true east and true north [m/s].
         error: Standard errors of both [m/s]; NaN where unknown.
     """
-    names = ("longitude", "latitude", "depth", "east", "north", "east_standard_error", "north_standard_error")
-    return encode("AtVehicle", {"timestamp": _time(time_ns), **dict(zip(names, (*place, *velocity, *error), strict=True))})
+    names = (
+        "longitude",
+        "latitude",
+        "depth",
+        "east",
+        "north",
+        "east_standard_error",
+        "north_standard_error",
+    )
+    return encode(
+        "AtVehicle",
+        {"timestamp": _time(time_ns), **dict(zip(names, (*place, *velocity, *error), strict=True))},
+    )
 
 
 def consistency(time_ns: int, findings: Sequence[Finding]) -> bytes:
     """Return ``replay_kit.Consistency``: all findings so far."""
-    found = [{_FINDING.get(key, key): value or "" for key, value in finding_json(finding).items()} for finding in findings]
+    found = [
+        {_FINDING.get(key, key): value or "" for key, value in finding_json(finding).items()}
+        for finding in findings
+    ]
     return encode("Consistency", {"timestamp": _time(time_ns), "findings": found})
 
 
@@ -111,7 +129,11 @@ def location_fix(state: VehicleState) -> fox.LocationFix:
     ``metadata`` holds ``depth`` [m], by which the measurement step reads the fix back; it is absent when the depth is unknown. The
     altitude is -depth, NaN when unknown, for viewers: of a fix by another writer it is a height above the ellipsoid.
     """
-    longitude = state.longitude if -180.0 <= state.longitude <= 180.0 else float(unwrap_longitude(state.longitude, 0.0))
+    longitude = (
+        state.longitude
+        if -180.0 <= state.longitude <= 180.0
+        else float(unwrap_longitude(state.longitude, 0.0))
+    )
     metadata = [fox.KeyValuePair(key="dead_reckoned", value=str(int(state.dead_reckoned)))]
     if math.isfinite(state.depth):
         metadata.append(fox.KeyValuePair(key="depth", value=repr(float(state.depth))))
@@ -147,10 +169,19 @@ def innovation(value: Innovation) -> bytes:
     for name in ("innovation", "innovation_std", "residual", "prior_innovation"):
         values[f"{name}_east"], values[f"{name}_north"] = getattr(value, name).T
     if value.replayed_residual is not None:
-        values["replayed_residual_east"], values["replayed_residual_north"] = value.replayed_residual.T
+        values["replayed_residual_east"], values["replayed_residual_north"] = (
+            value.replayed_residual.T
+        )
     if value.mean_current is not None:
-        parts = ("measured", value.mean_current), ("predicted", value.mean_current - value.innovation[0])
-        numbers = {f"{name}_{axis}": part[k] for name, part in parts for k, axis in enumerate(("east", "north"))}
+        parts = (
+            ("measured", value.mean_current),
+            ("predicted", value.mean_current - value.innovation[0]),
+        )
+        numbers = {
+            f"{name}_{axis}": part[k]
+            for name, part in parts
+            for k, axis in enumerate(("east", "north"))
+        }
         values["mean_current"] = {"kind": value.mean_kind, **numbers}
     return encode("Innovation", values | _attributes(value, _OF_INNOVATION))
 
@@ -181,7 +212,10 @@ def plan_controls(plan: Plan) -> bytes:
             "track_east": track_east,
             "track_north": track_north,
             "track_depth": track_depth,
-            "statistics": [{"name": name, "value": str(value)} for name, value in sorted(plan.statistics.items())],
+            "statistics": [
+                {"name": name, "value": str(value)}
+                for name, value in sorted(plan.statistics.items())
+            ],
             "track_bottom": () if plan.bottom is None else plan.bottom,
         }
         | ({} if plan.odds is None else {"odds": asdict(plan.odds)})
@@ -192,28 +226,43 @@ def plan_controls(plan: Plan) -> bytes:
 def plan_outcome(outcome: Outcome) -> bytes:
     """Return ``replay_kit.PlanOutcome``; without an ellipse its numbers are NaN."""
     predicted, ellipse = outcome.predicted, outcome.predicted.ellipse
-    names = {"longitude": "longitude", "latitude": "latitude", "major": "major", "minor": "minor", "bearing": "bearing_deg"}
+    names = {
+        "longitude": "longitude",
+        "latitude": "latitude",
+        "major": "major",
+        "minor": "minor",
+        "bearing": "bearing_deg",
+    }
     return encode(
         "PlanOutcome",
         {
             "timestamp": _time(outcome.time_ns),
             "planned_time": _time(outcome.planned_ns),
             "predicted_time": _time(predicted.time_ns),
-            "predicted": {"longitude": predicted.longitude, "latitude": predicted.latitude, "depth": 0.0},
+            "predicted": {
+                "longitude": predicted.longitude,
+                "latitude": predicted.latitude,
+                "depth": 0.0,
+            },
             "actual": {"longitude": outcome.longitude, "latitude": outcome.latitude, "depth": 0.0},
             "distance": outcome.distance,
             "direction_deg": outcome.direction_deg,
             "delay": outcome.late,
             "inside_ellipse": bool(outcome.inside),
         }
-        | {f"ellipse_{name}": math.nan if ellipse is None else getattr(ellipse, field) for name, field in names.items()},
+        | {
+            f"ellipse_{name}": math.nan if ellipse is None else getattr(ellipse, field)
+            for name, field in names.items()
+        },
     )
 
 
 def plan_path(plan: Plan) -> fox.PosesInFrame:
     """Return the predicted track as poses that look along the glide through water."""
     east, north, down = plan.velocity_through_water.tolist()
-    poses = [pose(x, y, -depth, orientation(east, north, -down)) for x, y, depth in plan.track.tolist()]
+    poses = [
+        pose(x, y, -depth, orientation(east, north, -down)) for x, y, depth in plan.track.tolist()
+    ]
     return fox.PosesInFrame(timestamp=stamp(plan.start_time_ns), frame_id=FRAME, poses=poses)
 
 
@@ -225,18 +274,27 @@ def plan_geojson(plan: Plan, projection: Projection) -> fox.GeoJson:
 
     def positions(longitude: Array, latitude: Array) -> list[list[float]]:
         # Continuous across the antimeridian, or a map draws the line around the world.
-        near: list[list[float]] = np.column_stack([unwrap_longitude(longitude, plan.start.longitude), latitude]).round(7).tolist()
+        near: list[list[float]] = (
+            np.column_stack([unwrap_longitude(longitude, plan.start.longitude), latitude])
+            .round(7)
+            .tolist()
+        )
         return near
 
     places = (plan.start, plan.goal)
-    ends = positions(np.array([place.longitude for place in places]), np.array([place.latitude for place in places]))
+    ends = positions(
+        np.array([place.longitude for place in places]),
+        np.array([place.latitude for place in places]),
+    )
     features = [
         _feature("Point", end, {"name": name, "depth_m": _finite(place.depth)})
         for name, end, place in zip(("start", "goal"), ends, places, strict=True)
     ]
     for number, ellipse in enumerate(planned_ellipses(plan_legs(plan.statistics)), start=1):
         ring = positions(*to_geographic(projection, *ellipse.outline(projection).T))
-        features.append(_feature("Polygon", [ring], {"name": f"90 % of surfacings {number}", "kind": "ellipse"}))
+        features.append(
+            _feature("Polygon", [ring], {"name": f"90 % of surfacings {number}", "kind": "ellipse"})
+        )
     for area in plan.areas:
         corners = np.array([*area.corners, area.corners[0]])
         about = {"name": area.name, "kind": "no_go", "surface_only": area.surface_only}
@@ -245,7 +303,9 @@ def plan_geojson(plan: Plan, projection: Projection) -> fox.GeoJson:
     if len(plan.track) > 1:
         line = positions(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]))
         features.insert(0, _feature("LineString", line, _properties(plan)))
-    return fox.GeoJson(geojson=json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False))
+    return fox.GeoJson(
+        geojson=json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)
+    )
 
 
 def pose(x: float, y: float, z: float, rotation: fox.Quaternion) -> fox.Pose:
@@ -277,7 +337,11 @@ def _properties(plan: Plan) -> dict[str, Any]:
 
 
 def _feature(kind: str, coordinates: list[Any], properties: Mapping[str, Any]) -> dict[str, Any]:
-    return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
+    return {
+        "type": "Feature",
+        "geometry": {"type": kind, "coordinates": coordinates},
+        "properties": properties,
+    }
 
 
 def _finite(number: float) -> float | None:

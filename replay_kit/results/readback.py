@@ -41,12 +41,25 @@ def check_written(path: Path, messages: Mapping[str, int], attachments: int) -> 
     try:
         found = _Found()
         with path.open("rb") as file:
-            for record in _Records(file, emit_chunks=True, validate_crcs=True, record_size_limit=path.stat().st_size).records:
+            for record in _Records(
+                file, emit_chunks=True, validate_crcs=True, record_size_limit=path.stat().st_size
+            ).records:
                 found.add(record)
             found.check_summary(file)
         read, summary = found.by_topic(found.messages), found.by_topic(found.stated)
-    except (OSError, McapError, CRCValidationError, zstandard.ZstdError, struct.error, ValueError, OverflowError, KeyError) as error:
-        raise ReplayKitError(f"{path}: the result does not read back: {error}; is the disk full?") from error
+    except (
+        OSError,
+        McapError,
+        CRCValidationError,
+        zstandard.ZstdError,
+        struct.error,
+        ValueError,
+        OverflowError,
+        KeyError,
+    ) as error:
+        raise ReplayKitError(
+            f"{path}: the result does not read back: {error}; is the disk full?"
+        ) from error
     if not read == summary == Counter(messages) or found.attachments != attachments:
         raise ReplayKitError(
             f"{path}: wrote {sum(messages.values())} messages and {attachments} attachments, but read back {read.total()} and "
@@ -113,7 +126,9 @@ class _Found:
             if opcode == _MESSAGE:
                 channels.append(number)
             elif opcode == Opcode.CHANNEL:
-                self.add(Channel.read(ReadDataStream(BytesIO(data[end + _HEAD : end + _HEAD + length]))))
+                self.add(
+                    Channel.read(ReadDataStream(BytesIO(data[end + _HEAD : end + _HEAD + length])))
+                )
             end += _HEAD + length
         if end != size:
             raise ValueError(f"the records of a chunk end at byte {end} of its {size}")

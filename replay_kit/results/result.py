@@ -57,10 +57,24 @@ class ResultFile:
         assert found.statistics is not None
         counts, ends = found.statistics.channel_message_counts, found.statistics
         by_topic = {channel.topic: counts.get(key, 0) for key, channel in found.channels.items()}
-        held = "estimate" if any(index.name == ESTIMATE_NAME for index in found.attachment_indexes) else "no estimate"
-        tables = {"fixes": "/vehicle/fix", "observations": "/flow/innovation", "plans": "/plan/controls", "surfacings": "/plan/outcome"}
-        rows = ", ".join(f"{name} ({by_topic.get(topic, 0)})" for name, topic in {**tables, "events": "/log"}.items())
-        times = " to ".join(time_text(end) for end in (ends.message_start_time, ends.message_end_time))
+        held = (
+            "estimate"
+            if any(index.name == ESTIMATE_NAME for index in found.attachment_indexes)
+            else "no estimate"
+        )
+        tables = {
+            "fixes": "/vehicle/fix",
+            "observations": "/flow/innovation",
+            "plans": "/plan/controls",
+            "surfacings": "/plan/outcome",
+        }
+        rows = ", ".join(
+            f"{name} ({by_topic.get(topic, 0)})"
+            for name, topic in {**tables, "events": "/log"}.items()
+        )
+        times = " to ".join(
+            time_text(end) for end in (ends.message_start_time, ends.message_end_time)
+        )
         return f"Result {self.path.name}, {times}\n  {held}; tables {rows}, innovations, dives, plan_tracks"
 
     @cached_property
@@ -81,7 +95,9 @@ class ResultFile:
         """
         return read_windows(self.path)
 
-    def velocity_at(self, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike) -> Velocities:
+    def velocity_at(
+        self, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike
+    ) -> Velocities:
         """Return velocity and standard error at points, each from the window that knows it best; as ``FlowEstimate.velocity_at``.
 
         Raises:
@@ -102,7 +118,13 @@ class ResultFile:
             depths.append(float(about.get("depth", "nan")))
             reckoned.append(about.get("dead_reckoned") == "1")
         named = dict(zip(("longitude", "latitude", "depth"), map(shared, places), strict=True))
-        return _of_columns({"time": shared(times).view("datetime64[ns]"), **named, "dead_reckoned": shared(reckoned).view(np.bool_)})
+        return _of_columns(
+            {
+                "time": shared(times).view("datetime64[ns]"),
+                **named,
+                "dead_reckoned": shared(reckoned).view(np.bool_),
+            }
+        )
 
     @cached_property
     def observations(self) -> "pd.DataFrame":
@@ -126,8 +148,14 @@ class ResultFile:
         Values of a list that a measurement does not have are NaN.
         """
         single, counts, lists = self._measurements
-        of_profile = {"timestamp": single["timestamp"], "observation": np.arange(counts.size), "dive": single["dive"]}
-        return _of_columns({name: np.repeat(column, counts) for name, column in of_profile.items()} | lists)
+        of_profile = {
+            "timestamp": single["timestamp"],
+            "observation": np.arange(counts.size),
+            "dive": single["dive"],
+        }
+        return _of_columns(
+            {name: np.repeat(column, counts) for name, column in of_profile.items()} | lists
+        )
 
     @cached_property
     def _measurements(self) -> tuple[dict[str, Any], NDArray[np.int64], dict[str, NDArray[Any]]]:
@@ -150,8 +178,18 @@ class ResultFile:
         used = table[table["accepted"] & (table["dive"] > 0)]
         used = used.assign(begin=_begins(used, self.fixes))
         groups, dof = used.groupby("dive"), used.groupby("dive")["dof"].sum()
-        means = {f"rms_{name}": np.sqrt((used[f"rms_{name}"] ** 2 * used["dof"]).groupby(used["dive"]).sum() / dof) for name in _RMS}
-        columns = {"start": groups["begin"].min(), "end": groups["time"].max(), "profiles": groups.size(), "bins": dof // 2}
+        means = {
+            f"rms_{name}": np.sqrt(
+                (used[f"rms_{name}"] ** 2 * used["dof"]).groupby(used["dive"]).sum() / dof
+            )
+            for name in _RMS
+        }
+        columns = {
+            "start": groups["begin"].min(),
+            "end": groups["time"].max(),
+            "profiles": groups.size(),
+            "bins": dof // 2,
+        }
         return pd.DataFrame({**columns, **means, "nis_per_dof": groups["nis"].sum() / dof})
 
     @cached_property
@@ -166,7 +204,11 @@ class ResultFile:
         ``bottom`` is the depth of the bottom under the track [m]; NaN without a bathymetry.
         """
         with self.path.open("rb") as file:
-            frame = next(record.metadata for record in make_reader(file).iter_metadata() if record.name == "frame map")
+            frame = next(
+                record.metadata
+                for record in make_reader(file).iter_metadata()
+                if record.name == "frame map"
+            )
         projection = Projection(float(frame["longitude"]), float(frame["latitude"]))
         rows: list[tuple[Any, ...]] = []
         for number, plan in enumerate(self._decoded("/plan/controls", "Plan")):
@@ -174,7 +216,9 @@ class ResultFile:
             times = start + np.rint(1e9 * np.asarray(plan.track_time)).astype(np.int64)
             places = to_geographic(projection, plan.track_east, plan.track_north)
             bottom = plan.track_bottom or [np.nan] * len(times)
-            rows += zip(times, *places, plan.track_depth, [number] * len(times), bottom, strict=True)
+            rows += zip(
+                times, *places, plan.track_depth, [number] * len(times), bottom, strict=True
+            )
         return _table(rows, "time longitude latitude depth plan bottom")
 
     @cached_property
@@ -185,17 +229,32 @@ class ResultFile:
     @cached_property
     def events(self) -> "pd.DataFrame":
         """Events: level and message."""
-        return _table([(time_ns, _LEVELS[event.level], event.message) for time_ns, event in self._foxglove("/log")], "time level message")
+        return _table(
+            [
+                (time_ns, _LEVELS[event.level], event.message)
+                for time_ns, event in self._foxglove("/log")
+            ],
+            "time level message",
+        )
 
     def _foxglove(self, topic: str) -> Iterator[tuple[int, Any]]:
         with self.path.open("rb") as file:
             summary = make_reader(file).get_summary()
         assert summary is not None
-        schema = next((summary.schemas[one.schema_id] for one in summary.channels.values() if one.topic == topic), None)
+        schema = next(
+            (
+                summary.schemas[one.schema_id]
+                for one in summary.channels.values()
+                if one.topic == topic
+            ),
+            None,
+        )
         if schema is not None:
             decoder = DecoderFactory().decoder_for("protobuf", schema)
             assert decoder is not None
-            yield from ((time_ns, decoder(data)) for time_ns, data in read_messages(self.path, topic))
+            yield from (
+                (time_ns, decoder(data)) for time_ns, data in read_messages(self.path, topic)
+            )
 
     def _decoded(self, topic: str, name: str) -> Iterator[Any]:
         return (decode(name, data) for _, data in read_messages(self.path, topic))
@@ -218,13 +277,17 @@ def result_path(path: str | Path) -> Path:
             reader: McapReader = make_reader(file)
             names = {record.name for record in reader.iter_metadata()}
     except OSError as error:
-        raise LogError(f"{path}: cannot read the result: {error.strerror}; check the path") from error
+        raise LogError(
+            f"{path}: cannot read the result: {error.strerror}; check the path"
+        ) from error
     except (McapError, ValueError, struct.error) as error:
         raise LogError(
             f"{path}: expected a complete result of replay-kit replay: {error!r}; replay-kit convert recovers the messages of a partial one"
         ) from error
     if "contract" not in names:
-        raise LogError(f"{path}: an MCAP file, but no result of replay-kit (no metadata record 'contract'); open a log with open_log")
+        raise LogError(
+            f"{path}: an MCAP file, but no result of replay-kit (no metadata record 'contract'); open a log with open_log"
+        )
     return path
 
 

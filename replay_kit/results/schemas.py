@@ -7,7 +7,11 @@ folder lists the same fields with units and meanings. A change of a number, name
 from typing import Any, NamedTuple
 
 from google.protobuf import timestamp_pb2
-from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pb2 import (
+    FieldDescriptorProto,
+    FileDescriptorProto,
+    FileDescriptorSet,
+)
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import Message
 from google.protobuf.message_factory import GetMessageClass
@@ -60,8 +64,21 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         *_fields("uint64", "source_position"),
         *_fields(TIME, "source_time"),
         *_fields("uint32", "dive"),
-        *_fields("double[]", "depth", "innovation_east", "innovation_north", "innovation_std_east", "innovation_std_north"),
-        *_fields("double[]", "residual_east", "residual_north", "prior_innovation_east", "prior_innovation_north"),
+        *_fields(
+            "double[]",
+            "depth",
+            "innovation_east",
+            "innovation_north",
+            "innovation_std_east",
+            "innovation_std_north",
+        ),
+        *_fields(
+            "double[]",
+            "residual_east",
+            "residual_north",
+            "prior_innovation_east",
+            "prior_innovation_north",
+        ),
         *_fields("double", "nis"),
         *_fields("uint32", "dof"),
         *_fields("bool", "accepted"),
@@ -80,7 +97,16 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
     ),
     "AtVehicle": (
         *_fields(TIME, "timestamp"),
-        *_fields("double", "longitude", "latitude", "depth", "east", "north", "east_standard_error", "north_standard_error"),
+        *_fields(
+            "double",
+            "longitude",
+            "latitude",
+            "depth",
+            "east",
+            "north",
+            "east_standard_error",
+            "north_standard_error",
+        ),
     ),
     "Finding": _fields("string", "name", "since", "severity", "evidence", "likely_cause", "advice"),
     "Consistency": (*_fields(TIME, "timestamp"), *_fields(".replay_kit.Finding[]", "findings")),
@@ -108,7 +134,14 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         *_fields(".replay_kit.Place", "predicted", "actual"),
         *_fields("double", "distance", "direction_deg", "delay"),
         *_fields("bool", "inside_ellipse"),
-        *_fields("double", "ellipse_longitude", "ellipse_latitude", "ellipse_major", "ellipse_minor", "ellipse_bearing"),
+        *_fields(
+            "double",
+            "ellipse_longitude",
+            "ellipse_latitude",
+            "ellipse_major",
+            "ellipse_minor",
+            "ellipse_bearing",
+        ),
     ),
     "Surfacing": (
         *_fields(TIME, "timestamp", "dive_begin"),
@@ -117,26 +150,43 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         *_fields("double", "distance", "direction_deg", "ellipse_bearing"),
         *_fields("double", "inner_major", "inner_minor", "outer_major", "outer_minor"),
         *_fields("bool", "inside_inner", "inside_outer"),
-        *_fields("double", "log_score", "persistent_log_score", "persistent_distance", "persistent_radius"),
+        *_fields(
+            "double",
+            "log_score",
+            "persistent_log_score",
+            "persistent_distance",
+            "persistent_radius",
+        ),
     ),
 }
 
 
 def _field(number: int, field: Field) -> FieldDescriptorProto:
-    label = FieldDescriptorProto.LABEL_REPEATED if field.repeated else FieldDescriptorProto.LABEL_OPTIONAL
+    label = (
+        FieldDescriptorProto.LABEL_REPEATED
+        if field.repeated
+        else FieldDescriptorProto.LABEL_OPTIONAL
+    )
     if field.type.startswith("."):
         kind, type_name = FieldDescriptorProto.TYPE_MESSAGE, field.type
     else:
         kind, type_name = _SCALARS[field.type], None
-    return FieldDescriptorProto(name=field.name, number=number, label=label, type=kind, type_name=type_name)
+    return FieldDescriptorProto(
+        name=field.name, number=number, label=label, type=kind, type_name=type_name
+    )
 
 
 def _file() -> FileDescriptorProto:
     file = FileDescriptorProto(
-        name="replay_kit/results.proto", package=_PACKAGE, syntax="proto3", dependency=[timestamp_pb2.DESCRIPTOR.name]
+        name="replay_kit/results.proto",
+        package=_PACKAGE,
+        syntax="proto3",
+        dependency=[timestamp_pb2.DESCRIPTOR.name],
     )
     for name, fields in MESSAGES.items():
-        file.message_type.add(name=name, field=[_field(number, field) for number, field in enumerate(fields, start=1)])
+        file.message_type.add(
+            name=name, field=[_field(number, field) for number, field in enumerate(fields, start=1)]
+        )
     return file
 
 
@@ -151,12 +201,16 @@ def _classes() -> dict[str, type[Message]]:
     pool = DescriptorPool()
     pool.Add(_timestamp_file())
     pool.Add(_file())
-    return {name: GetMessageClass(pool.FindMessageTypeByName(f"{_PACKAGE}.{name}")) for name in MESSAGES}
+    return {
+        name: GetMessageClass(pool.FindMessageTypeByName(f"{_PACKAGE}.{name}")) for name in MESSAGES
+    }
 
 
 _CLASSES = _classes()
 
-DESCRIPTOR_SET: bytes = FileDescriptorSet(file=[_timestamp_file(), _file()]).SerializeToString(deterministic=True)
+DESCRIPTOR_SET: bytes = FileDescriptorSet(file=[_timestamp_file(), _file()]).SerializeToString(
+    deterministic=True
+)
 
 
 def encode(name: str, values: dict[str, Any]) -> bytes:

@@ -85,7 +85,13 @@ def grid_message(time_ns: int, value: Slice) -> fox.Grid:
     speed = np.hypot(value.velocity[..., 0], value.velocity[..., 1])
     errors = [] if value.standard_error is None else [value.standard_error]
     packed = np.concatenate([value.velocity, speed[..., None], *errors], axis=-1)
-    return _packed_grid(time_ns, value.east, value.north, -value.depth, dict(zip(FIELDS, np.moveaxis(packed, -1, 0), strict=False)))
+    return _packed_grid(
+        time_ns,
+        value.east,
+        value.north,
+        -value.depth,
+        dict(zip(FIELDS, np.moveaxis(packed, -1, 0), strict=False)),
+    )
 
 
 def seabed_message(time_ns: int, value: Seabed) -> fox.Grid:
@@ -93,7 +99,9 @@ def seabed_message(time_ns: int, value: Seabed) -> fox.Grid:
     return _packed_grid(time_ns, value.east, value.north, 0.0, {"depth": value.depth})
 
 
-def _packed_grid(time_ns: int, east: Array, north: Array, height: float, fields: Mapping[str, Array]) -> fox.Grid:
+def _packed_grid(
+    time_ns: int, east: Array, north: Array, height: float, fields: Mapping[str, Array]
+) -> fox.Grid:
     """Return fields, each of shape (J, I), as cells of packed float32 about their centres [m]."""
     packed = np.stack(list(fields.values()), axis=-1).astype("<f4")
     wide, high = float(east[1] - east[0]), float(north[1] - north[0])
@@ -106,7 +114,10 @@ def _packed_grid(time_ns: int, east: Array, north: Array, height: float, fields:
         cell_size=fox.Vector2(x=wide, y=high),
         row_stride=packed.strides[0],
         cell_stride=packed.strides[1],
-        fields=[fox.PackedElementField(name=name, offset=4 * index, type=float32) for index, name in enumerate(fields)],
+        fields=[
+            fox.PackedElementField(name=name, offset=4 * index, type=float32)
+            for index, name in enumerate(fields)
+        ],
         data=packed.tobytes(),
     )
 
@@ -114,7 +125,11 @@ def _packed_grid(time_ns: int, east: Array, north: Array, height: float, fields:
 def grid_cells(value: Any) -> tuple[Array, Array, dict[str, Array]]:
     """Return the cell centres [m] and the fields, each of shape (J, I), of a decoded ``foxglove.Grid`` of packed float32."""
     columns, rows = value.column_count, len(value.data) // value.row_stride
-    cells = np.frombuffer(value.data, "<f4").reshape(rows, columns, value.cell_stride // 4).astype(np.float64)
+    cells = (
+        np.frombuffer(value.data, "<f4")
+        .reshape(rows, columns, value.cell_stride // 4)
+        .astype(np.float64)
+    )
     east = value.pose.position.x + value.cell_size.x * (np.arange(columns) + 0.5)
     north = value.pose.position.y + value.cell_size.y * (np.arange(rows) + 0.5)
     return east, north, {field.name: cells[..., field.offset // 4] for field in value.fields}
@@ -146,7 +161,13 @@ def arrows_message(time_ns: int, value: Slice, scale: float) -> fox.SceneUpdate:
             length = scale * float(np.hypot(u, v))
             # Dry cells are NaN, which compares false.
             if length > 0.0:
-                arrows.append(_arrow(pose(value.east[i], value.north[j], -value.depth, orientation(u, v, 0.0)), length, width))
+                arrows.append(
+                    _arrow(
+                        pose(value.east[i], value.north[j], -value.depth, orientation(u, v, 0.0)),
+                        length,
+                        width,
+                    )
+                )
     entity = fox.SceneEntity(
         timestamp=stamp(time_ns),
         frame_id=FRAME,

@@ -155,7 +155,10 @@ class ReplaySummary:
     @property
     def verdict(self) -> tuple[str, ...]:
         """Share of the observations used, consistency, errors before and after, how far to trust the estimate; each a sentence."""
-        used, rms = (self.profiles_used, self.profiles_rejected), (self.rms_before, self.rms_after, self.rms_prior)
+        used, rms = (
+            (self.profiles_used, self.profiles_rejected),
+            (self.rms_before, self.rms_after, self.rms_prior),
+        )
         return verdict(used, self.lost_pings, self.findings, rms, (self.nis_per_dof, self.doubts))
 
     @property
@@ -166,7 +169,10 @@ class ReplaySummary:
     @property
     def exit_codes(self) -> tuple[int, ...]:
         """All that apply: 4 when bytes, frames or late messages were lost, 6 when the inputs contradict each other or themselves."""
-        lost, contradicted = self.losses or self.late, any(finding.severity != "warning" for finding in self.findings)
+        lost, contradicted = (
+            self.losses or self.late,
+            any(finding.severity != "warning" for finding in self.findings),
+        )
         return (4,) * bool(lost) + (6,) * contradicted
 
 
@@ -178,30 +184,53 @@ def print_summary(summary: ReplaySummary, console: Console, verbose: bool = Fals
         console: Where to.
         verbose: Whether each topic and each dive has a row of its own.
     """
-    print_lines(console, [f"Verdict: {'; '.join(summary.verdict)}", *map(finding_line, summary.findings)])
+    print_lines(
+        console, [f"Verdict: {'; '.join(summary.verdict)}", *map(finding_line, summary.findings)]
+    )
     rows = ((row.topic, str(row.read), str(row.used), str(row.skipped)) for row in summary.messages)
     print_table(console, "Messages", ("topic", "read", "used", "skipped"), folded(rows, verbose))
-    print_lines(console, not_used_lines({row.topic: row.reasons for row in summary.messages}, verbose))
+    print_lines(
+        console, not_used_lines({row.topic: row.reasons for row in summary.messages}, verbose)
+    )
     print_lines(console, _estimate_sentences(summary))
     if verbose and summary.by_dive:
-        columns = "dive", "profiles", "bins", "predicted from earlier dives", "predicted from the ensemble alone", "NIS/dof"
-        print_table(console, "RMS innovation by dive [cm/s]", columns, map(_dive_cells, summary.by_dive))
+        columns = (
+            "dive",
+            "profiles",
+            "bins",
+            "predicted from earlier dives",
+            "predicted from the ensemble alone",
+            "NIS/dof",
+        )
+        print_table(
+            console, "RMS innovation by dive [cm/s]", columns, map(_dive_cells, summary.by_dive)
+        )
     elif summary.by_dive:
         print_lines(console, [_dive_sentence(summary.by_dive)])
     print_lines(console, _further_sentences(summary))
 
 
 def _dive_cells(row: DiveRow) -> tuple[str, ...]:
-    rms = (f"{100.0 * value:.2f}" for value in (row.rms_innovation_predicted, row.rms_innovation_prior))
+    rms = (
+        f"{100.0 * value:.2f}" for value in (row.rms_innovation_predicted, row.rms_innovation_prior)
+    )
     return str(row.dive), str(row.profiles), str(row.bins), *rms, f"{row.nis_per_dof:.2f}"
 
 
 def _dive_sentence(dives: Sequence[DiveRow]) -> str:
     """Return how well dives were predicted, and the worst of them."""
     bins = sum(row.bins for row in dives)
-    squares = ((row.bins * row.rms_innovation_predicted**2, row.bins * row.rms_innovation_prior**2) for row in dives if row.bins)
-    predicted, prior = (_cm(math.sqrt(sum(part) / bins)) if bins else "none" for part in zip(*squares, strict=True))
-    worst = sorted((row for row in dives if row.bins), key=lambda row: -row.rms_innovation_predicted)[:_WORST]
+    squares = (
+        (row.bins * row.rms_innovation_predicted**2, row.bins * row.rms_innovation_prior**2)
+        for row in dives
+        if row.bins
+    )
+    predicted, prior = (
+        _cm(math.sqrt(sum(part) / bins)) if bins else "none" for part in zip(*squares, strict=True)
+    )
+    worst = sorted(
+        (row for row in dives if row.bins), key=lambda row: -row.rms_innovation_predicted
+    )[:_WORST]
     named = ", ".join(f"{row.dive} ({_cm(row.rms_innovation_predicted)})" for row in worst)
     return (
         f"Dives: {len(dives)}; RMS innovation {predicted} predicted from earlier dives, {prior} from the ensemble alone; "
@@ -220,12 +249,19 @@ def _further_sentences(summary: ReplaySummary) -> Iterator[str]:
     if summary.evidence is not None:
         yield f"Log evidence: {evidence_sentence(evidence_json(summary.evidence))}"
         if summary.rivals:
-            yield from (f"Referee: {text}" for text in referee_sentences(referee_json(summary.ensemble, summary.evidence, summary.rivals)))
+            yield from (
+                f"Referee: {text}"
+                for text in referee_sentences(
+                    referee_json(summary.ensemble, summary.evidence, summary.rivals)
+                )
+            )
     if summary.surfacings:
         yield f"Surfacings: {'; '.join(surfacings_sentences(surfacings_json(summary.surfacings, summary.next_surfacing)))}"
     if summary.truth is not None:
         yield from _truth_sentences(summary.truth)
-    yield "Time: " + ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in summary.seconds.items())
+    yield "Time: " + ", ".join(
+        f"{stage} {seconds:.2f} s" for stage, seconds in summary.seconds.items()
+    )
     yield from (f"Note: {note}" for note in summary.notes)
     yield from (f"LOST: {path}: {loss_words(loss)}" for path, loss in summary.losses)
     if summary.late:
@@ -233,12 +269,19 @@ def _further_sentences(summary: ReplaySummary) -> Iterator[str]:
 
 
 def _estimate_sentences(summary: ReplaySummary) -> Iterator[str]:
-    rejected = ", ".join(f"{count} {name}" for name, count in summary.bins_rejected.items()) or "none"
+    rejected = (
+        ", ".join(f"{count} {name}" for name, count in summary.bins_rejected.items()) or "none"
+    )
     means = summary.mean_currents
     profiles = f"{summary.profiles_used - means} profiles used ({summary.bins_used - means} bins)"
     currents = f"{means} mean {'current' if means == 1 else 'currents'} used"
-    used = [*([profiles] if means < summary.profiles_used or not means else []), *([currents] if means else [])]
-    yield (f"Observations: {', '.join(used)}, {summary.profiles_rejected} rejected; bins not used: {rejected}")
+    used = [
+        *([profiles] if means < summary.profiles_used or not means else []),
+        *([currents] if means else []),
+    ]
+    yield (
+        f"Observations: {', '.join(used)}, {summary.profiles_rejected} rejected; bins not used: {rejected}"
+    )
     yield (
         f"RMS innovation: {_cm(summary.rms_before)} before each update, {_cm(summary.rms_after)} after it, "
         f"{_cm(summary.rms_prior)} against the ensemble alone; NIS per degree of freedom {summary.nis_per_dof:.2f}"

@@ -41,7 +41,11 @@ def to_json(summary: ReplaySummary) -> dict[str, Any]:
                 "bins_used": summary.bins_used,
                 "bins_rejected": dict(summary.bins_rejected),
             },
-            "rms_innovation": {"before": summary.rms_before, "after": summary.rms_after, "prior": summary.rms_prior},
+            "rms_innovation": {
+                "before": summary.rms_before,
+                "after": summary.rms_after,
+                "prior": summary.rms_prior,
+            },
             "nis_per_dof": summary.nis_per_dof,
             "by_dive": [asdict(row) for row in summary.by_dive],
             "seconds": dict(summary.seconds),
@@ -49,7 +53,9 @@ def to_json(summary: ReplaySummary) -> dict[str, Any]:
             "surfacings": outcomes_json(summary.outcomes) if summary.outcomes else None,
             "evidence": None if summary.evidence is None else evidence_json(summary.evidence),
             "referee": _referee(summary),
-            "expected_surfacings": surfacings_json(summary.surfacings, summary.next_surfacing) if summary.surfacings else None,
+            "expected_surfacings": surfacings_json(summary.surfacings, summary.next_surfacing)
+            if summary.surfacings
+            else None,
             "truth": asdict(summary.truth) if summary.truth else None,
             "notes": list(summary.notes),
             "lost_pings": summary.lost_pings,
@@ -60,7 +66,11 @@ def to_json(summary: ReplaySummary) -> dict[str, Any]:
 
 def _referee(summary: ReplaySummary) -> dict[str, Any] | None:
     """Return how the forecasts explained the log; None where the run has one alone."""
-    return referee_json(summary.ensemble, summary.evidence, summary.rivals) if summary.rivals and summary.evidence is not None else None
+    return (
+        referee_json(summary.ensemble, summary.evidence, summary.rivals)
+        if summary.rivals and summary.evidence is not None
+        else None
+    )
 
 
 def failure_json(error: ReplayKitError, summary: ReplaySummary | None = None) -> dict[str, Any]:
@@ -73,7 +83,13 @@ def failure_json(error: ReplayKitError, summary: ReplaySummary | None = None) ->
     found = [finding_json(finding) for finding in error.findings]
     so_far = {} if summary is None else to_json(replace(summary, findings=error.findings))
     codes = [error.exit_code, *so_far.get("exit_codes", ())]
-    return so_far | {"status": "failed", "error": str(error), "exit_code": codes[0], "exit_codes": codes, "consistency": found}
+    return so_far | {
+        "status": "failed",
+        "error": str(error),
+        "exit_code": codes[0],
+        "exit_codes": codes,
+        "consistency": found,
+    }
 
 
 def to_record(summary: ReplaySummary, inputs: Sequence[Path]) -> dict[str, Any]:

@@ -79,5 +79,6 @@ def outcomes_sentence(outcomes: Sequence[Outcome]) -> str:
     share = figures["inside_ellipse"]
     return (
         f"{figures['count']} predicted by the plan before; median distance {figures['distance_median_m']:.0f} m, "
-        f"{figures['delay_median_s'] / 60.0:+.0f} min" + ("" if share is None else f", {100.0 * share:.0f} % inside the 90 % ellipse")
+        f"{figures['delay_median_s'] / 60.0:+.0f} min"
+        + ("" if share is None else f", {100.0 * share:.0f} % inside the 90 % ellipse")
     )

@@ -21,7 +21,9 @@ def print_lines(console: Console, lines: Iterable[str]) -> None:
         console.print(line, soft_wrap=True)
 
 
-def print_table(console: Console, title: str | None, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+def print_table(
+    console: Console, title: str | None, columns: Sequence[str], rows: Iterable[Sequence[str]]
+) -> None:
     """Print a table whose first column, of names, keeps its width, while others fold in a narrow terminal.
 
     Args:
@@ -40,7 +42,11 @@ def print_table(console: Console, title: str | None, columns: Sequence[str], row
         # what is cut in no case: names, unless they fill the line, and what is short
         kept = longest <= (2 * console.width // 3 if k == 0 else _SHORT)
         table.add_column(
-            column, overflow="fold", justify="right" if numbers and k else "left", no_wrap=kept, min_width=longest if kept else None
+            column,
+            overflow="fold",
+            justify="right" if numbers and k else "left",
+            no_wrap=kept,
+            min_width=longest if kept else None,
         )
     for row in cells:
         table.add_row(*row)
@@ -56,7 +62,12 @@ def folded(rows: Iterable[tuple[str, ...]], whole: bool = False) -> list[tuple[s
     """
     found: list[list[tuple[str, ...]]] = []
     for row in rows:
-        if found and not whole and row[1:] == found[-1][0][1:] and _differing(found[-1][0][0], row[0]) is not None:
+        if (
+            found
+            and not whole
+            and row[1:] == found[-1][0][1:]
+            and _differing(found[-1][0][0], row[0]) is not None
+        ):
             found[-1].append(row)
         else:
             found.append([row])
@@ -92,13 +103,18 @@ def short_times(times_ns: Sequence[int | None]) -> list[str]:
     texts = [iso(time_ns) for time_ns in times_ns]
     known = [text for text in texts if text is not None]
     # 2018-11-16T06:30:00Z
-    begin, end = next(((k, e) for k, e in ((11, 19), (5, 16)) if len({text[:k] for text in known}) == 1), (0, 16))
+    begin, end = next(
+        ((k, e) for k, e in ((11, 19), (5, 16)) if len({text[:k] for text in known}) == 1), (0, 16)
+    )
     return ["" if text is None else text[begin:end].replace("T", " ") for text in texts]
 
 
 def coded(counts: Mapping[str, int]) -> list[dict[str, Any]]:
     """Return the number of each reason for JSON, with the code that a program knows it by and the sentence for a person."""
-    return [{"code": code_of(reason), "reason": reason, "count": count} for reason, count in counts.items()]
+    return [
+        {"code": code_of(reason), "reason": reason, "count": count}
+        for reason, count in counts.items()
+    ]
 
 
 def code_of(reason: str) -> str:
@@ -109,7 +125,11 @@ def code_of(reason: str) -> str:
 
 def not_used_lines(not_used: Mapping[str, Mapping[str, int]], whole: bool = True) -> Iterator[str]:
     """Yield a line for each reason for which messages of a topic were not used; topics alike share one unless whole lines are asked for."""
-    rows = [(topic, str(count), reason) for topic, reasons in not_used.items() for reason, count in reasons.items()]
+    rows = [
+        (topic, str(count), reason)
+        for topic, reasons in not_used.items()
+        for reason, count in reasons.items()
+    ]
     if whole:
         yield from (f"Not used: {count} x {topic}: {reason}" for topic, count, reason in rows)
         return

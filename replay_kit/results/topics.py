@@ -27,9 +27,13 @@ def topics_of(path: Path) -> tuple[str, ...]:
         with path.open("rb") as file:
             summary = make_reader(file).get_summary()
     except OSError as error:
-        raise LogError(f"{path}: cannot read the result: {error.strerror}; check the path") from error
+        raise LogError(
+            f"{path}: cannot read the result: {error.strerror}; check the path"
+        ) from error
     except (McapError, ValueError, struct.error) as error:
-        raise LogError(f"{path}: expected a complete result of replay-kit replay: {error!r}; the run may not have finished") from error
+        raise LogError(
+            f"{path}: expected a complete result of replay-kit replay: {error!r}; the run may not have finished"
+        ) from error
     return () if summary is None else tuple(channel.topic for channel in summary.channels.values())
 
 
@@ -45,17 +49,31 @@ def read_messages(path: Path, topic: str) -> Iterator[tuple[int, bytes]]:
         reader = make_reader(file)
         summary = reader.get_summary()
         if summary is None or not summary.chunk_indexes:
-            yield from ((message.log_time, message.data) for _, _, message in reader.iter_messages(topics=topic))
+            yield from (
+                (message.log_time, message.data)
+                for _, _, message in reader.iter_messages(topics=topic)
+            )
             return
         wanted = {number for number, channel in summary.channels.items() if channel.topic == topic}
         waiting: list[tuple[int, int, bytes]] = []
-        for index in sorted(summary.chunk_indexes, key=lambda one: (one.message_start_time, one.chunk_start_offset)):
-            if not wanted.isdisjoint(index.message_index_offsets) or not index.message_index_offsets:
+        for index in sorted(
+            summary.chunk_indexes, key=lambda one: (one.message_start_time, one.chunk_start_offset)
+        ):
+            if (
+                not wanted.isdisjoint(index.message_index_offsets)
+                or not index.message_index_offsets
+            ):
                 waiting.sort()
-                before = next((k for k, one in enumerate(waiting) if one[0] >= index.message_start_time), len(waiting))
+                before = next(
+                    (k for k, one in enumerate(waiting) if one[0] >= index.message_start_time),
+                    len(waiting),
+                )
                 yield from ((time_ns, data) for time_ns, _, data in waiting[:before])
                 file.seek(index.chunk_start_offset + _HEAD.size)
-                waiting = [*waiting[before:], *_in_chunk(Chunk.read(ReadDataStream(file)), wanted, index.chunk_start_offset)]
+                waiting = [
+                    *waiting[before:],
+                    *_in_chunk(Chunk.read(ReadDataStream(file)), wanted, index.chunk_start_offset),
+                ]
         yield from ((time_ns, data) for time_ns, _, data in sorted(waiting))
 
 

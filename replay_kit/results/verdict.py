@@ -35,8 +35,21 @@ def _usage(used: int, rejected: int, lost_pings: str) -> str:
 
 def _consistency(findings: Sequence[Finding]) -> str:
     named = dict.fromkeys(finding.name for finding in findings if finding.severity != "warning")
-    words = f"{len(named)} contradiction{'s' * (len(named) > 1)}: {', '.join(named)}" if named else "no contradiction found"
-    return "; ".join((words, *(f"{finding.name}: {finding.evidence}" for finding in findings if finding.severity == "warning")))
+    words = (
+        f"{len(named)} contradiction{'s' * (len(named) > 1)}: {', '.join(named)}"
+        if named
+        else "no contradiction found"
+    )
+    return "; ".join(
+        (
+            words,
+            *(
+                f"{finding.name}: {finding.evidence}"
+                for finding in findings
+                if finding.severity == "warning"
+            ),
+        )
+    )
 
 
 def _gain(before: float, after: float, prior: float) -> str:
@@ -49,9 +62,13 @@ def _gain(before: float, after: float, prior: float) -> str:
 def _trust(nis: float, doubts: Sequence[str]) -> tuple[str, ...]:
     words = []
     if nis > MOST_NIS:
-        words.append(f"errors are larger than stated (NIS {nis:.2f} per degree of freedom, 1 expected)")
+        words.append(
+            f"errors are larger than stated (NIS {nis:.2f} per degree of freedom, 1 expected)"
+        )
     elif nis < LEAST_NIS:
-        words.append(f"errors are smaller than stated (NIS {nis:.2f} per degree of freedom, 1 expected)")
+        words.append(
+            f"errors are smaller than stated (NIS {nis:.2f} per degree of freedom, 1 expected)"
+        )
     elif math.isfinite(nis):
         words.append(f"stated errors fit (NIS {nis:.2f} per degree of freedom)")
     return (*words, *doubts)

@@ -25,7 +25,14 @@ from replay_kit.logs.folders import logs_in
 from replay_kit.logs.mavlink.writer import TlogFrames
 from replay_kit.logs.mcap.writer import McapLogWriter, open_mcap_log
 from replay_kit.logs.reader import LogFile, RawLog
-from replay_kit.results.losses import loss_json, loss_lines, note_lines, unchecked_lines, undecodable_json, undecodable_lines
+from replay_kit.results.losses import (
+    loss_json,
+    loss_lines,
+    note_lines,
+    unchecked_lines,
+    undecodable_json,
+    undecodable_lines,
+)
 from replay_kit.results.readback import check_written
 from replay_kit.results.text import code_of, folded, print_lines, print_table
 from replay_kit.workflows.replay.inputs import reading
@@ -65,7 +72,13 @@ class ConvertSummary:
         return merged
 
 
-def convert(inputs: Sequence[Path], out: Path, overwrite: bool, config: LogConfig, progress: Progress = silent) -> ConvertSummary:
+def convert(
+    inputs: Sequence[Path],
+    out: Path,
+    overwrite: bool,
+    config: LogConfig,
+    progress: Progress = silent,
+) -> ConvertSummary:
     """Write the messages of all inputs, in order of (time, input, position), to one log and return what was written.
 
     MCAP to MCAP keeps payloads, schemas, encodings, all stamps, sequences, attachments and metadata. Messages of other formats become
@@ -92,20 +105,30 @@ def convert(inputs: Sequence[Path], out: Path, overwrite: bool, config: LogConfi
     with ExitStack() as opened:
         logs = [opened.enter_context(log) for log in open_logs(inputs, config)]
         to = _to_tlog if out.suffix.lower() == ".tlog" else _to_mcap
-        return to(logs, out, config, reading(logs, progress, "converting"), lambda: check_unchanged(read))
+        return to(
+            logs, out, config, reading(logs, progress, "converting"), lambda: check_unchanged(read)
+        )
 
 
 def _to_mcap(
-    logs: Sequence[LogFile], out: Path, config: LogConfig, on_message: Callable[[], None], check_inputs: Callable[[], None]
+    logs: Sequence[LogFile],
+    out: Path,
+    config: LogConfig,
+    on_message: Callable[[], None],
+    check_inputs: Callable[[], None],
 ) -> ConvertSummary:
     def check(part: Path, writer: McapLogWriter) -> None:
         check_inputs()
         check_written(part, writer.written, writer.attachments)
 
     profiles = {log.profile() for log in logs}
-    with open_mcap_log(out, (profiles.pop() if len(profiles) == 1 else None) or "", check) as writer:
+    with open_mcap_log(
+        out, (profiles.pop() if len(profiles) == 1 else None) or "", check
+    ) as writer:
         copies = [RawLog(log, writer.copy_extra) for log in logs]
-        merged = merge(copies, config.reorder_window, config.start_ns, config.end_ns, keep_late=True)
+        merged = merge(
+            copies, config.reorder_window, config.start_ns, config.end_ns, keep_late=True
+        )
         frames = heapq.merge(*(log.frames() for log in logs if log.has_own_frames), key=_order)
         for message in chain(merged, (frame for frame in frames if _in_span(frame, config))):
             writer.copy(message)
@@ -123,13 +146,21 @@ class _Framed(NamedTuple):
 
 
 def _to_tlog(
-    logs: Sequence[LogFile], out: Path, config: LogConfig, on_message: Callable[[], None], check_inputs: Callable[[], None]
+    logs: Sequence[LogFile],
+    out: Path,
+    config: LogConfig,
+    on_message: Callable[[], None],
+    check_inputs: Callable[[], None],
 ) -> ConvertSummary:
     """Write the frames that the logs hold as they are, and frames made of fixes and pings that no such frame holds."""
     framed = [next(log.frames(), None) is not None for log in logs]
     made = TlogFrames(beside_vehicle=any(framed))
     streams: list[Iterator[_Framed]] = [map(_kept, log.frames()) for log in logs]
-    streams += [_made(log, has, made, config) for log, has in zip(logs, framed, strict=True) if not log.has_own_frames]
+    streams += [
+        _made(log, has, made, config)
+        for log, has in zip(logs, framed, strict=True)
+        if not log.has_own_frames
+    ]
     count: Counter[str] = Counter()
     with atomic_file(out, lambda part: check_inputs()) as file:
         for message in heapq.merge(*streams, key=_order):
@@ -154,11 +185,15 @@ def _made(log: LogFile, has_frames: bool, made: TlogFrames, config: LogConfig) -
     """Yield a log's messages by time, without those decoded from frames that the log holds too."""
     for message in merge([log], config.reorder_window, keep_late=True):
         if not (has_frames and message.topic.startswith("mavlink/")):
-            yield _Framed(message.time_ns, message.input, message.position, partial(made.entries, message))
+            yield _Framed(
+                message.time_ns, message.input, message.position, partial(made.entries, message)
+            )
 
 
 def _in_span(message: RawMessage | _Framed, config: LogConfig) -> bool:
-    return (config.start_ns or 0) <= message.time_ns and (config.end_ns is None or message.time_ns <= config.end_ns)
+    return (config.start_ns or 0) <= message.time_ns and (
+        config.end_ns is None or message.time_ns <= config.end_ns
+    )
 
 
 def _order(message: RawMessage | _Framed) -> tuple[int, int, int]:
@@ -175,10 +210,16 @@ def convert_json(summary: ConvertSummary) -> dict[str, Any]:
             {"topic": topic, "messages": count, "code": code_of(why), "why": why}
             for (topic, why), count in sorted(summary.left_out.items())
         ],
-        "notes": [{"file": report.path, "what": note} for report in summary.reports for note in report.notes],
+        "notes": [
+            {"file": report.path, "what": note}
+            for report in summary.reports
+            for note in report.notes
+        ],
         "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
         "unchecked": [
-            {"file": report.path, "what": kind, "count": n} for report in summary.reports for kind, n in report.unchecked.items()
+            {"file": report.path, "what": kind, "count": n}
+            for report in summary.reports
+            for kind, n in report.unchecked.items()
         ],
     }
 
@@ -189,5 +230,11 @@ def print_converted(summary: ConvertSummary, console: Console, verbose: bool = F
     print_table(console, str(summary.out), ("topic", "messages"), folded(rows, verbose))
     for lines in (loss_lines, unchecked_lines, note_lines):
         print_lines(console, (line for report in summary.reports for line in lines(report)))
-    print_lines(console, (f"Left out: {count} x {topic}: {why}" for (topic, why), count in sorted(summary.left_out.items())))
+    print_lines(
+        console,
+        (
+            f"Left out: {count} x {topic}: {why}"
+            for (topic, why), count in sorted(summary.left_out.items())
+        ),
+    )
     print_lines(console, undecodable_lines(summary.undecodable))

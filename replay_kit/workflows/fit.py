@@ -50,12 +50,21 @@ def fit_prior(ensemble: Ensemble, config: EstimatorConfig, left_out: int) -> Fit
         ForecastError: There are fewer than four members.
     """
     if ensemble.n_members < 4:
-        raise ForecastError(f"{ensemble.source}: fitting leaves members out and needs at least 4, got {ensemble.n_members}")
+        raise ForecastError(
+            f"{ensemble.source}: fitting leaves members out and needs at least 4, got {ensemble.n_members}"
+        )
     announce("computing the basis")
     members = members_in_basis(build_basis(ensemble, config))
     length = correlation_length(ensemble)
-    rows = fit_settings(members, length, left_out, counted("leaving members out", fit_steps(ensemble.n_members, left_out)))
-    return Fitted(tuple(rows), best(rows), length, ensemble.source, min(left_out, ensemble.n_members))
+    rows = fit_settings(
+        members,
+        length,
+        left_out,
+        counted("leaving members out", fit_steps(ensemble.n_members, left_out)),
+    )
+    return Fitted(
+        tuple(rows), best(rows), length, ensemble.source, min(left_out, ensemble.n_members)
+    )
 
 
 def write_fit(fitted: Fitted, path: Path) -> None:
@@ -78,12 +87,23 @@ def fit_json(fitted: Fitted) -> dict[str, Any]:
 
 def print_fit(fitted: Fitted, console: Console) -> None:
     """Print all that was tried, and what was chosen."""
-    rows = ((*_figures(row.settings), f"{row.score:.4f}", f"{row.coverage90:.3f}") for row in fitted.rows)
-    print_table(console, None, ("sample share", "shift [km]", "radius [km]", "score", "cov. 90"), rows)
+    rows = (
+        (*_figures(row.settings), f"{row.score:.4f}", f"{row.coverage90:.3f}")
+        for row in fitted.rows
+    )
+    print_table(
+        console, None, ("sample share", "shift [km]", "radius [km]", "score", "cov. 90"), rows
+    )
     share, shift, radius = _figures(fitted.chosen)
-    chosen = f"Chosen: sample share {share}, members shifted by {shift} km, taper to zero at {radius} km"
+    chosen = (
+        f"Chosen: sample share {share}, members shifted by {shift} km, taper to zero at {radius} km"
+    )
     console.print(f"{chosen}; correlation length {fitted.length / 1e3:.1f} km", soft_wrap=True)
 
 
 def _figures(settings: PriorSettings) -> tuple[str, str, str]:
-    return f"{settings.sample_share:.2f}", f"{settings.shift / 1e3:.1f}", f"{settings.radius / 1e3:.1f}"
+    return (
+        f"{settings.sample_share:.2f}",
+        f"{settings.shift / 1e3:.1f}",
+        f"{settings.radius / 1e3:.1f}",
+    )

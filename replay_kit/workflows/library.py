@@ -63,7 +63,13 @@ def replay(
     forecast, config = as_groups(ensemble, "ensemble"), settings_of(settings)
     folder = Path(tempfile.mkdtemp(prefix="replay_kit_")) if out is None else None
     file = as_path(out, "out") if folder is None else folder / "result.mcap"
-    job = ReplayJob(paths, forecast, file, goal=None if goal is None else place_of(goal, "goal"), overwrite=overwrite)
+    job = ReplayJob(
+        paths,
+        forecast,
+        file,
+        goal=None if goal is None else place_of(goal, "goal"),
+        overwrite=overwrite,
+    )
     try:
         summary, flow = replay_job(job, config, planner_of)
     except BaseException:
@@ -83,7 +89,9 @@ def replay(
     return result
 
 
-def plan(estimate: FlowEstimate, start: At, goal: At, *, time: Any = None, settings: Settings = None) -> Plan:
+def plan(
+    estimate: FlowEstimate, start: At, goal: At, *, time: Any = None, settings: Settings = None
+) -> Plan:
     """Return the best glide, or with ``planner.kind`` mission the best mission, found on an estimate.
 
     Args:
@@ -98,8 +106,14 @@ def plan(estimate: FlowEstimate, start: At, goal: At, *, time: Any = None, setti
     """
     if not isinstance(estimate, FlowEstimate):
         got = type(estimate).__name__
-        raise ConfigError(f"estimate: expected a FlowEstimate, got {got}; open one with open_estimate, or take that of a result")
-    planner, begin, end = planner_of(settings_of(settings).planner, estimate.grid), place_of(start, "start"), place_of(goal, "goal")
+        raise ConfigError(
+            f"estimate: expected a FlowEstimate, got {got}; open one with open_estimate, or take that of a result"
+        )
+    planner, begin, end = (
+        planner_of(settings_of(settings).planner, estimate.grid),
+        place_of(start, "start"),
+        place_of(goal, "goal"),
+    )
     planner.check(estimate, end)
     start_ns = (estimate.time_ns or 0) if time is None else int(to_time_ns(time))
     return planner.plan(estimate, begin, end, start_ns, None).plan
@@ -146,5 +160,7 @@ def place_of(at: At, what: str) -> Place:
     try:
         longitude, latitude, depth = (float(number) for number in at)
     except (TypeError, ValueError) as error:
-        raise ConfigError(f"{what}: expected longitude, latitude [degrees] and depth [m], got {at!r}") from error
+        raise ConfigError(
+            f"{what}: expected longitude, latitude [degrees] and depth [m], got {at!r}"
+        ) from error
     return Place(longitude, latitude, depth)

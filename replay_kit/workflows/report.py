@@ -18,7 +18,9 @@ from replay_kit.results.views.record import read_record
 from replay_kit.workflows.convert import convert
 
 
-def report(path: Path, out: Path, overwrite: bool = False, summary: ReplaySummary | None = None) -> int:
+def report(
+    path: Path, out: Path, overwrite: bool = False, summary: ReplaySummary | None = None
+) -> int:
     """Write the report on a result, and return its size in bytes.
 
     Args:

@@ -59,7 +59,12 @@ class _Forward:
     statistics: RunStatistics
 
 
-def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent, forecasts: Forecasts | None = None) -> ReplaySummary:
+def smooth(
+    job: ReplayJob,
+    config: RunConfig,
+    progress: Progress = silent,
+    forecasts: Forecasts | None = None,
+) -> ReplaySummary:
     """Write the smoothed result of logs, and return the summary of the replay that it begins with.
 
     An estimator that is static counts all measurements the same at all times: smoothed, it is its last estimate.
@@ -92,7 +97,12 @@ def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent, forec
         progress(0, 0, "smoothing")
         with clock.stage("smooth"):
             _write(job, config, forecasts, estimator, forward)
-    notes = (*forecasts.notes, *forward.statistics.notes(reports), *estimator.notes(), *_notes(estimator))
+    notes = (
+        *forecasts.notes,
+        *forward.statistics.notes(reports),
+        *estimator.notes(),
+        *_notes(estimator),
+    )
     return replace(forward.statistics.summary(reports), seconds=dict(clock.seconds), notes=notes)
 
 
@@ -128,37 +138,59 @@ def _events(
         for stated in events:
             flight, event = as_used(flight, stated, config.measurements)
             if isinstance(event, kinds) and (
-                config.measurements.flight_bias or not (isinstance(event, PathMean) and event.beside_profiles)
+                config.measurements.flight_bias
+                or not (isinstance(event, PathMean) and event.beside_profiles)
             ):
                 kept.append(event)
-        statistics = statistics.after_events(event for event in events if not isinstance(event, kinds))
+        statistics = statistics.after_events(
+            event for event in events if not isinstance(event, kinds)
+        )
     return kept, statistics.with_order(merged)
 
 
-def _replayed(estimator: Estimator[Any], events: Sequence[VehicleState | Measurement], statistics: RunStatistics) -> _Forward:
+def _replayed(
+    estimator: Estimator[Any],
+    events: Sequence[VehicleState | Measurement],
+    statistics: RunStatistics,
+) -> _Forward:
     """Return the replay of events, in blocks: the states of all steps at once would take too much memory."""
     prior = estimator.initial()
     state, innovations = EstimationState(prior, prior), []
     for begin in range(0, len(events), estimator.block_size):
         state, steps = assimilate(estimator, state, events[begin : begin + estimator.block_size])
         statistics = statistics.after_steps(steps)
-        innovations += [None if step.assimilation is None else step.assimilation.innovation for step in steps]
+        innovations += [
+            None if step.assimilation is None else step.assimilation.innovation for step in steps
+        ]
     return _Forward(events, innovations, state.current, statistics)
 
 
-def _write(job: ReplayJob, config: RunConfig, forecasts: Forecasts, estimator: Estimator[Any], forward: _Forward) -> None:
+def _write(
+    job: ReplayJob,
+    config: RunConfig,
+    forecasts: Forecasts,
+    estimator: Estimator[Any],
+    forward: _Forward,
+) -> None:
     """Write the result."""
     measured = [event for event in forward.events if isinstance(event, Measurement)]
     times = [event.time_ns for event in forward.events]
-    published = published_times(min(event.time_ns for event in measured), max(times), config.output.interval)
+    published = published_times(
+        min(event.time_ns for event in measured), max(times), config.output.interval
+    )
     if isinstance(estimator, EvolvingEstimator):
         states = smoothed_states(estimator, measured, published)
     else:
         states = [forward.state] * len(published)
     prior = estimator.flow(estimator.initial())
     assert job.out is not None
-    options, arguments = {"smoothed": "true", "modes": str(prior.n_modes)}, find_sources(job.ensemble).arguments
-    metadata = run_metadata(job.logs, arguments, forecasts.ensemble, options, found=forecasts.region)
+    options, arguments = (
+        {"smoothed": "true", "modes": str(prior.n_modes)},
+        find_sources(job.ensemble).arguments,
+    )
+    metadata = run_metadata(
+        job.logs, arguments, forecasts.ensemble, options, found=forecasts.region
+    )
     writer = ResultWriter(job.out, job.overwrite)
     try:
         writer.start(prior.grid.projection, min(times), metadata, run_settings_toml(config))
@@ -168,7 +200,14 @@ def _write(job: ReplayJob, config: RunConfig, forecasts: Forecasts, estimator: E
         for event, innovation in zip(forward.events, forward.innovations, strict=True):
             while due < len(published) and published[due] <= event.time_ns:
                 _write_weights(writer, estimator, states[due], published[due], prior.levels)
-                write(writer, depth_slices(published[due], flow_at(estimator, states[due], published[due]), config.output))
+                write(
+                    writer,
+                    depth_slices(
+                        published[due],
+                        flow_at(estimator, states[due], published[due]),
+                        config.output,
+                    ),
+                )
                 due += 1
             if innovation is None:
                 writer.fix(event)  # type: ignore[arg-type]  # a measurement has an innovation
@@ -182,14 +221,18 @@ def _write(job: ReplayJob, config: RunConfig, forecasts: Forecasts, estimator: E
         raise
 
 
-def _write_weights(writer: ResultWriter, estimator: Estimator[Any], state: Any, time_ns: int, levels: Array) -> None:
+def _write_weights(
+    writer: ResultWriter, estimator: Estimator[Any], state: Any, time_ns: int, levels: Array
+) -> None:
     """Write the weights of a state, if it has any."""
     (weights,) = estimator.weights([state])
     if weights is not None:
         write(writer, Weights(time_ns, weights, levels))
 
 
-def _smoothed(estimator: Estimator[Any], state: Any, measurement: Any, innovation: Innovation) -> Innovation:
+def _smoothed(
+    estimator: Estimator[Any], state: Any, measurement: Any, innovation: Innovation
+) -> Innovation:
     """Return an innovation whose residual is that to a smoothed estimate, for the bins that have one; it keeps that of the replay."""
     replayed = innovation.residual
     residual = np.where(np.isfinite(replayed), estimator.innovation(state, measurement), np.nan)

@@ -22,11 +22,24 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.version import __version__
-from replay_kit.results import CONTRACT_VERSION, Difference, Digest, Recorded, first_difference, read_recorded
+from replay_kit.results import (
+    CONTRACT_VERSION,
+    Difference,
+    Digest,
+    Recorded,
+    first_difference,
+    read_recorded,
+)
 from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.planner import PlannerFactory
-from replay_kit.workflows.replay.provenance import BATHYMETRY, FOLLOWED, PLAN_RECORD, file_hash, with_bathymetry
+from replay_kit.workflows.replay.provenance import (
+    BATHYMETRY,
+    FOLLOWED,
+    PLAN_RECORD,
+    file_hash,
+    with_bathymetry,
+)
 from replay_kit.workflows.replay.referee import RIVAL
 from replay_kit.workflows.replay.region import REGION_RECORD, from_record
 from replay_kit.workflows.replay.replay import replay
@@ -67,7 +80,11 @@ class _DivergedError(Exception):
 
 
 def verify(
-    result: Path, folders: Sequence[Path], planner_of: PlannerFactory, progress: Progress = silent, plan_again: PlanAgain | None = None
+    result: Path,
+    folders: Sequence[Path],
+    planner_of: PlannerFactory,
+    progress: Progress = silent,
+    plan_again: PlanAgain | None = None,
 ) -> Verdict:
     """Return the comparison of a result with a new replay, or a new plan, of its inputs with its configuration.
 
@@ -83,10 +100,14 @@ def verify(
     """
     recorded = _with_current_keys(read_recorded(result))
     if recorded.metadata.get("replay_kit.options", {}).get("smoothed"):
-        raise LogError(f"{result}: expected a result of replay-kit replay, got a smoothed one; verify the replay, and smooth again")
+        raise LogError(
+            f"{result}: expected a result of replay-kit replay, got a smoothed one; verify the replay, and smooth again"
+        )
     planned = not any(key.startswith("ensemble") for key in recorded.metadata["replay_kit.inputs"])
     if planned and PLAN_RECORD not in recorded.metadata:
-        raise LogError(f"{result}: a plan of an earlier version, which records no options to make it again from; plan again to verify")
+        raise LogError(
+            f"{result}: a plan of an earlier version, which records no options to make it again from; plan again to verify"
+        )
     with tempfile.TemporaryDirectory() as folder:
         settings = Path(folder) / "config.toml"
         settings.write_text(recorded.config_toml, encoding="utf-8")
@@ -100,16 +121,29 @@ def verify(
         else:
             if BATHYMETRY in found:
                 config = with_bathymetry(config, found[BATHYMETRY])
-            made, difference = _replay_again(result, recorded, _job(recorded, found, again), config, planner_of, progress)
+            made, difference = _replay_again(
+                result, recorded, _job(recorded, found, again), config, planner_of, progress
+            )
         others: tuple[str, ...] = ()
         if difference is None:
             difference = first_difference(result, again, definitions=_same_contract(recorded))
             others = _others_that_differ(recorded, read_recorded(again))
-    return Verdict(result, difference.index if difference else made, difference, others, _what_may_differ(recorded))
+    return Verdict(
+        result,
+        difference.index if difference else made,
+        difference,
+        others,
+        _what_may_differ(recorded),
+    )
 
 
 def _replay_again(
-    result: Path, recorded: Recorded, job: ReplayJob, config: RunConfig, planner_of: PlannerFactory, progress: Progress
+    result: Path,
+    recorded: Recorded,
+    job: ReplayJob,
+    config: RunConfig,
+    planner_of: PlannerFactory,
+    progress: Progress,
 ) -> tuple[int, Difference | None]:
     """Replay a result's inputs; return the number of messages made, and the difference at which it stopped, None when it is whole."""
     made, stopped = _repeat(job, config, planner_of, recorded.digests, progress)
@@ -132,17 +166,30 @@ def _same_contract(recorded: Recorded) -> bool:
 def _with_current_keys(recorded: Recorded) -> Recorded:
     """Return what a result states of its run, with the keys of its configuration under their current names."""
     toml = with_current_keys(recorded.config_toml)
-    return replace(recorded, config_toml=toml, attachments={**recorded.attachments, CONFIG_NAME: toml.encode()})
+    return replace(
+        recorded, config_toml=toml, attachments={**recorded.attachments, CONFIG_NAME: toml.encode()}
+    )
 
 
 def _others_that_differ(one: Recorded, other: Recorded) -> tuple[str, ...]:
     """Return attachments and metadata records that are not the same, but for versions and what a truth is scored with."""
     # results of earlier versions have no summary
-    made = {name: data for name, data in other.attachments.items() if name != SUMMARY_NAME or name in one.attachments}
+    made = {
+        name: data
+        for name, data in other.attachments.items()
+        if name != SUMMARY_NAME or name in one.attachments
+    }
     attachments = [f"attachment {name}" for name in _unequal(one.attachments, made)]
-    ours, theirs = ({name: _without_truth(values) for name, values in recorded.metadata.items()} for recorded in (one, other))
+    ours, theirs = (
+        {name: _without_truth(values) for name, values in recorded.metadata.items()}
+        for recorded in (one, other)
+    )
     # how a log grew is not repeated: its final files are replayed at once
-    ignored = {_VERSIONS, FOLLOWED} if _contract(one) == _contract(other) else {_VERSIONS, FOLLOWED, "contract"}
+    ignored = (
+        {_VERSIONS, FOLLOWED}
+        if _contract(one) == _contract(other)
+        else {_VERSIONS, FOLLOWED, "contract"}
+    )
     metadata: list[str] = []
     for name in _unequal(ours, theirs):
         if name not in ignored:
@@ -180,7 +227,11 @@ def _without_truth(values: Mapping[str, str]) -> dict[str, str]:
 
 
 def _repeat(
-    job: ReplayJob, config: RunConfig, planner_of: PlannerFactory, expected: Sequence[Digest], progress: Progress
+    job: ReplayJob,
+    config: RunConfig,
+    planner_of: PlannerFactory,
+    expected: Sequence[Digest],
+    progress: Progress,
 ) -> tuple[int, Digest | None]:
     """Replay until a digest differs; return the number of messages made, and that digest, None when all are the same.
 
@@ -203,7 +254,10 @@ def _repeat(
 
 def _inputs(result: Path, recorded: Recorded, folders: Sequence[Path]) -> dict[str, Path]:
     """Return the inputs that a result names, by their keys."""
-    return {key: _find(result, key, text, folders) for key, text in recorded.metadata["replay_kit.inputs"].items()}
+    return {
+        key: _find(result, key, text, folders)
+        for key, text in recorded.metadata["replay_kit.inputs"].items()
+    }
 
 
 def _job(recorded: Recorded, found: Mapping[str, Path], out: Path) -> ReplayJob:
@@ -211,15 +265,23 @@ def _job(recorded: Recorded, found: Mapping[str, Path], out: Path) -> ReplayJob:
     logs = tuple(found[key] for key in sorted(found, key=_numbers) if key.startswith("log"))
     # files of one product have its number first
     of_ensemble = [key for key in sorted(found, key=_numbers) if key.startswith("ensemble")]
-    ensemble = tuple(tuple(found[key] for key in keys) for _, keys in groupby(of_ensemble, lambda key: key.partition("_")[0]))
+    ensemble = tuple(
+        tuple(found[key] for key in keys)
+        for _, keys in groupby(of_ensemble, lambda key: key.partition("_")[0])
+    )
     goal = options.get("goal")
     where = Place(*(float(part) for part in goal.split(","))) if goal else None
     record = recorded.metadata.get(REGION_RECORD)
     region = None if record is None else from_record(record)
-    named = groupby((key for key in sorted(found, key=_numbers) if key.startswith(RIVAL)), lambda key: key.partition("_")[0])
+    named = groupby(
+        (key for key in sorted(found, key=_numbers) if key.startswith(RIVAL)),
+        lambda key: key.partition("_")[0],
+    )
     against = tuple(tuple(found[key] for key in keys) for _, keys in named)
     included = options.get("include_inputs") == "true"
-    return ReplayJob(logs, ensemble, out, goal=where, include_inputs=included, region=region, against=against)
+    return ReplayJob(
+        logs, ensemble, out, goal=where, include_inputs=included, region=region, against=against
+    )
 
 
 def _numbers(key: str) -> list[int]:
@@ -237,23 +299,31 @@ def _find(result: Path, key: str, recorded: str, folders: Sequence[Path]) -> Pat
                 return path
             others.append(str(path))
     what = f"found only other contents: {', '.join(others)}" if others else "there is none"
-    raise LogError(f"{result}: its input {key} is {name} with SHA-256 {digest[:12]}...; {what}; say with --inputs in which folder it is")
+    raise LogError(
+        f"{result}: its input {key} is {name} with SHA-256 {digest[:12]}...; {what}; say with --inputs in which folder it is"
+    )
 
 
 def _what_may_differ(recorded: Recorded) -> tuple[str, ...]:
     """Say what may make another result: packages that are not those it was made with, and a search that the clock stopped."""
     notes = []
     if "time_limit" in recorded.metadata.get("replay_kit.options", {}):
-        notes.append("planned with --time-limit: a search that the clock stops may find another plan")
+        notes.append(
+            "planned with --time-limit: a search that the clock stops may find another plan"
+        )
     if (version_then := _contract(recorded)) != str(CONTRACT_VERSION):
-        notes.append(f"made with contract version {version_then}, here it is {CONTRACT_VERSION}: names of fields were not compared")
+        notes.append(
+            f"made with contract version {version_then}, here it is {CONTRACT_VERSION}: names of fields were not compared"
+        )
     for package, made_with in recorded.metadata.get(_VERSIONS, {}).items():
         try:
             here = __version__ if package == "replay-kit" else version(package)
         except PackageNotFoundError:
             here = "none"
         if here != made_with:
-            notes.append(f"made with {package} {made_with}, here it is {here}: last bits may differ")
+            notes.append(
+                f"made with {package} {made_with}, here it is {here}: last bits may differ"
+            )
     return tuple(notes)
 
 
@@ -265,9 +335,14 @@ def verdict_json(verdict: Verdict) -> dict[str, Any]:
 def print_verdict(verdict: Verdict, console: Console) -> None:
     """Print whether the result was made again, or where not."""
     if verdict.same:
-        console.print(f"{verdict.result}: made again bit for bit, {verdict.messages} messages", soft_wrap=True)
+        console.print(
+            f"{verdict.result}: made again bit for bit, {verdict.messages} messages", soft_wrap=True
+        )
     if (first := verdict.difference) is not None:
-        console.print(f"{verdict.result}: message {first.index} differs: {first.topic} at {first.time_ns} ns", soft_wrap=True)
+        console.print(
+            f"{verdict.result}: message {first.index} differs: {first.topic} at {first.time_ns} ns",
+            soft_wrap=True,
+        )
         for field in first.fields:
             console.print(f"  {field}  (recorded | made again)", soft_wrap=True)
     for name in verdict.others:

@@ -52,19 +52,36 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     """Run the named benchmarks, all without a name, and return what was measured."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
     known = [*BENCHMARKS, "scaling"]
-    parser.add_argument("names", nargs="*", choices=[*known, []], metavar="NAME", help=f"{', '.join(known)}; default all")
-    parser.add_argument("--json", type=Path, help="file of the results; the figure is written beside it")
-    parser.add_argument("--tiny", action="store_true", help="once, at a tiny size: do they still work?")
+    parser.add_argument(
+        "names",
+        nargs="*",
+        choices=[*known, []],
+        metavar="NAME",
+        help=f"{', '.join(known)}; default all",
+    )
+    parser.add_argument(
+        "--json", type=Path, help="file of the results; the figure is written beside it"
+    )
+    parser.add_argument(
+        "--tiny", action="store_true", help="once, at a tiny size: do they still work?"
+    )
     parser.add_argument("--threads", type=int, default=1, help="BLAS threads")
     parser.add_argument("--count", type=int, default=300, help="missions of safety")
     options = parser.parse_args(arguments)
     names = options.names or known
     benchmarks = BENCHMARKS | {"safety": partial(safety.rows, count=options.count)}
     with threadpool_limits(options.threads):
-        result = {"limits": limits(options.tiny), "threads": options.threads, "rows": [], "scaling": []} | environment()
+        result = {
+            "limits": limits(options.tiny),
+            "threads": options.threads,
+            "rows": [],
+            "scaling": [],
+        } | environment()
         for name in names:
             if name in benchmarks:
-                result["rows"] += [_shared(row, result["limits"]) for row in benchmarks[name](options.tiny)]
+                result["rows"] += [
+                    _shared(row, result["limits"]) for row in benchmarks[name](options.tiny)
+                ]
         if "scaling" in names:
             result["scaling"] = scaling.curves(options.tiny)
     _print(result)
@@ -90,13 +107,26 @@ def _print(result: dict[str, Any]) -> None:
     print(f"{result['machine']['processor']}, {result['threads']} BLAS thread(s), ", end="")
     print(", ".join(f"{name} {value:.1f}" for name, value in result["limits"].items()))
     for row in result["rows"]:
-        ratio = "" if row["ratio"] is None else f", peer {row['peer_s']:.3f} s: {row['ratio']:8.1f}x, asked {row['asked']:g}x"
+        ratio = (
+            ""
+            if row["ratio"] is None
+            else f", peer {row['peer_s']:.3f} s: {row['ratio']:8.1f}x, asked {row['asked']:g}x"
+        )
         print(f"\n{row['name']}\n  {row['ours_s']:.3f} s{ratio}; peer: {row['peer']}")
         print("  " + ", ".join(f"{name} {value:.1e}" for name, value in row["error"].items()))
         known = ("name", "ours_s", "peer", "peer_s", "ratio", "asked", "error")
-        print("  " + ", ".join(f"{name} {_short(value)}" for name, value in row.items() if name not in known and value is not None))
+        print(
+            "  "
+            + ", ".join(
+                f"{name} {_short(value)}"
+                for name, value in row.items()
+                if name not in known and value is not None
+            )
+        )
     for curve in result["scaling"]:
-        pairs = ", ".join(f"{v}: {s:.2f} s" for v, s in zip(curve["values"], curve["seconds"], strict=True))
+        pairs = ", ".join(
+            f"{v}: {s:.2f} s" for v, s in zip(curve["values"], curve["seconds"], strict=True)
+        )
         print(f"\n{curve['name']}: time ~ value^{curve['exponent_of_time']:.2f} ({pairs})")
 
 

@@ -64,12 +64,23 @@ class Shore:
 
     def start(self) -> None:
         """Start the process, which goes on from what is on the disk."""
-        command = [sys.executable, "-m", "replay_kit", "replay", str(self.inbox), *self.arguments, "-o", str(self.out)]
+        command = [
+            sys.executable,
+            "-m",
+            "replay_kit",
+            "replay",
+            str(self.inbox),
+            *self.arguments,
+            "-o",
+            str(self.out),
+        ]
         command += ["--follow", "--interval", "0.2", "--planner.samples", "10"]
         # in the background a shell lets its children ignore Ctrl-C
         signal.signal(signal.SIGINT, signal.default_int_handler)
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-        self.process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        self.process = subprocess.Popen(
+            command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
 
     def deliver(self, one: Instalment) -> None:
         """Put a file into the folder, whole."""
@@ -124,13 +135,31 @@ def _twin(folder: Path, tiny: bool) -> dict[str, Any]:
     count = 3 if tiny else _DIVES
     log, samples = folder / "twin.mcap", ROOT / "sample_logs"
     # more pings than the dives take
-    make_twin(read_truth(str(samples / "truth.nc"), ForecastConfig()), Twin("glider", 18 * count, 0.09, 7), log)
+    make_twin(
+        read_truth(str(samples / "truth.nc"), ForecastConfig()),
+        Twin("glider", 18 * count, 0.09, 7),
+        log,
+    )
     dives = dives_of(log, folder)[:count]
-    wrong = Instalment(dives[count // 2].name, dives[count // 2].data[: 2 * len(dives[count // 2].data) // 3])
+    wrong = Instalment(
+        dives[count // 2].name, dives[count // 2].data[: 2 * len(dives[count // 2].data) // 3]
+    )
     order = delivered(dives, [0] if tiny else [4, 12, 22], count // 2, wrong)
-    region = ["--region", "151.5,-41,153.5,-39", "--ensemble", str(samples / "ensemble.nc"), "--goal=152.8,-40.1,300"]
+    region = [
+        "--region",
+        "151.5,-41,153.5,-39",
+        "--ensemble",
+        str(samples / "ensemble.nc"),
+        "--goal=152.8,-40.1,300",
+    ]
     extra = ["--modes", "10", "--planner", "glide"] if tiny else []
-    return _followed(f"twin, {len(order)} instalments", folder / "twin", order, [*region, *extra], 1 if tiny else _KILLS)
+    return _followed(
+        f"twin, {len(order)} instalments",
+        folder / "twin",
+        order,
+        [*region, *extra],
+        1 if tiny else _KILLS,
+    )
 
 
 def _seaglider(folder: Path, files: Sequence[Path]) -> dict[str, Any]:
@@ -140,10 +169,18 @@ def _seaglider(folder: Path, files: Sequence[Path]) -> dict[str, Any]:
     name = files[0].name[:6]
     ensemble, goal = ocean_about(files, folder / f"{name}.nc")
     order = [Instalment(file.name, file.read_bytes()) for file in files]
-    return _followed(f"Seaglider {name}, {len(order)} files", folder / name, order, ["--ensemble", str(ensemble), f"--goal={goal}"], 1)
+    return _followed(
+        f"Seaglider {name}, {len(order)} files",
+        folder / name,
+        order,
+        ["--ensemble", str(ensemble), f"--goal={goal}"],
+        1,
+    )
 
 
-def _followed(name: str, folder: Path, order: Sequence[Instalment], arguments: Sequence[str], kills: int) -> dict[str, Any]:
+def _followed(
+    name: str, folder: Path, order: Sequence[Instalment], arguments: Sequence[str], kills: int
+) -> dict[str, Any]:
     """Return what it took to follow a mission, and whether its estimate is that of one replay of the final files."""
     (folder / "inbox").mkdir(parents=True)
     shore, rng = Shore(folder / "inbox", folder / "out.mcap", arguments), np.random.default_rng(5)
@@ -161,8 +198,24 @@ def _followed(name: str, folder: Path, order: Sequence[Instalment], arguments: S
     code = shore.end()
     once = folder / "once.mcap"
     logs = [str(path) for path in sorted(shore.inbox.iterdir())]
-    command = [sys.executable, "-m", "replay_kit", "replay", *logs, *arguments, "--planner.samples", "10", "--planner.when", "surfacing"]
-    subprocess.run([*command, "-o", str(once)], env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, check=False)
+    command = [
+        sys.executable,
+        "-m",
+        "replay_kit",
+        "replay",
+        *logs,
+        *arguments,
+        "--planner.samples",
+        "10",
+        "--planner.when",
+        "surfacing",
+    ]
+    subprocess.run(
+        [*command, "-o", str(once)],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        check=False,
+    )
     differing = float(_estimate(shore.out) != _estimate(once))
     return {
         "name": f"at sea: {name}, killed {len(killed)} times",
@@ -182,7 +235,11 @@ def _followed(name: str, folder: Path, order: Sequence[Instalment], arguments: S
 
 def _estimate(path: Path) -> bytes:
     with path.open("rb") as file:
-        return next(record.data for record in make_reader(file).iter_attachments() if record.name == "estimate.nc")
+        return next(
+            record.data
+            for record in make_reader(file).iter_attachments()
+            if record.name == "estimate.nc"
+        )
 
 
 if __name__ == "__main__":

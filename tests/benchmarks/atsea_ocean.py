@@ -21,6 +21,14 @@ def ocean_about(files: Sequence[Path], path: Path) -> tuple[Path, str]:
     longitude, latitude = np.nanmean(np.array(places, dtype=np.float64), axis=0)
     rows, columns, step = 9, 11, 0.1
     west, south = longitude - 0.5 * step * (columns - 1), latitude - 0.5 * step * (rows - 1)
-    ds = synthetic.dataset(seed=11, n_members=20, shape=(rows, columns), levels=_LEVELS, west=west, south=south, step=step)
+    ds = synthetic.dataset(
+        seed=11,
+        n_members=20,
+        shape=(rows, columns),
+        levels=_LEVELS,
+        west=west,
+        south=south,
+        step=step,
+    )
     ds.to_netcdf(path, engine="h5netcdf")
     return path, f"{longitude + 0.2:.3f},{latitude + 0.2:.3f},300"

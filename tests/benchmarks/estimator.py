@@ -95,9 +95,25 @@ def relative(ours, theirs) -> float:
     return float(np.linalg.norm(ours - theirs) / np.linalg.norm(theirs))
 
 
-def row(name: str, ours_s: float, peer: str, peer_s: float | None, asked: float | None, error: dict[str, float], **more: Any) -> Row:
+def row(
+    name: str,
+    ours_s: float,
+    peer: str,
+    peer_s: float | None,
+    asked: float | None,
+    error: dict[str, float],
+    **more: Any,
+) -> Row:
     ratio = None if peer_s is None else peer_s / ours_s
-    return {"name": name, "ours_s": ours_s, "peer": peer, "peer_s": peer_s, "ratio": ratio, "asked": asked, "error": error} | more
+    return {
+        "name": name,
+        "ours_s": ours_s,
+        "peer": peer,
+        "peer_s": peer_s,
+        "ratio": ratio,
+        "asked": asked,
+        "error": error,
+    } | more
 
 
 def basis_row(work: Work) -> Row:
@@ -108,13 +124,23 @@ def basis_row(work: Work) -> Row:
     depth_kernel = depth_weights(basis.depth_functions, ensemble.grid.levels, ensemble.grid.levels)
 
     def peer():
-        latents = slow.dense_embedding(slices, basis.horizontal.kernel, ensemble.grid.nodes, depth_kernel)
+        latents = slow.dense_embedding(
+            slices, basis.horizontal.kernel, ensemble.grid.nodes, depth_kernel
+        )
         modes = np.linalg.svd(latents.reshape(-1, latents.shape[2]).T, full_matrices=False)[0]
         return latents, modes
 
     peer_s, (latents, _) = seconds(peer)
     error = {"latents_relative": relative(basis.member_weights @ basis.modes.T, latents)}
-    return row("basis from the ensemble", ours_s, "dense kernel, Cholesky of all unknowns", peer_s, 12.0, error, unknowns=latents[0].size)
+    return row(
+        "basis from the ensemble",
+        ours_s,
+        "dense kernel, Cholesky of all unknowns",
+        peer_s,
+        12.0,
+        error,
+        unknowns=latents[0].size,
+    )
 
 
 def update_row(work: Work, which: str, where: str, asked: float) -> Row:
@@ -129,14 +155,18 @@ def update_row(work: Work, which: str, where: str, asked: float) -> Row:
     for observation, innovation in zip(observations[:few], said[:few], strict=True):
         design, value, error = slow.rows(estimator, observation)
         error = error * np.sqrt(innovation.error_inflation)
-        took, (mean, cov) = seconds(lambda m=mean, c=cov, d=design, v=value, e=error: slow.textbook(m, c, d, v, e))
+        took, (mean, cov) = seconds(
+            lambda m=mean, c=cov, d=design, v=value, e=error: slow.textbook(m, c, d, v, e)
+        )
         peer_times.append(took)
         early, _ = estimator.step(early, observation)
     errors = {f"mean_after_{few}": relative(early.mean, mean)}
     probes = np.random.default_rng(0).standard_normal((20, mean.size))
     errors[f"covariance_after_{few}"] = relative(_probed(early, probes), probes @ cov @ probes.T)
     del cov, early
-    batch_mean, batch_cov = slow.batch(estimator, observations, [i.error_inflation for i in said], probes)
+    batch_mean, batch_cov = slow.batch(
+        estimator, observations, [i.error_inflation for i in said], probes
+    )
     errors["mean_at_end"] = relative(state.mean, batch_mean)
     if work.tiny or where == "track":  # the dense covariance of the dual form takes half a minute
         errors["covariance_at_end"] = relative(_probed(state, probes), batch_cov)
@@ -162,11 +192,19 @@ def update_row(work: Work, which: str, where: str, asked: float) -> Row:
 
 def _bytes_read(estimator: ReducedBasisEstimator, state, pings: int) -> float:
     """What the updates must read at least: the prior's parts twice a block, and L twice a block or M once a ping."""
-    prior = sum(getattr(estimator.prior, name).nbytes for name in ("factor", "horizontal", "variance") if hasattr(estimator.prior, name))
+    prior = sum(
+        getattr(estimator.prior, name).nbytes
+        for name in ("factor", "horizontal", "variance")
+        if hasattr(estimator.prior, name)
+    )
     posterior = state.posterior
     if hasattr(posterior, "matrix"):
-        return pings * (2.0 * prior / ReducedBasisEstimator.block_size + posterior.matrix.nbytes / 2.0)
-    return pings / ReducedBasisEstimator.block_size * (2.0 * prior + 8.0 * posterior.n_rows**2 / 3.0)
+        return pings * (
+            2.0 * prior / ReducedBasisEstimator.block_size + posterior.matrix.nbytes / 2.0
+        )
+    return (
+        pings / ReducedBasisEstimator.block_size * (2.0 * prior + 8.0 * posterior.n_rows**2 / 3.0)
+    )
 
 
 def _probed(state, probes):
@@ -181,11 +219,16 @@ def filterpy_rows(work: Work, ours_s: dict[str, float]) -> list[Row]:
     first, innovation = estimator.step(estimator.initial(), observation)
     cov = estimator.prior.covariance()
     scaled = error * np.sqrt(innovation.error_inflation)
-    peer_s, (mean, _) = seconds(lambda: slow.filterpy_update(estimator.prior.mean, cov, design, value, scaled))
+    peer_s, (mean, _) = seconds(
+        lambda: slow.filterpy_update(estimator.prior.mean, cov, design, value, scaled)
+    )
     errors = {"mean_after_1": relative(first.mean, mean)}
     peer = "filterpy's KalmanFilter (Joseph form), 1 ping timed and multiplied"
     whole_s = peer_s * len(work.track)
-    return [row(f"the same track, {which} prior", ours, peer, whole_s, 1000.0, errors, peak_mb=None) for which, ours in ours_s.items()]
+    return [
+        row(f"the same track, {which} prior", ours, peer, whole_s, 1000.0, errors, peak_mb=None)
+        for which, ours in ours_s.items()
+    ]
 
 
 def static_row(work: Work, pings: int = 20_000) -> Row:
@@ -219,12 +262,15 @@ def letkf_row(work: Work) -> Row:
     estimator, grid = work.estimators["hybrid"], ensemble.grid
     basis = estimator.basis
     show, offset = (
-        basis.horizontal.velocity(grid.nodes, latent).reshape(2 * len(grid.nodes), -1) for latent in (basis.modes, basis.offset)
+        basis.horizontal.velocity(grid.nodes, latent).reshape(2 * len(grid.nodes), -1)
+        for latent in (basis.modes, basis.offset)
     )
     state, ours_s = estimator.initial(), 0.0
     for start in range(0, len(work.track), ReducedBasisEstimator.block_size):
 
-        def publish(state=state, block=work.track[start : start + ReducedBasisEstimator.block_size]):
+        def publish(
+            state=state, block=work.track[start : start + ReducedBasisEstimator.block_size]
+        ):
             done = [after for after, _ in estimator.steps(state, block)]
             weights = np.stack(estimator.weights(done)).reshape(-1, show.shape[1])
             fields = (weights @ show.T).reshape(len(done), grid.levels.size, -1) + offset.T
@@ -243,9 +289,16 @@ def letkf_row(work: Work) -> Row:
     members, peer_times = slices.reshape(len(slices), -1), []
     for observation in work.track[:2]:
         observe = _observer(work, observation)
-        took, members = seconds(lambda m=members, o=observation, f=observe: slow.letkf(m, grid, o, f, radius, gaspari_cohn))
+        took, members = seconds(
+            lambda m=members, o=observation, f=observe: slow.letkf(
+                m, grid, o, f, radius, gaspari_cohn
+            )
+        )
         peer_times.append(took)
-    errors = {"ours_to_truth": relative(field, true), "letkf_to_truth": relative(theirs_field, true)}
+    errors = {
+        "ours_to_truth": relative(field, true),
+        "letkf_to_truth": relative(theirs_field, true),
+    }
     peer = "DAPPER's LETKF, 2 pings timed and multiplied; its error by our baseline, which a test holds equal to it"
     name = f"{len(work.track)} pings, estimate at the nodes after each"
     return row(name, ours_s, peer, float(np.mean(peer_times)) * len(work.track), 3.0, errors)
@@ -253,7 +306,9 @@ def letkf_row(work: Work) -> Row:
 
 def _observer(work: Work, observation: Observation) -> Callable[[np.ndarray], np.ndarray]:
     estimator, grid = work.estimators["hybrid"], work.world[0].grid
-    inverse = np.linalg.inv(velocity_kernel(estimator.basis.horizontal.kernel, grid.nodes, grid.nodes))
+    inverse = np.linalg.inv(
+        velocity_kernel(estimator.basis.horizontal.kernel, grid.nodes, grid.nodes)
+    )
     place = np.array([to_local(grid.projection, observation.longitude, observation.latitude)])
     row_at = velocity_kernel(estimator.basis.horizontal.kernel, place, grid.nodes) @ inverse
     weights = depth_weights(estimator.basis.depth_functions, observation.depth, grid.levels)
@@ -286,7 +341,9 @@ def end_row(work: Work) -> Row:
     errors = {"mean_at_end": relative(mean, solution)} if work.tiny else {}
     peer = "batch least squares by normal equations; 4 pings' equations timed and multiplied, solved once"
     name = f"{len(work.track)} pings, paper prior, estimate at the end"
-    return row(name, ours_s + took, peer, float(np.median(times)) * len(work.track) + solve_s, 5.0, errors)
+    return row(
+        name, ours_s + took, peer, float(np.median(times)) * len(work.track) + solve_s, 5.0, errors
+    )
 
 
 def grid_row(work: Work) -> Row:
@@ -305,10 +362,21 @@ def grid_row(work: Work) -> Row:
     theirs = std.reshape(grid.levels.size, 2, -1).transpose(0, 2, 1)
     errors = {
         "standard_error_relative": relative(error, theirs),
-        "velocity_relative": relative(velocity, expected.reshape(2, len(grid.nodes), -1).transpose(2, 1, 0)),
+        "velocity_relative": relative(
+            velocity, expected.reshape(2, len(grid.nodes), -1).transpose(2, 1, 0)
+        ),
     }
     name = "velocity and standard error on the whole grid, hybrid prior"
-    return row(name, ours_s, "diag(H P H') with dense H", peer_s, 20.0, errors, covariance_s=covariance_s, rows=theirs.size)
+    return row(
+        name,
+        ours_s,
+        "diag(H P H') with dense H",
+        peer_s,
+        20.0,
+        errors,
+        covariance_s=covariance_s,
+        rows=theirs.size,
+    )
 
 
 def rows(tiny: bool) -> list[Row]:
@@ -317,7 +385,12 @@ def rows(tiny: bool) -> list[Row]:
     _ = work.estimators, work.track, work.scattered
     run = (lambda job: {"peak_mb": None} | job()) if tiny else alone
     done = [run(lambda: basis_row(work))]
-    asked = {("hybrid", "track"): 25.0, ("paper", "track"): 35.0, ("hybrid", "scattered"): 10.0, ("paper", "scattered"): 12.0}
+    asked = {
+        ("hybrid", "track"): 25.0,
+        ("paper", "track"): 35.0,
+        ("hybrid", "scattered"): 10.0,
+        ("paper", "scattered"): 12.0,
+    }
     for (which, where), times in asked.items():
         done.append(run(lambda a=which, b=where, c=times: update_row(work, a, b, c)))
     ours_s = {"hybrid": done[1]["ours_s"], "paper": done[2]["ours_s"]}

@@ -54,7 +54,9 @@ def _velocity(matrix: Any) -> Edit:
 
     def change(payload: dict[str, Any], number: int) -> None:
         payload["velocity"] = [
-            cell if cell is None or cell[0] is None or cell[1] is None else [*(turn @ np.array(cell[:2])).tolist(), *cell[2:]]
+            cell
+            if cell is None or cell[0] is None or cell[1] is None
+            else [*(turn @ np.array(cell[:2])).tolist(), *cell[2:]]
             for cell in payload["velocity"]
         ]
         if isinstance(payload.get("platform_velocity"), Mapping):
@@ -84,7 +86,9 @@ def _stale() -> Edit:
 
 
 def _constant(cells: list[Any], value: float) -> list[Any]:
-    return [None if cell is None or cell[0] is None else [value, -value, *cell[2:]] for cell in cells]
+    return [
+        None if cell is None or cell[0] is None else [value, -value, *cell[2:]] for cell in cells
+    ]
 
 
 def _mean_current(matrix: Any) -> Edit:
@@ -93,8 +97,13 @@ def _mean_current(matrix: Any) -> Edit:
     def edit(messages: Iterator[Message]) -> Iterator[Message]:
         for message in messages:
             if "dac_eastward" in message.payload:
-                east, north = (turn @ np.array([message.payload["dac_eastward"], message.payload["dac_northward"]])).tolist()
-                message = message._replace(payload={**message.payload, "dac_eastward": east, "dac_northward": north})
+                east, north = (
+                    turn
+                    @ np.array([message.payload["dac_eastward"], message.payload["dac_northward"]])
+                ).tolist()
+                message = message._replace(
+                    payload={**message.payload, "dac_eastward": east, "dac_northward": north}
+                )
             yield message
 
     return edit
@@ -124,11 +133,32 @@ def _same(messages: Iterator[Message]) -> Iterator[Message]:
     return messages
 
 
-_SWAP, _EAST, _NORTH, _BOTH = [[0, 1], [1, 0]], [[-1, 0], [0, 1]], [[1, 0], [0, -1]], [[-1, 0], [0, -1]]
-_TWINS, _RELATIVE, _DIRECTION = ("vessel", "glider"), ("glider", "seaglider"), (findings.CONTRADICTION, findings.COMPASS)
+_SWAP, _EAST, _NORTH, _BOTH = (
+    [[0, 1], [1, 0]],
+    [[-1, 0], [0, 1]],
+    [[1, 0], [0, -1]],
+    [[-1, 0], [0, -1]],
+)
+_TWINS, _RELATIVE, _DIRECTION = (
+    ("vessel", "glider"),
+    ("glider", "seaglider"),
+    (findings.CONTRADICTION, findings.COMPASS),
+)
 FAULTS = (
-    Fault("all zero", _values(lambda number, cells: _constant(cells, 0.0)), (findings.DEAD,), _TWINS, 16),
-    Fault("constant", _values(lambda number, cells: _constant(cells, 0.123)), (findings.DEAD,), _TWINS, 16),
+    Fault(
+        "all zero",
+        _values(lambda number, cells: _constant(cells, 0.0)),
+        (findings.DEAD,),
+        _TWINS,
+        16,
+    ),
+    Fault(
+        "constant",
+        _values(lambda number, cells: _constant(cells, 0.123)),
+        (findings.DEAD,),
+        _TWINS,
+        16,
+    ),
     Fault("stale from ping 11", _stale(), (findings.DEAD,), _TWINS, 27),
     Fault("heading off by 30 degrees", _same, _DIRECTION, _TWINS, 18, 30),
     Fault("heading off by 90 degrees", _same, _DIRECTION, _TWINS, 18, 90),
@@ -137,7 +167,9 @@ FAULTS = (
     Fault("profiles: sign of east", _velocity(_EAST), _DIRECTION, _RELATIVE, 68),
     Fault("profiles: sign of north", _velocity(_NORTH), _DIRECTION, _RELATIVE, 68),
     Fault("profiles: both signs", _velocity(_BOTH), _DIRECTION, _RELATIVE, 68),
-    Fault("mean currents: east and north exchanged", _mean_current(_SWAP), _DIRECTION, ("glider",), 68),
+    Fault(
+        "mean currents: east and north exchanged", _mean_current(_SWAP), _DIRECTION, ("glider",), 68
+    ),
     Fault("mean currents: both signs", _mean_current(_BOTH), _DIRECTION, ("glider",), 68),
     Fault("cm/s", _velocity(100.0 * np.eye(2)), (findings.UNIT,), _TWINS, 30),
     Fault("mm/s", _velocity(1000.0 * np.eye(2)), (findings.UNIT,), _TWINS, 30),

@@ -76,15 +76,31 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
                 alarms += [f"{log.name} with {sea}: {finding}" for finding in state.findings]
             counts["mute"] += not state.can_tell_directions
             for fault in FAULTS:
-                if log.vehicle in fault.vehicles and (not fault.heading or fault.heading in log.headings):
+                if log.vehicle in fault.vehicles and (
+                    not fault.heading or fault.heading in log.headings
+                ):
                     runs.setdefault(fault.name, []).append(named(log, fault))
     found = [_row(fault, runs[fault.name]) for fault in FAULTS if fault.name in runs]
-    total = {"runs": counts["sound"] + counts["unfit"], **counts, "false_alarms": len(alarms), "alarms": alarms}
+    total = {
+        "runs": counts["sound"] + counts["unfit"],
+        **counts,
+        "false_alarms": len(alarms),
+        "alarms": alarms,
+    }
     return [*found, _blank("sound logs") | total | {"ours_s": time.process_time() - began}]
 
 
 def _blank(name: str) -> dict[str, Any]:
-    return {"name": name, "ours_s": 0.0, "peer": "none", "peer_s": None, "ratio": None, "asked": None, "error": {}, "peak_mb": None}
+    return {
+        "name": name,
+        "ours_s": 0.0,
+        "peer": "none",
+        "peer_s": None,
+        "ratio": None,
+        "asked": None,
+        "error": {},
+        "peak_mb": None,
+    }
 
 
 def _row(fault: Fault, runs: list[tuple[tuple[str, ...], int]]) -> dict[str, Any]:
@@ -110,11 +126,19 @@ def _events(log: Log, heading: float, edit: Edit | None) -> Iterator[Checked]:
     measured, messages = initial_state(), iter(log.messages(heading))
     for message in messages if edit is None else edit(messages):
         measured, events = interpret(measured, message, log.config)
-        yield from (event for event in events if isinstance(event, VehicleState | Observation | PathMean))
-    yield from (event for event in finish(measured, log.config) if isinstance(event, VehicleState | Observation | PathMean))
+        yield from (
+            event for event in events if isinstance(event, VehicleState | Observation | PathMean)
+        )
+    yield from (
+        event
+        for event in finish(measured, log.config)
+        if isinstance(event, VehicleState | Observation | PathMean)
+    )
 
 
-def _after(events: Iterable[Checked], ensemble: EnsembleSpeeds, until: tuple[str, ...] = ()) -> ConsistencyState:
+def _after(
+    events: Iterable[Checked], ensemble: EnsembleSpeeds, until: tuple[str, ...] = ()
+) -> ConsistencyState:
     """Return the state of the checks after a log, or as soon as one of some findings is there."""
     state = ConsistencyState()
     for event in events:
@@ -136,7 +160,10 @@ def _seas(tiny: bool) -> Seas:
             "qg": (_DATA / "qg" / "climatology.nc", f"{_DATA / 'qg' / 'climatology.nc'}#"),
             "qg-forecast": (_DATA / "qg" / "forecast.nc", f"{_DATA / 'qg' / 'forecast.nc'}#"),
         }
-    return {name: (_speeds(read_ensemble(path, ForecastConfig())), spec) for name, (path, spec) in paths.items()}
+    return {
+        name: (_speeds(read_ensemble(path, ForecastConfig())), spec)
+        for name, (path, spec) in paths.items()
+    }
 
 
 def _speeds(ensemble: Ensemble) -> EnsembleSpeeds:
@@ -146,7 +173,9 @@ def _speeds(ensemble: Ensemble) -> EnsembleSpeeds:
 def sound_logs(seas: Seas, seed: int, tiny: bool) -> Iterator[Log]:
     """Yield the sound logs of a seed; the real one comes once."""
     for name, (speeds, spec) in seas.items():
-        truth = read_truth(f"{spec}{7 + 4 * seed}" if spec.endswith("#") else spec, ForecastConfig())
+        truth = read_truth(
+            f"{spec}{7 + 4 * seed}" if spec.endswith("#") else spec, ForecastConfig()
+        )
         sea, pings = build_field(truth), _TINY_PINGS if tiny else _PINGS
         start_ns = EPOCH_NS if truth.time_ns is None else truth.time_ns
         for vehicle, fly in (("vessel", survey), ("glider", glider_mission)):
@@ -154,13 +183,29 @@ def sound_logs(seas: Seas, seed: int, tiny: bool) -> Iterator[Log]:
             flight = measured_on(fly(sea, pings, start_ns, rng), sea, _NOISE[seed], rng, seed)
             for moves in (False, True) if vehicle == "glider" else (False,):
                 label = f"{name} {vehicle}{' with motion' * moves} {seed}"
-                yield Log(label, _logged(flight, moves), speeds, vehicle, (180,) if tiny else (30, 90, 180))
+                yield Log(
+                    label,
+                    _logged(flight, moves),
+                    speeds,
+                    vehicle,
+                    (180,) if tiny else (30, 90, 180),
+                )
                 if tiny and vehicle == "glider":
                     return
     dives = sorted((_DATA / "seaglider").glob("p1710*.nc"))
     if not seed and dives:
-        messages = list(merge([open_log(path, position, LogConfig()) for position, path in enumerate(dives)], 1.0, None, None))
-        for vehicle, config in (("seaglider", MeasurementConfig(use_inverted=False)), ("inverted", MeasurementConfig())):
+        messages = list(
+            merge(
+                [open_log(path, position, LogConfig()) for position, path in enumerate(dives)],
+                1.0,
+                None,
+                None,
+            )
+        )
+        for vehicle, config in (
+            ("seaglider", MeasurementConfig(use_inverted=False)),
+            ("inverted", MeasurementConfig()),
+        ):
             yield Log(f"{vehicle} dives", lambda heading: messages, speeds, vehicle, (), config)
 
 
@@ -170,6 +215,10 @@ def _logged(flight: Flight, moves: bool) -> Callable[[float], Sequence[Message]]
     @cache
     def messages(heading: float) -> Sequence[Message]:
         bias = float(heading)
-        return tuple(flight.messages(Faults("platform", _PLATFORM_STD, bias) if moves else Faults(heading_bias_deg=bias)))
+        return tuple(
+            flight.messages(
+                Faults("platform", _PLATFORM_STD, bias) if moves else Faults(heading_bias_deg=bias)
+            )
+        )
 
     return messages

@@ -34,14 +34,30 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
             alone_s, _ = seconds(lambda: _run(_missions(folder, "one"), one))
         with _workers(2, False) as two:
             both_s, _ = seconds(lambda: _run(_missions(folder, "two"), two))
-            killed_s, kills = seconds(lambda: _run_killed(_missions(folder, "killed"), two, _KILL_S)) if not tiny else (both_s, 0)
-        differing = _differing(folder, "one", "two"), 0 if tiny else _differing(folder, "one", "killed")
+            killed_s, kills = (
+                seconds(lambda: _run_killed(_missions(folder, "killed"), two, _KILL_S))
+                if not tiny
+                else (both_s, 0)
+            )
+        differing = (
+            _differing(folder, "one", "two"),
+            0 if tiny else _differing(folder, "one", "killed"),
+        )
     common = {"peer": "one worker", "peer_s": alone_s, "peak_mb": None, "missions": count}
     return [
-        {"name": f"fleet of {count} twins, two workers", "ours_s": both_s, "ratio": alone_s / both_s, "asked": 1.85}
+        {
+            "name": f"fleet of {count} twins, two workers",
+            "ours_s": both_s,
+            "ratio": alone_s / both_s,
+            "asked": 1.85,
+        }
         | {"error": {"differing": differing[0]}}
         | common,
-        {"name": f"fleet of {count} twins, a worker killed every {_KILL_S:g} s", "ours_s": killed_s, "ratio": alone_s / killed_s}
+        {
+            "name": f"fleet of {count} twins, a worker killed every {_KILL_S:g} s",
+            "ours_s": killed_s,
+            "ratio": alone_s / killed_s,
+        }
         | {"asked": 1.0, "error": {"differing": differing[1]}, "kills": kills}
         | common,
     ]
@@ -63,7 +79,9 @@ def _make(folder: Path, tiny: bool) -> int:
 
 def _missions(folder: Path, out: str) -> tuple[Mission, ...]:
     settings = {"estimator": {"modes": _MODES}}
-    table = FleetTable.model_validate({"mission": [{"each": "twin*.mcap", "ensemble": "ensemble.nc", "settings": settings}]})
+    table = FleetTable.model_validate(
+        {"mission": [{"each": "twin*.mcap", "ensemble": "ensemble.nc", "settings": settings}]}
+    )
     (folder / out / "basis").mkdir(parents=True)
     return missions_of(table, folder, None, folder / out)
 
@@ -86,7 +104,11 @@ def _ready() -> bool:
 
 
 def _run(missions: tuple[Mission, ...], cluster: Cluster | None) -> None:
-    outcomes = [run_mission(mission) for mission in missions] if cluster is None else list(run_fleet(missions, cluster, False))[-1]
+    outcomes = (
+        [run_mission(mission) for mission in missions]
+        if cluster is None
+        else list(run_fleet(missions, cluster, False))[-1]
+    )
     failed = [outcome.failed for outcome in outcomes if outcome.failed]
     assert not failed, failed
 
@@ -116,4 +138,7 @@ def _run_killed(missions: tuple[Mission, ...], cluster: Cluster, every_s: float)
 
 def _differing(folder: Path, one: str, other: str) -> int:
     """Return how many results of two runs of a fleet differ."""
-    return sum(path.read_bytes() != (folder / other / path.name).read_bytes() for path in (folder / one).glob("*.mcap"))
+    return sum(
+        path.read_bytes() != (folder / other / path.name).read_bytes()
+        for path in (folder / one).glob("*.mcap")
+    )

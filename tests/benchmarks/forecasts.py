@@ -28,7 +28,10 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
             assert ensemble.velocity.shape == (members, 2, levels, size // 2, size // 2)
             # a turn of the axes changes no speed
             speed = np.hypot(ensemble.velocity[-1, 0], ensemble.velocity[-1, 1])
-            return {"ours_s": taken, "error": {"velocity": float(np.abs(speed - np.sqrt(2.0) * np.abs(expected)).max())}}
+            return {
+                "ours_s": taken,
+                "error": {"velocity": float(np.abs(speed - np.sqrt(2.0) * np.abs(expected)).max())},
+            }
 
         row = alone(work)
     name = f"read {members} files of {levels} x {size} x {size}, cropped to {size // 2} x {size // 2}; asked 10 s, 1 GB"

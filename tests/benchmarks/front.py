@@ -49,7 +49,10 @@ def rows(tiny: bool) -> list[Row]:
     made += [departures_row(flows, 1 if tiny else 12)]
     made += [bound_row("free", free_case, 1 if tiny else 40, tiny)]
     if not tiny:
-        made += [bound_row("masked", masked_case, 40, tiny), bound_row("in strong currents", strong_case, 20, tiny)]
+        made += [
+            bound_row("masked", masked_case, 40, tiny),
+            bound_row("in strong currents", strong_case, 20, tiny),
+        ]
     return [{"peak_mb": None} | one for one in made]
 
 
@@ -59,10 +62,14 @@ def _flows(tiny: bool) -> tuple[FlowEstimate, ...]:
         return tuple(eddying_flow(seed, speed=0.2) for seed in range(2 if tiny else 6))
     config = RunConfig()
     ensemble = read_ensemble(QG, config.forecast)
-    return tuple(embed_member(ensemble, member, config.estimator) for member in (5, 6, 23, 24, 41, 42))
+    return tuple(
+        embed_member(ensemble, member, config.estimator) for member in (5, 6, 23, 24, 41, 42)
+    )
 
 
-def _times_of(current: CurrentLattice, speed: float, begin: Array, ends: Array, until: float) -> tuple[Array, float]:
+def _times_of(
+    current: CurrentLattice, speed: float, begin: Array, ends: Array, until: float
+) -> tuple[Array, float]:
     """Return when a front is at some places [s], relaxed off the lattice, and the processor time of the front alone [s]."""
     places, first = as_complex(np.vstack([begin, ends])), current.places.size
     began = time.process_time()
@@ -71,7 +78,10 @@ def _times_of(current: CurrentLattice, speed: float, begin: Array, ends: Array, 
     took = time.process_time() - began
     numbers = first + 1 + np.arange(len(ends))
     arrived = [
-        float(relax(sea, front.route_to(int(n), 0.0, True), 0.0).times[-1]) if np.isfinite(front.times[n]) else np.inf for n in numbers
+        float(relax(sea, front.route_to(int(n), 0.0, True), 0.0).times[-1])
+        if np.isfinite(front.times[n])
+        else np.inf
+        for n in numbers
     ]
     return np.array(arrived), took
 
@@ -83,22 +93,45 @@ def zermelo_rows(count: int) -> list[Row]:
         return 0.6 * np.cos(2.0 * np.pi * north / 6e4)
 
     cases: dict[str, tuple[Callable[[Any, Any], Any], Callable[[Array, Array], float]]] = {
-        "a uniform current": (lambda x, y: (0 * x + 0.3, 0 * y - 0.4), lambda b, e: time_in_uniform_current(e - b, _UNIFORM, 1.0)),
-        "solid rotation": (lambda x, y: (_RATE * y, -_RATE * x), lambda b, e: time_in_solid_rotation(b, e, _RATE, 1.0)),
-        "a jet": (lambda x, y: (jet(y), 0 * x), lambda b, e: time_in_jet(b, e, lambda y: float(jet(y)), 1.0)),
+        "a uniform current": (
+            lambda x, y: (0 * x + 0.3, 0 * y - 0.4),
+            lambda b, e: time_in_uniform_current(e - b, _UNIFORM, 1.0),
+        ),
+        "solid rotation": (
+            lambda x, y: (_RATE * y, -_RATE * x),
+            lambda b, e: time_in_solid_rotation(b, e, _RATE, 1.0),
+        ),
+        "a jet": (
+            lambda x, y: (jet(y), 0 * x),
+            lambda b, e: time_in_jet(b, e, lambda y: float(jet(y)), 1.0),
+        ),
     }
     made = []
     for name, (velocity, exact) in cases.items():
-        flow, rng, errors, took = fitted_flow(velocity), np.random.default_rng(3), list[float](), list[float]()
+        flow, rng, errors, took = (
+            fitted_flow(velocity),
+            np.random.default_rng(3),
+            list[float](),
+            list[float](),
+        )
         current = current_lattice(flow, flow.latent, np.zeros(1), spacing_over(flow), np.ones(1))
         while len(errors) < count:
             begin, end = rng.uniform(-22e3, 22e3, (2, 2))
             # the shooting of the jet's solution needs a way across it
-            if abs(end[1] - begin[1]) > max(12e3, abs(end[0] - begin[0])) and np.isfinite(truth := exact(begin, end)):
+            if abs(end[1] - begin[1]) > max(12e3, abs(end[0] - begin[0])) and np.isfinite(
+                truth := exact(begin, end)
+            ):
                 found, seconds = _times_of(current, 1.0, begin, end[None], 1e6)
                 errors.append(float(found[0] / truth - 1.0))
                 took.append(seconds)
-        made.append(_error_row(f"earliest arrival in {name}, {count} pairs", np.array(errors), max(took), "Zermelo's solution"))
+        made.append(
+            _error_row(
+                f"earliest arrival in {name}, {count} pairs",
+                np.array(errors),
+                max(took),
+                "Zermelo's solution",
+            )
+        )
     return made
 
 
@@ -107,7 +140,9 @@ def ray_row(flows: tuple[FlowEstimate, ...], speed: float, days: float, count: i
     errors, took, rng, fastest = list[float](), 0.0, np.random.default_rng(5), 0.0
     for one, other in zip(flows[::2], flows[1::2], strict=True):
         times = np.arange(0.0, (days + 1.0) * DAY, 0.5 * DAY)
-        latent = np.hstack([one.latent + at / (10.0 * DAY) * (other.latent - one.latent) for at in times])
+        latent = np.hstack(
+            [one.latent + at / (10.0 * DAY) * (other.latent - one.latent) for at in times]
+        )
         shares = shares_of_levels(one, min(_DEPTH, float(one.levels[-1])), 0.05)
         began = time.process_time()
         current = current_lattice(one, latent, times, spacing_over(one), shares)
@@ -118,13 +153,30 @@ def ray_row(flows: tuple[FlowEstimate, ...], speed: float, days: float, count: i
             weights = np.array([np.interp(now, times, unit) for unit in np.eye(times.size)])  # noqa: B023
             return one.horizontal.velocity(at, (mean @ weights)[:, None])[..., 0]  # noqa: B023
 
-        low, high = (np.array([pick(one.grid.east), pick(one.grid.north)]) for pick in (np.min, np.max))
+        low, high = (
+            np.array([pick(one.grid.east), pick(one.grid.north)]) for pick in (np.min, np.max)
+        )
         begin = 0.5 * (low + high) + rng.uniform(-0.1, 0.1, 2) * (high - low)
-        fans = fan(velocity, begin, speed, np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False), np.linspace(0.0, days * DAY, 97)[1:])
-        apart = np.max(np.linalg.norm(np.diff(fans[-1], axis=0, append=fans[-1, :1]), axis=1, keepdims=True), axis=1)
+        fans = fan(
+            velocity,
+            begin,
+            speed,
+            np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False),
+            np.linspace(0.0, days * DAY, 97)[1:],
+        )
+        apart = np.max(
+            np.linalg.norm(np.diff(fans[-1], axis=0, append=fans[-1, :1]), axis=1, keepdims=True),
+            axis=1,
+        )
         inside = np.all((fans > low) & (fans < high), axis=(0, 2))
-        usable = np.flatnonzero(in_front(fans, 100.0) & inside & (apart < 3e3) & (np.roll(apart, 1) < 3e3))
-        ends = fans[-1, rng.choice(usable, min(count, usable.size), replace=False)] if usable.size else np.zeros((0, 2))
+        usable = np.flatnonzero(
+            in_front(fans, 100.0) & inside & (apart < 3e3) & (np.roll(apart, 1) < 3e3)
+        )
+        ends = (
+            fans[-1, rng.choice(usable, min(count, usable.size), replace=False)]
+            if usable.size
+            else np.zeros((0, 2))
+        )
         found, seconds = _times_of(current, speed, begin, ends, 1.2 * days * DAY)
         errors += list(found / (days * DAY) - 1.0)
         took, fastest = max(took, made + seconds), max(fastest, current.fastest)
@@ -134,20 +186,41 @@ def ray_row(flows: tuple[FlowEstimate, ...], speed: float, days: float, count: i
 
 def departures_row(flows: tuple[FlowEstimate, ...], count: int, apart: float = 6.0) -> Row:
     """Five departures in a current that changes, planned each from its neighbour, beside the same planned one by one."""
-    together, alone, worse, times, rng = list[float](), list[float](), list[float](), list[float](), np.random.default_rng(9)
+    together, alone, worse, times, rng = (
+        list[float](),
+        list[float](),
+        list[float](),
+        list[float](),
+        np.random.default_rng(9),
+    )
     for k in range(count):
         pair = 2 * (k % (len(flows) // 2))
         one, other = flows[pair : pair + 2]
         sea = [
-            replace(one, latent=one.latent + s * (other.latent - one.latent), time_ns=round(s * 10.0 * DAY * 1e9)) for s in (0.0, 0.5, 1.0)
+            replace(
+                one,
+                latent=one.latent + s * (other.latent - one.latent),
+                time_ns=round(s * 10.0 * DAY * 1e9),
+            )
+            for s in (0.0, 0.5, 1.0)
         ]
-        low, high = (np.array([pick(one.grid.east), pick(one.grid.north)]) for pick in (np.min, np.max))
-        begin, course, far = 0.5 * (low + high), rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.15, 0.28) * float(np.min(high - low))
+        low, high = (
+            np.array([pick(one.grid.east), pick(one.grid.north)]) for pick in (np.min, np.max)
+        )
+        begin, course, far = (
+            0.5 * (low + high),
+            rng.uniform(0.0, 2.0 * np.pi),
+            rng.uniform(0.15, 0.28) * float(np.min(high - low)),
+        )
         end = begin + far * np.array([np.sin(course), np.cos(course)])
         settings = MissionSettings(depth=min(500.0, float(one.levels[-1])), surface_time=600.0)
-        request = MissionRequest(place(one, *begin, 0.0), (place(one, *end, 0.0),), settings=settings)
+        request = MissionRequest(
+            place(one, *begin, 0.0), (place(one, *end, 0.0),), settings=settings
+        )
         starts = [round(DAY * 1e9 + n * apart * 3.6e12) for n in range(5)]
-        plan_mission(sea, replace(request, start_time_ns=starts[0]))  # what is made once for all missions of these nodes is not counted
+        plan_mission(
+            sea, replace(request, start_time_ns=starts[0])
+        )  # what is made once for all missions of these nodes is not counted
         began = time.process_time()
         plans = plan_departures(sea, request, starts)
         took = time.process_time()
@@ -160,16 +233,36 @@ def departures_row(flows: tuple[FlowEstimate, ...], count: int, apart: float = 6
     times = list(np.array(together) / np.array(alone))
     name = f"five departures of {count} missions: 2.5 plans asked, and the best of plans one by one"
     error = {"best_later": float(max(worse, default=np.nan))}
-    more = {"plans_median": float(np.median(times)), "plans_most": float(max(times)), "asked_plans": 2.5}
-    return row(name, float(np.mean(together)), "one plan", float(np.mean(alone)), 1.0 / 2.5, error, **more)
+    more = {
+        "plans_median": float(np.median(times)),
+        "plans_most": float(max(times)),
+        "asked_plans": 2.5,
+    }
+    return row(
+        name, float(np.mean(together)), "one plan", float(np.mean(alone)), 1.0 / 2.5, error, **more
+    )
 
 
 def _error_row(name: str, errors: Array, took: float, peer: str) -> Row:
     known = np.abs(errors[np.isfinite(errors)])
-    error = {"mean_share": float(np.mean(known)), "ninety_five_share": float(np.quantile(known, 0.95))} if known.size else {}
-    extremes = {"earliest": float(np.min(errors)), "latest": float(np.max(errors))} if known.size else {}
+    error = (
+        {"mean_share": float(np.mean(known)), "ninety_five_share": float(np.quantile(known, 0.95))}
+        if known.size
+        else {}
+    )
+    extremes = (
+        {"earliest": float(np.min(errors)), "latest": float(np.max(errors))} if known.size else {}
+    )
     more = {"not_reached": int(np.sum(~np.isfinite(errors))), "asked_s": 0.5, **extremes}
-    return row(f"{name}: mean 0.3 %, 95 in 100 within 1 % asked", took, peer, None, None, {f"off_{k}": v for k, v in error.items()}, **more)
+    return row(
+        f"{name}: mean 0.3 %, 95 in 100 within 1 % asked",
+        took,
+        peer,
+        None,
+        None,
+        {f"off_{k}": v for k, v in error.items()},
+        **more,
+    )
 
 
 def reach_row(count: int, out_of_reach: int, spacing: float) -> Row:
@@ -193,7 +286,9 @@ def reach_row(count: int, out_of_reach: int, spacing: float) -> Row:
             bounds.append(time.process_time() - began)
             wrong += truth <= most and not np.isfinite(bound.time)
         if truth > 1.1 * most and seen < out_of_reach:
-            plan_mission(flow, request)  # what is made once for all missions of these nodes is not counted
+            plan_mission(
+                flow, request
+            )  # what is made once for all missions of these nodes is not counted
             began = time.process_time()
             plan = plan_mission(flow, request)
             took.append(time.process_time() - began)
@@ -211,10 +306,15 @@ def reach_case(seed: int) -> tuple[FlowEstimate, MissionRequest]:
     flow = islands(eddying_flow(seed, speed=float(rng.uniform(0.1, 0.4))), rng)
     limits = 0.85 * np.array([flow.grid.east.max(), flow.grid.north.max()])
     begin, end = rng.uniform(-limits, limits, (2, 2))
-    areas = tuple(random_area(flow, rng.uniform(-limits, limits), rng, f"area {k}") for k in range(rng.integers(0, 4)))
+    areas = tuple(
+        random_area(flow, rng.uniform(-limits, limits), rng, f"area {k}")
+        for k in range(rng.integers(0, 4))
+    )
     areas = tuple(replace(area, surface_only=False) for area in areas)
     settings = MissionSettings(depth=200.0, surface_time=300.0, max_legs=int(rng.integers(10, 60)))
-    return flow, MissionRequest(place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=settings, no_go=areas)
+    return flow, MissionRequest(
+        place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=settings, no_go=areas
+    )
 
 
 def _judge(task: MissionTask, spacing: float) -> float:
@@ -222,19 +322,29 @@ def _judge(task: MissionTask, spacing: float) -> float:
     angle, flow = task.vehicle.angles[0], task.flow
     drift_share = task.settings.surface_time / task.leg_time(angle)
     shares = shares_of_levels(flow, task.settings.depth, drift_share)
-    walls = [ring.area for ring in (*task.rings, *task.bottom.rings(LEAST_DIVE)) if not ring.surface_only and not ring.outside]
+    walls = [
+        ring.area
+        for ring in (*task.rings, *task.bottom.rings(LEAST_DIVE))
+        if not ring.surface_only and not ring.outside
+    ]
 
     def velocity(at: Array) -> Array:
-        return np.asarray(flow.horizontal.velocity(at, (task.currents.latent[0] @ shares)[:, None])[..., 0])
+        return np.asarray(
+            flow.horizontal.velocity(at, (task.currents.latent[0] @ shares)[:, None])[..., 0]
+        )
 
-    low, high = (np.array([pick(flow.grid.east), pick(flow.grid.north)]) for pick in (np.min, np.max))
+    low, high = (
+        np.array([pick(flow.grid.east), pick(flow.grid.north)]) for pick in (np.min, np.max)
+    )
     # the outline of the region is curved by less than this
     box = np.array([low, high]) * 0.99
     speed = (1.0 - drift_share) * float(task.vehicle.speeds(np, angle)[0])
     return search_time(velocity, speed, task.start[:2], task.goals[0, :2], box, (spacing, 4), walls)
 
 
-def bound_row(kind: str, case: Callable[[int], tuple[FlowEstimate, MissionRequest]], count: int, tiny: bool) -> Row:
+def bound_row(
+    kind: str, case: Callable[[int], tuple[FlowEstimate, MissionRequest]], count: int, tiny: bool
+) -> Row:
     """How far missions that arrive lie above the earliest arrival of any vehicle."""
     above, took, missed = list[float](), list[float](), 0
     for k in range(count):
@@ -250,9 +360,26 @@ def bound_row(kind: str, case: Callable[[int], tuple[FlowEstimate, MissionReques
         else:
             missed += 1
     error = {"below": float(np.sum(np.array(above) < 0.0))}
-    shares = {} if not above else {"above_median": float(np.median(above)), "above_ninety": float(np.quantile(above, 0.9))}
+    shares = (
+        {}
+        if not above
+        else {
+            "above_median": float(np.median(above)),
+            "above_ninety": float(np.quantile(above, 0.9)),
+        }
+    )
     name = f"{len(above)} missions, {kind}: median 2.5 %, nine of ten 5 % above the earliest arrival asked"
-    return row(name, float(np.median(took)), "lower bound", None, None, error, **shares, not_reached=missed, slowest_s=max(took))
+    return row(
+        name,
+        float(np.median(took)),
+        "lower bound",
+        None,
+        None,
+        error,
+        **shares,
+        not_reached=missed,
+        slowest_s=max(took),
+    )
 
 
 def free_case(seed: int) -> tuple[FlowEstimate, MissionRequest]:
@@ -270,7 +397,9 @@ def _case(seed: int, speed: float) -> tuple[FlowEstimate, MissionRequest]:
     limits = 0.7 * np.array([flow.grid.east.max(), flow.grid.north.max()])
     begin, end = rng.uniform(-limits, limits, (2, 2))
     settings = MissionSettings(depth=390.0, surface_time=600.0)
-    return flow, MissionRequest(place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=settings)
+    return flow, MissionRequest(
+        place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=settings
+    )
 
 
 def masked_case(seed: int) -> tuple[FlowEstimate, MissionRequest]:
@@ -279,5 +408,10 @@ def masked_case(seed: int) -> tuple[FlowEstimate, MissionRequest]:
     rng = np.random.default_rng(950 + seed)
     flow = islands(flow, rng)
     limits = 0.7 * np.array([flow.grid.east.max(), flow.grid.north.max()])
-    areas = tuple(replace(random_area(flow, rng.uniform(-limits, limits), rng, f"area {k}"), surface_only=False) for k in range(3))
+    areas = tuple(
+        replace(
+            random_area(flow, rng.uniform(-limits, limits), rng, f"area {k}"), surface_only=False
+        )
+        for k in range(3)
+    )
     return flow, replace(request, no_go=areas)

@@ -40,13 +40,24 @@ _SURVEY, _BLIND, _GOAL = 28.0, 23.0, 20e3 + 5e3j
 
 def rows(tiny: bool) -> list[dict[str, Any]]:
     """Return what was measured."""
-    ensemble = synthetic.ensemble(n_members=8, shape=(12, 14)) if tiny or not NEMO.exists() else read_ensemble(NEMO, ForecastConfig())
+    ensemble = (
+        synthetic.ensemble(n_members=8, shape=(12, 14))
+        if tiny or not NEMO.exists()
+        else read_ensemble(NEMO, ForecastConfig())
+    )
     # without an error of what the basis does not represent, so that both updates count the same errors
-    estimator = build_estimator(ensemble, EstimatorConfig(modes=12 if tiny else 300, representation_error_std=0.0))
+    estimator = build_estimator(
+        ensemble, EstimatorConfig(modes=12 if tiny else 300, representation_error_std=0.0)
+    )
     flow = estimator.flow(estimator.initial())
     known = depth_means(flow, shares_of_levels(flow, _DEPTH, 0.0)[None])
-    mean, speed = mean_currents(known, np.zeros(1)), float(Glider().speeds(np, Glider().angles[0])[0])
-    planned = plan_transit(mean, np.zeros(1, dtype=complex), _SURVEY * _HOUR, np.array([_GOAL]), _BLIND * _HOUR, speed)
+    mean, speed = (
+        mean_currents(known, np.zeros(1)),
+        float(Glider().speeds(np, Glider().angles[0])[0]),
+    )
+    planned = plan_transit(
+        mean, np.zeros(1, dtype=complex), _SURVEY * _HOUR, np.array([_GOAL]), _BLIND * _HOUR, speed
+    )
     sense = end_sensitivity(mean, 0j, _SURVEY * _HOUR, planned)
     points = np.stack([sense.points.real, sense.points.imag], axis=-1)
     depth = np.arange(16.0, _DEPTH + 1.0, 16.0)
@@ -55,9 +66,15 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
         means = depth_means(flow, known.weights)
         return Aim(means, rows_at(means, points, sense.times).combined(sense.weights), 1.0).before()
 
-    aim = Aim(known, rows_at(known, points, sense.times).combined(sense.weights), _NOISE**2 / depth.size)
+    aim = Aim(
+        known, rows_at(known, points, sense.times).combined(sense.weights), _NOISE**2 / depth.size
+    )
     cheap, survey, errors = _least(
-        lambda: ((made := timed(mean, 0j, shapes(_GOAL), (0.0, _SURVEY * _HOUR, 10), speed)), aim.judge(made)), 1 if tiny else 5
+        lambda: (
+            (made := timed(mean, 0j, shapes(_GOAL), (0.0, _SURVEY * _HOUR, 10), speed)),
+            aim.judge(made),
+        ),
+        1 if tiny else 5,
     )
     tried = (0, 1) if tiny else (0, 1, 9, 20, 33, 50)
     began, off = time.process_time(), []
@@ -67,13 +84,32 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
             state = after
         off.append(abs(float(errors[k]) / error_of(estimator.flow(state)) - 1.0))
     whole = (time.process_time() - began) / len(tried) * 65
-    of_a_run, name = {"of_a_run": max(off)}, "65 surveys judged: within 3 % of runs of the estimator asked"
-    made = [row(name, cheap, "as many runs of the estimator", None, None, of_a_run, asked_s=0.1, peer_runs_s=whole)]
+    of_a_run, name = (
+        {"of_a_run": max(off)},
+        "65 surveys judged: within 3 % of runs of the estimator asked",
+    )
+    made = [
+        row(
+            name,
+            cheap,
+            "as many runs of the estimator",
+            None,
+            None,
+            of_a_run,
+            asked_s=0.1,
+            peer_runs_s=whole,
+        )
+    ]
     began = time.process_time()
     difference = _difference(known.flow, known, planned)
     made.append(
         row(
-            "sensitivity of an end: 1e-6 asked", time.process_time() - began, "central differences", None, None, {"latents_end": difference}
+            "sensitivity of an end: 1e-6 asked",
+            time.process_time() - began,
+            "central differences",
+            None,
+            None,
+            {"latents_end": difference},
         )
     )
     return [{"peak_mb": None} | one for one in made + _plans(flow, tiny)]
@@ -104,8 +140,14 @@ def _difference(flow: FlowEstimate, known: Any, planned: Any) -> float:
     latent = known.latent(0)[:, 0]
     shape = np.random.default_rng(1).standard_normal(latent.size) * np.abs(latent).max()
     added, step = currents_of(flow, [shape[None]], np.zeros(1)), 1e-4
-    more, less = (replace(mean, coefficients=mean.coefficients + sign * step * added.coefficients) for sign in (1, -1))
-    ends = [fly_transit(one, np.zeros(1, dtype=complex), _SURVEY * _HOUR, planned)[0] for one in (more, less)]
+    more, less = (
+        replace(mean, coefficients=mean.coefficients + sign * step * added.coefficients)
+        for sign in (1, -1)
+    )
+    ends = [
+        fly_transit(one, np.zeros(1, dtype=complex), _SURVEY * _HOUR, planned)[0]
+        for one in (more, less)
+    ]
     by_difference = (ends[0] - ends[1]) / (2.0 * step)
     sense = end_sensitivity(mean, 0j, _SURVEY * _HOUR, planned)
     current = added.at(sense.points[None], 0.0)[0]
@@ -121,18 +163,32 @@ def _plans(flow: FlowEstimate, tiny: bool) -> list[dict[str, Any]]:
     start = _place(flow, 0j)
     asked = LearnRequest(start, (_place(flow, _GOAL),), settings=settings)
     box = [_place(flow, complex(sign * 25e3, sign * 20e3)) for sign in (-1, 1)]
-    mapped = replace(asked, goals=(), profiles=4 if tiny else 20, settings=replace(settings, dives=3))
-    mission = replace(asked, goals=(_place(flow, far + 0j),), settings=replace(settings, samples=min(samples, 64), dives=4 if tiny else 2))
+    mapped = replace(
+        asked, goals=(), profiles=4 if tiny else 20, settings=replace(settings, dives=3)
+    )
+    mission = replace(
+        asked,
+        goals=(_place(flow, far + 0j),),
+        settings=replace(settings, samples=min(samples, 64), dives=4 if tiny else 2),
+    )
     kinds = {
-        "a survey before a stretch": lambda: plan_survey(flow, asked, _SURVEY * _HOUR, _BLIND * _HOUR),
-        "a map": lambda: plan_map(flow, mapped, Box(box[0].longitude, box[0].latitude, box[1].longitude, box[1].latitude)),
+        "a survey before a stretch": lambda: plan_survey(
+            flow, asked, _SURVEY * _HOUR, _BLIND * _HOUR
+        ),
+        "a map": lambda: plan_map(
+            flow, mapped, Box(box[0].longitude, box[0].latitude, box[1].longitude, box[1].latitude)
+        ),
         "a mission that surfaces": lambda: plan_detour(flow, mission),
     }
     made = []
     for name, work in kinds.items():
         began = time.process_time()
         work()
-        made.append(row(f"plan of {name}", time.process_time() - began, "none", None, None, {}, asked_s=20.0))
+        made.append(
+            row(
+                f"plan of {name}", time.process_time() - began, "none", None, None, {}, asked_s=20.0
+            )
+        )
     return made
 
 

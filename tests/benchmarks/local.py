@@ -26,7 +26,10 @@ from tests import synthetic
 from tests.benchmarks.estimator import row
 from tests.places import DATA
 
-_SEAS = {"North Atlantic": DATA / "natl_nemo" / "ensemble.nc", "quasi-geostrophic": DATA / "qg" / "forecast.nc"}
+_SEAS = {
+    "North Atlantic": DATA / "natl_nemo" / "ensemble.nc",
+    "quasi-geostrophic": DATA / "qg" / "forecast.nc",
+}
 _BEGIN, _DIVE, _SPEED, _NOISE = 1_600_000_000, 10_800, 0.25, 0.02
 _AHEAD, _AFTER = (1, 4, 16), (3, 6, 9, 12)
 _DIVES = 28
@@ -51,7 +54,10 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
     """Return what was measured."""
     seas = [name for name, path in _SEAS.items() if path.exists()]
     if tiny or not seas:
-        return [_row("synthetic", synthetic.ensemble(n_members=6, shape=(8, 9)), current, 1, 1, 12) for current in _CURRENTS[-1:]]
+        return [
+            _row("synthetic", synthetic.ensemble(n_members=6, shape=(8, 9)), current, 1, 1, 12)
+            for current in _CURRENTS[-1:]
+        ]
     return [
         _row(name, ensemble, current, 5, 3, 60)
         for name in seas
@@ -60,31 +66,46 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
     ]
 
 
-def _row(sea: str, ensemble: Any, current: tuple[float, float], members: int, missions: int, modes: int) -> dict[str, Any]:
+def _row(
+    sea: str, ensemble: Any, current: tuple[float, float], members: int, missions: int, modes: int
+) -> dict[str, Any]:
     spent = {"estimate": 0.0, "beside": 0.0}
     found: list[_Foretold] = []
     for member in range(members):
         case = leave_out(ensemble, member)
-        estimator, field = build_estimator(case.ensemble, EstimatorConfig(modes=modes)), build_field(case.truth)
+        estimator, field = (
+            build_estimator(case.ensemble, EstimatorConfig(modes=modes)),
+            build_field(case.truth),
+        )
         for mission in range(missions):
-            found += _mission(estimator, field, np.random.default_rng([member, mission]), current, spent)
+            found += _mission(
+                estimator, field, np.random.default_rng([member, mission]), current, spent
+            )
     error = {}
     for ahead in _AHEAD:
         chosen = [one for one in found if one.ahead == ahead]
         for name, reckons in (("alone", 0.0), ("beside", 1.0)):
             off = np.array([one.error - reckons * one.beside for one in chosen])
-            cov = np.array([one.cov + (reckons * one.variance + 1e-8) * np.eye(2) for one in chosen])
+            cov = np.array(
+                [one.cov + (reckons * one.variance + 1e-8) * np.eye(2) for one in chosen]
+            )
             square = np.einsum("ni,ni->n", off, np.linalg.solve(cov, off[..., None])[..., 0])
             error |= {
                 f"rms_{name}_{ahead}": float(np.sqrt(np.mean(np.sum(off**2, axis=1)))),
                 f"held_{name}_{ahead}": float(np.mean(square < _NINETY)),
             }
     name = f"{sea}, {100.0 * current[0]:.0f} cm/s beside the members over {current[1] / 3600.0:.0f} h: 0.9 held asked"
-    return row(name, spent["beside"], "the estimate alone", None, None, error, estimate_s=spent["estimate"]) | {"peak_mb": None}
+    return row(
+        name, spent["beside"], "the estimate alone", None, None, error, estimate_s=spent["estimate"]
+    ) | {"peak_mb": None}
 
 
 def _mission(
-    estimator: Any, field: Any, rng: np.random.Generator, current: tuple[float, float], spent: dict[str, float]
+    estimator: Any,
+    field: Any,
+    rng: np.random.Generator,
+    current: tuple[float, float],
+    spent: dict[str, float],
 ) -> Iterator[_Foretold]:
     grid, depth = field.grid, np.linspace(2.0, min(field.grid.levels[-1], 500.0) - 1.0, 24)
     track, truth = _track(field, rng, depth)
@@ -102,13 +123,22 @@ def _mission(
                 expected = flow.velocity(*track[at], depth).mean(axis=0)
                 middle_ns = (_BEGIN + at * _DIVE + _DIVE // 2) * 10**9
                 yield _Foretold(
-                    ahead, truth[at] - expected, modes @ modes.T, beside.velocity(middle_ns), beside.standard_error(middle_ns) ** 2
+                    ahead,
+                    truth[at] - expected,
+                    modes @ modes.T,
+                    beside.velocity(middle_ns),
+                    beside.standard_error(middle_ns) ** 2,
                 )
         mean = _measured(grid, track[k], depth, truth[k] + _NOISE * rng.standard_normal(2), k)
         began = time.process_time()
         state, innovation = estimator.step(state, mean)
         between = time.process_time()
-        local = local_step(local, mean.time_ns - _DIVE * 10**9 // 2, innovation.innovation[0], innovation.innovation_std[0])
+        local = local_step(
+            local,
+            mean.time_ns - _DIVE * 10**9 // 2,
+            innovation.innovation[0],
+            innovation.innovation_std[0],
+        )
         spent["estimate"] += between - began
         spent["beside"] += time.process_time() - between
 
@@ -117,7 +147,10 @@ def _track(field: Any, rng: np.random.Generator, depth: Array) -> tuple[Array, A
     """Return a straight track that stays in the water, shape (dives, 2) [m], and the truth's mean current at its points."""
     along = _SPEED * _DIVE * (np.arange(_DIVES) + 0.5)
     while True:
-        begin, angle = field.grid.nodes[rng.integers(len(field.grid.nodes))], rng.uniform(0.0, 2.0 * np.pi)
+        begin, angle = (
+            field.grid.nodes[rng.integers(len(field.grid.nodes))],
+            rng.uniform(0.0, 2.0 * np.pi),
+        )
         track = begin + along[:, None] * np.array([np.cos(angle), np.sin(angle)])
         truth = field.velocity(track[:, :1], track[:, 1:], depth).mean(axis=1)
         if np.isfinite(truth).all():
@@ -133,10 +166,24 @@ def _course(rng: np.random.Generator, std: float, scale: float) -> Array:
 
 
 def _measured(grid: Any, place: Array, depth: Array, velocity: Array, dive: int) -> PathMean:
-    longitude, latitude = (np.full(depth.size, float(value)) for value in to_geographic(grid.projection, *place))
+    longitude, latitude = (
+        np.full(depth.size, float(value)) for value in to_geographic(grid.projection, *place)
+    )
     begin = _BEGIN + dive * _DIVE
     times = (begin + np.linspace(60, _DIVE - 60, depth.size).astype(np.int64)) * 10**9
     error = float(np.hypot(_NOISE, 60.0 / _DIVE))
     source, weight = Source(0, "/dac", dive, int(times[-1])), np.full(depth.size, 1.0 / depth.size)
     east, north = velocity.tolist()
-    return PathMean((begin + _DIVE) * 10**9, times, longitude, latitude, depth, weight, (east, north), error, "dac", dive + 1, source)
+    return PathMean(
+        (begin + _DIVE) * 10**9,
+        times,
+        longitude,
+        latitude,
+        depth,
+        weight,
+        (east, north),
+        error,
+        "dac",
+        dive + 1,
+        source,
+    )

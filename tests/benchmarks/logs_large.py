@@ -31,16 +31,29 @@ def _many(path: Path, count: int) -> Path:
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
-        schemas = [writer.register_schema(name, "jsonschema", b'{"type":"object"}') for name in ("Attitude", "foxglove.LocationFix")]
-        channels = [writer.register_channel(f"/attitude{k}", "json", schemas[0]) for k in range(_TOPICS)]
+        schemas = [
+            writer.register_schema(name, "jsonschema", b'{"type":"object"}')
+            for name in ("Attitude", "foxglove.LocationFix")
+        ]
+        channels = [
+            writer.register_channel(f"/attitude{k}", "json", schemas[0]) for k in range(_TOPICS)
+        ]
         fixes = writer.register_channel("/fix", "json", schemas[1])
         for n in range(count):
             time_ns = _START + n * 1_000_000
             if n % 100 == 0:
-                payload = orjson.dumps({"latitude": -40.1 + 1e-7 * n, "longitude": 152.1, "altitude": -3.0})
+                payload = orjson.dumps(
+                    {"latitude": -40.1 + 1e-7 * n, "longitude": 152.1, "altitude": -3.0}
+                )
                 writer.add_message(fixes, time_ns, payload, time_ns, n)
             else:
-                writer.add_message(channels[n % _TOPICS], time_ns, b'{"n":%d,"roll":0.1,"pitch":0.2,"yaw":0.3}' % n, time_ns, n)
+                writer.add_message(
+                    channels[n % _TOPICS],
+                    time_ns,
+                    b'{"n":%d,"roll":0.1,"pitch":0.2,"yaw":0.3}' % n,
+                    time_ns,
+                    n,
+                )
         writer.finish()
     return path
 
@@ -56,7 +69,9 @@ def _large(path: Path, size: int) -> Path:
 def _stock_counts(path: Path) -> Counter[str]:
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
-        return Counter(channel.topic for _, channel, _ in reader.iter_messages(log_time_order=False))
+        return Counter(
+            channel.topic for _, channel, _ in reader.iter_messages(log_time_order=False)
+        )
 
 
 def _stock_copy(path: Path, out: Path) -> None:
@@ -66,10 +81,23 @@ def _stock_copy(path: Path, out: Path) -> None:
         for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
             if channel.id not in channels:
                 if schema is not None and schema.id not in schemas:
-                    schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
-                made = writer.register_channel(channel.topic, channel.message_encoding, schemas[channel.schema_id], channel.metadata)
+                    schemas[schema.id] = writer.register_schema(
+                        schema.name, schema.encoding, schema.data
+                    )
+                made = writer.register_channel(
+                    channel.topic,
+                    channel.message_encoding,
+                    schemas[channel.schema_id],
+                    channel.metadata,
+                )
                 channels[channel.id] = made
-            writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time, message.sequence)
+            writer.add_message(
+                channels[channel.id],
+                message.log_time,
+                message.data,
+                message.publish_time,
+                message.sequence,
+            )
         writer.finish()
 
 
@@ -78,7 +106,10 @@ def _counts(info: LogInfo) -> dict[str, int]:
 
 
 def _info_rows(what: str, path: Path) -> list[Row]:
-    config, size = load_config(None), sum(chunk.uncompressed_size for chunk in _summary(path).chunk_indexes) / 1e6
+    config, size = (
+        load_config(None),
+        sum(chunk.uncompressed_size for chunk in _summary(path).chunk_indexes) / 1e6,
+    )
     by_index_s, by_index = seconds(lambda: inspect_logs([path], config)[0])
     full_s, full = seconds(lambda: inspect_logs([path], config, full=True)[0])
     stock_s, stock = seconds(lambda: _stock_counts(path))
@@ -146,7 +177,11 @@ def rows(tiny: bool) -> list[Row]:
     found: list[Row] = []
     count, size = (2_000, 3_000_000) if tiny else (5_000_000, 1_100_000_000)
     # a log of nothing would be read whole
-    with mock.patch.object(overview, "FEW_MESSAGES", 1) if tiny else mock.patch.object(overview, "FEW_MESSAGES", overview.FEW_MESSAGES):
+    with (
+        mock.patch.object(overview, "FEW_MESSAGES", 1)
+        if tiny
+        else mock.patch.object(overview, "FEW_MESSAGES", overview.FEW_MESSAGES)
+    ):
         for what, make in (
             (f"{count} messages", lambda folder: _many(folder / "many.mcap", count)),
             (f"{size / 1e9:g} GB", lambda folder: _large(folder / "large.mcap", size)),

@@ -39,7 +39,9 @@ def repeated_tlog(data: bytes, copies: int) -> bytes:
     step = int(np.ptp(stamp)) + 1_000_000
     out = np.tile(np.frombuffer(data, dtype=np.uint8), (copies, 1))
     for n, copy in enumerate(out):
-        copy[place[:, None] + np.arange(8)] = (stamp + n * step).astype(">u8").view(np.uint8).reshape(-1, 8)
+        copy[place[:, None] + np.arange(8)] = (
+            (stamp + n * step).astype(">u8").view(np.uint8).reshape(-1, 8)
+        )
     return out.tobytes()
 
 
@@ -50,13 +52,23 @@ def repeated_dataflash(data: bytes, copies: int) -> bytes:
         for form, which in records.decodable():
             if "TimeUS" in form.columns:
                 values = records.structured(form, which)["TimeUS"]
-                stamps.append((records.offset + records.start[which] + HEAD + form.dtype.fields["TimeUS"][1], values))
+                stamps.append(
+                    (
+                        records.offset
+                        + records.start[which]
+                        + HEAD
+                        + form.dtype.fields["TimeUS"][1],
+                        values,
+                    )
+                )
     place = np.concatenate([place for place, _ in stamps])
     stamp = np.concatenate([values for _, values in stamps])
     step = np.uint64(np.ptp(stamp) + 1_000_000)
     out = np.tile(np.frombuffer(data, dtype=np.uint8), (copies, 1))
     for n, copy in enumerate(out):
-        copy[place[:, None] + np.arange(8)] = (stamp + np.uint64(n) * step).astype("<u8").view(np.uint8).reshape(-1, 8)
+        copy[place[:, None] + np.arange(8)] = (
+            (stamp + np.uint64(n) * step).astype("<u8").view(np.uint8).reshape(-1, 8)
+        )
     return out.tobytes()
 
 
@@ -64,10 +76,16 @@ def small_tlog() -> bytes:
     """A telemetry log with a little of everything."""
     kinds: tuple[Callable[[int], Any], ...] = (
         attitude,
-        lambda n: dialect.MAVLink_global_position_int_message(n, 473000000 + n, -1246305732, 60, -1500 - n, 1, 2, 3, 65535),
-        lambda n: dialect.MAVLink_gps_raw_int_message(START_US + n, 3, 473000000 + n, -1246305732, 0, 199, 65535, 0, 0, 21),
+        lambda n: dialect.MAVLink_global_position_int_message(
+            n, 473000000 + n, -1246305732, 60, -1500 - n, 1, 2, 3, 65535
+        ),
+        lambda n: dialect.MAVLink_gps_raw_int_message(
+            START_US + n, 3, 473000000 + n, -1246305732, 0, 199, 65535, 0, 0, 21
+        ),
         lambda n: dialect.MAVLink_statustext_message(6, b"dive %d" % n),
-        lambda n: dialect.MAVLink_debug_float_array_message(START_US, b"ADCP_E", n, [0.5 * n, float("nan"), *[0.0] * 56]),
+        lambda n: dialect.MAVLink_debug_float_array_message(
+            START_US, b"ADCP_E", n, [0.5 * n, float("nan"), *[0.0] * 56]
+        ),
         lambda n: dialect.MAVLink_system_time_message(START_US + 1000 * n, 1 + n),
     )
     # MAVLink 2 throughout: pymavlink takes the version of the first frame for that of all
@@ -79,13 +97,21 @@ def differing(ours: Iterable[tuple[str, dict[str, Any]]], theirs: Iterable[Any])
     found = 0
     for mine, other in zip_longest(ours, theirs):
         expected = None if other is None else other.to_dict()
-        if mine is None or expected is None or mine[0] != expected.pop("mavpackettype") or mine[1] != expected:
+        if (
+            mine is None
+            or expected is None
+            or mine[0] != expected.pop("mavpackettype")
+            or mine[1] != expected
+        ):
             found += mine is None or expected is None or repr(mine[1]) != repr(expected)
     return float(found)
 
 
 def tlog_messages(path: Path, names: frozenset[str] | None) -> Iterator[tuple[str, dict[str, Any]]]:
-    return ((message.schema, dict(message.payload)) for message in open_log(path, wanted=names).messages())
+    return (
+        (message.schema, dict(message.payload))
+        for message in open_log(path, wanted=names).messages()
+    )
 
 
 def pymavlink_messages(path: Path, names: frozenset[str] | None) -> Iterator[Any]:
@@ -100,14 +126,27 @@ def pymavlink_messages(path: Path, names: frozenset[str] | None) -> Iterator[Any
 
 def tlog_row(path: Path, names: frozenset[str] | None, asked: float, repeats: int) -> Row:
     before = peak_mb(anew=True)
-    ours_s, count = seconds(lambda: sum(1 for _ in open_log(path, wanted=names).messages()), repeats)
+    ours_s, count = seconds(
+        lambda: sum(1 for _ in open_log(path, wanted=names).messages()), repeats
+    )
     grown = peak_mb() - before
     peer_s, _ = seconds(lambda: sum(1 for _ in pymavlink_messages(path, names)), repeats)
-    errors = {"differing_messages": differing(tlog_messages(path, names), pymavlink_messages(path, names))}
+    errors = {
+        "differing_messages": differing(tlog_messages(path, names), pymavlink_messages(path, names))
+    }
     which = "all messages" if names is None else "what the estimator uses"
     size = path.stat().st_size / 1e6
     peer = "pymavlink, recv_match()" if names is None else "pymavlink, recv_match(type=...)"
-    return row(f"telemetry log of {size:.1f} MB, {which}", ours_s, peer, peer_s, asked, errors, messages=count, peak_mb=grown)
+    return row(
+        f"telemetry log of {size:.1f} MB, {which}",
+        ours_s,
+        peer,
+        peer_s,
+        asked,
+        errors,
+        messages=count,
+        peak_mb=grown,
+    )
 
 
 def pymavlink_columns(path: Path) -> dict[str, dict[str, list[Any]]]:
@@ -124,12 +163,16 @@ def pymavlink_columns(path: Path) -> dict[str, dict[str, list[Any]]]:
     return tables
 
 
-def differing_columns(ours: dict[str, dict[str, Any]], theirs: dict[str, dict[str, list[Any]]]) -> float:
+def differing_columns(
+    ours: dict[str, dict[str, Any]], theirs: dict[str, dict[str, list[Any]]]
+) -> float:
     found = float(len(ours.keys() ^ theirs.keys()))
     for kind in ours.keys() & theirs.keys():
         for name in ours[kind].keys() | theirs[kind].keys():
             mine = ours[kind][name].tolist()
-            other = [list(value) if hasattr(value, "tolist") else value for value in theirs[kind][name]]
+            other = [
+                list(value) if hasattr(value, "tolist") else value for value in theirs[kind][name]
+            ]
             found += mine != other and repr(mine) != repr(other)
     return found
 
@@ -144,7 +187,17 @@ def dataflash_row(path: Path, repeats: int) -> Row:
     count = sum(len(next(iter(columns.values()))) for columns in ours.values())
     name = f"DataFlash log of {path.stat().st_size / 1e6:.1f} MB, all columns"
     peer = "pymavlink, DFReader_binary, each field of each message into a list"
-    return row(name, ours_s, peer, peer_s, 6.0, errors, records=count, peer_without_fields_s=bare_s, peak_mb=grown)
+    return row(
+        name,
+        ours_s,
+        peer,
+        peer_s,
+        6.0,
+        errors,
+        records=count,
+        peer_without_fields_s=bare_s,
+        peak_mb=grown,
+    )
 
 
 def _records_only(path: Path) -> None:
@@ -163,9 +216,13 @@ def rows(tiny: bool) -> list[Row]:
     run = (lambda job: {"peak_mb": None} | job()) if tiny else alone
     repeats = 1 if tiny else 2
     # so many times a reader takes seconds; the synthetic logs are shorter
-    all_times, some_times, binary_times = (2, 2, 2) if tiny else (10, 30, 40) if use else (2000, 6000, 2000)
+    all_times, some_times, binary_times = (
+        (2, 2, 2) if tiny else (10, 30, 40) if use else (2000, 6000, 2000)
+    )
     with tempfile.TemporaryDirectory() as folder:
-        whole, part, columns = (Path(folder) / name for name in ("all.tlog", "some.tlog", "log.BIN"))
+        whole, part, columns = (
+            Path(folder) / name for name in ("all.tlog", "some.tlog", "log.BIN")
+        )
         whole.write_bytes(repeated_tlog(telemetry, all_times))
         part.write_bytes(repeated_tlog(telemetry, some_times))
         columns.write_bytes(repeated_dataflash(binary, binary_times))

@@ -54,7 +54,13 @@ def _protobuf_fix(n: int) -> bytes:
     return bytes(message.encode())
 
 
-def _write(path: Path, count: int, encoding: str, schema: tuple[str, str, bytes], payload: Callable[[int], bytes]) -> Path:
+def _write(
+    path: Path,
+    count: int,
+    encoding: str,
+    schema: tuple[str, str, bytes],
+    payload: Callable[[int], bytes],
+) -> Path:
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
@@ -77,7 +83,9 @@ def _ours(path: Path, in_order: bool) -> list[Any]:
 def _peer_json(path: Path, in_order: bool) -> list[Any]:
     count, payload = 0, None
     with path.open("rb") as file:
-        for _, _, message in make_reader(file, validate_crcs=True).iter_messages(log_time_order=in_order):
+        for _, _, message in make_reader(file, validate_crcs=True).iter_messages(
+            log_time_order=in_order
+        ):
             count += 1
             payload = orjson.loads(message.data)
     return [count, payload]
@@ -89,14 +97,21 @@ def _peer_protobuf(path: Path, in_order: bool) -> list[Any]:
         reader = make_reader(file, decoder_factories=[DecoderFactory()], validate_crcs=True)
         for _, _, _, value in reader.iter_decoded_messages(log_time_order=in_order):  # noqa: B007 - the last is compared
             count += 1
-    return [count, {} if value is None else {name: getattr(value, name) for name in ("latitude", "longitude")}]
+    return [
+        count,
+        {} if value is None else {name: getattr(value, name) for name in ("latitude", "longitude")},
+    ]
 
 
-def _reading(name: str, path: Path, peer: Callable[[Path, bool], list[Any]], words: str, repeats: int) -> Row:
+def _reading(
+    name: str, path: Path, peer: Callable[[Path, bool], list[Any]], words: str, repeats: int
+) -> Row:
     """In order of time, as a replay reads and as the stock reader does unless told otherwise; the ratio in file order beside it."""
     ours_s, (count, payload) = seconds(lambda: _ours(path, True), repeats)
     peer_s, (peer_count, some) = seconds(lambda: peer(path, True), repeats)
-    unordered_s, peer_unordered_s = (seconds(lambda read=read: read(path, False), repeats)[0] for read in (_ours, peer))
+    unordered_s, peer_unordered_s = (
+        seconds(lambda read=read: read(path, False), repeats)[0] for read in (_ours, peer)
+    )
     differs = count != peer_count or any(payload[key] != value for key, value in some.items())
     return row(
         name,
@@ -116,12 +131,22 @@ def reading_rows(folder: Path, tiny: bool) -> list[Row]:
     """JSON and protobuf, decoded to plain dicts, against the stock reader with orjson and with mcap-protobuf-support."""
     count, repeats = (200, 1) if tiny else (300_000, 3)
     json_schema = ("foxglove.LocationFix", "jsonschema", b'{"type":"object"}')
-    json_file = _write(folder / "json.mcap", count, "json", json_schema, lambda n: orjson.dumps(_fix(n)))
+    json_file = _write(
+        folder / "json.mcap", count, "json", json_schema, lambda n: orjson.dumps(_fix(n))
+    )
     schema = fox.LocationFix.get_schema()
-    protobuf_file = _write(folder / "protobuf.mcap", count, "protobuf", (schema.name, schema.encoding, schema.data), _protobuf_fix)
+    protobuf_file = _write(
+        folder / "protobuf.mcap",
+        count,
+        "protobuf",
+        (schema.name, schema.encoding, schema.data),
+        _protobuf_fix,
+    )
     peer = "mcap reader, mcap-protobuf-support, checksums on; its values stay packed, ours are plain dicts"
     return [
-        _reading("MCAP read, JSON", json_file, _peer_json, "mcap reader, orjson, checksums on", repeats),
+        _reading(
+            "MCAP read, JSON", json_file, _peer_json, "mcap reader, orjson, checksums on", repeats
+        ),
         _reading("MCAP read, protobuf", protobuf_file, _peer_protobuf, peer, repeats),
     ]
 

@@ -37,7 +37,9 @@ def memory_row(folder: Path, tiny: bool) -> Row:
     write_mcap_log(pings, list(open_log(_SAMPLES / "survey.mcap").messages())[:60])
     large = folder / "large.mcap"
     write_mcap_log(large, padded(pings, megabytes * 1_000_000))
-    before, ours = (_replayed(path, _SAMPLES / "ensemble.nc", folder, _SMALL) for path in (pings, large))
+    before, ours = (
+        _replayed(path, _SAMPLES / "ensemble.nc", folder, _SMALL) for path in (pings, large)
+    )
     grown = ours["peak_mb"] - before["peak_mb"]
     return row(
         f"replay of a log of {large.stat().st_size / 1e6:.0f} MB: memory above that of its pings alone, {grown:.0f} MB of 200 allowed",
@@ -61,10 +63,16 @@ def padded(path: Path, size: int) -> Iterator[Message]:
         large = int(0.8 * each) // _PICTURE
         for n in range(large):
             yield message._replace(
-                topic="/camera", schema="foxglove.CompressedImage", payload={"n": n, "data": f"{n:06d}" * (_PICTURE // 6)}
+                topic="/camera",
+                schema="foxglove.CompressedImage",
+                payload={"n": n, "data": f"{n:06d}" * (_PICTURE // 6)},
             )
         for n in range(int(0.2 * each) // 150):
-            yield message._replace(topic="/attitude", schema="Attitude", payload={"n": n, "roll": 0.1, "pitch": 0.2, "yaw": 0.3})
+            yield message._replace(
+                topic="/attitude",
+                schema="Attitude",
+                payload={"n": n, "roll": 0.1, "pitch": 0.2, "yaw": 0.3},
+            )
 
 
 def _replayed(log: Path, ensemble: Path, folder: Path, settings: dict[str, Any]) -> dict[str, Any]:
@@ -72,9 +80,16 @@ def _replayed(log: Path, ensemble: Path, folder: Path, settings: dict[str, Any])
     config = load_config(None, settings)
 
     def work() -> dict[str, Any]:
-        took, (summary, _) = seconds(lambda: replay(ReplayJob((log,), ensemble, folder / "out.mcap", overwrite=True), config))
+        took, (summary, _) = seconds(
+            lambda: replay(ReplayJob((log,), ensemble, folder / "out.mcap", overwrite=True), config)
+        )
         read = sum(topic.read for topic in summary.messages)
-        return {"seconds": took, "profiles": summary.profiles_used, "read": read, "stages": dict(summary.seconds)}
+        return {
+            "seconds": took,
+            "profiles": summary.profiles_used,
+            "read": read,
+            "stages": dict(summary.seconds),
+        }
 
     return alone(work)
 
@@ -83,11 +98,15 @@ def decisions(result: Path) -> Counter[str]:
     """Return how many profiles of a result ended with each decision; those that came twice or too late are ``repeated``."""
     repeated = int(Reason.DUPLICATE | Reason.OUT_OF_ORDER)
     with result.open("rb") as file:
-        said = make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(topics="/flow/innovation")
+        said = make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(
+            topics="/flow/innovation"
+        )
         found: Counter[str] = Counter()
         for *_, one in said:
             # profiles that were combined have one message
-            found["repeated" if any(bits & repeated for bits in one.reasons) else one.decision] += one.profiles
+            found["repeated" if any(bits & repeated for bits in one.reasons) else one.decision] += (
+                one.profiles
+            )
         return found
 
 
@@ -98,7 +117,12 @@ def stages_row(folder: Path, tiny: bool) -> Row:
     ensemble, truth = where / "ensemble.nc", where / "truth.nc"
     if not tiny:
         write_ensemble(ensemble, truth, n_members=95)
-    make_twin(read_truth(str(truth), RunConfig().forecast), Twin("vessel", pings, 0.09, 0), folder / "slow.mcap", True)
+    make_twin(
+        read_truth(str(truth), RunConfig().forecast),
+        Twin("vessel", pings, 0.09, 0),
+        folder / "slow.mcap",
+        True,
+    )
     log = folder / "fast.mcap"
     write_mcap_log(log, _hurried(folder / "slow.mcap", pings))
     return whole_row(log, ensemble, folder, pings, modes)
@@ -120,7 +144,10 @@ def whole_row(log: Path, ensemble: Path, folder: Path, pings: int, modes: int) -
         "none",
         None,
         None,
-        {"messages_differ": float(abs(ours["read"] - count)), "messages_not_judged": float(abs(pings - judged))},
+        {
+            "messages_differ": float(abs(ours["read"] - count)),
+            "messages_not_judged": float(abs(pings - judged)),
+        },
         **stages,
         profiles_used=ours["profiles"],
         profiles_gated=found["rejected"],
@@ -133,7 +160,9 @@ def _hurried(path: Path, pings: int) -> Iterator[Message]:
     times = [message.time_ns for message in open_log(path).messages()]
     first, last = times[0], max(times)
     for message in open_log(path).messages():
-        yield message._replace(time_ns=first + (message.time_ns - first) * pings * _SECOND // max(last - first, 1))
+        yield message._replace(
+            time_ns=first + (message.time_ns - first) * pings * _SECOND // max(last - first, 1)
+        )
 
 
 def rows(tiny: bool) -> list[Row]:

@@ -40,18 +40,26 @@ def survey(field: Field, n: int) -> Mission:
     east = np.where(leg % 2 == 0, east, -east)
     time_ns, nothing = EPOCH_NS + NS_PER_S * np.arange(n, dtype=np.int64), np.zeros(n)
     pings = Pings(time_ns, east, north, nothing, heading, nothing)
-    positions = tuple(log_position(field, at, place) for at, place in zip(time_ns.tolist(), np.column_stack([east, north]), strict=True))
+    positions = tuple(
+        log_position(field, at, place)
+        for at, place in zip(time_ns.tolist(), np.column_stack([east, north]), strict=True)
+    )
     return Mission(pings, positions, ())
 
 
 def written(values: Ensemble, path: Path) -> Path:
     """Return the file into which an ensemble was written."""
     grid = values.grid
-    parts = rotate_to_geographic(grid.projection, grid.longitude, grid.latitude, values.velocity[:, 0], values.velocity[:, 1])
+    parts = rotate_to_geographic(
+        grid.projection, grid.longitude, grid.latitude, values.velocity[:, 0], values.velocity[:, 1]
+    )
     axes = ("member", "depth", "latitude", "longitude")
     names = {"uo": "eastward_sea_water_velocity", "vo": "northward_sea_water_velocity"}
     xr.Dataset(
-        {name: (axes, part, {"units": "m s-1", "standard_name": names[name]}) for name, part in zip(names, parts, strict=True)},
+        {
+            name: (axes, part, {"units": "m s-1", "standard_name": names[name]})
+            for name, part in zip(names, parts, strict=True)
+        },
         {
             "depth": ("depth", grid.levels, {"units": "m", "positive": "down"}),
             "latitude": ("latitude", grid.latitude[:, 0], {"units": "degrees_north"}),
@@ -64,12 +72,23 @@ def written(values: Ensemble, path: Path) -> Path:
 def _replayed(folder: Path, log: Path, window: float | str) -> dict[str, Any]:
     """Replay in a process of its own; return its time, its error, the profiles used, and what its memory grew by."""
     config: RunConfig = load_config(None, {"time": {"window": window}})
-    job = ReplayJob((log,), folder / "ensemble.nc", folder / "out.mcap", truth=str(folder / "truth.nc"), overwrite=True)
+    job = ReplayJob(
+        (log,),
+        folder / "ensemble.nc",
+        folder / "out.mcap",
+        truth=str(folder / "truth.nc"),
+        overwrite=True,
+    )
 
     def work() -> dict[str, Any]:
         took, (summary, _) = seconds(lambda: replay(job, config))
         assert summary.truth is not None
-        return {"seconds": took, "rmse": summary.truth.rmse, "used": summary.profiles_used, "stages": dict(summary.seconds)}
+        return {
+            "seconds": took,
+            "rmse": summary.truth.rmse,
+            "used": summary.profiles_used,
+            "stages": dict(summary.seconds),
+        }
 
     return alone(work)
 

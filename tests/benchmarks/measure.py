@@ -64,7 +64,10 @@ def limits(tiny: bool) -> dict[str, float]:
     gemm = 2.0 * n**3 / seconds(lambda: square @ square, 5)[0] / 1e9
     large = np.ones((n, n)) if tiny else np.ones((6080, 6080))
     vector = np.ones(len(large))
-    return {"gemm_gflops": gemm, "read_gb_s": large.nbytes / seconds(lambda: large @ vector, 5)[0] / 1e9}
+    return {
+        "gemm_gflops": gemm,
+        "read_gb_s": large.nbytes / seconds(lambda: large @ vector, 5)[0] / 1e9,
+    }
 
 
 def environment() -> dict[str, Any]:
@@ -76,7 +79,10 @@ def environment() -> dict[str, Any]:
         "machine": {
             "processor": _processor(),
             "system": platform.platform(),
-            "blas": [{key: info[key] for key in ("internal_api", "version", "num_threads")} for info in threadpool_info()],
+            "blas": [
+                {key: info[key] for key in ("internal_api", "version", "num_threads")}
+                for info in threadpool_info()
+            ],
         },
         "versions": {"python": platform.python_version()} | {name: version(name) for name in names},
     }
@@ -85,6 +91,8 @@ def environment() -> dict[str, Any]:
 def _processor() -> str:
     try:
         with open("/proc/cpuinfo") as file:
-            return next(line.split(":", 1)[1].strip() for line in file if line.startswith("model name"))
+            return next(
+                line.split(":", 1)[1].strip() for line in file if line.startswith("model name")
+            )
     except (OSError, StopIteration):
         return platform.processor()

@@ -31,9 +31,18 @@ def masked_row(count: int) -> Row:
         limits = 0.9 * np.array([flow.grid.east.max(), flow.grid.north.max()])
         begin, end = rng.uniform(-limits, limits, (2, 2))
         beside = [begin if rng.random() < 0.5 else end for _ in range(rng.integers(0, 3))]
-        areas = tuple(random_area(flow, at + rng.normal(0.0, 2.5e3, 2), rng, f"area {k}") for k, at in enumerate(beside))
-        settings = MissionSettings(depth=float(rng.choice([80.0, 200.0, 390.0])), yos=int(rng.integers(1, 4)), surface_time=600.0)
-        request = MissionRequest(place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=settings, no_go=areas)
+        areas = tuple(
+            random_area(flow, at + rng.normal(0.0, 2.5e3, 2), rng, f"area {k}")
+            for k, at in enumerate(beside)
+        )
+        settings = MissionSettings(
+            depth=float(rng.choice([80.0, 200.0, 390.0])),
+            yos=int(rng.integers(1, 4)),
+            surface_time=600.0,
+        )
+        request = MissionRequest(
+            place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=settings, no_go=areas
+        )
         try:
             spent, plan = seconds(lambda: plan_mission(flow, request))  # noqa: B023
         except PlanError:
@@ -43,7 +52,16 @@ def masked_row(count: int) -> Row:
         statuses[plan.status] += 1
         crossed += plan.status != "unsafe" and crosses(flow, plan, areas)
     name = f"{count} missions among random islands and areas: none crosses one and does not say so"
-    return row(name, float(np.median(took)), "", None, None, {"crossed": crossed}, slowest_s=max(took), **statuses)
+    return row(
+        name,
+        float(np.median(took)),
+        "",
+        None,
+        None,
+        {"crossed": crossed},
+        slowest_s=max(took),
+        **statuses,
+    )
 
 
 def islands(flow: FlowEstimate, rng: np.random.Generator) -> FlowEstimate:
@@ -54,21 +72,43 @@ def islands(flow: FlowEstimate, rng: np.random.Generator) -> FlowEstimate:
         high, wide = rng.permutation([rng.integers(1, 4), rng.integers(1, 3)])
         wet[rng.integers(0, 3) :, j : j + high, i : i + wide] = False
     keep, grid = np.tile(wet[0].ravel(), 2), replace(flow.grid, wet=wet)
-    return replace(flow, grid=grid, horizontal=flow.horizontal.at_nodes(grid.nodes), latent=flow.latent[keep], modes=flow.modes[keep])
+    return replace(
+        flow,
+        grid=grid,
+        horizontal=flow.horizontal.at_nodes(grid.nodes),
+        latent=flow.latent[keep],
+        modes=flow.modes[keep],
+    )
 
 
 def crosses(flow: FlowEstimate, plan: MissionPlan, areas: tuple[NoGo, ...]) -> bool:
     """Return whether a plan's track is anywhere on land, outside of the region or in an area that may not be entered under water."""
     track = _dense(plan.track)
-    rings = [ring for area in areas if not area.surface_only for ring in no_go_rings(flow.grid.projection, area)]
-    return not region_of(flow.grid).allowed(track).all() or any(bool(ring.inside(track[:, :2]).any()) for ring in rings)
+    rings = [
+        ring
+        for area in areas
+        if not area.surface_only
+        for ring in no_go_rings(flow.grid.projection, area)
+    ]
+    return not region_of(flow.grid).allowed(track).all() or any(
+        bool(ring.inside(track[:, :2]).any()) for ring in rings
+    )
 
 
 def random_area(flow: FlowEstimate, centre: Array, rng: np.random.Generator, name: str) -> NoGo:
     """Return an area of up to 3 km around a place."""
-    bearings, far = np.sort(rng.uniform(0.0, 2.0 * np.pi, rng.integers(3, 7))), rng.uniform(300.0, 3000.0)
-    corners = [place(flow, *(centre + far * np.array([np.sin(at), np.cos(at)])), 0.0) for at in bearings]
-    return NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), name, surface_only=bool(rng.random() < 0.3))
+    bearings, far = (
+        np.sort(rng.uniform(0.0, 2.0 * np.pi, rng.integers(3, 7))),
+        rng.uniform(300.0, 3000.0),
+    )
+    corners = [
+        place(flow, *(centre + far * np.array([np.sin(at), np.cos(at)])), 0.0) for at in bearings
+    ]
+    return NoGo(
+        tuple((corner.longitude, corner.latitude) for corner in corners),
+        name,
+        surface_only=bool(rng.random() < 0.3),
+    )
 
 
 def _dense(track: Array) -> Array:

@@ -14,7 +14,14 @@ import numpy as np
 from planners import Glider, MissionSettings
 from planners.flow import field_function
 from planners.mission.leg import leg_depths, steps_needed
-from planners.mission.program import MissionData, MissionGuess, MissionModel, MissionShape, _programs, solve_mission
+from planners.mission.program import (
+    MissionData,
+    MissionGuess,
+    MissionModel,
+    MissionShape,
+    _programs,
+    solve_mission,
+)
 from planners.shooting.spline import _splines, spline_of
 from planners.solver import HOUR, KM, OPTIONS
 from replay_kit.core.arrays import Array
@@ -27,7 +34,11 @@ Row = dict[str, Any]
 N = 10
 _FIRST = float(np.deg2rad(20.0))
 _VEHICLE = Glider()
-_IPOPT = {name.removeprefix("ipopt."): value for name, value in OPTIONS.items() if name.startswith("ipopt.")}
+_IPOPT = {
+    name.removeprefix("ipopt."): value
+    for name, value in OPTIONS.items()
+    if name.startswith("ipopt.")
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +90,13 @@ def rows(flow: FlowEstimate, count: int, tiny: bool) -> list[Row]:
         ("do-mpc, the same map of a leg", "do_mpc", 1.2): do_mpc_same,
         ("do-mpc, its own collocation", "do_mpc", 3.0): do_mpc_own,
     }
-    here = [(find_spec(module) is not None, name, asked, solve) for (name, module, asked), solve in peers.items()]
-    measured: dict[str, list[tuple[float, Solved]]] = {"ours": []} | {name: [] for there, name, _, _ in here if there}
+    here = [
+        (find_spec(module) is not None, name, asked, solve)
+        for (name, module, asked), solve in peers.items()
+    ]
+    measured: dict[str, list[tuple[float, Solved]]] = {"ours": []} | {
+        name: [] for there, name, _, _ in here if there
+    }
     again = []
     for case in cases:
         measured["ours"].append(seconds(lambda: _anew(case), 1 if tiny else 3))  # noqa: B023
@@ -91,22 +107,48 @@ def rows(flow: FlowEstimate, count: int, tiny: bool) -> list[Row]:
     cold = [took for took, _ in measured["ours"]]
     more = {"cold_asked_s": 0.5, "warm_median_s": float(np.median(again)), "warm_asked_s": 0.1}
     return [
-        _row(f"mission of {N} dives, {count} goals, {len(flow.nodes)} nodes, against {name}", cold, measured, name, asked, more)
+        _row(
+            f"mission of {N} dives, {count} goals, {len(flow.nodes)} nodes, against {name}",
+            cold,
+            measured,
+            name,
+            asked,
+            more,
+        )
         for _, name, asked, _ in here
     ]
 
 
 def _row(
-    title: str, cold: list[float], measured: dict[str, list[tuple[float, Solved]]], name: str, asked: float, more: dict[str, float]
+    title: str,
+    cold: list[float],
+    measured: dict[str, list[tuple[float, Solved]]],
+    name: str,
+    asked: float,
+    more: dict[str, float],
 ) -> Row:
     if name not in measured:
         return row(title, float(np.median(cold)), f"{name}: not installed", None, None, {}, **more)
-    pairs = [(ours, theirs) for (_, ours), (_, theirs) in zip(measured["ours"], measured[name], strict=True)]
+    pairs = [
+        (ours, theirs)
+        for (_, ours), (_, theirs) in zip(measured["ours"], measured[name], strict=True)
+    ]
     late = max(abs(ours.hours / theirs.hours - 1.0) for ours, theirs in pairs)
-    turned = max(float(np.abs(np.rad2deg(np.angle(np.exp(1j * np.deg2rad(a.headings - b.headings))))).max()) for a, b in pairs)
+    turned = max(
+        float(np.abs(np.rad2deg(np.angle(np.exp(1j * np.deg2rad(a.headings - b.headings))))).max())
+        for a, b in pairs
+    )
     ratios = [peer / ours for ours, (peer, _) in zip(cold, measured[name], strict=True)]
     theirs = float(np.median(cold)) * float(np.median(ratios))
-    return row(title, float(np.median(cold)), name, theirs, asked, {"late_share": late, "turned_degrees": turned}, **more)
+    return row(
+        title,
+        float(np.median(cold)),
+        name,
+        theirs,
+        asked,
+        {"late_share": late, "turned_degrees": turned},
+        **more,
+    )
 
 
 def draw_case(flow: FlowEstimate, rng: np.random.Generator) -> Case:
@@ -136,16 +178,34 @@ def _anew(case: Case) -> Solved:
 def solve_here(case: Case) -> Solved:
     """Return what our program finds, its graph built first where it is not yet."""
     shape = MissionShape(N, case.depths.size - 1, (N,), (0,) * N, 0, False)
-    data = MissionData(case.start, 0.0, case.goal[None], (case.depths,), np.zeros(N), None, 1.0, 0.0, 50.0, case.flow.latent)
+    data = MissionData(
+        case.start,
+        0.0,
+        case.goal[None],
+        (case.depths,),
+        np.zeros(N),
+        None,
+        1.0,
+        0.0,
+        50.0,
+        case.flow.latent,
+    )
 
     corners = case.flow.nodes.min(axis=0), case.flow.nodes.max(axis=0)
 
     def solve(guess: MissionGuess, warm_start: bool) -> Any:
         spline = spline_of(case.flow, case.flow.latent, MissionSettings().spline, *corners)
-        return solve_mission(MissionModel(case.flow, _VEHICLE, shape, spline=spline), data, guess, warm_start=warm_start)
+        return solve_mission(
+            MissionModel(case.flow, _VEHICLE, shape, spline=spline),
+            data,
+            guess,
+            warm_start=warm_start,
+        )
 
     answer = solve(MissionGuess(case.places, np.full(N, case.heading), np.full(N, _FIRST)), False)
-    return Solved(answer.objective, np.rad2deg(answer.guess.headings), lambda: solve(answer.guess, True))
+    return Solved(
+        answer.objective, np.rad2deg(answer.guess.headings), lambda: solve(answer.guess, True)
+    )
 
 
 def rockit_own(case: Case) -> Solved:
@@ -154,7 +214,9 @@ def rockit_own(case: Case) -> Solved:
 
     ocp = rockit.Ocp(t0=0, T=float(N))
     place, hours, heading, angle = ocp.state(2), ocp.state(), ocp.control(), ocp.control()
-    rate = _rate(case, place, case.deepest * (1 - ca.fabs(1 - 2 * ca.fmod(ocp.t, 1.0))), heading, angle)
+    rate = _rate(
+        case, place, case.deepest * (1 - ca.fabs(1 - 2 * ca.fmod(ocp.t, 1.0))), heading, angle
+    )
     ocp.set_der(place, rate[:2])
     ocp.set_der(hours, rate[2])
     ocp.subject_to(ocp.at_t0(place) == case.start / KM)
@@ -200,7 +262,9 @@ def do_mpc_own(case: Case) -> Solved:
     model.set_rhs("legs", ca.DM(1.0))
     model.setup()
     settings = {"collocation_ni": case.depths.size - 1, "collocation_deg": 2}
-    return _by_do_mpc(case, do_mpc.controller.MPC(model), np.append(case.start / KM, [0.0, 0.0]), settings)
+    return _by_do_mpc(
+        case, do_mpc.controller.MPC(model), np.append(case.start / KM, [0.0, 0.0]), settings
+    )
 
 
 def _variables(model: Any) -> tuple[Any, Any, Any, Any]:
@@ -214,7 +278,9 @@ def _rate(case: Case, place: Any, depth: Any, heading: Any, angle: Any) -> Any:
     field = field_function(flow)
     along, down = _VEHICLE.speeds(ca, angle)
     lasts = 2.0 * case.deepest / down
-    ground = along * ca.vertcat(ca.sin(heading), ca.cos(heading)) + field(ca.vertcat(place * KM, depth), flow.latent)
+    ground = along * ca.vertcat(ca.sin(heading), ca.cos(heading)) + field(
+        ca.vertcat(place * KM, depth), flow.latent
+    )
     return ca.vertcat(lasts / KM * ground, lasts / HOUR)
 
 
@@ -239,7 +305,11 @@ def _by_do_mpc(case: Case, mpc: Any, first: Array, settings: dict[str, int]) -> 
             for q in range(len(points)):
                 # the last of a stage's points is its beginning, the others lie along the stage before it
                 at = float(k) if q == len(points) - 1 else max(k - 1, 0) + (q + 1) / len(points)
-                guess = [*(np.interp(at, np.arange(N + 1), way[:, i]) for i in (0, 1)), at * case.first_hours, at]
+                guess = [
+                    *(np.interp(at, np.arange(N + 1), way[:, i]) for i in (0, 1)),
+                    at * case.first_hours,
+                    at,
+                ]
                 mpc.opt_x_num["_x", k, 0, q] = np.array(guess[: first.size])
         mpc.make_step(first)
 

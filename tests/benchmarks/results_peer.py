@@ -28,7 +28,9 @@ class JsonResults:
     def fix(self, state: VehicleState) -> None:
         pairs = [{"key": "dead_reckoned", "value": str(int(state.dead_reckoned))}]
         place = {"latitude": state.latitude, "longitude": state.longitude, "altitude": -state.depth}
-        self._log("/vehicle/fix", state.time_ns, {"frame_id": "vehicle", **place, "metadata": pairs})
+        self._log(
+            "/vehicle/fix", state.time_ns, {"frame_id": "vehicle", **place, "metadata": pairs}
+        )
 
     def innovation(self, value: Innovation) -> None:
         said: dict[str, Any] = {
@@ -49,7 +51,13 @@ class JsonResults:
 
     def estimate(self, time_ns: int, weights: Array, levels: Array) -> None:
         self._log(
-            "/flow/estimate", time_ns, {"levels": levels.tolist(), "weights": weights.tolist(), "n_modes": weights.size // levels.size}
+            "/flow/estimate",
+            time_ns,
+            {
+                "levels": levels.tolist(),
+                "weights": weights.tolist(),
+                "n_modes": weights.size // levels.size,
+            },
         )
 
     def grids(self, time_ns: int, flow: FlowEstimate, depths: tuple[float, ...]) -> None:
@@ -68,7 +76,12 @@ class JsonResults:
             schema = self._writer.register_schema(topic, "jsonschema", b'{"type":"object"}')
             self._channels[topic] = self._writer.register_channel(topic, "json", schema)
         stamp = {"sec": time_ns // _SECOND, "nsec": time_ns % _SECOND}
-        self._writer.add_message(self._channels[topic], time_ns, json.dumps({"timestamp": stamp, **value}).encode(), time_ns)
+        self._writer.add_message(
+            self._channels[topic],
+            time_ns,
+            json.dumps({"timestamp": stamp, **value}).encode(),
+            time_ns,
+        )
 
 
 def _grid(value: Slice) -> dict[str, Any]:
@@ -80,7 +93,10 @@ def _grid(value: Slice) -> dict[str, Any]:
         "pose": _pose(value.east[0], value.north[0], -value.depth, 0.0),
         "column_count": value.east.size,
         "cell_size": dict(zip("xy", value.cell, strict=True)),
-        "fields": [{"name": name, "offset": 4 * k, "type": 7} for k, name in enumerate(FIELDS[: packed.shape[-1]])],
+        "fields": [
+            {"name": name, "offset": 4 * k, "type": 7}
+            for k, name in enumerate(FIELDS[: packed.shape[-1]])
+        ],
         "data": base64.b64encode(packed.tobytes()).decode(),
     }
 
@@ -99,7 +115,13 @@ def _arrows(value: Slice, scale: float) -> dict[str, Any]:
                     "head_diameter": 0.4 * length,
                 }
                 color = {"r": 0.05, "g": 0.2, "b": 0.5, "a": 1.0}
-                arrows.append({"pose": _pose(east, north, -value.depth, float(np.arctan2(v, u))), **shape, "color": color})
+                arrows.append(
+                    {
+                        "pose": _pose(east, north, -value.depth, float(np.arctan2(v, u))),
+                        **shape,
+                        "color": color,
+                    }
+                )
     return {"entities": [{"frame_id": "map", "id": f"flow {value.depth:g} m", "arrows": arrows}]}
 
 

@@ -24,8 +24,23 @@ def rows(tiny: bool, count: int = 300) -> list[dict[str, Any]]:
     found = sum((Counter(outcome["found"]) for outcome in outcomes), Counter[str]())
     took = [outcome["seconds"] for outcome in outcomes]
     name = f"{len(outcomes)} missions among thin areas, islands, steps of the bottom, in changing currents: 0 asked to cross one"
-    errors = {what: found.pop(what, 0) for what in ("crossed", "below_bottom", "crossed_by_file", "below_bottom_by_file")}
-    return [row(name, float(np.median(took)), "", None, None, errors, slowest_s=max(took), peak_mb=None, **found)]
+    errors = {
+        what: found.pop(what, 0)
+        for what in ("crossed", "below_bottom", "crossed_by_file", "below_bottom_by_file")
+    }
+    return [
+        row(
+            name,
+            float(np.median(took)),
+            "",
+            None,
+            None,
+            errors,
+            slowest_s=max(took),
+            peak_mb=None,
+            **found,
+        )
+    ]
 
 
 def one_mission(seed: int) -> dict[str, Any]:
@@ -38,13 +53,23 @@ def one_mission(seed: int) -> dict[str, Any]:
     seconds = process_time() - began
     found[plan.status] += 1
     if plan.status == "reached":
-        harms = {"": {"track": harm_done(mission, plan.track), "commands": harm_done(mission, fly_commands(mission.sea, plan))}}
-        few = waypoints_of(mission.flow, plan, no_go=mission.request.no_go, bathymetry=mission.request.bathymetry)
+        harms = {
+            "": {
+                "track": harm_done(mission, plan.track),
+                "commands": harm_done(mission, fly_commands(mission.sea, plan)),
+            }
+        }
+        few = waypoints_of(
+            mission.flow, plan, no_go=mission.request.no_go, bathymetry=mission.request.bathymetry
+        )
         found["lists_written" if few.violation is None else "lists_withheld"] += 1
         if few.violation is None:
             harms["_by_file"] = harm_of_files(mission, plan, few)
         for suffix, harm in harms.items():
-            for kind, what in (("below_bottom", {"the bottom"}), ("crossed", {area.name for area in mission.request.no_go})):
+            for kind, what in (
+                ("below_bottom", {"the bottom"}),
+                ("crossed", {area.name for area in mission.request.no_go}),
+            ):
                 found[kind + suffix] += bool(what & set(harm.values()))
             if any(harm.values()):
                 print(f"mission {seed}: {harm}", file=sys.stderr)

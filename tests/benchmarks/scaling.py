@@ -28,16 +28,34 @@ def curves(tiny: bool) -> list[Series]:
     paper = build_estimator(ensemble, EstimatorConfig(preset="paper", modes=few))
     survey = scene.survey(truth, pings[-1], size)
     some = scene.scattered(truth, 6 if tiny else 100, size)
-    full = {m: build_estimator(ensemble, EstimatorConfig(modes=m, length_horizontal=10_000.0)) for m in modes}
+    full = {
+        m: build_estimator(ensemble, EstimatorConfig(modes=m, length_horizontal=10_000.0))
+        for m in modes
+    }
 
     def basis_of(**changed: int) -> Callable[[], Any]:
         other = scene.ensemble(scene.Size(**(size.__dict__ | changed)))[0]
         return lambda: build_basis(other, EstimatorConfig(preset="paper", modes=None))
 
     return [
-        _curve(f"pings of a survey, {few} modes, paper prior", pings, lambda n: lambda: _online(paper, survey[:n]), tiny),
-        _curve(f"modes, {len(some)} scattered pings, hybrid prior", modes, lambda m: lambda: _online(full[m], some), tiny),
-        _curve("grid points a level, basis", tuple(j * i for j, i in grids), _by(grids, lambda g: basis_of(rows=g[0], columns=g[1])), tiny),
+        _curve(
+            f"pings of a survey, {few} modes, paper prior",
+            pings,
+            lambda n: lambda: _online(paper, survey[:n]),
+            tiny,
+        ),
+        _curve(
+            f"modes, {len(some)} scattered pings, hybrid prior",
+            modes,
+            lambda m: lambda: _online(full[m], some),
+            tiny,
+        ),
+        _curve(
+            "grid points a level, basis",
+            tuple(j * i for j, i in grids),
+            _by(grids, lambda g: basis_of(rows=g[0], columns=g[1])),
+            tiny,
+        ),
         _curve("members, basis", members, lambda n: basis_of(members=n), tiny),
     ]
 
@@ -45,16 +63,25 @@ def curves(tiny: bool) -> list[Series]:
 def _online(estimator: Any, observations: list[Any]) -> None:
     state = estimator.initial()
     for start in range(0, len(observations), ReducedBasisEstimator.block_size):
-        states = [after for after, _ in estimator.steps(state, observations[start : start + ReducedBasisEstimator.block_size])]
+        states = [
+            after
+            for after, _ in estimator.steps(
+                state, observations[start : start + ReducedBasisEstimator.block_size]
+            )
+        ]
         state, _ = states[-1], estimator.weights(states)
 
 
-def _by(grids: tuple[tuple[int, int], ...], work: Callable[[tuple[int, int]], Callable[[], Any]]) -> Callable[[int], Callable[[], Any]]:
+def _by(
+    grids: tuple[tuple[int, int], ...], work: Callable[[tuple[int, int]], Callable[[], Any]]
+) -> Callable[[int], Callable[[], Any]]:
     of_points = {j * i: (j, i) for j, i in grids}
     return lambda points: work(of_points[points])
 
 
-def _curve(name: str, values: tuple[int, ...], work: Callable[[int], Callable[[], Any]], tiny: bool) -> Series:
+def _curve(
+    name: str, values: tuple[int, ...], work: Callable[[int], Callable[[], Any]], tiny: bool
+) -> Series:
     def one(value: int) -> dict[str, Any]:
         job = work(value)
         before = peak_mb(anew=True)
@@ -78,9 +105,19 @@ def draw(series: list[Series], path: Path) -> None:
     """Write the curves beside a file, as PNG and SVG."""
     figure = Figure(figsize=(4.0 * len(series), 3.4), layout="constrained")
     for panel, curve in zip(figure.subplots(1, len(series)), series, strict=True):
-        panel.loglog(curve["values"], curve["seconds"], "o-", label=f"seconds, exponent {curve['exponent_of_time']:.2f}")
+        panel.loglog(
+            curve["values"],
+            curve["seconds"],
+            "o-",
+            label=f"seconds, exponent {curve['exponent_of_time']:.2f}",
+        )
         if min(curve["peak_mb"]) > 0.0:
-            panel.loglog(curve["values"], curve["peak_mb"], "s--", label=f"MB, exponent {curve['exponent_of_memory']:.2f}")
+            panel.loglog(
+                curve["values"],
+                curve["peak_mb"],
+                "s--",
+                label=f"MB, exponent {curve['exponent_of_memory']:.2f}",
+            )
         panel.set(xlabel=curve["name"], ylabel="wall time [s], peak memory [MB]")
         # the values measured, since a decade holds few of a logarithmic axis's own ticks and their labels overlap
         panel.set_xticks(curve["values"], [str(value) for value in curve["values"]])

@@ -41,7 +41,9 @@ def ensemble(size: Size, seed: int = 0) -> tuple[Ensemble, Ensemble]:
     """Return the ensemble and the truth withheld from it."""
     rng = np.random.default_rng(seed)
     axis = [np.arange(n) - 0.5 * (n - 1) for n in (size.columns, size.rows)]
-    longitude, latitude = np.meshgrid(CENTRE.longitude + CELLS[0] * axis[0], CENTRE.latitude + CELLS[1] * axis[1])
+    longitude, latitude = np.meshgrid(
+        CENTRE.longitude + CELLS[0] * axis[0], CENTRE.latitude + CELLS[1] * axis[1]
+    )
     east, north = to_local(CENTRE, longitude, latitude)
     half = np.array([east.max(), north.max()])
     levels = LEVELS[: size.levels]
@@ -51,13 +53,19 @@ def ensemble(size: Size, seed: int = 0) -> tuple[Ensemble, Ensemble]:
     for _ in range(size.members + 1):
         moved = replace(common, centre=common.centre + rng.normal(0.0, 1.2e4, common.centre.shape))
         own = _eddies(rng, half, 12, 0.15)
-        meander = replace(jet, axis=jet.axis + rng.normal(0.0, 8e3), phase=jet.phase + rng.normal(0.0, 0.4))
-        members.append(np.stack(velocity((moved, own), meander, east, north, levels[:, None, None])))
+        meander = replace(
+            jet, axis=jet.axis + rng.normal(0.0, 8e3), phase=jet.phase + rng.normal(0.0, 0.4)
+        )
+        members.append(
+            np.stack(velocity((moved, own), meander, east, north, levels[:, None, None]))
+        )
     packed = PACKED * np.round(np.array(members) / PACKED)
     wet = np.ones(packed.shape[2:], dtype=bool)
     grid = local_grid(longitude, latitude, levels, wet, None)
     values = true_to_local(grid.projection, longitude, latitude, packed)
-    return Ensemble(grid, values[1:], None, "benchmark"), Ensemble(grid, values[:1], None, "benchmark's truth")
+    return Ensemble(grid, values[1:], None, "benchmark"), Ensemble(
+        grid, values[:1], None, "benchmark's truth"
+    )
 
 
 def _eddies(rng: np.random.Generator, half: np.ndarray, count: int, speed: float) -> Eddies:
@@ -78,7 +86,9 @@ def track(truth: Ensemble, n: int, size: Size, seed: int = 1) -> list[Observatio
 
 def scattered(truth: Ensemble, n: int, size: Size, seed: int = 2) -> list[Observation]:
     """Return pings at random places."""
-    return _observed(truth, _inside(truth, np.random.default_rng(seed).uniform(-1.0, 1.0, (n, 2))), size, seed)
+    return _observed(
+        truth, _inside(truth, np.random.default_rng(seed).uniform(-1.0, 1.0, (n, 2))), size, seed
+    )
 
 
 def survey(truth: Ensemble, n: int, size: Size, seed: int = 3, legs: int = 40) -> list[Observation]:
@@ -87,7 +97,12 @@ def survey(truth: Ensemble, n: int, size: Size, seed: int = 3, legs: int = 40) -
     leg = np.minimum(np.floor(along), legs - 1)
     fraction = along - leg
     east = np.where(leg % 2 == 0, 2.0 * fraction - 1.0, 1.0 - 2.0 * fraction)
-    return _observed(truth, _inside(truth, np.column_stack([east, 2.0 * (leg + fraction) / legs - 1.0])), size, seed)
+    return _observed(
+        truth,
+        _inside(truth, np.column_stack([east, 2.0 * (leg + fraction) / legs - 1.0])),
+        size,
+        seed,
+    )
 
 
 def _inside(truth: Ensemble, fractions: np.ndarray) -> np.ndarray:
@@ -98,10 +113,28 @@ def _inside(truth: Ensemble, fractions: np.ndarray) -> np.ndarray:
 
 def _observed(truth: Ensemble, places: np.ndarray, size: Size, seed: int) -> list[Observation]:
     n = len(places)
-    depth = BINS[: size.bins] if size.bins == BINS.size else np.linspace(BINS[0], truth.grid.levels[-1] - 1.0, size.bins)
+    depth = (
+        BINS[: size.bins]
+        if size.bins == BINS.size
+        else np.linspace(BINS[0], truth.grid.levels[-1] - 1.0, size.bins)
+    )
     step = float(depth[1] - depth[0])
     pings = Pings(np.arange(n), places[:, 0], places[:, 1], np.zeros(n), np.zeros(n), np.zeros(n))
-    values = measure(build_field(truth), pings, AdcpSettings(size.bins, step, float(depth[0]), NOISE), np.random.default_rng(seed))
+    values = measure(
+        build_field(truth),
+        pings,
+        AdcpSettings(size.bins, step, float(depth[0]), NOISE),
+        np.random.default_rng(seed),
+    )
     longitude, latitude = to_geographic(truth.grid.projection, places[:, 0], places[:, 1])
     like = synthetic.profile(truth.grid, 0.0, 0.0, depth, np.zeros((depth.size, 2)), NOISE)
-    return [replace(like, longitude=float(longitude[i]), latitude=float(latitude[i]), velocity=values[i], time_ns=i) for i in range(n)]
+    return [
+        replace(
+            like,
+            longitude=float(longitude[i]),
+            latitude=float(latitude[i]),
+            velocity=values[i],
+            time_ns=i,
+        )
+        for i in range(n)
+    ]

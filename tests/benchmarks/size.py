@@ -44,15 +44,30 @@ SIZES = (
 GROWTH = (30, 60, 120, 240)
 LARGEST = (240, 240, 50, 95, 360.0, 4000.0)
 #: As the default was set up before, dense: nodes a level, seconds, peak memory [MB]; 8 levels, 50 members.
-DENSE = ((100, 2.0, 35.0), (256, 2.3, 57.0), (527, 3.5, 81.0), (900, 7.8, 172.0), (1600, 25.3, 470.0), (3600, 133.0, 2400.0))
+DENSE = (
+    (100, 2.0, 35.0),
+    (256, 2.3, 57.0),
+    (527, 3.5, 81.0),
+    (900, 7.8, 172.0),
+    (1600, 25.3, 470.0),
+    (3600, 133.0, 2400.0),
+)
 # Nodes up to which the dense way is made.
 _DENSE = 600
 
 
 def region(rows: int, columns: int, levels: int) -> Grid:
     """Return a grid without land."""
-    longitude, latitude = np.meshgrid(-30.0 + _CELL * np.arange(columns), 40.0 + _CELL * np.arange(rows))
-    return local_grid(longitude, latitude, np.geomspace(5.0, 1000.0, levels), np.ones((levels, rows, columns), dtype=bool), None)
+    longitude, latitude = np.meshgrid(
+        -30.0 + _CELL * np.arange(columns), 40.0 + _CELL * np.arange(rows)
+    )
+    return local_grid(
+        longitude,
+        latitude,
+        np.geomspace(5.0, 1000.0, levels),
+        np.ones((levels, rows, columns), dtype=bool),
+        None,
+    )
 
 
 def member(grid: Grid, number: int) -> np.ndarray:
@@ -60,14 +75,22 @@ def member(grid: Grid, number: int) -> np.ndarray:
     n_levels, rows, columns = grid.wet.shape
     n_functions = min(n_levels, 6)
     wave = 2.0 * np.pi * np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.fftfreq(columns))
-    functions = np.cos(np.pi * np.outer(np.arange(n_functions), np.linspace(0.0, 1.0, n_levels))) * 0.6 ** np.arange(n_functions)[:, None]
+    functions = (
+        np.cos(np.pi * np.outer(np.arange(n_functions), np.linspace(0.0, 1.0, n_levels)))
+        * 0.6 ** np.arange(n_functions)[:, None]
+    )
     out = np.zeros((2, *grid.wet.shape))
     for seed in dict.fromkeys((0, number + 1)):
         rng = np.random.default_rng(seed)
-        stream = np.fft.ifft2(np.fft.fft2(rng.standard_normal((n_functions, rows, columns))) * np.exp(-0.5 * (_EDDY * wave) ** 2)).real
+        stream = np.fft.ifft2(
+            np.fft.fft2(rng.standard_normal((n_functions, rows, columns)))
+            * np.exp(-0.5 * (_EDDY * wave) ** 2)
+        ).real
         stream *= 0.3 * _EDDY / np.sqrt(np.mean(stream**2))
         flow = np.stack([-np.gradient(stream, axis=1), np.gradient(stream, axis=2)])
-        out += np.einsum("kz,ckji->czji", functions, flow, optimize=True) + 0.01 * rng.standard_normal(out.shape)
+        out += np.einsum(
+            "kz,ckji->czji", functions, flow, optimize=True
+        ) + 0.01 * rng.standard_normal(out.shape)
     return out
 
 
@@ -87,7 +110,11 @@ def write_zarr(path: Path, rows: int, columns: int, levels: int, members: int) -
     for number in range(members):
         values = member(grid, number).astype(np.float32)[:, None]
         fields = {
-            name: (dims, part, {"standard_name": f"{where}ward_sea_water_velocity", "units": "m s-1"})
+            name: (
+                dims,
+                part,
+                {"standard_name": f"{where}ward_sea_water_velocity", "units": "m s-1"},
+            )
             for name, where, part in zip(("uo", "vo"), ("east", "north"), values, strict=True)
         }
         coords = {
@@ -107,17 +134,35 @@ def cpu(work: Callable[[], Any]) -> tuple[float, Any]:
     return time.process_time() - start, value
 
 
-def row(name: str, ours_s: float, asked_s: float | None, peer: str, peer_s: float | None, error: dict[str, float], **more: Any) -> Row:
+def row(
+    name: str,
+    ours_s: float,
+    asked_s: float | None,
+    peer: str,
+    peer_s: float | None,
+    error: dict[str, float],
+    **more: Any,
+) -> Row:
     """Return a row of the benchmarks; ``asked`` is in seconds."""
     ratio = None if peer_s is None else peer_s / ours_s
-    return {"name": name, "ours_s": ours_s, "peer": peer, "peer_s": peer_s, "ratio": ratio, "asked": asked_s or 0.0, "error": error} | more
+    return {
+        "name": name,
+        "ours_s": ours_s,
+        "peer": peer,
+        "peer_s": peer_s,
+        "ratio": ratio,
+        "asked": asked_s or 0.0,
+        "error": error,
+    } | more
 
 
 def setup(make: Callable[[], Ensemble], modes: int) -> tuple[float, float, ReducedBasisEstimator]:
     """Return the processor time [s] and what memory grew to at most, the ensemble included [MB]."""
     before = peak_mb(anew=True)
     world = make()
-    took, estimator = cpu(lambda: build_estimator(world, EstimatorConfig(modes=modes), GatingConfig()))
+    took, estimator = cpu(
+        lambda: build_estimator(world, EstimatorConfig(modes=modes), GatingConfig())
+    )
     return took, peak_mb() - before, estimator
 
 
@@ -128,19 +173,31 @@ def dense(world: Ensemble, estimator: ReducedBasisEstimator) -> tuple[float, flo
     grid = world.grid
     start = time.process_time()
     lengths = [DEFAULT_LENGTH_IN_CELLS * side for side in cell_size(grid)]
-    values, vectors = np.linalg.eigh(velocity_kernel(HorizontalKernel(*lengths, 1.0), grid.nodes, grid.nodes))
+    values, vectors = np.linalg.eigh(
+        velocity_kernel(HorizontalKernel(*lengths, 1.0), grid.nodes, grid.nodes)
+    )
     slices = ensemble_slices(world)
     mean = slices.mean(axis=0)
     of_mean = np.sqrt(mean_variance(EstimatorConfig()) * len(slices)) * mean
     columns = np.concatenate([(slices - mean).reshape(-1, slices.shape[2]), of_mean]).T
     velocities = scipy.linalg.svd(columns, full_matrices=False)[0][:, : estimator.basis.n_modes]
-    modes = vectors @ ((vectors.T @ velocities) * (values / (values + EstimatorConfig().nugget * values[-1]))[:, None])
-    ours = estimator.basis.horizontal.velocity(grid.nodes, estimator.basis.modes).reshape(modes.shape)
+    modes = vectors @ (
+        (vectors.T @ velocities)
+        * (values / (values + EstimatorConfig().nugget * values[-1]))[:, None]
+    )
+    ours = estimator.basis.horizontal.velocity(grid.nodes, estimator.basis.modes).reshape(
+        modes.shape
+    )
     modes *= np.sign(np.sum(modes * ours, axis=0))
     apart = np.hypot(*(grid.nodes[:, None] - grid.nodes).T)
     taper = np.tile(gaspari_cohn(apart, settings.radius), (2, 2))
     # the last row is the mean's amplitude, which is not localised
-    fields = np.einsum("z,fzr->fr", prior.vertical[0], prior.factor[:-1] / np.sqrt(settings.sample_share)) @ modes.T
+    fields = (
+        np.einsum(
+            "z,fzr->fr", prior.vertical[0], prior.factor[:-1] / np.sqrt(settings.sample_share)
+        )
+        @ modes.T
+    )
     projector = np.linalg.pinv(modes)
     theirs = (1.0 - settings.sample_share) * projector @ (taper * (fields.T @ fields)) @ projector.T
     took = time.process_time() - start
@@ -153,17 +210,36 @@ def _hybrid(estimator: ReducedBasisEstimator) -> HybridPrior:
     return prior
 
 
-def size_row(rows: int, columns: int, levels: int, members: int, asked: float | None, asked_mb: float | None, modes: int) -> Row:
+def size_row(
+    rows: int,
+    columns: int,
+    levels: int,
+    members: int,
+    asked: float | None,
+    asked_mb: float | None,
+    modes: int,
+) -> Row:
     took, grown, estimator = setup(lambda: ensemble(rows, columns, levels, members), modes)
     peer_s, error = None, {}
     if rows * columns <= _DENSE:
         peer_s, difference = dense(ensemble(rows, columns, levels, members), estimator)
         error = {"localised_covariance": difference}
     name = f"set-up, {rows} x {columns} nodes, {levels} levels, {members} members, {estimator.basis.n_modes} modes"
-    return row(name, took, asked, "kernel, slices and one taper, all dense", peer_s, error, peak_mb=grown, asked_mb=asked_mb)
+    return row(
+        name,
+        took,
+        asked,
+        "kernel, slices and one taper, all dense",
+        peer_s,
+        error,
+        peak_mb=grown,
+        asked_mb=asked_mb,
+    )
 
 
-def from_zarr_row(rows: int, columns: int, levels: int, members: int, asked: float, asked_mb: float, modes: int) -> Row:
+def from_zarr_row(
+    rows: int, columns: int, levels: int, members: int, asked: float, asked_mb: float, modes: int
+) -> Row:
     """The set-up from a Zarr store, reading included."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ensemble.zarr"
@@ -182,20 +258,34 @@ def use_row(rows: int, columns: int, levels: int, members: int, pings: int, mode
     """Pings along a glider's track through the last member, the mean after each; then the standard error at every node and level."""
     world = ensemble(rows, columns, levels, members + 1)
     truth = world.velocity[-1]
-    estimator = build_estimator(replace(world, velocity=world.velocity[:-1]), EstimatorConfig(modes=modes), GatingConfig())
+    estimator = build_estimator(
+        replace(world, velocity=world.velocity[:-1]), EstimatorConfig(modes=modes), GatingConfig()
+    )
     rng, depth = np.random.default_rng(1), 16.0 + 32.0 * np.arange(22)
     place, observations = np.zeros(2), []
     for number in range(pings):
         place = place + np.array([130.0, 40.0]) + 20.0 * rng.standard_normal(2)
-        j, i = np.unravel_index(np.argmin(np.hypot(world.grid.east - place[0], world.grid.north - place[1])), world.grid.east.shape)
-        current = np.column_stack([np.interp(depth, world.grid.levels, component) for component in truth[:, :, j, i]])
+        j, i = np.unravel_index(
+            np.argmin(np.hypot(world.grid.east - place[0], world.grid.north - place[1])),
+            world.grid.east.shape,
+        )
+        current = np.column_stack(
+            [np.interp(depth, world.grid.levels, component) for component in truth[:, :, j, i]]
+        )
         noisy = current + 0.09 * rng.standard_normal(current.shape)
-        observations.append(synthetic.profile(world.grid, *place, depth, noisy, 0.09, time_ns=number))
+        observations.append(
+            synthetic.profile(world.grid, *place, depth, noisy, 0.09, time_ns=number)
+        )
 
     def track() -> Any:
         state = estimator.initial()
         for start in range(0, pings, estimator.block_size):
-            states = [after for after, _ in estimator.steps(state, observations[start : start + estimator.block_size])]
+            states = [
+                after
+                for after, _ in estimator.steps(
+                    state, observations[start : start + estimator.block_size]
+                )
+            ]
             estimator.weights(states)
             state = states[-1]
         return state
@@ -203,28 +293,65 @@ def use_row(rows: int, columns: int, levels: int, members: int, pings: int, mode
     took, state = cpu(track)
     before = peak_mb(anew=True)
     error_s, _ = cpu(lambda: to_dataset(estimator.flow(state)))
-    more = {"ms_a_ping": 1e3 * took / pings, "asked_ms": 60.0, "standard_error_s": error_s, "asked_standard_error_s": 5.0}
+    more = {
+        "ms_a_ping": 1e3 * took / pings,
+        "asked_ms": 60.0,
+        "standard_error_s": error_s,
+        "asked_standard_error_s": 5.0,
+    }
     form = type(state.posterior).__name__
     name = f"{pings} pings at {rows} x {columns} x {levels}, mean after each; standard error of every node and level"
-    return row(name, took, 0.06 * pings, "none", None, {}, peak_mb=peak_mb() - before, form=form, **more)
+    return row(
+        name, took, 0.06 * pings, "none", None, {}, peak_mb=peak_mb() - before, form=form, **more
+    )
 
 
-def growth_row(sides: tuple[int, ...], levels: int, members: int, modes: int, run: Callable[[Callable[[], Row]], Row]) -> Row:
+def growth_row(
+    sides: tuple[int, ...],
+    levels: int,
+    members: int,
+    modes: int,
+    run: Callable[[Callable[[], Row]], Row],
+) -> Row:
     """Exponents of processor time and memory in the number of nodes, over square regions."""
-    found = [run(lambda side=side: size_row(side, side, levels, members, None, None, modes)) for side in sides]
+    found = [
+        run(lambda side=side: size_row(side, side, levels, members, None, None, modes))
+        for side in sides
+    ]
     nodes = np.log([side**2 for side in sides])
     times, memory = [each["ours_s"] for each in found], [each["peak_mb"] for each in found]
-    exponents = {"exponent_of_time": float(np.polyfit(nodes, np.log(times), 1)[0]), "asked_exponent_of_time": 1.35}
+    exponents = {
+        "exponent_of_time": float(np.polyfit(nodes, np.log(times), 1)[0]),
+        "asked_exponent_of_time": 1.35,
+    }
     if all(memory) and min(memory) > 0.0:
-        exponents |= {"exponent_of_memory": float(np.polyfit(nodes, np.log(memory), 1)[0]), "asked_exponent_of_memory": 1.3}
+        exponents |= {
+            "exponent_of_memory": float(np.polyfit(nodes, np.log(memory), 1)[0]),
+            "asked_exponent_of_memory": 1.3,
+        }
     name = f"growth of the set-up from {sides[0]} x {sides[0]} to {sides[-1]} x {sides[-1]} nodes, {levels} levels, {members} members"
-    return row(name, times[-1], None, "none", None, {}, peak_mb=memory[-1], times_s=times, memory_mb=memory, **exponents)
+    return row(
+        name,
+        times[-1],
+        None,
+        "none",
+        None,
+        {},
+        peak_mb=memory[-1],
+        times_s=times,
+        memory_mb=memory,
+        **exponents,
+    )
 
 
 def rows(tiny: bool) -> list[Row]:
     """All rows, each in a process of its own; tiny ones in this one."""
     if tiny:
-        done = [size_row(5, 6, 3, 6, 1.0, None, 10), from_zarr_row(4, 5, 3, 4, 1.0, 1.0, 8), use_row(5, 6, 12, 6, 3, 10)]
+        done = [
+            size_row(5, 6, 3, 6, 1.0, None, 10),
+            from_zarr_row(4, 5, 3, 4, 1.0, 1.0, 8),
+            use_row(5, 6, 12, 6, 3, 10),
+        ]
         return [*done, growth_row((4, 6), 3, 5, 8, lambda job: job())]
     done = [alone(lambda size=size: size_row(*size, 300)) for size in SIZES]
     done.append(alone(lambda: use_row(120, 120, 30, 50, 200, 300)))
@@ -238,10 +365,26 @@ def draw(found: list[Row], path: Path) -> None:
     growth = next(each for each in found if "times_s" in each)
     figure = Figure(figsize=(8.0, 3.2), layout="constrained")
     panels = figure.subplots(1, 2)
-    for panel, now, column, name in zip(panels, (growth["times_s"], growth["memory_mb"]), (1, 2), ("time", "memory"), strict=True):
-        panel.loglog([each[0] for each in DENSE], [each[column] for each in DENSE], "s--", color="0.5", label="before, dense")
-        panel.loglog([side**2 for side in GROWTH], now, "o-", label=f"now, exponent {growth[f'exponent_of_{name}']:.2f}")
-        panel.set(xlabel="nodes of a level", ylabel={"time": "processor time [s]", "memory": "peak memory [MB]"}[name])
+    for panel, now, column, name in zip(
+        panels, (growth["times_s"], growth["memory_mb"]), (1, 2), ("time", "memory"), strict=True
+    ):
+        panel.loglog(
+            [each[0] for each in DENSE],
+            [each[column] for each in DENSE],
+            "s--",
+            color="0.5",
+            label="before, dense",
+        )
+        panel.loglog(
+            [side**2 for side in GROWTH],
+            now,
+            "o-",
+            label=f"now, exponent {growth[f'exponent_of_{name}']:.2f}",
+        )
+        panel.set(
+            xlabel="nodes of a level",
+            ylabel={"time": "processor time [s]", "memory": "peak memory [MB]"}[name],
+        )
         panel.grid(alpha=0.3)
         panel.legend(fontsize=8)
     figure.savefig(path.with_suffix(".png"), dpi=110)

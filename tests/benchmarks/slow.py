@@ -23,7 +23,9 @@ def rows(estimator, observation):
     used = np.arange(observation.depth.size)
     compressed = estimator.rows(observation, used)
     values = compressed.values
-    weights = depth_weights(estimator.basis.depth_functions, observation.depth, estimator.basis.grid.levels)
+    weights = depth_weights(
+        estimator.basis.depth_functions, observation.depth, estimator.basis.grid.levels
+    )
     design = np.vstack([np.kron(weights, compressed.basis[c]) for c in range(2)])
     return design, values.T.ravel(), np.tile(compressed.noise.std, 2)
 
@@ -53,11 +55,17 @@ def batch(estimator, observations, inflation, probes):
         values.append(compressed.compress(value)[0] / np.sqrt(factor))
     design, prior = np.vstack(designs), estimator.prior.covariance()
     crossed = design @ prior
-    factor = scipy.linalg.cho_factor(crossed @ design.T + np.eye(len(design)), lower=True, overwrite_a=True, check_finite=False)
+    factor = scipy.linalg.cho_factor(
+        crossed @ design.T + np.eye(len(design)), lower=True, overwrite_a=True, check_finite=False
+    )
     innovation = np.concatenate(values) - design @ estimator.prior.mean
     seen = crossed @ probes.T
-    cov = probes @ prior @ probes.T - seen.T @ scipy.linalg.cho_solve(factor, seen, check_finite=False)
-    return estimator.prior.mean + crossed.T @ scipy.linalg.cho_solve(factor, innovation, check_finite=False), cov
+    cov = probes @ prior @ probes.T - seen.T @ scipy.linalg.cho_solve(
+        factor, seen, check_finite=False
+    )
+    return estimator.prior.mean + crossed.T @ scipy.linalg.cho_solve(
+        factor, innovation, check_finite=False
+    ), cov
 
 
 def dense_embedding(ensemble_slices, kernel, nodes, depth_kernel):
@@ -65,7 +73,9 @@ def dense_embedding(ensemble_slices, kernel, nodes, depth_kernel):
     n_members, n_levels, size = ensemble_slices.shape
     matrix = np.kron(depth_kernel, velocity_kernel(kernel, nodes, nodes))
     factor = scipy.linalg.cho_factor(matrix, overwrite_a=True, check_finite=False)
-    flat = scipy.linalg.cho_solve(factor, ensemble_slices.reshape(n_members, -1).T, check_finite=False)
+    flat = scipy.linalg.cho_solve(
+        factor, ensemble_slices.reshape(n_members, -1).T, check_finite=False
+    )
     return flat.T.reshape(n_members, n_levels, size)
 
 
@@ -73,7 +83,9 @@ def grid_std(flow, nodes):
     """Velocity and standard error at every node and level through H, (Z 2N, n): diag(H P H')."""
     at_nodes = lattice.matrix(flow.horizontal, nodes)
     design = np.kron(np.eye(flow.levels.size), at_nodes @ flow.modes)
-    return at_nodes @ flow.latent, np.sqrt(np.einsum("ij,ij->i", design @ flow.weight_cov, design)).reshape(flow.levels.size, -1)
+    return at_nodes @ flow.latent, np.sqrt(
+        np.einsum("ij,ij->i", design @ flow.weight_cov, design)
+    ).reshape(flow.levels.size, -1)
 
 
 def letkf(members, grid, observation, observe, radius, taper):
@@ -84,7 +96,9 @@ def letkf(members, grid, observation, observe, radius, taper):
     value = observation.velocity.T.ravel()
 
     def localise(batch):
-        weight = np.full(value.size, taper(np.hypot(*(place - nodes[batch[0] % len(nodes)])), radius))
+        weight = np.full(
+            value.size, taper(np.hypot(*(place - nodes[batch[0] % len(nodes)])), radius)
+        )
         near = np.flatnonzero(weight > 0.0)
         return near, weight[near]
 

@@ -29,12 +29,19 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
     )
     cases = [(" ".join(("replay-kit", *words)), _MAIN, words, _HELP) for words in lines]
     cases += [
-        (f"replay-kit info {name}", _MAIN, ["info", str(ROOT / "sample_logs" / name)], _INFO) for name in ("glider.mcap", "glider.tlog")
+        (f"replay-kit info {name}", _MAIN, ["info", str(ROOT / "sample_logs" / name)], _INFO)
+        for name in ("glider.mcap", "glider.tlog")
     ]
     logs = (["info", f"sample_logs/{name}"] for name in ("glider.mcap", "glider.tlog"))
     cases += [(" ".join(("replay-kit", *words)), _MAIN, words, _INFO) for words in logs]
-    cases += [("import replay_kit", "import replay_kit", [], _IMPORT), ("first log opened", _OPEN.format(log=log), [], _LOG)]
-    return [_row(name, _least(code, words, 1 if tiny else 7), asked) for name, code, words, asked in cases]
+    cases += [
+        ("import replay_kit", "import replay_kit", [], _IMPORT),
+        ("first log opened", _OPEN.format(log=log), [], _LOG),
+    ]
+    return [
+        _row(name, _least(code, words, 1 if tiny else 7), asked)
+        for name, code, words, asked in cases
+    ]
 
 
 def _row(name: str, seconds: float, asked: float) -> dict[str, Any]:
@@ -48,7 +55,13 @@ def _least(code: str, words: list[str], repeats: int) -> float:
     for _ in range(repeats):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "80"}
-        subprocess.run([sys.executable, "-c", code, *words], env=environment, cwd=ROOT, capture_output=True, check=False)
+        subprocess.run(
+            [sys.executable, "-c", code, *words],
+            env=environment,
+            cwd=ROOT,
+            capture_output=True,
+            check=False,
+        )
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         found.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     return min(found)

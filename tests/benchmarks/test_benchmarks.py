@@ -32,7 +32,10 @@ ALLOWED = {
 SLOW = ("atsea", "fleet", "start")
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.full) if name in SLOW else name for name in BENCHMARKS])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.full) if name in SLOW else name for name in BENCHMARKS],
+)
 def test_every_benchmark_runs_and_its_answers_are_right(name, tmp_path, capsys):
     file = tmp_path / "benchmarks.json"
     main([name, "--tiny", "--json", str(file)])
@@ -42,11 +45,16 @@ def test_every_benchmark_runs_and_its_answers_are_right(name, tmp_path, capsys):
     assert result["rows"]
     assert not result["scaling"]
     for row in result["rows"]:
-        assert {"name", "ours_s", "peer", "peer_s", "ratio", "asked", "error", "peak_mb"} <= set(row)
+        assert {"name", "ours_s", "peer", "peer_s", "ratio", "asked", "error", "peak_mb"} <= set(
+            row
+        )
         for name, value in row["error"].items():
             allowed = ALLOWED.get(name.split("_")[0])
             assert allowed is None or value < allowed, (row["name"], name, value)
-    assert {row["form"] for row in result["rows"] if "form" in row} <= {"ObservationSpacePosterior", "ReducedSubspacePosterior"}
+    assert {row["form"] for row in result["rows"] if "form" in row} <= {
+        "ObservationSpacePosterior",
+        "ReducedSubspacePosterior",
+    }
 
 
 def test_the_scaling_is_measured_and_drawn(tmp_path):

@@ -20,7 +20,11 @@ def ocean(tmp_path_factory):
     ds = synthetic.dataset(seed=4, n_members=21, shape=(6, 7))
     ds.isel(member=slice(20)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
     ds.isel(member=20, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
-    make_twin(read_truth(str(folder / "truth.nc"), RunConfig().forecast), Twin("vessel", PINGS, 0.05, 1), folder / "survey.mcap")
+    make_twin(
+        read_truth(str(folder / "truth.nc"), RunConfig().forecast),
+        Twin("vessel", PINGS, 0.05, 1),
+        folder / "survey.mcap",
+    )
     return folder
 
 
@@ -40,7 +44,9 @@ def changed(log, out, change):
 
 def shifted(payload, by):
     """A ping's payload with all of its velocities off by so much [m/s]."""
-    velocity = [[None if value is None else value + by for value in cell] for cell in payload["velocity"]]
+    velocity = [
+        [None if value is None else value + by for value in cell] for cell in payload["velocity"]
+    ]
     return payload | {"velocity": velocity}
 
 
@@ -51,7 +57,9 @@ def row_of(ocean, name, change):
 
 def test_pings_that_the_gate_rejects_are_no_difference_but_are_said(ocean):
     # one 3 m/s off beside those that so few modes do not fit
-    row = row_of(ocean, "gated", lambda n, payload: shifted(payload, 3.0) if n == PINGS - 2 else payload)
+    row = row_of(
+        ocean, "gated", lambda n, payload: shifted(payload, 3.0) if n == PINGS - 2 else payload
+    )
     assert row["error"] == {"messages_differ": 0.0, "messages_not_judged": 0.0}
     assert row["profiles_gated"] > 0
     assert row["profiles_used"] + row["profiles_gated"] == PINGS
@@ -76,4 +84,7 @@ def test_a_ping_that_comes_twice_is_not_judged_twice(ocean):
     write_mcap_log(log, [*messages, last._replace(topic="/again")])
     row = whole_row(log, ocean / "ensemble.nc", ocean, PINGS, 8)
     assert row["error"]["messages_differ"] == 0.0
-    assert sum(decisions(ocean / "out.mcap").values()) - decisions(ocean / "out.mcap")["repeated"] == PINGS
+    assert (
+        sum(decisions(ocean / "out.mcap").values()) - decisions(ocean / "out.mcap")["repeated"]
+        == PINGS
+    )

@@ -65,7 +65,9 @@ class Sea:
     latitude: np.ndarray
     velocity: np.ndarray
 
-    def part(self, region: Region | None, members: slice, frame: Projection | None = None) -> Ensemble:
+    def part(
+        self, region: Region | None, members: slice, frame: Projection | None = None
+    ) -> Ensemble:
         """Return members in a region, in a local frame of their own or another one."""
         west, south, east, north = (-180.0, -90.0, 180.0, 90.0) if region is None else region
         rows = np.flatnonzero((self.latitude >= south) & (self.latitude <= north))
@@ -73,24 +75,34 @@ class Sea:
         longitude, latitude = np.meshgrid(self.longitude[columns], self.latitude[rows])
         values = self.velocity[members][..., rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
         grid = local_grid(longitude, latitude, LEVELS, np.ones(values.shape[2:], dtype=bool), None)
-        found = Ensemble(grid, true_to_local(grid.projection, longitude, latitude, values), None, "windows")
+        found = Ensemble(
+            grid, true_to_local(grid.projection, longitude, latitude, values), None, "windows"
+        )
         return found if frame is None else in_frame(found, frame)
 
 
 def sea(strip: Strip, seed: int = 0) -> Sea:
     """Return a sea of eddies."""
     rng = np.random.default_rng(seed)
-    latitude, longitude = _SOUTH + _STEP * np.arange(strip.rows), _WEST + _STEP * np.arange(strip.columns)
+    latitude, longitude = (
+        _SOUTH + _STEP * np.arange(strip.rows),
+        _WEST + _STEP * np.arange(strip.columns),
+    )
     dy = 111_195.0 * _STEP
     dx = dy * np.cos(np.deg2rad(latitude.mean()))
     # closer to each other near the surface, where the stratification is
     stretched = (1.0 - np.exp(-LEVELS / 200.0)) / (1.0 - np.exp(-LEVELS[-1] / 200.0))
     numbers = range(_FUNCTIONS)
-    functions = [_DECAY ** (0.5 * k) * np.cos(0.9 * k * np.pi * stretched) * np.exp(-LEVELS / 600.0) for k in numbers]
+    functions = [
+        _DECAY ** (0.5 * k) * np.cos(0.9 * k * np.pi * stretched) * np.exp(-LEVELS / 600.0)
+        for k in numbers
+    ]
 
     def field() -> np.ndarray:
         edge = 20
-        drawn = gaussian_filter(rng.standard_normal((strip.rows + edge, strip.columns + edge)), strip.eddy)
+        drawn = gaussian_filter(
+            rng.standard_normal((strip.rows + edge, strip.columns + edge)), strip.eddy
+        )
         inner = drawn[edge // 2 : -edge // 2, edge // 2 : -edge // 2]
         return inner / inner.std()
 
@@ -104,26 +116,43 @@ def sea(strip: Strip, seed: int = 0) -> Sea:
     return Sea(longitude, latitude, velocity)
 
 
-def mission(of: Sea, strip: Strip, truth: Ensemble, margin: float, seed: int = 1) -> list[Observation]:
+def mission(
+    of: Sea, strip: Strip, truth: Ensemble, margin: float, seed: int = 1
+) -> list[Observation]:
     """Return the pings of a zigzag from one end to the other, half a margin or more inside the strip."""
     along = np.linspace(0.0, 1.0, strip.pings)
     inset = 0.5 * margin / 111_195.0
     half = 0.5 * (of.latitude[-1] - of.latitude[0]) - inset
     inset_x = inset / np.cos(np.deg2rad(of.latitude[-1]))
-    longitude = of.longitude[0] + inset_x + along * (of.longitude[-1] - of.longitude[0] - 2.0 * inset_x)
+    longitude = (
+        of.longitude[0] + inset_x + along * (of.longitude[-1] - of.longitude[0] - 2.0 * inset_x)
+    )
     turns = strip.columns / strip.rows
-    latitude = of.latitude.mean() + 0.5 * half * (2.0 / np.pi) * np.arcsin(np.sin(2.0 * np.pi * turns * along))
+    latitude = of.latitude.mean() + 0.5 * half * (2.0 / np.pi) * np.arcsin(
+        np.sin(2.0 * np.pi * turns * along)
+    )
     east, north = to_local(truth.grid.projection, longitude, latitude)
     field, rng = build_field(truth), np.random.default_rng(seed)
     values = field.velocity(east[:, None], north[:, None], _DEPTHS)
     values += _NOISE * rng.standard_normal(values.shape)
-    return [synthetic.profile(truth.grid, east[k], north[k], _DEPTHS, values[k], _NOISE, time_ns=k * 10**9) for k in range(strip.pings)]
+    return [
+        synthetic.profile(
+            truth.grid, east[k], north[k], _DEPTHS, values[k], _NOISE, time_ns=k * 10**9
+        )
+        for k in range(strip.pings)
+    ]
 
 
-def windowed(of: Sea, strip: Strip, first: Observation, margin: float, config: EstimatorConfig = DEFAULT) -> WindowedEstimator:
+def windowed(
+    of: Sea, strip: Strip, first: Observation, margin: float, config: EstimatorConfig = DEFAULT
+) -> WindowedEstimator:
     """Return the estimator of windows about the first ping."""
     side = np.sqrt(strip.window)
-    half = 0.5 * _STEP * (np.array([max(side, strip.window / strip.rows), min(side, strip.rows)]) - 1.0)
+    half = (
+        0.5
+        * _STEP
+        * (np.array([max(side, strip.window / strip.rows), min(side, strip.rows)]) - 1.0)
+    )
     members = slice(0, strip.members)
     here = np.array([first.longitude, first.latitude])
     region = around([here - half, here + half], 0.0)
@@ -174,7 +203,10 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
             # of the errors, not of the times: the peer knows a third of the way
             "ratio": theirs / ours,
             "asked": 1.0 / 1.05,
-            "error": {"relative_to_one_window": ours / theirs, "jump_in_standard_errors": max(jumps, default=0.0)},
+            "error": {
+                "relative_to_one_window": ours / theirs,
+                "jump_in_standard_errors": max(jumps, default=0.0),
+            },
             "error_windows": ours,
             "error_one_window": theirs,
             "windows": len(flows),
@@ -185,19 +217,40 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
 
 def _jump(estimator: WindowedEstimator, before: Any, after: Any, ping: Observation) -> float:
     """Return by how many standard errors the estimate under the vehicle changes at a handover, RMS over depths and components."""
-    one, other = (estimator.flow(state).velocity_at(ping.longitude, ping.latitude, _DEPTHS) for state in (before, after))
+    one, other = (
+        estimator.flow(state).velocity_at(ping.longitude, ping.latitude, _DEPTHS)
+        for state in (before, after)
+    )
     change = np.array([other.u - one.u, other.v - one.v])
     return float(np.sqrt(np.mean((change / [one.u_standard_error, one.v_standard_error]) ** 2)))
 
 
 def _error(flows: Sequence[Any], pings: Sequence[Observation], truth: Ensemble) -> float:
     """Return the RMS error [m/s] about the track, in each place of the latest estimate that holds it."""
-    longitude, latitude = (np.array([getattr(ping, name) for ping in pings]) for name in ("longitude", "latitude"))
+    longitude, latitude = (
+        np.array([getattr(ping, name) for ping in pings]) for name in ("longitude", "latitude")
+    )
     east, north = to_local(truth.grid.projection, longitude, latitude)
     true = build_field(truth).velocity(east[:, None], north[:, None], _DEPTHS)
-    true = np.stack(rotate_to_geographic(truth.grid.projection, longitude[:, None], latitude[:, None], true[..., 0], true[..., 1]), axis=-1)
+    true = np.stack(
+        rotate_to_geographic(
+            truth.grid.projection, longitude[:, None], latitude[:, None], true[..., 0], true[..., 1]
+        ),
+        axis=-1,
+    )
     values = [flow.velocity_at(longitude[:, None], latitude[:, None], _DEPTHS) for flow in flows]
-    errors = np.array([np.nan_to_num(np.hypot(each.u_standard_error, each.v_standard_error), nan=np.inf) for each in values])
+    errors = np.array(
+        [
+            np.nan_to_num(np.hypot(each.u_standard_error, each.v_standard_error), nan=np.inf)
+            for each in values
+        ]
+    )
     best = np.argmin(errors, axis=0)[None]
-    found = np.stack([np.take_along_axis(np.array([getattr(each, name) for each in values]), best, 0)[0] for name in "uv"], axis=-1)
+    found = np.stack(
+        [
+            np.take_along_axis(np.array([getattr(each, name) for each in values]), best, 0)[0]
+            for name in "uv"
+        ],
+        axis=-1,
+    )
     return float(np.sqrt(np.nanmean((found - true) ** 2)))

@@ -30,7 +30,14 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "160"}
 
 
 def process(folder, *arguments):
-    return subprocess.run([*COMMAND, *arguments], cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        [*COMMAND, *arguments],
+        cwd=folder,
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -51,10 +58,39 @@ REPLAY = ["replay", "survey.mcap", "--ensemble", "ensemble.nc"]
 
 REFUSED = [
     ([*REPLAY, "-o", "survey.mcap", "--overwrite"], "an input is never overwritten"),
-    ([*REPLAY, "-o", "o.mcap", "--netcdf", "ensemble.nc", "--overwrite"], "an input is never overwritten"),
-    ([*REPLAY, "-o", "o.mcap", "--truth", "truth.nc#3", "--save-estimate", "truth.nc", "--overwrite"], "an input is never overwritten"),
-    ([*REPLAY, "-o", "o.mcap", "--config", "there.json", "--json", "there.json", "--overwrite"], "an input is never overwritten"),
-    (["replay", "survey.mcap", "--ensemble", "store.zarr", "-o", "store.zarr/o.mcap", "--overwrite"], "an input is never overwritten"),
+    (
+        [*REPLAY, "-o", "o.mcap", "--netcdf", "ensemble.nc", "--overwrite"],
+        "an input is never overwritten",
+    ),
+    (
+        [
+            *REPLAY,
+            "-o",
+            "o.mcap",
+            "--truth",
+            "truth.nc#3",
+            "--save-estimate",
+            "truth.nc",
+            "--overwrite",
+        ],
+        "an input is never overwritten",
+    ),
+    (
+        [*REPLAY, "-o", "o.mcap", "--config", "there.json", "--json", "there.json", "--overwrite"],
+        "an input is never overwritten",
+    ),
+    (
+        [
+            "replay",
+            "survey.mcap",
+            "--ensemble",
+            "store.zarr",
+            "-o",
+            "store.zarr/o.mcap",
+            "--overwrite",
+        ],
+        "an input is never overwritten",
+    ),
     ([*REPLAY, "-o", "o.mcap", "--json", "there.json"], "--overwrite"),
     ([*REPLAY, "-o", "o.mcap", "--save-estimate", "o.nc", "--netcdf", "./o.nc"], "two outputs"),
     ([*REPLAY, "-o", "absent/o.mcap"], "there is no folder absent"),
@@ -64,21 +100,55 @@ REFUSED = [
     ([*REPLAY, "-o", "o.mcap", "--goal", "nan,0,0"], "--goal"),
     ([*REPLAY, "-o", "o.mcap", "--start", "yesterday"], "'logs.start': 'yesterday' is no time"),
     ([*REPLAY, "-o", "o.mcap", "--modes", "some"], "estimator.modes"),
-    (["info", "there.json", "--json", "there.json", "--overwrite"], "an input is never overwritten"),
+    (
+        ["info", "there.json", "--json", "there.json", "--overwrite"],
+        "an input is never overwritten",
+    ),
     (["info", "survey.mcap", "--json", "there.json"], "--overwrite"),
     (["info", "survey.mcap", "--suggest", "run.toml"], "--overwrite"),
-    (["info", "survey.mcap", "--suggest", "run.toml", "--config", "run.toml", "--overwrite"], "an input is never overwritten"),
+    (
+        ["info", "survey.mcap", "--suggest", "run.toml", "--config", "run.toml", "--overwrite"],
+        "an input is never overwritten",
+    ),
     (["info", "survey.mcap", "--suggest", "-", "--json", "-"], "only one of them"),
-    (["convert", "there.json", "-o", "o.mcap", "--json", "there.json", "--overwrite"], "an input is never overwritten"),
+    (
+        ["convert", "there.json", "-o", "o.mcap", "--json", "there.json", "--overwrite"],
+        "an input is never overwritten",
+    ),
     (["info", "survey.mcap", "--suggest", "o", "--json", "./o"], "two outputs"),
-    (["twin", "--truth", "survey.mcap", "-o", "survey.mcap", "--overwrite"], "an input is never overwritten"),
+    (
+        ["twin", "--truth", "survey.mcap", "-o", "survey.mcap", "--overwrite"],
+        "an input is never overwritten",
+    ),
     (["synthesize", "--ensemble", "e.nc", "--truth", "e.nc"], "two outputs"),
     (["synthesize", "--ensemble", "e.nc", "--truth", "truth.nc"], "--overwrite"),
     (
-        ["experiment", "accuracy", "--ensemble", "there.json", "--leave-out", "0", "--json", "there.json", "--overwrite"],
+        [
+            "experiment",
+            "accuracy",
+            "--ensemble",
+            "there.json",
+            "--leave-out",
+            "0",
+            "--json",
+            "there.json",
+            "--overwrite",
+        ],
         "an input is",
     ),
-    (["experiment", "accuracy", "--ensemble", "ensemble.nc", "--leave-out", "0", "--json", "there.json"], "--overwrite"),
+    (
+        [
+            "experiment",
+            "accuracy",
+            "--ensemble",
+            "ensemble.nc",
+            "--leave-out",
+            "0",
+            "--json",
+            "there.json",
+        ],
+        "--overwrite",
+    ),
 ]
 
 
@@ -90,7 +160,9 @@ def refusals(ocean):
     return answers, before, {path: path.stat().st_mtime_ns for path in ocean.rglob("*")}
 
 
-@pytest.mark.parametrize("k", range(len(REFUSED)), ids=[" ".join(arguments) for arguments, _ in REFUSED])
+@pytest.mark.parametrize(
+    "k", range(len(REFUSED)), ids=[" ".join(arguments) for arguments, _ in REFUSED]
+)
 def test_wrong_paths_and_options_are_refused_with_exit_2(refusals, k):
     answer = refusals[0][k]
     assert answer.returncode == 2
@@ -119,7 +191,11 @@ def test_links_and_part_files_of_inputs_are_inputs_too(tmp_path):
         check_paths([tmp_path / "o.mcap.part"], [tmp_path / "o.mcap"], overwrite=True)
     with pytest.raises(ConfigError, match="two outputs"):
         check_paths([], [tmp_path / "o.nc", tmp_path / "o.nc.part"], overwrite=True)
-    check_paths([tmp_path / "log.mcap", None], [tmp_path / "new.mcap", None, Path("-"), Path("-")], overwrite=False)
+    check_paths(
+        [tmp_path / "log.mcap", None],
+        [tmp_path / "new.mcap", None, Path("-"), Path("-")],
+        overwrite=False,
+    )
 
 
 def test_usage_errors_and_help_keep_their_codes_and_words(tmp_path):
@@ -138,7 +214,10 @@ def test_usage_errors_and_help_keep_their_codes_and_words(tmp_path):
 
 
 def test_help_keeps_units(tmp_path):
-    twin, replay = run_command(tmp_path, ["twin", "--help-all"]), run_command(tmp_path, ["replay", "--help-all"])
+    twin, replay = (
+        run_command(tmp_path, ["twin", "--help-all"]),
+        run_command(tmp_path, ["replay", "--help-all"]),
+    )
     assert twin.returncode == replay.returncode == 0
     for said in ("[m/s]", "[m]", "[degrees]"):
         assert said in twin.stdout
@@ -162,7 +241,12 @@ def test_json_replaces_whole_files_only_when_asked_and_goes_to_pipes(ocean, tmp_
     assert run_command(tmp_path, ["info", log, "--json", "i.json", "--overwrite"]).returncode == 0
     assert json.loads(answer.read_text())["logs"][0]["profiles"] == 20
     assert [path.name for path in tmp_path.iterdir()] == ["i.json"]
-    assert json.loads(run_command(tmp_path, ["info", log, "--json", "-"]).stdout)["logs"][0]["profiles"] == 20
+    assert (
+        json.loads(run_command(tmp_path, ["info", log, "--json", "-"]).stdout)["logs"][0][
+            "profiles"
+        ]
+        == 20
+    )
     piped = process(tmp_path, "info", log, "--json", "/dev/stderr")
     assert json.loads(piped.stderr)["logs"][0]["profiles"] == 20
 
@@ -182,7 +266,9 @@ def test_ctrl_c_ends_with_130_and_names_the_part_of_a_replay(ocean, tmp_path):
         "signal.signal(signal.SIGINT, signal.default_int_handler)\nc.main()"
     )
     command = [sys.executable, "-c", code, "replay", *inputs, "-o", "out.mcap"]
-    done = subprocess.run(command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 130
     assert done.stderr == "replay-kit: interrupted; what was written so far is in out.mcap.part\n"
     assert part.exists()
@@ -200,7 +286,9 @@ def test_ctrl_c_elsewhere_names_no_part(tmp_path, monkeypatch):
 
 def test_a_reader_that_leaves_early_is_no_traceback(ocean):
     line = f"{sys.executable} -c 'from replay_kit.cli.app import main; main()' info {ocean / 'survey.mcap'} | true; exit ${{PIPESTATUS[0]}}"
-    done = subprocess.run(["bash", "-c", line], cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        ["bash", "-c", line], cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 1
     assert done.stderr == ""
 
@@ -208,11 +296,20 @@ def test_a_reader_that_leaves_early_is_no_traceback(ocean):
 def test_the_box_of_a_track_across_the_antimeridian_is_narrow(tmp_path):
     places = [(179.5, -20.0), (-179.75, -20.5), (179.25, -19.5)]
     messages = [
-        Message(k * 10**9, "/vehicle/fix", "foxglove.LocationFix", {"longitude": lon, "latitude": lat}, 0, k)
+        Message(
+            k * 10**9,
+            "/vehicle/fix",
+            "foxglove.LocationFix",
+            {"longitude": lon, "latitude": lat},
+            0,
+            k,
+        )
         for k, (lon, lat) in enumerate(places)
     ]
     write_mcap_log(tmp_path / "log.mcap", messages)
     found = inspect_logs([tmp_path / "log.mcap"], RunConfig())[0]
     assert found.content.positions == 3
-    np.testing.assert_allclose(found.content.box, (179.25, -20.5, 180.25, -19.5), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        found.content.box, (179.25, -20.5, 180.25, -19.5), rtol=0, atol=1e-12
+    )
     assert found.content.depths is None

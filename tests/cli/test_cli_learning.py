@@ -32,7 +32,16 @@ def run(*arguments, code=0):
 @pytest.fixture(scope="module")
 def survey(flows, tmp_path_factory):
     out = tmp_path_factory.mktemp("written")
-    files = ("-o", out / "plan.mcap", "--json", out / "plan.json", "--csv", out / "plan.csv", "--geojson", out / "plan.geojson")
+    files = (
+        "-o",
+        out / "plan.mcap",
+        "--json",
+        out / "plan.json",
+        "--csv",
+        out / "plan.csv",
+        "--geojson",
+        out / "plan.geojson",
+    )
     ask = ("--objective", "learn", THEN, "--blind", "20", "--survey", "20")
     return out, run(flows / "static.nc", START, *ask, *SMALL, *files).output
 
@@ -61,7 +70,9 @@ def test_a_second_glider_is_told_of_the_first(survey, flows):
     out, _ = survey
     ask = ("--objective", "learn", THEN, "--blind", "20", "--survey", "20", "--json", "-")
     alone = json.loads((out / "plan.json").read_text())
-    second = json.loads(run(flows / "static.nc", START, *ask, *SMALL, "--others", out / "plan.mcap").stdout)
+    second = json.loads(
+        run(flows / "static.nc", START, *ask, *SMALL, "--others", out / "plan.mcap").stdout
+    )
     assert second["error_before"] < 0.8 * alone["error_before"]
     assert second["error_after"] < alone["error_after"]
 
@@ -75,10 +86,33 @@ def test_the_report_shows_what_the_next_profile_is_worth(survey):
 
 
 def test_a_map_and_a_mission_are_answered(flows):
-    box = ("--objective", "map", "--box=152.3,-39.75,152.7,-39.45", "--profiles", "4", "--dives", "3", "--json", "-")
+    box = (
+        "--objective",
+        "map",
+        "--box=152.3,-39.75,152.7,-39.45",
+        "--profiles",
+        "4",
+        "--dives",
+        "3",
+        "--json",
+        "-",
+    )
     mapped = json.loads(run(flows / "changing.nc", START, *box, *SMALL).stdout)
     assert (mapped["objective"], mapped["unit"], len(mapped["legs"])) == ("map", "m/s", 4)
-    mission = json.loads(run(flows / "static.nc", START, GOAL, "--objective", "learn", "--dives", "4", "--json", "-", *SMALL).stdout)
+    mission = json.loads(
+        run(
+            flows / "static.nc",
+            START,
+            GOAL,
+            "--objective",
+            "learn",
+            "--dives",
+            "4",
+            "--json",
+            "-",
+            *SMALL,
+        ).stdout
+    )
     assert mission["objective"] == "mission"
     assert [one["chosen"] for one in mission["candidates"]].count(True) == 1
 
@@ -86,7 +120,11 @@ def test_a_map_and_a_mission_are_answered(flows):
 @pytest.mark.parametrize(
     ("flow", "more", "words"),
     [
-        ("changing.nc", (THEN, "--blind", "200"), "--blind 200: expected survey and stretch to end within the forecast"),
+        (
+            "changing.nc",
+            (THEN, "--blind", "200"),
+            "--blind 200: expected survey and stretch to end within the forecast",
+        ),
         ("static.nc", (THEN, "--blind", "20", "--survey", "3"), "cannot return"),
         ("sure.nc", (THEN, "--blind", "20"), "states no uncertainty"),
         ("static.nc", (THEN, "--blind", "20", "--tolerance", "1e6"), "no uncertainty is left"),
@@ -98,13 +136,19 @@ def test_a_map_and_a_mission_are_answered(flows):
         ("static.nc", (), "expected --then and --blind, or --goal"),
         ("static.nc", ("--then=152.6,-39.6", "--blind", "20"), "no whole places"),
         ("static.nc", (THEN, "--blind", "20", "--horizon", "72h"), "--horizon: expected a mission"),
-        ("static.nc", (THEN, "--blind", "20", "--arrive", "2"), "--arrive: expected a share from 0 to 1"),
+        (
+            "static.nc",
+            (THEN, "--blind", "20", "--arrive", "2"),
+            "--arrive: expected a share from 0 to 1",
+        ),
         ("static.nc", (THEN, "--blind", "20", "--box=1,2,3,4"), "expected --objective map"),
         ("static.nc", (THEN, "--blind", "20", "--others", "absent.mcap"), "absent.mcap"),
     ],
 )
 def test_a_survey_is_refused_with_one_clear_error(flows, flow, more, words):
-    done = invoke(["plan", str(flows / flow), START, "--objective", "learn", *more, "--depth", "290"])
+    done = invoke(
+        ["plan", str(flows / flow), START, "--objective", "learn", *more, "--depth", "290"]
+    )
     assert done.exit_code not in (0, 1), done.output
     assert words in done.output
     assert "Traceback" not in done.output
@@ -118,17 +162,25 @@ def test_a_survey_is_refused_with_one_clear_error(flows, flow, more, words):
         (("--box=152.3,-39.7,152.6", "--profiles", "4"), "--box: expected W,S,E,N[,DEPTHS]"),
         (("--box=10,50,11,51", "--profiles", "4"), "outside of the estimate's region"),
         (("--box=152.6,-39.7,152.3,-39.5", "--profiles", "4"), "west below east"),
-        (("--box=152.3,-39.7,152.6,-39.5", "--profiles", "4", GOAL), "--objective map: expected no --goal"),
+        (
+            ("--box=152.3,-39.7,152.6,-39.5", "--profiles", "4", GOAL),
+            "--objective map: expected no --goal",
+        ),
     ],
 )
 def test_a_map_is_refused_with_one_clear_error(flows, more, words):
-    done = invoke(["plan", str(flows / "static.nc"), START, "--objective", "map", *more, "--depth", "290"])
+    done = invoke(
+        ["plan", str(flows / "static.nc"), START, "--objective", "map", *more, "--depth", "290"]
+    )
     assert done.exit_code not in (0, 1), done.output
     assert words in done.output
 
 
 def test_missions_take_none_of_the_options_of_plans_that_learn(flows):
-    for more, words in (((GOAL, "--blind", "20"), "--objective learn or map"), ((), "--goal: expected LON,LAT,DEPTH")):
+    for more, words in (
+        ((GOAL, "--blind", "20"), "--objective learn or map"),
+        ((), "--goal: expected LON,LAT,DEPTH"),
+    ):
         done = invoke(["plan", str(flows / "static.nc"), START, *more])
         assert done.exit_code == 2
         assert words in done.output

@@ -17,7 +17,16 @@ from replay_kit.workflows.convert import convert
 from tests.command import invoke
 from tests.places import ROOT
 
-WRITTEN = {"--out", "--netcdf", "--save-estimate", "--json", "--geojson", "--csv", "--waypoints", "--suggest"}
+WRITTEN = {
+    "--out",
+    "--netcdf",
+    "--save-estimate",
+    "--json",
+    "--geojson",
+    "--csv",
+    "--waypoints",
+    "--suggest",
+}
 
 
 COMMANDS = [(name,) for name in _COMMANDS] + [("experiment", name) for name in _STUDIES]
@@ -39,7 +48,11 @@ OUTPUTS = [
     for words, option, _ in OPTIONS
     if option in WRITTEN or (words == ("synthesize",) and option in ("--ensemble", "--truth"))
 ]
-FOLDERS = [(words, option) for words, option in OUTPUTS if words[0] in ("experiment", "fleet") and option == "--out"]
+FOLDERS = [
+    (words, option)
+    for words, option in OUTPUTS
+    if words[0] in ("experiment", "fleet") and option == "--out"
+]
 
 
 def refusal(*arguments: object) -> str:
@@ -72,7 +85,9 @@ def test_the_outputs_of_every_command_are_known() -> None:
 
 
 @pytest.mark.parametrize(("words", "option"), [given for given in OUTPUTS if given not in FOLDERS])
-def test_an_ending_that_does_not_fit_is_refused_before_anything_is_read(words, option, tmp_path, monkeypatch) -> None:
+def test_an_ending_that_does_not_fit_is_refused_before_anything_is_read(
+    words, option, tmp_path, monkeypatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     for name, shown in (("wrong.xyz", ".xyz"), ("flow.nc.gz", ".gz"), ("WRONG.DBF", ".DBF")):
         said = refusal(*words, option, name)
@@ -111,7 +126,10 @@ def test_the_endings_that_are_possible_are_listed(arguments, listed) -> None:
 def test_names_that_fit_go_on_to_what_is_missing(name) -> None:
     done = invoke(["replay", "--out", name])
     assert done.exit_code == 2
-    assert "LOG is missing; expected replay-kit replay LOG... --ensemble FILE... -o OUT.mcap." in done.output
+    assert (
+        "LOG is missing; expected replay-kit replay LOG... --ensemble FILE... -o OUT.mcap."
+        in done.output
+    )
 
 
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
@@ -119,29 +137,48 @@ def test_the_names_that_annotations_state_are_those_that_the_parser_knows(words)
     _, apps, _ = app.parse_commands(list(words))
     # with the program's own defaults of options
     with app.app_stack(apps):
-        parsed = {name for argument in apps[-1].assemble_argument_collection() for name in argument.names}
+        parsed = {
+            name for argument in apps[-1].assemble_argument_collection() for name in argument.names
+        }
     stated = set(option_names(apps[-1].default_command))
-    assert {name for name in stated if name.startswith("-")} == {name for name in parsed if name.startswith("-")}
+    assert {name for name in stated if name.startswith("-")} == {
+        name for name in parsed if name.startswith("-")
+    }
 
 
 @pytest.mark.parametrize(
     ("arguments", "missing"),
     [
-        (["replay", "a.mcap"], "--ensemble is missing; expected replay-kit replay LOG... --ensemble FILE... -o OUT.mcap."),
-        (["replay", "a.mcap", "--ensemble", "e.nc", "-o"], "-o: its value is missing; expected replay-kit replay LOG..."),
-        (["experiment", "dives", "a.mcap"], "--ensemble is missing; expected replay-kit experiment dives LOG... --ensemble FILE."),
+        (
+            ["replay", "a.mcap"],
+            "--ensemble is missing; expected replay-kit replay LOG... --ensemble FILE... -o OUT.mcap.",
+        ),
+        (
+            ["replay", "a.mcap", "--ensemble", "e.nc", "-o"],
+            "-o: its value is missing; expected replay-kit replay LOG...",
+        ),
+        (
+            ["experiment", "dives", "a.mcap"],
+            "--ensemble is missing; expected replay-kit experiment dives LOG... --ensemble FILE.",
+        ),
     ],
 )
 def test_a_missing_option_is_named_with_the_form_of_the_command(arguments, missing) -> None:
     said = refusal(*arguments)
     assert missing in said
-    assert f"See replay-kit {' '.join(arguments[: 1 + (arguments[0] == 'experiment')])} --help." in said
+    assert (
+        f"See replay-kit {' '.join(arguments[: 1 + (arguments[0] == 'experiment')])} --help."
+        in said
+    )
 
 
 @pytest.mark.parametrize(
     ("words", "unknown"),
     [
-        (["--mode", "3"], "Unknown option: --mode. Did you mean --modes? See replay-kit replay --help."),
+        (
+            ["--mode", "3"],
+            "Unknown option: --mode. Did you mean --modes? See replay-kit replay --help.",
+        ),
         (["--dry_rum"], "Unknown option: --dry_rum. Did you mean --dry-run?"),
         (["--forecast.no-axis=3"], "Unknown option: --forecast.no-axis."),
         (["--ensembel", "e.nc"], "Unknown option: --ensembel. Did you mean --ensemble?"),
@@ -153,13 +190,17 @@ def test_an_unknown_option_is_named_before_what_is_missing(words, unknown) -> No
 
 
 def test_options_with_an_underscore_and_words_after_two_hyphens_are_no_unknown_options() -> None:
-    assert "--ensemble is missing" in refusal("replay", "--dry_run", "--measurements.no-use-inverted", "--", "--mode")
+    assert "--ensemble is missing" in refusal(
+        "replay", "--dry_run", "--measurements.no-use-inverted", "--", "--mode"
+    )
 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("log") / "A.TLOG"
-    made = invoke(["twin", "--truth", str(ROOT / "sample_logs" / "truth.nc"), "--pings", "2", "-o", str(out)])
+    made = invoke(
+        ["twin", "--truth", str(ROOT / "sample_logs" / "truth.nc"), "--pings", "2", "-o", str(out)]
+    )
     assert made.exit_code == 0, made.exception
     return out
 
@@ -185,7 +226,11 @@ def test_answers_go_to_streams_and_logs_do_not(log, tmp_path, monkeypatch) -> No
     assert [path.name for path in tmp_path.iterdir()] == ["pipe.mcap"]
 
 
-SINGLE = [(words, option) for words, name, option in OPTIONS if option.hint is not bool and not option.token_count()[1]]
+SINGLE = [
+    (words, option)
+    for words, name, option in OPTIONS
+    if option.hint is not bool and not option.token_count()[1]
+]
 
 
 @pytest.mark.parametrize("step", [10, pytest.param(1, marks=pytest.mark.full)])
@@ -212,12 +257,27 @@ def test_every_command_that_reads_an_ensemble_takes_several_files() -> None:
 @pytest.mark.parametrize(
     ("given", "meant"),
     [
-        ("info --ensemble a.nc b.nc c.zarr", "info --ensemble a.nc --ensemble b.nc --ensemble c.zarr"),
-        ("replay x.mcap --ensemble a.nc b*.nc -o o.mcap", "replay x.mcap --ensemble a.nc --ensemble b*.nc -o o.mcap"),
-        ("replay --ensemble=a.nc b.nc x.mcap -o o.mcap", "replay --ensemble=a.nc --ensemble b.nc x.mcap -o o.mcap"),
+        (
+            "info --ensemble a.nc b.nc c.zarr",
+            "info --ensemble a.nc --ensemble b.nc --ensemble c.zarr",
+        ),
+        (
+            "replay x.mcap --ensemble a.nc b*.nc -o o.mcap",
+            "replay x.mcap --ensemble a.nc --ensemble b*.nc -o o.mcap",
+        ),
+        (
+            "replay --ensemble=a.nc b.nc x.mcap -o o.mcap",
+            "replay --ensemble=a.nc --ensemble b.nc x.mcap -o o.mcap",
+        ),
         # glider files are logs where no log stands elsewhere
-        ("replay --ensemble e.nc p1.nc p2.nc -o o.mcap", "replay --ensemble e.nc p1.nc p2.nc -o o.mcap"),
-        ("replay x.mcap --ensemble e.nc y.mcap --ensemble", "replay x.mcap --ensemble e.nc y.mcap --ensemble"),
+        (
+            "replay --ensemble e.nc p1.nc p2.nc -o o.mcap",
+            "replay --ensemble e.nc p1.nc p2.nc -o o.mcap",
+        ),
+        (
+            "replay x.mcap --ensemble e.nc y.mcap --ensemble",
+            "replay x.mcap --ensemble e.nc y.mcap --ensemble",
+        ),
         ("", ""),
     ],
 )
@@ -225,7 +285,9 @@ def test_words_after_an_ensemble_are_files_of_it(given, meant) -> None:
     assert repeat_ensembles(given.split()) == meant.split()
 
 
-def test_short_and_long_names_are_one_option_and_flags_and_lists_may_come_again(log, tmp_path) -> None:
+def test_short_and_long_names_are_one_option_and_flags_and_lists_may_come_again(
+    log, tmp_path
+) -> None:
     said = refusal("replay", "log.mcap", "-o", "a.mcap", "--ensemble", "e.nc", "--out", "b.mcap")
     assert "--out: expected one value, got a.mcap and b.mcap" in said
     again = ["--remap", "/a=/b", "--remap", "/c=/d", "--overwrite", "--overwrite"]

@@ -27,9 +27,13 @@ ASK = ["--start=152.42,-40.0,0", "--goal=152.52,-39.96,0", "--depth", "390"]
 def flow(tmp_path_factory):
     made = eddying_flow(12)
     # two modes with an uncertainty, so that it can be sampled
-    modes = np.random.default_rng(0).standard_normal((len(made.latent), 2)) * np.abs(made.latent).max()
+    modes = (
+        np.random.default_rng(0).standard_normal((len(made.latent), 2)) * np.abs(made.latent).max()
+    )
     path = tmp_path_factory.mktemp("plan") / "flow.nc"
-    replace(made, modes=modes, covariance=0.01 * np.eye(2 * made.levels.size), time_ns=10**18).save(path)
+    replace(made, modes=modes, covariance=0.01 * np.eye(2 * made.levels.size), time_ns=10**18).save(
+        path
+    )
     return path
 
 
@@ -41,15 +45,33 @@ def run(*arguments, code=0):
 
 
 def test_everything_it_writes_agrees(flow, tmp_path):
-    out, geojson, table, answer = (tmp_path / name for name in ("plan.mcap", "plan.geojson", "plan.csv", "plan.json"))
-    done = run(flow, *ASK, "-o", out, "--geojson", geojson, "--csv", table, "--json", answer, "--samples", 10)
+    out, geojson, table, answer = (
+        tmp_path / name for name in ("plan.mcap", "plan.geojson", "plan.csv", "plan.json")
+    )
+    done = run(
+        flow,
+        *ASK,
+        "-o",
+        out,
+        "--geojson",
+        geojson,
+        "--csv",
+        table,
+        "--json",
+        answer,
+        "--samples",
+        10,
+    )
     said = json.loads(answer.read_text())
     assert said["status"] == "reached"
     assert said["message"] in done.output
     assert said["samples"]["count"] == 10
     assert len(table.read_text().splitlines()) == len(said["legs"]) + 1
     assert said["legs"][-1]["ellipse_major_m"] > 0.0
-    assert json.loads(geojson.read_text())["features"][0]["properties"]["duration_s"] == said["duration_s"]
+    assert (
+        json.loads(geojson.read_text())["features"][0]["properties"]["duration_s"]
+        == said["duration_s"]
+    )
     with out.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         ((_, _, message, controls),) = reader.iter_decoded_messages(topics="/plan/controls")
@@ -62,7 +84,11 @@ def recorded(path):
     with path.open("rb") as file:
         reader = make_reader(file)
         metadata = {record.name: dict(record.metadata) for record in reader.iter_metadata()}
-        (config,) = [record.data.decode() for record in reader.iter_attachments() if record.name == "config.toml"]
+        (config,) = [
+            record.data.decode()
+            for record in reader.iter_attachments()
+            if record.name == "config.toml"
+        ]
     return metadata, config
 
 
@@ -83,19 +109,51 @@ def test_a_plan_says_what_it_was_made_of_and_can_be_made_again(flow, tmp_path):
     config, areas, out = (tmp_path / name for name in ("run.toml", "areas.geojson", "plan.mcap"))
     config.write_text("[planner]\nmax_angle = 30.0\n[measurements]\nsurface_depth = 4.0\n")
     far = [[150.0, -45.0], [150.1, -45.0], [150.1, -44.9], [150.0, -45.0]]
-    areas.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [far]}}))
-    run(flow, *ASK, "--config", config, "--no-go", areas, "--objective", "energy", "--legs", 3, "-o", out)
+    areas.write_text(
+        json.dumps(
+            {
+                "type": "Feature",
+                "properties": {},
+                "geometry": {"type": "Polygon", "coordinates": [far]},
+            }
+        )
+    )
+    run(
+        flow,
+        *ASK,
+        "--config",
+        config,
+        "--no-go",
+        areas,
+        "--objective",
+        "energy",
+        "--legs",
+        3,
+        "-o",
+        out,
+    )
     metadata, settings = recorded(out)
     hashes = {"flow0": flow, "no_go": areas}
-    expected = {name: f"{path.name} sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}" for name, path in hashes.items()}
+    expected = {
+        name: f"{path.name} sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}"
+        for name, path in hashes.items()
+    }
     assert metadata["replay_kit.inputs"] == expected
     assert metadata["replay_kit.options"]["start"] == "152.42,-40.0,0"
     assert metadata["replay_kit.options"]["goals"] == "152.52,-39.96,0"
     assert metadata["replay_kit.versions"]["replay-kit"] == __version__
     (tmp_path / "attached.toml").write_text(settings)
     attached = load_config(tmp_path / "attached.toml")
-    assert (attached.planner.kind, attached.planner.objective, attached.planner.legs) == ("mission", "energy", 3)
-    assert (attached.planner.max_angle, attached.planner.depth, attached.measurements.surface_depth) == (30.0, 390.0, 4.0)
+    assert (attached.planner.kind, attached.planner.objective, attached.planner.legs) == (
+        "mission",
+        "energy",
+        3,
+    )
+    assert (
+        attached.planner.max_angle,
+        attached.planner.depth,
+        attached.measurements.surface_depth,
+    ) == (30.0, 390.0, 4.0)
     assert attached.planner.max_duration == MissionSettings().max_duration
     again = tmp_path / "again.mcap"
     run(flow, *ASK[:2], "--config", tmp_path / "attached.toml", "--no-go", areas, "-o", again)
@@ -105,23 +163,54 @@ def test_a_plan_says_what_it_was_made_of_and_can_be_made_again(flow, tmp_path):
 
 @pytest.mark.full
 def test_areas_and_bathymetry_are_kept_clear_of(flow, tmp_path):
-    corners = [[152.46, -40.06], [152.475, -40.06], [152.475, -39.97], [152.46, -39.97], [152.46, -40.06]]
-    area = {"type": "Feature", "properties": {"name": "range"}, "geometry": {"type": "Polygon", "coordinates": [corners]}}
+    corners = [
+        [152.46, -40.06],
+        [152.475, -40.06],
+        [152.475, -39.97],
+        [152.46, -39.97],
+        [152.46, -40.06],
+    ]
+    area = {
+        "type": "Feature",
+        "properties": {"name": "range"},
+        "geometry": {"type": "Polygon", "coordinates": [corners]},
+    }
     areas = tmp_path / "areas.geojson"
     areas.write_text(json.dumps({"type": "FeatureCollection", "features": [area]}))
     assert read_areas(areas)[0].name == "range"
     longitude, latitude = np.linspace(152.0, 153.0, 41), np.linspace(-40.4, -39.6, 33)
-    bottom = np.where((longitude[None] > 152.455) & (longitude[None] < 152.48) & (latitude[:, None] < -39.97), -100.0, -4000.0)
+    bottom = np.where(
+        (longitude[None] > 152.455) & (longitude[None] < 152.48) & (latitude[:, None] < -39.97),
+        -100.0,
+        -4000.0,
+    )
     grid = xr.Dataset({"elevation": (("lat", "lon"), bottom)}, {"lon": longitude, "lat": latitude})
     grid.to_netcdf(tmp_path / "bottom.nc", engine="h5netcdf")
     read = read_bathymetry(tmp_path / "bottom.nc", eddying_flow(12).grid)
     assert (read.depth.shape, read.depth.max()) == ((26, 39), 4000.0)
-    free, past = (json.loads(run(flow, *ASK, "--json", "-", *more).stdout) for more in ([], ["--no-go", areas, "--samples", 5]))
+    free, past = (
+        json.loads(run(flow, *ASK, "--json", "-", *more).stdout)
+        for more in ([], ["--no-go", areas, "--samples", 5])
+    )
     assert past["status"] == ("unsafe" if past["samples"]["safe"] < 0.9 else "reached")
     assert past["duration_s"] > free["duration_s"]
     assert (past["samples"]["safe"] == 1.0) == (past["samples"]["violations"] == {})
     assert past["samples"]["allowed"] is None
-    done = run(flow, *ASK, "--json", "-", "--no-go", areas, "--samples", 5, "--risk", 0.2, "--legs", len(past["legs"]), code=None)
+    done = run(
+        flow,
+        *ASK,
+        "--json",
+        "-",
+        "--no-go",
+        areas,
+        "--samples",
+        5,
+        "--risk",
+        0.2,
+        "--legs",
+        len(past["legs"]),
+        code=None,
+    )
     wide = json.loads(done.stdout)
     assert wide["duration_s"] >= past["duration_s"] * (1.0 - 1e-4)
     violating = 1.0 - wide["samples"]["safe"]
@@ -140,7 +229,19 @@ def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path)
     assert moored["samples"]["miss_median_m"] >= 0.5 * moored["statistics"]["farthest_m"]
     places = tmp_path / "goto_l10.ma"
     lined = run(
-        flow, *ASK, "--json", "-", "--line", "--line-weight", 20, "--objective", "time=1,energy=0.01", "--waypoints", places, "--spline", 2
+        flow,
+        *ASK,
+        "--json",
+        "-",
+        "--line",
+        "--line-weight",
+        20,
+        "--objective",
+        "time=1,energy=0.01",
+        "--waypoints",
+        places,
+        "--spline",
+        2,
     )
     said = json.loads(lined.stdout)
     assert 0.0 < said["statistics"]["spline_error"] < 0.01
@@ -221,7 +322,9 @@ def test_a_plan_is_judged_by_forty_samples_and_its_message_leads_with_the_odds(f
     # 2001-09-09 01:46:40Z is where it begins
     hours = said["goals"][0]["met_s"] / 3600.0
     assert f"after {hours:.1f} h (2001-09-09 " in said["message"]
-    assert f"{said['energy_j'] / 1e3:.0f} kJ, {said['energy_j'] / 1e5:.1f} % of 10 MJ" in done.stderr
+    assert (
+        f"{said['energy_j'] / 1e3:.0f} kJ, {said['energy_j'] / 1e5:.1f} % of 10 MJ" in done.stderr
+    )
     doubtful = json.loads(run(flow, *ASK, "--json", "-", "--angles", "15,16", "--arrive", 1).stdout)
     assert (doubtful["status"], doubtful["samples"]["reached"] < 1.0) == ("uncertain", True)
     assert "100 % are asked for" in doubtful["message"]
@@ -231,13 +334,35 @@ def test_a_plan_is_judged_by_forty_samples_and_its_message_leads_with_the_odds(f
 def test_a_risk_that_cannot_be_kept_ends_with_7_and_without_files(flow, tmp_path):
     # the goal lies 200 m from an area on either side
     areas, out, csv = tmp_path / "areas.geojson", tmp_path / "plan.mcap", tmp_path / "plan.csv"
-    bands = [[[152.49, y], [152.55, y], [152.55, y + 0.03], [152.49, y + 0.03], [152.49, y]] for y in (-39.9918, -39.9582)]
+    bands = [
+        [[152.49, y], [152.55, y], [152.55, y + 0.03], [152.49, y + 0.03], [152.49, y]]
+        for y in (-39.9918, -39.9582)
+    ]
     areas.write_text(
         json.dumps(
-            {"type": "Feature", "properties": {"name": "banks"}, "geometry": {"type": "MultiPolygon", "coordinates": [[b] for b in bands]}}
+            {
+                "type": "Feature",
+                "properties": {"name": "banks"},
+                "geometry": {"type": "MultiPolygon", "coordinates": [[b] for b in bands]},
+            }
         )
     )
-    asked = (flow, *ASK, "--no-go", areas, "--risk", 0.05, "--json", "-", "--csv", csv, "-o", out, "--time-limit", 0.1)
+    asked = (
+        flow,
+        *ASK,
+        "--no-go",
+        areas,
+        "--risk",
+        0.05,
+        "--json",
+        "-",
+        "--csv",
+        csv,
+        "-o",
+        out,
+        "--time-limit",
+        0.1,
+    )
     done = run(*asked, code=7)
     said = json.loads(done.stdout)
     assert done.exit_code == 7
@@ -247,7 +372,9 @@ def test_a_risk_that_cannot_be_kept_ends_with_7_and_without_files(flow, tmp_path
     assert "the time limit of 0.1 s ended the search" in said["message"]
     assert not out.exists()
     assert not csv.exists()
-    written = run(*[part for part in asked if part not in ("--json", "-")], "--write-unsafe", code=7)
+    written = run(
+        *[part for part in asked if part not in ("--json", "-")], "--write-unsafe", code=7
+    )
     assert written.exit_code == 7
     assert out.exists()
     assert csv.exists()

@@ -61,14 +61,22 @@ def test_options_win_over_the_file_and_leave_its_other_keys(tmp_path) -> None:
         return 0
 
     kind = command.__kwdefaults__["settings"].__class__
-    quality = kind(config=tmp_path / "run.toml", measurements__quality__tilt_fail="25").load().measurements.quality
+    quality = (
+        kind(config=tmp_path / "run.toml", measurements__quality__tilt_fail="25")
+        .load()
+        .measurements.quality
+    )
     assert (quality.tilt_fail, quality.leg) == (25.0, 5.0)
     with pytest.raises(ConfigError, match=r"'measurements\.quality\.tilt_fail': .* got 'steep'"):
         kind(measurements__quality__tilt_fail="steep").load()
 
 
 def test_replay_has_an_option_for_every_setting_with_its_help() -> None:
-    options = {name: option for option in app["replay"].assemble_argument_collection() for name in option.names}
+    options = {
+        name: option
+        for option in app["replay"].assemble_argument_collection()
+        for name in option.names
+    }
 
     def check(model: type, prefix: str) -> int:
         count = 0
@@ -77,7 +85,9 @@ def test_replay_has_an_option_for_every_setting_with_its_help() -> None:
             if hasattr(setting.annotation, "model_fields"):
                 count += check(setting.annotation, f"{path}.")
             elif path != "measurements.map":
-                assert options[f"--{path.replace('_', '-')}"].parameter.help.startswith(setting.description), path
+                assert options[f"--{path.replace('_', '-')}"].parameter.help.startswith(
+                    setting.description
+                ), path
                 count += 1
         return count
 
@@ -105,7 +115,10 @@ def test_help_lists_what_the_libraries_have() -> None:
     [
         (["twin", "--truht", "t.nc", "-o", "x.mcap"], "--truth"),
         (["replay", "a.mcap", "--ensemble", "e.nc", "-o", "x.mcap", "--mode", "3"], "--modes"),
-        (["replay", "a.mcap", "--ensemble", "e.nc", "-o", "x.mcap", "--planner.dept", "3"], "--planner.depth"),
+        (
+            ["replay", "a.mcap", "--ensemble", "e.nc", "-o", "x.mcap", "--planner.dept", "3"],
+            "--planner.depth",
+        ),
         (["replya"], '"replay"'),
         (["experiment", "acuracy"], '"accuracy"'),
     ],
@@ -121,13 +134,20 @@ def test_help_is_as_wide_as_it_is_told_to_be() -> None:
     for columns in (60, 100, 240):
         lines = invoke(["replay", "--help-all"], columns=columns).stdout.splitlines()
         assert columns - 10 < max(map(len, lines)) <= columns
-    wide, told = (python("-m", "replay_kit", "qc", "--help-all", env=env) for env in ({}, {"COLUMNS": "80"}))
+    wide, told = (
+        python("-m", "replay_kit", "qc", "--help-all", env=env) for env in ({}, {"COLUMNS": "80"})
+    )
     assert 150 < max(map(len, wide.splitlines())) <= 160
     assert 70 < max(map(len, told.splitlines())) <= 80
 
 
 def test_help_and_refusals_load_no_library_that_takes_long() -> None:
-    for arguments in (["replay", "--help"], ["replay", "a.mcap", "--nope"], ["plan", "--help"], ["--version"]):
+    for arguments in (
+        ["replay", "--help"],
+        ["replay", "a.mcap", "--nope"],
+        ["plan", "--help"],
+        ["--version"],
+    ):
         assert slow_libraries(*arguments) == "[]", arguments
 
 
@@ -136,7 +156,12 @@ def test_what_is_in_a_log_is_told_without_the_libraries_of_forecasts_and_plans()
 
 
 def test_a_plan_of_a_file_that_is_not_there_is_refused_before_the_planners_are_loaded() -> None:
-    assert slow_libraries("plan", "nowhere.nc", "--start=152,-40,0", "--goal=152.1,-40,0", "--objective", "energy") == "['numpy']"
+    assert (
+        slow_libraries(
+            "plan", "nowhere.nc", "--start=152,-40,0", "--goal=152.1,-40,0", "--objective", "energy"
+        )
+        == "['numpy']"
+    )
 
 
 def slow_libraries(*arguments: str) -> str:
@@ -152,12 +177,16 @@ def slow_libraries(*arguments: str) -> str:
 def python(*arguments: str, env: dict[str, str] | None = None) -> str:
     """Return what a process of its own prints."""
     command = [sys.executable, *arguments]
-    return subprocess.run(command, env=env, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return subprocess.run(
+        command, env=env, cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
 
 
 def test_completion_can_be_installed(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("SHELL", "/bin/bash")
     assert invoke(["--install-completion"]).exit_code == 0
-    scripts = [path for path in tmp_path.rglob("*") if path.is_file() and "replay" in path.read_text()]
+    scripts = [
+        path for path in tmp_path.rglob("*") if path.is_file() and "replay" in path.read_text()
+    ]
     assert any("--ensemble" in path.read_text() for path in scripts)

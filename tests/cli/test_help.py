@@ -15,11 +15,18 @@ def headings(text: str) -> list[str]:
 
 def options(text: str) -> list[str]:
     """Return the first name of each entry."""
-    return [line.split()[0].rstrip(",") for line in text.splitlines() if line.startswith("  ") and line[2] != " "]
+    return [
+        line.split()[0].rstrip(",")
+        for line in text.splitlines()
+        if line.startswith("  ") and line[2] != " "
+    ]
 
 
 def test_names_and_descriptions_stand_in_columns() -> None:
-    entries = [("-o, --out FILE", "Where the result goes, with many words."), ("--a-name-that-is-too-long X", "Below.")]
+    entries = [
+        ("-o, --out FILE", "Where the result goes, with many words."),
+        ("--a-name-that-is-too-long X", "Below."),
+    ]
     assert layout("Usage: it", "Does it.", [("Options", entries)], 50).splitlines() == [
         "Usage: it",
         "",
@@ -48,7 +55,12 @@ def test_no_line_is_wider_than_the_terminal_and_every_option_is_there(words) -> 
     for word in words:
         command = command[word]
     with app.app_stack((*words,)):
-        names = {name for argument in command.assemble_argument_collection() if argument.show for name in argument.names}
+        names = {
+            name
+            for argument in command.assemble_argument_collection()
+            if argument.show
+            for name in argument.names
+        }
     said = done.stdout.replace(",", " ").split()
     assert names <= set(said)
     assert headings(done.stdout)[-1] == "Reporting:"
@@ -56,7 +68,9 @@ def test_no_line_is_wider_than_the_terminal_and_every_option_is_there(words) -> 
 
 @pytest.mark.parametrize("words", [(), ("experiment",), *COMMANDS], ids=" ".join)
 def test_help_fits_a_screen_and_says_how_to_see_the_rest(words) -> None:
-    said, whole = (invoke([*words, option], columns=100).stdout for option in ("--help", "--help-all"))
+    said, whole = (
+        invoke([*words, option], columns=100).stdout for option in ("--help", "--help-all")
+    )
     assert len(said.splitlines()) <= 50
     hidden = len(options(whole)) - len(options(said))
     assert hidden >= 0
@@ -69,15 +83,36 @@ def test_help_fits_a_screen_and_says_how_to_see_the_rest(words) -> None:
 def test_the_common_options_of_a_long_list_come_first() -> None:
     said = invoke(["replay", "--help-all"], columns=80).stdout
     found = headings(said)
-    assert found[:6] == ["Common options:", "Inputs:", "Outputs:", "Options:", "Settings:", "Section logs of the settings:"]
+    assert found[:6] == [
+        "Common options:",
+        "Inputs:",
+        "Outputs:",
+        "Options:",
+        "Settings:",
+        "Section logs of the settings:",
+    ]
     common = options(said[said.index("Common options:") : said.index("Inputs:")])
     assert common[:3] == ["LOG", "--ensemble", "-o"]
     assert set(common[3:]) == {
-        *("--goal", "--config", "--overwrite", "--json", "--start", "--end", "--region", "--levels", "--members"),
+        *(
+            "--goal",
+            "--config",
+            "--overwrite",
+            "--json",
+            "--start",
+            "--end",
+            "--region",
+            "--levels",
+            "--members",
+        ),
         *("--place-ensemble", "--modes", "--without"),
     }
     # a short list has no such heading
-    assert headings(invoke(["synthesize", "--help"]).stdout) == ["Outputs:", "Options:", "Reporting:"]
+    assert headings(invoke(["synthesize", "--help"]).stdout) == [
+        "Outputs:",
+        "Options:",
+        "Reporting:",
+    ]
 
 
 def test_of_a_long_list_the_help_has_first_sentences_short_names_and_defaults() -> None:
@@ -90,9 +125,15 @@ def test_of_a_long_list_the_help_has_first_sentences_short_names_and_defaults() 
 
 def test_forms_choices_and_defaults_are_told() -> None:
     said = " ".join(invoke(["twin", "--help-all"], columns=80).stdout.split())
-    assert "--vehicle vessel|glider A vessel surveys at random positions, a glider dives. [default: vessel]" in said
+    assert (
+        "--vehicle vessel|glider A vessel surveys at random positions, a glider dives. [default: vessel]"
+        in said
+    )
     assert "--pings COUNT Number of ADCP pings. [default: 450]" in said
-    assert "--noise NUMBER Standard deviation of each velocity component of a bin [m/s]. [default: 0.09]" in said
+    assert (
+        "--noise NUMBER Standard deviation of each velocity component of a bin [m/s]. [default: 0.09]"
+        in said
+    )
     assert "--truth FILE[#member] The current that the vehicle moves in. [required]" in said
     assert "--changing The current changes" in said
 
@@ -103,7 +144,11 @@ def test_forms_choices_and_defaults_are_told() -> None:
         ([], 2, "Usage: replay-kit COMMAND [OPTIONS]\n"),
         (["-h"], 0, "Usage: replay-kit COMMAND [OPTIONS]\n"),
         (["experiment"], 2, "Usage: replay-kit experiment COMMAND [OPTIONS]\n"),
-        (["experiment", "dives", "-h"], 0, "Usage: replay-kit experiment dives LOG... --ensemble FILE [OPTIONS]\n"),
+        (
+            ["experiment", "dives", "-h"],
+            0,
+            "Usage: replay-kit experiment dives LOG... --ensemble FILE [OPTIONS]\n",
+        ),
         (["--help", "qc", "a.mcap"], 0, "Usage: replay-kit qc LOG... [OPTIONS]\n"),
     ],
 )

@@ -19,7 +19,13 @@ def ocean(tmp_path_factory):
 
 def said(ocean, *more, ensemble="ensemble.nc", code=2):
     """Return what a replay that is refused says."""
-    files = [str(ocean / "glider.mcap"), "--ensemble", str(ocean / ensemble), "-o", str(ocean / "never.mcap")]
+    files = [
+        str(ocean / "glider.mcap"),
+        "--ensemble",
+        str(ocean / ensemble),
+        "-o",
+        str(ocean / "never.mcap"),
+    ]
     done = invoke(["replay", *files, *more])
     assert done.exit_code == code, done.output
     assert not list(ocean.glob("never*"))
@@ -37,8 +43,14 @@ def said(ocean, *more, ensemble="ensemble.nc", code=2):
         ("61.8,16.1S,300", "write -16.1 for 16.1S; west and south are negative"),
         ("61.8,,300", "'' is no finite number"),
         ("61.8,nan,300", "'nan' is no finite number"),
-        ("-40.1,152.8,300", "the latitude 152.8 is outside -90..90; did you mean --goal=152.8,-40.1,300?"),
-        ("-40.1,-90.5,3", "the latitude -90.5 is outside -90..90; did you mean --goal=-90.5,-40.1,3?"),
+        (
+            "-40.1,152.8,300",
+            "the latitude 152.8 is outside -90..90; did you mean --goal=152.8,-40.1,300?",
+        ),
+        (
+            "-40.1,-90.5,3",
+            "the latitude -90.5 is outside -90..90; did you mean --goal=-90.5,-40.1,3?",
+        ),
         ("100,152.8,300", "the latitude 152.8 is outside -90..90; give a place on the Earth"),
     ],
 )
@@ -60,19 +72,28 @@ def test_a_place_whose_swapped_numbers_lie_in_the_region_is_asked_about(ocean, t
 
 def test_a_goal_outside_is_told_from_a_log_outside(ocean) -> None:
     answer = said(ocean, "--goal=10,-40,100", code=3)
-    assert answer.startswith("goal at 10.00000, -40.00000, 100 m is outside the forecast's region (west, south, east, north: 1")
+    assert answer.startswith(
+        "goal at 10.00000, -40.00000, 100 m is outside the forecast's region (west, south, east, north: 1"
+    )
     assert answer.endswith("); choose a place inside it or a forecast that covers it")
     answer = said(ocean, "--goal=152.2,-39.8,100", ensemble="elsewhere.nc", code=3)
-    assert "; choose a place inside it or a forecast that covers it. The whole log lies outside it too, in 152." in answer
+    assert (
+        "; choose a place inside it or a forecast that covers it. The whole log lies outside it too, in 152."
+        in answer
+    )
     assert answer.endswith(" N: use an ensemble of that place, or --place-ensemble for a study")
 
 
 def test_a_time_span_without_messages_is_told_that_of_the_log(ocean) -> None:
     span = "2018-11-16T00:00:00Z to "
     after = said(ocean, "--start", "2019-01-01")
-    assert after.startswith(f"--start 2019-01-01: no message lies there; the log spans {span}2018-11-16T0")
+    assert after.startswith(
+        f"--start 2019-01-01: no message lies there; the log spans {span}2018-11-16T0"
+    )
     before = said(ocean, "--start", "2018-01-01", "--end", "2018-11-15")
-    assert before.startswith(f"--start 2018-01-01 and --end 2018-11-15: no message lies there; the log spans {span}")
+    assert before.startswith(
+        f"--start 2018-01-01 and --end 2018-11-15: no message lies there; the log spans {span}"
+    )
 
 
 def test_an_option_is_not_blamed_on_the_file(ocean, tmp_path) -> None:
@@ -93,8 +114,14 @@ def test_an_option_is_not_blamed_on_the_file(ocean, tmp_path) -> None:
     ("text", "why"),
     [
         ("[planner]\nspeed = 0.3\nspeed = 0.4\n", "line 3: the key 'speed' stands twice; keep one"),
-        ("[planner]\nspeed = 0.3\n[planner]\ndepth = 4\n", "line 3: the table [planner] stands twice; keep one"),
-        ("[planner\n", "not TOML: Expected ']' at the end of a table declaration (at line 1, column 9)"),
+        (
+            "[planner]\nspeed = 0.3\n[planner]\ndepth = 4\n",
+            "line 3: the table [planner] stands twice; keep one",
+        ),
+        (
+            "[planner\n",
+            "not TOML: Expected ']' at the end of a table declaration (at line 1, column 9)",
+        ),
     ],
 )
 def test_a_repeated_key_is_named_with_its_line(ocean, tmp_path, text, why) -> None:
@@ -106,9 +133,18 @@ def test_a_repeated_key_is_named_with_its_line(ocean, tmp_path, text, why) -> No
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--ensemble", "e.nc", "replay", "a.mcap"], "--ensemble: stands before the command; write replay-kit replay --ensemble ..."),
-        (["-q", "--json=x.json", "info", "a.mcap"], "--json=x.json: stands before the command; write replay-kit info --json=x.json ..."),
-        (["--noise", "1", "experiment", "dives"], "--noise: stands before the command; write replay-kit experiment dives --noise ..."),
+        (
+            ["--ensemble", "e.nc", "replay", "a.mcap"],
+            "--ensemble: stands before the command; write replay-kit replay --ensemble ...",
+        ),
+        (
+            ["-q", "--json=x.json", "info", "a.mcap"],
+            "--json=x.json: stands before the command; write replay-kit info --json=x.json ...",
+        ),
+        (
+            ["--noise", "1", "experiment", "dives"],
+            "--noise: stands before the command; write replay-kit experiment dives --noise ...",
+        ),
     ],
 )
 def test_an_option_before_the_command_is_told_its_place(arguments, words) -> None:
@@ -120,4 +156,7 @@ def test_a_region_is_told_how_many_numbers_it_has() -> None:
     done = invoke(["plan", "flow.nc", "--start=1,2,3", "--goal=1,2,3", "--angles", "15"])
     assert done.stderr == "replay-kit: --angles: expected MIN,MAX, got '15': MAX is missing\n"
     done = invoke(["plan", "flow.nc", "--start=1,2,3", "--goal=1,2,3", "--mooring", "5,2,1"])
-    assert done.stderr == "replay-kit: --mooring: expected RADIUS,HOURS, got '5,2,1': 3 numbers instead of 2\n"
+    assert (
+        done.stderr
+        == "replay-kit: --mooring: expected RADIUS,HOURS, got '5,2,1': 3 numbers instead of 2\n"
+    )

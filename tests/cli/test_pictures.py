@@ -20,7 +20,9 @@ SETTINGS = {
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pictures")
-    rk.replay(SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc", settings=SETTINGS, out=folder / "r.mcap")
+    rk.replay(
+        SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc", settings=SETTINGS, out=folder / "r.mcap"
+    )
     return folder
 
 
@@ -88,8 +90,27 @@ def test_the_script_of_the_next_three_days(folder, capsys):
 
 
 def test_a_replay_writes_a_smoothed_result_too(tmp_path):
-    words = ["replay", str(SAMPLES / "glider.mcap"), "--ensemble", str(SAMPLES / "ensemble.nc"), "--end", "2018-11-16T02:00:00Z", "-q"]
-    words += ["--levels", "5,150,500", "--modes", "6", "--time.scale", "86400", "-o", "r.mcap", "--smooth", "s.mcap"]
+    words = [
+        "replay",
+        str(SAMPLES / "glider.mcap"),
+        "--ensemble",
+        str(SAMPLES / "ensemble.nc"),
+        "--end",
+        "2018-11-16T02:00:00Z",
+        "-q",
+    ]
+    words += [
+        "--levels",
+        "5,150,500",
+        "--modes",
+        "6",
+        "--time.scale",
+        "86400",
+        "-o",
+        "r.mcap",
+        "--smooth",
+        "s.mcap",
+    ]
     done = run_command(tmp_path, words)
     assert done.returncode == 0, done.stderr
     first, second = (rk.open_result(tmp_path / name) for name in ("r.mcap", "s.mcap"))

@@ -50,7 +50,10 @@ def test_quiet_keeps_answers_that_are_asked_for_and_errors(log) -> None:
 
 def test_a_log_keeps_what_is_printed_with_the_time(log, usual, tmp_path) -> None:
     for more in ([], ["-q"]):
-        assert invoke(["--log", str(tmp_path / "a.log"), "info", log, *more], columns=80).exit_code == 0
+        assert (
+            invoke(["--log", str(tmp_path / "a.log"), "info", log, *more], columns=80).exit_code
+            == 0
+        )
     run_command(tmp_path, ["info", "absent.mcap", "--log", "a.log"])
     lines = (tmp_path / "a.log").read_text().splitlines()
     assert all(re.match(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\dZ .", line) for line in lines)
@@ -66,11 +69,20 @@ def test_a_log_is_no_other_file_of_the_command(log, tmp_path) -> None:
     (tmp_path / "flight.log").write_bytes(b"precious")
     done = run_command(tmp_path, ["info", "flight.log", "--log", "./flight.log"])
     assert done.returncode == 2
-    assert done.stderr == "replay-kit: --log: 'flight.log' is another file of this command; choose another name\n"
+    assert (
+        done.stderr
+        == "replay-kit: --log: 'flight.log' is another file of this command; choose another name\n"
+    )
     assert (tmp_path / "flight.log").read_bytes() == b"precious"
     done = run_command(tmp_path, ["info", log, "--log", "absent/a.log"])
-    assert done.stderr == "replay-kit: --log: cannot write 'absent/a.log': No such file or directory; choose another file\n"
-    assert "--log: expected the name of a file that ends in one of .log, .txt" in run_command(tmp_path, ["info", log, "--log", log]).stderr
+    assert (
+        done.stderr
+        == "replay-kit: --log: cannot write 'absent/a.log': No such file or directory; choose another file\n"
+    )
+    assert (
+        "--log: expected the name of a file that ends in one of .log, .txt"
+        in run_command(tmp_path, ["info", log, "--log", log]).stderr
+    )
 
 
 def test_one_run_does_not_report_as_the_one_before(log, tmp_path) -> None:
@@ -84,7 +96,11 @@ def test_one_run_does_not_report_as_the_one_before(log, tmp_path) -> None:
 
 
 def test_a_terminal_is_shown_the_stages_and_a_pipe_nothing(monkeypatch, tmp_path) -> None:
-    monkeypatch.setattr(reporting, "_CURRENT", reporting.ContextVar("own", default=reporting.Reporting(log=tmp_path / "a.log")))
+    monkeypatch.setattr(
+        reporting,
+        "_CURRENT",
+        reporting.ContextVar("own", default=reporting.Reporting(log=tmp_path / "a.log")),
+    )
     for stream in (Terminal(), io.StringIO()):
         monkeypatch.setattr(sys, "stderr", stream)
         with progress() as advance:
@@ -92,6 +108,11 @@ def test_a_terminal_is_shown_the_stages_and_a_pipe_nothing(monkeypatch, tmp_path
             for k in range(5):
                 advance(k, 4, f"planning: try {k}")
         shown = stream.getvalue()
-        assert ("computing the basis" in shown, "planning: try 4" in shown, "100 %" in shown) == (stream.isatty(),) * 3
+        assert ("computing the basis" in shown, "planning: try 4" in shown, "100 %" in shown) == (
+            stream.isatty(),
+        ) * 3
     # a stage once, without its details
-    assert [line[21:] for line in (tmp_path / "a.log").read_text().splitlines()] == 2 * ["computing the basis", "planning"]
+    assert [line[21:] for line in (tmp_path / "a.log").read_text().splitlines()] == 2 * [
+        "computing the basis",
+        "planning",
+    ]

@@ -41,7 +41,11 @@ def folder(tmp_path_factory) -> Path:
     messages = [
         Message(10**18 + k * 10**9, f"/{topic}{EVIL}", schema, payload, 0, k)
         for k in range(3)
-        for topic, schema, payload in (("fix", "foxglove.LocationFix", fix), ("adcp", "replay_kit.AdcpPing", adcp), ("other", EVIL, adcp))
+        for topic, schema, payload in (
+            ("fix", "foxglove.LocationFix", fix),
+            ("adcp", "replay_kit.AdcpPing", adcp),
+            ("other", EVIL, adcp),
+        )
     ]
     write_mcap_log(where / f"{EVIL}.mcap", messages)
     shutil.copyfile(ROOT / "sample_logs" / "ensemble.nc", where / f"{EVIL}.nc")
@@ -63,8 +67,32 @@ def folder(tmp_path_factory) -> Path:
         (["convert", f"{EVIL}.mcap", "-o", f"copy{EVIL}.mcap", "--overwrite"], 0),
         (["convert", f"{EVIL}.mcap", "-o", f"copy{EVIL}.tlog", "--overwrite"], 0),
         (["replay", f"{EVIL}.mcap", "--ensemble", f"{EVIL}.nc", "-o", f"out{EVIL}.mcap"], 3),
-        (["replay", f"{EVIL}.mcap", "--ensemble", f"{EVIL}.nc", "--config", f"{EVIL}.toml", "-o", "out.mcap"], 2),
-        (["replay", f"{EVIL}.mcap", "--ensemble", f"{EVIL}.nc", "--remap", f"{EVIL}", "-o", "out.mcap"], 2),
+        (
+            [
+                "replay",
+                f"{EVIL}.mcap",
+                "--ensemble",
+                f"{EVIL}.nc",
+                "--config",
+                f"{EVIL}.toml",
+                "-o",
+                "out.mcap",
+            ],
+            2,
+        ),
+        (
+            [
+                "replay",
+                f"{EVIL}.mcap",
+                "--ensemble",
+                f"{EVIL}.nc",
+                "--remap",
+                f"{EVIL}",
+                "-o",
+                "out.mcap",
+            ],
+            2,
+        ),
         (["smooth", f"{EVIL}.mcap", "--ensemble", f"{EVIL}.nc", "-o", f"out{EVIL}.mcap"], 3),
         (["fit", f"bad{EVIL}.nc", "-o", "fit.toml"], 3),
         (["verify", f"{EVIL}.mcap"], 3),

@@ -16,7 +16,9 @@ def test_an_unknown_key_is_an_error_that_names_the_known_ones(tmp_path):
         load_config(path)
 
 
-@pytest.mark.parametrize("text", ["[planner]\nspeed = -1\n", "[planner\n", "[estimator]\npreset = 'best'\n"])
+@pytest.mark.parametrize(
+    "text", ["[planner]\nspeed = -1\n", "[planner\n", "[estimator]\npreset = 'best'\n"]
+)
 def test_bad_values_and_bad_syntax(tmp_path, text):
     path = tmp_path / "run.toml"
     path.write_text(text)
@@ -38,7 +40,9 @@ def test_a_missing_file_is_said(tmp_path):
 
 def test_the_recorded_settings_read_back_as_the_same_configuration(tmp_path):
     estimator = {"modes": "all", "name": 'a "quoted" \\ text'}
-    config = load_config(None, {"forecast": {"levels": (1.0, 20.0), "time": "2018-11-16"}, "estimator": estimator})
+    config = load_config(
+        None, {"forecast": {"levels": (1.0, 20.0), "time": "2018-11-16"}, "estimator": estimator}
+    )
     assert config.estimator.modes is None
     path = tmp_path / "run.toml"
     path.write_text(run_settings_toml(config))
@@ -66,19 +70,39 @@ def test_times_are_utc_unless_they_say_otherwise(text, time_ns):
 
 
 @pytest.mark.parametrize(
-    "text", ["yesterday", "now", "today", "NaT", "", "1542326400", "2018-13-01", "1969-12-31", "2262-04-12", "9999-12-31"]
+    "text",
+    [
+        "yesterday",
+        "now",
+        "today",
+        "NaT",
+        "",
+        "1542326400",
+        "2018-13-01",
+        "1969-12-31",
+        "2262-04-12",
+        "9999-12-31",
+    ],
 )
 def test_other_times_are_refused_when_the_configuration_is_made(text):
     with pytest.raises(ConfigError, match=r"ISO 8601|1970\.\.2262"):
         parse_time(text)
-    for section, key in (("logs", "start"), ("logs", "end"), ("forecast", "time"), ("forecast", "reference_time")):
+    for section, key in (
+        ("logs", "start"),
+        ("logs", "end"),
+        ("forecast", "time"),
+        ("forecast", "reference_time"),
+    ):
         with pytest.raises(ConfigError, match=rf"'{section}\.{key}': '{text}' is"):
             load_config(None, {section: {key: text}})
 
 
 def test_a_start_after_the_end_is_refused():
     with pytest.raises(ConfigError, match=r"start .* is after end"):
-        load_config(None, {"logs": {"start": "2018-11-16T00:00:00+00:00", "end": "2018-11-16T00:30:00+01:00"}})
+        load_config(
+            None,
+            {"logs": {"start": "2018-11-16T00:00:00+00:00", "end": "2018-11-16T00:30:00+01:00"}},
+        )
     load_config(None, {"logs": {"start": "2018-11-16T00:00Z", "end": "2018-11-16T01:00+01:00"}})
 
 
@@ -121,10 +145,22 @@ def test_all_modes_from_a_file_and_from_an_option(tmp_path):
         ("[output]\nthreads=" + "9" * 5000, "not TOML: Exceeds the limit"),
         ("# a comment\n" * 30_000, "expected a configuration of at most 262144 bytes"),
         (".".join(["a"] * 5000) + "=1", r"unknown key 'a'; known here: .*output"),
-        ("[output]\nthreads=" + "[" * 300 + "]" * 300, r"'output\.threads': Input should be a valid integer, got \[{5}\.\.\.\]{5}"),
-        ("[output]\nthreads='" + "x" * 100_000 + "'", r"'output\.threads': Input should be a valid integer.*, got 'x+\.\.\.x+'$"),
-        ("[output]\nthreads=1000000", r"'output\.threads': Input should be less than or equal to 1024, got 1000000"),
-        ("".join(f"a{k}=1\n" for k in range(23)), r"unknown key 'a19'; known here: .*; and 3 more$"),
+        (
+            "[output]\nthreads=" + "[" * 300 + "]" * 300,
+            r"'output\.threads': Input should be a valid integer, got \[{5}\.\.\.\]{5}",
+        ),
+        (
+            "[output]\nthreads='" + "x" * 100_000 + "'",
+            r"'output\.threads': Input should be a valid integer.*, got 'x+\.\.\.x+'$",
+        ),
+        (
+            "[output]\nthreads=1000000",
+            r"'output\.threads': Input should be less than or equal to 1024, got 1000000",
+        ),
+        (
+            "".join(f"a{k}=1\n" for k in range(23)),
+            r"unknown key 'a19'; known here: .*; and 3 more$",
+        ),
         (f"{'a' * 100_000}=1", r"unknown key 'a{200}';"),
     ],
 )

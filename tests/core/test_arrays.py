@@ -8,7 +8,9 @@ from replay_kit.core.arrays import large_array, one_by_one
 
 
 @pytest.mark.parametrize("in_memory", [0, 1 << 30], ids=["on disk", "in memory"])
-def test_parts_taken_one_by_one_are_those_of_the_array_and_what_is_written_to_them_stays(monkeypatch, in_memory):
+def test_parts_taken_one_by_one_are_those_of_the_array_and_what_is_written_to_them_stays(
+    monkeypatch, in_memory
+):
     monkeypatch.setattr(arrays, "IN_MEMORY", in_memory)
     array = large_array((3, 600, 2))
     array[:] = np.arange(array.size).reshape(array.shape)

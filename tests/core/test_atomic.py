@@ -34,7 +34,9 @@ WRITERS = pytest.mark.parametrize("write", [text, dataset, result])
 
 
 @WRITERS
-def test_a_link_in_place_of_the_part_is_not_followed(tmp_path: Path, write: Callable[[Path], None]) -> None:
+def test_a_link_in_place_of_the_part_is_not_followed(
+    tmp_path: Path, write: Callable[[Path], None]
+) -> None:
     victim, out = tmp_path / "victim", tmp_path / "out"
     victim.write_text("old")
     (tmp_path / "out.part").symlink_to(victim)
@@ -45,7 +47,9 @@ def test_a_link_in_place_of_the_part_is_not_followed(tmp_path: Path, write: Call
 
 
 @WRITERS
-def test_a_second_name_of_a_file_in_place_of_the_part_keeps_that_file(tmp_path: Path, write: Callable[[Path], None]) -> None:
+def test_a_second_name_of_a_file_in_place_of_the_part_keeps_that_file(
+    tmp_path: Path, write: Callable[[Path], None]
+) -> None:
     victim, out = tmp_path / "victim", tmp_path / "out"
     victim.write_text("old")
     os.link(victim, tmp_path / "out.part")
@@ -65,7 +69,9 @@ def test_devices_folders_pipes_and_sockets_are_not_replaced(
         monkeypatch.chdir(tmp_path)
         server.bind("socket")
         for name in ("pipe", "folder", "null", "socket"):
-            with pytest.raises(ConfigError, match=f"{name}: is no file but a folder, device, pipe or socket"):
+            with pytest.raises(
+                ConfigError, match=f"{name}: is no file but a folder, device, pipe or socket"
+            ):
                 write(tmp_path / name)
             assert not (tmp_path / f"{name}.part").exists()
         with pytest.raises(ConfigError, match="socket: is a socket or a disk"):
@@ -83,7 +89,9 @@ def test_a_part_that_is_a_folder_or_a_pipe_is_said(tmp_path: Path) -> None:
     (tmp_path / "a.part").mkdir()
     os.mkfifo(tmp_path / "b.part")
     for name in ("a", "b"):
-        with pytest.raises(ConfigError, match=rf"{name}\.part: is no file but a link, folder or device; remove it"):
+        with pytest.raises(
+            ConfigError, match=rf"{name}\.part: is no file but a link, folder or device; remove it"
+        ):
             open_part(tmp_path / name)
 
 
@@ -98,10 +106,14 @@ def test_a_link_at_the_outputs_own_name_is_replaced_and_not_followed(tmp_path: P
 
 
 @pytest.mark.parametrize("name", ["/dev/null", "/dev/full"])
-@pytest.mark.parametrize("command", [["convert", "LOG", "-o"], ["report", "LOG", "-o"], ["twin", "--truth", "LOG", "-o"]])
+@pytest.mark.parametrize(
+    "command", [["convert", "LOG", "-o"], ["report", "LOG", "-o"], ["twin", "--truth", "LOG", "-o"]]
+)
 def test_overwrite_refuses_devices(tmp_path: Path, name: str, command: list[str]) -> None:
     log = tmp_path / "log.mcap"
     log.write_bytes(b"")
-    outcome = invoke([*(str(log) if word == "LOG" else word for word in command), name, "--overwrite"])
+    outcome = invoke(
+        [*(str(log) if word == "LOG" else word for word in command), name, "--overwrite"]
+    )
     assert outcome.exit_code == 2
     assert Path(name).is_char_device()

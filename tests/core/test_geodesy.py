@@ -32,8 +32,14 @@ def test_true_north_and_east_turn_as_the_map_does(longitude):
     latitude, step = -39.2, 1e-5
     at = np.array(to_local(CENTRE, longitude, latitude))
     northward = np.array(to_local(CENTRE, longitude, latitude + step)) - at
-    np.testing.assert_allclose(rotate_to_local(CENTRE, longitude, latitude, 0.0, 1.0), northward / np.hypot(*northward), atol=1e-6)
-    back = rotate_to_geographic(CENTRE, longitude, latitude, *rotate_to_local(CENTRE, longitude, latitude, 0.3, -0.2))
+    np.testing.assert_allclose(
+        rotate_to_local(CENTRE, longitude, latitude, 0.0, 1.0),
+        northward / np.hypot(*northward),
+        atol=1e-6,
+    )
+    back = rotate_to_geographic(
+        CENTRE, longitude, latitude, *rotate_to_local(CENTRE, longitude, latitude, 0.3, -0.2)
+    )
     np.testing.assert_allclose(back, (0.3, -0.2), atol=1e-15)
 
 
@@ -42,13 +48,18 @@ def test_distance_from_the_centre_is_kept_by_the_projection():
     assert distance(152.5, -40.0, 153.7, -39.1) == pytest.approx(np.hypot(east, north), rel=1e-9)
 
 
-@pytest.mark.parametrize(("east", "north", "expected"), [(0, 1, 0), (1, 0, 90), (0, -1, 180), (-1, 0, 270), (-1e-9, 1, 360)])
+@pytest.mark.parametrize(
+    ("east", "north", "expected"),
+    [(0, 1, 0), (1, 0, 90), (0, -1, 180), (-1, 0, 270), (-1e-9, 1, 360)],
+)
 def test_headings_are_clockwise_from_north(east, north, expected):
     assert heading_deg(east, north) == pytest.approx(expected, abs=1e-6)
 
 
 def test_unwrapping_brings_longitudes_near():
-    np.testing.assert_allclose(unwrap_longitude([181.0, -179.0, 359.0], 180.0), [181.0, 181.0, 359.0])
+    np.testing.assert_allclose(
+        unwrap_longitude([181.0, -179.0, 359.0], 180.0), [181.0, 181.0, 359.0]
+    )
 
 
 def test_inside_the_outline_of_a_grid():

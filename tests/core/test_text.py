@@ -61,7 +61,10 @@ def test_times_of_notebooks(time, expected) -> None:
 
 
 def test_what_is_no_time_is_named() -> None:
-    with pytest.raises(ConfigError, match=r"time: expected ISO 8601 text, datetime64 or integer nanoseconds .* got a missing time \(NaT\)"):
+    with pytest.raises(
+        ConfigError,
+        match=r"time: expected ISO 8601 text, datetime64 or integer nanoseconds .* got a missing time \(NaT\)",
+    ):
         to_time_ns(np.array(["1970-01-01", "NaT"], dtype="datetime64[ns]"))
     with pytest.raises(ConfigError, match=r"got 1\.5"):
         to_time_ns(1.5)
@@ -69,7 +72,19 @@ def test_what_is_no_time_is_named() -> None:
 
 def test_measurements_say_what_they_are() -> None:
     depth, twice = np.array([0.0, 300.0]), np.array([0.5, 0.5])
-    path = PathMean(TIME_NS, np.array([0, 1]), twice, twice, depth, twice, (0.1234, -0.05), 0.02, "dac", 7, SOURCE)
+    path = PathMean(
+        TIME_NS,
+        np.array([0, 1]),
+        twice,
+        twice,
+        depth,
+        twice,
+        (0.1234, -0.05),
+        0.02,
+        "dac",
+        7,
+        SOURCE,
+    )
     assert repr(path).splitlines() == [
         "PathMean (dac) 2023-11-14 22:13:20Z, dive 7: 2 points, 0..300 m deep",
         "  u 0.123, v -0.050 +- 0.020 m/s (true axes)",
@@ -83,7 +98,9 @@ def test_measurements_say_what_they_are() -> None:
         "Innovation 2023-11-14 22:13:20Z, dive 7: accepted, 2 bins, 10..20 m deep",
         "  RMS 0.354 m/s before and 0.177 m/s after the update, NIS 3.2 of 2 degrees of freedom",
     ]
-    unused = replace(innovation, innovation=misfit * np.nan, residual=misfit * np.nan, decision="unusable")
+    unused = replace(
+        innovation, innovation=misfit * np.nan, residual=misfit * np.nan, decision="unusable"
+    )
     assert "unusable" in repr(unused)
     assert "RMS - m/s before and - m/s after" in repr(unused)
 
@@ -99,7 +116,9 @@ def test_long_lists_end_with_how_many_more_there_are():
     assert some_text([]) == ""
 
 
-@pytest.mark.parametrize("begins", ["=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20"])
+@pytest.mark.parametrize(
+    "begins", ["=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20"]
+)
 def test_a_text_that_a_spreadsheet_would_run_begins_with_an_apostrophe(begins: str) -> None:
     assert csv_cell(f"{begins}1+1") == f"'{begins}1+1"
     assert csv_cell(f"1{begins}1") == f"1{begins}1"

@@ -22,7 +22,9 @@ CONFIG = EstimatorConfig(modes=10, sample_share=0.6)
 DEPTH = np.array([10.0, 30.0, 90.0])
 OWN = ("default", "paper", "evolving")
 MEMBERS = sorted(
-    name for name, value in vars(Estimator).items() if not name.startswith("_") and (isfunction(value) or isinstance(value, property))
+    name
+    for name, value in vars(Estimator).items()
+    if not name.startswith("_") and (isfunction(value) or isinstance(value, property))
 )
 
 
@@ -76,7 +78,9 @@ def test_steps_are_repeated_steps_and_states_do_not_change(estimator):
 def test_the_innovation_is_that_of_the_step_without_assimilation(estimator):
     state, _ = estimator.step(estimator.initial(), profile())
     later = profile((-4e3, 1e3), 20)
-    np.testing.assert_allclose(estimator.innovation(state, later), estimator.step(state, later)[1].innovation, atol=1e-12)
+    np.testing.assert_allclose(
+        estimator.innovation(state, later), estimator.step(state, later)[1].innovation, atol=1e-12
+    )
 
 
 def test_a_prediction_of_an_earlier_or_the_same_time_changes_nothing(estimator):
@@ -88,7 +92,10 @@ def test_a_prediction_of_an_earlier_or_the_same_time_changes_nothing(estimator):
 
 
 def test_weights_are_those_of_each_state_or_none(estimator):
-    states = [state for state, _ in estimator.steps(estimator.initial(), [profile(), profile((-4e3, 1e3), 20)])]
+    states = [
+        state
+        for state, _ in estimator.steps(estimator.initial(), [profile(), profile((-4e3, 1e3), 20)])
+    ]
     weights = estimator.weights(states)
     assert len(weights) == 2
     assert all(of_state is None or of_state.ndim == 1 for of_state in weights)
@@ -116,10 +123,17 @@ def test_the_log_likelihood_is_that_of_the_innovation_s_gaussian(name):
     """Errors far above the prior's make all values independent, and two measurements with one prediction differ by their NIS alone."""
     estimator = built(name)
     vague = replace(profile(level=40.0), error_std=np.full(3, 50.0))
-    far, near = (estimator.step(estimator.initial(), replace(vague, velocity=scale * vague.velocity))[1] for scale in (1.0, 0.0))
+    far, near = (
+        estimator.step(estimator.initial(), replace(vague, velocity=scale * vague.velocity))[1]
+        for scale in (1.0, 0.0)
+    )
     z = far.innovation / far.innovation_std
-    assert far.log_likelihood == pytest.approx(-0.5 * np.sum(z**2) - np.sum(np.log(far.innovation_std)), rel=1e-3)
-    assert far.log_likelihood - near.log_likelihood == pytest.approx(-0.5 * (far.nis - near.nis), rel=1e-9)
+    assert far.log_likelihood == pytest.approx(
+        -0.5 * np.sum(z**2) - np.sum(np.log(far.innovation_std)), rel=1e-3
+    )
+    assert far.log_likelihood - near.log_likelihood == pytest.approx(
+        -0.5 * (far.nis - near.nis), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("name", [*OWN, *BASELINES])

@@ -6,7 +6,10 @@ import xarray as xr
 LEVELS = np.array([5.0, 60.0, 150.0, 300.0])
 N_MEMBERS = 3
 PACKING = 0.00061037018951994385
-_CMEMS = {"standard_name": "eastward_sea_water_velocity"}, {"standard_name": "northward_sea_water_velocity"}
+_CMEMS = (
+    {"standard_name": "eastward_sea_water_velocity"},
+    {"standard_name": "northward_sea_water_velocity"},
+)
 
 
 def truth(longitude, latitude, depth, member=0):
@@ -33,8 +36,15 @@ def standard(u, v, longitude, latitude, names=("uo", "vo"), attrs=_CMEMS, levels
     """A file with members, depth, latitude and longitude."""
     dims = ("member", "depth", "latitude", "longitude")
     return xr.Dataset(
-        {name: (dims, part, {"units": "m s-1", **own}) for name, part, own in zip(names, (u, v), attrs, strict=True)},
-        {"depth": ("depth", levels, {"units": "m", "positive": "down"}), "latitude": latitude, "longitude": longitude},
+        {
+            name: (dims, part, {"units": "m s-1", **own})
+            for name, part, own in zip(names, (u, v), attrs, strict=True)
+        },
+        {
+            "depth": ("depth", levels, {"units": "m", "positive": "down"}),
+            "latitude": latitude,
+            "longitude": longitude,
+        },
     )
 
 
@@ -87,8 +97,16 @@ def roms(at, shape, member, transform=2, packed=False):
     rho, time = ("eta_rho", "xi_rho"), "ocean_time"
     ds = xr.Dataset(
         {
-            "u": ((time, "s_rho", "eta_u", "xi_u"), (u * mask_u)[None], {"units": "meter second-1"}),
-            "v": ((time, "s_rho", "eta_v", "xi_v"), (v * mask_v)[None], {"units": "meter second-1"}),
+            "u": (
+                (time, "s_rho", "eta_u", "xi_u"),
+                (u * mask_u)[None],
+                {"units": "meter second-1"},
+            ),
+            "v": (
+                (time, "s_rho", "eta_v", "xi_v"),
+                (v * mask_v)[None],
+                {"units": "meter second-1"},
+            ),
             "zeta": ((time, *rho), zeta[None]),
             "h": (rho, h),
             "mask_rho": (rho, mask),

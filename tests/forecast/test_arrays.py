@@ -36,7 +36,9 @@ def test_zeros_are_land_from_the_sea_bed_up_and_packed_fills_everywhere():
     packed = np.full((2, 2, 1, 2), 0.34106)
     packed[1, 0, 0, 0] = 0.3411
     packed[:, 0, 0, 1] = np.float32(0.34106)
-    np.testing.assert_array_equal(never_changing(packed, [0.34106])[:, 0], [[False, True], [True, True]])
+    np.testing.assert_array_equal(
+        never_changing(packed, [0.34106])[:, 0], [[False, True], [True, True]]
+    )
 
 
 @pytest.mark.parametrize("transform", [1, 2])
@@ -48,7 +50,9 @@ def test_depths_of_terrain_following_levels_end_at_the_surface_and_the_sea_bed(t
     np.testing.assert_allclose(found[0], h, atol=1e-12)
     np.testing.assert_allclose(found[-1], -surface, atol=1e-12)
     # by hand: z0 = 20 (-0.4 + 0.1) - 10 = -16, z = -16 + 0.5 (1 - 0.16); S = (-8 - 10) / 120, z = 0.5 + 100.5 S
-    assert found[1, 0, 0] == pytest.approx(16.0 - 0.5 * 0.84 if transform == 1 else -0.5 + 100.5 * 0.15, rel=1e-12)
+    assert found[1, 0, 0] == pytest.approx(
+        16.0 - 0.5 * 0.84 if transform == 1 else -0.5 + 100.5 * 0.15, rel=1e-12
+    )
 
 
 def test_values_at_depths_are_linear_between_levels_and_end_at_the_sea_bed():
@@ -58,25 +62,39 @@ def test_values_at_depths_are_linear_between_levels_and_end_at_the_sea_bed():
     found = at_depths(values, depths, bottom, np.array([0.0, 20.0, 40.0, 90.0, 101.0]))[0, :, 0]
     np.testing.assert_allclose(found[:, 0], [20.0, 40.0, 80.0, 160.0, np.nan])
     np.testing.assert_allclose(found[:, 1], [20.0, 40.0, 80.0, np.nan, np.nan])
-    np.testing.assert_array_equal(at_depths(values[:, ::-1], depths[::-1], bottom, np.array([20.0]))[0, 0, 0], [40.0, 40.0])
+    np.testing.assert_array_equal(
+        at_depths(values[:, ::-1], depths[::-1], bottom, np.array([20.0]))[0, 0, 0], [40.0, 40.0]
+    )
 
 
 def test_cells_of_a_turned_grid_and_values_in_them():
     i, j = np.meshgrid(np.arange(9.0), np.arange(7.0))
     place = ((i + 1j * j) * np.exp(0.6j)) * 4e3
-    wanted = ((np.array([0.25, 3.5, 7.9, -0.5, 8.4]) + 1j * np.array([5.5, 0.0, 2.1, 3.0, 3.0])) * np.exp(0.6j)) * 4e3
+    wanted = (
+        (np.array([0.25, 3.5, 7.9, -0.5, 8.4]) + 1j * np.array([5.5, 0.0, 2.1, 3.0, 3.0]))
+        * np.exp(0.6j)
+    ) * 4e3
     at_j, at_i, inside = find_cells(place.real, place.imag, wanted.real, wanted.imag)
     np.testing.assert_array_equal(inside, [True, True, True, False, False])
     np.testing.assert_allclose(at_i[:3], [0.25, 3.5, 7.9], atol=1e-9)
     np.testing.assert_allclose(at_j[:3], [5.5, 0.0, 2.1], atol=1e-9)
     values = (3.0 * i - 2.0 * j)[None]
-    np.testing.assert_allclose(bilinear(values, at_j, at_i, inside)[0], [-10.25, 10.5, 19.5, np.nan, np.nan], atol=1e-8)
-    corners_j, corners_i = (np.array(ends, dtype=float) for ends in ([0, 0, j.shape[0] - 1, j.shape[0] - 1], [0, j.shape[1] - 1] * 2))
+    np.testing.assert_allclose(
+        bilinear(values, at_j, at_i, inside)[0], [-10.25, 10.5, 19.5, np.nan, np.nan], atol=1e-8
+    )
+    corners_j, corners_i = (
+        np.array(ends, dtype=float)
+        for ends in ([0, 0, j.shape[0] - 1, j.shape[0] - 1], [0, j.shape[1] - 1] * 2)
+    )
     every = np.ones(4, dtype=bool)
-    np.testing.assert_array_equal(bilinear(values, corners_j, corners_i, every)[0], 3.0 * corners_i - 2.0 * corners_j)
+    np.testing.assert_array_equal(
+        bilinear(values, corners_j, corners_i, every)[0], 3.0 * corners_i - 2.0 * corners_j
+    )
     values[0, 2, 8] = np.nan
     # nine tenths of the third point's weight was there
-    np.testing.assert_array_equal(np.isnan(bilinear(values, at_j, at_i, inside)[0]), [False, False, True, True, True])
+    np.testing.assert_array_equal(
+        np.isnan(bilinear(values, at_j, at_i, inside)[0]), [False, False, True, True, True]
+    )
 
 
 def test_other_levels_are_linear_and_none_below_the_last():
@@ -84,14 +102,25 @@ def test_other_levels_are_linear_and_none_below_the_last():
     values = np.array([1.0, 5.0, np.nan])[:, None, None]
     found = to_levels(values, levels, np.array([0.0, 10.0, 15.0, 30.0, 40.0, 60.0]))[:, 0, 0]
     np.testing.assert_array_equal(found, [1.0, 1.0, 2.0, 5.0, np.nan, np.nan])
-    np.testing.assert_array_equal(to_levels(values[:1], levels[:1], np.array([5.0, 10.0, 11.0]))[:, 0, 0], [1.0, 1.0, np.nan])
+    np.testing.assert_array_equal(
+        to_levels(values[:1], levels[:1], np.array([5.0, 10.0, 11.0]))[:, 0, 0], [1.0, 1.0, np.nan]
+    )
 
 
 def test_a_seam_is_crossed_only_on_a_grid_that_goes_round():
     latitude = np.array([0.0, 1.0])
     globe, part = np.arange(0.0, 360.0, 10.0), np.arange(0.0, 350.0, 10.0)
-    assert region_block(globe, latitude, (-15.0, 0.0, 15.0, 1.0)) == (slice(0, 2), (slice(35, 36), slice(0, 2)))
-    assert region_block(part[:-3], latitude, (-65.0, 0.0, 15.0, 1.0)) == (slice(0, 2), (slice(0, 32),))
+    assert region_block(globe, latitude, (-15.0, 0.0, 15.0, 1.0)) == (
+        slice(0, 2),
+        (slice(35, 36), slice(0, 2)),
+    )
+    assert region_block(part[:-3], latitude, (-65.0, 0.0, 15.0, 1.0)) == (
+        slice(0, 2),
+        (slice(0, 32),),
+    )
     grid = np.meshgrid(globe, latitude)
-    assert region_block(*grid, (-15.0, 0.0, 15.0, 1.0)) == (slice(0, 2), (slice(35, 36), slice(0, 2)))
+    assert region_block(*grid, (-15.0, 0.0, 15.0, 1.0)) == (
+        slice(0, 2),
+        (slice(35, 36), slice(0, 2)),
+    )
     assert region_block(globe, latitude, (15.0, 5.0, 25.0, 6.0)) is None

@@ -25,15 +25,23 @@ def flow(angle_deg, standard_names, sea_level=False, members=2):
     j, i = np.meshgrid(np.arange(float(SHAPE[0])), np.arange(float(SHAPE[1])), indexing="ij")
     longitude, latitude = at(j, i)
     east, north = to_local(Projection(5.0, 60.0), longitude, latitude)
-    heights = [0.1 * np.sin(east / (9e3 + 1e3 * k)) * np.cos(north / 1.1e4 + k) for k in range(members)]
+    heights = [
+        0.1 * np.sin(east / (9e3 + 1e3 * k)) * np.cos(north / 1.1e4 + k) for k in range(members)
+    ]
     components = []
     for height in heights:
-        turned = geostrophic_flow(height, (east, north), latitude) * np.exp(-1j * np.deg2rad(angle_deg))
+        turned = geostrophic_flow(height, (east, north), latitude) * np.exp(
+            -1j * np.deg2rad(angle_deg)
+        )
         components.append((turned.real, turned.imag))
     dims, space = ("member", "y", "x"), ("y", "x")
     ds = xr.Dataset(
         {
-            name: (dims, np.stack([part[k] for part in components]), {"standard_name": standard, "units": "m s-1"})
+            name: (
+                dims,
+                np.stack([part[k] for part in components]),
+                {"standard_name": standard, "units": "m s-1"},
+            )
             for k, (name, standard) in enumerate(zip(("uo", "vo"), standard_names, strict=True))
         },
         {"longitude": (space, longitude), "latitude": (space, latitude)},
@@ -56,16 +64,30 @@ def test_a_wrong_label_is_told_with_the_option_that_mends_it(tmp_path, names, ri
     assert found.check.contradicted is not right
     as_read, turned = found.check.residual
     assert (as_read < 0.01 < 0.1 < turned) if right else (turned < 0.01 < 0.1 < as_read)
-    warned = [note for note in found.ensemble.notes if note.startswith("WARNING: the velocities were read along")]
+    warned = [
+        note
+        for note in found.ensemble.notes
+        if note.startswith("WARNING: the velocities were read along")
+    ]
     assert len(warned) == (0 if right else 1)
     if not right:
-        assert "true east and north (standard name eastward_sea_water_velocity), but fit the grid's axes better" in warned[0]
+        assert (
+            "true east and north (standard name eastward_sea_water_velocity), but fit the grid's axes better"
+            in warned[0]
+        )
         assert "--axes grid reads them so, --axes true keeps this reading" in warned[0]
         rms = np.sqrt(np.mean(found.ensemble.velocity**2))
-        assert found.ensemble.representation_error_std == pytest.approx(np.sqrt(as_read) * rms, rel=0.05)
-        assert f"{100 * found.ensemble.representation_error_std:.1f} cm/s count as representation error" in warned[0]
+        assert found.ensemble.representation_error_std == pytest.approx(
+            np.sqrt(as_read) * rms, rel=0.05
+        )
+        assert (
+            f"{100 * found.ensemble.representation_error_std:.1f} cm/s count as representation error"
+            in warned[0]
+        )
         basis = build_basis(found.ensemble, EstimatorConfig(modes=1))
-        trusted = build_basis(replace(found.ensemble, representation_error_std=0.0), EstimatorConfig(modes=1))
+        trusted = build_basis(
+            replace(found.ensemble, representation_error_std=0.0), EstimatorConfig(modes=1)
+        )
         expected = np.hypot(trusted.truncation_std, found.ensemble.representation_error_std)
         np.testing.assert_allclose(basis.truncation_std, expected, rtol=1e-12)
         kept = describe_ensemble(path, ForecastConfig(axes="true"))
@@ -80,7 +102,8 @@ def test_a_wrong_label_is_told_with_the_option_that_mends_it(tmp_path, names, ri
     assert mended.ensemble.representation_error_std == 0.0
     assert mended.check.why == "--axes grid"
     np.testing.assert_array_equal(
-        mended.ensemble.velocity, read_ensemble(save(flow(44.0, GRID), tmp_path / "g.nc"), ForecastConfig()).velocity
+        mended.ensemble.velocity,
+        read_ensemble(save(flow(44.0, GRID), tmp_path / "g.nc"), ForecastConfig()).velocity,
     )
 
 
@@ -91,7 +114,10 @@ def test_of_a_large_grid_the_middle_is_asked(tmp_path, monkeypatch):
     middle[4:16, 5:17] = True
     for name in ("uo", "vo"):
         noisy[name] = noisy[name].where(middle, rng.standard_normal(noisy[name].shape))
-    checks = [describe_ensemble(save(one, tmp_path / f"{k}.nc"), ForecastConfig()).check for k, one in enumerate((plain, noisy))]
+    checks = [
+        describe_ensemble(save(one, tmp_path / f"{k}.nc"), ForecastConfig()).check
+        for k, one in enumerate((plain, noisy))
+    ]
     np.testing.assert_allclose(checks[1].residual, checks[0].residual, rtol=1e-6, atol=1e-9)
     assert checks[1].phase == pytest.approx(checks[0].phase, abs=1e-6)
 
@@ -123,7 +149,9 @@ def test_geostrophic_flow_goes_round_a_high_clockwise_in_the_north():
     found = geostrophic_flow(1e-5 * north, (east, north), latitude)
     np.testing.assert_allclose(found, -9.81e-5 / (2 * 7.2921e-5 * np.sin(np.pi / 4)), rtol=1e-12)
     found = geostrophic_flow(1e-5 * east, (east, north), latitude)
-    np.testing.assert_allclose(found, 1j * 9.81e-5 / (2 * 7.2921e-5 * np.sin(np.pi / 4)), rtol=1e-12)
+    np.testing.assert_allclose(
+        found, 1j * 9.81e-5 / (2 * 7.2921e-5 * np.sin(np.pi / 4)), rtol=1e-12
+    )
 
 
 def test_real_nemo_labelled_eastward_by_mistake():

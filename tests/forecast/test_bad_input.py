@@ -19,7 +19,10 @@ def test_copies_are_told_and_refused_where_there_is_nothing_else(tmp_path):
     fields(4, tmp_path)
     read = read_ensemble(tmp_path, ForecastConfig())
     (note,) = (note for note in read.notes if "copies" in note)
-    assert note == "WARNING: members that are copies of others count twice: 1, such as 'mem003.nc' and 'mem000.nc'; leave them out"
+    assert (
+        note
+        == "WARNING: members that are copies of others count twice: 1, such as 'mem003.nc' and 'mem000.nc'; leave them out"
+    )
     with pytest.raises(ForecastError, match="all 2 members are the same; give members that differ"):
         read_ensemble([tmp_path / "mem000.nc", tmp_path / "mem003.nc"], ForecastConfig())
 
@@ -41,7 +44,8 @@ def test_what_does_not_belong_together_is_refused_in_words(tmp_path):
     with xr.open_dataset(first) as ds:
         alone = save(ds[["uo"]].load(), tmp_path / "u1.nc")
     with pytest.raises(
-        ForecastError, match=r"u1\.nc: holds uo and no v; 1 file of u and 0 of v belong together.*: give a file of v for each"
+        ForecastError,
+        match=r"u1\.nc: holds uo and no v; 1 file of u and 0 of v belong together.*: give a file of v for each",
     ):
         read_ensemble([first, alone], ForecastConfig(members="files"))
     with pytest.raises(ForecastError, match=r"mem000\.nc: given twice"):
@@ -51,19 +55,32 @@ def test_what_does_not_belong_together_is_refused_in_words(tmp_path):
     with pytest.raises(ForecastError, match=r"--members files:case\(\\d\) does not fit this file"):
         read_ensemble([tmp_path / "mem*.nc"], ForecastConfig(members="files:case(\\d)"))
     with pytest.raises(ForecastError, match=r"no member dimension; .*--members files: 2 files"):
-        read_ensemble([first.rename(tmp_path / "one.nc"), (tmp_path / "mem001.nc").rename(tmp_path / "two.nc")], ForecastConfig())
+        read_ensemble(
+            [
+                first.rename(tmp_path / "one.nc"),
+                (tmp_path / "mem001.nc").rename(tmp_path / "two.nc"),
+            ],
+            ForecastConfig(),
+        )
     with pytest.raises(ForecastError, match=r"needs dated forecasts|needs dated fields"):
         read_ensemble([tmp_path / "one.nc", tmp_path / "two.nc"], ForecastConfig(members="lags"))
-    with pytest.raises(ForecastError, match=r"--members suffix, but no variables differ by a suffix alone"):
+    with pytest.raises(
+        ForecastError, match=r"--members suffix, but no variables differ by a suffix alone"
+    ):
         read_ensemble([tmp_path / "one.nc"], ForecastConfig(members="suffix"))
     with pytest.raises(ForecastError, match=r"no member dimension cycle; expected one of"):
         read_ensemble([tmp_path / "one.nc"], ForecastConfig(members="dim:cycle"))
     with pytest.raises(ConfigError, match="is no regular expression"):
         read_ensemble([tmp_path / "one.nc"], ForecastConfig(members="files:mem("))
     for wrong in ("times:fortnight", "time:3", "dim:", "suffixes", "xlags"):
-        with pytest.raises(ConfigError, match=rf"forecast\.members.*expected dim\[:NAME\], .*times:15d or models, got '{wrong}'"):
+        with pytest.raises(
+            ConfigError,
+            match=rf"forecast\.members.*expected dim\[:NAME\], .*times:15d or models, got '{wrong}'",
+        ):
             load_config(None, {"forecast": {"members": wrong}})
-    assert load_config(None, {"forecast": {"members": "times:2.5d"}}).forecast.members == "times:2.5d"
+    assert (
+        load_config(None, {"forecast": {"members": "times:2.5d"}}).forecast.members == "times:2.5d"
+    )
     (tmp_path / "empty").mkdir()
     with pytest.raises(ForecastError, match="the folder holds no NetCDF file"):
         read_ensemble([tmp_path / "empty"], ForecastConfig())
@@ -76,14 +93,22 @@ def test_results_among_the_members_are_left_out_and_said_or_refused_alone(tmp_pa
     fields(2, tmp_path)
     for mark in ("analysis", "increment"):
         fields(1, tmp_path, f"mem{{:03d}}.nc.{mark}")
-        with pytest.raises(ForecastError, match=rf"\*\.{mark}: holds results alone, such as mem000\.nc\.{mark}; give the members, or name"):
+        with pytest.raises(
+            ForecastError,
+            match=rf"\*\.{mark}: holds results alone, such as mem000\.nc\.{mark}; give the members, or name",
+        ):
             read_ensemble(tmp_path / f"*.{mark}", ForecastConfig())
     for given in (tmp_path, tmp_path / "mem*"):
         read = read_ensemble(given, ForecastConfig())
         assert read.members == ("mem000.nc", "mem001.nc")
         (note,) = (note for note in read.notes if "results" in note)
-        assert note == f"{given}: 2 files of results left out (mem000.nc.analysis ...); give them by name if they are the members" or (
-            note == f"{given}: 2 files of results left out (mem000.nc.increment ...); give them by name if they are the members"
+        assert (
+            note
+            == f"{given}: 2 files of results left out (mem000.nc.analysis ...); give them by name if they are the members"
+            or (
+                note
+                == f"{given}: 2 files of results left out (mem000.nc.increment ...); give them by name if they are the members"
+            )
         )
 
 
@@ -94,38 +119,54 @@ def test_a_member_without_one_component_is_named(tmp_path):
         save(ds.isel(member=k), tmp_path / f"mem{k}.nc")
     save(ds.isel(member=2)[["vo"]], tmp_path / "mem2.nc")
     with pytest.raises(
-        ForecastError, match=r"mem2\.nc: holds vo and no u; 0 files of u and 1 of v belong together as member 2: give a file of u"
+        ForecastError,
+        match=r"mem2\.nc: holds vo and no u; 0 files of u and 1 of v belong together as member 2: give a file of u",
     ):
         read_ensemble(tmp_path, ForecastConfig())
-    members = {f"{name}_m{k}": ds[name].isel(member=k, drop=True) for k in range(3) for name in ("uo", "vo")}
+    members = {
+        f"{name}_m{k}": ds[name].isel(member=k, drop=True)
+        for k in range(3)
+        for name in ("uo", "vo")
+    }
     members["uo_mean"] = members["uo_m0"]
     suffix = xr.Dataset(members).drop_vars(["uo_m1"])
     for rule in (None, "suffix"):
         read = read_ensemble(save(suffix, tmp_path / f"{rule}.nc4"), ForecastConfig(members=rule))
         assert read.members == (f"{rule}.nc4 m0", f"{rule}.nc4 m2")
-        assert read.notes == (f"WARNING: members of one component alone were left out: {rule}.nc4: vo_m1 without uo_m1; add the other",)
+        assert read.notes == (
+            f"WARNING: members of one component alone were left out: {rule}.nc4: vo_m1 without uo_m1; add the other",
+        )
         (tmp_path / f"{rule}.nc4").unlink()
     # a variable with a like name in a file of one field is no member
-    plain = read_ensemble(save(ds.assign(uo_stokes=ds["uo"]), tmp_path / "plain.nc"), ForecastConfig())
+    plain = read_ensemble(
+        save(ds.assign(uo_stokes=ds["uo"]), tmp_path / "plain.nc"), ForecastConfig()
+    )
     assert plain.notes == ()
 
 
 def test_other_numbers_of_members_of_u_and_v_are_refused(tmp_path):
     ds = synthetic.dataset()
-    paths = [save(ds[["uo"]], tmp_path / "u.nc"), save(ds[["vo"]].isel(member=slice(0, 6)), tmp_path / "v.nc")]
+    paths = [
+        save(ds[["uo"]], tmp_path / "u.nc"),
+        save(ds[["vo"]].isel(member=slice(0, 6)), tmp_path / "v.nc"),
+    ]
     with pytest.raises(
-        ForecastError, match=r"v\.nc: its members are not those of .*u\.nc: 8 of uo and 6 of vo along member; give files with"
+        ForecastError,
+        match=r"v\.nc: its members are not those of .*u\.nc: 8 of uo and 6 of vo along member; give files with",
     ):
         read_ensemble(paths, ForecastConfig())
     within = ds[["uo"]].assign(vo=(("other", "depth", "lat", "lon"), ds["vo"].values[:6]))
-    with pytest.raises(ForecastError, match=r"in\.nc: vo has no dimension member, which uo has; mend the file"):
+    with pytest.raises(
+        ForecastError, match=r"in\.nc: vo has no dimension member, which uo has; mend the file"
+    ):
         read_ensemble(save(within, tmp_path / "in.nc"), ForecastConfig())
 
 
 def test_one_member_is_no_ensemble(tmp_path):
     path = save(synthetic.dataset().isel(member=[3]), tmp_path / "e.nc")
     with pytest.raises(
-        ForecastError, match=r"e\.nc: an ensemble needs at least 2 members, got 1; give several files, of other times, starts or"
+        ForecastError,
+        match=r"e\.nc: an ensemble needs at least 2 members, got 1; give several files, of other times, starts or",
     ):
         read_ensemble(path, ForecastConfig())
 
@@ -136,7 +177,8 @@ def test_masks_that_leave_no_water_name_the_member_to_leave_out(tmp_path):
         ds[name][2, :, :, :4] = np.nan
         ds[name][5, :, :, 3:] = np.nan
     with pytest.raises(
-        ForecastError, match=r"the masks of the members leave no water at the first level; 'e\.nc member 2' misses most \(80 of"
+        ForecastError,
+        match=r"the masks of the members leave no water at the first level; 'e\.nc member 2' misses most \(80 of",
     ):
         read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig())
 
@@ -157,10 +199,18 @@ def test_members_of_other_times_or_calendars_are_warned_of(tmp_path):
     read = read_ensemble(tmp_path, ForecastConfig())
     said = [note for note in read.notes if note.startswith("WARNING: ")]
     alike = "such as mem0.nc: check the attributes units and calendar of its times"
-    assert said == [f"WARNING: 2 members of 3 without a date that can be aligned with the others, {alike}"]
+    assert said == [
+        f"WARNING: 2 members of 3 without a date that can be aligned with the others, {alike}"
+    ]
     (tmp_path / "mem1.nc").unlink()
-    said = [note for note in read_ensemble(tmp_path, ForecastConfig()).notes if note.startswith("WARNING: ")]
-    assert said == [f"WARNING: 1 member of 2 without a date that can be aligned with the others, {alike}"]
+    said = [
+        note
+        for note in read_ensemble(tmp_path, ForecastConfig()).notes
+        if note.startswith("WARNING: ")
+    ]
+    assert said == [
+        f"WARNING: 1 member of 2 without a date that can be aligned with the others, {alike}"
+    ]
 
 
 def test_other_times_of_u_and_v_are_refused(tmp_path):
@@ -168,10 +218,15 @@ def test_other_times_of_u_and_v_are_refused(tmp_path):
     ds = forms.standard(*forms.regular(longitude, latitude), longitude, latitude).isel(member=0)
     save(dated(ds[["uo"]], ["2020-01-01"]), tmp_path / "u.nc")
     save(dated(ds[["vo"]], ["2020-01-02"]), tmp_path / "v.nc")
-    with pytest.raises(ForecastError, match=r"v\.nc: its times \(1 from 2020-01-02T.*\) are not those of .*u\.nc"):
+    with pytest.raises(
+        ForecastError, match=r"v\.nc: its times \(1 from 2020-01-02T.*\) are not those of .*u\.nc"
+    ):
         read_ensemble(tmp_path, ForecastConfig(members="files"))
     save(dated(ds[["vo"]], ["2020-01-01", "2020-01-02"]), tmp_path / "v.nc")
-    with pytest.raises(ForecastError, match=r"v\.nc: its times \(2 from 2020-01-01T.*\) are not those of .*u\.nc \(1 from"):
+    with pytest.raises(
+        ForecastError,
+        match=r"v\.nc: its times \(2 from 2020-01-01T.*\) are not those of .*u\.nc \(1 from",
+    ):
         read_ensemble(tmp_path, ForecastConfig(members="files"))
 
 
@@ -179,6 +234,10 @@ def test_long_lists_of_variables_are_shortened(tmp_path):
     grid = xr.Dataset({f"e{k}": (("y", "x"), np.ones((2, 3))) for k in range(9)})
     path = save(grid, tmp_path / "mesh.nc")
     use = describe_ensemble(path, ForecastConfig()).use
-    assert use.startswith("no current: a file of the grid or of other variables (e0, e1, e2, e3, e4, e5 and 3 more); give it beside")
-    with pytest.raises(ForecastError, match=r"no current found; .*; got e0, e1, e2, e3, e4, e5 and 3 more$"):
+    assert use.startswith(
+        "no current: a file of the grid or of other variables (e0, e1, e2, e3, e4, e5 and 3 more); give it beside"
+    )
+    with pytest.raises(
+        ForecastError, match=r"no current found; .*; got e0, e1, e2, e3, e4, e5 and 3 more$"
+    ):
         read_ensemble(path, ForecastConfig())

@@ -33,30 +33,49 @@ def with_depths(values, **attrs) -> xr.Dataset:
     ],
 )
 def test_lengths_become_metres_without_a_word(tmp_path, unit, metres):
-    read = read_ensemble(write(with_depths(synthetic.LEVELS / metres, positive="down", units=unit), tmp_path / "e.nc"), PLAIN)
+    read = read_ensemble(
+        write(
+            with_depths(synthetic.LEVELS / metres, positive="down", units=unit), tmp_path / "e.nc"
+        ),
+        PLAIN,
+    )
     np.testing.assert_allclose(read.grid.levels, synthetic.LEVELS, rtol=1e-15)
     assert read.notes == ()
 
 
 def test_levels_are_chosen_in_metres_and_heights_of_another_unit_turned(tmp_path):
-    path = write(with_depths(-synthetic.LEVELS / 1000.0, positive="up", units="km"), tmp_path / "e.nc")
-    np.testing.assert_allclose(read_ensemble(path, ForecastConfig(levels=(140.0,))).grid.levels, [150.0])
+    path = write(
+        with_depths(-synthetic.LEVELS / 1000.0, positive="up", units="km"), tmp_path / "e.nc"
+    )
+    np.testing.assert_allclose(
+        read_ensemble(path, ForecastConfig(levels=(140.0,))).grid.levels, [150.0]
+    )
 
 
-@pytest.mark.parametrize(("unit", "sign", "positive"), [("dbar", 1.0, "down"), ("decibars", -1.0, "up")])
+@pytest.mark.parametrize(
+    ("unit", "sign", "positive"), [("dbar", 1.0, "down"), ("decibars", -1.0, "up")]
+)
 def test_pressures_become_depths_and_the_ensemble_says_so(tmp_path, unit, sign, positive):
     pressure = np.array([5.0, 60.0, 150.0, 2000.0])
-    read = read_ensemble(write(with_depths(sign * pressure, positive=positive, units=unit), tmp_path / "e.nc"), PLAIN)
+    read = read_ensemble(
+        write(with_depths(sign * pressure, positive=positive, units=unit), tmp_path / "e.nc"), PLAIN
+    )
     # the middle of the synthetic grid is at 39.8 S
     np.testing.assert_allclose(read.grid.levels, -gsw.z_from_p(pressure, -39.8), rtol=1e-12)
     assert 1970.0 < read.grid.levels[-1] < 1980.0
-    assert read.notes == (f"coordinate depth is in {unit}: converted to metres with TEOS-10 at latitude -39.80",)
+    assert read.notes == (
+        f"coordinate depth is in {unit}: converted to metres with TEOS-10 at latitude -39.80",
+    )
 
 
 @pytest.mark.parametrize("attrs", [{}, {"units": ""}])
 def test_an_axis_without_a_unit_is_in_metres_and_the_ensemble_says_so(tmp_path, attrs):
     path = write(with_depths(synthetic.LEVELS, **attrs), tmp_path / "e.nc")
-    for read in (read_ensemble(path, PLAIN), read_series(path, PLAIN)[0], read_truth(f"{path}#2", PLAIN)):
+    for read in (
+        read_ensemble(path, PLAIN),
+        read_series(path, PLAIN)[0],
+        read_truth(f"{path}#2", PLAIN),
+    ):
         np.testing.assert_array_equal(read.grid.levels, synthetic.LEVELS)
         assert read.notes == ("coordinate depth states no unit and was taken to be in metres",)
 
@@ -65,7 +84,10 @@ def test_an_axis_without_a_unit_is_in_metres_and_the_ensemble_says_so(tmp_path, 
 def test_a_unit_that_is_not_known_is_refused_with_its_file_and_coordinate(tmp_path, unit):
     path = write(with_depths(synthetic.LEVELS, units=unit), tmp_path / "e.nc")
     for read in (read_ensemble, read_series, lambda path, config: read_truth(f"{path}#0", config)):
-        with pytest.raises(ForecastError, match=rf"e\.nc.*: coordinate depth is in '{unit}'; expected m, .*convert the axis to metres"):
+        with pytest.raises(
+            ForecastError,
+            match=rf"e\.nc.*: coordinate depth is in '{unit}'; expected m, .*convert the axis to metres",
+        ):
             read(path, PLAIN)
 
 
@@ -83,7 +105,10 @@ def test_a_unit_that_is_not_known_is_refused_with_its_file_and_coordinate(tmp_pa
 )
 def test_model_levels_are_refused_as_such(tmp_path, attrs):
     path = write(with_depths(np.array([1.0, 2.0, 3.0, 4.0]), **attrs), tmp_path / "e.nc")
-    with pytest.raises(ForecastError, match=r"e\.nc: coordinate depth has .*holds model levels and no depths.*fixed depths in metres"):
+    with pytest.raises(
+        ForecastError,
+        match=r"e\.nc: coordinate depth has .*holds model levels and no depths.*fixed depths in metres",
+    ):
         read_ensemble(path, PLAIN)
 
 
@@ -96,11 +121,17 @@ def test_the_grid_that_a_replay_writes_can_be_a_truth(tmp_path):
     assert truth.notes == ()
 
 
-FILES = (ROOT / "sample_logs" / "ensemble.nc", DATA / "natl_nemo" / "ensemble.nc", DATA / "qg" / "climatology.nc")
+FILES = (
+    ROOT / "sample_logs" / "ensemble.nc",
+    DATA / "natl_nemo" / "ensemble.nc",
+    DATA / "qg" / "climatology.nc",
+)
 TRUTHS = (ROOT / "sample_logs" / "truth.nc", DATA / "natl_nemo" / "truth.nc")
 
 
-@pytest.mark.parametrize("path", [*FILES, *TRUTHS], ids=lambda path: f"{path.parent.name}/{path.name}")
+@pytest.mark.parametrize(
+    "path", [*FILES, *TRUTHS], ids=lambda path: f"{path.parent.name}/{path.name}"
+)
 def test_real_files_keep_their_levels(path):
     if not path.exists():
         pytest.skip("the shared data are not on this machine")

@@ -13,7 +13,13 @@ from tests.forecast.forms import LEVELS, N_MEMBERS
 
 
 def true_components(read):
-    return rotate_to_geographic(read.grid.projection, read.grid.longitude, read.grid.latitude, read.velocity[:, 0], read.velocity[:, 1])
+    return rotate_to_geographic(
+        read.grid.projection,
+        read.grid.longitude,
+        read.grid.latitude,
+        read.velocity[:, 0],
+        read.velocity[:, 1],
+    )
 
 
 def assert_comes_back(read, atol, n_members=N_MEMBERS):
@@ -22,7 +28,9 @@ def assert_comes_back(read, atol, n_members=N_MEMBERS):
     u, v = true_components(read)
     for member in range(n_members):
         depth = read.grid.levels[:, None, None]
-        east, north = forms.truth((read.grid.longitude + 180.0) % 360.0 - 180.0, read.grid.latitude, depth, member)
+        east, north = forms.truth(
+            (read.grid.longitude + 180.0) % 360.0 - 180.0, read.grid.latitude, depth, member
+        )
         np.testing.assert_allclose(u[member][read.grid.wet], east[read.grid.wet], atol=atol)
         np.testing.assert_allclose(v[member][read.grid.wet], north[read.grid.wet], atol=atol)
 
@@ -36,8 +44,16 @@ def test_cmems_packed_in_16_bits_with_fill(tmp_path):
     longitude, latitude = forms.lonlat()
     u, v = forms.regular(longitude, latitude)
     u[:, :, :2, :3] = v[:, :, :2, :3] = np.nan
-    packed = {"dtype": "int16", "scale_factor": forms.PACKING, "add_offset": 0.0, "_FillValue": -32767}
-    read = read_ensemble(save(forms.standard(u, v, longitude, latitude), tmp_path / "e.nc", uo=packed, vo=packed), ForecastConfig())
+    packed = {
+        "dtype": "int16",
+        "scale_factor": forms.PACKING,
+        "add_offset": 0.0,
+        "_FillValue": -32767,
+    }
+    read = read_ensemble(
+        save(forms.standard(u, v, longitude, latitude), tmp_path / "e.nc", uo=packed, vo=packed),
+        ForecastConfig(),
+    )
     assert_comes_back(read, 0.51 * forms.PACKING)
     np.testing.assert_array_equal(read.grid.wet, np.isfinite(u[0]))
 
@@ -49,7 +65,13 @@ def test_cmems_by_elevation(tmp_path):
         .rename(depth="elevation")
         .isel(elevation=slice(None, None, -1))
     )
-    ds = ds.assign_coords(elevation=("elevation", -LEVELS[::-1], {"units": "m", "positive": "up", "standard_name": "elevation"}))
+    ds = ds.assign_coords(
+        elevation=(
+            "elevation",
+            -LEVELS[::-1],
+            {"units": "m", "positive": "up", "standard_name": "elevation"},
+        )
+    )
     read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig())
     np.testing.assert_array_equal(read.grid.levels, LEVELS)
     assert_comes_back(read, 1e-12)
@@ -59,9 +81,19 @@ def test_cmems_by_elevation(tmp_path):
 def test_hycom_over_any_meridian(tmp_path, west):
     longitude, latitude = forms.lonlat(west)
     u, v = forms.regular((longitude + 180.0) % 360.0 - 180.0, latitude)
-    ds = forms.standard(u, v, longitude, latitude, ("water_u", "water_v")).rename(latitude="lat", longitude="lon")
-    packed = {"dtype": "int16", "scale_factor": 0.001, "add_offset": 0.0, "_FillValue": -30000, "missing_value": -30000}
-    read = read_ensemble(save(ds, tmp_path / "e.nc", water_u=packed, water_v=packed), ForecastConfig())
+    ds = forms.standard(u, v, longitude, latitude, ("water_u", "water_v")).rename(
+        latitude="lat", longitude="lon"
+    )
+    packed = {
+        "dtype": "int16",
+        "scale_factor": 0.001,
+        "add_offset": 0.0,
+        "_FillValue": -30000,
+        "missing_value": -30000,
+    }
+    read = read_ensemble(
+        save(ds, tmp_path / "e.nc", water_u=packed, water_v=packed), ForecastConfig()
+    )
     assert_comes_back(read, 0.00051)
     assert np.all(np.diff(read.grid.longitude, axis=1) > 0.0)
 
@@ -70,7 +102,9 @@ def test_a_region_over_the_seam_of_a_global_grid_reads_both_ends_alone(tmp_path)
     longitude, latitude = np.arange(0.0, 360.0, 5.0), np.arange(30.0, 60.0, 5.0)
     signed = (longitude + 180.0) % 360.0 - 180.0
     ds = forms.standard(*forms.regular(signed, latitude), longitude, latitude)
-    read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig(region=(-12.0, 34.0, 11.0, 51.0)))
+    read = read_ensemble(
+        save(ds, tmp_path / "e.nc"), ForecastConfig(region=(-12.0, 34.0, 11.0, 51.0))
+    )
     np.testing.assert_allclose(read.grid.longitude[0], [-10.0, -5.0, 0.0, 5.0, 10.0])
     np.testing.assert_allclose(read.grid.latitude[:, 0], [35.0, 40.0, 45.0, 50.0])
     assert_comes_back(read, 1e-12)
@@ -83,7 +117,11 @@ def test_mom_at_longitudes_from_280_west_with_noleap_times(tmp_path):
     ds = forms.standard(u, v, longitude, latitude, ("u", "v"), attrs).rename(
         depth="st_ocean", latitude="yu_ocean", longitude="xu_ocean", member="time"
     )
-    ds["time"] = ("time", np.array([18250.5, 18251.5, 18252.5]), {"units": "days since 1900-01-01", "calendar": "NOLEAP"})
+    ds["time"] = (
+        "time",
+        np.array([18250.5, 18251.5, 18252.5]),
+        {"units": "days since 1900-01-01", "calendar": "NOLEAP"},
+    )
     read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig(members="dim:time"))
     # at the ends of a row the axis is known half a cell away: 0.05 degrees sin(40 degrees) is 0.56 mrad
     assert_comes_back(read, 3e-4)
@@ -94,10 +132,20 @@ def test_mom_at_longitudes_from_280_west_with_noleap_times(tmp_path):
 def test_grep_members_by_suffix_without_their_mean(tmp_path):
     longitude, latitude = forms.lonlat()
     u, v = forms.regular(longitude, latitude)
-    ds = xr.Dataset(coords={"depth": ("depth", LEVELS, {"units": "m"}), "latitude": latitude, "longitude": longitude})
+    ds = xr.Dataset(
+        coords={
+            "depth": ("depth", LEVELS, {"units": "m"}),
+            "latitude": latitude,
+            "longitude": longitude,
+        }
+    )
     for k, name in enumerate(("glor", "oras", "cglo")):
         for prefix, part, attrs in (("uo", u, forms._CMEMS[0]), ("vo", v, forms._CMEMS[1])):
-            ds[f"{prefix}_{name}"] = (("depth", "latitude", "longitude"), part[k], {"units": "m s-1", **attrs})
+            ds[f"{prefix}_{name}"] = (
+                ("depth", "latitude", "longitude"),
+                part[k],
+                {"units": "m s-1", **attrs},
+            )
     for name in ("mean", "std"):
         ds[f"uo_{name}"], ds[f"vo_{name}"] = 5.0 * ds["uo_glor"], 5.0 * ds["vo_glor"]
     path = save(ds, tmp_path / "grep.nc")
@@ -125,13 +173,27 @@ def test_topaz_on_polar_stereographic_axes(tmp_path):
 
     j, i = np.meshgrid(np.arange(12.0), np.arange(14.0), indexing="ij")
     longitude, latitude = at(j, i)
-    fields = [forms.along_grid(at, j, i, LEVELS[:, None, None], member) for member in range(N_MEMBERS)]
+    fields = [
+        forms.along_grid(at, j, i, LEVELS[:, None, None], member) for member in range(N_MEMBERS)
+    ]
     dims, space = ("member", "depth", "y", "x"), ("y", "x")
     ds = xr.Dataset(
         {
-            "vxo": (dims, np.stack([field[0] for field in fields]), {"standard_name": "sea_water_x_velocity", "units": "m s-1"}),
-            "vyo": (dims, np.stack([field[1] for field in fields]), {"standard_name": "sea_water_y_velocity", "units": "m s-1"}),
-            "stereographic": ((), 0, {key: value for key, value in crs.to_cf().items() if key != "crs_wkt"}),
+            "vxo": (
+                dims,
+                np.stack([field[0] for field in fields]),
+                {"standard_name": "sea_water_x_velocity", "units": "m s-1"},
+            ),
+            "vyo": (
+                dims,
+                np.stack([field[1] for field in fields]),
+                {"standard_name": "sea_water_y_velocity", "units": "m s-1"},
+            ),
+            "stereographic": (
+                (),
+                0,
+                {key: value for key, value in crs.to_cf().items() if key != "crs_wkt"},
+            ),
         },
         {
             "depth": ("depth", LEVELS, {"units": "m"}),
@@ -165,7 +227,11 @@ def test_mitgcm_faces_west_and_south_of_centres(tmp_path, one_dimension):
             "hFacW": (("Z", "YC", "XG"), west),
             "hFacS": (("Z", "YG", "XC"), south),
         },
-        {"Z": ("Z", -LEVELS, {"units": "m"}), "XG": longitude - step / 2, "YG": latitude - step / 2},
+        {
+            "Z": ("Z", -LEVELS, {"units": "m"}),
+            "XG": longitude - step / 2,
+            "YG": latitude - step / 2,
+        },
     )
     x, y = np.meshgrid(longitude, latitude)
     if one_dimension:
@@ -189,14 +255,27 @@ def nemo(shape=(10, 12), mask=True):
     wet = np.ones(shape)
     wet[:3, :4] = 0.0
     files = []
-    for k, (name, dj, di, face) in enumerate((("uo", 0.0, 0.5, wet[:, 1:] * wet[:, :-1]), ("vo", 0.5, 0.0, wet[1:] * wet[:-1]))):
-        fields = [forms.along_grid(at, j + dj, i + di, LEVELS[:, None, None], member)[k] for member in range(N_MEMBERS)]
-        faces = np.pad(face, ((0, shape[0] - face.shape[0]), (0, shape[1] - face.shape[1])), mode="edge")
+    for k, (name, dj, di, face) in enumerate(
+        (("uo", 0.0, 0.5, wet[:, 1:] * wet[:, :-1]), ("vo", 0.5, 0.0, wet[1:] * wet[:-1]))
+    ):
+        fields = [
+            forms.along_grid(at, j + dj, i + di, LEVELS[:, None, None], member)[k]
+            for member in range(N_MEMBERS)
+        ]
+        faces = np.pad(
+            face, ((0, shape[0] - face.shape[0]), (0, shape[1] - face.shape[1])), mode="edge"
+        )
         longitude, latitude = at(j + dj, i + di)
         depth = f"depth{'uv'[k]}"
         files.append(
             xr.Dataset(
-                {name: (("time_counter", depth, "y", "x"), np.stack(fields) * faces, {"units": "m/s"})},
+                {
+                    name: (
+                        ("time_counter", depth, "y", "x"),
+                        np.stack(fields) * faces,
+                        {"units": "m/s"},
+                    )
+                },
                 {
                     depth: (depth, LEVELS, {"units": "m", "positive": "down"}),
                     "nav_lon": (("y", "x"), longitude, {"standard_name": "longitude"}),
@@ -206,16 +285,26 @@ def nemo(shape=(10, 12), mask=True):
             )
         )
     longitude, latitude = at(j, i)
-    grid = xr.Dataset({"glamt": (("time", "y", "x"), longitude[None]), "gphit": (("time", "y", "x"), latitude[None])})
+    grid = xr.Dataset(
+        {
+            "glamt": (("time", "y", "x"), longitude[None]),
+            "gphit": (("time", "y", "x"), latitude[None]),
+        }
+    )
     if mask:
-        grid["tmask"] = (("time", "z", "y", "x"), np.broadcast_to(wet, (1, LEVELS.size, *shape)).copy())
+        grid["tmask"] = (
+            ("time", "z", "y", "x"),
+            np.broadcast_to(wet, (1, LEVELS.size, *shape)).copy(),
+        )
     return files, grid, wet
 
 
 @pytest.mark.parametrize("grid_file", [True, False])
 def test_nemo_in_files_of_u_and_v_and_the_grid(tmp_path, grid_file):
     (u, v), grid, wet = nemo()
-    paths = [save(u, tmp_path / "x_U.nc"), save(v, tmp_path / "x_V.nc")] + ([save(grid, tmp_path / "mesh.nc")] if grid_file else [])
+    paths = [save(u, tmp_path / "x_U.nc"), save(v, tmp_path / "x_V.nc")] + (
+        [save(grid, tmp_path / "mesh.nc")] if grid_file else []
+    )
     read = read_ensemble(paths, ForecastConfig(members="dim:time_counter"))
     np.testing.assert_array_equal(read.grid.wet[0], wet[1:, 1:] > 0.0)
     u_read, v_read = true_components(read)
@@ -233,7 +322,11 @@ def test_enkf_c_a_file_for_each_member_and_variable_with_the_grid_apart(tmp_path
     counts = np.full(u.shape[-2:], 4)
     counts[2, 3], counts[0, 0] = 2, 0
     grid = xr.Dataset(
-        {"lon": ("i", longitude), "lat": ("j", latitude), "zt": ("k", LEVELS, {"units": "meters", "positive": "down"})}
+        {
+            "lon": ("i", longitude),
+            "lat": ("j", latitude),
+            "zt": ("k", LEVELS, {"units": "meters", "positive": "down"}),
+        }
         | {"num_levels": (("j", "i"), counts), "depth_t": (("j", "i"), 100.0 * counts)}
     )
     save(grid, tmp_path / "grid_spec.nc")
@@ -260,10 +353,16 @@ def test_anomalies_are_added_to_the_background_and_states_are_not(tmp_path):
         for member in range(N_MEMBERS):
             ds = forms.standard(u - base_u, v - base_v, longitude, latitude).isel(member=member)
             save(ds, tmp_path / folder / f"mem{member}.nc")
-        save(forms.standard(mean_u[None], mean_v[None], longitude, latitude).isel(member=0), tmp_path / folder / "bg_uv.nc")
+        save(
+            forms.standard(mean_u[None], mean_v[None], longitude, latitude).isel(member=0),
+            tmp_path / folder / "bg_uv.nc",
+        )
         read = read_ensemble(tmp_path / folder, ForecastConfig())
         assert_comes_back(read, 1e-12)
-        assert any(("were added to the background" if folder == "anomalies" else "was not used") in note for note in read.notes)
+        assert any(
+            ("were added to the background" if folder == "anomalies" else "was not used") in note
+            for note in read.notes
+        )
     (tmp_path / "anomalies" / "bg_uv.nc").unlink()
 
 
@@ -272,7 +371,9 @@ def test_pop_in_centimetres_with_undeclared_fill(tmp_path):
     u, v = (100.0 * part for part in forms.regular(longitude, latitude))
     u[:, :, 0, 0] = v[:, :, 0, 0] = 1e30
     attrs = ({"units": "centimeter/s"},) * 2
-    ds = forms.standard(u, v, longitude, latitude, ("UVEL", "VVEL"), attrs).rename(latitude="y", longitude="x")
+    ds = forms.standard(u, v, longitude, latitude, ("UVEL", "VVEL"), attrs).rename(
+        latitude="y", longitude="x"
+    )
     x, y = np.meshgrid(longitude, latitude)
     ds = ds.drop_vars(["x", "y"]).assign(ULON=(("y", "x"), x), ULAT=(("y", "x"), y))
     read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig())
@@ -285,27 +386,41 @@ def test_pop_in_centimetres_with_undeclared_fill(tmp_path):
 def test_pop_levels_between_interfaces(tmp_path):
     longitude, latitude = forms.lonlat()
     edges = np.array([0.0, 10.0, 110.0, 190.0, 410.0])
-    ds = forms.standard(*forms.regular(longitude, latitude), longitude, latitude, ("UVEL", "VVEL"), ({}, {}))
+    ds = forms.standard(
+        *forms.regular(longitude, latitude), longitude, latitude, ("UVEL", "VVEL"), ({}, {})
+    )
     ds = ds.drop_vars("depth").rename(depth="k").assign(w_dep=("w_dep", edges))
     read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig(axes="true"))
     np.testing.assert_array_equal(read.grid.levels, LEVELS)
     assert "levels of k were taken midway between the interfaces w_dep" in read.notes
     assert_comes_back(read, 1e-12)
-    with pytest.raises(ForecastError, match="dimension k has no coordinate values; add a depth coordinate in metres, or give the file"):
+    with pytest.raises(
+        ForecastError,
+        match="dimension k has no coordinate values; add a depth coordinate in metres, or give the file",
+    ):
         read_ensemble(save(ds.drop_vars("w_dep"), tmp_path / "none.nc"), ForecastConfig())
 
 
 def test_a_file_of_another_grid_beside_a_forecast_is_refused(tmp_path):
     longitude, latitude = forms.lonlat()
     u, v = forms.regular(longitude, latitude)
-    current = xr.Dataset({name: (("member", "depth", "y", "x"), part, {"units": "m s-1"}) for name, part in (("uo", u), ("vo", v))})
+    current = xr.Dataset(
+        {
+            name: (("member", "depth", "y", "x"), part, {"units": "m s-1"})
+            for name, part in (("uo", u), ("vo", v))
+        }
+    )
     files = [save(current.assign_coords(depth=("depth", LEVELS)), tmp_path / "current.nc")]
     x, y = np.meshgrid(*forms.lonlat(shape=(9, 14)))
     grid = xr.Dataset(
-        {name: (("eta_rho", "xi_rho"), part) for name, part in (("lon_rho", x), ("lat_rho", y), ("mask_rho", np.ones(x.shape)))}
+        {
+            name: (("eta_rho", "xi_rho"), part)
+            for name, part in (("lon_rho", x), ("lat_rho", y), ("mask_rho", np.ones(x.shape)))
+        }
     )
     files.append(save(grid, tmp_path / "grid.nc"))
     with pytest.raises(
-        ForecastError, match=r"current.nc: the currents have 7 x 8 points, the coordinates 9 x 14; give each forecast alone"
+        ForecastError,
+        match=r"current.nc: the currents have 7 x 8 points, the coordinates 9 x 14; give each forecast alone",
     ):
         read_ensemble(files, ForecastConfig())

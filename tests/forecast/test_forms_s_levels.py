@@ -24,22 +24,44 @@ def test_roms_at_44_degrees_on_terrain_following_levels(tmp_path, transform, pac
     np.testing.assert_array_equal(read.grid.wet[0], made[0][1][1:-1, 1:-1] > 0.0)
     u, v = true_components(read)
     for member in range(N_MEMBERS):
-        known = np.stack(forms.truth(read.grid.longitude, read.grid.latitude, read.grid.levels[:, None, None], member))
+        known = np.stack(
+            forms.truth(
+                read.grid.longitude, read.grid.latitude, read.grid.levels[:, None, None], member
+            )
+        )
         # away from land, where one face stands for two
         error = (np.stack([u[member], v[member]]) - known)[:, :, 4:, 5:]
         assert np.sqrt(np.mean(error**2)) < 0.01 * np.sqrt(np.mean(known**2))
     assert read.members == ("his_mem000.nc", "his_mem001.nc", "his_mem002.nc")
 
 
-def test_levels_of_terrain_following_files_without_a_choice_are_those_of_the_deepest_column(tmp_path):
+def test_levels_of_terrain_following_files_without_a_choice_are_those_of_the_deepest_column(
+    tmp_path,
+):
     shape = (8, 9)
     ds, _ = forms.roms(forms.rotated(shape=shape, cell=0.02), shape, 0)
-    paths = [save(forms.roms(forms.rotated(shape=shape, cell=0.02), shape, k)[0], tmp_path / f"mem{k}.nc") for k in (1, 2)]
+    paths = [
+        save(
+            forms.roms(forms.rotated(shape=shape, cell=0.02), shape, k)[0], tmp_path / f"mem{k}.nc"
+        )
+        for k in (1, 2)
+    ]
     read = read_ensemble(paths, ForecastConfig())
     s, c, h = ds["s_rho"].values, ds["Cs_r"].values, 400.0 + 10.0 * 7
-    np.testing.assert_allclose(read.grid.levels, -np.sort(h * (20.0 * s + c * h) / (20.0 + h))[::-1])
-    with pytest.raises(ForecastError, match=r"s_rho numbers terrain-following levels, whose depths need hc, Vtransform too; give the file"):
-        read_ensemble([save(ds.drop_vars(["hc", "Vtransform"]), tmp_path / f"r{k}_mem{k}.nc") for k in (1, 2)], ForecastConfig())
+    np.testing.assert_allclose(
+        read.grid.levels, -np.sort(h * (20.0 * s + c * h) / (20.0 + h))[::-1]
+    )
+    with pytest.raises(
+        ForecastError,
+        match=r"s_rho numbers terrain-following levels, whose depths need hc, Vtransform too; give the file",
+    ):
+        read_ensemble(
+            [
+                save(ds.drop_vars(["hc", "Vtransform"]), tmp_path / f"r{k}_mem{k}.nc")
+                for k in (1, 2)
+            ],
+            ForecastConfig(),
+        )
 
 
 def test_croco_without_an_epoch_and_with_zeros_on_land(tmp_path):

@@ -19,12 +19,21 @@ MEMBERS = 2
 def current(longitude, latitude, member, middle):
     """East and north component [m/s], linear about a meridian, so that the mean of two faces is the value between them."""
     x = (np.asarray(longitude) - middle + 180.0) % 360.0 - 180.0
-    return 0.1 + 0.01 * x + 0.002 * (latitude - 43.0) + 0.02 * member, -0.1 + 0.005 * x - 0.003 * (latitude - 43.0) - 0.01 * member
+    return 0.1 + 0.01 * x + 0.002 * (latitude - 43.0) + 0.02 * member, -0.1 + 0.005 * x - 0.003 * (
+        latitude - 43.0
+    ) - 0.01 * member
 
 
 def fields(component, longitude, latitude, middle, wet):
     """A component of all members at all levels, zero on land, shape (E, Z, J, I)."""
-    return np.stack([np.broadcast_to(current(longitude, latitude, k, middle)[component] * wet, (2, *wet.shape)) for k in range(MEMBERS)])
+    return np.stack(
+        [
+            np.broadcast_to(
+                current(longitude, latitude, k, middle)[component] * wet, (2, *wet.shape)
+            )
+            for k in range(MEMBERS)
+        ]
+    )
 
 
 def orca(folder, middle, repeated=2):
@@ -44,9 +53,19 @@ def orca(folder, middle, repeated=2):
         paths.append(
             save(
                 xr.Dataset(
-                    {name: (("time_counter", f"depth{'uv'[k]}", "y", "x"), fields(k, *place, middle, shore), {"units": "m/s"})},
                     {
-                        f"depth{'uv'[k]}": (f"depth{'uv'[k]}", LEVELS, {"units": "m", "positive": "down"}),
+                        name: (
+                            ("time_counter", f"depth{'uv'[k]}", "y", "x"),
+                            fields(k, *place, middle, shore),
+                            {"units": "m/s"},
+                        )
+                    },
+                    {
+                        f"depth{'uv'[k]}": (
+                            f"depth{'uv'[k]}",
+                            LEVELS,
+                            {"units": "m", "positive": "down"},
+                        ),
                         "nav_lon": (("y", "x"), (place[0] + 180.0) % 360.0 - 180.0),
                         "nav_lat": (("y", "x"), place[1]),
                         "time_counter": times,
@@ -56,7 +75,13 @@ def orca(folder, middle, repeated=2):
             )
         )
     mesh = {"glamt": longitude, "gphit": latitude, "tmask": wet}
-    return [*paths, save(xr.Dataset({name: (("y", "x"), values) for name, values in mesh.items()}), folder / "mesh.nc")]
+    return [
+        *paths,
+        save(
+            xr.Dataset({name: (("y", "x"), values) for name, values in mesh.items()}),
+            folder / "mesh.nc",
+        ),
+    ]
 
 
 def assert_known(read, middle):
@@ -66,8 +91,12 @@ def assert_known(read, middle):
     for member in range(MEMBERS):
         east, north = current(read.grid.longitude, read.grid.latitude, member, middle)
         wet = np.broadcast_to(read.grid.wet, u[member].shape)[inner]
-        np.testing.assert_allclose(u[member][inner][wet], np.broadcast_to(east, u[member].shape)[inner][wet], atol=6e-4)
-        np.testing.assert_allclose(v[member][inner][wet], np.broadcast_to(north, v[member].shape)[inner][wet], atol=6e-4)
+        np.testing.assert_allclose(
+            u[member][inner][wet], np.broadcast_to(east, u[member].shape)[inner][wet], atol=6e-4
+        )
+        np.testing.assert_allclose(
+            v[member][inner][wet], np.broadcast_to(north, v[member].shape)[inner][wet], atol=6e-4
+        )
 
 
 @pytest.mark.parametrize("repeated", [2, 0])
@@ -75,8 +104,12 @@ def assert_known(read, middle):
 def test_a_c_grid_over_the_seam_and_over_the_antimeridian(tmp_path, middle, repeated):
     files = orca(tmp_path, middle, repeated)
     west, east = ((middle + side + 180.0) % 360.0 - 180.0 for side in (-4.2, 5.2))
-    read = read_ensemble(files, ForecastConfig(members="dim:time_counter", region=(west, 40.8, east, 45.2)))
-    np.testing.assert_allclose((read.grid.longitude[0] - middle + 180.0) % 360.0 - 180.0, np.arange(-4.0, 6.0), atol=1e-9)
+    read = read_ensemble(
+        files, ForecastConfig(members="dim:time_counter", region=(west, 40.8, east, 45.2))
+    )
+    np.testing.assert_allclose(
+        (read.grid.longitude[0] - middle + 180.0) % 360.0 - 180.0, np.arange(-4.0, 6.0), atol=1e-9
+    )
     np.testing.assert_allclose(read.grid.latitude[:, 0], np.arange(41.0, 46.0))
     wet = np.ones((5, 10), bool)
     # 43 N, 75 E; beside it one face stands for two
@@ -111,10 +144,24 @@ def test_faces_west_of_the_centres(tmp_path, faces):
     at_v = LATITUDE - 0.5
     ds = xr.Dataset(
         {
-            "UVEL": (("member", "Z", "YC", "XG"), fields(0, at_u, LATITUDE[:, None], SEAM, shape), {"units": "m/s"}),
-            "VVEL": (("member", "Z", "YG", "XC"), fields(1, SEAM + i, at_v[:, None], SEAM, wet), {"units": "m/s"}),
+            "UVEL": (
+                ("member", "Z", "YC", "XG"),
+                fields(0, at_u, LATITUDE[:, None], SEAM, shape),
+                {"units": "m/s"},
+            ),
+            "VVEL": (
+                ("member", "Z", "YG", "XC"),
+                fields(1, SEAM + i, at_v[:, None], SEAM, wet),
+                {"units": "m/s"},
+            ),
         },
-        {"Z": ("Z", -LEVELS, {"units": "m"}), "XC": SEAM + i, "YC": LATITUDE, "XG": at_u, "YG": at_v},
+        {
+            "Z": ("Z", -LEVELS, {"units": "m"}),
+            "XC": SEAM + i,
+            "YC": LATITUDE,
+            "XG": at_u,
+            "YG": at_v,
+        },
     )
     region = (SEAM - 3.2, 40.8, SEAM + 2.2, 45.2)
     read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig(region=region))
@@ -131,7 +178,9 @@ def test_repeated_columns_of_an_a_grid_are_read_once(tmp_path):
         {"uo": (dims, u, {"units": "m s-1"}), "vo": (dims, v, {"units": "m s-1"})},
         {"depth": ("depth", LEVELS, {"units": "m"}), "latitude": LATITUDE, "longitude": longitude},
     )
-    read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig(region=(-3.2, 39.0, 2.2, 47.0)))
+    read = read_ensemble(
+        save(ds, tmp_path / "e.nc"), ForecastConfig(region=(-3.2, 39.0, 2.2, 47.0))
+    )
     np.testing.assert_allclose(read.grid.longitude[0], np.arange(-3.0, 3.0))
     assert_known(read, 0.0)
 

@@ -46,7 +46,10 @@ def test_numbers_in_names_count_and_do_not_sort_as_text(tmp_path):
     assert_comes_back(read_ensemble(tmp_path, ForecastConfig()), 1e-12)
 
 
-@pytest.mark.parametrize("name", ["r{}i1p1f1_uv.nc", "ens0{}/uv.nc", "run{}/uv.nc", "a_m0{}.nc", "00{}iORCA.nc", "case{}.nc"])
+@pytest.mark.parametrize(
+    "name",
+    ["r{}i1p1f1_uv.nc", "ens0{}/uv.nc", "run{}/uv.nc", "a_m0{}.nc", "00{}iORCA.nc", "case{}.nc"],
+)
 def test_usual_names_of_members(tmp_path, name):
     for k in range(3):
         (tmp_path / name.format(k)).parent.mkdir(exist_ok=True)
@@ -68,22 +71,42 @@ def test_files_of_u_and_v_without_member_names_are_paired_in_order(tmp_path):
 def test_members_of_one_file_at_times_of_another(tmp_path):
     ds = synthetic.dataset()
     for k in range(3):
-        parts = xr.concat([ds * (1.0 + k)], "time", data_vars="all", coords="minimal", compat="override", join="override")
+        parts = xr.concat(
+            [ds * (1.0 + k)],
+            "time",
+            data_vars="all",
+            coords="minimal",
+            compat="override",
+            join="override",
+        )
         parts["uo"].attrs, parts["vo"].attrs = ds["uo"].attrs, ds["vo"].attrs
-        save(parts.assign_coords(time=[np.datetime64("2020-01-01", "ns") + 2 * k * DAY]), tmp_path / f"day{k}.nc")
+        save(
+            parts.assign_coords(time=[np.datetime64("2020-01-01", "ns") + 2 * k * DAY]),
+            tmp_path / f"day{k}.nc",
+        )
     series = read_series(tmp_path, ForecastConfig())
-    assert [part.time_ns - series[0].time_ns for part in series] == [0, 2 * 86_400 * 10**9, 4 * 86_400 * 10**9]
+    assert [part.time_ns - series[0].time_ns for part in series] == [
+        0,
+        2 * 86_400 * 10**9,
+        4 * 86_400 * 10**9,
+    ]
     for k, part in enumerate(series):
-        np.testing.assert_allclose(part.velocity, (1.0 + k) * synthetic.ensemble().velocity, atol=1e-14)
+        np.testing.assert_allclose(
+            part.velocity, (1.0 + k) * synthetic.ensemble().velocity, atol=1e-14
+        )
     near = int(np.datetime64("2020-01-04T00:00", "ns").astype(np.int64) + 1)
-    np.testing.assert_array_equal(read_ensemble(tmp_path, ForecastConfig(), near_ns=near).velocity, series[2].velocity)
+    np.testing.assert_array_equal(
+        read_ensemble(tmp_path, ForecastConfig(), near_ns=near).velocity, series[2].velocity
+    )
 
 
 def test_files_of_several_members_each_add_up(tmp_path):
     ds = synthetic.dataset()
     save(ds.isel(member=slice(0, 5)), tmp_path / "first.nc")
     save(ds.isel(member=slice(5, 8)), tmp_path / "second.nc")
-    np.testing.assert_array_equal(read_ensemble(tmp_path, ForecastConfig()).velocity, synthetic.ensemble().velocity)
+    np.testing.assert_array_equal(
+        read_ensemble(tmp_path, ForecastConfig()).velocity, synthetic.ensemble().velocity
+    )
 
 
 def lagged(folder, runs=3, days=6):
@@ -92,7 +115,9 @@ def lagged(folder, runs=3, days=6):
     for run in range(runs):
         times = np.datetime64("2020-01-01", "ns") + (run + np.arange(days)) * DAY
         parts = [one * (1.0 + run) * (1.0 + run + day) for day in range(days)]
-        ds = xr.concat(parts, "time", data_vars="all", coords="minimal", compat="override", join="override")
+        ds = xr.concat(
+            parts, "time", data_vars="all", coords="minimal", compat="override", join="override"
+        )
         for name in ("uo", "vo"):
             ds[name].attrs = one[name].attrs
         save(ds.assign_coords(time=times), folder / f"fc{run}.nc")
@@ -104,14 +129,23 @@ def test_lagged_forecasts_valid_at_one_time(tmp_path):
     read = read_ensemble(tmp_path, ForecastConfig(members="lags"))
     assert read.made_from == "lags"
     # the last day that all hold is day 5 of the first
-    np.testing.assert_allclose(read.velocity, np.array([1.0, 2.0, 3.0])[:, None, None, None, None] * 6.0 * one, atol=1e-13)
+    np.testing.assert_allclose(
+        read.velocity, np.array([1.0, 2.0, 3.0])[:, None, None, None, None] * 6.0 * one, atol=1e-13
+    )
     assert str(np.datetime64(read.time_ns, "ns"))[:10] == "2020-01-06"
     assert read.members[1] == "fc1.nc started 2020-01-02T00:00"
     near = int(np.datetime64("2020-01-04", "ns").astype(np.int64))
-    np.testing.assert_allclose(read_ensemble(tmp_path, ForecastConfig(members="lags"), near_ns=near).velocity[2], 12.0 * one, atol=1e-13)
+    np.testing.assert_allclose(
+        read_ensemble(tmp_path, ForecastConfig(members="lags"), near_ns=near).velocity[2],
+        12.0 * one,
+        atol=1e-13,
+    )
     lagged(tmp_path, runs=2, days=1)
     (tmp_path / "fc2.nc").unlink()
-    with pytest.raises(ForecastError, match=r"needs a time that all forecasts hold; they hold 2020-01-01T00:00: 2020-01-01T00:00Z to"):
+    with pytest.raises(
+        ForecastError,
+        match=r"needs a time that all forecasts hold; they hold 2020-01-01T00:00: 2020-01-01T00:00Z to",
+    ):
         read_ensemble(tmp_path, ForecastConfig(members="lags"))
 
 
@@ -119,20 +153,34 @@ def test_fields_of_the_season_are_anomalies_about_the_forecast(tmp_path):
     one = synthetic.dataset().isel(member=0, drop=True)
     days = ["2018-01-10", "2018-07-01", "2019-01-25", "2019-02-20", "2020-01-02", "2020-01-15"]
     parts = [one * factor for factor in (1.0, 50.0, 2.0, 50.0, 6.0, 10.0)]
-    ds = xr.concat(parts, "time", data_vars="all", coords="minimal", compat="override", join="override")
+    ds = xr.concat(
+        parts, "time", data_vars="all", coords="minimal", compat="override", join="override"
+    )
     for name in ("uo", "vo"):
         ds[name].attrs = one[name].attrs
     save(ds.assign_coords(time=np.array(days, "M8[ns]")), tmp_path / "archive.nc")
     read = read_ensemble(tmp_path / "archive.nc", ForecastConfig(members="times:15d"))
     assert read.made_from == "times"
     unit = synthetic.ensemble().velocity[0]
-    np.testing.assert_allclose(read.velocity, np.array([8.0, 9.0, 13.0])[:, None, None, None, None] * unit, atol=1e-13)
+    np.testing.assert_allclose(
+        read.velocity, np.array([8.0, 9.0, 13.0])[:, None, None, None, None] * unit, atol=1e-13
+    )
     assert "3 fields within 15 days" in read.notes[0]
     assert read.members[0] == "archive.nc 2018-01-10T00:00Z, as an anomaly about 2020-01-15T00:00Z"
     near = int(np.datetime64("2019-01-25", "ns").astype(np.int64))
-    assert read_ensemble(tmp_path / "archive.nc", ForecastConfig(members="times:16d"), near_ns=near).n_members == 2
-    with pytest.raises(ForecastError, match=r"0 fields within 3 days of the season of 2018-07-01T00:00Z; at least 2 are needed: widen"):
-        read_ensemble(tmp_path / "archive.nc", ForecastConfig(members="times:3d", time="2018-07-01"))
+    assert (
+        read_ensemble(
+            tmp_path / "archive.nc", ForecastConfig(members="times:16d"), near_ns=near
+        ).n_members
+        == 2
+    )
+    with pytest.raises(
+        ForecastError,
+        match=r"0 fields within 3 days of the season of 2018-07-01T00:00Z; at least 2 are needed: widen",
+    ):
+        read_ensemble(
+            tmp_path / "archive.nc", ForecastConfig(members="times:3d", time="2018-07-01")
+        )
 
 
 @pytest.mark.parametrize("times", [1, 6])
@@ -142,13 +190,26 @@ def test_models_lose_their_own_bias(tmp_path, times):
     factors = rng.normal(size=(2, times))
     for model, bias in enumerate((0.0, 0.4)):
         parts = [one * factor + bias for factor in factors[model]]
-        ds = xr.concat(parts, "time", data_vars="all", coords="minimal", compat="override", join="override")
+        ds = xr.concat(
+            parts, "time", data_vars="all", coords="minimal", compat="override", join="override"
+        )
         for name in ("uo", "vo"):
             ds[name].attrs = one[name].attrs
-        save(ds.assign_coords(time=np.datetime64("2020-01-01", "ns") + np.arange(times) * DAY), tmp_path / f"{'ab'[model]}.nc")
-    read = read_ensemble([tmp_path / "a.nc", tmp_path / "b.nc"], ForecastConfig(members="models", time="2020-01-01"))
+        save(
+            ds.assign_coords(time=np.datetime64("2020-01-01", "ns") + np.arange(times) * DAY),
+            tmp_path / f"{'ab'[model]}.nc",
+        )
+    read = read_ensemble(
+        [tmp_path / "a.nc", tmp_path / "b.nc"], ForecastConfig(members="models", time="2020-01-01")
+    )
     assert read.made_from == "models"
-    assert read_ensemble([tmp_path / "a.nc", tmp_path / "b.nc"], ForecastConfig(members="files", time="2020-01-01")).made_from == ""
+    assert (
+        read_ensemble(
+            [tmp_path / "a.nc", tmp_path / "b.nc"],
+            ForecastConfig(members="files", time="2020-01-01"),
+        ).made_from
+        == ""
+    )
     unit = synthetic.ensemble().velocity[0]
     difference = read.velocity[1] - read.velocity[0]
     if times > 1:
@@ -158,7 +219,9 @@ def test_models_lose_their_own_bias(tmp_path, times):
         expected = (factors[1, 0] - factors[0, 0]) * (unit - mean)
     # the bias lies along true axes, which turn by up to 0.16 degrees against the frame's
     np.testing.assert_allclose(difference, expected, atol=1.2e-3 if times == 1 else 1e-12)
-    assert any(("over its times" if times > 1 else "over the region") in note for note in read.notes)
+    assert any(
+        ("over its times" if times > 1 else "over the region") in note for note in read.notes
+    )
 
 
 def test_files_of_one_model_are_given_together_and_share_a_mean(tmp_path):
@@ -170,20 +233,29 @@ def test_files_of_one_model_are_given_together_and_share_a_mean(tmp_path):
         # the first file has four times, the last two one each
         for number, days in enumerate((slice(0, 4), slice(4, 5), slice(5, 6))):
             parts = [one * factor + bias for factor in factors[model, days]]
-            ds = xr.concat(parts, "time", data_vars="all", coords="minimal", compat="override", join="override")
+            ds = xr.concat(
+                parts, "time", data_vars="all", coords="minimal", compat="override", join="override"
+            )
             for name in ("uo", "vo"):
                 ds[name].attrs = one[name].attrs
             times = np.datetime64("2020-01-01", "ns") + np.arange(6)[days] * DAY
-            groups[-1].append(save(ds.assign_coords(time=times), tmp_path / f"{'ab'[model]}{number}.nc"))
+            groups[-1].append(
+                save(ds.assign_coords(time=times), tmp_path / f"{'ab'[model]}{number}.nc")
+            )
     config = ForecastConfig(members="models", time="2020-01-05")
     read = read_ensemble(groups, config)
-    expected = (factors[1, 4] - factors[1].mean() - factors[0, 4] + factors[0].mean()) * synthetic.ensemble().velocity[0]
+    expected = (
+        factors[1, 4] - factors[1].mean() - factors[0, 4] + factors[0].mean()
+    ) * synthetic.ensemble().velocity[0]
     np.testing.assert_allclose(read.velocity[1] - read.velocity[0], expected, atol=1e-12)
     assert read.members == ("a1.nc model 0", "b1.nc model 1")
     assert any("over its times was replaced by that of all 2 models" in note for note in read.notes)
     assert read_ensemble([path for group in groups for path in group], config).n_members == 6
     # four times in all are too few for a mean over them
-    assert any("over the region" in note for note in read_ensemble([group[:1] for group in groups], config).notes)
+    assert any(
+        "over the region" in note
+        for note in read_ensemble([group[:1] for group in groups], config).notes
+    )
 
 
 def test_members_on_other_grids_and_levels_are_interpolated(tmp_path):
@@ -192,7 +264,10 @@ def test_members_on_other_grids_and_levels_are_interpolated(tmp_path):
     levels = np.arange(0.0, 320.0, 10.0)
     u, v = forms.regular(longitude, latitude, levels)
     u[:, :, :8, :8] = np.nan
-    save(forms.standard(u, v, longitude, latitude, levels=levels).isel(member=1), tmp_path / "mem1.nc")
+    save(
+        forms.standard(u, v, longitude, latitude, levels=levels).isel(member=1),
+        tmp_path / "mem1.nc",
+    )
     read = read_ensemble(tmp_path, ForecastConfig())
     np.testing.assert_allclose(read.grid.levels, LEVELS)
     wet = np.ones((7, 8), bool)
@@ -200,7 +275,10 @@ def test_members_on_other_grids_and_levels_are_interpolated(tmp_path):
     wet[:2, :2] = False
     np.testing.assert_array_equal(read.grid.wet[0], wet)
     assert_comes_back(read, 1.5e-3, n_members=2)
-    assert any(note == "1 member interpolated to the grid of the first (bilinear; linear in depth)" for note in read.notes)
+    assert any(
+        note == "1 member interpolated to the grid of the first (bilinear; linear in depth)"
+        for note in read.notes
+    )
 
 
 @pytest.mark.parametrize("form", ["dim:time", "files", "suffix"])
@@ -219,18 +297,31 @@ def test_natl_nemo_in_other_forms_gives_the_same_estimate(tmp_path, form):
             save(whole.isel(member=k, drop=True), folder / f"mem{k + 1:03d}.nc")
     elif form == "dim:time":
         times = np.datetime64("2000-01-01", "ns") + np.arange(12) * DAY
-        save(whole.drop_vars("member").rename(member="time").assign_coords(time=times), folder / "times.nc")
+        save(
+            whole.drop_vars("member").rename(member="time").assign_coords(time=times),
+            folder / "times.nc",
+        )
     else:
-        members = {f"{name}_m{k}": whole[name].isel(member=k, drop=True) for k in range(12) for name in ("uo", "vo")}
+        members = {
+            f"{name}_m{k}": whole[name].isel(member=k, drop=True)
+            for k in range(12)
+            for name in ("uo", "vo")
+        }
         save(xr.Dataset(members), folder / "suffix.nc")
     flows = []
     for path, rule in ((plain, None), (folder, form)):
-        config = load_config(None, {"forecast": {"members": rule, "levels": [0.0, 50.0]}, "estimator": {"modes": 8}})
+        config = load_config(
+            None, {"forecast": {"members": rule, "levels": [0.0, 50.0]}, "estimator": {"modes": 8}}
+        )
         ensemble = read_ensemble(path, config.forecast)
         estimator = build_estimator(ensemble, config.estimator)
         state = estimator.initial()
         for observation in synthetic.random_profiles(ensemble.grid, 3):
             state, _ = estimator.step(state, observation)
-        flows.append(estimator.flow(state).velocity(ensemble.grid.east[3:6, 4:9], ensemble.grid.north[3:6, 4:9], 20.0))
+        flows.append(
+            estimator.flow(state).velocity(
+                ensemble.grid.east[3:6, 4:9], ensemble.grid.north[3:6, 4:9], 20.0
+            )
+        )
     np.testing.assert_allclose(flows[1], flows[0], rtol=0.0, atol=1e-12)
     assert np.abs(flows[0]).max() > 0.01

@@ -39,21 +39,35 @@ def test_finds_the_member_dimension_under_any_usual_name(tmp_path, dim):
     assert read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN).n_members == 8
 
 
-@pytest.mark.parametrize(("u", "v"), [("u", "v"), ("water_u", "water_v"), ("ucur", "vcur"), ("odd", "names")])
+@pytest.mark.parametrize(
+    ("u", "v"), [("u", "v"), ("water_u", "water_v"), ("ucur", "vcur"), ("odd", "names")]
+)
 def test_finds_the_current_by_standard_or_short_name(tmp_path, u, v):
     ds = synthetic.dataset().rename(uo=u, vo=v)
     if u != "odd":
         del ds[u].attrs["standard_name"], ds[v].attrs["standard_name"]
-    np.testing.assert_allclose(read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN).velocity, synthetic.ensemble().velocity, atol=1e-15)
+    np.testing.assert_allclose(
+        read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN).velocity,
+        synthetic.ensemble().velocity,
+        atol=1e-15,
+    )
 
 
 def test_standard_names_win_over_swapped_short_names(tmp_path):
     ds = synthetic.dataset().rename(uo="v", vo="u")
-    np.testing.assert_allclose(read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN).velocity, synthetic.ensemble().velocity, atol=1e-15)
+    np.testing.assert_allclose(
+        read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN).velocity,
+        synthetic.ensemble().velocity,
+        atol=1e-15,
+    )
 
 
 def test_flipped_latitude_reversed_depth_and_other_orders_change_no_value(tmp_path):
-    flipped = synthetic.dataset().isel(lat=slice(None, None, -1), depth=slice(None, None, -1)).transpose("lat", "depth", "lon", "member")
+    flipped = (
+        synthetic.dataset()
+        .isel(lat=slice(None, None, -1), depth=slice(None, None, -1))
+        .transpose("lat", "depth", "lon", "member")
+    )
     read, expected = read_ensemble(write(flipped, tmp_path / "e.nc"), PLAIN), synthetic.ensemble()
     np.testing.assert_allclose(read.velocity[..., ::-1, :], expected.velocity, atol=1e-15)
     np.testing.assert_allclose(read.grid.north[::-1], expected.grid.north, atol=1e-6)
@@ -62,7 +76,9 @@ def test_flipped_latitude_reversed_depth_and_other_orders_change_no_value(tmp_pa
 def test_upward_heights_become_depths(tmp_path):
     ds = synthetic.dataset()
     ds = ds.assign_coords(depth=("depth", -ds["depth"].values, {"positive": "up"}))
-    np.testing.assert_array_equal(read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN).grid.levels, synthetic.LEVELS)
+    np.testing.assert_array_equal(
+        read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN).grid.levels, synthetic.LEVELS
+    )
 
 
 def test_two_dimensional_coordinates(tmp_path):
@@ -70,13 +86,20 @@ def test_two_dimensional_coordinates(tmp_path):
     longitude, latitude = np.meshgrid(ds["lon"].values, ds["lat"].values)
     ds = ds.drop_vars(["lon", "lat"]).rename(lat="y", lon="x")
     ds = ds.assign_coords(nav_lon=(("y", "x"), longitude), nav_lat=(("y", "x"), latitude))
-    np.testing.assert_allclose(read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN).velocity, synthetic.ensemble().velocity, atol=1e-15)
+    np.testing.assert_allclose(
+        read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN).velocity,
+        synthetic.ensemble().velocity,
+        atol=1e-15,
+    )
 
 
 def test_velocity_along_the_grid_s_axes_is_turned(tmp_path):
     ds = synthetic.dataset()
     expected = synthetic.ensemble()
-    ds["uo"].attrs["standard_name"], ds["vo"].attrs["standard_name"] = "sea_water_x_velocity", "sea_water_y_velocity"
+    ds["uo"].attrs["standard_name"], ds["vo"].attrs["standard_name"] = (
+        "sea_water_x_velocity",
+        "sea_water_y_velocity",
+    )
     read = read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN)
     # a longitude-latitude grid's axes are true east and north; at its edges the axis is known half a cell away,
     # where it has turned by 0.05 degrees sin(40 degrees): 0.56 mrad of at most 0.6 m/s
@@ -85,7 +108,9 @@ def test_velocity_along_the_grid_s_axes_is_turned(tmp_path):
 
 def test_region_and_levels_cut(tmp_path):
     path = write(synthetic.dataset(), tmp_path / "e.nc")
-    read = read_ensemble(path, ForecastConfig(region=(152.1, -39.9, 152.31, -39.7), levels=(0.0, 140.0, 160.0)))
+    read = read_ensemble(
+        path, ForecastConfig(region=(152.1, -39.9, 152.31, -39.7), levels=(0.0, 140.0, 160.0))
+    )
     assert read.grid.longitude.shape == (3, 3)
     np.testing.assert_array_equal(read.grid.levels, [5.0, 150.0])
     with pytest.raises(ForecastError, match=r"no grid point inside the region.*152\.0"):
@@ -94,7 +119,9 @@ def test_region_and_levels_cut(tmp_path):
 
 @pytest.mark.parametrize("shift", [0.0, 360.0, -360.0])
 def test_regions_in_any_longitude_convention_and_across_the_antimeridian(shift):
-    longitude, latitude = np.meshgrid(np.array([178.0, 179.0, -180.0, -179.0]), np.array([0.0, 1.0]))
+    longitude, latitude = np.meshgrid(
+        np.array([178.0, 179.0, -180.0, -179.0]), np.array([0.0, 1.0])
+    )
     block = region_block(longitude, latitude, (179.0 + shift, -1.0, 181.0 + shift, 2.0))
     assert block == (slice(0, 2), (slice(1, 4),))
     assert centre_longitude(longitude) == pytest.approx(179.5)
@@ -103,7 +130,9 @@ def test_regions_in_any_longitude_convention_and_across_the_antimeridian(shift):
 def test_a_grid_across_the_antimeridian_is_whole(tmp_path):
     read = read_ensemble(write(synthetic.dataset(west=179.7), tmp_path / "e.nc"), PLAIN)
     wrapped = synthetic.dataset(west=179.7)
-    wrapped = wrapped.assign_coords(lon=("lon", (wrapped["lon"].values + 180.0) % 360.0 - 180.0, wrapped["lon"].attrs))
+    wrapped = wrapped.assign_coords(
+        lon=("lon", (wrapped["lon"].values + 180.0) % 360.0 - 180.0, wrapped["lon"].attrs)
+    )
     again = read_ensemble(write(wrapped, tmp_path / "w.nc"), PLAIN)
     np.testing.assert_allclose(again.grid.east, read.grid.east, atol=1e-6)
     assert np.all(np.diff(again.grid.longitude, axis=1) > 0)
@@ -131,17 +160,27 @@ def test_land_of_any_member_is_everyone_s_and_is_told(tmp_path):
     np.testing.assert_array_equal(read.grid.wet[:, 0, 0], [True, False, False, False])
     assert np.isnan(read.velocity[:, :, ~read.grid.wet]).all()
     assert np.isfinite(read.velocity[:, :, read.grid.wet]).all()
-    assert read.notes == ("taken for land: 7 points without values in 2 of 8 members, most in 'e.nc member 5' (4 of 120 points)",)
+    assert read.notes == (
+        "taken for land: 7 points without values in 2 of 8 members, most in 'e.nc member 5' (4 of 120 points)",
+    )
     ds["uo"][3, 0] = np.nan
-    with pytest.raises(ForecastError, match=r"leave no water at the first level; 'none\.nc member 3' misses most \(33 of 120 points\)"):
+    with pytest.raises(
+        ForecastError,
+        match=r"leave no water at the first level; 'none\.nc member 3' misses most \(33 of 120 points\)",
+    ):
         read_ensemble(write(ds, tmp_path / "none.nc"), PLAIN)
 
 
-@pytest.mark.parametrize(("unit", "length"), [("days", 1.0), ("hours", 24.0), ("s", 86_400.0), ("minutes", 1440.0)])
+@pytest.mark.parametrize(
+    ("unit", "length"), [("days", 1.0), ("hours", 24.0), ("s", 86_400.0), ("minutes", 1440.0)]
+)
 def test_leads_in_any_unit_are_matched_to_the_log_and_the_choice_is_said(tmp_path, unit, length):
     ds = xr.concat([synthetic.dataset(seed=k) for k in range(3)], dim="lead")
     leads = length * np.array([0.0, 2.0, 4.0])
-    path = write(ds.assign_coords(lead=("lead", leads, {"standard_name": "forecast_period", "units": unit})), tmp_path / "l.nc")
+    path = write(
+        ds.assign_coords(lead=("lead", leads, {"standard_name": "forecast_period", "units": unit})),
+        tmp_path / "l.nc",
+    )
     reference = ForecastConfig(reference_time="2020-01-01")
     start = int(np.datetime64("2020-01-01", "ns").astype(np.int64))
     read = read_ensemble(path, reference, near_ns=start + int(2.2 * 86_400e9))
@@ -153,7 +192,11 @@ def test_leads_in_any_unit_are_matched_to_the_log_and_the_choice_is_said(tmp_pat
 
 def test_options_that_the_file_has_no_use_for_are_refused(tmp_path):
     path = write(synthetic.dataset(), tmp_path / "e.nc")
-    for config in (ForecastConfig(lead=3.0), ForecastConfig(time="2020-01-01"), ForecastConfig(reference_time="2020-01-01")):
+    for config in (
+        ForecastConfig(lead=3.0),
+        ForecastConfig(time="2020-01-01"),
+        ForecastConfig(reference_time="2020-01-01"),
+    ):
         with pytest.raises(ForecastError, match="leave the option out"):
             read_ensemble(path, config)
 
@@ -161,14 +204,22 @@ def test_options_that_the_file_has_no_use_for_are_refused(tmp_path):
 def test_the_first_level_may_be_the_surface(tmp_path):
     levels = np.array([0.0, 60.0, 150.0])
     synthetic.dataset(levels=levels).to_netcdf(tmp_path / "e.nc", engine="h5netcdf")
-    np.testing.assert_array_equal(read_ensemble(tmp_path / "e.nc", ForecastConfig()).grid.levels, levels)
+    np.testing.assert_array_equal(
+        read_ensemble(tmp_path / "e.nc", ForecastConfig()).grid.levels, levels
+    )
 
 
 def test_chooses_a_lead_and_a_time(tmp_path):
     ds = xr.concat([synthetic.dataset(seed=k) for k in range(3)], dim="lead")
-    ds = ds.assign_coords(lead=("lead", [0.0, 2.0, 4.0], {"standard_name": "forecast_period", "units": "days"}))
+    ds = ds.assign_coords(
+        lead=("lead", [0.0, 2.0, 4.0], {"standard_name": "forecast_period", "units": "days"})
+    )
     path = write(ds, tmp_path / "leads.nc")
-    np.testing.assert_allclose(read_ensemble(path, ForecastConfig(lead=2.2)).velocity, synthetic.ensemble(1).velocity, atol=1e-15)
+    np.testing.assert_allclose(
+        read_ensemble(path, ForecastConfig(lead=2.2)).velocity,
+        synthetic.ensemble(1).velocity,
+        atol=1e-15,
+    )
     dated = ForecastConfig(reference_time="2020-01-01T00:00:00Z")
     day = 86_400 * 10**9
     start = int(np.datetime64("2020-01-01", "ns").astype(np.int64))
@@ -176,10 +227,16 @@ def test_chooses_a_lead_and_a_time(tmp_path):
     np.testing.assert_allclose(read.velocity, synthetic.ensemble(0).velocity, atol=1e-15)
     assert read.time_ns == start
     times = (
-        ds.drop_vars("lead").rename(lead="time").assign_coords(time=np.array(["2020-01-01", "2020-01-03", "2020-01-05"], "datetime64[ns]"))
+        ds.drop_vars("lead")
+        .rename(lead="time")
+        .assign_coords(time=np.array(["2020-01-01", "2020-01-03", "2020-01-05"], "datetime64[ns]"))
     )
     path = write(times, tmp_path / "times.nc")
-    np.testing.assert_allclose(read_ensemble(path, PLAIN, near_ns=start + 5 * day).velocity, synthetic.ensemble(2).velocity, atol=1e-15)
+    np.testing.assert_allclose(
+        read_ensemble(path, PLAIN, near_ns=start + 5 * day).velocity,
+        synthetic.ensemble(2).velocity,
+        atol=1e-15,
+    )
     chosen = read_ensemble(path, ForecastConfig(time="2020-01-03"), near_ns=start)
     np.testing.assert_allclose(chosen.velocity, synthetic.ensemble(1).velocity, atol=1e-15)
 
@@ -212,7 +269,11 @@ def test_centimetres_are_read_and_strange_units_refused(tmp_path):
     ds = synthetic.dataset()
     for name in ("uo", "vo"):
         ds[name] = (ds[name] * 100.0).assign_attrs(ds[name].attrs, units="cm s-1")
-    np.testing.assert_allclose(read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN).velocity, synthetic.ensemble().velocity, atol=1e-15)
+    np.testing.assert_allclose(
+        read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN).velocity,
+        synthetic.ensemble().velocity,
+        atol=1e-15,
+    )
     ds["uo"].attrs["units"] = "knots"
     with pytest.raises(ForecastError, match="'knots'"):
         read_ensemble(write(ds, tmp_path / "k.nc"), PLAIN)
@@ -233,7 +294,10 @@ def without(name):
         (lambda ds: ds.isel(lat=[0]), "at least 2 x 2"),
         (lambda ds: ds.where(False), "is land"),
         (lambda ds: ds.assign_coords(depth=("depth", [5.0, 5.0, 10.0, 20.0])), "distinct"),
-        (lambda ds: ds.assign_coords(lat=("lat", ds["lat"].values + 300.0, ds["lat"].attrs)), "beyond 90"),
+        (
+            lambda ds: ds.assign_coords(lat=("lat", ds["lat"].values + 300.0, ds["lat"].attrs)),
+            "beyond 90",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_refused_in_words(tmp_path, spoil, message):
@@ -241,7 +305,9 @@ def test_what_cannot_be_used_is_refused_in_words(tmp_path, spoil, message):
         read_ensemble(write(spoil(synthetic.dataset()), tmp_path / "e.nc"), PLAIN)
 
 
-@pytest.mark.parametrize("content", [b"", b"not a dataset at all", b"\x89HDF\r\n\x1a\n broken", b"CDF\x01 broken"])
+@pytest.mark.parametrize(
+    "content", [b"", b"not a dataset at all", b"\x89HDF\r\n\x1a\n broken", b"CDF\x01 broken"]
+)
 def test_files_that_are_no_dataset(tmp_path, content):
     path = tmp_path / "e.nc"
     path.write_bytes(content)
@@ -254,6 +320,12 @@ def test_files_that_are_no_dataset(tmp_path, content):
 def test_vectors_come_back_true(tmp_path):
     ds = synthetic.dataset()
     read = read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN)
-    u, v = rotate_to_geographic(read.grid.projection, read.grid.longitude, read.grid.latitude, read.velocity[:, 0], read.velocity[:, 1])
+    u, v = rotate_to_geographic(
+        read.grid.projection,
+        read.grid.longitude,
+        read.grid.latitude,
+        read.velocity[:, 0],
+        read.velocity[:, 1],
+    )
     np.testing.assert_allclose(u, ds["uo"].values, atol=1e-14)
     np.testing.assert_allclose(v, ds["vo"].values, atol=1e-14)

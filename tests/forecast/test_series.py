@@ -17,12 +17,21 @@ from tests.forecast.test_members import lagged
 DAY = 86_400 * 10**9
 
 
-def with_leads(path, leads=(0.0, 2.0, 5.0), reference="2020-01-01T00:00:00", units="days", holes=False):
+def with_leads(
+    path, leads=(0.0, 2.0, 5.0), reference="2020-01-01T00:00:00", units="days", holes=False
+):
     """The synthetic ensemble, stronger at each lead."""
     parts = [synthetic.dataset() * (1.0 + 0.5 * k) for k in range(len(leads))]
-    ds = xr.concat(parts, "lead", data_vars="all", coords="minimal", compat="override", join="override")
-    ds = ds.assign_coords(lead=("lead", np.array(leads), {"units": units, "standard_name": "forecast_period"}))
-    for name, standard in (("uo", "eastward_sea_water_velocity"), ("vo", "northward_sea_water_velocity")):
+    ds = xr.concat(
+        parts, "lead", data_vars="all", coords="minimal", compat="override", join="override"
+    )
+    ds = ds.assign_coords(
+        lead=("lead", np.array(leads), {"units": units, "standard_name": "forecast_period"})
+    )
+    for name, standard in (
+        ("uo", "eastward_sea_water_velocity"),
+        ("vo", "northward_sea_water_velocity"),
+    ):
         ds[name].attrs = {"standard_name": standard, "units": "m s-1"}
     if reference:
         ds["forecast_reference_time"] = np.datetime64(reference, "ns")
@@ -56,7 +65,9 @@ def test_each_lead_is_the_ensemble_that_would_be_read_alone(of_reference):
     series = read_series(path, ForecastConfig())
     assert [part.time_ns - series[0].time_ns for part in series] == [0, 2 * DAY, 5 * DAY]
     for part, lead in zip(series, (0.0, 2.0, 5.0), strict=True):
-        np.testing.assert_array_equal(part.velocity, read_ensemble(path, ForecastConfig(lead=lead)).velocity)
+        np.testing.assert_array_equal(
+            part.velocity, read_ensemble(path, ForecastConfig(lead=lead)).velocity
+        )
     assert any("3 times" in note for note in series[0].notes)
 
 
@@ -84,18 +95,32 @@ LETKF = {"estimator": {"name": "letkf"}}
         ({"forecast": {"reference_time": "2020-01-01"}, **STATIC}, "", 2.2, [2.0]),
     ],
 )
-def test_which_leads_a_run_uses_when_none_is_chosen(of_reference, settings, reference, log_starts, leads):
+def test_which_leads_a_run_uses_when_none_is_chosen(
+    of_reference, settings, reference, log_starts, leads
+):
     path = of_reference(reference)
-    near_ns = None if log_starts is None else int(np.datetime64("2020-01-01", "ns").astype(np.int64) + log_starts * DAY)
+    near_ns = (
+        None
+        if log_starts is None
+        else int(np.datetime64("2020-01-01", "ns").astype(np.int64) + log_starts * DAY)
+    )
     found = read_forecasts(path, load_config(None, settings), near_ns, None)
     # each lead's current is stronger than the one before by half of the first
-    strengths = [np.abs(part.velocity).max() / np.abs(synthetic.ensemble().velocity).max() for part in found.series]
-    np.testing.assert_allclose(strengths, [1.0 + 0.5 * [0.0, 2.0, 5.0].index(lead) for lead in leads], rtol=1e-6)
+    strengths = [
+        np.abs(part.velocity).max() / np.abs(synthetic.ensemble().velocity).max()
+        for part in found.series
+    ]
+    np.testing.assert_allclose(
+        strengths, [1.0 + 0.5 * [0.0, 2.0, 5.0].index(lead) for lead in leads], rtol=1e-6
+    )
 
 
 def test_a_command_without_a_log_uses_the_last_lead(of_reference):
     path = of_reference("2020-01-01")
-    np.testing.assert_array_equal(read_ensemble(path, ForecastConfig()).velocity, read_ensemble(path, ForecastConfig(lead=5.0)).velocity)
+    np.testing.assert_array_equal(
+        read_ensemble(path, ForecastConfig()).velocity,
+        read_ensemble(path, ForecastConfig(lead=5.0)).velocity,
+    )
 
 
 def test_the_help_says_each_of_these_cases():
@@ -114,10 +139,22 @@ def test_the_help_says_each_of_these_cases():
 def test_a_log_far_from_the_forecast_is_said(of_reference):
     path = of_reference("2020-01-01")
     start = read_series(path, ForecastConfig())[0].time_ns
-    assert not any("outside" in note for note in read_series(path, ForecastConfig(), near_ns=start + DAY)[0].notes)
-    assert not any("outside" in note for note in read_series(path, ForecastConfig(), near_ns=start + 6 * DAY)[0].notes)
-    assert any("3.0 days outside" in note for note in read_series(path, ForecastConfig(), near_ns=start + 8 * DAY)[0].notes)
-    assert any("2.0 days outside" in note for note in read_series(path, ForecastConfig(), near_ns=start - 2 * DAY)[0].notes)
+    assert not any(
+        "outside" in note
+        for note in read_series(path, ForecastConfig(), near_ns=start + DAY)[0].notes
+    )
+    assert not any(
+        "outside" in note
+        for note in read_series(path, ForecastConfig(), near_ns=start + 6 * DAY)[0].notes
+    )
+    assert any(
+        "3.0 days outside" in note
+        for note in read_series(path, ForecastConfig(), near_ns=start + 8 * DAY)[0].notes
+    )
+    assert any(
+        "2.0 days outside" in note
+        for note in read_series(path, ForecastConfig(), near_ns=start - 2 * DAY)[0].notes
+    )
 
 
 def test_the_same_time_twice_and_land_that_changes_are_refused(tmp_path):
@@ -138,15 +175,26 @@ THROUGH_TIME = {"time": {"scale": 86400.0}}
         (LETKF, None, "the estimator letkf"),
         *((settings, "as_given", "") for settings in (THROUGH_TIME, PAPER, LETKF)),
         *((settings, 2.0, "") for settings in (THROUGH_TIME, PAPER)),
-        *((settings, spread, "") for settings in ({}, STATIC, {"estimator": {"name": "depth_average"}}) for spread in (None, "fit", 2.0)),
+        *(
+            (settings, spread, "")
+            for settings in ({}, STATIC, {"estimator": {"name": "depth_average"}})
+            for spread in (None, "fit", 2.0)
+        ),
     ],
 )
 def test_a_spread_that_is_not_fitted_is_said(lags, settings, spread, who):
     tables = {**settings, "forecast": {"members": "lags"}}
-    tables["estimator"] = {**settings.get("estimator", {}), **({} if spread is None else {"spread": spread})}
+    tables["estimator"] = {
+        **settings.get("estimator", {}),
+        **({} if spread is None else {"spread": spread}),
+    }
     found = read_forecasts(lags, load_config(None, tables), None, None)
     notes = [note for note in found.notes if "the spread of members" in note]
-    assert notes == ([f"the spread of members made of lags is taken for their error: {who} does not fit it"] if who else [])
+    assert notes == (
+        [f"the spread of members made of lags is taken for their error: {who} does not fit it"]
+        if who
+        else []
+    )
     assert found.ensemble.notes == found.notes
 
 
@@ -159,13 +207,23 @@ def test_given_members_need_no_fit(of_reference):
 @pytest.mark.parametrize(
     ("settings", "spread", "message"),
     [
-        ({}, "fit", 'expected as_given or a number with an estimate through time, got fit; leave it out, or set time.scale = "static"'),
-        (PAPER, "fit", "expected as_given or a number with the preset paper, got fit; leave it out$"),
+        (
+            {},
+            "fit",
+            'expected as_given or a number with an estimate through time, got fit; leave it out, or set time.scale = "static"',
+        ),
+        (
+            PAPER,
+            "fit",
+            "expected as_given or a number with the preset paper, got fit; leave it out$",
+        ),
         (LETKF, "fit", "expected as_given with the estimator letkf, got fit; leave it out$"),
         (LETKF, 2.0, r"expected as_given with the estimator letkf, got 2\.0; leave it out$"),
     ],
 )
-def test_a_spread_that_an_estimator_does_not_take_is_refused(of_reference, settings, spread, message):
+def test_a_spread_that_an_estimator_does_not_take_is_refused(
+    of_reference, settings, spread, message
+):
     tables = {"estimator": {**settings.get("estimator", {}), "spread": spread}}
     with pytest.raises(ConfigError, match=rf"^estimator\.spread: {message}"):
         read_forecasts(of_reference("2020-01-01"), load_config(None, tables), None, None)

@@ -18,12 +18,23 @@ _MOST_MB = 300.0
 def main(arguments: list[str] | None = None) -> int:
     """Run, print what is wrong, return the number of logs with something wrong."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
-    parser.add_argument("kind", nargs="?", choices=["damage", "atheris", "kill", "hostile"], default="damage")
-    parser.add_argument("name", nargs="?", help="the parser, for atheris; words in the names of hostile inputs")
+    parser.add_argument(
+        "kind", nargs="?", choices=["damage", "atheris", "kill", "hostile"], default="damage"
+    )
+    parser.add_argument(
+        "name", nargs="?", help="the parser, for atheris; words in the names of hostile inputs"
+    )
     parser.add_argument("--places", type=int, default=64, help="cuts, and flips, of each log")
     parser.add_argument("--seconds", type=int, default=600, help="how long atheris runs")
-    parser.add_argument("--count", type=int, default=0, help="random damages instead of places; kills of each command (200)")
-    parser.add_argument("--seed", type=int, default=1, help="of random damages, and of the instants of kills")
+    parser.add_argument(
+        "--count",
+        type=int,
+        default=0,
+        help="random damages instead of places; kills of each command (200)",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1, help="of random damages, and of the instants of kills"
+    )
     options = parser.parse_args(arguments)
     if options.kind == "atheris":
         # imported here, as it must be what first imports the parsers
@@ -47,7 +58,9 @@ def main(arguments: list[str] | None = None) -> int:
             bad, count = bad + bool(wrong), count + 1
             print("".join(f"{file}: {words}\n" for words in wrong), end="")
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    print(f"{count} logs, {options.places} cuts and flips each, {time.perf_counter() - begin:.0f} s, peak {peak:.0f} MB: {bad} bad")
+    print(
+        f"{count} logs, {options.places} cuts and flips each, {time.perf_counter() - begin:.0f} s, peak {peak:.0f} MB: {bad} bad"
+    )
     return bad + (peak > _MOST_MB)
 
 
@@ -60,7 +73,11 @@ def _kill(count: int, seed: int) -> int:
         for kind in KINDS:
             result = kill(kind, Path(folder), count, seed)
             said = f"{result.kills} kills, {result.resumed} with a checkpoint left, {result.finished} ended before"
-            print("".join(f"{words}\n" for words in result.wrong) + f"{kind}: {said}: {len(result.wrong)} bad", flush=True)
+            print(
+                "".join(f"{words}\n" for words in result.wrong)
+                + f"{kind}: {said}: {len(result.wrong)} bad",
+                flush=True,
+            )
             wrong += len(result.wrong)
     return wrong
 
@@ -77,7 +94,9 @@ def _sweep(count: int, seed: int) -> int:
             print("".join(f"{words}\n" for words in wrong), end="", flush=True)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     print(", ".join(f"{name} {bad[name]} of {number}" for name, number in done.items()))
-    print(f"{done.total()} damages, seed {seed}, {time.perf_counter() - begin:.0f} s, peak {peak:.0f} MB: {bad.total()} bad")
+    print(
+        f"{done.total()} damages, seed {seed}, {time.perf_counter() - begin:.0f} s, peak {peak:.0f} MB: {bad.total()} bad"
+    )
     return bad.total()
 
 

@@ -6,7 +6,11 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pb2 import (
+    FieldDescriptorProto,
+    FileDescriptorProto,
+    FileDescriptorSet,
+)
 from mcap.writer import CompressionType, Writer
 
 from tests.logs.adcp.raw_adcp_samples import nortek_sum
@@ -20,7 +24,13 @@ Attack = Callable[[Path], list[str]]
 Text = Callable[[], bytes]
 
 
-def log(folder: Path, encoding: str, schema: tuple[str, str, bytes] | None, payload: bytes, topic: str = "/x") -> list[str]:
+def log(
+    folder: Path,
+    encoding: str,
+    schema: tuple[str, str, bytes] | None,
+    payload: bytes,
+    topic: str = "/x",
+) -> list[str]:
     """Return the command that reads an MCAP with one message."""
     path = folder / "log.mcap"
     with path.open("wb") as file:
@@ -34,25 +44,51 @@ def log(folder: Path, encoding: str, schema: tuple[str, str, bytes] | None, payl
 
 
 def _ros1_empty(folder: Path) -> list[str]:
-    return log(folder, "ros1", ("p/A", "ros1msg", b"E[] many\n" + b"=" * 80 + b"\nMSG: p/E\n"), struct.pack("<I", 2**31))
+    return log(
+        folder,
+        "ros1",
+        ("p/A", "ros1msg", b"E[] many\n" + b"=" * 80 + b"\nMSG: p/E\n"),
+        struct.pack("<I", 2**31),
+    )
 
 
 def _ros1_fixed(folder: Path) -> list[str]:
-    text = b"B[9999] b\n" + b"".join(b"=" * 80 + f"\nMSG: p/{a}\n{b}[9999] c\n".encode() for a, b in ("BC", "CD", "DE")) + b"=" * 80
+    text = (
+        b"B[9999] b\n"
+        + b"".join(
+            b"=" * 80 + f"\nMSG: p/{a}\n{b}[9999] c\n".encode() for a, b in ("BC", "CD", "DE")
+        )
+        + b"=" * 80
+    )
     return log(folder, "ros1", ("p/A", "ros1msg", text + b"\nMSG: p/E\n"), b"")
 
 
 def _ros1_strings(folder: Path) -> list[str]:
-    return log(folder, "ros1", ("p/A", "ros1msg", b"string[] many\n"), struct.pack("<I", 10**7) + bytes(4 * 10**7))
+    return log(
+        folder,
+        "ros1",
+        ("p/A", "ros1msg", b"string[] many\n"),
+        struct.pack("<I", 10**7) + bytes(4 * 10**7),
+    )
 
 
 def _ros1_bool_arrays(folder: Path) -> list[str]:
-    return log(folder, "ros1", ("p/A", "ros1msg", b"float32[] many\n"), struct.pack("<I", 15 * 10**6) + bytes(6 * 10**7))
+    return log(
+        folder,
+        "ros1",
+        ("p/A", "ros1msg", b"float32[] many\n"),
+        struct.pack("<I", 15 * 10**6) + bytes(6 * 10**7),
+    )
 
 
 def _cdr_nested(folder: Path) -> list[str]:
     text = b"E[] many\n" + b"=" * 80 + b"\nMSG: p/E\nbool flag\n"
-    return log(folder, "cdr", ("p/msg/A", "ros2msg", text), b"\0\1\0\0" + struct.pack("<I", 3 * 10**7) + bytes(3 * 10**7))
+    return log(
+        folder,
+        "cdr",
+        ("p/msg/A", "ros2msg", text),
+        b"\0\1\0\0" + struct.pack("<I", 3 * 10**7) + bytes(3 * 10**7),
+    )
 
 
 def _cdr_fixed(folder: Path) -> list[str]:
@@ -60,7 +96,13 @@ def _cdr_fixed(folder: Path) -> list[str]:
 
 
 def _cdr_empty(folder: Path) -> list[str]:
-    text = b"B[] many\n" + b"=" * 80 + b"\nMSG: p/B\nE[0] none\n" + b"=" * 80 + b"\nMSG: p/E\nbool flag\n"
+    text = (
+        b"B[] many\n"
+        + b"=" * 80
+        + b"\nMSG: p/B\nE[0] none\n"
+        + b"=" * 80
+        + b"\nMSG: p/E\nbool flag\n"
+    )
     return log(folder, "cdr", ("p/msg/A", "ros2msg", text), b"\0\1\0\0" + struct.pack("<I", 2**31))
 
 
@@ -73,7 +115,9 @@ def _idl(text: Text) -> Attack:
 
 
 def _big_schema(encoding: str, schema: str, text: Text) -> Attack:
-    return lambda folder: log(folder, encoding, ("p/msg/A" if encoding == "cdr" else "p/A", schema, text()), b"\0\1\0\0")
+    return lambda folder: log(
+        folder, encoding, ("p/msg/A" if encoding == "cdr" else "p/A", schema, text()), b"\0\1\0\0"
+    )
 
 
 def _json(text: Text) -> Attack:
@@ -96,22 +140,30 @@ def _kinds(folder: Path, kinds: Iterable[tuple[str, str, str, bytes, bytes]]) ->
 def _many_schemas(folder: Path) -> list[str]:
     payload = b"\0\1\0\0" + bytes(12)
     texts = (f"float64 a{k}\n".encode() + b"\n" * 1_000_000 for k in range(300))
-    return _kinds(folder, (("cdr", f"p/msg/A{k}", "ros2msg", text, payload) for k, text in enumerate(texts)))
+    return _kinds(
+        folder, (("cdr", f"p/msg/A{k}", "ros2msg", text, payload) for k, text in enumerate(texts))
+    )
 
 
-def _protobuf_sets(count: int, size: int, fill: Callable[[FileDescriptorProto, int], None]) -> Attack:
+def _protobuf_sets(
+    count: int, size: int, fill: Callable[[FileDescriptorProto, int], None]
+) -> Attack:
     """Return a log with that many distinct descriptor sets, each of a type ``p.A`` filled to a size [parts]."""
 
     def made(number: int) -> bytes:
         found = FileDescriptorSet()
-        file: FileDescriptorProto = found.file.add(name=f"{number}.proto", package="p", syntax="proto3")
+        file: FileDescriptorProto = found.file.add(
+            name=f"{number}.proto", package="p", syntax="proto3"
+        )
         file.message_type.add(name="A")
         file.message_type.add(name="B")
         for k in range(size):
             fill(file, k)
         return found.SerializeToString()
 
-    return lambda folder: _kinds(folder, (("protobuf", "p.A", "protobuf", made(number), b"") for number in range(count)))
+    return lambda folder: _kinds(
+        folder, (("protobuf", "p.A", "protobuf", made(number), b"") for number in range(count))
+    )
 
 
 def _empty_type(file: FileDescriptorProto, k: int) -> None:
@@ -129,9 +181,13 @@ def _list_of_flat(file: FileDescriptorProto, k: int) -> None:
     flat, number = k % 2, k // 2 + 1
     kind = FieldDescriptorProto
     if flat:
-        file.message_type[1].field.add(name=f"b{k:x}", number=number, label=kind.LABEL_OPTIONAL, type=kind.TYPE_INT32)
+        file.message_type[1].field.add(
+            name=f"b{k:x}", number=number, label=kind.LABEL_OPTIONAL, type=kind.TYPE_INT32
+        )
     else:
-        field = file.message_type[0].field.add(name=f"b{k:x}", number=number, label=kind.LABEL_REPEATED, type=kind.TYPE_MESSAGE)
+        field = file.message_type[0].field.add(
+            name=f"b{k:x}", number=number, label=kind.LABEL_REPEATED, type=kind.TYPE_MESSAGE
+        )
         field.type_name = ".p.B"
 
 
@@ -140,7 +196,9 @@ def _proto(folder: Path) -> list[str]:
     file: FileDescriptorProto = found.file.add(name="a.proto", package="p", syntax="proto3")
     kind = file.message_type.add(name="A")
     kind.field.add(name="many", number=1, label=3, type=11, type_name=".p.A")
-    return log(folder, "protobuf", ("p.A", "protobuf", found.SerializeToString()), b"\x0a\x00" * 10**7)
+    return log(
+        folder, "protobuf", ("p.A", "protobuf", found.SerializeToString()), b"\x0a\x00" * 10**7
+    )
 
 
 def _chunk(folder: Path) -> list[str]:
@@ -182,14 +240,18 @@ def _as_ensemble(name: str) -> list[str]:
     return ["info", "--ensemble", name]
 
 
-def _grid(file: h5py.File, sizes: tuple[int, ...] = (4, 2, 50_000, 50_000), kind: object = "f4") -> None:
+def _grid(
+    file: h5py.File, sizes: tuple[int, ...] = (4, 2, 50_000, 50_000), kind: object = "f4"
+) -> None:
     """Write an ensemble whose velocities take no room in the file."""
     dims = ("member", "depth", "lat", "lon")
     for name, size in zip(dims, sizes, strict=True):
         axis = file.create_dataset(name, data=np.linspace(1.0, 50.0, size), compression="gzip")
         axis.make_scale(name)
     for name in ("u", "v"):
-        values = file.create_dataset(name, shape=sizes, dtype=kind, chunks=tuple(min(size, 1000) for size in sizes))
+        values = file.create_dataset(
+            name, shape=sizes, dtype=kind, chunks=tuple(min(size, 1000) for size in sizes)
+        )
         for axis, dim in zip(values.dims, dims, strict=True):
             axis.attach_scale(file[dim])
 
@@ -200,14 +262,42 @@ def _objects(file: h5py.File) -> None:
 
 def _glider_grid(file: h5py.File) -> None:
     file.attrs["platform"] = "Seaglider"
-    for name in ("time", "depth", "latitude", "longitude", "eng_depth", "log_gps_time", "log_gps_lat", "log_gps_lon", "ctd_depth"):
+    for name in (
+        "time",
+        "depth",
+        "latitude",
+        "longitude",
+        "eng_depth",
+        "log_gps_time",
+        "log_gps_lat",
+        "log_gps_lon",
+        "ctd_depth",
+    ):
         file.create_dataset(name, shape=(2_000_000_000,), dtype="f8", chunks=(100_000,))
 
 
 def _dataflash(folder: Path) -> list[str]:
-    declare = struct.pack("<2sBBB4s16s64s", b"\xa3\x95", 128, 128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
+    declare = struct.pack(
+        "<2sBBB4s16s64s",
+        b"\xa3\x95",
+        128,
+        128,
+        89,
+        b"FMT",
+        b"BBnNZ",
+        b"Type,Length,Name,Format,Columns",
+    )
     kinds = (
-        struct.pack("<2sBBB4s16s64s", b"\xa3\x95", 128, 10 + k % 2, 12, b"AB" + b"%02d" % (k % 97), b"Qb", b"TimeUS,V")
+        struct.pack(
+            "<2sBBB4s16s64s",
+            b"\xa3\x95",
+            128,
+            10 + k % 2,
+            12,
+            b"AB" + b"%02d" % (k % 97),
+            b"Qb",
+            b"TimeUS,V",
+        )
         for k in range(100_000)
     )
     (folder / "log.BIN").write_bytes(declare + b"".join(kinds))
@@ -215,7 +305,9 @@ def _dataflash(folder: Path) -> list[str]:
 
 
 def _tlog(folder: Path) -> list[str]:
-    (folder / "log.tlog").write_bytes((struct.pack(">Q", 1_700_000_000_000_000) + b"\xfd\xff\x01" + bytes(9)) * 500_000)
+    (folder / "log.tlog").write_bytes(
+        (struct.pack(">Q", 1_700_000_000_000_000) + b"\xfd\xff\x01" + bytes(9)) * 500_000
+    )
     return ["info", str(folder / "log.tlog")]
 
 
@@ -232,7 +324,16 @@ def _ad2cp(folder: Path) -> list[str]:
 
 
 def _threads(folder: Path) -> list[str]:
-    return ["replay", _SURVEY, "--ensemble", _ENSEMBLE, "--output.threads", "1000000", "-o", str(folder / "out.mcap")]
+    return [
+        "replay",
+        _SURVEY,
+        "--ensemble",
+        _ENSEMBLE,
+        "--output.threads",
+        "1000000",
+        "-o",
+        str(folder / "out.mcap"),
+    ]
 
 
 ATTACKS: dict[str, Attack] = {
@@ -249,13 +350,19 @@ ATTACKS: dict[str, Attack] = {
     "IDL: 200 kB of quotation marks": _idl(lambda: b'"\\' * 100_000),
     "IDL: nested modules": _idl(lambda: b"module a {" * 100_000),
     "schema: 50 MB of ros2msg": _big_schema("cdr", "ros2msg", lambda: b"float64 abc\n" * 4_200_000),
-    "schema: 50 MB of ros2idl": _big_schema("cdr", "ros2idl", lambda: b"module a { };\n" * 3_600_000),
-    "schema: 50 MB of ros1msg": _big_schema("ros1", "ros1msg", lambda: b"float64 abc\n" * 4_200_000),
+    "schema: 50 MB of ros2idl": _big_schema(
+        "cdr", "ros2idl", lambda: b"module a { };\n" * 3_600_000
+    ),
+    "schema: 50 MB of ros1msg": _big_schema(
+        "ros1", "ros1msg", lambda: b"float64 abc\n" * 4_200_000
+    ),
     "schema: 300 of 1 MB": _many_schemas,
     "JSON: 30 million lists": _json(lambda: b'{"a":[' + b"[]," * 30_000_000 + b"[]]}"),
     "JSON: 5 million mappings": _json(lambda: b'{"a":[' + b'{"":1},' * 5_000_000 + b"{}]}"),
     "JSON: 900 nested lists": _json(lambda: b'{"a":' + b"[" * 900 + b"]" * 900 + b"}"),
-    "JSON: 100,000 nested lists": _json(lambda: b'{"a":NaN,"b":' + b"[" * 100_000 + b"]" * 100_000 + b"}"),
+    "JSON: 100,000 nested lists": _json(
+        lambda: b'{"a":NaN,"b":' + b"[" * 100_000 + b"]" * 100_000 + b"}"
+    ),
     "JSON: quotation marks without end": _json(lambda: b'{"a":NaN' + b'"\\' * 100_000),
     "protobuf: 10 million empty messages": _proto,
     "protobuf: 4 sets of 28,000 types without fields": _protobuf_sets(4, 28_000, _empty_type),

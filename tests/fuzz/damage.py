@@ -49,7 +49,12 @@ class Sound:
 
 def logs() -> list[Path]:
     """Return the MCAP logs of this machine: the samples, and the shared ones where they are."""
-    return sorted([*(ROOT / "sample_logs").glob("*.mcap"), *(ROOT.parent / "shared" / "data" / "logs").rglob("*.mcap")])
+    return sorted(
+        [
+            *(ROOT / "sample_logs").glob("*.mcap"),
+            *(ROOT.parent / "shared" / "data" / "logs").rglob("*.mcap"),
+        ]
+    )
 
 
 def damage(file: Path, count: int) -> list[str]:
@@ -81,7 +86,11 @@ def sound_messages(data: bytes) -> list[Sound]:
                 inside += 9 + len(_written(record)) if chunk.compression == "" else 0
                 if isinstance(record, Message):
                     needed = inside if chunk.compression == "" else end
-                    found.append(Sound(_said(record, topics), start, needed, end, chunk.uncompressed_crc != 0))
+                    found.append(
+                        Sound(
+                            _said(record, topics), start, needed, end, chunk.uncompressed_crc != 0
+                        )
+                    )
     return found
 
 
@@ -105,7 +114,13 @@ def _written(record: McapRecord) -> bytes:
 
 
 def _said(message: Message, topics: dict[int, str]) -> Said:
-    return topics[message.channel_id], message.log_time, message.publish_time, message.sequence, bytes(message.data)
+    return (
+        topics[message.channel_id],
+        message.log_time,
+        message.publish_time,
+        message.sequence,
+        bytes(message.data),
+    )
 
 
 def data_crc(data: bytes) -> bool:
@@ -121,7 +136,9 @@ def data_crc(data: bytes) -> bool:
 def read_raw(path: Path) -> tuple[list[Said], LogReport]:
     """Return what our reader gives of a file, undecoded."""
     reader = McapReader(path)
-    said = [(m.topic, m.log_ns, m.publish_ns, m.sequence, bytes(m.data)) for m in reader.raw_messages()]
+    said = [
+        (m.topic, m.log_ns, m.publish_ns, m.sequence, bytes(m.data)) for m in reader.raw_messages()
+    ]
     # the decoded way must end well too
     list(reader.messages())
     return said, reader.report()
@@ -131,7 +148,9 @@ def places(size: int, count: int, seed: int) -> list[int]:
     """Return that many places of a file [bytes]: its ends, and others by chance."""
     rng = np.random.default_rng(seed)
     some = {0, 7, 8, size - 1, size - 9, size // 2} | set(rng.integers(0, size, 2 * count).tolist())
-    return sorted(rng.permutation(sorted(place for place in some if 0 <= place < size))[:count].tolist())
+    return sorted(
+        rng.permutation(sorted(place for place in some if 0 <= place < size))[:count].tolist()
+    )
 
 
 def check_cuts(data: bytes, where: list[int]) -> list[str]:
@@ -150,7 +169,9 @@ def check_cuts(data: bytes, where: list[int]) -> list[str]:
                 continue
             whole = [message.said for message in sound if message.end <= cut]
             if said[: len(whole)] != whole:
-                wrong.append(f"cut at {cut}: {len(whole)} messages are whole before it, {len(said)} came")
+                wrong.append(
+                    f"cut at {cut}: {len(whole)} messages are whole before it, {len(said)} came"
+                )
             if said != [message.said for message in sound[: len(said)]]:
                 wrong.append(f"cut at {cut}: something came that the file does not say")
             if not report.losses:
@@ -183,15 +204,27 @@ def check_flips(data: bytes, where: list[tuple[int, int]]) -> list[str]:
                     wrong.append(f"{name}: refused although the magic bytes are there")
                 continue
             told = bool(report.losses or report.undecodable)
-            before = Counter(message.said for message in sound if (message.unit_end if message.checked else message.end) <= byte)
+            before = Counter(
+                message.said
+                for message in sound
+                if (message.unit_end if message.checked else message.end) <= byte
+            )
             if before - Counter(said):
-                wrong.append(f"{name}: {(before - Counter(said)).total()} messages before it did not come")
+                wrong.append(
+                    f"{name}: {(before - Counter(said)).total()} messages before it did not come"
+                )
             new = Counter(said) - all_said
-            inside_checked = any(message.checked and message.start <= byte < message.unit_end for message in sound)
+            inside_checked = any(
+                message.checked and message.start <= byte < message.unit_end for message in sound
+            )
             if new and inside_checked:
-                wrong.append(f"{name}: {new.total()} messages came wrong under a checksum: {next(iter(new))}")
+                wrong.append(
+                    f"{name}: {new.total()} messages came wrong under a checksum: {next(iter(new))}"
+                )
             if (new or all_said - Counter(said)) and not told and (covered or inside_checked):
                 wrong.append(f"{name}: messages changed or went without a word")
             if all_said - Counter(said) and not new and not told:
-                wrong.append(f"{name}: {(all_said - Counter(said)).total()} messages went without a word")
+                wrong.append(
+                    f"{name}: {(all_said - Counter(said)).total()} messages went without a word"
+                )
     return wrong

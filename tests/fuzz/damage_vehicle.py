@@ -27,7 +27,9 @@ Piece = tuple[int, int, bytes]
 def logs() -> list[Path]:
     """Return the vehicle's logs of this machine: the samples, and the shared ones where they are."""
     shared = ROOT.parent / "shared" / "data" / "logs"
-    return sorted([*(ROOT / "sample_logs").glob("*.tlog"), *shared.rglob("*.tlog"), *shared.rglob("*.BIN")])
+    return sorted(
+        [*(ROOT / "sample_logs").glob("*.tlog"), *shared.rglob("*.tlog"), *shared.rglob("*.BIN")]
+    )
 
 
 def damage(file: Path, count: int) -> list[str]:
@@ -42,19 +44,32 @@ def damage(file: Path, count: int) -> list[str]:
         path = Path(folder) / "log"
         for cut in places(len(data), count, seed=1):
             path.write_bytes(data[:cut])
-            wrong += [f"cut at {cut}: {words}" for words in check(read(path), [p for p in pieces if p[1] <= cut], [], tlog)]
+            wrong += [
+                f"cut at {cut}: {words}"
+                for words in check(read(path), [p for p in pieces if p[1] <= cut], [], tlog)
+            ]
         for byte in places(len(data), count, seed=2):
             damaged = bytearray(data)
             damaged[byte] ^= 1 << int(rng.integers(8))
             path.write_bytes(damaged)
             hit = [p for p in pieces if p[0] <= byte < p[1]]
-            found = check(read(path), [p for p in pieces if p[1] <= byte], [p for p in pieces if p[0] > byte], tlog, hit)
+            found = check(
+                read(path),
+                [p for p in pieces if p[1] <= byte],
+                [p for p in pieces if p[0] > byte],
+                tlog,
+                hit,
+            )
             wrong += [f"flip in byte {byte}: {words}" for words in found]
     return wrong
 
 
 def check(
-    read: tuple[list[bytes], LogReport], before: list[Piece], after: list[Piece], checked: bool, hit: Iterable[Piece] = ()
+    read: tuple[list[bytes], LogReport],
+    before: list[Piece],
+    after: list[Piece],
+    checked: bool,
+    hit: Iterable[Piece] = (),
 ) -> list[str]:
     """Return what is wrong with what was read of a damaged file.
 
@@ -75,7 +90,9 @@ def check(
             wrong.append(f"{new.total()} came that the file does not say")
         if missing := Counter(piece for _, _, piece in (*before, *after)) - Counter(said):
             wrong.append(f"{missing.total()} that are whole did not come")
-        if Counter(piece for _, _, piece in hit) - Counter(said) and not (report.losses or report.undecodable):
+        if Counter(piece for _, _, piece in hit) - Counter(said) and not (
+            report.losses or report.undecodable
+        ):
             wrong.append("one was lost without a word")
     return wrong
 
@@ -95,7 +112,11 @@ def frames(data: bytes) -> list[Piece]:
 
 def _frame(parser: dialect.MAVLink, data: bytes, at: int) -> bytes | None:
     # stamps of this century
-    if data[at] != 0 or data[at + 1] > 0x20 or data[at + 8] not in (dialect.PROTOCOL_MARKER_V1, dialect.PROTOCOL_MARKER_V2):
+    if (
+        data[at] != 0
+        or data[at + 1] > 0x20
+        or data[at + 8] not in (dialect.PROTOCOL_MARKER_V1, dialect.PROTOCOL_MARKER_V2)
+    ):
         return None
     second = data[at + 8] == dialect.PROTOCOL_MARKER_V2
     if len(data) < at + 8 + (12 if second else 8):
@@ -141,7 +162,11 @@ def read_frames(path: Path) -> tuple[list[bytes], LogReport]:
 
 
 def _message_id(frame: bytes) -> int:
-    return frame[7] | frame[8] << 8 | frame[9] << 16 if frame[0] == dialect.PROTOCOL_MARKER_V2 else frame[5]
+    return (
+        frame[7] | frame[8] << 8 | frame[9] << 16
+        if frame[0] == dialect.PROTOCOL_MARKER_V2
+        else frame[5]
+    )
 
 
 def read_dataflash(path: Path) -> tuple[list[bytes], LogReport]:
@@ -152,5 +177,8 @@ def read_dataflash(path: Path) -> tuple[list[bytes], LogReport]:
     with path.open("rb") as file:
         for part in read_records(file, ReadStatistics()):
             lengths = [part.formats[kind].length for kind in part.type.tolist()]
-            said += [bytes(part.data[at : at + length]) for at, length in zip(part.start.tolist(), lengths, strict=True)]
+            said += [
+                bytes(part.data[at : at + length])
+                for at, length in zip(part.start.tolist(), lengths, strict=True)
+            ]
     return said, reader.report()

@@ -9,7 +9,14 @@ import tempfile
 import atheris
 
 with atheris.instrument_imports(
-    include=["replay_kit.logs", "replay_kit.config", "replay_kit.forecast", "replay_kit.workflows", "mhkit.dolfyn", "tomllib"]
+    include=[
+        "replay_kit.logs",
+        "replay_kit.config",
+        "replay_kit.forecast",
+        "replay_kit.workflows",
+        "mhkit.dolfyn",
+        "tomllib",
+    ]
 ):
     from tests.fuzz.parsers import CORPUS, PARSERS
 
@@ -20,7 +27,13 @@ def run(name: str | None, seconds: int) -> int:
         print(f"expected one of {', '.join(PARSERS)}, got {name}", file=sys.stderr)
         return 2
     with tempfile.TemporaryDirectory() as found:
-        limits = [f"-max_total_time={seconds}", "-timeout=10", "-rss_limit_mb=600", "-max_len=16384", "-print_final_stats=1"]
+        limits = [
+            f"-max_total_time={seconds}",
+            "-timeout=10",
+            "-rss_limit_mb=600",
+            "-max_len=16384",
+            "-print_final_stats=1",
+        ]
         atheris.Setup([sys.argv[0], found, str(CORPUS / name), *limits], PARSERS[name])
         atheris.Fuzz()
     return 0

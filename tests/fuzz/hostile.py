@@ -27,7 +27,9 @@ class Measured:
     said: str
 
 
-def measured(arguments: list[str], folder: Path, limit_s: float = 90.0, limit_mb: int = 6000) -> Measured:
+def measured(
+    arguments: list[str], folder: Path, limit_s: float = 90.0, limit_mb: int = 6000
+) -> Measured:
     """Run ``replay-kit`` in a process of its own and return what it took.
 
     Args:
@@ -79,7 +81,9 @@ def _peak(status: str) -> float:
         lines = Path(status).read_text().splitlines()
     except (OSError, ProcessLookupError):
         return 0.0
-    return next((float(line.split()[1]) / 1024.0 for line in lines if line.startswith("VmHWM")), 0.0)
+    return next(
+        (float(line.split()[1]) / 1024.0 for line in lines if line.startswith("VmHWM")), 0.0
+    )
 
 
 def run_all(words: str) -> int:
@@ -91,11 +95,23 @@ def run_all(words: str) -> int:
         with tempfile.TemporaryDirectory() as folder:
             arguments = attack(Path(folder))
             took = measured(arguments, Path(folder))
-        wrong = took.code is None or "Traceback" in took.said or took.megabytes > MOST_MB or took.seconds > MOST_S
+        wrong = (
+            took.code is None
+            or "Traceback" in took.said
+            or took.megabytes > MOST_MB
+            or took.seconds > MOST_S
+        )
         bad += wrong
         last = " / ".join(" ".join(line.split()) for line in took.said.splitlines() if line.strip())
         marks = ("annot", "replay-kit:", "skipped", "Damage")
-        told = next((line.strip() for line in took.said.splitlines() if any(mark in line for mark in marks)), last[-200:])[:240]
+        told = next(
+            (
+                line.strip()
+                for line in took.said.splitlines()
+                if any(mark in line for mark in marks)
+            ),
+            last[-200:],
+        )[:240]
         figures = f"{'none' if took.code is None else took.code} | {took.seconds:.1f} s | {took.megabytes:.0f} MB"
         print(f"| {name} | {figures} | {'BAD ' if wrong else ''}{told} |", flush=True)
     return bad

@@ -59,7 +59,12 @@ def kill(kind: str, folder: Path, count: int, seed: int) -> Killed:
     out.unlink(missing_ok=True)
     arguments = [kind.split()[0], str(folder / "glider.mcap"), "-o", str(out), "--overwrite"]
     if kind != "convert":
-        arguments += ["--ensemble", str(folder / "ensemble.nc"), "--config", str(folder / "run.toml")]
+        arguments += [
+            "--ensemble",
+            str(folder / "ensemble.nc"),
+            "--config",
+            str(folder / "run.toml"),
+        ]
     arguments += ["--checkpoint", str(checkpoint)] if "checkpoint" in kind else []
     begin = time.perf_counter()
     _run(arguments)
@@ -76,13 +81,23 @@ def kill(kind: str, folder: Path, count: int, seed: int) -> Killed:
         found.resumed += checkpoint.exists()
         left = out.read_bytes() if out.exists() else None
         if left not in ((before, whole) if killed else (whole,)):
-            found.wrong.append(f"{kind}, killed after {instant:.3f} s: {'nothing' if left is None else len(left)} under the final name")
+            found.wrong.append(
+                f"{kind}, killed after {instant:.3f} s: {'nothing' if left is None else len(left)} under the final name"
+            )
         _run(arguments)
         if out.read_bytes() != whole:
-            found.wrong.append(f"{kind}, killed after {instant:.3f} s: the next run gives other bytes")
-        beside = sorted(path.name for path in folder.iterdir() if path.name.endswith((".part", ".ck", ".journal")))
+            found.wrong.append(
+                f"{kind}, killed after {instant:.3f} s: the next run gives other bytes"
+            )
+        beside = sorted(
+            path.name
+            for path in folder.iterdir()
+            if path.name.endswith((".part", ".ck", ".journal"))
+        )
         if beside:
-            found.wrong.append(f"{kind}, killed after {instant:.3f} s: after the next run there are {', '.join(beside)}")
+            found.wrong.append(
+                f"{kind}, killed after {instant:.3f} s: after the next run there are {', '.join(beside)}"
+            )
     return found
 
 

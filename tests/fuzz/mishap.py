@@ -44,16 +44,22 @@ def mishap(data: bytes, number: int, seed: int) -> Mishap:
         place = int(rng.integers(size))
         return Mishap(f"cut at {place}", data[:place], ((0, place),))
     if kind == "flip":
-        return _flipped(data, sorted(set(rng.integers(0, size, int(rng.integers(1, 4))).tolist())), rng)
+        return _flipped(
+            data, sorted(set(rng.integers(0, size, int(rng.integers(1, 4))).tolist())), rng
+        )
     start = int(rng.integers(size))
     # from single bytes to a third of the file
     end = min(size, start + 1 + int(size / 3 * rng.random() ** 4))
     if kind == "repeat":
-        return Mishap(f"{start} to {end} repeated", data[:end] + data[start:], ((0, end), (start, size)))
+        return Mishap(
+            f"{start} to {end} repeated", data[:end] + data[start:], ((0, end), (start, size))
+        )
     other = int(rng.integers(3))
     filling = (b"", bytes(end - start), rng.bytes(end - start))[other]
     how = ("left out", "zeros", "noise")[other]
-    return Mishap(f"{start} to {end} {how}", data[:start] + filling + data[end:], ((0, start), (end, size)))
+    return Mishap(
+        f"{start} to {end} {how}", data[:start] + filling + data[end:], ((0, start), (end, size))
+    )
 
 
 def _flipped(data: bytes, places: list[int], rng: np.random.Generator) -> Mishap:

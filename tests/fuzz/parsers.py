@@ -58,7 +58,10 @@ def dataflash(data: bytes) -> None:
     # two declarations of one name are refused
     with contextlib.suppress(LogError):
         reader.tables()
-    assert all(loss.offset >= 0 and loss.offset + loss.bytes <= len(data) for loss in reader.report().losses[:20])
+    assert all(
+        loss.offset >= 0 and loss.offset + loss.bytes <= len(data)
+        for loss in reader.report().losses[:20]
+    )
 
 
 def ros2idl(data: bytes) -> None:
@@ -135,11 +138,17 @@ def toml(data: bytes) -> None:
 
 def checkpoint(data: bytes) -> None:
     """What a checkpoint holds, with the right version, run and checksum before it."""
-    _file().write_bytes(b"replay-kit checkpoint 6\nnull\n" + IDENTITY.encode() + hashlib.sha256(data).digest() + data)
+    _file().write_bytes(
+        b"replay-kit checkpoint 6\nnull\n"
+        + IDENTITY.encode()
+        + hashlib.sha256(data).digest()
+        + data
+    )
     with contextlib.suppress(LogError):
         CheckpointFile(_file(), IDENTITY, 3600.0, None).read()
 
 
 PARSERS: dict[str, Callable[[bytes], None]] = {
-    parser.__name__: parser for parser in (mcap, tlog, dataflash, ros2idl, json, pd0, ad2cp, netcdf, toml, checkpoint)
+    parser.__name__: parser
+    for parser in (mcap, tlog, dataflash, ros2idl, json, pd0, ad2cp, netcdf, toml, checkpoint)
 }

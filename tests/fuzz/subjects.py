@@ -50,7 +50,9 @@ class Subject:
     check: Callable[[Mishap, Path], list[str]]
 
 
-def sweep(count: int, seed: int, folder: Path, names: Sequence[str] = ()) -> Iterator[tuple[str, list[str]]]:
+def sweep(
+    count: int, seed: int, folder: Path, names: Sequence[str] = ()
+) -> Iterator[tuple[str, list[str]]]:
     """Yield name and what is wrong for each of many random damages; the subjects take turns.
 
     Args:
@@ -73,7 +75,10 @@ def sweep(count: int, seed: int, folder: Path, names: Sequence[str] = ()) -> Ite
             wrong = [f"{type(error).__name__}: {error}"]
         if (seconds := time.perf_counter() - begin) > _MOST_S:
             wrong.append(f"took {seconds:.0f} s")
-        yield subject.name, [f"{subject.name} {number // len(chosen)}: {harm.what}: {words}" for words in wrong]
+        yield (
+            subject.name,
+            [f"{subject.name} {number // len(chosen)}: {harm.what}: {words}" for words in wrong],
+        )
 
 
 def subjects(folder: Path) -> list[Subject]:
@@ -93,50 +98,96 @@ def subjects(folder: Path) -> list[Subject]:
     vessel = raw_adcp_samples.Survey(n=8, cells=6)
     changed = raw_adcp_samples.Survey(n=8, cells=4, cell=2.0, system="earth")
     pd0 = b"".join(raw_adcp_samples.ensemble(vessel if k < 4 else changed, k) for k in range(8))
-    flights = (glider_samples.spray(folder / "spray"), _classic(folder / "classic"), glider_samples.seaexplorer(folder)[0])
+    flights = (
+        glider_samples.spray(folder / "spray"),
+        _classic(folder / "classic"),
+        glider_samples.seaexplorer(folder)[0],
+    )
     found = [Subject(name, data, _mcap(data)) for name, data in mcaps.items()]
     found += [
-        Subject("tlog", data := b"".join(tlog(40)), _covered(damage_vehicle.frames(data), damage_vehicle.frames, _frames_of)),
+        Subject(
+            "tlog",
+            data := b"".join(tlog(40)),
+            _covered(damage_vehicle.frames(data), damage_vehicle.frames, _frames_of),
+        ),
         Subject("dataflash", data := b"".join(dataflash(12)), _uncovered),
         Subject("pd0", pd0, _covered(ensembles(pd0), ensembles, _pings_of)),
-        Subject("ad2cp", data := ad2cp_samples.ad2cp(ad2cp_samples.Survey(), 6), _covered(bursts(data), bursts, _pings_of, 1)),
+        Subject(
+            "ad2cp",
+            data := ad2cp_samples.ad2cp(ad2cp_samples.Survey(), 6),
+            _covered(bursts(data), bursts, _pings_of, 1),
+        ),
     ]
     checks = (("netcdf", _apart), ("netcdf 3", _uncovered), ("text", _uncovered))
-    return [*found, *(Subject(name, path.read_bytes(), check) for (name, check), path in zip(checks, flights, strict=True))]
+    return [
+        *found,
+        *(
+            Subject(name, path.read_bytes(), check)
+            for (name, check), path in zip(checks, flights, strict=True)
+        ),
+    ]
 
 
 def _mcap(data: bytes) -> Callable[[Mishap, Path], list[str]]:
     # the oracle wants an end
-    ended = data if data.endswith(b"MCAP0\r\n") else data + struct.pack("<BQI", Opcode.DATA_END, 4, 0)
+    ended = (
+        data if data.endswith(b"MCAP0\r\n") else data + struct.pack("<BQI", Opcode.DATA_END, 4, 0)
+    )
     sound = damage.sound_messages(ended)
-    every, covered = Counter(message.said[1:] for message in sound), any(message.checked for message in sound)
+    every, covered = (
+        Counter(message.said[1:] for message in sound),
+        any(message.checked for message in sound),
+    )
 
     def check(harm: Mishap, path: Path) -> list[str]:
         try:
             said, report = damage.read_raw(path)
         except LogError:
-            return ["refused although the magic bytes are there"] if harm.data[:8] == data[:8] else []
+            return (
+                ["refused although the magic bytes are there"] if harm.data[:8] == data[:8] else []
+            )
         # of a channel whose record is lost the topic is not known
         came = Counter(message[1:] for message in said)
-        whole = Counter(message.said[1:] for message in sound if harm.keeps(message.start, message.unit_end))
-        lost, new = every - came, sum(count for message, count in came.items() if message not in every)
-        unchecked, told, wrong = sum(report.unchecked.values()), bool(report.losses or report.undecodable), []
+        whole = Counter(
+            message.said[1:] for message in sound if harm.keeps(message.start, message.unit_end)
+        )
+        lost, new = (
+            every - came,
+            sum(count for message, count in came.items() if message not in every),
+        )
+        unchecked, told, wrong = (
+            sum(report.unchecked.values()),
+            bool(report.losses or report.undecodable),
+            [],
+        )
         if covered and (missing := whole - came):
             wrong.append(f"{missing.total()} messages that are whole under a checksum did not come")
         if new > unchecked:
             wrong.append(f"{new} messages came wrong, {unchecked} are said to be unchecked")
         if lost.total() > (0 if told else unchecked) and not told:
             wrong.append(f"{lost.total()} messages went without a word")
-        if told and not new and not report.undecodable and all(loss.messages is not None for loss in report.losses):
+        if (
+            told
+            and not new
+            and not report.undecodable
+            and all(loss.messages is not None for loss in report.losses)
+        ):
             stated = sum(loss.messages or 0 for loss in report.losses)
-            wrong += [f"{stated} messages are said to be lost, {lost.total()} are"] if stated != lost.total() else []
+            wrong += (
+                [f"{stated} messages are said to be lost, {lost.total()} are"]
+                if stated != lost.total()
+                else []
+            )
         return wrong
 
     return check
 
 
 def _covered(
-    sound: Sequence[Piece], walk: Callable[[bytes], list[Piece]], read: Callable[[Path], tuple[list[Any], bool]], needed: int = 0
+    sound: Sequence[Piece],
+    walk: Callable[[bytes], list[Piece]],
+    read: Callable[[Path], tuple[list[Any], bool]],
+    needed: int = 0,
 ) -> Callable[[Mishap, Path], list[str]]:
     """Return the check of a format whose pieces have checksums.
 
@@ -154,12 +205,22 @@ def _covered(
             said, told = read(path)
         except LogError:
             kept = all(harm.keeps(start, end) for start, end, _ in sound[:needed])
-            return ["refused although a whole piece is in it"] if kept and any(what is not None for what in here[needed:]) else []
+            return (
+                ["refused although a whole piece is in it"]
+                if kept and any(what is not None for what in here[needed:])
+                else []
+            )
         said_of = Counter(map(repr, said))
-        whole = Counter(repr(what) for start, end, what in sound if what is not None and harm.keeps(start, end))
-        wrong = [f"{(whole - said_of).total()} whole pieces did not come"] if whole - said_of else []
+        whole = Counter(
+            repr(what) for start, end, what in sound if what is not None and harm.keeps(start, end)
+        )
+        wrong = (
+            [f"{(whole - said_of).total()} whole pieces did not come"] if whole - said_of else []
+        )
         if foreign := said_of.keys() - {repr(what) for what in here}:
-            wrong.append(f"{len(foreign)} pieces came that no checksum covers: {next(iter(foreign))[:80]}")
+            wrong.append(
+                f"{len(foreign)} pieces came that no checksum covers: {next(iter(foreign))[:80]}"
+            )
         every = Counter(repr(what) for _, _, what in sound if what is not None)
         # what is cut out from the edge of a piece to the edge of another leaves no trace
         traceless = all(edge in edges for part in harm.kept for edge in part)
@@ -176,7 +237,11 @@ def _uncovered(harm: Mishap, path: Path) -> list[str]:
     try:
         log = open_log(path)
         read = sum(1 for _ in log.messages())
-        return ["it does not say that no checksum covers it"] if read and not log.report().unchecked else []
+        return (
+            ["it does not say that no checksum covers it"]
+            if read and not log.report().unchecked
+            else []
+        )
     except LogError:
         return []
 
@@ -194,7 +259,11 @@ def _apart(harm: Mishap, path: Path) -> list[str]:
     _, status = os.waitpid(child, 0)
     if os.WIFSIGNALED(status):
         return [f"ended by {signal.Signals(os.WTERMSIG(status)).name}"]
-    return ["it does not say that no checksum covers it, or another exception than ours"] if os.WEXITSTATUS(status) else []
+    return (
+        ["it does not say that no checksum covers it, or another exception than ours"]
+        if os.WEXITSTATUS(status)
+        else []
+    )
 
 
 def _frames_of(path: Path) -> tuple[list[bytes], bool]:
@@ -204,7 +273,11 @@ def _frames_of(path: Path) -> tuple[list[bytes], bool]:
 
 def _pings_of(path: Path) -> tuple[list[Any], bool]:
     log = open_log(path)
-    said = [_in_mm(message.payload["velocity"]) for message in log.messages() if message.topic == "/adcp"]
+    said = [
+        _in_mm(message.payload["velocity"])
+        for message in log.messages()
+        if message.topic == "/adcp"
+    ]
     return said, bool(log.report().losses or log.report().undecodable)
 
 
@@ -222,7 +295,9 @@ def ensembles(data: bytes) -> list[Piece]:
             offsets = struct.unpack_from(f"<{body[5]}H", body, 6)
             blocks = {body[place : place + 2]: place for place in offsets}
             cells = body[blocks[b"\x00\x00"] + 9]
-            values = np.frombuffer(body, "<i2", 4 * cells, blocks[b"\x00\x01"] + 2).reshape(cells, 4)
+            values = np.frombuffer(body, "<i2", 4 * cells, blocks[b"\x00\x01"] + 2).reshape(
+                cells, 4
+            )
             found.append((at, at + size + 2, _none_if_missing(values)))
             at += size + 2
         else:
@@ -240,11 +315,17 @@ def bursts(data: bytes) -> list[Piece]:
             break
         size, check, head_check = struct.unpack_from("<HHH", head, 4)
         body = data[at + 9 : at + 9 + size]
-        if raw_adcp_samples.nortek_sum(head[:8]) == head_check and len(body) == size and raw_adcp_samples.nortek_sum(body) == check:
+        if (
+            raw_adcp_samples.nortek_sum(head[:8]) == head_check
+            and len(body) == size
+            and raw_adcp_samples.nortek_sum(body) == check
+        ):
             what = None
             if head[2] == ad2cp_samples.BURST:
                 cells = struct.unpack_from("<H", body, 30)[0] & 1023
-                what = _none_if_missing(np.frombuffer(body, "<i2", 4 * cells, 76).reshape(4, cells).T)
+                what = _none_if_missing(
+                    np.frombuffer(body, "<i2", 4 * cells, 76).reshape(4, cells).T
+                )
             found.append((at - 1, at + 9 + size, what))
             at += 9 + size
     return found
@@ -258,7 +339,10 @@ def _classic(path: Path) -> Path:
     """Return a NetCDF-3 file with a row for each second."""
     with netcdf_file(path, "w") as file:
         file.createDimension("time", 50)
-        for name, values, units in (("time", np.arange(50.0), "seconds since 2020-01-01"), ("speed", np.linspace(0.0, 1.0, 50), "m s-1")):
+        for name, values, units in (
+            ("time", np.arange(50.0), "seconds since 2020-01-01"),
+            ("speed", np.linspace(0.0, 1.0, 50), "m s-1"),
+        ):
             variable = file.createVariable(name, "d", ("time",))
             variable[:] = values
             variable.units = units

@@ -10,7 +10,9 @@ from tests.logs.log_samples import tlog
 FILES = logs()
 
 
-@pytest.mark.parametrize("file", [f for f in FILES if f.parent.name == "sample_logs"], ids=lambda file: file.name)
+@pytest.mark.parametrize(
+    "file", [f for f in FILES if f.parent.name == "sample_logs"], ids=lambda file: file.name
+)
 def test_a_damaged_sample_gives_what_is_whole_before_the_damage(file):
     assert damage(file, 8) == []
 
@@ -33,7 +35,10 @@ def test_the_oracle_takes_no_frame_whose_message_it_does_not_know():
     assert damage_vehicle.frames(entry[:at] + bytes([255]) + entry[at + 1 :]) == []
 
 
-@pytest.mark.skipif(not any(file.suffix == ".BIN" for file in damage_vehicle.logs()), reason="the shared logs are not on this machine")
+@pytest.mark.skipif(
+    not any(file.suffix == ".BIN" for file in damage_vehicle.logs()),
+    reason="the shared logs are not on this machine",
+)
 def test_a_damaged_dataflash_log_gives_what_is_whole_before_the_damage():
     (file,) = (file for file in damage_vehicle.logs() if file.suffix == ".BIN")
     assert damage_vehicle.damage(file, 6) == []

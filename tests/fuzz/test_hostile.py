@@ -6,7 +6,11 @@ from tests.fuzz.attacks import ATTACKS
 from tests.fuzz.hostile import MOST_MB, MOST_S, measured
 
 # of each kind of file one whose cost was not in one decoder
-KINDS = ("chunk: 250 MB of zeros", "NetCDF ensemble: grid of 10^10 cells", "NetCDF glider: 2 billion samples")
+KINDS = (
+    "chunk: 250 MB of zeros",
+    "NetCDF ensemble: grid of 10^10 cells",
+    "NetCDF glider: 2 billion samples",
+)
 
 
 @pytest.mark.parametrize("name", KINDS)

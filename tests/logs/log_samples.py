@@ -26,18 +26,28 @@ def json_mcap(
 ) -> bytes:
     """Return an MCAP file of JSON messages ``{"n": 0}``, ``{"n": 1}``, ... on /a and /b in turn."""
     out = BytesIO()
-    writer = Writer(out, chunk_size=chunk_size, compression=compression, use_chunking=use_chunking, enable_data_crcs=data_crcs)
+    writer = Writer(
+        out,
+        chunk_size=chunk_size,
+        compression=compression,
+        use_chunking=use_chunking,
+        enable_data_crcs=data_crcs,
+    )
     writer.start()
     schema = writer.register_schema("test.Number", "jsonschema", b"{}")
     channels = [writer.register_channel(topic, "json", schema) for topic in ("/a", "/b")]
     for n, time_ns in enumerate(times_ns):
         payload = orjson.dumps({"n": n, "text": "x" * 20})
-        writer.add_message(channels[n % 2], log_time=time_ns, data=payload, publish_time=time_ns + 7, sequence=n)
+        writer.add_message(
+            channels[n % 2], log_time=time_ns, data=payload, publish_time=time_ns + 7, sequence=n
+        )
     writer.finish()
     return out.getvalue()
 
 
-def one_channel_mcap(encoding: str, schema: tuple[str, str, bytes] | None, payloads: Sequence[bytes]) -> bytes:
+def one_channel_mcap(
+    encoding: str, schema: tuple[str, str, bytes] | None, payloads: Sequence[bytes]
+) -> bytes:
     """Return an MCAP file with one channel /x; schema is (name, encoding, data)."""
     out = BytesIO()
     writer = Writer(out)
@@ -50,7 +60,9 @@ def one_channel_mcap(encoding: str, schema: tuple[str, str, bytes] | None, paylo
     return out.getvalue()
 
 
-def tlog_entry(stamp_us: int, message: Any, version: int = 2, system: int = 1, component: int = 1) -> bytes:
+def tlog_entry(
+    stamp_us: int, message: Any, version: int = 2, system: int = 1, component: int = 1
+) -> bytes:
     """Return one entry of a telemetry log."""
     sender = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
     return stamp_us.to_bytes(8, "big") + bytes(message.pack(sender, force_mavlink1=version == 1))
@@ -66,7 +78,9 @@ def tlog(n: int, start_us: int = 1_700_000_000_000_000) -> list[bytes]:
     return [tlog_entry(start_us + 1_000_000 * k, attitude(k), version=1 + k % 2) for k in range(n)]
 
 
-def read_log(folder: Path, data: bytes, wanted: frozenset[str] | None = None) -> tuple[list[Message], LogReport]:
+def read_log(
+    folder: Path, data: bytes, wanted: frozenset[str] | None = None
+) -> tuple[list[Message], LogReport]:
     """Return the messages of a log with these bytes, and its report."""
     file = folder / "log"
     file.write_bytes(data)

@@ -32,7 +32,10 @@ def _bag(folder: Path) -> Path:
 
 def test_a_bag_is_the_files_that_its_metadata_lists(tmp_path: Path) -> None:
     logs = open_logs([_bag(tmp_path)])
-    assert [(Path(log.path).name, log.input, log.format) for log in logs] == [("b_0.mcap", 0, "mcap"), ("b_1.mcap", 1, "mcap")]
+    assert [(Path(log.path).name, log.input, log.format) for log in logs] == [
+        ("b_0.mcap", 0, "mcap"),
+        ("b_1.mcap", 1, "mcap"),
+    ]
     assert sum(len(list(log.messages())) for log in logs) == 20
     with pytest.raises(LogError, match="expected a folder with one log, it holds 2"):
         open_log(tmp_path)
@@ -73,7 +76,10 @@ def test_profiles_of_two_missions_are_two_logs(tmp_path: Path) -> None:
     other = raw / "SEA063.23.gli.sub.1"
     other.write_text(first.read_text())
     both = open_logs([raw], several_missions=True)
-    assert [(Path(log.path).name, log.mission) for log in both] == [(first.name, "sea063.22"), (other.name, "sea063.23")]
+    assert [(Path(log.path).name, log.mission) for log in both] == [
+        (first.name, "sea063.22"),
+        (other.name, "sea063.23"),
+    ]
     assert both[0].files == (first, second)
     assert both[1].report().mission == "sea063.23"
     assert len(open_logs([first, second])) == 1
@@ -97,9 +103,13 @@ def open_plugin(path: Path, input: int, config: object, wanted: object) -> McapR
     return McapReader(path, input) if path.suffix == ".dbd" else None
 
 
-def test_another_package_may_read_a_form_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_package_may_read_a_form_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     point = EntryPoint("slocum", "tests.logs.test_folders:open_plugin", registry.PLUGINS)
-    monkeypatch.setattr(registry, "entry_points", lambda group: [point] if group == "replay_kit.logs" else [])
+    monkeypatch.setattr(
+        registry, "entry_points", lambda group: [point] if group == "replay_kit.logs" else []
+    )
     for name in ("a.dbd", "a.xyz"):
         (tmp_path / name).write_bytes(b"dbd_label: DBD_ASC")
     assert isinstance(open_log(tmp_path / "a.dbd"), McapReader)
@@ -107,11 +117,18 @@ def test_another_package_may_read_a_form_of_its_own(tmp_path: Path, monkeypatch:
         open_log(tmp_path / "a.xyz")
 
 
-@pytest.mark.skipif(not (DATA / "seaglider").is_dir(), reason="../shared/data/seaglider is not there")
+@pytest.mark.skipif(
+    not (DATA / "seaglider").is_dir(), reason="../shared/data/seaglider is not there"
+)
 @pytest.mark.full
 def test_a_folder_of_real_dives_is_one_log_a_dive() -> None:
     logs = open_logs([DATA / "seaglider"], several_missions=True)
     assert len(logs) == 11
-    assert {(log.format, log.mission) for log in logs} == {("seaglider", "SG171 mission 37"), ("seaglider", "SG249 mission 2")}
-    with pytest.raises(LogError, match=r"holds 2: SG171 mission 37 \(p171010\*\), SG249 mission 2 \(p249001\*\)"):
+    assert {(log.format, log.mission) for log in logs} == {
+        ("seaglider", "SG171 mission 37"),
+        ("seaglider", "SG249 mission 2"),
+    }
+    with pytest.raises(
+        LogError, match=r"holds 2: SG171 mission 37 \(p171010\*\), SG249 mission 2 \(p249001\*\)"
+    ):
         open_logs([DATA / "seaglider"])

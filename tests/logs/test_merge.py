@@ -40,7 +40,9 @@ def key(message: Message) -> tuple[int, int, int]:
     return message.time_ns, message.input, message.position
 
 
-def obvious(times: Sequence[Sequence[int]], window: float) -> tuple[list[tuple[int, int, int]], Counter[str]]:
+def obvious(
+    times: Sequence[Sequence[int]], window: float
+) -> tuple[list[tuple[int, int, int]], Counter[str]]:
     """Give each log's messages the slow way: after each arrival, everything older than the window, in order."""
     kept: list[tuple[int, int, int]] = []
     late: Counter[str] = Counter()
@@ -74,7 +76,11 @@ def test_as_the_obvious_sort(times: list[list[int]], window: float) -> None:
 @given(times=logs)
 def test_a_wide_window_sorts_everything(times: list[list[int]]) -> None:
     merged = merge(recorded(times), 50.0)
-    everything = sorted((time * SECOND, k, position) for k, row in enumerate(times) for position, time in enumerate(row))
+    everything = sorted(
+        (time * SECOND, k, position)
+        for k, row in enumerate(times)
+        for position, time in enumerate(row)
+    )
     assert [key(m) for m in merged] == everything
     assert merged.late == {}
 
@@ -84,7 +90,9 @@ def test_a_wide_window_sorts_everything(times: list[list[int]]) -> None:
 def test_limits_are_a_filter_of_the_whole(times: list[list[int]], start: int, end: int) -> None:
     whole = merge(recorded(times), 2.0)
     part = merge(recorded(times), 2.0, start * SECOND, end * SECOND)
-    assert [key(m) for m in part] == [key(m) for m in whole if start * SECOND <= m.time_ns <= end * SECOND]
+    assert [key(m) for m in part] == [
+        key(m) for m in whole if start * SECOND <= m.time_ns <= end * SECOND
+    ]
 
 
 def test_a_late_message_is_counted_by_topic_and_not_given() -> None:
@@ -118,17 +126,36 @@ def test_what_comes_once_counts_before_the_start() -> None:
     class Topics(Recorded):
         def messages(self) -> Iterator[Message]:
             for position, topic in enumerate(
-                ("/tf_static", "/adcp", "/vehicle/config", "mavlink/1/1/PARAM_VALUE", "/adcp", "/tf_static", "/adcp")
+                (
+                    "/tf_static",
+                    "/adcp",
+                    "/vehicle/config",
+                    "mavlink/1/1/PARAM_VALUE",
+                    "/adcp",
+                    "/tf_static",
+                    "/adcp",
+                )
             ):
                 yield Message(position * SECOND, topic, "", {}, self.input, position)
 
-    given = [(message.position, message.topic) for message in merge([Topics([], 0)], 0.0, start_ns=4 * SECOND, end_ns=5 * SECOND)]
-    assert given == [(0, "/tf_static"), (2, "/vehicle/config"), (3, "mavlink/1/1/PARAM_VALUE"), (4, "/adcp"), (5, "/tf_static")]
+    given = [
+        (message.position, message.topic)
+        for message in merge([Topics([], 0)], 0.0, start_ns=4 * SECOND, end_ns=5 * SECOND)
+    ]
+    assert given == [
+        (0, "/tf_static"),
+        (2, "/vehicle/config"),
+        (3, "mavlink/1/1/PARAM_VALUE"),
+        (4, "/adcp"),
+        (5, "/tf_static"),
+    ]
 
 
 @quick
 @given(times=logs, window=st.integers(0, 5))
 def test_a_copy_keeps_late_messages(times: list[list[int]], window: int) -> None:
     merged = merge(recorded(times), float(window), keep_late=True)
-    assert sorted(map(key, merged)) == sorted((time * SECOND, k, n) for k, row in enumerate(times) for n, time in enumerate(row))
+    assert sorted(map(key, merged)) == sorted(
+        (time * SECOND, k, n) for k, row in enumerate(times) for n, time in enumerate(row)
+    )
     assert merged.late == {}

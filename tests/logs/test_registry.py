@@ -11,7 +11,11 @@ from tests.logs.log_samples import json_mcap, tlog
 
 @pytest.fixture
 def files(tmp_path):
-    made = {"mcap": json_mcap(range(3000)), "tlog": b"".join(tlog(30)), "dataflash": b"".join([declarations(), *dataflash(30)])}
+    made = {
+        "mcap": json_mcap(range(3000)),
+        "tlog": b"".join(tlog(30)),
+        "dataflash": b"".join([declarations(), *dataflash(30)]),
+    }
     for name, data in made.items():
         (tmp_path / name).write_bytes(data)
     return [tmp_path / name for name in made]

@@ -36,7 +36,10 @@ def test_what_cannot_be_decoded_takes_the_new_name(tmp_path: Path) -> None:
 
 def test_a_copy_takes_the_new_name(tmp_path: Path) -> None:
     (tmp_path / "log").write_bytes(json_mcap(range(3)))
-    assert convert([tmp_path / "log"], tmp_path / "out.mcap", False, CONFIG).messages == {"/left": 2, "/b": 1}
+    assert convert([tmp_path / "log"], tmp_path / "out.mcap", False, CONFIG).messages == {
+        "/left": 2,
+        "/b": 1,
+    }
 
 
 def test_options() -> None:

@@ -16,12 +16,22 @@ from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.logs.glider import glider_samples as gliders
 from tests.logs.log_samples import json_mcap, tlog
 
-DATAFLASH, VALUES, STAMPS = "records of a DataFlash log", "values of NetCDF or text files", "stamps of frames"
+DATAFLASH, VALUES, STAMPS = (
+    "records of a DataFlash log",
+    "values of NetCDF or text files",
+    "stamps of frames",
+)
 
 
 def _rows(path: Path) -> Path:
     time = np.arange(3.0)
-    return gliders.write(path, {"time": (("time",), time, {"units": "seconds since 2020-01-01"}), "speed": (("time",), time, {})})
+    return gliders.write(
+        path,
+        {
+            "time": (("time",), time, {"units": "seconds since 2020-01-01"}),
+            "speed": (("time",), time, {}),
+        },
+    )
 
 
 def _made(folder: Path, kind: str) -> Path:
@@ -41,9 +51,18 @@ def _made(folder: Path, kind: str) -> Path:
 
 @pytest.mark.parametrize(
     ("kind", "what"),
-    [("dataflash", DATAFLASH), ("spray", VALUES), ("rows", VALUES), ("seaexplorer", VALUES), ("tlog", STAMPS), ("mcap", None)],
+    [
+        ("dataflash", DATAFLASH),
+        ("spray", VALUES),
+        ("rows", VALUES),
+        ("seaexplorer", VALUES),
+        ("tlog", STAMPS),
+        ("mcap", None),
+    ],
 )
-def test_info_and_convert_say_what_no_checksum_covers(tmp_path: Path, kind: str, what: str | None) -> None:
+def test_info_and_convert_say_what_no_checksum_covers(
+    tmp_path: Path, kind: str, what: str | None
+) -> None:
     path = _made(tmp_path, kind)
     log = open_log(path)
     assert log.report().unchecked == {}
@@ -51,11 +70,16 @@ def test_info_and_convert_say_what_no_checksum_covers(tmp_path: Path, kind: str,
     read = log.report()
     assert dict(read.unchecked) == ({} if what is None else {what: sum(read.read.values())})
     line = f"Without a checksum, so that damage cannot be detected: {path}: {what} ({sum(read.read.values())})"
-    found, summary = inspect_logs([path], RunConfig())[0], convert([path], tmp_path / "out.mcap", False, LogConfig())
+    found, summary = (
+        inspect_logs([path], RunConfig())[0],
+        convert([path], tmp_path / "out.mcap", False, LogConfig()),
+    )
     for show, value in ((print_info, found), (print_converted, summary)):
         text = StringIO()
         show(value, Console(file=text, width=400))
         assert (line in text.getvalue()) is (what is not None)
     assert info_json(found)["unchecked"] == dict(read.unchecked)
-    told = [{"file": str(path), "what": kind, "count": count} for kind, count in read.unchecked.items()]
+    told = [
+        {"file": str(path), "what": kind, "count": count} for kind, count in read.unchecked.items()
+    ]
     assert convert_json(summary)["unchecked"] == told

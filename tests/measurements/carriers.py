@@ -27,7 +27,9 @@ def ros2_mcap(schema: str, definition: str, payloads, topic: str = "/x") -> byte
     writer = Ros2Writer(out)
     registered = writer.register_msgdef(schema, definition)
     for second, payload in enumerate(payloads):
-        writer.write_message(topic, registered, payload, log_time=second * 10**9, publish_time=second * 10**9)
+        writer.write_message(
+            topic, registered, payload, log_time=second * 10**9, publish_time=second * 10**9
+        )
     writer.finish()
     return out.getvalue()
 
@@ -43,6 +45,11 @@ def json_mcap(entries) -> bytes:
             guessed = writer.register_schema(schema, "jsonschema", b'{"type": "object"}')
             channels[topic] = writer.register_channel(topic, "json", guessed)
         data = payload if isinstance(payload, bytes) else orjson.dumps(payload)
-        writer.add_message(channels[topic], log_time=int(second * 10**9), data=data, publish_time=int(second * 10**9))
+        writer.add_message(
+            channels[topic],
+            log_time=int(second * 10**9),
+            data=data,
+            publish_time=int(second * 10**9),
+        )
     writer.finish()
     return out.getvalue()

@@ -37,7 +37,9 @@ uint16 cell_depth
 float32 bin0_distance
 geometry_msgs/Vector3[4] beam_unit_vec
 ds_sensor_msgs/WaterCurrentProfile[] vel_bin_beams"""
-_WATER_CURRENT_PROFILE = "ds_sensor_msgs/WaterCurrentProfile\ngeometry_msgs/Vector3[] velocity_bin_beam"
+_WATER_CURRENT_PROFILE = (
+    "ds_sensor_msgs/WaterCurrentProfile\ngeometry_msgs/Vector3[] velocity_bin_beam"
+)
 DS_ADCP_2 = definition(
     _ADCP,
     HEADER_2,
@@ -45,7 +47,13 @@ DS_ADCP_2 = definition(
     VECTOR,
     _WATER_CURRENT_PROFILE,
 )
-DS_ADCP_1 = definition(_ADCP, HEADER_1, "ds_core_msgs/DsHeader\ntime io_time\nuint8[16] source_uuid", VECTOR, _WATER_CURRENT_PROFILE)
+DS_ADCP_1 = definition(
+    _ADCP,
+    HEADER_1,
+    "ds_core_msgs/DsHeader\ntime io_time\nuint8[16] source_uuid",
+    VECTOR,
+    _WATER_CURRENT_PROFILE,
+)
 
 NUCLEUS = """builtin_interfaces/Time system_timestamp
 bool posix_time
@@ -99,7 +107,9 @@ uint8 position_covariance_type""",
     HEADER_2,
     "sensor_msgs/NavSatStatus\nint8 status\nuint16 service",
 )
-FLUID_PRESSURE = definition("std_msgs/Header header\nfloat64 fluid_pressure\nfloat64 variance", HEADER_2)
+FLUID_PRESSURE = definition(
+    "std_msgs/Header header\nfloat64 fluid_pressure\nfloat64 variance", HEADER_2
+)
 IMU = definition(
     """std_msgs/Header header
 geometry_msgs/Quaternion orientation
@@ -126,7 +136,9 @@ geometry_msgs/TwistWithCovariance twist""",
     QUATERNION,
     VECTOR,
 )
-POSE_STAMPED = definition("std_msgs/Header header\ngeometry_msgs/Pose pose", HEADER_2, POSE, POINT, QUATERNION)
+POSE_STAMPED = definition(
+    "std_msgs/Header header\ngeometry_msgs/Pose pose", HEADER_2, POSE, POINT, QUATERNION
+)
 
 # our own ping as a ROS 2 message: what may be unknown is NaN, velocity flat
 ADCP_PING = """builtin_interfaces/Time stamp

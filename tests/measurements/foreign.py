@@ -10,7 +10,9 @@ def vectors(rows):
     return [dict(zip("xyz", row, strict=True)) for row in rows]
 
 
-def ds_adcp(mode=3, cells=((0.1, -0.2, 0.01), (0.0, 0.0, 0.0), (0.3, 0.0, 0.0)), cell_depth=2, bin0=3.5):
+def ds_adcp(
+    mode=3, cells=((0.1, -0.2, 0.01), (0.0, 0.0, 0.0), (0.3, 0.0, 0.0)), cell_depth=2, bin0=3.5
+):
     read = [[cell] if mode else [cell] * 4 for cell in cells]
     return {
         "coordinate_mode": mode,
@@ -34,11 +36,25 @@ NUCLEUS = {
 
 def imc(coord_sys, cells, distance=5.0):
     profile = [
-        {"abbrev": "CurrentProfileCell", "cell_position": distance * (k + 1), "beams": [{"vel": v, "amp": 60.0, "cor": 90} for v in cell]}
+        {
+            "abbrev": "CurrentProfileCell",
+            "cell_position": distance * (k + 1),
+            "beams": [{"vel": v, "amp": 60.0, "cor": 90} for v in cell],
+        }
         for k, cell in enumerate(cells)
     ]
-    return {"abbrev": "CurrentProfile", "timestamp": 12.5, "nbeams": 4, "ncells": len(cells), "coord_sys": coord_sys, "profile": profile}
+    return {
+        "abbrev": "CurrentProfile",
+        "timestamp": 12.5,
+        "nbeams": 4,
+        "ncells": len(cells),
+        "coord_sys": coord_sys,
+        "profile": profile,
+    }
 
 
 def pose(x, y, z, frame="odom"):
-    return {"header": {"frame_id": frame}, "pose": {"position": {"x": x, "y": y, "z": z}, "orientation": {"w": 1.0}}}
+    return {
+        "header": {"frame_id": frame},
+        "pose": {"position": {"x": x, "y": y, "z": z}, "orientation": {"w": 1.0}},
+    }

@@ -28,8 +28,15 @@ def ping(time_s=0.0, **changes):
 
 def fix(time_s, longitude=152.0, latitude=-40.0, depth=None, **changes):
     metadata = [] if depth is None else [{"key": "depth", "value": str(depth)}]
-    payload = {"longitude": longitude, "latitude": latitude, "altitude": 30.0, "metadata": metadata} | changes
-    return Message(int(time_s * SECOND), "/vehicle/fix", "foxglove.LocationFix", payload, 0, int(time_s))
+    payload = {
+        "longitude": longitude,
+        "latitude": latitude,
+        "altitude": 30.0,
+        "metadata": metadata,
+    } | changes
+    return Message(
+        int(time_s * SECOND), "/vehicle/fix", "foxglove.LocationFix", payload, 0, int(time_s)
+    )
 
 
 def run(messages, config=CONFIG):
@@ -47,7 +54,25 @@ def only(kind, events):
 def mavlink_frames(time_s=5.0, array_id=7, n_components=3.0, skip=(), reference=0.0):
     nan = math.nan
     parts = {
-        "ADCP_CFG": [3.0, 32.0, 16.0, 3.0, reference, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1500.0, nan, 0.0, 1.0, n_components, 0.0],
+        "ADCP_CFG": [
+            3.0,
+            32.0,
+            16.0,
+            3.0,
+            reference,
+            0.0,
+            1.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            1500.0,
+            nan,
+            0.0,
+            1.0,
+            n_components,
+            0.0,
+        ],
         "ADCP_E": [0.1, 0.3, 0.5],
         "ADCP_N": [0.2, nan, 0.6],
         "ADCP_U": [nan, 0.0, 0.0],
@@ -55,10 +80,29 @@ def mavlink_frames(time_s=5.0, array_id=7, n_components=3.0, skip=(), reference=
     }
     for k, (name, data) in enumerate(parts.items()):
         if name not in skip:
-            payload = {"name": name, "array_id": array_id, "time_usec": int(time_s * 1e6), "data": [*data, *[0.0] * (58 - len(data))]}
-            yield Message(int(time_s * SECOND), "mavlink/1/1/DEBUG_FLOAT_ARRAY", "DEBUG_FLOAT_ARRAY", payload, 0, 10 + k)
+            payload = {
+                "name": name,
+                "array_id": array_id,
+                "time_usec": int(time_s * 1e6),
+                "data": [*data, *[0.0] * (58 - len(data))],
+            }
+            yield Message(
+                int(time_s * SECOND),
+                "mavlink/1/1/DEBUG_FLOAT_ARRAY",
+                "DEBUG_FLOAT_ARRAY",
+                payload,
+                0,
+                10 + k,
+            )
 
 
 def position_int(time_s, depth=0.0, lon=1_520_000_000, lat=-400_000_000):
     payload = {"lon": lon, "lat": lat, "relative_alt": -int(depth * 1000)}
-    return Message(int(time_s * SECOND), "mavlink/1/1/GLOBAL_POSITION_INT", "GLOBAL_POSITION_INT", payload, 0, int(time_s))
+    return Message(
+        int(time_s * SECOND),
+        "mavlink/1/1/GLOBAL_POSITION_INT",
+        "GLOBAL_POSITION_INT",
+        payload,
+        0,
+        int(time_s),
+    )

@@ -9,7 +9,16 @@ import pytest
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.measurements import Skipped, Used, initial_state, interpret, observations
-from tests.measurements.samples import CONFIG, SECOND, fix, mavlink_frames, only, ping, position_int, run
+from tests.measurements.samples import (
+    CONFIG,
+    SECOND,
+    fix,
+    mavlink_frames,
+    only,
+    ping,
+    position_int,
+    run,
+)
 
 
 def test_a_ping_becomes_a_profile_at_the_interpolated_position():
@@ -53,7 +62,9 @@ def test_across_the_antimeridian():
 def test_depths_up_and_down_and_from_a_submerged_transducer():
     deep = only(Observation, run([fix(0), ping(0, pressure=100.0, transducer_depth=1.0)]))[0].depth
     assert deep[0] == pytest.approx(99.2 + 1.0 + 16.0, abs=0.2)
-    up = only(Observation, run([fix(0), ping(0, orientation="up", pressure=None, transducer_depth=60.0)]))[0]
+    up = only(
+        Observation, run([fix(0), ping(0, orientation="up", pressure=None, transducer_depth=60.0)])
+    )[0]
     np.testing.assert_allclose(up.depth, [44.0, 12.0, -20.0])
     assert up.flags[2] == Flag.FAIL
     assert up.reasons[2] & Reason.ABOVE_SURFACE
@@ -89,14 +100,21 @@ def test_bad_pings_are_skipped_with_a_reason(changes, reason):
 
 @pytest.mark.parametrize("bad", [None, "NaN", float("nan"), float("inf"), "-inf", "words"])
 def test_every_way_to_write_a_missing_number(bad):
-    events = run([fix(0), ping(0, velocity=[[bad, 0.1], [0.1, bad], [0.1, 0.1]], pressure=bad, velocity_std=bad)])
+    events = run(
+        [
+            fix(0),
+            ping(0, velocity=[[bad, 0.1], [0.1, bad], [0.1, 0.1]], pressure=bad, velocity_std=bad),
+        ]
+    )
     (observation,) = only(Observation, events)
     assert observation.flags.tolist() == [9, 9, 1]
     np.testing.assert_array_equal(observation.error_std, CONFIG.velocity_std)
 
 
 def test_flat_velocities_of_protobuf_are_split_by_cell():
-    flat = ping(0, velocity=[0.1, 0.2, math.nan, 0.3, math.nan, 0.0, 0.5, 0.6, 0.0], velocity_std=[0.09])
+    flat = ping(
+        0, velocity=[0.1, 0.2, math.nan, 0.3, math.nan, 0.0, 0.5, 0.6, 0.0], velocity_std=[0.09]
+    )
     nested = ping(0)
     ours, theirs = (only(Observation, run([fix(0), p]))[0] for p in (flat, nested))
     np.testing.assert_array_equal(ours.velocity, theirs.velocity)
@@ -116,7 +134,15 @@ def test_an_incomplete_mavlink_ping_is_said():
     events = run([position_int(5), *mavlink_frames(skip=("ADCP_N",))])
     assert not only(Observation, events)
     assert [event.reason for event in only(Skipped, events)] == ["part of an incomplete ping"] * 4
-    assert len(only(Observation, run([position_int(5), *mavlink_frames(n_components=2.0, skip=("ADCP_U",))]))) == 1
+    assert (
+        len(
+            only(
+                Observation,
+                run([position_int(5), *mavlink_frames(n_components=2.0, skip=("ADCP_U",))]),
+            )
+        )
+        == 1
+    )
 
 
 def test_null_island_and_no_fix_are_no_positions():
@@ -133,7 +159,17 @@ def test_odometry_moves_the_last_measured_fix():
         payload = {"pose": {"pose": {"position": {"x": x, "y": y, "z": z}}}}
         return Message(time_s * SECOND, "/odom", "nav_msgs/msg/Odometry", payload, 0, time_s)
 
-    states = only(VehicleState, run([odometry(0, 0, 0, 0), fix(1), odometry(2, 10.0, 20.0, -3.0), odometry(3, 1010.0, 20.0, -40.0)]))
+    states = only(
+        VehicleState,
+        run(
+            [
+                odometry(0, 0, 0, 0),
+                fix(1),
+                odometry(2, 10.0, 20.0, -3.0),
+                odometry(3, 1010.0, 20.0, -40.0),
+            ]
+        ),
+    )
     assert [s.dead_reckoned for s in states] == [False, True, True]
     assert states[2].depth == 40.0
     assert states[2].longitude - 152.0 == pytest.approx(1000.0 / 85_400.0, rel=1e-3)
@@ -141,7 +177,10 @@ def test_odometry_moves_the_last_measured_fix():
 
 
 def mean_current(time_s):
-    start, end = ({"time": {"sec": at, "nsec": 0}, "lon": lon, "lat": -40.0} for at, lon in ((0, 152.0), (10_000, 152.1)))
+    start, end = (
+        {"time": {"sec": at, "nsec": 0}, "lon": lon, "lat": -40.0}
+        for at, lon in ((0, 152.0), (10_000, 152.1))
+    )
     payload = {"dac_eastward": 0.1, "dac_northward": 0.1, "start_fix": start, "end_fix": end}
     return Message(time_s * SECOND, "/dac", "replay_kit.DepthAveragedCurrent", payload, 0, time_s)
 
@@ -164,7 +203,9 @@ def test_a_dive_begins_at_a_depth_and_not_at_its_number_of_decibars():
 
 
 def test_a_pressure_before_the_first_position_is_taken_at_45_degrees():
-    pressure = Message(0, "/p", "sensor_msgs/FluidPressure", {"fluid_pressure": 101_325.0 + 1e7}, 0, 0)
+    pressure = Message(
+        0, "/p", "sensor_msgs/FluidPressure", {"fluid_pressure": 101_325.0 + 1e7}, 0, 0
+    )
     (first,) = only(VehicleState, run([pressure, fix(1)]))
     assert first.depth == pytest.approx(-gsw.z_from_p(1000.0, 45.0), rel=1e-12)
     (_, second) = only(VehicleState, run([fix(0), pressure, fix(1)]))
@@ -172,13 +213,17 @@ def test_a_pressure_before_the_first_position_is_taken_at_45_degrees():
 
 
 def test_pressure_gives_depth():
-    pressure = Message(0, "/p", "sensor_msgs/msg/FluidPressure", {"fluid_pressure": 101_325.0 + 1e6}, 0, 0)
+    pressure = Message(
+        0, "/p", "sensor_msgs/msg/FluidPressure", {"fluid_pressure": 101_325.0 + 1e6}, 0, 0
+    )
     state = only(VehicleState, run([fix(0), pressure, fix(1)]))[1]
     assert state.depth == pytest.approx(99.2, abs=0.2)
 
 
 def test_before_any_position_a_pressure_is_taken_at_45_degrees():
-    pressure = Message(0, "/p", "sensor_msgs/msg/FluidPressure", {"fluid_pressure": 101_325.0 + 1e7}, 0, 0)
+    pressure = Message(
+        0, "/p", "sensor_msgs/msg/FluidPressure", {"fluid_pressure": 101_325.0 + 1e7}, 0, 0
+    )
     (state,) = only(VehicleState, run([pressure, fix(1)]))
     assert state.depth == pytest.approx(-gsw.z_from_p(1000.0, 45.0), abs=1e-4)
 

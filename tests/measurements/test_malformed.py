@@ -14,7 +14,27 @@ from tests.measurements.foreign import NUCLEUS, ds_adcp, imc, pose
 from tests.measurements.samples import fix, mavlink_frames, only, ping, position_int, run
 
 STATED = MeasurementConfig(reference="earth")
-ODD = [None, True, -1, 0, 3.5, 10**400, 1e308, math.nan, "", "words", b"\xff", [], [None], ["a"], [[]], {}, {"a": 1}, [{}], [[1, 2], 3]]
+ODD = [
+    None,
+    True,
+    -1,
+    0,
+    3.5,
+    10**400,
+    1e308,
+    math.nan,
+    "",
+    "words",
+    b"\xff",
+    [],
+    [None],
+    ["a"],
+    [[]],
+    {},
+    {"a": 1},
+    [{}],
+    [[1, 2], 3],
+]
 SCHEMAS = {
     "foxglove.LocationFix": fix(1, depth=3.0).payload,
     "sensor_msgs/msg/NavSatFix": {"longitude": 152.0, "latitude": -40.0, "status": {"status": 0}},
@@ -29,7 +49,11 @@ SCHEMAS = {
     "imc.GpsFix": {"lat": -0.7, "lon": 2.6, "validity": 4, "type": 0},
     "imc.EstimatedState": {"lat": -0.7, "lon": 2.6, "x": 1.0, "y": 2.0, "depth": 3.0},
     "geometry_msgs/msg/PoseStamped": pose(1.0, 1.0, -1.0),
-    "marine_acoustic_msgs/msg/Dvl": {"velocity_mode": 1, "velocity": {"x": 1.0, "y": 0.0, "z": 0.0}, "velocity_covar": [0.1] * 9},
+    "marine_acoustic_msgs/msg/Dvl": {
+        "velocity_mode": 1,
+        "velocity": {"x": 1.0, "y": 0.0, "z": 0.0},
+        "velocity_covar": [0.1] * 9,
+    },
     "sensor_msgs/msg/Imu": {"orientation_covariance": [0.0] * 9},
 }
 
@@ -41,7 +65,10 @@ def damaged():
         for key in payload:
             yield schema, {k: v for k, v in payload.items() if k != key}
             yield from ((schema, {**payload, key: odd}) for odd in ODD)
-    yield from (("nav_msgs/msg/Odometry", {"pose": {"pose": {"position": {"x": odd, "y": 0, "z": 0}}}}) for odd in ODD)
+    yield from (
+        ("nav_msgs/msg/Odometry", {"pose": {"pose": {"position": {"x": odd, "y": 0, "z": 0}}}})
+        for odd in ODD
+    )
     yield from (("nav_msgs/msg/Odometry", {"pose": odd}) for odd in ODD)
 
 
@@ -51,17 +78,30 @@ def test_no_damaged_message_ends_a_replay_or_gives_a_good_bin_without_numbers(sc
         bad = Message(10**9, "/bad", schema, payload, 0, k)
         events = run([fix(0), bad, ping(2), fix(3)], STATED)
         counted = only(Used, events) + only(Skipped, events)
-        assert sorted(event.topic for event in counted) == ["/adcp", "/bad", "/vehicle/fix", "/vehicle/fix"], payload
+        assert sorted(event.topic for event in counted) == [
+            "/adcp",
+            "/bad",
+            "/vehicle/fix",
+            "/vehicle/fix",
+        ], payload
         for observation in only(Observation, events):
             good = observation.flags == Flag.GOOD
-            numbers = np.column_stack([observation.depth, observation.velocity, observation.error_std])[good]
+            numbers = np.column_stack(
+                [observation.depth, observation.velocity, observation.error_std]
+            )[good]
             assert np.isfinite(numbers).all(), payload
             assert math.isfinite(observation.longitude)
-        assert all(math.isfinite(state.longitude) and math.isfinite(state.latitude) for state in only(VehicleState, events)), payload
+        assert all(
+            math.isfinite(state.longitude) and math.isfinite(state.latitude)
+            for state in only(VehicleState, events)
+        ), payload
 
 
 def test_alike_damage_has_one_short_reason():
-    bad = [ping(0, velocity=[[0.1]] * 3, n_cells=3), ping(1, velocity=[list(range(k)) for k in (0, 500, 900)])]
+    bad = [
+        ping(0, velocity=[[0.1]] * 3, n_cells=3),
+        ping(1, velocity=[list(range(k)) for k in (0, 500, 900)]),
+    ]
     assert all(len(event.reason) < 200 for event in only(Skipped, run([fix(0), *bad])))
     broken = [Message(0, "/odom", "sensor_msgs/msg/FluidPressure", None, 0, k) for k in range(3)]
     (reason,) = {event.reason for event in only(Skipped, run(broken))}
@@ -74,7 +114,9 @@ def test_a_null_cell_is_a_missing_bin(null, at):
     cells = [[0.1, 0.2, 0.0], [0.3, 0.4, 0.0], [0.5, 0.6, 0.0]]
     cells[at] = null
     (observation,) = only(Observation, run([fix(0), ping(0, velocity=cells)]))
-    assert [int(flag) for flag in observation.flags] == [Flag.MISSING if k == at else Flag.GOOD for k in range(3)]
+    assert [int(flag) for flag in observation.flags] == [
+        Flag.MISSING if k == at else Flag.GOOD for k in range(3)
+    ]
     assert np.isnan(observation.velocity[at]).all()
 
 
@@ -84,14 +126,27 @@ def test_only_null_cells():
 
 
 def test_cells_as_messages_of_their_own():
-    nested = [{"value": [0.1, 0.2]}, {"east": 0.3, "north": 0.4, "up": 0.0}, {"east": None, "north": 0.4}]
+    nested = [
+        {"value": [0.1, 0.2]},
+        {"east": 0.3, "north": 0.4, "up": 0.0},
+        {"east": None, "north": 0.4},
+    ]
     (observation,) = only(Observation, run([fix(0), ping(0, velocity=nested)]))
     np.testing.assert_array_equal(observation.velocity, [[0.1, 0.2], [0.3, 0.4], [np.nan, 0.4]])
     (skipped,) = only(Skipped, run([fix(0), ping(0, velocity=[{"x": 1.0, "y": 1.0}] * 3)]))
     assert "expected cells" in skipped.reason
 
 
-@pytest.mark.parametrize("metadata", [["depth", "3"], "depth", 7, {"depth": 3.0, "dead_reckoned": True}, [{"key": "depth", "value": None}]])
+@pytest.mark.parametrize(
+    "metadata",
+    [
+        ["depth", "3"],
+        "depth",
+        7,
+        {"depth": 3.0, "dead_reckoned": True},
+        [{"key": "depth", "value": None}],
+    ],
+)
 def test_metadata_of_any_shape_leave_the_position(metadata):
     (state,) = only(VehicleState, run([fix(0, metadata=metadata)]))
     assert state.longitude == 152.0
@@ -100,7 +155,15 @@ def test_metadata_of_any_shape_leave_the_position(metadata):
 
 
 @pytest.mark.parametrize(
-    ("word", "meaning"), [("1", True), ("0", False), ("true", True), ("False", False), ("maybe", False), ("TRUE ", True)]
+    ("word", "meaning"),
+    [
+        ("1", True),
+        ("0", False),
+        ("true", True),
+        ("False", False),
+        ("maybe", False),
+        ("TRUE ", True),
+    ],
 )
 def test_dead_reckoned_in_words(word, meaning):
     (state,) = only(VehicleState, run([fix(0, metadata=[{"key": "dead_reckoned", "value": word}])]))
@@ -109,7 +172,14 @@ def test_dead_reckoned_in_words(word, meaning):
 
 def test_a_position_without_a_status_is_one_and_a_status_below_zero_is_none():
     def nav(**status):
-        return Message(0, "/gps", "sensor_msgs/msg/NavSatFix", {"longitude": 1.0, "latitude": 2.0, **status}, 0, 0)
+        return Message(
+            0,
+            "/gps",
+            "sensor_msgs/msg/NavSatFix",
+            {"longitude": 1.0, "latitude": 2.0, **status},
+            0,
+            0,
+        )
 
     assert len(only(VehicleState, run([nav()]))) == 1
     assert len(only(VehicleState, run([nav(status={"status": 0})]))) == 1
@@ -125,13 +195,26 @@ def test_a_pressure_without_a_depth_is_no_good_bin_and_no_dive(pressure):
 
 
 def test_bins_whose_depth_overflows_are_missing():
-    (observation,) = only(Observation, run([fix(0), ping(0, cell_size=1e308, velocity=[[0.1, 0.2]] * 3)]))
+    (observation,) = only(
+        Observation, run([fix(0), ping(0, cell_size=1e308, velocity=[[0.1, 0.2]] * 3)])
+    )
     assert observation.flags.tolist() == [Flag.GOOD, Flag.GOOD, Flag.MISSING]
     assert observation.reasons.tolist() == [0, 0, Reason.MALFORMED]
 
 
 @pytest.mark.parametrize(
-    ("dive", "used"), [(7, 7), (0, 0), (2**32 - 1, 2**32 - 1), (2**32, 1), (-1, 1), (True, 1), (2.0, 1), ("3", 1), ([], 1)]
+    ("dive", "used"),
+    [
+        (7, 7),
+        (0, 0),
+        (2**32 - 1, 2**32 - 1),
+        (2**32, 1),
+        (-1, 1),
+        (True, 1),
+        (2.0, 1),
+        ("3", 1),
+        ([], 1),
+    ],
 )
 def test_a_dive_that_can_be_none_is_ignored(dive, used):
     events = run([fix(0, depth=50.0), ping(0, dive=dive)])
@@ -142,7 +225,9 @@ def test_a_current_that_cannot_be_fails():
     speeds = [[5.1, 0.0], [0.0, -5.1], [5.0, -5.0]]
     (observation,) = only(Observation, run([fix(0), ping(0, velocity=speeds)]))
     assert observation.flags.tolist() == [Flag.FAIL, Flag.FAIL, Flag.SUSPECT]
-    assert observation.reasons.tolist() == [Reason.GROSS_RANGE | Reason.HIGH_SPEED] * 2 + [Reason.HIGH_SPEED]
+    assert observation.reasons.tolist() == [Reason.GROSS_RANGE | Reason.HIGH_SPEED] * 2 + [
+        Reason.HIGH_SPEED
+    ]
     (slow,) = observations([fix(0), ping(0, velocity=speeds)], MeasurementConfig(max_speed=1.0))
     assert slow.flags.tolist() == [Flag.FAIL] * 3
 
@@ -170,13 +255,19 @@ def test_mavlink_frames_with_odd_fields_are_each_counted_once():
         frames[part] = frames[part]._replace(payload={**frames[part].payload, key: odd})
         events = run([position_int(5), *frames])
         assert len(only(Used, events) + only(Skipped, events)) == 6, (part, key, odd)
-        assert all(np.isfinite(o.depth[o.flags == Flag.GOOD]).all() for o in only(Observation, events))
+        assert all(
+            np.isfinite(o.depth[o.flags == Flag.GOOD]).all() for o in only(Observation, events)
+        )
 
 
 def test_the_frames_of_a_mavlink_ping_share_one_fate():
-    refused = run([position_int(5), *mavlink_frames(reference=1.0)], MeasurementConfig(use_relative=False))
+    refused = run(
+        [position_int(5), *mavlink_frames(reference=1.0)], MeasurementConfig(use_relative=False)
+    )
     assert len(only(Used, refused)) == 1
-    assert [event.reason for event in only(Skipped, refused)] == ["velocity relative to the platform, whose own motion is not known"] * 5
+    assert [event.reason for event in only(Skipped, refused)] == [
+        "velocity relative to the platform, whose own motion is not known"
+    ] * 5
     alone = run(list(mavlink_frames()))
     assert [event.reason for event in only(Skipped, alone)] == ["no position within 600 s"] * 5
     frames = list(mavlink_frames())

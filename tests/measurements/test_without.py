@@ -32,14 +32,20 @@ def test_what_is_left_out_counts_as_not_used_for_its_own_reason():
     current, topic = mean(2), PROFILE.source.topic
     events = [Used(topic), PROFILE, Used("/dac"), current]
     kept = without(events, ("dac", "dives:3"))
-    assert kept[:3] == [Used(topic), PROFILE, Skipped("/dac", "left out: dac, dives:3 (measurements.without)")]
+    assert kept[:3] == [
+        Used(topic),
+        PROFILE,
+        Skipped("/dac", "left out: dac, dives:3 (measurements.without)"),
+    ]
     assert left_out_rules(kept[2].reason) == ["dac", "dives:3"]
     assert left_out_rules("faster than measurements.max_speed") == []
     assert without(events, ("drift",)) == events
     assert len(events) == 4
 
 
-@pytest.mark.parametrize("rule", ["current", "dives:", "dives:5-3", "dives:0", "dives:1-2-3", "DAC"])
+@pytest.mark.parametrize(
+    "rule", ["current", "dives:", "dives:5-3", "dives:0", "dives:1-2-3", "DAC"]
+)
 def test_a_rule_that_is_none_is_refused(rule):
     with pytest.raises(ValueError, match="expected dac, drift, profiles or dives:3-5"):
         MeasurementConfig(without=(rule,))

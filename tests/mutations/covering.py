@@ -19,7 +19,12 @@ class Recording:
 
 def seconds(recordings: list[Recording]) -> dict[str, float]:
     """Return how long every test took that passed."""
-    return {name: told["seconds"] for recording in recordings for name, told in recording.tests.items() if told["passed"]}
+    return {
+        name: told["seconds"]
+        for recording in recordings
+        for name, told in recording.tests.items()
+        if told["passed"]
+    }
 
 
 def covering(mutant: Mutant, recordings: list[Recording]) -> list[str]:
@@ -32,7 +37,9 @@ def covering(mutant: Mutant, recordings: list[Recording]) -> list[str]:
     lasting = seconds(recordings)
     found = _executing(mutant.path, site.statement, recordings)
     if found == {IMPORT} and site.readers:
-        readers = set().union(*(_executing(mutant.path, lines, recordings) for lines in site.readers))
+        readers = set().union(
+            *(_executing(mutant.path, lines, recordings) for lines in site.readers)
+        )
         # what is read at import too may be read by all of the module
         found = found if IMPORT in readers else readers
     for lines in (site.within, (1, 10**9)):
@@ -57,11 +64,20 @@ def _executing(path: Path, lines: tuple[int, int], recordings: list[Recording]) 
     found = set()
     for recording in recordings:
         by_line = recording.lines.contexts_by_lineno(path.as_posix())
-        for context in {context for line, contexts in by_line.items() if lines[0] <= line <= lines[1] for context in contexts}:
+        for context in {
+            context
+            for line, contexts in by_line.items()
+            if lines[0] <= line <= lines[1]
+            for context in contexts
+        }:
             word, _, shared = context.partition(" ")
             if word == FIXTURE:
                 name, _, base = shared.partition(" ")
-                found |= {test for test, told in recording.tests.items() if name in told["fixtures"] and test.startswith(base)}
+                found |= {
+                    test
+                    for test, told in recording.tests.items()
+                    if name in told["fixtures"] and test.startswith(base)
+                }
             elif context == IMPORT or context in recording.tests:
                 found.add(context)
     return found

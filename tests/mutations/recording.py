@@ -20,7 +20,9 @@ import pytest
 from tests.mutations.targets import PACKAGES
 
 IMPORT = "import"  # the context of what runs outside of every test
-FIXTURE = "fixture"  # and of a shared fixture: this word, its name and the node below which it is visible
+FIXTURE = (
+    "fixture"  # and of a shared fixture: this word, its name and the node below which it is visible
+)
 
 
 class Recorder:
@@ -29,14 +31,19 @@ class Recorder:
     def __init__(self, folder: Path):
         self.folder = folder
         self.coverage = coverage.Coverage(
-            data_file=str(folder / "lines.coverage"), source=list(PACKAGES), config_file=False, messages=False
+            data_file=str(folder / "lines.coverage"),
+            source=list(PACKAGES),
+            config_file=False,
+            messages=False,
         )
         self.coverage.set_option("run:relative_files", True)
         self.coverage.start()
         self.context = IMPORT
         self.coverage.switch_context(IMPORT)
         # a module that only the first of its tests imports would count as executed by that test alone
-        for package in map(importlib.import_module, (name for name in PACKAGES if Path(name).is_dir())):
+        for package in map(
+            importlib.import_module, (name for name in PACKAGES if Path(name).is_dir())
+        ):
             for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
                 if not module.name.endswith(".__main__"):
                     importlib.import_module(module.name)

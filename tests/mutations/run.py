@@ -35,7 +35,11 @@ class Verdict:
 def copied(root: Path, folder: Path) -> Path:
     """Copy what git knows or would add of the project at ``root`` into ``folder``, with the data beside it, and return the copy."""
     listed = subprocess.run(
-        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=root, capture_output=True, text=True, check=True
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     for name in filter(None, listed.stdout.split("\0")):
         if (root / name).is_file():
@@ -58,11 +62,15 @@ def warm(root: Path) -> ForkServerContext:
                 case ast.ImportFrom(module=str(module), level=0):
                     names.add(module)
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(sorted(name for name in names if name.partition(".")[0] not in (*OURS, "__main__")))
+    context.set_forkserver_preload(
+        sorted(name for name in names if name.partition(".")[0] not in (*OURS, "__main__"))
+    )
     return context
 
 
-def judged(mutant: Mutant, copy: Path, tests: list[str], limit: float, server: ForkServerContext) -> Verdict:
+def judged(
+    mutant: Mutant, copy: Path, tests: list[str], limit: float, server: ForkServerContext
+) -> Verdict:
     """Return what ``tests`` say of a mutant in no more than ``limit`` seconds; without an end by then they have noticed it."""
     path = copy / mutant.path
     source = path.read_text(encoding="utf-8")
@@ -82,7 +90,9 @@ def _replace(path: Path, source: str) -> None:
     os.utime(path, ns=(later, later))
 
 
-def _pytest(copy: Path, tests: list[str], limit: float, server: ForkServerContext) -> tuple[bool, str]:
+def _pytest(
+    copy: Path, tests: list[str], limit: float, server: ForkServerContext
+) -> tuple[bool, str]:
     """Return whether pytest failed, and the test that did or what else happened."""
     process = server.Process(target=_fails_first, args=(copy, tests))
     process.start()
@@ -108,11 +118,25 @@ def _fails_first(copy: Path, tests: list[str]) -> None:
     sys.path.insert(0, str(copy))
     os.environ["PYTHONPATH"] = str(copy)
     os.chdir(copy)
-    sys.dont_write_bytecode = False  # the next mutant's run finds in the copy what this one compiles
+    sys.dont_write_bytecode = (
+        False  # the next mutant's run finds in the copy what this one compiles
+    )
     output = os.open(copy.parent / "output.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(output, 1)
     os.dup2(output, 2)
     import pytest
 
     # pytest would refuse plugins that are imported already
-    sys.exit(pytest.main(["-x", "--tb=no", "-rfE", "-W", "ignore::pytest.PytestAssertRewriteWarning", *OPTIONS, *tests]))
+    sys.exit(
+        pytest.main(
+            [
+                "-x",
+                "--tb=no",
+                "-rfE",
+                "-W",
+                "ignore::pytest.PytestAssertRewriteWarning",
+                *OPTIONS,
+                *tests,
+            ]
+        )
+    )

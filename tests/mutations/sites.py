@@ -104,19 +104,33 @@ class Text:
 def _lines(statement: ast.stmt) -> tuple[int, int]:
     """Return the first and the last line of a statement, without its body."""
     body = getattr(statement, "body", None)
-    return statement.lineno, max(statement.lineno, body[0].lineno - 1) if body else statement.end_lineno
+    return statement.lineno, max(
+        statement.lineno, body[0].lineno - 1
+    ) if body else statement.end_lineno
 
 
 def _readers(tree: ast.Module, node: ast.stmt) -> tuple[tuple[int, int], ...]:
     """Return the lines of the statements that read private names which a statement of the module assigns."""
-    targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
-    names = {each.id for target in targets for each in ast.walk(target) if isinstance(each, ast.Name)}
+    targets = (
+        node.targets
+        if isinstance(node, ast.Assign)
+        else [node.target]
+        if isinstance(node, ast.AnnAssign)
+        else []
+    )
+    names = {
+        each.id for target in targets for each in ast.walk(target) if isinstance(each, ast.Name)
+    }
     if not names or not all(name.startswith("_") for name in names):
         return ()
     readers = set()
     for statement in (each for each in ast.walk(tree) if isinstance(each, ast.stmt)):
         first, last = _lines(statement)
-        inside = (each for each in ast.walk(statement) if isinstance(each, ast.Name) and first <= each.lineno <= last)
+        inside = (
+            each
+            for each in ast.walk(statement)
+            if isinstance(each, ast.Name) and first <= each.lineno <= last
+        )
         if any(each.id in names and isinstance(each.ctx, ast.Load) for each in inside):
             readers.add((first, last))
     return tuple(sorted(readers))
@@ -155,7 +169,17 @@ def _judged_children(node: ast.AST) -> Iterator[ast.AST]:
 def _changes(node: ast.AST, place: Place, text: Text) -> Iterator[Site]:
     for kind, start, end, after in _edits(node, place, text):
         line = text.source.count("\n", 0, start) + 1
-        yield Site(start, end, kind, line, text.source[start:end], after, place.statement, place.within, place.readers)
+        yield Site(
+            start,
+            end,
+            kind,
+            line,
+            text.source[start:end],
+            after,
+            place.statement,
+            place.within,
+            place.readers,
+        )
 
 
 def _edits(node: ast.AST, place: Place, text: Text) -> Iterator[tuple[str, int, int, str]]:
@@ -167,20 +191,45 @@ def _edits(node: ast.AST, place: Place, text: Text) -> Iterator[tuple[str, int, 
             word, other = ("and", "or") if isinstance(node.op, ast.And) else ("or", "and")
             for left, right in zip(node.values, node.values[1:], strict=False):
                 yield from _between("boolean", left, right, word, other, text)
-        case ast.BinOp() if type(node.op) in ARITHMETIC and not _is_wording(node) and not _may_be_type(node, place):
-            yield from _between("arithmetic", node.left, node.right, *ARITHMETIC[type(node.op)], text)
+        case ast.BinOp() if (
+            type(node.op) in ARITHMETIC and not _is_wording(node) and not _may_be_type(node, place)
+        ):
+            yield from _between(
+                "arithmetic", node.left, node.right, *ARITHMETIC[type(node.op)], text
+            )
             if isinstance(node.op, ast.Mult | ast.Div):
-                yield "sign", text.start(node.left), text.end(node.left), f"(-({text.of(node.left)}))"
+                yield (
+                    "sign",
+                    text.start(node.left),
+                    text.end(node.left),
+                    f"(-({text.of(node.left)}))",
+                )
         case ast.UnaryOp(op=ast.USub() | ast.Not()):
-            yield "sign", text.start(node), text.start(node) + (1 if isinstance(node.op, ast.USub) else len("not")), ""
+            yield (
+                "sign",
+                text.start(node),
+                text.start(node) + (1 if isinstance(node.op, ast.USub) else len("not")),
+                "",
+            )
         case ast.Constant(value=bool() | int() | float()):
             yield "constant", text.start(node), text.end(node), _other_constant(node.value)
         case ast.If() | ast.IfExp():
-            yield "branches", text.start(node.test), text.end(node.test), f"(not ({text.of(node.test)}))"
+            yield (
+                "branches",
+                text.start(node.test),
+                text.end(node.test),
+                f"(not ({text.of(node.test)}))",
+            )
         case ast.Slice():
             yield from _sliced(node, text)
         case ast.AugAssign() if type(node.op) in ARITHMETIC:
-            yield from _between("assignment", node.target, node.value, *(f"{op}=" for op in ARITHMETIC[type(node.op)]), text)
+            yield from _between(
+                "assignment",
+                node.target,
+                node.value,
+                *(f"{op}=" for op in ARITHMETIC[type(node.op)]),
+                text,
+            )
             yield "deletion", text.start(node), text.end(node), "pass"
         case ast.Expr(value=ast.Call()) | ast.Raise() | ast.Break() | ast.Continue() | ast.Delete():
             yield "deletion", text.start(node), text.end(node), "pass"
@@ -188,17 +237,23 @@ def _edits(node: ast.AST, place: Place, text: Text) -> Iterator[tuple[str, int, 
             yield "deletion", text.start(node), text.end(node), "pass"
 
 
-def _between(kind: str, left: ast.AST, right: ast.AST, word: str, other: str, text: Text) -> Iterator[tuple[str, int, int, str]]:
+def _between(
+    kind: str, left: ast.AST, right: ast.AST, word: str, other: str, text: Text
+) -> Iterator[tuple[str, int, int, str]]:
     """Yield the change of the operator ``word`` between two nodes, where comments and brackets may stand too."""
     start = text.end(left)
-    gap = re.sub(r"#[^\n]*", lambda comment: " " * len(comment[0]), text.source[start : text.start(right)])
+    gap = re.sub(
+        r"#[^\n]*", lambda comment: " " * len(comment[0]), text.source[start : text.start(right)]
+    )
     at = re.search(rf"\b{word}\b" if word.isalpha() else re.escape(word), gap)
     if at:
         yield kind, start + at.start(), start + at.end(), other
 
 
 def _compared(node: ast.Compare, text: Text) -> Iterator[tuple[str, int, int, str]]:
-    for left, op, right in zip([node.left, *node.comparators], node.ops, node.comparators, strict=False):
+    for left, op, right in zip(
+        [node.left, *node.comparators], node.ops, node.comparators, strict=False
+    ):
         word, others = COMPARISONS[type(op)]
         for other in others:
             yield from _between("comparison", left, right, word, other, text)
@@ -230,7 +285,8 @@ def _other_constant(value: float) -> str:
 def _is_wording(node: ast.BinOp) -> bool:
     """Return whether an operand is written as text: what is added to it or formatted by it is wording."""
     return any(
-        isinstance(side, ast.JoinedStr) or (isinstance(side, ast.Constant) and isinstance(side.value, str | bytes))
+        isinstance(side, ast.JoinedStr)
+        or (isinstance(side, ast.Constant) and isinstance(side.value, str | bytes))
         for side in (node.left, node.right)
     )
 

@@ -14,7 +14,10 @@ from tests.mutations.covering import Recording
 from tests.mutations.targets import PACKAGES, judging
 
 OPTIONS = ("-q", "-n", "0", "-p", "no:cacheprovider", "--hypothesis-seed=0")
-THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # of linear algebra, in every process
+THREADS = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+}  # of linear algebra, in every process
 
 
 def recordings(root: Path, copy: Path) -> list[Recording]:
@@ -24,8 +27,14 @@ def recordings(root: Path, copy: Path) -> list[Recording]:
     one that was run.
     """
     files = {path.relative_to(root).as_posix(): _digest([path]) for path in judging(root)}
-    sources = [path for folder in (*PACKAGES, "tests") for path in sorted((root / folder).rglob("*.py"))]
-    shared = [path for path in sources if path.relative_to(root).as_posix() not in files and "mutations" not in path.parts]
+    sources = [
+        path for folder in (*PACKAGES, "tests") for path in sorted((root / folder).rglob("*.py"))
+    ]
+    shared = [
+        path
+        for path in sources
+        if path.relative_to(root).as_posix() not in files and "mutations" not in path.parts
+    ]
     folder = root / ".mutations_cache" / _digest(shared)
     missing = sorted(files.keys() - _current(folder, files).keys())
     if missing:
@@ -52,10 +61,15 @@ def _record(folder: Path, copy: Path, files: dict[str, str]) -> None:
     run = Path(tempfile.mkdtemp(dir=folder))
     command = [sys.executable, "-m", "pytest", "-p", "tests.mutations.recording", *OPTIONS, *files]
     done = subprocess.run(
-        command, cwd=copy, env={**os.environ, **THREADS, "PYTHONPATH": str(copy), "MUTATIONS_RECORD": str(run)}, check=False
+        command,
+        cwd=copy,
+        env={**os.environ, **THREADS, "PYTHONPATH": str(copy), "MUTATIONS_RECORD": str(run)},
+        check=False,
     )
     if not (run / "tests.json").exists():
-        raise SystemExit(f"pytest ended with exit code {done.returncode} before it recorded a test; see its output above")
+        raise SystemExit(
+            f"pytest ended with exit code {done.returncode} before it recorded a test; see its output above"
+        )
     (run / "files.json").write_text(json.dumps(files), encoding="utf-8")
 
 
@@ -63,7 +77,9 @@ def _read(run: Path, names: set[str]) -> Recording:
     lines = CoverageData(str(run / "lines.coverage"))
     lines.read()
     tests = json.loads((run / "tests.json").read_text(encoding="utf-8"))
-    return Recording(lines, {test: told for test, told in tests.items() if test.partition("::")[0] in names})
+    return Recording(
+        lines, {test: told for test, told in tests.items() if test.partition("::")[0] in names}
+    )
 
 
 def _digest(paths: list[Path]) -> str:

@@ -10,7 +10,17 @@ PACKAGES = ("replay_kit", "planners")
 LEFT_OUT = frozenset(
     {
         *("cli", "config", "errors"),
-        *("explain", "figures", "findings", "output", "pictures", "provenance", "report", "tables", "text"),
+        *(
+            "explain",
+            "figures",
+            "findings",
+            "output",
+            "pictures",
+            "provenance",
+            "report",
+            "tables",
+            "text",
+        ),
         *("benchmarks", "experiments", "logs", "studies", "twins"),
     }
 )
@@ -29,7 +39,9 @@ def is_target(path: Path) -> bool:
 
 def targets(root: Path) -> list[Path]:
     """Return the modules of the project at ``root`` that are mutated, relative to it, sorted."""
-    modules = (path.relative_to(root) for package in PACKAGES for path in (root / package).rglob("*.py"))
+    modules = (
+        path.relative_to(root) for package in PACKAGES for path in (root / package).rglob("*.py")
+    )
     return sorted(filter(is_target, modules))
 
 

@@ -64,7 +64,11 @@ class A:
 @pytest.mark.full
 def test_every_mutant_of_the_project_can_be_compiled():
     for mutant in drawn(mutants(ROOT, targets(ROOT)), ROOT, 0, 100):
-        compile(apply((ROOT / mutant.path).read_text(encoding="utf-8"), mutant.site), str(mutant.path), "exec")
+        compile(
+            apply((ROOT / mutant.path).read_text(encoding="utf-8"), mutant.site),
+            str(mutant.path),
+            "exec",
+        )
 
 
 def test_a_seed_draws_the_same_mutants_also_from_a_file_that_moved(tmp_path):
@@ -72,7 +76,8 @@ def test_a_seed_draws_the_same_mutants_also_from_a_file_that_moved(tmp_path):
     (tmp_path / "a.py").write_text(text)
     (tmp_path / "b.py").write_text("# a comment more\n" + text)
     one, again, other = (
-        drawn(mutants(tmp_path, [Path(name)]), tmp_path, seed, 9) for name, seed in (("a.py", 1), ("b.py", 1), ("a.py", 2))
+        drawn(mutants(tmp_path, [Path(name)]), tmp_path, seed, 9)
+        for name, seed in (("a.py", 1), ("b.py", 1), ("a.py", 2))
     )
 
     def lines(found):
@@ -100,15 +105,23 @@ class _Lines:
 
 
 def test_tests_come_fastest_first_with_those_of_shared_fixtures_and_of_the_module_for_a_constant():
-    lines = _Lines({1: ["import"], 2: ["import"], 3: ["t.py::slow", "t.py::failing"], 4: ["fixture made t.py"]})
+    lines = _Lines(
+        {1: ["import"], 2: ["import"], 3: ["t.py::slow", "t.py::failing"], 4: ["fixture made t.py"]}
+    )
     passed = {"t.py::slow": 3.0, "t.py::fast": 1.0, "other.py::test": 1.0}
     tests = {
-        name: {"passed": True, "seconds": length, "fixtures": ["made"] if "fast" in name or "other" in name else []}
+        name: {
+            "passed": True,
+            "seconds": length,
+            "fixtures": ["made"] if "fast" in name or "other" in name else [],
+        }
         for name, length in passed.items()
     }
     tests["t.py::failing"] = {"passed": False, "seconds": 1.0, "fixtures": []}
     recorded = [Recording(lines, tests)]
-    constant, first, second = (Mutant(Path("m.py"), site) for site in sites("A = 1\ndef f():\n    g()\n    h()\n"))
+    constant, first, second = (
+        Mutant(Path("m.py"), site) for site in sites("A = 1\ndef f():\n    g()\n    h()\n")
+    )
     assert covering(constant, recorded) == ["t.py::fast", "t.py::slow"]
     assert covering(first, recorded) == ["t.py::slow"]
     assert covering(second, recorded) == ["t.py::fast"]
@@ -117,10 +130,16 @@ def test_tests_come_fastest_first_with_those_of_shared_fixtures_and_of_the_modul
         ("_A = 1\ndef f():\n    return _A\ndef g():\n    h()\n", ["t.py::slow"]),
         ("_A = 1\nB = _A\nf(B)\nh()\n", ["t.py::fast", "t.py::slow"]),
     ):
-        read = Recording(_Lines({1: ["import"], 2: ["import"], 3: ["t.py::slow"], 4: ["fixture made t.py"]}), tests)
+        read = Recording(
+            _Lines({1: ["import"], 2: ["import"], 3: ["t.py::slow"], 4: ["fixture made t.py"]}),
+            tests,
+        )
         assert covering(Mutant(Path("m.py"), sites(text)[0]), [read]) == tests_of
     # a function that runs only while its module is imported
-    (at_import, *_) = (Mutant(Path("m.py"), site) for site in sites("def made():\n    return 1\nA = made()\ndef f():\n    g()\n"))
+    (at_import, *_) = (
+        Mutant(Path("m.py"), site)
+        for site in sites("def made():\n    return 1\nA = made()\ndef f():\n    g()\n")
+    )
     loading = Recording(_Lines({2: ["import"], 3: ["import"], 5: ["t.py::slow"]}), tests)
     assert covering(at_import, [loading]) == ["t.py::slow"]
     assert within_budget(["a", "b", "c"], {"a": 1.0, "b": 2.0, "c": 3.0}, 3.5) == ["a", "b"]
@@ -138,12 +157,29 @@ def test_the_survivor_of_a_small_project_is_named(tmp_path):
         "from planners.toy import positive\n\n\ndef test_positive():\n    assert positive(1)\n    assert not positive(-1)\n"
     )
     shutil.copy(ROOT / "tests" / "places.py", tmp_path / "tests" / "places.py")
-    shutil.copytree(ROOT / "tests" / "mutations", tmp_path / "tests" / "mutations", ignore=shutil.ignore_patterns("__pycache__", "test_*"))
+    shutil.copytree(
+        ROOT / "tests" / "mutations",
+        tmp_path / "tests" / "mutations",
+        ignore=shutil.ignore_patterns("__pycache__", "test_*"),
+    )
     subprocess.run(["git", "init", "--quiet"], cwd=tmp_path, check=True)
-    command = [sys.executable, "-m", "tests.mutations", "--seed", "1", "--workers", "2", "--json", "found.json"]
+    command = [
+        sys.executable,
+        "-m",
+        "tests.mutations",
+        "--seed",
+        "1",
+        "--workers",
+        "2",
+        "--json",
+        "found.json",
+    ]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert "planners/toy.py:2: comparison: passes 1 tests\n  - return value > 0\n  + return value >= 0\n" in done.stdout
+    assert (
+        "planners/toy.py:2: comparison: passes 1 tests\n  - return value > 0\n  + return value >= 0\n"
+        in done.stdout
+    )
     assert "seed 1: 3 mutants, 2 killed, 1 survived, 67 % killed" in done.stdout
     rows = json.loads((tmp_path / "found.json").read_text())["mutants"]
     assert {row["after"]: row["killed"] for row in rows} == {

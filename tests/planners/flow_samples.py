@@ -26,23 +26,39 @@ def still_flow(
 ) -> FlowEstimate:
     """Return a flow without current on a grid of some 10 km cells."""
     longitude, latitude = np.meshgrid(
-        152.5 + 0.1 * (np.arange(shape[1]) - shape[1] / 2), -40.0 + 0.08 * (np.arange(shape[0]) - shape[0] / 2)
+        152.5 + 0.1 * (np.arange(shape[1]) - shape[1] / 2),
+        -40.0 + 0.08 * (np.arange(shape[0]) - shape[0] / 2),
     )
     east, north = to_local(CENTRE, longitude, latitude)
     depths = np.array(levels)
-    grid = Grid(CENTRE, longitude, latitude, east, north, depths, np.full((depths.size, *shape), True))
+    grid = Grid(
+        CENTRE, longitude, latitude, east, north, depths, np.full((depths.size, *shape), True)
+    )
     n = 2 * len(grid.nodes)
     functions = NodeKernel(HorizontalKernel(length, 0.9 * length, 0.2), grid.nodes)
-    return FlowEstimate(grid, functions, DepthFunctions(kind, 80.0), np.zeros((n, depths.size)), np.empty((n, 0)), np.empty((0, 0)), None)
+    return FlowEstimate(
+        grid,
+        functions,
+        DepthFunctions(kind, 80.0),
+        np.zeros((n, depths.size)),
+        np.empty((n, 0)),
+        np.empty((0, 0)),
+        None,
+    )
 
 
 def eddying_flow(
-    seed: int, kind: Literal["hat", "gaussian"] = "hat", speed: float = 0.2, levels: tuple[float, ...] = LEVELS
+    seed: int,
+    kind: Literal["hat", "gaussian"] = "hat",
+    speed: float = 0.2,
+    levels: tuple[float, ...] = LEVELS,
 ) -> FlowEstimate:
     """Return a flow of random latent velocities that fade with depth, of the given RMS speed at its nodes at the first level."""
     flow = still_flow(levels=levels, kind=kind)
     rng = np.random.default_rng(seed)
-    latent = rng.standard_normal(flow.latent.shape[:1])[:, None] + 0.4 * rng.standard_normal(flow.latent.shape)
+    latent = rng.standard_normal(flow.latent.shape[:1])[:, None] + 0.4 * rng.standard_normal(
+        flow.latent.shape
+    )
     flow = replace(flow, latent=latent * np.exp(-flow.levels / 500.0))
     at_nodes = flow.velocity(flow.nodes[:, 0], flow.nodes[:, 1], flow.levels[0])
     return replace(flow, latent=flow.latent * speed / np.sqrt(np.mean(np.sum(at_nodes**2, axis=1))))
@@ -71,7 +87,9 @@ def random_points(flow: FlowEstimate, n: int, seed: int) -> Array:
     return rng.uniform(low, high, (n, 3))
 
 
-def fitted_flow(velocity: Callable[[Array, Array], tuple[Array, Array]], shape: tuple[int, int] = (13, 15)) -> FlowEstimate:
+def fitted_flow(
+    velocity: Callable[[Array, Array], tuple[Array, Array]], shape: tuple[int, int] = (13, 15)
+) -> FlowEstimate:
     """Return a flow of one level that is a given divergence-free one, of local east and north [m], over the inner grid."""
     flow = still_flow(shape, (50.0,), length=22e3)
     matrix = velocity_kernel(flow.horizontal.kernel, flow.nodes, flow.nodes)

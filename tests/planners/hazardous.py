@@ -14,7 +14,13 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, to_local
 from tests.planners.flow_samples import eddying_flow, place
-from tests.reference.vehicle import Sea, follow_waypoints, read_csv_waypoints, read_mission_arguments, read_targets
+from tests.reference.vehicle import (
+    Sea,
+    follow_waypoints,
+    read_csv_waypoints,
+    read_mission_arguments,
+    read_targets,
+)
 
 LONGITUDE, LATITUDE = np.linspace(151.9, 153.1, 121), np.linspace(-40.45, -39.55, 91)
 CLEARANCE = 20.0
@@ -45,7 +51,11 @@ def random_mission(seed: int) -> HazardousMission:
     first, second = (eddying_flow(number, speed=speed) for number in (seed, seed + 1000))
     turned = np.linspace(0.0, np.pi, TIMES)
     flow = [
-        replace(first, time_ns=BEGIN_NS + k * EVERY_NS, latent=np.cos(at) * first.latent + np.sin(at) * second.latent)
+        replace(
+            first,
+            time_ns=BEGIN_NS + k * EVERY_NS,
+            latent=np.cos(at) * first.latent + np.sin(at) * second.latent,
+        )
         for k, at in enumerate(turned)
     ]
     here = first
@@ -55,32 +65,63 @@ def random_mission(seed: int) -> HazardousMission:
     # a step or a wall, and an island
     if rng.random() < 0.6:
         across = rng.uniform(0.0, np.pi)
-        depth[east * np.cos(across) + north * np.sin(across) > rng.uniform(-3e3, 6e3)] = rng.uniform(90.0, 400.0)
+        depth[east * np.cos(across) + north * np.sin(across) > rng.uniform(-3e3, 6e3)] = (
+            rng.uniform(90.0, 400.0)
+        )
     if rng.random() < 0.6:
-        depth[np.hypot(east - rng.uniform(-3e3, 3e3), north - rng.uniform(-3e3, 3e3)) < rng.uniform(500.0, 2000.0)] = -30.0
+        depth[
+            np.hypot(east - rng.uniform(-3e3, 3e3), north - rng.uniform(-3e3, 3e3))
+            < rng.uniform(500.0, 2000.0)
+        ] = -30.0
     areas = tuple(_thin_area(here, rng, k) for k in range(int(rng.integers(1, 4))))
     far = rng.uniform(5e3, 8e3)
-    ends = place(here, -far, rng.uniform(-2e3, 2e3), 0.0), place(here, far, rng.uniform(-2e3, 2e3), 0.0)
-    settings = MissionSettings(depth=rng.uniform(200.0, 390.0), surface_time=300.0, max_legs=80, clearance=CLEARANCE)
+    ends = (
+        place(here, -far, rng.uniform(-2e3, 2e3), 0.0),
+        place(here, far, rng.uniform(-2e3, 2e3), 0.0),
+    )
+    settings = MissionSettings(
+        depth=rng.uniform(200.0, 390.0), surface_time=300.0, max_legs=80, clearance=CLEARANCE
+    )
     bottom = Bathymetry(longitude, latitude, depth)
-    request = MissionRequest(ends[0], (ends[1],), settings=settings, no_go=areas, bathymetry=bottom, start_time_ns=BEGIN_NS)
+    request = MissionRequest(
+        ends[0],
+        (ends[1],),
+        settings=settings,
+        no_go=areas,
+        bathymetry=bottom,
+        start_time_ns=BEGIN_NS,
+    )
     return HazardousMission(flow, request)
 
 
 def _thin_area(flow: FlowEstimate, rng: np.random.Generator, number: int) -> NoGo:
     """Return an area 2 to 50 m wide and some kilometres long, somewhere across the way."""
-    centre, along, length, width = rng.uniform(-4e3, 4e3, 2), rng.uniform(0.0, np.pi), rng.uniform(1e3, 5e3), rng.uniform(2.0, 50.0)
+    centre, along, length, width = (
+        rng.uniform(-4e3, 4e3, 2),
+        rng.uniform(0.0, np.pi),
+        rng.uniform(1e3, 5e3),
+        rng.uniform(2.0, 50.0),
+    )
     axis = 0.5 * length * np.array([np.cos(along), np.sin(along)])
     side = 0.5 * width * np.array([-np.sin(along), np.cos(along)])
-    corners = [place(flow, *(centre + a * axis + b * side), 0.0) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    corners = [
+        place(flow, *(centre + a * axis + b * side), 0.0)
+        for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    ]
     surface_only = bool(rng.random() < 0.3)
-    return NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), f"area {number}", surface_only)
+    return NoGo(
+        tuple((corner.longitude, corner.latitude) for corner in corners),
+        f"area {number}",
+        surface_only,
+    )
 
 
 def harm_done(mission: HazardousMission, track: Array) -> str | None:
     """Return what a track, shape (n, 3) [m], crosses at steps of a metre; None when it crosses nothing."""
     frame = mission.flow[0].grid.projection
-    fine = np.concatenate([np.linspace(a, b, int(np.linalg.norm(b - a)) + 2) for a, b in pairwise(track)])
+    fine = np.concatenate(
+        [np.linspace(a, b, int(np.linalg.norm(b - a)) + 2) for a, b in pairwise(track)]
+    )
     for area in mission.request.no_go:
         ring = shapely.Polygon(np.column_stack(to_local(frame, *np.array(area.polygon).T)))
         counted = fine[fine[:, 2] <= 1e-3] if area.surface_only else fine
@@ -89,11 +130,15 @@ def harm_done(mission: HazardousMission, track: Array) -> str | None:
     bathymetry = mission.request.bathymetry
     assert bathymetry is not None
     longitude, latitude = to_geographic(frame, fine[:, 0], fine[:, 1])
-    bottom = RegularGridInterpolator((LATITUDE, LONGITUDE), bathymetry.depth)(np.column_stack([latitude, longitude]))
+    bottom = RegularGridInterpolator((LATITUDE, LONGITUDE), bathymetry.depth)(
+        np.column_stack([latitude, longitude])
+    )
     return "the bottom" if np.min(bottom - fine[:, 2]) < CLEARANCE - 0.1 else None
 
 
-def harm_of_files(mission: HazardousMission, plan: MissionPlan, few: Waypoints) -> dict[str, str | None]:
+def harm_of_files(
+    mission: HazardousMission, plan: MissionPlan, few: Waypoints
+) -> dict[str, str | None]:
     """Return what a glider crosses that heads for the waypoints of each file, read back; the dives are those of the CSV."""
     rows = read_csv_waypoints(waypoint_text(few, Path("few.csv")))
     targets = read_targets(waypoint_text(few, Path("targets"))).values()
@@ -104,5 +149,8 @@ def harm_of_files(mission: HazardousMission, plan: MissionPlan, few: Waypoints) 
     }
     # two files with the same places, to the last digit, lead the same way
     unlike = {at.tobytes(): at for at in places.values()}
-    flown = {key: harm_done(mission, follow_waypoints(mission.sea, plan, rows, at)) for key, at in unlike.items()}
+    flown = {
+        key: harm_done(mission, follow_waypoints(mission.sea, plan, rows, at))
+        for key, at in unlike.items()
+    }
     return {name: flown[at.tobytes()] for name, at in places.items()}

@@ -33,7 +33,9 @@ def test_flight_is_of_fourth_order(kind: str) -> None:
 
     def end(steps: int) -> np.ndarray:
         fractions = fractions_of_duration(0.0, velocity[2] * duration, flow.levels, steps)
-        return fly_glide(flow, np.array([-1e4, -5e3, 0.0]), velocity, fractions * duration).position[-1]
+        return fly_glide(
+            flow, np.array([-1e4, -5e3, 0.0]), velocity, fractions * duration
+        ).position[-1]
 
     exact, counts = end(1600), np.array([40, 80, 160])
     errors = [float(np.linalg.norm(end(int(n)) - exact)) for n in counts]
@@ -43,7 +45,10 @@ def test_flight_is_of_fourth_order(kind: str) -> None:
 
 def test_closest_approach_is_continuous() -> None:
     # A straight line through two far points passes (0, 30, 40) at 50 m, between the points where it is known.
-    position, velocity = np.array([[-1000.0, 0.0, 0.0], [500.0, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]] * 2)
+    position, velocity = (
+        np.array([[-1000.0, 0.0, 0.0], [500.0, 0.0, 0.0]]),
+        np.array([[1.0, 0.0, 0.0]] * 2),
+    )
     track = Track(np.array([0.0, 1500.0]), position, velocity)
     time, distance = track.closest(np.array([0.0, 30.0, 40.0]), 1500.0)
     assert time == pytest.approx(1000.0, abs=0.1)
@@ -64,10 +69,15 @@ def test_track_ends_where_it_leaves_the_region() -> None:
 
 
 def test_a_track_ends_where_it_first_leaves_even_if_it_comes_back() -> None:
-    position, velocity = np.array([[0.0, 0.0, 0.0], [1000.0, 0.0, 0.0], [2000.0, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]] * 3)
+    position, velocity = (
+        np.array([[0.0, 0.0, 0.0], [1000.0, 0.0, 0.0], [2000.0, 0.0, 0.0]]),
+        np.array([[1.0, 0.0, 0.0]] * 3),
+    )
     track = Track(np.array([0.0, 1000.0, 2000.0]), position, velocity)
     # out of it for a while, in again, and out at the point that is known
-    until = track.allowed_until(lambda at: (at[:, 0] < 210.7) | ((at[:, 0] > 300.0) & (at[:, 0] < 999.0)))
+    until = track.allowed_until(
+        lambda at: (at[:, 0] < 210.7) | ((at[:, 0] > 300.0) & (at[:, 0] < 999.0))
+    )
     assert until == pytest.approx(210.7, abs=1e-3)
     assert until < 210.7
 
@@ -86,15 +96,23 @@ def test_sides_keep_every_grid_point_inside(shape: tuple[int, int]) -> None:
 
 
 def test_a_track_that_begins_where_it_may_not_be_is_allowed_for_no_time() -> None:
-    track = Track(np.array([0.0, 10.0]), np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]] * 2))
+    track = Track(
+        np.array([0.0, 10.0]),
+        np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]]),
+        np.array([[1.0, 0.0, 0.0]] * 2),
+    )
     assert track.allowed_until(lambda at: at[:, 0] > 5.0) == 0.0
     assert track.allowed_until(lambda at: at[:, 0] > -1.0) == 10.0
 
 
 def test_steps_left_over_go_where_most_was_rounded_off() -> None:
     # a quarter and three quarters of the way: of five steps one each, 0.75 and 2.25 more, and the one left over to the 0.75
-    np.testing.assert_allclose(fractions_of_duration(0.0, 100.0, np.array([25.0]), 5), [0.0, 0.125, 0.25, 0.5, 0.75, 1.0])
-    np.testing.assert_allclose(fractions_of_duration(100.0, 0.0, np.array([25.0]), 5), [0.0, 0.25, 0.5, 0.75, 0.875, 1.0])
+    np.testing.assert_allclose(
+        fractions_of_duration(0.0, 100.0, np.array([25.0]), 5), [0.0, 0.125, 0.25, 0.5, 0.75, 1.0]
+    )
+    np.testing.assert_allclose(
+        fractions_of_duration(100.0, 0.0, np.array([25.0]), 5), [0.0, 0.25, 0.5, 0.75, 0.875, 1.0]
+    )
 
 
 def test_a_track_between_its_points_is_the_cubic_of_places_and_velocities() -> None:
@@ -102,7 +120,11 @@ def test_a_track_between_its_points_is_the_cubic_of_places_and_velocities() -> N
     cubic = np.column_stack([time**3, 2.0 * time**2 - time, 5.0 - time])
     slope = np.column_stack([3.0 * time**2, 4.0 * time - 1.0, -np.ones(3)])
     at = np.array([0.0, 0.3, 1.0, 2.5, 4.0])
-    np.testing.assert_allclose(Track(time, cubic, slope).at(at), np.column_stack([at**3, 2.0 * at**2 - at, 5.0 - at]), atol=1e-12)
+    np.testing.assert_allclose(
+        Track(time, cubic, slope).at(at),
+        np.column_stack([at**3, 2.0 * at**2 - at, 5.0 - at]),
+        atol=1e-12,
+    )
 
 
 def test_regions_end_at_the_surface_and_the_deepest_level_to_a_millimetre() -> None:
@@ -117,16 +139,26 @@ def test_regions_end_at_the_surface_and_the_deepest_level_to_a_millimetre() -> N
 
 def test_a_level_holds_from_its_depth_to_the_next_and_so_does_its_land() -> None:
     grid = still_flow().grid
-    levels = region_of(grid).level_at(np.array([-1.0, 4.9, 5.0, 39.9, 40.0, 110.0, 399.9, 400.0, 999.0]))
+    levels = region_of(grid).level_at(
+        np.array([-1.0, 4.9, 5.0, 39.9, 40.0, 110.0, 399.9, 400.0, 999.0])
+    )
     assert levels.tolist() == [0, 0, 0, 0, 1, 2, 3, 4, 4]
     # one column has land from 110 m down
     wet, row, column = grid.wet.copy(), 3, 4
     wet[2:, row, column] = False
     region = region_of(replace(grid, wet=wet))
     here, beside = ((grid.east[row, at], grid.north[row, at]) for at in (column, column + 1))
-    assert region.wet(np.array([[*here, 109.9], [*here, 110.0], [*here, 400.0], [*beside, 400.0]])).tolist() == [True, False, False, True]
+    assert region.wet(
+        np.array([[*here, 109.9], [*here, 110.0], [*here, 400.0], [*beside, 400.0]])
+    ).tolist() == [True, False, False, True]
     by_level = region.wet_by_level(np.array([here, beside]))
-    assert by_level.tolist() == [[True, True], [True, True], [False, True], [False, True], [False, True]]
+    assert by_level.tolist() == [
+        [True, True],
+        [True, True],
+        [False, True],
+        [False, True],
+        [False, True],
+    ]
 
 
 def test_the_sides_of_a_grid_of_two_by_two_are_its_edges_and_point_outwards() -> None:
@@ -135,8 +167,14 @@ def test_the_sides_of_a_grid_of_two_by_two_are_its_edges_and_point_outwards() ->
     corners = np.column_stack([grid.east.ravel(), grid.north.ravel()]) / 1e3
     sides = region_of(grid).sides()
     for normal_east, normal_north, tangent_east, tangent_north, *fit in sides:
-        beyond = corners @ [normal_east, normal_north] - np.polynomial.polynomial.polyval(corners @ [tangent_east, tangent_north], fit)
+        beyond = corners @ [normal_east, normal_north] - np.polynomial.polynomial.polyval(
+            corners @ [tangent_east, tangent_north], fit
+        )
         assert np.sum(np.abs(beyond) < 1e-9) >= 2
-        assert middle @ [normal_east, normal_north] < np.polynomial.polynomial.polyval(middle @ [tangent_east, tangent_north], fit)
+        assert middle @ [normal_east, normal_north] < np.polynomial.polynomial.polyval(
+            middle @ [tangent_east, tangent_north], fit
+        )
     # south, east, north, west
-    np.testing.assert_allclose(sides[:, :2], [[0.0, -1.0], [1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]], atol=0.01)
+    np.testing.assert_allclose(
+        sides[:, :2], [[0.0, -1.0], [1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]], atol=0.01
+    )

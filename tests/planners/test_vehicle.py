@@ -15,8 +15,14 @@ def test_forces_balance_in_steady_flight():
     attack, speed = flight.angle_of_attack(np, ANGLES), flight.speed(np, ANGLES)
     pressure = 0.5 * DENSITY * speed**2 * flight.area
     buoyancy = DENSITY * GRAVITY * flight.volume
-    np.testing.assert_allclose(pressure * (flight.drag + flight.induced_drag * attack**2), buoyancy * np.sin(ANGLES), rtol=1e-12)
-    np.testing.assert_allclose(pressure * flight.lift * attack, buoyancy * np.cos(ANGLES), rtol=1e-12)
+    np.testing.assert_allclose(
+        pressure * (flight.drag + flight.induced_drag * attack**2),
+        buoyancy * np.sin(ANGLES),
+        rtol=1e-12,
+    )
+    np.testing.assert_allclose(
+        pressure * flight.lift * attack, buoyancy * np.cos(ANGLES), rtol=1e-12
+    )
     assert np.all((speed > 0.2) & (speed < 0.6))
 
 
@@ -25,7 +31,9 @@ def test_one_text_for_numpy_and_casadi():
         angle = ca.MX.sym("angle")
         function = ca.Function("speeds", [angle], list(glider.speeds(ca, angle)))
         for value in ANGLES:
-            np.testing.assert_allclose([float(x) for x in function(value)], glider.speeds(np, value), rtol=1e-14)
+            np.testing.assert_allclose(
+                [float(x) for x in function(value)], glider.speeds(np, value), rtol=1e-14
+            )
 
 
 def test_a_fit_finds_the_flight_again():
@@ -36,9 +44,16 @@ def test_a_fit_finds_the_flight_again():
     np.testing.assert_allclose(angle_of_pitch(truth, pitch), glide, rtol=1e-9)
     found = fit_flight(SteadyFlight(), pitch, rate)
     assert (found.drag, found.lift) == pytest.approx((0.17, 5.2), rel=1e-4)
-    noisy = fit_flight(SteadyFlight(), pitch, rate + np.random.default_rng(0).normal(0.0, 0.003, 40))
+    noisy = fit_flight(
+        SteadyFlight(), pitch, rate + np.random.default_rng(0).normal(0.0, 0.003, 40)
+    )
     assert noisy.drag == pytest.approx(0.17, rel=0.03)
-    for pitches, rates in ((pitch[:2], rate[:2]), (pitch, rate[:-1]), (-pitch, rate), (pitch[:1] + np.zeros(5), rate[:5])):
+    for pitches, rates in (
+        (pitch[:2], rate[:2]),
+        (pitch, rate[:-1]),
+        (-pitch, rate),
+        (pitch[:1] + np.zeros(5), rate[:5]),
+    ):
         with pytest.raises(PlanError, match=r"positive|do not tell"):
             fit_flight(SteadyFlight(), pitches, rates)
 
@@ -49,7 +64,16 @@ def test_energy_is_pump_work_and_hotel_load():
     assert glider.energy(3600.0, 1500.0) == pytest.approx(7200.0 + 1.5 * glider.pump_work(1000.0))
 
 
-@pytest.mark.parametrize("wrong", [{"min_angle": 0.0}, {"min_angle": 40.0}, {"max_angle": 90.0}, {"speed": 0.0}, {"hotel": float("nan")}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"min_angle": 0.0},
+        {"min_angle": 40.0},
+        {"max_angle": 90.0},
+        {"speed": 0.0},
+        {"hotel": float("nan")},
+    ],
+)
 def test_a_glider_that_cannot_be_is_refused(wrong):
     with pytest.raises(PlanError, match="expected"):
         Glider(**wrong)

@@ -20,8 +20,14 @@ def _pd0(data: bytes, at: int) -> tuple[int, int]:
     size, _, types, first = struct.unpack_from("<HBBH", data, at + 2)
     if types == 0 or first != 6 + 2 * types or size < first + 2 or at + size + 2 > len(data):
         return 0, 0
-    leader, check = (int.from_bytes(data[at + place : at + place + 2], "little") for place in (first, size))
-    return (at + size + 2, 0) if leader in (0, 1) and sum(data[at : at + size]) % 65536 == check else (0, 0)
+    leader, check = (
+        int.from_bytes(data[at + place : at + place + 2], "little") for place in (first, size)
+    )
+    return (
+        (at + size + 2, 0)
+        if leader in (0, 1) and sum(data[at : at + size]) % 65536 == check
+        else (0, 0)
+    )
 
 
 def _ad2cp(data: bytes, at: int) -> tuple[int, int]:

@@ -14,6 +14,8 @@ def fit_amplitude(innovation, prior_cov, least, largest, expected=None):
     """Return the likeliest amplitude of a fine grid, then of a finer one about it."""
     for _ in range(4):
         grid = np.geomspace(least, largest, 201)
-        best = int(np.argmin([deviance(innovation, prior_cov, amplitude, expected) for amplitude in grid]))
+        best = int(
+            np.argmin([deviance(innovation, prior_cov, amplitude, expected) for amplitude in grid])
+        )
         least, largest = grid[max(best - 1, 0)], grid[min(best + 1, 200)]
     return grid[best]

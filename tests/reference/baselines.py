@@ -19,7 +19,12 @@ def kernel_2d(a, b, length_east, length_north):
     dx, dy = a[0] - b[0], a[1] - b[1]
     k = length_east**2 * math.exp(-0.5 * ((dx / length_east) ** 2 + (dy / length_north) ** 2))
     cross = dx * dy / (length_east**2 * length_north**2)
-    return k * np.array([[(1 - dy**2 / length_north**2) / length_north**2, cross], [cross, (1 - dx**2 / length_east**2) / length_east**2]])
+    return k * np.array(
+        [
+            [(1 - dy**2 / length_north**2) / length_north**2, cross],
+            [cross, (1 - dx**2 / length_east**2) / length_east**2],
+        ]
+    )
 
 
 def kernel_matrix(points, nodes, length_east, length_north):
@@ -41,14 +46,19 @@ def member_at(slices, levels, at_place, depth):
 
 def design_of_members(members, levels, at_place, depths):
     """Velocity of every member at every bin, shape (E, n, 2)."""
-    return np.array([[member_at(member, levels, at_place, depth) for depth in depths] for member in members])
+    return np.array(
+        [[member_at(member, levels, at_place, depth) for depth in depths] for member in members]
+    )
 
 
 def nearest(members_at_profiles, values, error_std):
     """Position of the member with the least sum of squares; lists by profile of (E, n, 2) and (n, 2)."""
     n_members = len(members_at_profiles[0])
     sums = [
-        sum(float(np.sum(((v - at[e]) / s) ** 2)) for at, v, s in zip(members_at_profiles, values, error_std, strict=True))
+        sum(
+            float(np.sum(((v - at[e]) / s) ** 2))
+            for at, v, s in zip(members_at_profiles, values, error_std, strict=True)
+        )
         for e in range(n_members)
     ]
     return int(np.argmin(sums))
@@ -62,7 +72,9 @@ def naive(members, modes_at_profiles, values, error_std):
     mean, cov = weights.mean(axis=1), np.diag(weights.var(axis=1, ddof=1))
     for at, value, std in zip(modes_at_profiles, values, error_std, strict=True):
         design = at(modes)
-        mean, cov, _, _ = kalman_update(mean, cov, design, value.ravel(), std**2 * np.eye(value.size))
+        mean, cov, _, _ = kalman_update(
+            mean, cov, design, value.ravel(), std**2 * np.eye(value.size)
+        )
     return modes, mean, cov
 
 
@@ -84,7 +96,9 @@ def letkf_column(members_here, observed_members, values, precision):
     n_members = len(members_here)
     mean, observed_mean = members_here.mean(axis=0), observed_members.mean(axis=0)
     anomalies, observed = members_here - mean, observed_members - observed_mean
-    inverse = np.linalg.inv((n_members - 1) * np.eye(n_members) + observed @ np.diag(precision) @ observed.T)
+    inverse = np.linalg.inv(
+        (n_members - 1) * np.eye(n_members) + observed @ np.diag(precision) @ observed.T
+    )
     root = np.real(scipy.linalg.sqrtm((n_members - 1) * inverse))
     weights = inverse @ observed @ (precision * (values - observed_mean))
     return mean + weights @ anomalies, (root @ anomalies) / math.sqrt(n_members - 1)
@@ -107,7 +121,9 @@ def gp_at_nodes(nodes, levels, length, depth_cov, places, depths, values, error_
             data += list(v)
             noise += [std**2] * 2
     design = np.array(rows) @ to_latent
-    mean, cov, _, _ = kalman_update(np.zeros(len(joint)), joint, design, np.array(data), np.diag(noise))
+    mean, cov, _, _ = kalman_update(
+        np.zeros(len(joint)), joint, design, np.array(data), np.diag(noise)
+    )
     return mean, cov
 
 

@@ -12,4 +12,6 @@ def slow_fit(boot_ns: list[int], utc_ns: list[int], with_drift: bool) -> tuple[f
         if boot_ns[j] != boot_ns[i]
     ]
     drift = statistics.median(slopes) if with_drift else 0.0
-    return drift, statistics.median(utc - boot - drift * boot for boot, utc in zip(boot_ns, utc_ns, strict=True))
+    return drift, statistics.median(
+        utc - boot - drift * boot for boot, utc in zip(boot_ns, utc_ns, strict=True)
+    )

@@ -12,7 +12,9 @@ def kernel_3d(a, b, lengths, speed):
     sigma = speed * lx
     k = sigma**2 * math.exp(-0.5 * ((dx / lx) ** 2 + (dy / ly) ** 2 + (dz / lz) ** 2))
     cross = dx * dy / (lx**2 * ly**2)
-    return k * np.array([[(1 - dy**2 / ly**2) / ly**2, cross], [cross, (1 - dx**2 / lx**2) / lx**2]])
+    return k * np.array(
+        [[(1 - dy**2 / ly**2) / ly**2, cross], [cross, (1 - dx**2 / lx**2) / lx**2]]
+    )
 
 
 def dense_kernel(points, nodes, lengths, speed):
@@ -20,7 +22,12 @@ def dense_kernel(points, nodes, lengths, speed):
 
     def order(n_points, levels):
         per_level = n_points // levels
-        return [(z * per_level + i, c) for z in range(levels) for c in range(2) for i in range(per_level)]
+        return [
+            (z * per_level + i, c)
+            for z in range(levels)
+            for c in range(2)
+            for i in range(per_level)
+        ]
 
     def levels_of(p):
         return len(np.unique(p[:, 2]))
@@ -38,10 +45,14 @@ def paper_basis(members, nodes, levels, lengths, speed, n_modes):
     n_members, n_levels, size = members.shape
     points = np.array([[x, y, z] for z in levels for x, y in nodes])
     kernel = dense_kernel(points, points, lengths, speed)
-    latents = np.array([np.linalg.solve(kernel, member.ravel()) for member in members]).reshape(n_members, n_levels, size)
+    latents = np.array([np.linalg.solve(kernel, member.ravel()) for member in members]).reshape(
+        n_members, n_levels, size
+    )
     columns = latents.reshape(-1, size).T
     modes = np.linalg.svd(columns, full_matrices=False)[0][:, :n_modes]
-    weights = np.array([[modes.T @ latents[e, z] for z in range(n_levels)] for e in range(n_members)])
+    weights = np.array(
+        [[modes.T @ latents[e, z] for z in range(n_levels)] for e in range(n_members)]
+    )
     return modes, weights, points
 
 
@@ -49,8 +60,14 @@ def design_matrix(place, depths, points, modes, n_levels, first_level, lengths, 
     """H = K(x, data) blockdiag(U .. U) for the bins of one profile: all east, then all north."""
     blocks = np.zeros((n_levels * modes.shape[0], n_levels * modes.shape[1]))
     for z in range(n_levels):
-        blocks[z * modes.shape[0] : (z + 1) * modes.shape[0], z * modes.shape[1] : (z + 1) * modes.shape[1]] = modes
-    rows = [dense_kernel(np.array([[*place, max(depth, first_level)]]), points, lengths, speed) @ blocks for depth in depths]
+        blocks[
+            z * modes.shape[0] : (z + 1) * modes.shape[0],
+            z * modes.shape[1] : (z + 1) * modes.shape[1],
+        ] = modes
+    rows = [
+        dense_kernel(np.array([[*place, max(depth, first_level)]]), points, lengths, speed) @ blocks
+        for depth in depths
+    ]
     return np.vstack([[row[c] for row in rows] for c in range(2)])
 
 
@@ -59,7 +76,12 @@ def kalman_update(mean, cov, design, value, noise_cov):
     s = design @ cov @ design.T + noise_cov
     gain = cov @ design.T @ np.linalg.inv(s)
     innovation = value - design @ mean
-    return mean + gain @ innovation, (np.eye(mean.size) - gain @ design) @ cov, float(innovation @ np.linalg.inv(s) @ innovation), s
+    return (
+        mean + gain @ innovation,
+        (np.eye(mean.size) - gain @ design) @ cov,
+        float(innovation @ np.linalg.inv(s) @ innovation),
+        s,
+    )
 
 
 def correlation_length(members, east, north, wet):
@@ -71,8 +93,15 @@ def correlation_length(members, east, north, wet):
         of_direction = []
         for z, j, i in np.argwhere(wet):
             if j + dj < wet.shape[1] and i + di < wet.shape[2] and wet[z, j + dj, i + di]:
-                distance = np.hypot(east[j + dj, i + di] - east[j, i], north[j + dj, i + di] - north[j, i])
-                of_direction += list(((anomalies[:, :, z, j + dj, i + di] - anomalies[:, :, z, j, i]) / distance).ravel() ** 2)
+                distance = np.hypot(
+                    east[j + dj, i + di] - east[j, i], north[j + dj, i + di] - north[j, i]
+                )
+                of_direction += list(
+                    (
+                        (anomalies[:, :, z, j + dj, i + di] - anomalies[:, :, z, j, i]) / distance
+                    ).ravel()
+                    ** 2
+                )
         slopes.append(np.mean(of_direction))
     return np.sqrt(np.mean(np.square(values)) / np.mean(slopes))
 
@@ -98,14 +127,22 @@ def hybrid_covariance(fields, modes, nodes, share, shift, radius, taper):
     copies = np.array(copies)
     sample = np.einsum("czn,cym->znym", copies, copies)
     by_depth = np.array(
-        [[np.sum((copies[:, z] @ projector.T) * (copies[:, y] @ projector.T)) for y in range(n_levels)] for z in range(n_levels)]
+        [
+            [
+                np.sum((copies[:, z] @ projector.T) * (copies[:, y] @ projector.T))
+                for y in range(n_levels)
+            ]
+            for z in range(n_levels)
+        ]
     )
     localised = np.zeros_like(sample)
     for function in np.linalg.eigh(by_depth)[1].T:
         of_function = np.tensordot(function, copies, axes=(0, 1))
         for a in range(size):
             for b in range(size):
-                weight = taper(np.hypot(*(nodes[a % n_nodes] - nodes[b % n_nodes])), radius) * (of_function[:, a] @ of_function[:, b])
+                weight = taper(np.hypot(*(nodes[a % n_nodes] - nodes[b % n_nodes])), radius) * (
+                    of_function[:, a] @ of_function[:, b]
+                )
                 localised[:, a, :, b] += weight * np.outer(function, function)
     return (share * sample + (1 - share) * localised).reshape(n_levels * size, -1)
 
@@ -133,9 +170,14 @@ def mixture_update(mean, covariances, weights, design, values):
         updated, cov, _, _ = kalman_update(mean, covariance, design, values, np.eye(len(values)))
         total = design @ covariance @ design.T + np.eye(len(values))
         error = values - design @ mean
-        logs.append(-0.5 * error @ np.linalg.solve(total, error) - 0.5 * np.linalg.slogdet(total)[1])
+        logs.append(
+            -0.5 * error @ np.linalg.solve(total, error) - 0.5 * np.linalg.slogdet(total)[1]
+        )
         parts.append((updated, cov))
     probability = weights * np.exp(np.array(logs) - max(logs))
     probability /= probability.sum()
     centre = sum(p * m for p, (m, _) in zip(probability, parts, strict=True))
-    return centre, sum(p * (c + np.outer(m - centre, m - centre)) for p, (m, c) in zip(probability, parts, strict=True))
+    return centre, sum(
+        p * (c + np.outer(m - centre, m - centre))
+        for p, (m, c) in zip(probability, parts, strict=True)
+    )

@@ -27,7 +27,9 @@ def joint(sea, designs, times, values, at, counted=None):
     blocks = [[h @ covariance(t, tc, s, sc) @ g.T for g, s, sc in seen] for h, t, tc in seen]
     c = np.block(blocks) + np.eye(sum(map(len, designs)))
     cross = np.hstack([covariance(at, at, s, sc) @ g.T for g, s, sc in seen])
-    innovation = np.concatenate([v - h @ sea.mean_at(t).ravel() for h, t, v in zip(designs, times, values, strict=True)])
+    innovation = np.concatenate(
+        [v - h @ sea.mean_at(t).ravel() for h, t, v in zip(designs, times, values, strict=True)]
+    )
     gain = cross @ np.linalg.inv(c)
     return sea.mean_at(at).ravel() + gain @ innovation, covariance(at, at, at, at) - gain @ cross.T
 

@@ -12,7 +12,13 @@ from replay_kit.core.arrays import Array
 
 
 def search_time(
-    velocity: Callable[[Array], Array], speed: float, begin: Array, end: Array, box: Array, size: tuple[float, int], walls: Sequence[Any]
+    velocity: Callable[[Array], Array],
+    speed: float,
+    begin: Array,
+    end: Array,
+    box: Array,
+    size: tuple[float, int],
+    walls: Sequence[Any],
 ) -> float:
     """Return when a vehicle that begins at a place, shape (2,) [m], is at another first [s]; infinity when it never is.
 
@@ -34,8 +40,12 @@ def search_time(
     for a in range(-reach, reach + 1):
         for b in range(-reach, reach + 1):
             if np.gcd(a, b) == 1:
-                here = np.s_[max(-a, 0) : north.size - max(a, 0), max(-b, 0) : east.size - max(b, 0)]
-                there = np.s_[max(a, 0) : north.size - max(-a, 0), max(b, 0) : east.size - max(-b, 0)]
+                here = np.s_[
+                    max(-a, 0) : north.size - max(a, 0), max(-b, 0) : east.size - max(b, 0)
+                ]
+                there = np.s_[
+                    max(a, 0) : north.size - max(-a, 0), max(b, 0) : east.size - max(-b, 0)
+                ]
                 first.append(number[here].ravel())
                 last.append(number[there].ravel())
                 way.append(np.tile([b * spacing, a * spacing], (first[-1].size, 1)))
@@ -56,9 +66,16 @@ def search_time(
     if walls:
         tree = shapely.STRtree(walls)
         close = np.zeros(len(points), dtype=bool)
-        close[tree.query(shapely.points(points), predicate="dwithin", distance=1.5 * reach * spacing)[0]] = True
+        close[
+            tree.query(shapely.points(points), predicate="dwithin", distance=1.5 * reach * spacing)[
+                0
+            ]
+        ] = True
         asked = np.flatnonzero(usable & close[begins])
         lines = shapely.linestrings(np.stack([points[begins[asked]], points[ends[asked]]], axis=1))
         usable[asked[np.unique(tree.query(lines, predicate="intersects")[0])]] = False
-    graph = csr_array((length[usable] / made_good[usable], (begins[usable], ends[usable])), shape=(len(points),) * 2)
+    graph = csr_array(
+        (length[usable] / made_good[usable], (begins[usable], ends[usable])),
+        shape=(len(points),) * 2,
+    )
     return float(dijkstra(graph, indices=len(points) - 2)[len(points) - 1])

@@ -33,7 +33,9 @@ def janus(beams: Array, angle: float, convex: bool) -> Array:
     b = 1.0 / (4.0 * math.cos(math.radians(angle)))
     c, d = (1.0 if convex else -1.0), a / math.sqrt(2.0)
     b1, b2, b3, b4 = beams
-    return np.array([c * a * (b1 - b2), c * a * (b4 - b3), b * (b1 + b2 + b3 + b4), d * (b1 + b2 - b3 - b4)])
+    return np.array(
+        [c * a * (b1 - b2), c * a * (b4 - b3), b * (b1 + b2 + b3 + b4), d * (b1 + b2 - b3 - b4)]
+    )
 
 
 def mapped(column: Array, factor: float, first: float, size: float) -> Array:
@@ -60,4 +62,6 @@ def janus_vectors(beam_angle_deg: float, convex: bool = True) -> Array:
     """
     angle = np.deg2rad(beam_angle_deg)
     across, along = (1.0 if convex else -1.0) * np.sin(angle), np.cos(angle)
-    return np.array([[across, 0.0, along], [-across, 0.0, along], [0.0, -across, along], [0.0, across, along]])
+    return np.array(
+        [[across, 0.0, along], [-across, 0.0, along], [0.0, -across, along], [0.0, across, along]]
+    )

@@ -8,7 +8,9 @@ import numpy as np
 from replay_kit.core.arrays import Array
 
 
-def current_at(values: Array, origin: Array, step: float, times: Array, place: complex, time: float) -> complex:
+def current_at(
+    values: Array, origin: Array, step: float, times: Array, place: complex, time: float
+) -> complex:
     """Return the current at a place and time, linear between the entries of a table, shape (T, n_north, n_east), and constant beyond."""
     east = min(max((place.real - origin[0]) / step, 0.0), values.shape[2] - 1.0)
     north = min(max((place.imag - origin[1]) / step, 0.0), values.shape[1] - 1.0)
@@ -17,17 +19,27 @@ def current_at(values: Array, origin: Array, step: float, times: Array, place: c
         of_time = 1.0 if times.size == 1 else float(np.interp(time, times, np.eye(times.size)[t]))
         for j in range(values.shape[1]):
             for i in range(values.shape[2]):
-                total += of_time * max(0.0, 1.0 - abs(east - i)) * max(0.0, 1.0 - abs(north - j)) * values[t, j, i]
+                total += (
+                    of_time
+                    * max(0.0, 1.0 - abs(east - i))
+                    * max(0.0, 1.0 - abs(north - j))
+                    * values[t, j, i]
+                )
     return total
 
 
-def edge_duration(current, speed: float, begin: complex, end: complex, depart: float, longest_piece: float) -> float:
+def edge_duration(
+    current, speed: float, begin: complex, end: complex, depart: float, longest_piece: float
+) -> float:
     """Return the duration of a straight track over ground, or infinity; ``current`` is a function of place and time."""
     length = abs(end - begin)
     pieces = max(ceil(length / longest_piece - 1e-6), 1)
     direction, seconds = (end - begin) / length, 0.0
     for k in range(pieces):
-        u = current(begin + (k + 0.5) / pieces * (end - begin), depart + seconds + 0.5 * length / pieces / speed)
+        u = current(
+            begin + (k + 0.5) / pieces * (end - begin),
+            depart + seconds + 0.5 * length / pieces / speed,
+        )
         along = u.real * direction.real + u.imag * direction.imag
         across = u.imag * direction.real - u.real * direction.imag
         if abs(across) >= speed or along + sqrt(speed**2 - across**2) <= 1e-3:
@@ -64,7 +76,19 @@ def touches(begin: complex, end: complex, first: complex, last: complex) -> bool
         return ((b - a).conjugate() * (c - a)).imag
 
     def within(a: complex, b: complex, c: complex) -> bool:
-        return abs(side(a, b, c)) == 0.0 and hypot((c - a).real, (c - a).imag) + abs(c - b) <= abs(b - a) * (1 + 1e-12)
+        return abs(side(a, b, c)) == 0.0 and hypot((c - a).real, (c - a).imag) + abs(c - b) <= abs(
+            b - a
+        ) * (1 + 1e-12)
 
-    crossing = side(begin, end, first) * side(begin, end, last) < 0.0 and side(first, last, begin) * side(first, last, end) < 0.0
-    return crossing or any((within(begin, end, first), within(begin, end, last), within(first, last, begin), within(first, last, end)))
+    crossing = (
+        side(begin, end, first) * side(begin, end, last) < 0.0
+        and side(first, last, begin) * side(first, last, end) < 0.0
+    )
+    return crossing or any(
+        (
+            within(begin, end, first),
+            within(begin, end, last),
+            within(first, last, begin),
+            within(first, last, end),
+        )
+    )

@@ -21,7 +21,10 @@ def nearest_lines(at, origin, spacing, count):
 def velocities(lattice, east, north):
     """Velocity at a place of each Gaussian with coefficient 1, shape (2, size): u = dpsi/dy, v = -dpsi/dx."""
     out = np.zeros((2, *lattice.shape))
-    width = lattice.kernel.length_east / math.sqrt(2.0), lattice.kernel.length_north / math.sqrt(2.0)
+    width = (
+        lattice.kernel.length_east / math.sqrt(2.0),
+        lattice.kernel.length_north / math.sqrt(2.0),
+    )
     for i in nearest_lines(east, lattice.origin[0], lattice.spacing[0], lattice.shape[0]):
         for j in nearest_lines(north, lattice.origin[1], lattice.spacing[1], lattice.shape[1]):
             x = (east - lattice.origin[0] - i * lattice.spacing[0]) / width[0]
@@ -35,14 +38,18 @@ def matrix(functions, points):
     """Velocities at points of each function with latent value 1, shape (2P, M), all east then all north."""
     if isinstance(functions, NodeKernel):
         return velocity_kernel(functions.kernel, np.asarray(points), functions.nodes)
-    return np.stack([velocities(functions, *point) for point in points], axis=1).reshape(2 * len(points), -1)
+    return np.stack([velocities(functions, *point) for point in points], axis=1).reshape(
+        2 * len(points), -1
+    )
 
 
 def embed(lattice, nodes, velocity, nugget):
     """Coefficients of the least squares fit, with the share of the largest eigenvalue added."""
     design = matrix(lattice, nodes)
     normal = design.T @ design
-    return np.linalg.solve(normal + nugget * np.linalg.eigvalsh(normal)[-1] * np.eye(len(normal)), design.T @ velocity)
+    return np.linalg.solve(
+        normal + nugget * np.linalg.eigvalsh(normal)[-1] * np.eye(len(normal)), design.T @ velocity
+    )
 
 
 @cache

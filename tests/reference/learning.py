@@ -12,15 +12,22 @@ def static_rows(flow: FlowEstimate, shares: Array, points: Array) -> Array:
     rows = []
     for point in points:
         basis = flow.horizontal.velocity(point[None], flow.modes)[:, 0]
-        rows += [np.concatenate([share * basis[component] for share in shares]) for component in (0, 1)]
+        rows += [
+            np.concatenate([share * basis[component] for share in shares]) for component in (0, 1)
+        ]
     return np.array(rows)
 
 
-def covariance_through_time(flow: FlowEstimate, shares: Array, points: Array, times_ns: Array) -> Array:
+def covariance_through_time(
+    flow: FlowEstimate, shares: Array, points: Array, times_ns: Array
+) -> Array:
     """Return the covariance of depth means at points and times, shape (2 P, 2 P), from the unknowns of the process one pair at a time."""
     evolution = flow.later
     assert isinstance(evolution, Evolution)
-    process, begin = evolution.process, flow.time_ns if evolution.time_ns is None else evolution.time_ns
+    process, begin = (
+        evolution.process,
+        flow.time_ns if evolution.time_ns is None else evolution.time_ns,
+    )
     rows, after = [], []
     for point, time_ns in zip(points, times_ns, strict=True):
         basis = flow.horizontal.velocity(point[None], flow.modes)[:, 0]
@@ -31,7 +38,9 @@ def covariance_through_time(flow: FlowEstimate, shares: Array, points: Array, ti
     for i, (one, t) in enumerate(zip(rows, after, strict=True)):
         for j, (other, s) in enumerate(zip(rows, after, strict=True)):
             first, last = min(t, s), max(t, s)
-            at_first = np.exp(-first / process.scales)[:, None] * now * np.exp(-first / process.scales)
+            at_first = (
+                np.exp(-first / process.scales)[:, None] * now * np.exp(-first / process.scales)
+            )
             at_first = at_first + np.diag(1.0 - np.exp(-2.0 * first / process.scales))
             between = np.exp(-(last - first) / process.scales)[:, None] * at_first
             # of the later unknowns with the earlier
@@ -45,7 +54,9 @@ def textbook(prior: Array, rows: Array, variance: float) -> Array:
     return np.asarray(prior - gain @ rows @ prior)
 
 
-def runge_kutta(current, start: complex, begin: float, held: complex, duration: float, steps: int) -> complex:
+def runge_kutta(
+    current, start: complex, begin: float, held: complex, duration: float, steps: int
+) -> complex:
     """Return where a path ends whose current is a function of place and time."""
     place, step = start, duration / steps
     for k in range(steps):

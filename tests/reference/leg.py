@@ -31,7 +31,9 @@ def stage_latent(latent: Array, levels: Array, functions: DepthFunctions, depths
     return by_time.transpose(0, 2, 1).reshape(len(latent), -1)
 
 
-def leg_function(flow: FlowEstimate, vehicle: Glider, n_steps: int, times: Array | None, drifts: bool) -> ca.Function:
+def leg_function(
+    flow: FlowEstimate, vehicle: Glider, n_steps: int, times: Array | None, drifts: bool
+) -> ca.Function:
     """Return the function of one leg: (place, time, heading, glide angle, depths, drift, latent) -> (places after each step, end time).
 
     Its last place is that after the drift at the surface, which takes the time ``drift`` [s].
@@ -45,7 +47,12 @@ def leg_function(flow: FlowEstimate, vehicle: Glider, n_steps: int, times: Array
     """
     layer, n_times = _layer_function(flow, times), 1 if times is None else times.size
     place, time = ca.MX.sym("place", 2), ca.MX.sym("time")
-    heading, angle, drift, depths = ca.MX.sym("heading"), ca.MX.sym("angle"), ca.MX.sym("drift"), ca.MX.sym("depths", n_steps + 1)
+    heading, angle, drift, depths = (
+        ca.MX.sym("heading"),
+        ca.MX.sym("angle"),
+        ca.MX.sym("drift"),
+        ca.MX.sym("depths", n_steps + 1),
+    )
     latent: Any = ca.MX.sym("latent", len(flow.latent), (2 * n_steps + 2) * n_times)
     stages = ca.horzsplit(latent, n_times)
     along, down = vehicle.speeds(ca, angle)
@@ -63,11 +70,25 @@ def leg_function(flow: FlowEstimate, vehicle: Glider, n_steps: int, times: Array
         return stretch @ current(at, -1, now)
 
     # stages are numbered, two to a step, and the number takes the place of the depth
-    path = fly_midpoints(over_ground, place, time, [2.0 * i for i in range(n_steps + 1)], durations, n_steps)
+    path = fly_midpoints(
+        over_ground, place, time, [2.0 * i for i in range(n_steps + 1)], durations, n_steps
+    )
     if drifts:
-        path.append(fly_midpoints(drifting, *path[-1], [0.0] * (DRIFT_STEPS + 1), [drift / DRIFT_STEPS] * DRIFT_STEPS, DRIFT_STEPS)[-1])
+        path.append(
+            fly_midpoints(
+                drifting,
+                *path[-1],
+                [0.0] * (DRIFT_STEPS + 1),
+                [drift / DRIFT_STEPS] * DRIFT_STEPS,
+                DRIFT_STEPS,
+            )[-1]
+        )
     inputs = [place, time, heading, angle, depths, drift, latent]
-    options: dict[str, Any] = {"is_diff_in": [True, True, True, True, False, False, False], "never_inline": True, "cse": True}
+    options: dict[str, Any] = {
+        "is_diff_in": [True, True, True, True, False, False, False],
+        "never_inline": True,
+        "cse": True,
+    }
     return ca.Function("leg", inputs, [ca.horzcat(*(at for at, _ in path)), path[-1][1]], options)
 
 

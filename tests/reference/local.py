@@ -19,7 +19,10 @@ def moments(local, time_ns):
 def lagged(local, earlier_ns, later_ns):
     """Return the covariance of the current at two times, shape (2, 2): what is known of the first decays to the second."""
     (first, _), (second, _) = moments(local, earlier_ns), moments(local, later_ns)
-    at, between = max(earlier_ns - local.time_ns, 0) / 1e9, (later_ns - max(earlier_ns, local.time_ns)) / 1e9
+    at, between = (
+        max(earlier_ns - local.time_ns, 0) / 1e9,
+        (later_ns - max(earlier_ns, local.time_ns)) / 1e9,
+    )
     product = np.zeros((2, 2))
     for k, probability in enumerate(local.probability):
         kept, later = np.exp(-at / local.scale[k]), np.exp(-between / local.scale[k])

@@ -13,7 +13,14 @@ from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, to_loca
 ELLIPSOID = Geod(ellps="WGS84")
 
 
-def fly_leg_slowly(flow: FlowEstimate, start: Array, heading: float, angle: float, speed: float, yo_depths: tuple[float, ...]) -> Array:
+def fly_leg_slowly(
+    flow: FlowEstimate,
+    start: Array,
+    heading: float,
+    angle: float,
+    speed: float,
+    yo_depths: tuple[float, ...],
+) -> Array:
     """Return where a leg ends, shape (2,) [m].
 
     Args:
@@ -31,12 +38,18 @@ def fly_leg_slowly(flow: FlowEstimate, start: Array, heading: float, angle: floa
 
         def rate(time: float, at: Array, depth: float = depth, down: float = down) -> Array:
             longitude, latitude = to_geographic(frame, *at)
-            water = rotate_to_geographic(frame, longitude, latitude, *flow.velocity(at[0], at[1], depth + down * time))
+            water = rotate_to_geographic(
+                frame, longitude, latitude, *flow.velocity(at[0], at[1], depth + down * time)
+            )
             east, north = through + np.array(water)
             # a second on the ellipsoid
-            there = ELLIPSOID.fwd(longitude, latitude, np.rad2deg(np.arctan2(east, north)), np.hypot(east, north))[:2]
+            there = ELLIPSOID.fwd(
+                longitude, latitude, np.rad2deg(np.arctan2(east, north)), np.hypot(east, north)
+            )[:2]
             return np.array(to_local(frame, *there)) - at
 
         lasts = (next_depth - depth) / down
-        place = solve_ivp(rate, (0.0, lasts), place, rtol=1e-9, atol=1e-4, max_step=lasts / 60).y[:, -1]
+        place = solve_ivp(rate, (0.0, lasts), place, rtol=1e-9, atol=1e-4, max_step=lasts / 60).y[
+            :, -1
+        ]
     return place

@@ -17,25 +17,45 @@ from tests.reference.leg import leg_function, stage_latent
 def parameters_of(model: MissionModel, data: MissionData) -> Array:
     """Return the numbers of a mission as the graph takes them."""
     flow, reference = model.flow, data.reference_path
-    miss_weights = [0.0, data.penalty] if data.distance_weight is None else [data.distance_weight, _SMALL]
+    miss_weights = (
+        [0.0, data.penalty] if data.distance_weight is None else [data.distance_weight, _SMALL]
+    )
     parts = [data.start, [data.start_time], data.goals.ravel(), *data.depths, data.drifts]
     parts += [] if data.walls is None else [data.walls.planes.ravel()]
     parts += [[data.time_weight, data.miss_weight, data.penalty, *miss_weights]]
     if reference is not None:
         parts += [reference.origin / KM, reference.across.ravel(order="F")]
         parts += [data.reference_weights.ravel(), data.reference_limits.ravel() / KM]
-    parts += [stage_latent(data.latent, flow.levels, flow.depth_functions, depths).ravel(order="F") for depths in data.depths]
+    parts += [
+        stage_latent(data.latent, flow.levels, flow.depth_functions, depths).ravel(order="F")
+        for depths in data.depths
+    ]
     return np.concatenate([np.asarray(part) for part in parts])
 
 
 def program_graph(model: MissionModel) -> dict[str, Any]:
     """Return the program's unknowns, parameters, cost and constraints as expressions."""
     shape, n_times = model.shape, 1 if model.times is None else model.times.size
-    n_legs, n_steps, n_goals, n_planes = shape.n_legs, shape.n_steps, len(shape.goal_legs), shape.n_planes
-    start, start_time, goals = ca.MX.sym("start", 2), ca.MX.sym("start_time"), ca.MX.sym("goals", 2, n_goals)
-    drifts, weights, profiles = ca.MX.sym("drifts", n_legs), ca.MX.sym("weights", 5), range(max(shape.profiles) + 1)
+    n_legs, n_steps, n_goals, n_planes = (
+        shape.n_legs,
+        shape.n_steps,
+        len(shape.goal_legs),
+        shape.n_planes,
+    )
+    start, start_time, goals = (
+        ca.MX.sym("start", 2),
+        ca.MX.sym("start_time"),
+        ca.MX.sym("goals", 2, n_goals),
+    )
+    drifts, weights, profiles = (
+        ca.MX.sym("drifts", n_legs),
+        ca.MX.sym("weights", 5),
+        range(max(shape.profiles) + 1),
+    )
     depths = [ca.MX.sym("depths", n_steps + 1) for _ in profiles]
-    latent = [ca.MX.sym("latent", len(model.flow.latent), (2 * n_steps + 2) * n_times) for _ in profiles]
+    latent = [
+        ca.MX.sym("latent", len(model.flow.latent), (2 * n_steps + 2) * n_times) for _ in profiles
+    ]
     planes = [ca.MX.sym("planes", 3, n_planes * shape.n_places) for _ in range(n_legs)]
     legs = [ca.MX.sym("leg", 5) for _ in range(n_legs)]
     slacks: Any = ca.MX.sym("slacks", 4, n_goals)
@@ -46,15 +66,29 @@ def program_graph(model: MissionModel) -> dict[str, Any]:
     equal, limited, tracks = [], [], []
     for k, profile in enumerate(shape.profiles):
         heading, angle = legs[k][3], legs[k][4]
-        places, end_time = leg(place, start_time + time * HOUR, heading, angle, depths[profile], drifts[k], latent[profile])
-        equal.append(ca.vertcat(places[:, -1] / KM - legs[k][:2], (end_time - start_time) / HOUR - legs[k][2]))
+        places, end_time = leg(
+            place,
+            start_time + time * HOUR,
+            heading,
+            angle,
+            depths[profile],
+            drifts[k],
+            latent[profile],
+        )
+        equal.append(
+            ca.vertcat(
+                places[:, -1] / KM - legs[k][:2], (end_time - start_time) / HOUR - legs[k][2]
+            )
+        )
         if n_planes:
             limited.append(plane_violations(places / KM, planes[k], n_planes) - plane_slack)
         reference.add(k, places / KM)
         tracks.append(places)
         place, time = legs[k][:2] * KM, legs[k][2]
     misses = [slacks[:2, g] - slacks[2:, g] for g in range(n_goals)]
-    for g, (number, step) in enumerate(zip(shape.goal_legs, shape.goal_steps or (0,) * n_goals, strict=True)):
+    for g, (number, step) in enumerate(
+        zip(shape.goal_legs, shape.goal_steps or (0,) * n_goals, strict=True)
+    ):
         at = legs[number - 1][:2] if step == 0 else tracks[number - 1][:, step - 1] / KM
         equal.append(at - goals[:, g] / KM - misses[g])
     miss_cost = weights[1] * sum(ca.sumsqr(miss) for miss in misses)
@@ -62,8 +96,22 @@ def program_graph(model: MissionModel) -> dict[str, Any]:
     slack_cost = _PLANE_COST * ca.sum1(plane_slack) + reference.slack_cost
     return {
         "x": ca.veccat(*legs, slacks, reference.slack, plane_slack),
-        "p": ca.veccat(start, start_time, goals, *depths, drifts, *planes, weights, *reference.parameters, *latent),
-        "f": weights[0] * time + miss_cost + weights[4] * ca.sum1(ca.vec(slacks)) + weights[2] * slack_cost + reference.cost,
+        "p": ca.veccat(
+            start,
+            start_time,
+            goals,
+            *depths,
+            drifts,
+            *planes,
+            weights,
+            *reference.parameters,
+            *latent,
+        ),
+        "f": weights[0] * time
+        + miss_cost
+        + weights[4] * ca.sum1(ca.vec(slacks))
+        + weights[2] * slack_cost
+        + reference.cost,
         "g": ca.vertcat(*equal, *limited, *reference.excess),
     }
 

@@ -23,8 +23,14 @@ def joint_covariance(dives, settings, h, inverted_std):
     for i in range(n):
         for j in range(n):
             apart = abs(kinds[i] - kinds[j]) / 1e9
-            block = rows[i] @ np.diag(settings.variance[h] * np.exp(-apart / settings.scales[h])) @ rows[j].T
-            cov[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = block + (noise[i] * np.eye(2) if i == j else 0.0)
+            block = (
+                rows[i]
+                @ np.diag(settings.variance[h] * np.exp(-apart / settings.scales[h]))
+                @ rows[j].T
+            )
+            cov[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = block + (
+                noise[i] * np.eye(2) if i == j else 0.0
+            )
     return np.concatenate(values), cov
 
 
@@ -34,7 +40,11 @@ def conditional(values, cov, known):
     gain = cov[b, a] @ np.linalg.inv(cov[a, a])
     sign, log_det = np.linalg.slogdet(cov[a, a])
     assert sign > 0
-    density = -0.5 * values[a] @ np.linalg.solve(cov[a, a], values[a]) - 0.5 * log_det - 0.5 * known * np.log(2 * np.pi)
+    density = (
+        -0.5 * values[a] @ np.linalg.solve(cov[a, a], values[a])
+        - 0.5 * log_det
+        - 0.5 * known * np.log(2 * np.pi)
+    )
     return gain @ values[a], cov[b, b] - gain @ cov[a, b], density
 
 
@@ -46,5 +56,8 @@ def about(dive, background):
 def mean_along(times, depths, levels, current):
     """Mean of a current by depth along a path of straight lines in time and depth, second by second."""
     seconds = np.arange(times[0], times[-1]) + 0.5
-    found = [[np.interp(depth, levels, component) for component in current.T] for depth in np.interp(seconds, times, depths)]
+    found = [
+        [np.interp(depth, levels, component) for component in current.T]
+        for depth in np.interp(seconds, times, depths)
+    ]
     return np.mean(found, axis=0)

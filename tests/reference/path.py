@@ -8,5 +8,7 @@ def time_mean(times, values, steps=200):
     total = 0.0
     for k in range(len(times) - 1):
         shares = (np.arange(steps) + 0.5) / steps
-        total += (times[k + 1] - times[k]) * np.mean(values[k] + shares * (values[k + 1] - values[k]))
+        total += (times[k + 1] - times[k]) * np.mean(
+            values[k] + shares * (values[k + 1] - values[k])
+        )
     return total / (times[-1] - times[0])

@@ -10,7 +10,11 @@ def summary(ping, repairable, at_surface, levels, mean_square):
     bins = [
         (depth, u, v, error, reason)
         for depth, (u, v), error, reason in zip(
-            ping.depth.tolist(), ping.velocity.tolist(), ping.error_std.tolist(), ping.reasons.tolist(), strict=True
+            ping.depth.tolist(),
+            ping.velocity.tolist(),
+            ping.error_std.tolist(),
+            ping.reasons.tolist(),
+            strict=True,
         )
         if math.isfinite(u) and math.isfinite(v)
     ]
@@ -24,7 +28,9 @@ def summary(ping, repairable, at_surface, levels, mean_square):
         above = sum(depth < 0.0 for depth in told) > len(told) / 2
     if good and math.isfinite(ping.common_std):
         squares = statistics.median_high([u * u + v * v for _, u, v, _, _ in good])
-        typical = math.fsum(_interpolated(each[0], levels, mean_square) for each in good) / len(good)
+        typical = math.fsum(_interpolated(each[0], levels, mean_square) for each in good) / len(
+            good
+        )
         speed = squares, typical, math.fsum(each[3] for each in good) / len(good)
     return near, above, speed
 

@@ -33,7 +33,11 @@ def exhaustive_closest_approach(
     """
     shortest = max(abs(goal[2] - start[2]) / speed, 600.0)
     heading, duration = (
-        a.ravel() for a in np.meshgrid(np.linspace(0, 2 * np.pi, headings, endpoint=False), np.geomspace(shortest, max_duration, times))
+        a.ravel()
+        for a in np.meshgrid(
+            np.linspace(0, 2 * np.pi, headings, endpoint=False),
+            np.geomspace(shortest, max_duration, times),
+        )
     )
     tried = np.column_stack([heading, (goal[2] - start[2]) / (speed * duration), np.log(duration)])
     distance = _closest(flow, start, goal, speed, tried, steps)
@@ -41,7 +45,9 @@ def exhaustive_closest_approach(
     for i in np.argsort(distance, kind="stable")[:2]:
         simplex = tried[i] + np.vstack([np.zeros(3), np.diag([0.02, 0.05 * tried[i, 1], 0.03])])
         answer = minimize(
-            lambda x: float(_closest(flow, start, goal, speed, _within(x, max_duration)[None], 2 * steps)[0]),
+            lambda x: float(
+                _closest(flow, start, goal, speed, _within(x, max_duration)[None], 2 * steps)[0]
+            ),
             tried[i],
             method="Nelder-Mead",
             options={"initial_simplex": simplex, "xatol": 1e-6, "fatol": 1.0, "maxiter": 60},
@@ -51,10 +57,14 @@ def exhaustive_closest_approach(
 
 
 def _within(unknowns: Array, max_duration: float) -> Array:
-    return np.array([unknowns[0], np.clip(unknowns[1], -1.0, 1.0), min(unknowns[2], np.log(max_duration))])
+    return np.array(
+        [unknowns[0], np.clip(unknowns[1], -1.0, 1.0), min(unknowns[2], np.log(max_duration))]
+    )
 
 
-def _closest(flow: FlowEstimate, start: Array, goal: Array, speed: float, tried: Array, steps: int) -> Array:
+def _closest(
+    flow: FlowEstimate, start: Array, goal: Array, speed: float, tried: Array, steps: int
+) -> Array:
     """Return the least distance to the goal along straight legs between the steps, while the path stays inside the grid's box."""
     heading, sine, log_duration = tried.T
     level = speed * np.sqrt(1.0 - np.clip(sine, -1.0, 1.0) ** 2)
@@ -73,9 +83,17 @@ def _closest(flow: FlowEstimate, start: Array, goal: Array, speed: float, tried:
         k2 = rate(at + h / 2 * k1)
         k3 = rate(at + h / 2 * k2)
         after = at + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(at + h * k3))
-        inside &= inside_grid(flow.grid, after[:, 0], after[:, 1]) & (after[:, 2] > -1e-3) & (after[:, 2] < flow.levels[-1] + 1e-3)
+        inside &= (
+            inside_grid(flow.grid, after[:, 0], after[:, 1])
+            & (after[:, 2] > -1e-3)
+            & (after[:, 2] < flow.levels[-1] + 1e-3)
+        )
         leg = after - at
-        share = np.clip(np.sum((goal - at) * leg, axis=1) / np.maximum(np.sum(leg**2, axis=1), 1e-12), 0.0, 1.0)
-        best = np.where(inside, np.minimum(best, np.linalg.norm(at + share[:, None] * leg - goal, axis=1)), best)
+        share = np.clip(
+            np.sum((goal - at) * leg, axis=1) / np.maximum(np.sum(leg**2, axis=1), 1e-12), 0.0, 1.0
+        )
+        best = np.where(
+            inside, np.minimum(best, np.linalg.norm(at + share[:, None] * leg - goal, axis=1)), best
+        )
         at = after
     return best

@@ -47,9 +47,16 @@ def outlyingness(velocity, floor, window):
             continue
         ratios = []
         for c in (0, 1):
-            middles = [statistics.median(velocity[k][c] for k in around[j]) if around[j] else math.nan for j in range(n)]
-            usual = statistics.median(abs(velocity[j][c] - middles[j]) for j in range(n) if finite[j])
+            middles = [
+                statistics.median(velocity[k][c] for k in around[j]) if around[j] else math.nan
+                for j in range(n)
+            ]
+            usual = statistics.median(
+                abs(velocity[j][c] - middles[j]) for j in range(n) if finite[j]
+            )
             local = statistics.median(abs(velocity[k][c] - middles[i]) for k in around[i])
-            ratios.append(abs(velocity[i][c] - middles[i]) / max(1.4826 * max(usual, local), floor[i]))
+            ratios.append(
+                abs(velocity[i][c] - middles[i]) / max(1.4826 * max(usual, local), floor[i])
+            )
         result.append(max(ratios))
     return result

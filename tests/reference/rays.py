@@ -23,8 +23,14 @@ def fan(velocity: Velocity, start: Array, speed: float, headings: Array, times: 
 
     def rate(at: Array, time: float) -> Array:
         place, sin, cos = at[:, :2], np.sin(at[:, 2]), np.cos(at[:, 2])
-        moves = [velocity(place + _NEAR * np.array(side), time) for side in ([1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0])]
-        by_east, by_north = (moves[0] - moves[1]) / (2.0 * _NEAR), (moves[2] - moves[3]) / (2.0 * _NEAR)
+        moves = [
+            velocity(place + _NEAR * np.array(side), time)
+            for side in ([1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0])
+        ]
+        by_east, by_north = (
+            (moves[0] - moves[1]) / (2.0 * _NEAR),
+            (moves[2] - moves[3]) / (2.0 * _NEAR),
+        )
         turn = by_east[1] * sin**2 + (by_east[0] - by_north[1]) * sin * cos - by_north[0] * cos**2
         here = velocity(place, time)
         return np.column_stack([here[0] + speed * cos, here[1] + speed * sin, turn])
@@ -47,6 +53,11 @@ def in_front(fans: Array, distance: float) -> NDArray[np.bool_]:
 
     A ray behind that was overtaken by others: the path along it is not the quickest.
     """
-    reached = shapely.union_all([shapely.buffer(shapely.make_valid(shapely.Polygon(fan)), 0.0) for fan in fans])
+    reached = shapely.union_all(
+        [shapely.buffer(shapely.make_valid(shapely.Polygon(fan)), 0.0) for fan in fans]
+    )
     ends = shapely.points(fans[-1])
-    return np.asarray(~shapely.contains(reached, ends) | (shapely.distance(shapely.boundary(reached), ends) < distance))
+    return np.asarray(
+        ~shapely.contains(reached, ends)
+        | (shapely.distance(shapely.boundary(reached), ends) < distance)
+    )

@@ -31,5 +31,10 @@ def farthest_left_out(kept: tuple[int, ...], times: Array, places: Array) -> flo
         before, after = max(n for n in (0, *kept) if n <= k), min(n for n in (0, *kept) if n >= k)
         if after > before:
             share = (times[k] - times[before]) / (times[after] - times[before])
-            worst = max(worst, float(np.linalg.norm(places[before] * (1 - share) + places[after] * share - places[k])))
+            worst = max(
+                worst,
+                float(
+                    np.linalg.norm(places[before] * (1 - share) + places[after] * share - places[k])
+                ),
+            )
     return worst

@@ -8,7 +8,15 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 
 
-def graph_time(flow: FlowEstimate, depth: float, begin: Array, end: Array, speed: float, points: int, reach: int) -> float:
+def graph_time(
+    flow: FlowEstimate,
+    depth: float,
+    begin: Array,
+    end: Array,
+    speed: float,
+    points: int,
+    reach: int,
+) -> float:
     """Return when a front of a vehicle's speed [m/s] that starts at ``begin`` (2,) reaches ``end`` (2,) [s]; infinity when it does not.
 
     The grid is turned so that both places are points of it; an edge leads at most ``reach`` points away along either axis.
@@ -40,7 +48,10 @@ def graph_time(flow: FlowEstimate, depth: float, begin: Array, end: Array, speed
             way = a * unit + b * np.array([-unit[1], unit[0]])
             length = np.hypot(*way)
             mean = 0.5 * (current[here] + current[there])
-            along, across = mean @ way / length, (mean[..., 0] * way[1] - mean[..., 1] * way[0]) / length
+            along, across = (
+                mean @ way / length,
+                (mean[..., 0] * way[1] - mean[..., 1] * way[0]) / length,
+            )
             made_good = along + np.sqrt(np.maximum(speed**2 - across**2, 0.0))
             usable = inside[here] & inside[there] & (made_good > 1e-3) & (np.abs(across) < speed)
             parts.append((length / made_good[usable], number[here][usable], number[there][usable]))

@@ -11,14 +11,18 @@ def corrected(stamps: list[int]) -> list[int | None]:
         following = stamps[k + 1 : k + 33]
         believed = [time for time in times if time is not None]
         if not believed:
-            wrong = [other for other in following if other < stamp - DAY or other > stamp + 366 * DAY]
+            wrong = [
+                other for other in following if other < stamp - DAY or other > stamp + 366 * DAY
+            ]
             times.append(None if len(wrong) > len(following) - len(wrong) else stamp)
             continue
         last, time = believed[-1], stamp + offset
         if last - DAY <= time <= last + DAY:
             times.append(time)
             continue
-        nearer = [other for other in following if abs(other + offset - time) < abs(other + offset - last)]
+        nearer = [
+            other for other in following if abs(other + offset - time) < abs(other + offset - last)
+        ]
         alone = not following and last < time <= last + 366 * DAY
         if not alone and len(nearer) <= len(following) - len(nearer):
             times.append(None)

@@ -33,12 +33,16 @@ class Sea:
         (earlier, later), share = _between(times, now)
         (above, below), depth_share = _between(self.flows[0].levels.tolist(), depth)
         early, late = (
-            (1.0 - depth_share) * self.flows[k].latent[:, above] + depth_share * self.flows[k].latent[:, below] for k in (earlier, later)
+            (1.0 - depth_share) * self.flows[k].latent[:, above]
+            + depth_share * self.flows[k].latent[:, below]
+            for k in (earlier, later)
         )
         kernel = functions_at(self.flows[0].horizontal, at[None])
         return np.asarray(kernel @ ((1.0 - share) * early + share * late))
 
-    def drift(self, begin: tuple[Array, float, float], through: Array, down: float, lasts: float) -> list[tuple[Array, float, float]]:
+    def drift(
+        self, begin: tuple[Array, float, float], through: Array, down: float, lasts: float
+    ) -> list[tuple[Array, float, float]]:
         """Return (place [m], depth [m], time [s]) after each short step of a constant velocity through water towards true east and north.
 
         Args:
@@ -47,11 +51,23 @@ class Sea:
             down: Vertical speed [m/s].
             lasts: How long [s].
         """
-        (at, depth, now), steps, frame = begin, max(int(np.ceil(lasts / STEP)), 1), self.flows[0].grid.projection
+        (at, depth, now), steps, frame = (
+            begin,
+            max(int(np.ceil(lasts / STEP)), 1),
+            self.flows[0].grid.projection,
+        )
         step, path = lasts / steps, []
 
         def rate(place: Array, deep: float, when: float) -> Array:
-            return np.array(rate_in_frame(frame, place[0], place[1], tuple(through), tuple(self.velocity(place, deep, when))))
+            return np.array(
+                rate_in_frame(
+                    frame,
+                    place[0],
+                    place[1],
+                    tuple(through),
+                    tuple(self.velocity(place, deep, when)),
+                )
+            )
 
         for _ in range(steps):
             halfway = at + 0.5 * step * rate(at, depth, now)
@@ -61,13 +77,23 @@ class Sea:
         return path
 
     def dive(
-        self, begin: tuple[Array, float, float], plan: MissionPlan, heading: float, angle: float, turns: Sequence[float]
+        self,
+        begin: tuple[Array, float, float],
+        plan: MissionPlan,
+        heading: float,
+        angle: float,
+        turns: Sequence[float],
     ) -> list[tuple[Array, float, float]]:
         """Return the path of dives that turn at some depths [m], with a heading and a glide angle [rad] that are held."""
         along, vertical = (float(speed) for speed in plan.vehicle.speeds(np, angle))
         path, through = [begin], along * np.array([np.sin(heading), np.cos(heading)])
         for first, last in pairwise(turns):
-            way = self.drift(path[-1], through, float(np.sign(last - first)) * vertical, abs(last - first) / vertical)
+            way = self.drift(
+                path[-1],
+                through,
+                float(np.sign(last - first)) * vertical,
+                abs(last - first) / vertical,
+            )
             path += [*way[:-1], (way[-1][0], last, way[-1][2])]
         return path[1:]
 
@@ -84,14 +110,18 @@ def _between(values: list[float], wanted: float) -> tuple[tuple[int, int], float
 def fly_commands(sea: Sea, plan: MissionPlan) -> Array:
     """Return the track of a mission's commands, shape (n, 3) [m]."""
     path = [_begin(sea, plan)]
-    for k, (heading, angle) in enumerate(zip(np.deg2rad(plan.headings_deg), np.deg2rad(plan.glide_angles_deg), strict=True)):
+    for k, (heading, angle) in enumerate(
+        zip(np.deg2rad(plan.headings_deg), np.deg2rad(plan.glide_angles_deg), strict=True)
+    ):
         path += sea.dive(path[-1], plan, float(heading), float(angle), plan.yo_depths[k])
         if k < len(plan.headings_deg) - 1 and plan.settings.surface_time > 0.0:
             path += sea.drift(path[-1], np.zeros(2), 0.0, plan.settings.surface_time)
     return _track(path)
 
 
-def follow_waypoints(sea: Sea, plan: MissionPlan, rows: Sequence[dict[str, float]], places: Array) -> Array:
+def follow_waypoints(
+    sea: Sea, plan: MissionPlan, rows: Sequence[dict[str, float]], places: Array
+) -> Array:
     """Return the track of a glider that heads for the waypoints of a file, shape (n, 3) [m], until it is at the last.
 
     It is told the mean current of the first leg; then it knows that of the leg before, by dead reckoning. It gives up after three times the
@@ -106,11 +136,24 @@ def follow_waypoints(sea: Sea, plan: MissionPlan, rows: Sequence[dict[str, float
     frame, path, current, target = sea.flows[0].grid.projection, [_begin(sea, plan)], np.zeros(2), 0
     wanted = np.column_stack(to_local(frame, *places.T))
     first = np.array(to_local(frame, *plan.surfacings[0])) - path[0][0]
-    current = _current(sea, plan, path[0][0], first, plan.surfacing_times[0], plan.headings_deg[0], plan.glide_angles_deg[0])
+    current = _current(
+        sea,
+        plan,
+        path[0][0],
+        first,
+        plan.surfacing_times[0],
+        plan.headings_deg[0],
+        plan.glide_angles_deg[0],
+    )
     for leg in range(3 * len(plan.headings_deg) + 3):
         row, (at, depth, now) = rows[target], path[-1]
-        angle, settings = np.deg2rad(row["glide_angle_deg"]), replace(plan.settings, depth=row["depth_m"], yos=int(row["dives"]))
-        local, share = heading_for(replace(plan, settings=settings), wanted[target] - at, float(angle), current)
+        angle, settings = (
+            np.deg2rad(row["glide_angle_deg"]),
+            replace(plan.settings, depth=row["depth_m"], yos=int(row["dives"])),
+        )
+        local, share = heading_for(
+            replace(plan, settings=settings), wanted[target] - at, float(angle), current
+        )
         heading, begin = local - _true_north(sea, at), plan.yo_depths[0][0] if leg == 0 else 0.0
         turns = (begin, *(max(share * row["depth_m"], begin), 0.0) * settings.yos)
         path += sea.dive((at, depth, now), plan, heading, float(angle), turns)
@@ -120,13 +163,25 @@ def follow_waypoints(sea: Sea, plan: MissionPlan, rows: Sequence[dict[str, float
         target += arrived
         if settings.surface_time > 0.0:
             path += sea.drift(path[-1], np.zeros(2), 0.0, settings.surface_time)
-        current = _current(sea, plan, at, path[-1][0] - at, path[-1][2] - now, np.rad2deg(heading), row["glide_angle_deg"])
+        current = _current(
+            sea,
+            plan,
+            at,
+            path[-1][0] - at,
+            path[-1][2] - now,
+            np.rad2deg(heading),
+            row["glide_angle_deg"],
+        )
     return _track(path)
 
 
-def _current(sea: Sea, plan: MissionPlan, at: Array, way: Array, lasts: float, heading: float, angle: float) -> Array:
+def _current(
+    sea: Sea, plan: MissionPlan, at: Array, way: Array, lasts: float, heading: float, angle: float
+) -> Array:
     """Return the mean current [m/s] of a leg by dead reckoning: way [m], duration [s], heading and glide angle [degrees]."""
-    along = float(plan.vehicle.speeds(np, np.deg2rad(angle))[0]) * max(lasts - plan.settings.surface_time, 0.0)
+    along = float(plan.vehicle.speeds(np, np.deg2rad(angle))[0]) * max(
+        lasts - plan.settings.surface_time, 0.0
+    )
     local = np.deg2rad(heading) + _true_north(sea, at + 0.5 * way)
     return np.asarray((way - along * np.array([np.sin(local), np.cos(local)])) / lasts)
 
@@ -140,7 +195,10 @@ def _true_north(sea: Sea, at: Array) -> float:
 
 
 def _begin(sea: Sea, plan: MissionPlan) -> tuple[Array, float, float]:
-    place = np.array(to_local(sea.flows[0].grid.projection, plan.start.longitude, plan.start.latitude), dtype=np.float64)
+    place = np.array(
+        to_local(sea.flows[0].grid.projection, plan.start.longitude, plan.start.latitude),
+        dtype=np.float64,
+    )
     return place, plan.start.depth, 0.0
 
 
@@ -150,7 +208,10 @@ def _track(path: list[tuple[Array, float, float]]) -> Array:
 
 def read_csv_waypoints(text: str) -> list[dict[str, float]]:
     """Return the rows of a CSV of waypoints; the time of one that is not reached is NaN."""
-    return [{name: float(value or "nan") for name, value in row.items()} for row in csv.DictReader(io.StringIO(text))]
+    return [
+        {name: float(value or "nan") for name, value in row.items()}
+        for row in csv.DictReader(io.StringIO(text))
+    ]
 
 
 def _degrees(text: str) -> float:

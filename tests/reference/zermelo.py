@@ -47,14 +47,22 @@ def time_in_jet(begin: Array, end: Array, east: Callable[[float], float], speed:
 
         def rate(_: float, at: Array) -> Array:
             slope = (east(at[1] + 1.0) - east(at[1] - 1.0)) / 2.0
-            return np.array([speed * np.sin(at[2]) + east(at[1]), speed * np.cos(at[2]), slope * np.sin(at[2]) ** 2])
+            return np.array(
+                [
+                    speed * np.sin(at[2]) + east(at[1]),
+                    speed * np.cos(at[2]),
+                    slope * np.sin(at[2]) ** 2,
+                ]
+            )
 
         def crosses(_: float, at: Array) -> float:
             return float(at[1] - end[1])
 
         crosses.terminal = True  # type: ignore[attr-defined]
         longest = 20.0 * float(np.hypot(*(end - begin))) / speed
-        path = solve_ivp(rate, (0.0, longest), [*begin, first], rtol=1e-10, atol=1e-6, events=crosses)
+        path = solve_ivp(
+            rate, (0.0, longest), [*begin, first], rtol=1e-10, atol=1e-6, events=crosses
+        )
         return float(path.y[0, -1] - end[0]), float(path.t[-1])
 
     headings = np.linspace(-1.5, 1.5, 31) + (0.0 if end[1] > begin[1] else np.pi)
@@ -69,4 +77,8 @@ def time_in_jet(begin: Array, end: Array, east: Callable[[float], float], speed:
 
 def most_frugal_speed(hotel: float, drag: float) -> float:
     """Return the speed [m/s] at which a metre through still water takes least energy."""
-    return float(minimize_scalar(lambda speed: (hotel + drag * speed**3) / speed, bounds=(1e-3, 10.0), method="bounded").x)
+    return float(
+        minimize_scalar(
+            lambda speed: (hotel + drag * speed**3) / speed, bounds=(1e-3, 10.0), method="bounded"
+        ).x
+    )

@@ -13,8 +13,14 @@ from packaging.requirements import Requirement
 
 PROJECT = "replay-kit"
 # What these state nowhere in their metadata, read from the licence in the package.
-READ_BY_HAND = {"do-mpc": "LGPL-3.0", "requests-unixsocket": "Apache-2.0", "rockit-meco": "LGPL-3.0"}
-_REFUSED = re.compile(r"(?<!L)(?<!Lesser )\bA?GPL|(?<!Lesser )General Public License", re.IGNORECASE)
+READ_BY_HAND = {
+    "do-mpc": "LGPL-3.0",
+    "requests-unixsocket": "Apache-2.0",
+    "rockit-meco": "LGPL-3.0",
+}
+_REFUSED = re.compile(
+    r"(?<!L)(?<!Lesser )\bA?GPL|(?<!Lesser )General Public License", re.IGNORECASE
+)
 
 
 def installed(names: Iterable[str], extras: Iterable[str] = ()) -> dict[str, Distribution]:
@@ -36,7 +42,9 @@ def installed(names: Iterable[str], extras: Iterable[str] = ()) -> dict[str, Dis
             continue
         found[_key(name)] = package
         for requirement in map(Requirement, package.requires or ()):
-            if requirement.marker is None or any(requirement.marker.evaluate({"extra": extra}) for extra in {"", *wanted}):
+            if requirement.marker is None or any(
+                requirement.marker.evaluate({"extra": extra}) for extra in {"", *wanted}
+            ):
                 asked = _key(requirement.name), frozenset(requirement.extras)
                 if asked not in seen:
                     seen.add(asked)
@@ -52,8 +60,14 @@ def _key(name: str) -> str:
 def licence(package: Distribution) -> str:
     """Return a package's licence: its expression, its classifiers or the first line of its text; empty where it states none."""
     metadata = package.metadata
-    classified = [value.split(" :: ")[-1] for value in metadata.get_all("Classifier") or () if value.startswith("License ::")]
-    stated = metadata.get("License-Expression") or ", ".join(value for value in classified if value != "OSI Approved")
+    classified = [
+        value.split(" :: ")[-1]
+        for value in metadata.get_all("Classifier") or ()
+        if value.startswith("License ::")
+    ]
+    stated = metadata.get("License-Expression") or ", ".join(
+        value for value in classified if value != "OSI Approved"
+    )
     text = (metadata.get("License") or "").strip().splitlines()
     return stated or (text[0] if text else READ_BY_HAND.get(metadata["Name"].lower(), ""))
 
@@ -66,10 +80,16 @@ def refused(text: str) -> bool:
 def main(extras: Iterable[str]) -> int:
     """Print the licences; return the exit code."""
     packages = installed([PROJECT], extras)
-    rows = [(name, package.version, licence(package)) for name, package in sorted(packages.items()) if name != PROJECT]
+    rows = [
+        (name, package.version, licence(package))
+        for name, package in sorted(packages.items())
+        if name != PROJECT
+    ]
     width = max((len(name) for name, *_ in rows), default=0)
     for name, version, text in rows:
-        print(f"{name:{width}}  {version:16}  {text or 'none stated'}{'  NOT ACCEPTED' if refused(text) else ''}")
+        print(
+            f"{name:{width}}  {version:16}  {text or 'none stated'}{'  NOT ACCEPTED' if refused(text) else ''}"
+        )
     bad = [name for name, _, text in rows if refused(text)]
     print(f"{len(rows)} packages; not accepted: {', '.join(bad) or 'none'}")
     return 1 if bad else 0

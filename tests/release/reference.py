@@ -35,11 +35,20 @@ article { margin: 2rem 0; padding-top: .75rem; border-top: 1px solid var(--line)
 
 def reference_html() -> str:
     """Return the page: the packages with their members in the order of ``__all__``, then every setting."""
-    roots = {name: griffe.load(name, docstring_parser="google", resolve_aliases=True) for name in ("replay_kit", "planners")}
-    modules = {name: _target(roots[name] if name in roots else roots["replay_kit"][name.partition(".")[2]]) for name in PACKAGES}
+    roots = {
+        name: griffe.load(name, docstring_parser="google", resolve_aliases=True)
+        for name in ("replay_kit", "planners")
+    }
+    modules = {
+        name: _target(roots[name] if name in roots else roots["replay_kit"][name.partition(".")[2]])
+        for name in PACKAGES
+    }
     parts = [_package_html(name, module) for name, module in modules.items()]
     links = "".join(f'<li><a href="#{name}">{name}</a></li>' for name in (*PACKAGES, "settings"))
-    rows = "".join(f"<tr><td><code>{escape(name)}</code></td><td>{_words(text)}</td></tr>" for name, text in settings(RunConfig))
+    rows = "".join(
+        f"<tr><td><code>{escape(name)}</code></td><td>{_words(text)}</td></tr>"
+        for name, text in settings(RunConfig)
+    )
     title = f"replay-kit {__version__}: reference"
     return f"""<!DOCTYPE html>
 <html lang="en">
@@ -74,7 +83,11 @@ def settings(model: type[BaseModel], before: str = "") -> Iterator[tuple[str, st
         if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
             yield from settings(field.annotation, f"{before}{name}.")
         else:
-            default = "" if field.is_required() or field.default is None else f" Default: {field.default}."
+            default = (
+                ""
+                if field.is_required() or field.default is None
+                else f" Default: {field.default}."
+            )
             yield f"{before}{name}", f"{field.description or ''}{default}"
 
 
@@ -85,7 +98,9 @@ def _target(thing: griffe.Object | griffe.Alias) -> griffe.Object:
 
 def _package_html(name: str, package: griffe.Object) -> str:
     named = [str(member).strip("'\"") for member in package.exports or ()]
-    members = [(member, _target(package[member])) for member in named if not member.startswith("__")]
+    members = [
+        (member, _target(package[member])) for member in named if not member.startswith("__")
+    ]
     links = "".join(f'<li><a href="#{name}.{member}">{member}</a></li>' for member, _ in members)
     articles = "".join(_article(f"{name}.{member}", thing) for member, thing in members)
     return f'<section id="{name}"><h2>{name}</h2>{_docstring(package)}<nav aria-label="{name}"><ul>{links}</ul></nav>{articles}</section>'
@@ -95,10 +110,17 @@ def _article(name: str, thing: griffe.Object) -> str:
     """Return a function, class or value with its public methods."""
     inner = ""
     if isinstance(thing, griffe.Class):
-        public = [_target(member) for key, member in thing.all_members.items() if not key.startswith("_")]
-        methods = [member for member in public if member.docstring and (member.is_function or "property" in member.labels)]
+        public = [
+            _target(member) for key, member in thing.all_members.items() if not key.startswith("_")
+        ]
+        methods = [
+            member
+            for member in public
+            if member.docstring and (member.is_function or "property" in member.labels)
+        ]
         inner = "".join(
-            f'<div class="method"><h4><code>{escape(_signature(member))}</code></h4>{_docstring(member)}</div>' for member in methods
+            f'<div class="method"><h4><code>{escape(_signature(member))}</code></h4>{_docstring(member)}</div>'
+            for member in methods
         )
     return f'<article id="{name}"><h3><code>{escape(_signature(thing, name))}</code></h3>{_docstring(thing)}{inner}</article>'
 
@@ -111,7 +133,12 @@ def _signature(thing: griffe.Object, name: str = "") -> str:
     if not isinstance(thing, griffe.Function):
         return name or thing.name
     shown = [
-        parameter.name + (f"={parameter.default}" if parameter.default is not None and not parameter.name.startswith("*") else "")
+        parameter.name
+        + (
+            f"={parameter.default}"
+            if parameter.default is not None and not parameter.name.startswith("*")
+            else ""
+        )
         for parameter in thing.parameters
         if parameter.name not in ("self", "cls")
     ]
@@ -140,7 +167,9 @@ def _paragraph(text: str) -> str:
         return f"<pre>{escape(dedent(text))}</pre>"
     first, *points = re.split(r"^\* ", text, flags=re.MULTILINE)
     listed = "".join(f"<li>{_words(point)}</li>" for point in points)
-    return (f"<p>{_words(first)}</p>" if first.strip() else "") + (f"<ul>{listed}</ul>" if points else "")
+    return (f"<p>{_words(first)}</p>" if first.strip() else "") + (
+        f"<ul>{listed}</ul>" if points else ""
+    )
 
 
 def _words(text: str) -> str:

@@ -16,7 +16,9 @@ def test_the_reference_has_every_public_name_and_every_setting_and_fetches_nothi
     page = reference_html()
     for package in (replay_kit, planners):
         for name in package.__all__:
-            assert name.startswith("__") or f'<article id="{package.__name__}.{name}">' in page, name
+            assert name.startswith("__") or f'<article id="{package.__name__}.{name}">' in page, (
+                name
+            )
     assert "<h4><code>velocity_at(longitude, latitude, depth, time=None)</code></h4>" in page
     assert "<code>estimator.modes</code>" in page
     assert "<dt><code>EstimatorError</code></dt>" in page
@@ -49,7 +51,9 @@ def test_no_dependency_has_a_licence_that_is_refused() -> None:
     found = installed([PROJECT])
     assert {"numpy", "casadi", "pymavlink", "contourpy"} <= set(found)
     assert "hypothesis" not in found
-    assert {name: licence(package) for name, package in found.items() if refused(licence(package))} == {}
+    assert {
+        name: licence(package) for name, package in found.items() if refused(licence(package))
+    } == {}
 
 
 def test_the_citation_states_the_version_and_the_licence() -> None:
@@ -60,7 +64,11 @@ def test_the_citation_states_the_version_and_the_licence() -> None:
 
 
 def test_the_changelog_begins_with_this_version_and_its_date() -> None:
-    latest = re.search(r"^## (\S+), (\S+)$", (ROOT / "replay_kit" / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    latest = re.search(
+        r"^## (\S+), (\S+)$",
+        (ROOT / "replay_kit" / "CHANGELOG.md").read_text(encoding="utf-8"),
+        re.MULTILINE,
+    )
     assert latest
     assert latest[1] == replay_kit.__version__
     assert f"date-released: {latest[2]}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")

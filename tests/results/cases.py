@@ -22,7 +22,8 @@ def moved(flow: FlowEstimate, longitude: float) -> FlowEstimate:
     grid = replace(
         flow.grid,
         projection=projection,
-        longitude=(flow.grid.longitude - flow.grid.projection.longitude + longitude + 180.0) % 360.0 - 180.0,
+        longitude=(flow.grid.longitude - flow.grid.projection.longitude + longitude + 180.0) % 360.0
+        - 180.0,
     )
     return replace(flow, grid=grid)
 
@@ -46,7 +47,16 @@ def write(
         for k, innovation in enumerate(innovations):
             now = start + k * 3_600_000_000_000
             longitude = (centre.longitude + 0.01 * k + 180.0) % 360.0 - 180.0
-            writer.fix(VehicleState(now, longitude, centre.latitude + 0.002 * k, depth, False, replace(innovation.source, topic="/gps")))
+            writer.fix(
+                VehicleState(
+                    now,
+                    longitude,
+                    centre.latitude + 0.002 * k,
+                    depth,
+                    False,
+                    replace(innovation.source, topic="/gps"),
+                )
+            )
             writer.innovation(replace(innovation, time_ns=now + 5))
             writer.estimate(now + 5, weights, flow.levels)
             if grids:

@@ -71,7 +71,15 @@ def plan() -> Plan:
 @pytest.fixture
 def failed_plan(plan: Plan) -> Plan:
     empty = np.empty((0, 3))
-    return replace(plan, status="failed", closest_approach=np.inf, duration=np.nan, track=empty, track_time=empty[:, 0], message="no path")
+    return replace(
+        plan,
+        status="failed",
+        closest_approach=np.inf,
+        duration=np.nan,
+        track=empty,
+        track_time=empty[:, 0],
+        message="no path",
+    )
 
 
 @pytest.fixture
@@ -80,7 +88,9 @@ def weights() -> np.ndarray:
 
 
 @pytest.fixture
-def run(flow: FlowEstimate, state: VehicleState, innovation: Innovation, plan: Plan, weights: np.ndarray) -> Run:
+def run(
+    flow: FlowEstimate, state: VehicleState, innovation: Innovation, plan: Plan, weights: np.ndarray
+) -> Run:
     """Return a function that writes a small run and returns its path."""
 
     def write(path: Path) -> Path:

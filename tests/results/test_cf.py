@@ -42,7 +42,9 @@ def complaints() -> Callable[[Path], list[str]]:
 
 def messages(result: Result) -> list[str]:
     """Return what a check that did not pass says; one that passed may say how."""
-    passed, total = result.value if isinstance(result.value, tuple) else (int(bool(result.value)), 1)
+    passed, total = (
+        result.value if isinstance(result.value, tuple) else (int(bool(result.value)), 1)
+    )
     own = result.msgs if passed < total and not result.children else []
     return [*own, *(message for child in result.children for message in messages(child))]
 
@@ -57,12 +59,16 @@ def regular(flow: FlowEstimate) -> FlowEstimate:
 
 @pytest.mark.parametrize("n_modes", [0, 4])
 @pytest.mark.parametrize("time_ns", [None, 1_700_000_000_123_456_789])
-def test_a_grid_is_compliant(make_flow, tmp_path: Path, complaints, n_modes: int, time_ns: int | None) -> None:
+def test_a_grid_is_compliant(
+    make_flow, tmp_path: Path, complaints, n_modes: int, time_ns: int | None
+) -> None:
     write_grid(regular(replace(make_flow(n_modes=n_modes), time_ns=time_ns)), tmp_path / "grid.nc")
     assert complaints(tmp_path / "grid.nc") == []
 
 
-def test_a_curvilinear_grid_is_compliant_but_for_the_names_of_its_dimensions(make_flow, tmp_path: Path, complaints) -> None:
+def test_a_curvilinear_grid_is_compliant_but_for_the_names_of_its_dimensions(
+    make_flow, tmp_path: Path, complaints
+) -> None:
     """CF recommends depth before the two dimensions of a curvilinear grid; the checker takes them for other ones."""
     write_grid(make_flow(), tmp_path / "grid.nc")
     found = complaints(tmp_path / "grid.nc")
@@ -72,7 +78,9 @@ def test_a_curvilinear_grid_is_compliant_but_for_the_names_of_its_dimensions(mak
 
 @pytest.mark.parametrize("n_modes", [0, 4])
 @pytest.mark.parametrize("time_ns", [None, 1_700_000_000_123_456_789])
-def test_a_saved_estimate_is_compliant(make_flow, tmp_path: Path, complaints, n_modes: int, time_ns: int | None) -> None:
+def test_a_saved_estimate_is_compliant(
+    make_flow, tmp_path: Path, complaints, n_modes: int, time_ns: int | None
+) -> None:
     save(replace(make_flow(n_modes=n_modes), time_ns=time_ns), tmp_path / "flow.nc")
     assert complaints(tmp_path / "flow.nc") == []
 

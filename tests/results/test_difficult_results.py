@@ -57,7 +57,9 @@ def of_a_vessel(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Pl
     write(path, flow, [replace(innovation, dive=0)] * 3, plan, depth=float("nan"))
 
 
-def across_the_antimeridian(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
+def across_the_antimeridian(
+    path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan
+) -> None:
     write(path, moved(flow, 179.98), [innovation] * 4, plan)
 
 
@@ -78,12 +80,20 @@ def of_nothing(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Pla
 
 #: Each case, what its page says of it, and which tables of its exports have rows.
 CASES: list[tuple[Case, str, set[str]]] = [
-    (of_another_version, "The result has version 3 of the contract, this program version 4", {"plans", "section", "track"}),
+    (
+        of_another_version,
+        "The result has version 3 of the contract, this program version 4",
+        {"plans", "section", "track"},
+    ),
     (without_estimate, "carries no estimate.nc", {"plans", "section", "track"}),
     (cut_short, "The result is cut short: ", {"section", "track"}),
     (without_plan, "The result holds no plan", {"section", "track"}),
     (of_one_ping, "gave 1 measurement of the current that was used", {"section", "track"}),
-    (of_a_vessel, "without dives: a vessel at the surface, or a log without depths", {"plans", "section", "track"}),
+    (
+        of_a_vessel,
+        "without dives: a vessel at the surface, or a log without depths",
+        {"plans", "section", "track"},
+    ),
     (across_the_antimeridian, "The vehicle travelled", {"plans", "section", "track"}),
     (at_80_north, "The vehicle travelled", {"plans", "section", "track"}),
     (without_positions, "gave 1 measurement of the current that was used", {"section"}),
@@ -91,7 +101,9 @@ CASES: list[tuple[Case, str, set[str]]] = [
 ]
 
 
-@pytest.mark.parametrize(("case", "said", "tables"), CASES, ids=[case.__name__ for case, _, _ in CASES])
+@pytest.mark.parametrize(
+    ("case", "said", "tables"), CASES, ids=[case.__name__ for case, _, _ in CASES]
+)
 def test_each_is_shown_and_exported(
     case: Case,
     said: str,
@@ -124,7 +136,9 @@ def _check_exports(contents: Contents, folder: Path, tables: set[str]) -> None:
     """See that each export has the rows that are there, that it can be read, and that it says so where there are none."""
     for ending in ENDINGS:
         rows = export(contents, folder / f"out{ending}")
-        assert {name for name in ("plans", "section", "track") if rows.get(name)} == tables & set(rows), ending
+        assert {name for name in ("plans", "section", "track") if rows.get(name)} == tables & set(
+            rows
+        ), ending
     with xr.open_dataset(folder / "out.nc") as found:
         assert {str(name) for name in found.sizes} >= tables
     track = pd.read_csv(folder / "out.csv")

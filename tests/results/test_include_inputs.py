@@ -21,15 +21,28 @@ from tests.results.result_samples import CONFIG, DEPTHS, METADATA
 
 
 @pytest.mark.parametrize("name", ["glider.mcap", "survey.mcap"])
-def test_the_inputs_messages_are_copied_untouched(state: VehicleState, tmp_path: Path, name: str) -> None:
+def test_the_inputs_messages_are_copied_untouched(
+    state: VehicleState, tmp_path: Path, name: str
+) -> None:
     out = tmp_path / "out.mcap"
     with ResultWriter(out) as writer:
         writer.fix(state)
-        copy_inputs(writer, ReplayJob((SAMPLES / name,), Path("e.nc"), include_inputs=True), LogConfig())
-    copied = Counter(message.said for message in sound_messages(out.read_bytes()) if message.said[1] != state.time_ns)
+        copy_inputs(
+            writer, ReplayJob((SAMPLES / name,), Path("e.nc"), include_inputs=True), LogConfig()
+        )
+    copied = Counter(
+        message.said
+        for message in sound_messages(out.read_bytes())
+        if message.said[1] != state.time_ns
+    )
     given = Counter(message.said for message in sound_messages((SAMPLES / name).read_bytes()))
     # a fix of the log goes beside the result's own fixes
-    assert copied == Counter({(topic.replace("/vehicle/fix", "/input/vehicle/fix"), *rest): n for (topic, *rest), n in given.items()})
+    assert copied == Counter(
+        {
+            (topic.replace("/vehicle/fix", "/input/vehicle/fix"), *rest): n
+            for (topic, *rest), n in given.items()
+        }
+    )
     assert copied.total() > 400
 
 
@@ -48,7 +61,11 @@ def test_publish_times_and_sequences_stay_and_logs_stay_apart(tmp_path: Path) ->
         copy_inputs(writer, ReplayJob(logs, Path("e.nc"), include_inputs=True), LogConfig())
     data = (tmp_path / "out.mcap").read_bytes()
     said = [message.said for message in sound_messages(data)]
-    assert [(topic, time, publish, sequence) for topic, time, publish, sequence, _ in said if topic in ("/a", "/b")] == [
+    assert [
+        (topic, time, publish, sequence)
+        for topic, time, publish, sequence, _ in said
+        if topic in ("/a", "/b")
+    ] == [
         ("/a", 5, 12, 0),
         ("/b", 3, 10, 1),
         ("/a", 8, 15, 2),
@@ -60,10 +77,27 @@ def test_publish_times_and_sequences_stay_and_logs_stay_apart(tmp_path: Path) ->
 
 
 def test_only_topics_of_the_results_own_are_moved(tmp_path: Path) -> None:
-    topics = ["/tf", "/tf_static", "/log", "/logger/a", "/vehicle/fix", "/vehicle/fix2", "/flow/a", "/flowmeter", "/plan/b"]
-    write_mcap_log(tmp_path / "in.mcap", [Message(k, topic, "", {"k": k}, 0, k) for k, topic in enumerate(topics)])
+    topics = [
+        "/tf",
+        "/tf_static",
+        "/log",
+        "/logger/a",
+        "/vehicle/fix",
+        "/vehicle/fix2",
+        "/flow/a",
+        "/flowmeter",
+        "/plan/b",
+    ]
+    write_mcap_log(
+        tmp_path / "in.mcap",
+        [Message(k, topic, "", {"k": k}, 0, k) for k, topic in enumerate(topics)],
+    )
     with ResultWriter(tmp_path / "out.mcap") as writer:
-        copy_inputs(writer, ReplayJob((tmp_path / "in.mcap",), Path("e.nc"), include_inputs=True), LogConfig())
+        copy_inputs(
+            writer,
+            ReplayJob((tmp_path / "in.mcap",), Path("e.nc"), include_inputs=True),
+            LogConfig(),
+        )
     kept = {"/tf_static", "/logger/a", "/vehicle/fix2", "/flowmeter"}
     written = {message.said[0] for message in sound_messages((tmp_path / "out.mcap").read_bytes())}
     assert written == {topic if topic in kept else f"/input{topic}" for topic in topics}
@@ -84,7 +118,9 @@ def test_convert_has_back_what_was_written_before_a_power_cut(
     writer.discard()
     summary = convert([tmp_path / "left.mcap.part"], tmp_path / "mended.mcap", False, LogConfig())
     assert summary.messages["/vehicle/fix"] == summary.messages["/flow/innovation"] == 20
-    assert len([topic for topic in summary.messages if topic.startswith("/flow/grid/")]) == len(DEPTHS)
+    assert len([topic for topic in summary.messages if topic.startswith("/flow/grid/")]) == len(
+        DEPTHS
+    )
     assert [loss.messages for _, loss in summary.losses] == [None]
     reader = open_log(tmp_path / "mended.mcap")
     list(reader.messages())

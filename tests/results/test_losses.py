@@ -18,7 +18,9 @@ TIMES = [k * SECOND for k in range(1, 41)]
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
-def test_a_lost_chunk_is_counted_in_messages_and_time(tmp_path: Path, compression: CompressionType) -> None:
+def test_a_lost_chunk_is_counted_in_messages_and_time(
+    tmp_path: Path, compression: CompressionType
+) -> None:
     whole = json_mcap(TIMES, compression)
     damaged = bytearray(whole)
     damaged[record_offsets(whole, Opcode.CHUNK)[2] + 90] ^= 1
@@ -46,7 +48,9 @@ def test_a_cut_between_two_records_lost_nobody_knows_how_many(tmp_path: Path) ->
     for opcode, n in ((Opcode.DATA_END, 0), (Opcode.CHUNK, 3)):
         cut = record_offsets(whole, opcode)[n]
         messages, report = read(tmp_path, whole[:cut])
-        assert [(loss.offset, loss.bytes, loss.messages) for loss in report.losses] == [(cut, 0, None)]
+        assert [(loss.offset, loss.bytes, loss.messages) for loss in report.losses] == [
+            (cut, 0, None)
+        ]
         assert len(messages) == (40 if opcode == Opcode.DATA_END else 17)
 
 
@@ -67,9 +71,14 @@ def test_without_a_summary_the_next_chunk_is_searched_for(tmp_path: Path) -> Non
     damaged[chunks[2] + 6] = 0xFF
     messages, report = read(tmp_path, bytes(damaged))
     assert numbers(messages) == list(range(40))
-    assert [(loss.offset, loss.bytes, loss.messages) for loss in report.losses] == [(chunks[2], 9, 0), (len(damaged), 0, None)]
+    assert [(loss.offset, loss.bytes, loss.messages) for loss in report.losses] == [
+        (chunks[2], 9, 0),
+        (len(damaged), 0, None),
+    ]
     index = record_offsets(whole, Opcode.MESSAGE_INDEX)
-    assert report.losses[0].what.endswith(f"reading goes on at byte {next(at for at in index if at > chunks[2])}")
+    assert report.losses[0].what.endswith(
+        f"reading goes on at byte {next(at for at in index if at > chunks[2])}"
+    )
 
 
 def test_what_no_checksum_covers_is_said(tmp_path: Path) -> None:
@@ -77,12 +86,19 @@ def test_what_no_checksum_covers_is_said(tmp_path: Path) -> None:
     (line,) = unchecked_lines(read(tmp_path, whole)[1])
     begin = f"Without a checksum, so that damage cannot be detected: {tmp_path / 'log'}: "
     assert line == f"{begin}messages outside chunks, without a checksum (40)"
-    assert list(unchecked_lines(read(tmp_path, json_mcap(TIMES, use_chunking=False, data_crcs=True))[1])) == []
+    assert (
+        list(
+            unchecked_lines(read(tmp_path, json_mcap(TIMES, use_chunking=False, data_crcs=True))[1])
+        )
+        == []
+    )
     without = bytearray(json_mcap(TIMES))
     chunks = record_offsets(bytes(without), Opcode.CHUNK)
     for chunk in chunks:
         struct.pack_into("<I", without, chunk + 9 + 24, 0)
-    assert list(unchecked_lines(read(tmp_path, bytes(without))[1])) == [f"{begin}chunks without a checksum ({len(chunks)})"]
+    assert list(unchecked_lines(read(tmp_path, bytes(without))[1])) == [
+        f"{begin}chunks without a checksum ({len(chunks)})"
+    ]
 
 
 def test_a_time_outside_an_unchecked_chunks_span_is_left_out(tmp_path: Path) -> None:
@@ -92,7 +108,9 @@ def test_a_time_outside_an_unchecked_chunks_span_is_left_out(tmp_path: Path) -> 
     damaged[damaged.index(struct.pack("<Q", TIMES[8]), chunk + 60) + 7] ^= 0x40
     messages, report = read(tmp_path, bytes(damaged))
     assert numbers(messages) == [n for n in range(40) if n != 8]
-    assert [(loss.messages, "outside its chunk's" in loss.what) for loss in report.losses] == [(1, True)]
+    assert [(loss.messages, "outside its chunk's" in loss.what) for loss in report.losses] == [
+        (1, True)
+    ]
 
 
 def test_stamps_of_a_telemetry_log_are_not_covered() -> None:
@@ -103,6 +121,9 @@ def test_stamps_of_a_telemetry_log_are_not_covered() -> None:
 
 def test_words_of_a_loss() -> None:
     loss = Loss("cut", 10, 20, 3, 0, 1_500_000_000)
-    assert loss_words(loss) == "cut (20 bytes, from byte 10; 3 messages of 1970-01-01T00:00:00.000Z to 1970-01-01T00:00:01.500Z)"
+    assert (
+        loss_words(loss)
+        == "cut (20 bytes, from byte 10; 3 messages of 1970-01-01T00:00:00.000Z to 1970-01-01T00:00:01.500Z)"
+    )
     assert loss_words(Loss("cut", 10, 20, 0, 0, 1)) == "cut (20 bytes, from byte 10; 0 messages)"
     assert loss_json(Loss("cut", 10, 20, 0, 0, 2**70))["last"].startswith("2262")

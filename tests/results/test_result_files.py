@@ -29,7 +29,10 @@ def test_records_and_attachments(run: Run, flow: FlowEstimate, tmp_path: Path) -
     assert metadata["contract"]["version"] == str(CONTRACT_VERSION)
     assert float(metadata["frame map"]["latitude"]) == 62.0
     assert attachments["config.toml"].data.decode() == CONFIG
-    for estimate in (load_bytes(attachments["estimate.nc"].data, "attachment"), read_estimate(path)):
+    for estimate in (
+        load_bytes(attachments["estimate.nc"].data, "attachment"),
+        read_estimate(path),
+    ):
         np.testing.assert_array_equal(estimate.weight_cov, flow.weight_cov)
         np.testing.assert_array_equal(estimate.latent, flow.latent)
 
@@ -38,7 +41,9 @@ def test_log_levels(tmp_path: Path) -> None:
     with ResultWriter(tmp_path / "out.mcap") as writer:
         for level in ("debug", "info", "warning", "error"):
             writer.log(1, level, f"said {level}")
-    assert [(value.level, value.message) for _, value in decoded(tmp_path / "out.mcap")["/log"]] == [
+    assert [
+        (value.level, value.message) for _, value in decoded(tmp_path / "out.mcap")["/log"]
+    ] == [
         (1, "said debug"),
         (2, "said info"),
         (3, "said warning"),
@@ -50,7 +55,9 @@ def test_two_runs_give_the_same_bytes(run: Run, tmp_path: Path) -> None:
     assert run(tmp_path / "one.mcap").read_bytes() == run(tmp_path / "two.mcap").read_bytes()
 
 
-def test_an_interrupt_leaves_a_readable_part(flow: FlowEstimate, state: VehicleState, tmp_path: Path) -> None:
+def test_an_interrupt_leaves_a_readable_part(
+    flow: FlowEstimate, state: VehicleState, tmp_path: Path
+) -> None:
     path = tmp_path / "out.mcap"
 
     def interrupted() -> None:
@@ -154,7 +161,12 @@ try:
 except ReplayKitError as error:
     print(error)
 """
-    done = subprocess.run([sys.executable, "-c", program, os.fspath(tmp_path / "out.mcap")], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program, os.fspath(tmp_path / "out.mcap")],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert "is the disk full?" in done.stdout
     assert [item.name for item in tmp_path.iterdir()] == ["out.mcap.part"]
 
@@ -192,13 +204,18 @@ def test_read_back_finds_a_flip_of_any_byte_and_any_missing_end(run: Run, tmp_pa
             check_written(path, topics, attached)
     path.write_bytes(data)
     for messages, attachments in ((topics | {"/a": 1}, attached), (topics, attached + 1)):
-        with pytest.raises(ReplayKitError, match=f"but read back {topics.total()} and {attached}, and its summary says {topics.total()}"):
+        with pytest.raises(
+            ReplayKitError,
+            match=f"but read back {topics.total()} and {attached}, and its summary says {topics.total()}",
+        ):
             check_written(path, messages, attachments)
 
 
 def test_all_is_on_the_disk_before_a_result_gets_its_name(tmp_path, monkeypatch):
     synced = []
-    monkeypatch.setattr(mcap_file.os, "fsync", lambda descriptor: synced.append(os.fstat(descriptor).st_size))
+    monkeypatch.setattr(
+        mcap_file.os, "fsync", lambda descriptor: synced.append(os.fstat(descriptor).st_size)
+    )
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.log(1, "info", "said")
     assert (tmp_path / "out.mcap").stat().st_size in synced

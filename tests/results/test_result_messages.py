@@ -31,8 +31,15 @@ def test_every_channel_decodes_with_stock_readers(result) -> None:
 def test_fix(result, state: VehicleState) -> None:
     log_time, fix = result["/vehicle/fix"][0]
     assert log_time == time_ns(fix.timestamp) == state.time_ns
-    assert (fix.longitude, fix.latitude, fix.altitude) == (state.longitude, state.latitude, -state.depth)
-    assert [(pair.key, pair.value) for pair in fix.metadata] == [("dead_reckoned", "1"), ("depth", "12.5")]
+    assert (fix.longitude, fix.latitude, fix.altitude) == (
+        state.longitude,
+        state.latitude,
+        -state.depth,
+    )
+    assert [(pair.key, pair.value) for pair in fix.metadata] == [
+        ("dead_reckoned", "1"),
+        ("depth", "12.5"),
+    ]
 
 
 def test_unknown_depth_is_not_the_surface(state: VehicleState, tmp_path: Path) -> None:
@@ -45,7 +52,9 @@ def test_unknown_depth_is_not_the_surface(state: VehicleState, tmp_path: Path) -
 
 @pytest.mark.parametrize("depth", [0.0, 12.5, 1.0 / 3.0, np.float64(987.654321), np.nan])
 @pytest.mark.parametrize("dead_reckoned", [False, True])
-def test_a_fix_of_a_result_is_read_back_as_it_was(state: VehicleState, tmp_path: Path, depth: float, dead_reckoned: bool) -> None:
+def test_a_fix_of_a_result_is_read_back_as_it_was(
+    state: VehicleState, tmp_path: Path, depth: float, dead_reckoned: bool
+) -> None:
     written = replace(state, depth=depth, dead_reckoned=dead_reckoned)
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.fix(written)
@@ -54,7 +63,11 @@ def test_a_fix_of_a_result_is_read_back_as_it_was(state: VehicleState, tmp_path:
         memory, events = interpret(memory, message, MeasurementConfig())
         read += [event for event in events if isinstance(event, VehicleState)]
     (fix,) = read
-    assert (fix.time_ns, fix.longitude, fix.latitude) == (written.time_ns, written.longitude, written.latitude)
+    assert (fix.time_ns, fix.longitude, fix.latitude) == (
+        written.time_ns,
+        written.longitude,
+        written.latitude,
+    )
     np.testing.assert_equal((fix.depth, fix.dead_reckoned), (depth, dead_reckoned))
 
 
@@ -76,16 +89,29 @@ def test_innovation(result, innovation: Innovation) -> None:
     assert log_time == time_ns(value.timestamp) == innovation.time_ns
     for name in ("innovation", "innovation_std", "residual", "prior_innovation"):
         np.testing.assert_array_equal(
-            np.column_stack([getattr(value, f"{name}_east"), getattr(value, f"{name}_north")]), getattr(innovation, name)
+            np.column_stack([getattr(value, f"{name}_east"), getattr(value, f"{name}_north")]),
+            getattr(innovation, name),
         )
     np.testing.assert_array_equal(value.depth, innovation.depth)
-    assert (value.nis, value.dof, value.accepted, value.dive) == (innovation.nis, innovation.dof, innovation.accepted, innovation.dive)
+    assert (value.nis, value.dof, value.accepted, value.dive) == (
+        innovation.nis,
+        innovation.dof,
+        innovation.accepted,
+        innovation.dive,
+    )
     assert value.gate_threshold == innovation.gate
     for name in ("error_inflation", "decision", "gate_statistic", "signal_dof", "prior_inflation"):
         assert getattr(value, name) == getattr(innovation, name)
-    assert (list(value.flags), list(value.reasons)) == (innovation.flags.tolist(), innovation.reasons.tolist())
+    assert (list(value.flags), list(value.reasons)) == (
+        innovation.flags.tolist(),
+        innovation.reasons.tolist(),
+    )
     source = innovation.source
-    assert (value.source_input, value.source_topic, value.source_position) == (source.input, source.topic, source.position)
+    assert (value.source_input, value.source_topic, value.source_position) == (
+        source.input,
+        source.topic,
+        source.position,
+    )
     assert time_ns(value.source_time) == source.time_ns
 
 
@@ -102,7 +128,12 @@ def unpacked(grid: Any) -> np.ndarray:
     assert rows * grid.row_stride == len(grid.data)
     cells = [
         [
-            np.frombuffer(grid.data, "<f4", 1, row * grid.row_stride + column * grid.cell_stride + field.offset)[0]
+            np.frombuffer(
+                grid.data,
+                "<f4",
+                1,
+                row * grid.row_stride + column * grid.cell_stride + field.offset,
+            )[0]
             for column in range(columns)
             for field in grid.fields
         ]
@@ -115,7 +146,9 @@ def unpacked(grid: Any) -> np.ndarray:
 def test_grid(result, flow: FlowEstimate, depth: float) -> None:
     _, value = result[f"/flow/grid/{depth:g}m"][0]
     names = ["u", "v", "speed", "u_standard_error", "v_standard_error"]
-    assert [(field.name, field.offset, field.type) for field in value.fields] == [(name, 4 * k, 7) for k, name in enumerate(names)]
+    assert [(field.name, field.offset, field.type) for field in value.fields] == [
+        (name, 4 * k, 7) for k, name in enumerate(names)
+    ]
     packed = unpacked(value)
     assert packed.shape == (5, value.column_count, 5)
     assert (value.frame_id, value.pose.position.z) == ("map", -depth)
@@ -140,7 +173,9 @@ def test_a_grid_below_the_last_level_states_nothing(flow: FlowEstimate, tmp_path
     assert np.isnan(packed).all()
 
 
-def test_a_grid_of_a_flow_without_uncertainty_has_no_fields_of_errors(flow: FlowEstimate, tmp_path: Path) -> None:
+def test_a_grid_of_a_flow_without_uncertainty_has_no_fields_of_errors(
+    flow: FlowEstimate, tmp_path: Path
+) -> None:
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.grids(flow.time_ns, flow.mean_flow(), [0.5])
     value = decoded(tmp_path / "out.mcap")["/flow/grid/0.5m"][0][1]
@@ -160,7 +195,9 @@ def test_arrows(result, flow: FlowEstimate) -> None:
             u, v = flow.velocity(where.x, where.y, depth)
             assert where.z == -depth
             yaw = 2.0 * np.arctan2(turn.z, turn.w)
-            np.testing.assert_allclose([np.cos(yaw), np.sin(yaw)], [u, v] / np.hypot(u, v), atol=1e-12)
+            np.testing.assert_allclose(
+                [np.cos(yaw), np.sin(yaw)], [u, v] / np.hypot(u, v), atol=1e-12
+            )
             lengths.append(arrow.shaft_length + arrow.head_length)
             assert lengths[-1] == pytest.approx(scale * np.hypot(u, v))
     assert len(scales) == 1
@@ -172,7 +209,9 @@ def test_later_arrows_keep_the_scale(flow: FlowEstimate, tmp_path: Path) -> None
     with ResultWriter(tmp_path / "out.mcap") as writer:
         for factor, value in ((0, still), (1, flow), (2, replace(flow, latent=0.5 * flow.latent))):
             writer.grids(flow.time_ns + factor, value, [10.0])
-    nothing, first, second = [message.entities[0] for _, message in decoded(tmp_path / "out.mcap")["/flow/arrows/10m"]]
+    nothing, first, second = [
+        message.entities[0] for _, message in decoded(tmp_path / "out.mcap")["/flow/arrows/10m"]
+    ]
     assert len(nothing.arrows) == 0
     assert second.arrows[3].shaft_length + second.arrows[3].head_length == pytest.approx(
         0.5 * (first.arrows[3].shaft_length + first.arrows[3].head_length)
@@ -182,34 +221,62 @@ def test_later_arrows_keep_the_scale(flow: FlowEstimate, tmp_path: Path) -> None
 def test_plan(result, flow: FlowEstimate, plan: Plan) -> None:
     log_time, controls = result["/plan/controls"][0]
     assert log_time == time_ns(controls.timestamp) == plan.start_time_ns
-    for name in ("status", "message", "heading_deg", "glide_angle_deg", "speed", "duration", "closest_approach"):
+    for name in (
+        "status",
+        "message",
+        "heading_deg",
+        "glide_angle_deg",
+        "speed",
+        "duration",
+        "closest_approach",
+    ):
         assert getattr(controls, name) == getattr(plan, name)
-    assert (controls.goal.longitude, controls.goal.latitude, controls.goal.depth) == (5.1, 62.05, 100.0)
+    assert (controls.goal.longitude, controls.goal.latitude, controls.goal.depth) == (
+        5.1,
+        62.05,
+        100.0,
+    )
     np.testing.assert_array_equal(controls.velocity_through_water, plan.velocity_through_water)
     np.testing.assert_array_equal(controls.track_time, plan.track_time)
-    np.testing.assert_array_equal(np.column_stack([controls.track_east, controls.track_north, controls.track_depth]), plan.track)
+    np.testing.assert_array_equal(
+        np.column_stack([controls.track_east, controls.track_north, controls.track_depth]),
+        plan.track,
+    )
     assert (controls.statistics[0].name, controls.statistics[0].value) == ("iterations", "17")
     _, path = result["/plan/path"][0]
     assert path.frame_id == "map"
-    np.testing.assert_array_equal([[pose.position.x, pose.position.y, -pose.position.z] for pose in path.poses], plan.track)
+    np.testing.assert_array_equal(
+        [[pose.position.x, pose.position.y, -pose.position.z] for pose in path.poses], plan.track
+    )
     line = json.loads(result["/plan/geojson"][0][1].geojson)["features"][0]
     assert line["properties"]["status"] == "reached"
     longitude, latitude = to_geographic(flow.grid.projection, plan.track[:, 0], plan.track[:, 1])
-    np.testing.assert_allclose(line["geometry"]["coordinates"], np.column_stack([longitude, latitude]), atol=1e-7)
+    np.testing.assert_allclose(
+        line["geometry"]["coordinates"], np.column_stack([longitude, latitude]), atol=1e-7
+    )
 
 
 def test_path_poses_look_along_the_glide(result, plan: Plan) -> None:
     turn = result["/plan/path"][0][1].poses[0].orientation
     x, y, z, w = turn.x, turn.y, turn.z, turn.w
     ahead = [1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)]
-    np.testing.assert_allclose(ahead, plan.velocity_through_water * [1, 1, -1] / np.linalg.norm(plan.velocity_through_water), atol=1e-12)
+    np.testing.assert_allclose(
+        ahead,
+        plan.velocity_through_water * [1, 1, -1] / np.linalg.norm(plan.velocity_through_water),
+        atol=1e-12,
+    )
 
 
-def test_failed_plan_is_valid_json_without_a_line(failed_plan: Plan, flow: FlowEstimate, tmp_path: Path) -> None:
+def test_failed_plan_is_valid_json_without_a_line(
+    failed_plan: Plan, flow: FlowEstimate, tmp_path: Path
+) -> None:
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.plan(failed_plan, flow.grid.projection)
     result = decoded(tmp_path / "out.mcap")
-    kinds = [feature["geometry"]["type"] for feature in json.loads(result["/plan/geojson"][0][1].geojson)["features"]]
+    kinds = [
+        feature["geometry"]["type"]
+        for feature in json.loads(result["/plan/geojson"][0][1].geojson)["features"]
+    ]
     assert kinds == ["Point", "Point"]
     assert result["/plan/controls"][0][1].closest_approach == np.inf
     assert len(result["/plan/path"][0][1].poses) == 0
@@ -217,10 +284,16 @@ def test_failed_plan_is_valid_json_without_a_line(failed_plan: Plan, flow: FlowE
 
 def test_line_is_continuous_across_the_antimeridian(plan: Plan, tmp_path: Path) -> None:
     projection = Projection(179.99, 62.0)
-    crossing = replace(plan, start=replace(plan.start, longitude=179.99), goal=replace(plan.goal, longitude=-179.99))
+    crossing = replace(
+        plan,
+        start=replace(plan.start, longitude=179.99),
+        goal=replace(plan.goal, longitude=-179.99),
+    )
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.plan(crossing, projection)
-    line, *points = json.loads(decoded(tmp_path / "out.mcap")["/plan/geojson"][0][1].geojson)["features"]
+    line, *points = json.loads(decoded(tmp_path / "out.mcap")["/plan/geojson"][0][1].geojson)[
+        "features"
+    ]
     assert [point["geometry"]["coordinates"][0] for point in points] == [179.99, 180.01]
     longitude = np.array(line["geometry"]["coordinates"])[:, 0]
     assert longitude[-1] > 180.0

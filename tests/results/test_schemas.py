@@ -9,19 +9,26 @@ from replay_kit.results.schemas import CONTRACT_VERSION, MESSAGES
 from tests.places import SAMPLES
 
 FOLDER = Path(replay_kit.results.__file__).parent
-CHANNELS, README = ((FOLDER / name).read_text(encoding="utf-8") for name in ("CHANNELS.md", "README.md"))
+CHANNELS, README = (
+    (FOLDER / name).read_text(encoding="utf-8") for name in ("CHANNELS.md", "README.md")
+)
 
 
 def documented(message: str) -> list[tuple[str, str]]:
     """Return (field, type) of a message's table in the README."""
     section = CHANNELS.split(f"### replay_kit.{message}\n")[1].split("\n#")[0]
-    rows = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \| ([\w.\[\]]+) \| .+ \| .+ \|$", section, flags=re.MULTILINE)
+    rows = re.findall(
+        r"^\| (`\w+`(?:, `\w+`)*) \| ([\w.\[\]]+) \| .+ \| .+ \|$", section, flags=re.MULTILINE
+    )
     return [(name, kind) for names, kind in rows for name in re.findall(r"\w+", names)]
 
 
 @pytest.mark.parametrize("message", MESSAGES)
 def test_the_contract_lists_every_field_in_order(message: str) -> None:
-    fields = [(field.name, field.type.lstrip(".") + ("[]" if field.repeated else "")) for field in MESSAGES[message]]
+    fields = [
+        (field.name, field.type.lstrip(".") + ("[]" if field.repeated else ""))
+        for field in MESSAGES[message]
+    ]
     assert documented(message) == fields
 
 
@@ -34,7 +41,9 @@ def test_the_contract_lists_every_reason() -> None:
     assert listed == {str(reason.value): str(reason.name).lower() for reason in Reason if reason}
 
 
-def test_examples_run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_examples_run(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     (tmp_path / "sample_logs").symlink_to(SAMPLES)
     monkeypatch.chdir(tmp_path)
     for text in (README, CHANNELS):

@@ -10,8 +10,21 @@ from rich.console import Console
 from replay_kit.core.surfacing import Ellipse, Outcome, Surfacing
 from replay_kit.results.summary import DiveRow, ReplaySummary, TopicRow, print_summary
 from replay_kit.results.summary_json import to_json
-from replay_kit.results.summary_plan import outcomes_json, outcomes_sentence, plan_json, plan_sentence
-from replay_kit.results.text import code_of, fold_names, folded, iso, not_used_lines, print_table, short_times
+from replay_kit.results.summary_plan import (
+    outcomes_json,
+    outcomes_sentence,
+    plan_json,
+    plan_sentence,
+)
+from replay_kit.results.text import (
+    code_of,
+    fold_names,
+    folded,
+    iso,
+    not_used_lines,
+    print_table,
+    short_times,
+)
 
 DAY = 86_400 * 10**9
 # 2018-11-16
@@ -27,7 +40,10 @@ def printed(work, width: int = 80) -> list[str]:
 @pytest.mark.parametrize(
     ("names", "one"),
     [
-        ([f"/glider42/adcp/cell_{k:02}" for k in range(1, 9)], "/glider42/adcp/cell_01 ... _08, 8 topics"),
+        (
+            [f"/glider42/adcp/cell_{k:02}" for k in range(1, 9)],
+            "/glider42/adcp/cell_01 ... _08, 8 topics",
+        ),
         (["/adcp1/status", "/adcp2/status"], "/adcp1/status ... p2/status, 2 topics"),
         (["1", "2"], "1 ... 2, 2 topics"),
         (["/a"], "/a"),
@@ -38,7 +54,15 @@ def test_names_that_differ_in_a_number_are_one(names, one) -> None:
 
 
 def test_rows_fold_that_are_equal_but_for_one_number() -> None:
-    rows = [("/a1", "5"), ("/a2", "5"), ("/a3", "6"), ("/b3", "6"), ("/b4/c4", "6"), ("/b5/c5", "6"), ("/b5/c6", "6")]
+    rows = [
+        ("/a1", "5"),
+        ("/a2", "5"),
+        ("/a3", "6"),
+        ("/b3", "6"),
+        ("/b4/c4", "6"),
+        ("/b5/c5", "6"),
+        ("/b5/c6", "6"),
+    ]
     assert folded(rows) == [
         ("/a1 ... a2, 2 topics", "5"),
         ("/a3", "6"),
@@ -67,11 +91,20 @@ def test_a_time_is_iso_and_none_stays_none() -> None:
 
 
 def test_a_table_keeps_names_and_folds_words_at_80_columns() -> None:
-    name, schema = "/vehicles/glider42/sensors/adcp/current", "marine_acoustic_msgs/msg/CurrentProfile"
-    lines = printed(lambda console: print_table(console, "Topics", ("topic", "schema", "n"), [(name, schema, "12"), ("/b", "x", "3")]))
+    name, schema = (
+        "/vehicles/glider42/sensors/adcp/current",
+        "marine_acoustic_msgs/msg/CurrentProfile",
+    )
+    lines = printed(
+        lambda console: print_table(
+            console, "Topics", ("topic", "schema", "n"), [(name, schema, "12"), ("/b", "x", "3")]
+        )
+    )
     assert lines[0] == "Topics"
     assert max(map(len, lines)) <= 80
-    assert any(line.startswith(f"{name}  marine_acoustic_msgs") and line.endswith(" 12") for line in lines)
+    assert any(
+        line.startswith(f"{name}  marine_acoustic_msgs") and line.endswith(" 12") for line in lines
+    )
     assert lines[-1].startswith("/b ")
     assert lines[-1].endswith("   3")
 
@@ -88,7 +121,10 @@ def test_a_name_wider_than_the_terminal_is_whole() -> None:
     [
         ("not asked for: of no use to the estimator, or outside the time span", "not_asked_for"),
         ("later than the reorder window allows", "later_than_the_reorder_window_allows"),
-        ("GPS fix without time or position, or flagged bad (quality 3)", "gps_fix_without_time_or_position"),
+        (
+            "GPS fix without time or position, or flagged bad (quality 3)",
+            "gps_fix_without_time_or_position",
+        ),
         ("of MAVLink system 7, where 1 counts", "of_mavlink_system"),
         ("position in the frame 'earth', whose axes", "position_in_the_frame"),
         ("no fix (status < 0)", "no_fix"),
@@ -101,7 +137,10 @@ def test_a_code_has_no_numbers_and_no_details(reason, code) -> None:
 
 def test_topics_alike_share_a_line_unless_all_are_asked_for() -> None:
     not_used = {"/a1": {"late": 2}, "/a2": {"late": 3}, "/b": {"late": 4, "empty": 1}}
-    assert list(not_used_lines(not_used, whole=False)) == ["Not used: 1 x /b: empty", "Not used: 9 x /a1 ... a2, 2 topics, /b: late"]
+    assert list(not_used_lines(not_used, whole=False)) == [
+        "Not used: 1 x /b: empty",
+        "Not used: 9 x /a1 ... a2, 2 topics, /b: late",
+    ]
     assert list(not_used_lines(not_used)) == [
         "Not used: 2 x /a1: late",
         "Not used: 3 x /a2: late",
@@ -123,7 +162,8 @@ SUMMARY = ReplaySummary(
     rms_prior=0.1,
     nis_per_dof=1.0,
     by_dive=tuple(
-        DiveRow(k, 1, bins, rms, 0.2, 1.0) for k, bins, rms in ((1, 1, 0.1), (2, 3, 0.3), (3, 0, math.nan), (4, 1, 0.2), (5, 1, 0.05))
+        DiveRow(k, 1, bins, rms, 0.2, 1.0)
+        for k, bins, rms in ((1, 1, 0.1), (2, 3, 0.3), (3, 0, math.nan), (4, 1, 0.2), (5, 1, 0.05))
     ),
 )
 
@@ -140,15 +180,22 @@ def test_dives_are_a_line_with_the_worst_three_and_rows_when_asked_for() -> None
     whole = printed(lambda console: print_summary(SUMMARY, console, verbose=True), 400)
     assert not any("worst" in line for line in whole)
     assert sum(line.startswith("/adcp/cell_") for line in whole) == 3
-    assert [line.split() for line in whole if line.split()[1:3] == ["1", "3"]] == [["2", "1", "3", "30.00", "20.00", "1.00"]]
+    assert [line.split() for line in whole if line.split()[1:3] == ["1", "3"]] == [
+        ["2", "1", "3", "30.00", "20.00", "1.00"]
+    ]
 
 
 def test_reasons_have_codes_in_json() -> None:
-    assert to_json(SUMMARY)["messages"][0]["reasons"] == [{"code": "late", "reason": "late: by 3 s", "count": 2}]
+    assert to_json(SUMMARY)["messages"][0]["reasons"] == [
+        {"code": "late", "reason": "late: by 3 s", "count": 2}
+    ]
 
 
 def test_a_plan_is_told_by_how_to_steer_and_a_failed_one_by_why(plan, failed_plan) -> None:
-    assert plan_sentence(plan) == "reached: steer 45.0 degrees true at 0.30 m/s through water, 20.00 degrees down; ok"
+    assert (
+        plan_sentence(plan)
+        == "reached: steer 45.0 degrees true at 0.30 m/s through water, 20.00 degrees down; ok"
+    )
     assert plan_sentence(failed_plan) == "failed: no path"
     for energy, told in ((5.0, 5.0), (math.nan, None), (math.inf, None)):
         assert plan_json(replace(plan, energy=energy))["energy_j"] == told
@@ -157,14 +204,37 @@ def test_a_plan_is_told_by_how_to_steer_and_a_failed_one_by_why(plan, failed_pla
 
 def test_surfacings_are_told_by_the_medians_of_their_errors_and_the_share_inside() -> None:
     ellipse = Ellipse(5.0, 62.0, 2000.0, 1000.0, 90.0)
-    misses = ((ellipse, 60, 0.03, 1.5e3), (ellipse, -120, 0.06, 3e3), (ellipse, 600, 0.0, 0.0), (None, 240, 0.0, 9e3))
+    misses = (
+        (ellipse, 60, 0.03, 1.5e3),
+        (ellipse, -120, 0.06, 3e3),
+        (ellipse, 600, 0.0, 0.0),
+        (None, 240, 0.0, 9e3),
+    )
     made = [
-        Outcome(START, Surfacing(START, 5.0, 62.0, area), START + late * 10**9, 5.0 + away, 62.0, distance, 90.0)
+        Outcome(
+            START,
+            Surfacing(START, 5.0, 62.0, area),
+            START + late * 10**9,
+            5.0 + away,
+            62.0,
+            distance,
+            90.0,
+        )
         for area, late, away, distance in misses
     ]
-    assert outcomes_sentence(made) == "4 predicted by the plan before; median distance 2250 m, +2 min, 67 % inside the 90 % ellipse"
-    assert outcomes_sentence(made[3:]) == "1 predicted by the plan before; median distance 9000 m, +4 min"
+    assert (
+        outcomes_sentence(made)
+        == "4 predicted by the plan before; median distance 2250 m, +2 min, 67 % inside the 90 % ellipse"
+    )
+    assert (
+        outcomes_sentence(made[3:])
+        == "1 predicted by the plan before; median distance 9000 m, +4 min"
+    )
     told = outcomes_json(made)
     assert [one["inside_ellipse"] for one in told["each"]] == [True, False, True, None]
     assert [one["delay_s"] for one in told["each"]] == [60.0, -120.0, 600.0, 240.0]
-    assert (told["count"], told["inside_ellipse"], outcomes_json(made[3:])["inside_ellipse"]) == (4, pytest.approx(2.0 / 3.0), None)
+    assert (told["count"], told["inside_ellipse"], outcomes_json(made[3:])["inside_ellipse"]) == (
+        4,
+        pytest.approx(2.0 / 3.0),
+        None,
+    )

@@ -20,7 +20,9 @@ TOPICS = ("/a", "/b", "/c")
         pytest.param(False, IndexType.ALL, id="no chunks"),
     ],
 )
-def test_messages_come_by_time_then_as_they_lie_in_the_file(tmp_path: Path, chunks: bool, index: IndexType) -> None:
+def test_messages_come_by_time_then_as_they_lie_in_the_file(
+    tmp_path: Path, chunks: bool, index: IndexType
+) -> None:
     """Times go back over several chunks, and many are equal."""
     path, draw = tmp_path / "log.mcap", np.random.default_rng(0)
     with path.open("wb") as file:
@@ -30,11 +32,16 @@ def test_messages_come_by_time_then_as_they_lie_in_the_file(tmp_path: Path, chun
         # none of the last topic
         for k in range(300):
             time_ns = k // 5 + int(draw.integers(0, 20))
-            writer.add_message(channels[k % 2], log_time=time_ns, publish_time=time_ns, data=f"{k}".encode())
+            writer.add_message(
+                channels[k % 2], log_time=time_ns, publish_time=time_ns, data=f"{k}".encode()
+            )
         writer.finish()
     for topic in TOPICS:
         with path.open("rb") as file:
-            expected = [(message.log_time, message.data) for _, _, message in make_reader(file).iter_messages(topics=topic)]
+            expected = [
+                (message.log_time, message.data)
+                for _, _, message in make_reader(file).iter_messages(topics=topic)
+            ]
         assert list(read_messages(path, topic)) == expected
         assert len(expected) == (0 if topic == "/c" else 150)
     assert list(read_messages(path, "/unknown")) == []

@@ -19,10 +19,14 @@ OLD = str(Path(__file__).parent / "data" / "version_0_1.mcap")
 def test_the_library_opens_it() -> None:
     result = rk.open_result(OLD)
     assert len(result.fixes) == 25
-    at = result.estimate.to_xarray().sel(longitude=152.9, latitude=-40.2, depth=5.0, method="nearest")
+    at = result.estimate.to_xarray().sel(
+        longitude=152.9, latitude=-40.2, depth=5.0, method="nearest"
+    )
     # as that code read it
     found = [float(at[name].item()) for name in ("u", "v", "u_standard_error")]
-    assert found == pytest.approx([-0.10767233474613547, 0.0012569213129041976, 0.033569508312566144], rel=1e-12)
+    assert found == pytest.approx(
+        [-0.10767233474613547, 0.0012569213129041976, 0.033569508312566144], rel=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -34,8 +38,16 @@ def test_the_library_opens_it() -> None:
         (["export", OLD, "-o", "{}/r.csv"], 0, "track 25 rows"),
         (["export", OLD, "-o", "{}/r.nc"], 0, "The result has version 2 of the contract"),
         (["layout", OLD, "-o", "{}/layout.json"], 0, "layout.json"),
-        (["plan", OLD, "--start=152.4,-40.2,0", "--goal=152.45,-40.18,0", "--depth", "300"], 0, "samples of the estimate arrive"),
-        (["info", OLD], 0, "Use: a result of a replay, to be opened with status, report, plot, export or plan."),
+        (
+            ["plan", OLD, "--start=152.4,-40.2,0", "--goal=152.45,-40.18,0", "--depth", "300"],
+            0,
+            "samples of the estimate arrive",
+        ),
+        (
+            ["info", OLD],
+            0,
+            "Use: a result of a replay, to be opened with status, report, plot, export or plan.",
+        ),
     ],
     ids=lambda value: value[0] if isinstance(value, list) else None,
 )

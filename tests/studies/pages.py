@@ -25,8 +25,22 @@ from replay_kit.studies.reports.tables import NAN, Criterion, Picture, Table
 def accuracy_result() -> AccuracyResult:
     """Three methods, of which one fails and one states no errors."""
     rows = [
-        AccuracyRow(method, pings, error, (error - 0.01, error + 0.01), 0.3 * error, 0.05, nis, 0.5, 0.8, 0.02)
-        for method, errors, nis in (("default", (0.4, 0.2), 1.1), ("ensemble_mean", (0.5, 0.5), NAN))
+        AccuracyRow(
+            method,
+            pings,
+            error,
+            (error - 0.01, error + 0.01),
+            0.3 * error,
+            0.05,
+            nis,
+            0.5,
+            0.8,
+            0.02,
+        )
+        for method, errors, nis in (
+            ("default", (0.4, 0.2), 1.1),
+            ("ensemble_mean", (0.5, 0.5), NAN),
+        )
         for pings, error in zip((5, 50), errors, strict=True)
     ]
     failed = AccuracyRow("etkf", 50, failed="seed 0: LinAlgError: <singular>")
@@ -37,43 +51,109 @@ def dives_result() -> DivesResult:
     """Three dives, the first without errors; the last without a mean current."""
 
     def dive(number: int, error: float) -> DivePrediction:
-        profiles = {"estimate": np.full((4, 2), error), "last_dive": np.full((4, 2), 2.0 * error)} if number > 1 else {}
-        mean = {"estimate": np.full((1, 2), error), "last_dac": np.full((1, 2), 3.0 * error)} if number == 2 else {}
+        profiles = (
+            {"estimate": np.full((4, 2), error), "last_dive": np.full((4, 2), 2.0 * error)}
+            if number > 1
+            else {}
+        )
+        mean = (
+            {"estimate": np.full((1, 2), error), "last_dac": np.full((1, 2), 3.0 * error)}
+            if number == 2
+            else {}
+        )
         inner, outer = (Ellipse(152.0, -40.0, axis, axis - 200.0, 90.0) for axis in (600.0, 900.0))
         start, fix = Fix(0, 151.9, -40.0), Fix(3_600 * 10**9, 152.01, -40.0)
-        expected = DiveForecast(number, number - 1, start, fix.time_ns, 152.0, -40.0, inner, outer, NAN)
+        expected = DiveForecast(
+            number, number - 1, start, fix.time_ns, 152.0, -40.0, inner, outer, NAN
+        )
         found = DiveOutcome(expected, fix, 2.0, NAN, NAN) if number < 3 else None
         settings = LogSettings(1.0, 0.0, 50.0, 0.01, 1e5, 0.1, 50.0, 1e5)
         errors: dict[str, Any] = {"profiles": profiles, "mean": mean}
-        return DivePrediction(number, settings, errors, np.full((4, 2), 0.1), 8.0, 8, found, np.full(3, 0.05), np.full(3, 0.1))
+        return DivePrediction(
+            number,
+            settings,
+            errors,
+            np.full((4, 2), 0.1),
+            8.0,
+            8,
+            found,
+            np.full(3, 0.05),
+            np.full(3, 0.1),
+        )
 
-    return DivesResult((dive(1, 0.1), dive(2, 0.1), dive(3, 0.2)), "ensemble.nc", fitted=False, oscillators=("steady",))
+    return DivesResult(
+        (dive(1, 0.1), dive(2, 0.1), dive(3, 0.2)),
+        "ensemble.nc",
+        fitted=False,
+        oscillators=("steady",),
+    )
 
 
 def mission_result() -> MissionResult:
     """Two studies; one figure does not keep to its limit, one has a unit."""
     rows = (
         MissionRow("outliers", "gate soften", "RMSE [m/s]", 0.2, NAN, NAN, None, (0.19, 0.21)),
-        MissionRow("outliers", "gate soften", "RMSE over that without outliers", 1.2, NAN, 1.05, False, (1.1, 1.3)),
-        MissionRow("coverage", "observed places, now", "share inside 90 % intervals", 0.9, 0.86, 0.94, True, (0.89, 0.91)),
+        MissionRow(
+            "outliers",
+            "gate soften",
+            "RMSE over that without outliers",
+            1.2,
+            NAN,
+            1.05,
+            False,
+            (1.1, 1.3),
+        ),
+        MissionRow(
+            "coverage",
+            "observed places, now",
+            "share inside 90 % intervals",
+            0.9,
+            0.86,
+            0.94,
+            True,
+            (0.89, 0.91),
+        ),
     )
     job = MissionJob("2,5", ("outliers", "coverage"), 20, 1.0, 3, 0.09, 1)
-    return MissionResult(rows, "ensemble.nc", (2, 5), 1, job, ("member 5, seed 0, bias: carried away",))
+    return MissionResult(
+        rows, "ensemble.nc", (2, 5), 1, job, ("member 5, seed 0, bias: carried away",)
+    )
 
 
 def planning_result() -> PlanningResult:
     """One study with a table of plans and a picture, one that failed, one that is not done."""
-    cases = tuple((flow, 100.0 * miss * (k + 1)) for k, flow in enumerate(("truth", "2.5D default")) for miss in (0.001, 2.0, 3.0))
+    cases = tuple(
+        (flow, 100.0 * miss * (k + 1))
+        for k, flow in enumerate(("truth", "2.5D default"))
+        for miss in (0.001, 2.0, 3.0)
+    )
     misses = np.array([[2000.0, 300.0], [1500.0, 200.0]])
-    picture = Picture("glides_pairs", "Miss distances, replanned against single", (4.0, 3.0), partial(draw_replanned, misses, 250.0))
+    picture = Picture(
+        "glides_pairs",
+        "Miss distances, replanned against single",
+        (4.0, 3.0),
+        partial(draw_replanned, misses, 250.0),
+    )
     glides = StudyReport(
         "glides",
         "Glides of constant velocity",
         (Table("glides_cases", "Each plan", ("planned on", "miss [m]"), cases, shown=False),),
-        (Criterion("ratio of medians", 1.4, at_most=1.0, low=1.1, high=1.8), Criterion("share that arrives", 0.95, at_least=0.9)),
+        (
+            Criterion("ratio of medians", 1.4, at_most=1.0, low=1.1, high=1.8),
+            Criterion("share that arrives", 0.95, at_least=0.9),
+        ),
         ("Plans on the *truth* arrive, see `glides_cases`.",),
         (picture,),
     )
     lost = StudyReport("masked", "Among islands", (), failed="PlanError: too little water")
     job = PlanningJob(("glides", "masked", "infeasible"), "1", pairs=3)
-    return PlanningResult((glides, lost), "ensemble.nc", ("member 1",), 6, (5.0, 150.0), 8, job, {"glides": 1.0, "masked": 0.1})
+    return PlanningResult(
+        (glides, lost),
+        "ensemble.nc",
+        ("member 1",),
+        6,
+        (5.0, 150.0),
+        8,
+        job,
+        {"glides": 1.0, "masked": 0.1},
+    )

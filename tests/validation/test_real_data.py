@@ -39,7 +39,9 @@ def test_fifty_pings_tell_the_north_atlantic_truth(tmp_path):
     for seed in range(3):
         log = tmp_path / f"survey{seed}.mcap"
         make_twin(truth, Twin("vessel", 50, 0.09, seed), log)
-        summary, _ = replay(ReplayJob((log,), folder / "ensemble.nc", truth=str(folder / "truth.nc")), config)
+        summary, _ = replay(
+            ReplayJob((log,), folder / "ensemble.nc", truth=str(folder / "truth.nc")), config
+        )
         assert summary.truth is not None
         errors.append(summary.truth.rel_error)
     assert np.mean(errors) <= 0.33

@@ -34,7 +34,9 @@ def logs(tmp_path: Path) -> list[Path]:
     return paths
 
 
-def test_logs_are_merged_in_order_and_read_by_the_stock_reader(tmp_path: Path, logs: list[Path]) -> None:
+def test_logs_are_merged_in_order_and_read_by_the_stock_reader(
+    tmp_path: Path, logs: list[Path]
+) -> None:
     out = tmp_path / "out.mcap"
     summary = convert(logs, out, False, LogConfig())
     with out.open("rb") as file:
@@ -46,24 +48,35 @@ def test_logs_are_merged_in_order_and_read_by_the_stock_reader(tmp_path: Path, l
     frames = [time for time, topic, _ in read if topic == "mavlink/frames/1"]
     read = read[: -len(frames)]
     assert [time for time, _, _ in read] == sorted(time for time, _, _ in read)
-    assert Counter(topic for _, topic, _ in read) | {"mavlink/frames/1": len(frames)} == summary.messages
+    assert (
+        Counter(topic for _, topic, _ in read) | {"mavlink/frames/1": len(frames)}
+        == summary.messages
+    )
     assert summary.messages["/adcp"] == 30
     assert summary.messages["mavlink/1/1/DEBUG_FLOAT_ARRAY"] == 100
     assert (summary.losses, summary.undecodable) == ((), {})
 
 
 def _profiles(path: Path) -> list[Observation]:
-    return [each for each in observations(merge([open_log(path)], 1.0)) if isinstance(each, Observation)]
+    return [
+        each for each in observations(merge([open_log(path)], 1.0)) if isinstance(each, Observation)
+    ]
 
 
 @pytest.mark.parametrize("which", [0, 1])
-def test_a_converted_log_gives_the_same_observations(tmp_path: Path, logs: list[Path], which: int) -> None:
+def test_a_converted_log_gives_the_same_observations(
+    tmp_path: Path, logs: list[Path], which: int
+) -> None:
     out = tmp_path / "out.mcap"
     convert([logs[which]], out, False, LogConfig())
     pairs = [_profiles(path) for path in (logs[which], out)]
     assert len(pairs[0]) > 0
     for before, after in zip(*pairs, strict=True):
-        assert (before.time_ns, before.longitude, before.latitude) == (after.time_ns, after.longitude, after.latitude)
+        assert (before.time_ns, before.longitude, before.latitude) == (
+            after.time_ns,
+            after.longitude,
+            after.latitude,
+        )
         assert before.velocity.tobytes() == after.velocity.tobytes()
 
 
@@ -87,17 +100,23 @@ def test_losses_are_reported(tmp_path: Path, logs: list[Path]) -> None:
     assert {path for path, _ in summary.losses} == {str(tmp_path / "cut.tlog")}
 
 
-def test_the_command_ends_with_4_where_bytes_were_lost_and_with_0_where_none_were(tmp_path: Path, logs: list[Path]) -> None:
+def test_the_command_ends_with_4_where_bytes_were_lost_and_with_0_where_none_were(
+    tmp_path: Path, logs: list[Path]
+) -> None:
     data = logs[1].read_bytes()
     (tmp_path / "sound.tlog").write_bytes(data)
     (tmp_path / "cut.tlog").write_bytes(data[:5000] + b"\x00" * 50 + data[5000:])
     for name, code in (("sound", 0), ("cut", 4)):
         out, answer = tmp_path / f"{name}.mcap", tmp_path / f"{name}.json"
-        done = invoke(["convert", str(tmp_path / f"{name}.tlog"), "-o", str(out), "--json", str(answer)])
+        done = invoke(
+            ["convert", str(tmp_path / f"{name}.tlog"), "-o", str(out), "--json", str(answer)]
+        )
         assert done.exit_code == code, done.exception
         # what could be read is written all the same
         assert out.exists()
-        assert ("LOST" in done.stdout) == bool(json.loads(answer.read_text())["losses"]) == (code == 4)
+        assert (
+            ("LOST" in done.stdout) == bool(json.loads(answer.read_text())["losses"]) == (code == 4)
+        )
 
 
 def test_an_input_is_never_overwritten(tmp_path: Path, logs: list[Path]) -> None:
@@ -119,7 +138,9 @@ def test_an_output_is_kept_unless_asked(tmp_path: Path, logs: list[Path]) -> Non
     assert out.read_bytes()[:5] == b"\x89MCAP"
 
 
-def test_bad_inputs_are_refused_before_anything_is_written(tmp_path: Path, logs: list[Path]) -> None:
+def test_bad_inputs_are_refused_before_anything_is_written(
+    tmp_path: Path, logs: list[Path]
+) -> None:
     with pytest.raises(LogError, match="no such file"):
         convert([*logs, tmp_path / "missing.mcap"], tmp_path / "out.mcap", False, LogConfig())
     with pytest.raises(ConfigError, match="at least one log"):
@@ -132,20 +153,26 @@ def _stamps(path: Path) -> list[int]:
 
 
 @pytest.mark.parametrize("by_way_of_mcap", [False, True])
-def test_a_telemetry_log_takes_frames_and_what_has_none(tmp_path: Path, logs: list[Path], by_way_of_mcap: bool) -> None:
+def test_a_telemetry_log_takes_frames_and_what_has_none(
+    tmp_path: Path, logs: list[Path], by_way_of_mcap: bool
+) -> None:
     given = logs
     if by_way_of_mcap:
         given = [tmp_path / "both.mcap"]
         convert(logs, given[0], False, LogConfig())
     summary = convert(given, tmp_path / "out.tlog", False, LogConfig())
     assert summary.messages["DEBUG_FLOAT_ARRAY"] == 5 * 30
-    assert sum(count for topic, count in summary.messages.items() if topic.startswith("mavlink/frames")) == len(_stamps(logs[1]))
+    assert sum(
+        count for topic, count in summary.messages.items() if topic.startswith("mavlink/frames")
+    ) == len(_stamps(logs[1]))
     found = _profiles(tmp_path / "out.tlog")
     assert len(found) == sum(len(_profiles(path)) for path in logs)
     assert _stamps(tmp_path / "out.tlog") == sorted(_stamps(tmp_path / "out.tlog"))
     currents = sum(message.topic == "/dac" for message in open_log(logs[0]).messages())
     assert currents > 0
-    assert summary.left_out == {("/dac", "there is no frame for replay_kit.DepthAveragedCurrent"): currents}
+    assert summary.left_out == {
+        ("/dac", "there is no frame for replay_kit.DepthAveragedCurrent"): currents
+    }
 
 
 @pytest.mark.parametrize("by_way_of_mcap", [False, True])
@@ -163,11 +190,29 @@ def test_frames_of_several_logs_are_merged_by_time(tmp_path: Path, by_way_of_mca
 
 def test_what_a_telemetry_log_cannot_hold_is_said(tmp_path: Path) -> None:
     ping = {
-        **{"coordinate_system": "beam", "reference": "platform", "orientation": "down", "n_cells": 1, "cell_size": 1.0},
-        **{"bin0_distance": 2.0, "velocity": [[0.1, 0.2, 0.3]], "beam_unit_vectors": [[0.0, 0.0, 1.0]] * 3, "tilt_applied": False},
+        **{
+            "coordinate_system": "beam",
+            "reference": "platform",
+            "orientation": "down",
+            "n_cells": 1,
+            "cell_size": 1.0,
+        },
+        **{
+            "bin0_distance": 2.0,
+            "velocity": [[0.1, 0.2, 0.3]],
+            "beam_unit_vectors": [[0.0, 0.0, 1.0]] * 3,
+            "tilt_applied": False,
+        },
     }
-    sent = [("/adcp", ping), ("/adcp4", ping | {"velocity": [[0.1, 0.2, 0.3, 0.4]]}), ("/adcp", ping)]
-    messages = [Message(k, topic, "replay_kit.AdcpPing", payload, 0, k) for k, (topic, payload) in enumerate(sent)]
+    sent = [
+        ("/adcp", ping),
+        ("/adcp4", ping | {"velocity": [[0.1, 0.2, 0.3, 0.4]]}),
+        ("/adcp", ping),
+    ]
+    messages = [
+        Message(k, topic, "replay_kit.AdcpPing", payload, 0, k)
+        for k, (topic, payload) in enumerate(sent)
+    ]
     write_mcap_log(tmp_path / "in.mcap", [*messages, Message(9, "/plan", "", {"a": 1}, 0, 9)])
     summary = convert([tmp_path / "in.mcap"], tmp_path / "out.tlog", False, LogConfig())
     assert summary.left_out == {
@@ -176,7 +221,10 @@ def test_what_a_telemetry_log_cannot_hold_is_said(tmp_path: Path) -> None:
         ("/plan", "there is no frame for a message without a schema"): 1,
     }
     assert summary.messages["DEBUG_FLOAT_ARRAY"] == 2 * 5
-    plan = {"code": "there_is_no_frame_for_a_message_without_a_schema", "why": "there is no frame for a message without a schema"}
+    plan = {
+        "code": "there_is_no_frame_for_a_message_without_a_schema",
+        "why": "there is no frame for a message without a schema",
+    }
     assert {"topic": "/plan", "messages": 1, **plan} in convert_json(summary)["left_out"]
     console = Console(record=True, file=StringIO())
     print_converted(summary, console)
@@ -186,7 +234,10 @@ def test_what_a_telemetry_log_cannot_hold_is_said(tmp_path: Path) -> None:
 def test_late_fixes_become_frames_too(tmp_path: Path) -> None:
     fix = {"latitude": 1.0, "longitude": 2.0}
     stamps = [k * 10**9 for k in (1, 50, 60, 2, 70)]
-    write_mcap_log(tmp_path / "in.mcap", [Message(t, "/fix", "foxglove.LocationFix", fix, 0, k) for k, t in enumerate(stamps)])
+    write_mcap_log(
+        tmp_path / "in.mcap",
+        [Message(t, "/fix", "foxglove.LocationFix", fix, 0, k) for k, t in enumerate(stamps)],
+    )
     summary = convert([tmp_path / "in.mcap"], tmp_path / "out.tlog", False, LogConfig())
     assert summary.messages == {"GPS_RAW_INT": 5, "GLOBAL_POSITION_INT": 5}
 
@@ -194,7 +245,9 @@ def test_late_fixes_become_frames_too(tmp_path: Path) -> None:
 def test_the_help_names_every_format() -> None:
     for command in ("replay", "convert"):
         said = " ".join(invoke([command, "--help-all"], columns=400).output.split())
-        assert "MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP)" in said
+        assert (
+            "MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP)" in said
+        )
 
 
 def test_a_time_beyond_signed_64_bits_is_shown_as_the_last() -> None:
@@ -205,6 +258,21 @@ def test_a_time_beyond_signed_64_bits_is_shown_as_the_last() -> None:
 @pytest.mark.full
 def test_real_dives_become_ten_profiles(tmp_path: Path) -> None:
     summary = convert(SEAGLIDER, tmp_path / "out.mcap", False, LogConfig())
-    assert (summary.messages["/adcp/inverted"], summary.messages["/dac"], summary.messages["/vehicle/fix"]) == (10, 5, 15)
+    assert (
+        summary.messages["/adcp/inverted"],
+        summary.messages["/dac"],
+        summary.messages["/vehicle/fix"],
+    ) == (10, 5, 15)
     observed = _profiles(tmp_path / "out.mcap")
-    assert [observation.dive for observation in observed] == [100, 100, 101, 101, 102, 102, 103, 103, 104, 104]
+    assert [observation.dive for observation in observed] == [
+        100,
+        100,
+        101,
+        101,
+        102,
+        102,
+        103,
+        103,
+        104,
+        104,
+    ]

@@ -20,7 +20,12 @@ from tests.logs.log_samples import SHARED, json_mcap, tlog
 from tests.places import ROOT
 
 # each example writes the files of the one folder anew
-trips = settings(max_examples=30, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+trips = settings(
+    max_examples=30,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 times = st.integers(0, 2**64 - 1)
 words = st.text(max_size=8)
 
@@ -36,7 +41,9 @@ def content(data: bytes) -> tuple[Counter[Any], Counter[Any], Counter[Any], str]
         )
         for schema, channel, message in reader.iter_messages(log_time_order=False)
     )
-    attached = Counter((a.name, a.media_type, a.log_time, a.create_time, a.data) for a in reader.iter_attachments())
+    attached = Counter(
+        (a.name, a.media_type, a.log_time, a.create_time, a.data) for a in reader.iter_attachments()
+    )
     noted = Counter((m.name, tuple(sorted(m.metadata.items()))) for m in reader.iter_metadata())
     return said, attached, noted, reader.get_header().profile
 
@@ -45,22 +52,36 @@ def content(data: bytes) -> tuple[Counter[Any], Counter[Any], Counter[Any], str]
 @trips
 @given(
     channels=st.lists(
-        st.tuples(words, words, st.none() | st.tuples(words.filter(bool), words, st.binary(max_size=9)), st.dictionaries(words, words)),
+        st.tuples(
+            words,
+            words,
+            st.none() | st.tuples(words.filter(bool), words, st.binary(max_size=9)),
+            st.dictionaries(words, words),
+        ),
         min_size=1,
         max_size=3,
     ),
-    messages=st.lists(st.tuples(st.integers(0, 2), times, times, st.integers(0, 2**32 - 1), st.binary(max_size=20)), max_size=12),
+    messages=st.lists(
+        st.tuples(
+            st.integers(0, 2), times, times, st.integers(0, 2**32 - 1), st.binary(max_size=20)
+        ),
+        max_size=12,
+    ),
     attachments=st.lists(st.tuples(times, times, words, words, st.binary(max_size=20)), max_size=2),
     notes=st.lists(st.tuples(words, st.dictionaries(words, words, max_size=2)), max_size=2),
     compression=st.sampled_from(CompressionType),
     chunked=st.booleans(),
 )
-def test_mcap_to_mcap(tmp_path: Path, channels, messages, attachments, notes, compression, chunked) -> None:  # type: ignore[no-untyped-def]
+def test_mcap_to_mcap(
+    tmp_path: Path, channels, messages, attachments, notes, compression, chunked
+) -> None:  # type: ignore[no-untyped-def]
     out = BytesIO()
     writer = Writer(out, chunk_size=60, compression=compression, use_chunking=chunked)
     writer.start(profile="ros2")
     numbers = [
-        writer.register_channel(topic, encoding, writer.register_schema(*schema) if schema else 0, metadata)
+        writer.register_channel(
+            topic, encoding, writer.register_schema(*schema) if schema else 0, metadata
+        )
         for topic, encoding, schema, metadata in channels
     ]
     for which, log_time, publish_time, sequence, data in messages:
@@ -78,11 +99,17 @@ def test_mcap_to_mcap(tmp_path: Path, channels, messages, attachments, notes, co
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared logs are not on this machine")
 def test_real_and_conformance_files(tmp_path: Path) -> None:
-    files = sorted((SHARED / "mcap-conformance").rglob("*.mcap"))[::13] + sorted((SHARED / "rosbag2").glob("*.mcap"))[::4]
+    files = (
+        sorted((SHARED / "mcap-conformance").rglob("*.mcap"))[::13]
+        + sorted((SHARED / "rosbag2").glob("*.mcap"))[::4]
+    )
     for file in files:
         convert([file], tmp_path / "out.mcap", True, LogConfig())
         # the stock reader relies on a summary that not every file has
-        before, after = (Counter(m.said for m in sound_messages(path.read_bytes())) for path in (file, tmp_path / "out.mcap"))
+        before, after = (
+            Counter(m.said for m in sound_messages(path.read_bytes()))
+            for path in (file, tmp_path / "out.mcap")
+        )
         assert before == after, file
 
 
@@ -91,7 +118,9 @@ def test_real_and_conformance_files(tmp_path: Path) -> None:
     entries=st.lists(st.sampled_from(tlog(12)), min_size=1, max_size=12),
     noise=st.lists(st.tuples(st.integers(0, 12), st.binary(min_size=1, max_size=9)), max_size=2),
 )
-def test_a_telemetry_log_comes_back_from_mcap(tmp_path: Path, entries: list[bytes], noise: list[tuple[int, bytes]]) -> None:
+def test_a_telemetry_log_comes_back_from_mcap(
+    tmp_path: Path, entries: list[bytes], noise: list[tuple[int, bytes]]
+) -> None:
     sound = b"".join(entries)
     (tmp_path / "in.tlog").write_bytes(sound)
     convert([tmp_path / "in.tlog"], tmp_path / "mid.mcap", True, LogConfig())
@@ -129,7 +158,9 @@ def test_kept_frames_are_no_trouble_to_a_reader(tmp_path: Path) -> None:
 
 
 def test_messages_of_an_mcap_without_frames_become_frames(tmp_path: Path) -> None:
-    summary = convert([ROOT / "sample_logs" / "glider.mcap"], tmp_path / "out.tlog", False, LogConfig())
+    summary = convert(
+        [ROOT / "sample_logs" / "glider.mcap"], tmp_path / "out.tlog", False, LogConfig()
+    )
     assert summary.messages["DEBUG_FLOAT_ARRAY"] == 2000
     assert len(list(open_log(tmp_path / "out.tlog").messages())) == sum(summary.messages.values())
 
@@ -141,7 +172,9 @@ def test_a_damaged_log_becomes_a_sound_one(tmp_path: Path, part: float) -> None:
     summary = convert([tmp_path / "cut.mcap"], tmp_path / "out.mcap", False, LogConfig())
     assert summary.losses
     reader = open_log(tmp_path / "out.mcap")
-    assert [message.payload["n"] for message in reader.messages()] == list(range(sum(summary.messages.values())))
+    assert [message.payload["n"] for message in reader.messages()] == list(
+        range(sum(summary.messages.values()))
+    )
     assert reader.report().losses == ()
 
 
@@ -155,7 +188,9 @@ def test_a_damaged_attachment_is_left_out_and_said(tmp_path: Path) -> None:
     writer.finish()
     (tmp_path / "in.mcap").write_bytes(out.getvalue().replace(b"brittle", b"brittla"))
     summary = convert([tmp_path / "in.mcap"], tmp_path / "out.mcap", False, LogConfig())
-    assert [loss.what.split(":")[0] for _, loss in summary.losses] == ["an attachment or metadata record is damaged and left out"]
+    assert [loss.what.split(":")[0] for _, loss in summary.losses] == [
+        "an attachment or metadata record is damaged and left out"
+    ]
     _, attached, noted, _ = content((tmp_path / "out.mcap").read_bytes())
     assert [name for name, *_ in attached] == ["kept"]
     assert [name for name, _ in noted] == ["note"]
@@ -164,10 +199,18 @@ def test_a_damaged_attachment_is_left_out_and_said(tmp_path: Path) -> None:
 def test_late_messages_are_copied_too(tmp_path: Path) -> None:
     (tmp_path / "in.mcap").write_bytes(json_mcap([k * 10**9 for k in (1, 50, 60, 2, 70)]))
     convert([tmp_path / "in.mcap"], tmp_path / "out.mcap", False, LogConfig())
-    assert sorted(m.payload["n"] for m in open_log(tmp_path / "out.mcap").messages()) == [0, 1, 2, 3, 4]
+    assert sorted(m.payload["n"] for m in open_log(tmp_path / "out.mcap").messages()) == [
+        0,
+        1,
+        2,
+        3,
+        4,
+    ]
 
 
-def test_what_does_not_read_back_gets_no_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_does_not_read_back_gets_no_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "in.mcap").write_bytes(json_mcap(range(5)))
     monkeypatch.setattr("replay_kit.logs.mcap.writer.McapLogWriter.written", {"/a": 9})
     with pytest.raises(ReplayKitError, match="read back"):

@@ -41,17 +41,37 @@ def ocean(tmp_path_factory) -> Path:
 
 
 def replaying(ocean, *more):
-    return ["replay", str(ocean / "glider.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "--config", str(ocean / "run.toml"), *more]
+    return [
+        "replay",
+        str(ocean / "glider.mcap"),
+        "--ensemble",
+        str(ocean / "ensemble.nc"),
+        "--config",
+        str(ocean / "run.toml"),
+        *more,
+    ]
 
 
 def commands(ocean, out):
     """Arguments, the file that is written, and how much of it fits on the disk [bytes]."""
     return {
         "convert": (["convert", str(ocean / "glider.mcap"), "-o", str(out)], out, 20_000),
-        "convert to tlog": (["convert", str(ocean / "vessel.tlog"), "-o", str(out.with_suffix(".tlog"))], out.with_suffix(".tlog"), 2_000),
+        "convert to tlog": (
+            ["convert", str(ocean / "vessel.tlog"), "-o", str(out.with_suffix(".tlog"))],
+            out.with_suffix(".tlog"),
+            2_000,
+        ),
         "replay": (replaying(ocean, "-o", str(out)), out, 20_000),
-        "journal": (replaying(ocean, "-o", str(out), "--checkpoint", str(out.with_suffix(".ck"))), out, 3_000),
-        "json": (["info", str(ocean / "glider.mcap"), "--json", str(out.with_suffix(".json"))], out.with_suffix(".json"), 10),
+        "journal": (
+            replaying(ocean, "-o", str(out), "--checkpoint", str(out.with_suffix(".ck"))),
+            out,
+            3_000,
+        ),
+        "json": (
+            ["info", str(ocean / "glider.mcap"), "--json", str(out.with_suffix(".json"))],
+            out.with_suffix(".json"),
+            10,
+        ),
     }
 
 
@@ -71,11 +91,18 @@ def test_a_disk_that_fills_is_told_and_the_earlier_output_stays(ocean, tmp_path,
 
 
 def test_a_grid_that_does_not_fit_leaves_the_earlier_one(ocean, tmp_path):
-    config = CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update={"modes": 4})})
+    config = CONFIG.model_copy(
+        update={"estimator": CONFIG.estimator.model_copy(update={"modes": 4})}
+    )
     _, flow = replay(ReplayJob((ocean / "glider.mcap",), ocean / "ensemble.nc"), config)
     out = tmp_path / "grid.nc"
     out.write_bytes(PRECIOUS)
-    with full_disk(3000), pytest.raises(ReplayKitError, match=r"grid\.nc\.part: cannot be written.*is the disk full\?") as raised:
+    with (
+        full_disk(3000),
+        pytest.raises(
+            ReplayKitError, match=r"grid\.nc\.part: cannot be written.*is the disk full\?"
+        ) as raised,
+    ):
         write_grid(flow, out)
     assert raised.value.exit_code == 1
     assert out.read_bytes() == PRECIOUS
@@ -97,7 +124,9 @@ def test_a_run_on_a_disk_with_room_again_gives_the_same_bytes(ocean, tmp_path, n
     assert out.read_bytes() == again
 
 
-@pytest.mark.skipif(not Path("/proc").is_dir(), reason="the folder that nobody can write to is Linux's")
+@pytest.mark.skipif(
+    not Path("/proc").is_dir(), reason="the folder that nobody can write to is Linux's"
+)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_folder_that_cannot_be_written_is_told(ocean, name):
     arguments, out, _ = commands(ocean, Path("/proc/out.mcap"))[name]
@@ -136,7 +165,9 @@ CHANGES = {
     exchange: "was replaced by another file",
     Path.unlink: "is gone",
 }
-changes = pytest.mark.parametrize(("change", "words"), CHANGES.items(), ids=["grow", "shrink", "overwrite", "exchange", "unlink"])
+changes = pytest.mark.parametrize(
+    ("change", "words"), CHANGES.items(), ids=["grow", "shrink", "overwrite", "exchange", "unlink"]
+)
 
 
 class Changing:
@@ -167,7 +198,9 @@ def test_a_change_of_a_file_is_named(tmp_path, change, words):
 
 @changes
 @pytest.mark.parametrize("ending", ["mcap", "tlog"])
-def test_convert_tells_of_an_input_that_changes_and_keeps_the_earlier_output(ocean, tmp_path, change, words, ending):
+def test_convert_tells_of_an_input_that_changes_and_keeps_the_earlier_output(
+    ocean, tmp_path, change, words, ending
+):
     log, out = tmp_path / "glider.mcap", tmp_path / f"out.{ending}"
     shutil.copy2(ocean / log.name, log)
     out.write_bytes(PRECIOUS)
@@ -180,13 +213,17 @@ def test_convert_tells_of_an_input_that_changes_and_keeps_the_earlier_output(oce
 
 @changes
 @pytest.mark.parametrize("which", ["glider.mcap", "ensemble.nc"])
-def test_a_replay_tells_of_an_input_that_changes_and_keeps_the_earlier_output(ocean, tmp_path, change, words, which, monkeypatch):
+def test_a_replay_tells_of_an_input_that_changes_and_keeps_the_earlier_output(
+    ocean, tmp_path, change, words, which, monkeypatch
+):
     monkeypatch.setattr(inputs, "_LOOK", 4)
     for name in ("glider.mcap", "ensemble.nc"):
         shutil.copy2(ocean / name, tmp_path / name)
     out = tmp_path / "out.mcap"
     out.write_bytes(PRECIOUS)
-    config = CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update={"modes": 4})})
+    config = CONFIG.model_copy(
+        update={"estimator": CONFIG.estimator.model_copy(update={"modes": 4})}
+    )
     changing = Changing("replaying", change, tmp_path / which)
     job = ReplayJob((tmp_path / "glider.mcap",), tmp_path / "ensemble.nc", out, overwrite=True)
     with pytest.raises(LogError, match=words):

@@ -23,20 +23,30 @@ def test_a_result_names_its_members_and_is_made_again(members, tmp_path):
     out = tmp_path / "out.mcap"
     words = ["--levels", "5,150", "--modes", "2", "--end", "2018-11-16T03:00:00Z"]
     files = sorted(map(str, members.glob("*.nc")))
-    done = invoke(["replay", str(SAMPLES / "glider.mcap"), "--ensemble", *files, "-o", str(out), *words])
+    done = invoke(
+        ["replay", str(SAMPLES / "glider.mcap"), "--ensemble", *files, "-o", str(out), *words]
+    )
     assert done.exit_code == 0, done.output
     with out.open("rb") as stream:
-        records = {record.name: dict(record.metadata) for record in make_reader(stream).iter_metadata()}
+        records = {
+            record.name: dict(record.metadata) for record in make_reader(stream).iter_metadata()
+        }
     assert records["replay_kit.members"] == {"0": "mem000.nc", "1": "mem001.nc", "2": "mem002.nc"}
     inputs = records["replay_kit.inputs"]
-    assert [inputs[f"ensemble{k}"].split()[0] for k in range(3)] == ["mem000.nc", "mem001.nc", "mem002.nc"]
+    assert [inputs[f"ensemble{k}"].split()[0] for k in range(3)] == [
+        "mem000.nc",
+        "mem001.nc",
+        "mem002.nc",
+    ]
     again = invoke(["verify", str(out), "--inputs", str(members), "--inputs", str(SAMPLES)])
     assert again.exit_code == 0, again.output
 
 
 @pytest.mark.parametrize("products", [2, 1])
 @pytest.mark.full
-def test_files_of_one_product_belong_together_when_a_result_is_made_again(members, tmp_path, products):
+def test_files_of_one_product_belong_together_when_a_result_is_made_again(
+    members, tmp_path, products
+):
     """Two files of each of two models, or one file of each in one folder, which are then a model each."""
     folders = [tmp_path / name for name in ("glorys", "hycom")[:products]]
     for k, folder in enumerate(folders):
@@ -44,15 +54,47 @@ def test_files_of_one_product_belong_together_when_a_result_is_made_again(member
         for day in range(2):
             with xr.open_dataset(members / f"mem00{(k + day) % 3}.nc") as ds:
                 day_ns = np.datetime64("2018-11-16", "ns") + np.timedelta64(day, "D")
-                save(ds.load().drop_vars("time", errors="ignore").expand_dims(time=[day_ns]), folder / f"{folder.name}_{day}.nc")
+                save(
+                    ds.load().drop_vars("time", errors="ignore").expand_dims(time=[day_ns]),
+                    folder / f"{folder.name}_{day}.nc",
+                )
     out = tmp_path / "out.mcap"
-    words = ["--levels", "5,150", "--modes", "2", "--end", "2018-11-16T03:00:00Z", "--members", "models"]
-    done = invoke(["replay", str(SAMPLES / "glider.mcap"), "--ensemble", *map(str, folders), "-o", str(out), *words])
+    words = [
+        "--levels",
+        "5,150",
+        "--modes",
+        "2",
+        "--end",
+        "2018-11-16T03:00:00Z",
+        "--members",
+        "models",
+    ]
+    done = invoke(
+        [
+            "replay",
+            str(SAMPLES / "glider.mcap"),
+            "--ensemble",
+            *map(str, folders),
+            "-o",
+            str(out),
+            *words,
+        ]
+    )
     assert done.exit_code == 0, done.output
     with out.open("rb") as stream:
-        records = {record.name: dict(record.metadata) for record in make_reader(stream).iter_metadata()}
-    inputs = {key: value.split()[0] for key, value in records["replay_kit.inputs"].items() if key != "log0"}
-    expected = {f"ensemble{k}_{day}": f"{folder.name}_{day}.nc" for k, folder in enumerate(folders) for day in range(2)}
+        records = {
+            record.name: dict(record.metadata) for record in make_reader(stream).iter_metadata()
+        }
+    inputs = {
+        key: value.split()[0]
+        for key, value in records["replay_kit.inputs"].items()
+        if key != "log0"
+    }
+    expected = {
+        f"ensemble{k}_{day}": f"{folder.name}_{day}.nc"
+        for k, folder in enumerate(folders)
+        for day in range(2)
+    }
     assert inputs == expected
     assert len(records["replay_kit.members"]) == 2
     searched = [word for folder in (*folders, SAMPLES) for word in ("--inputs", str(folder))]
@@ -60,14 +102,33 @@ def test_files_of_one_product_belong_together_when_a_result_is_made_again(member
     assert again.exit_code == 0, again.output
     # each file for itself is another product of it
     files = [str(folder / f"{folder.name}_{day}.nc") for folder in folders for day in range(2)]
-    apart = invoke(["replay", str(SAMPLES / "glider.mcap"), "--ensemble", *files, "-o", str(tmp_path / "apart.mcap"), *words])
+    apart = invoke(
+        [
+            "replay",
+            str(SAMPLES / "glider.mcap"),
+            "--ensemble",
+            *files,
+            "-o",
+            str(tmp_path / "apart.mcap"),
+            *words,
+        ]
+    )
     assert apart.exit_code == 0
     assert (tmp_path / "apart.mcap").read_bytes() != out.read_bytes()
 
 
 def test_one_field_is_no_ensemble_and_what_could_make_one_is_said(members, tmp_path):
     out = str(tmp_path / "out.mcap")
-    done = invoke(["replay", str(SAMPLES / "glider.mcap"), "--ensemble", str(members / "mem000.nc"), "-o", out])
+    done = invoke(
+        [
+            "replay",
+            str(SAMPLES / "glider.mcap"),
+            "--ensemble",
+            str(members / "mem000.nc"),
+            "-o",
+            out,
+        ]
+    )
     assert done.exit_code == 3
     assert "no member dimension" in done.output
     assert "give several files, of other times, starts or members, with --ensemble" in done.output

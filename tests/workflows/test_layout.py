@@ -20,11 +20,19 @@ from replay_kit.workflows.replay.replay import replay
 from tests.command import invoke
 from tests.workflows.replay.interrupted import make_ocean
 
-CONFIG = RunConfig(planner=PlannerConfig(kind="glide"), estimator=EstimatorConfig(modes=6, sample_share=0.5, shift_distance=0.0))
+CONFIG = RunConfig(
+    planner=PlannerConfig(kind="glide"),
+    estimator=EstimatorConfig(modes=6, sample_share=0.5, shift_distance=0.0),
+)
 #: Panels and the schemas that they show in Foxglove 2 and Lichtblick 1.
 SHOWN = {
     "map": {"foxglove.LocationFix", "foxglove.GeoJSON"},
-    "3D": {"foxglove.Grid", "foxglove.SceneUpdate", "foxglove.PosesInFrame", "foxglove.FrameTransform"},
+    "3D": {
+        "foxglove.Grid",
+        "foxglove.SceneUpdate",
+        "foxglove.PosesInFrame",
+        "foxglove.FrameTransform",
+    },
     "RosOut": {"foxglove.Log"},
     "Plot": {"replay_kit.Innovation", "replay_kit.AtVehicle"},
     "Table": {"replay_kit.Consistency"},
@@ -35,7 +43,9 @@ SHOWN = {
 def result(tmp_path_factory) -> Path:
     folder = make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 30)
     out = folder / "out.mcap"
-    job = ReplayJob((folder / "glider.mcap",), folder / "ensemble.nc", out, goal=Place(152.3, -39.8, 150.0))
+    job = ReplayJob(
+        (folder / "glider.mcap",), folder / "ensemble.nc", out, goal=Place(152.3, -39.8, 150.0)
+    )
     replay(replace(job, ensemble=(folder / "ensemble.nc",)), CONFIG, planner_of)
     return out
 
@@ -44,9 +54,18 @@ def named_paths(layout: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return the topics that the panels of a layout name, each with the path of a field in its messages; empty for whole messages."""
     named: list[tuple[str, str]] = []
     for config in layout["configById"].values():
-        named += [(topic, settings.get("colorField", "")) for topic, settings in config.get("topics", {}).items()]
-        named += [(topic, "") for topic in (*config.get("topicColors", {}), config.get("followTopic")) if topic]
-        paths = [path["value"] for path in config.get("paths", ())] + [config[key] for key in ("topicPath",) if key in config]
+        named += [
+            (topic, settings.get("colorField", ""))
+            for topic, settings in config.get("topics", {}).items()
+        ]
+        named += [
+            (topic, "")
+            for topic in (*config.get("topicColors", {}), config.get("followTopic"))
+            if topic
+        ]
+        paths = [path["value"] for path in config.get("paths", ())] + [
+            config[key] for key in ("topicPath",) if key in config
+        ]
         named += [(topic, field) for topic, _, field in (path.partition(".") for path in paths)]
         named += [(config["topicToRender"], "")] if "topicToRender" in config else []
     return named
@@ -57,8 +76,15 @@ def held(result: Path):
     with result.open("rb") as file:
         reader = make_reader(file)
         summary = reader.get_summary()
-        schemas = {channel.topic: summary.schemas[channel.schema_id] for channel in summary.channels.values()}
-        (layout,) = (json.loads(record.data) for record in reader.iter_attachments() if record.name == "layout.json")
+        schemas = {
+            channel.topic: summary.schemas[channel.schema_id]
+            for channel in summary.channels.values()
+        }
+        (layout,) = (
+            json.loads(record.data)
+            for record in reader.iter_attachments()
+            if record.name == "layout.json"
+        )
         frames = [message.log_time for _, _, message in reader.iter_messages(topics="/tf")]
     return schemas, layout, frames
 
@@ -66,7 +92,9 @@ def held(result: Path):
 def fields_of(schema) -> set[str]:
     """The names of the fields of a schema's message, read from its descriptors in the file."""
     files = FileDescriptorSet.FromString(schema.data).file
-    messages = {f"{file.package}.{message.name}": message for file in files for message in file.message_type}
+    messages = {
+        f"{file.package}.{message.name}": message for file in files for message in file.message_type
+    }
     return {field.name for field in messages[schema.name].field}
 
 
@@ -84,11 +112,28 @@ def test_every_panel_finds_its_topic_schema_and_field_in_the_result(result):
         assert present or kind == "RosOut", name
         for topic, field in present:
             assert schemas[topic].name in SHOWN[kind], (name, topic)
-            fields = {"u", "v", "speed", "u_standard_error", "v_standard_error"} if kind == "3D" else fields_of(schemas[topic])
+            fields = (
+                {"u", "v", "speed", "u_standard_error", "v_standard_error"}
+                if kind == "3D"
+                else fields_of(schemas[topic])
+            )
             assert not field or field.partition("[")[0] in fields, (name, topic, field)
     named = {topic for topic, _ in named_paths(layout)}
-    assert {"/vehicle/fix", "/plan/geojson", "/plan/path", "/flow/innovation", "/flow/at_vehicle", "/flow/consistency", "/log"} <= named
-    assert {path for _, path in named_paths(layout)} >= {"east", "north", "east_standard_error", "u_standard_error"}
+    assert {
+        "/vehicle/fix",
+        "/plan/geojson",
+        "/plan/path",
+        "/flow/innovation",
+        "/flow/at_vehicle",
+        "/flow/consistency",
+        "/log",
+    } <= named
+    assert {path for _, path in named_paths(layout)} >= {
+        "east",
+        "north",
+        "east_standard_error",
+        "u_standard_error",
+    }
 
 
 def test_the_tree_splits_the_screen_and_the_vehicle_s_frame_is_there_through_the_log(result):
@@ -115,12 +160,26 @@ def test_the_command_writes_the_attachment_s_layout_for_any_result(result, tmp_p
     assert refused.exit_code == 3
     assert "give a result" in refused.stderr
     # a result without a plan has a map and a scene without one
-    assert not any("/plan/" in topic for topic, _ in named_paths(layout_of({"/vehicle/fix", "/flow/grid/5m", "/flow/arrows/5m"})))
+    assert not any(
+        "/plan/" in topic
+        for topic, _ in named_paths(layout_of({"/vehicle/fix", "/flow/grid/5m", "/flow/arrows/5m"}))
+    )
 
 
 def test_the_status_of_a_result_is_told_written_and_given_as_numbers(result, tmp_path):
     page, figures = tmp_path / "status.html", tmp_path / "status.json"
-    done = invoke(["status", str(result), "--html", str(page), "--json", str(figures), "--now", "2018-11-17T00:00:00Z"])
+    done = invoke(
+        [
+            "status",
+            str(result),
+            "--html",
+            str(page),
+            "--json",
+            str(figures),
+            "--now",
+            "2018-11-17T00:00:00Z",
+        ]
+    )
     assert done.exit_code == 0
     assert max(map(len, done.stdout.splitlines())) <= 80
     assert "Steer" in done.stdout

@@ -40,7 +40,12 @@ def test_grids_are_those_of_the_smoother_at_the_published_times(tmp_path):
     with pytest.raises(LogError, match="got a smoothed one; verify the replay"):
         verify(tmp_path / "smoothed.mcap", [SAMPLES], planner_of)
     config = settings_of(EVOLVING)
-    estimator = build_evolving(read_series(SAMPLES / "ensemble.nc", config.forecast), config.estimator, config.time, config.gating)
+    estimator = build_evolving(
+        read_series(SAMPLES / "ensemble.nc", config.forecast),
+        config.estimator,
+        config.time,
+        config.gating,
+    )
     log = open_log(SAMPLES / "glider.mcap", config.logs)
     end = config.logs.end_ns
     measured, flight = [], FlightState()
@@ -62,7 +67,12 @@ def test_grids_are_those_of_the_smoother_at_the_published_times(tmp_path):
 
 def test_it_knows_more_of_the_beginning_than_the_replay_and_the_same_of_the_end(tmp_path):
     _, result = smoothed(tmp_path, EVOLVING)
-    replayed = rk.replay(SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc", settings=EVOLVING, out=tmp_path / "replayed.mcap")
+    replayed = rk.replay(
+        SAMPLES / "glider.mcap",
+        SAMPLES / "ensemble.nc",
+        settings=EVOLVING,
+        out=tmp_path / "replayed.mcap",
+    )
     after, before = Contents(result).slices, Contents(rk.open_result(replayed.path)).slices
     assert (after.time_ns[:3] == before.time_ns[:3]).all()
     known = np.isfinite(after.fields[:, 0, 2])
@@ -73,28 +83,50 @@ def test_it_knows_more_of_the_beginning_than_the_replay_and_the_same_of_the_end(
     assert (result.innovations["residual_east"] != replayed.innovations["residual_east"]).any()
     # beside them stand those of the replay, in the sections too
     for axis in ("east", "north"):
-        np.testing.assert_array_equal(result.innovations[f"replayed_residual_{axis}"], replayed.innovations[f"residual_{axis}"])
-    smoothed_bins, replayed_bins = Contents(result).bins, Contents(rk.open_result(replayed.path)).bins
+        np.testing.assert_array_equal(
+            result.innovations[f"replayed_residual_{axis}"],
+            replayed.innovations[f"residual_{axis}"],
+        )
+    smoothed_bins, replayed_bins = (
+        Contents(result).bins,
+        Contents(rk.open_result(replayed.path)).bins,
+    )
     assert np.isfinite(smoothed_bins.estimated).all()
     np.testing.assert_allclose(smoothed_bins.replayed, replayed_bins.estimated, atol=1e-6)
     assert np.isnan(replayed_bins.replayed).all()
-    (profiles,) = (figure for key, figure in figures(report_html(result)).items() if key == "profiles")
-    assert [note["text"] for note in profiles["layout"]["annotations"]][1:3] == ["estimated before smoothing", "smoothed"]
+    (profiles,) = (
+        figure for key, figure in figures(report_html(result)).items() if key == "profiles"
+    )
+    assert [note["text"] for note in profiles["layout"]["annotations"]][1:3] == [
+        "estimated before smoothing",
+        "smoothed",
+    ]
 
 
 def test_a_static_estimate_is_its_last_at_all_times(tmp_path):
     summary, result = smoothed(tmp_path, STATIC_SETTINGS)
-    replayed = rk.replay(SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc", settings=STATIC_SETTINGS, out=tmp_path / "replayed.mcap")
+    replayed = rk.replay(
+        SAMPLES / "glider.mcap",
+        SAMPLES / "ensemble.nc",
+        settings=STATIC_SETTINGS,
+        out=tmp_path / "replayed.mcap",
+    )
     fields = Contents(result).slices.fields
     np.testing.assert_array_equal(fields[:, 0], fields[:, -1])
-    np.testing.assert_allclose(fields[:, -1], Contents(rk.open_result(replayed.path)).slices.fields[:, -1], atol=1e-7)
+    np.testing.assert_allclose(
+        fields[:, -1], Contents(rk.open_result(replayed.path)).slices.fields[:, -1], atol=1e-7
+    )
     assert STATIC in summary.notes
     assert result.events["message"].tolist() == [STATIC]
 
 
 @pytest.mark.parametrize(
     ("ends", "interval", "expected"),
-    [((5, 5), 1.0, [5]), ((0, 3 * 10**9), 1.5, [0, 15 * 10**8, 3 * 10**9]), ((1, 10**9), 0.9, [1, 900_000_001, 10**9])],
+    [
+        ((5, 5), 1.0, [5]),
+        ((0, 3 * 10**9), 1.5, [0, 15 * 10**8, 3 * 10**9]),
+        ((1, 10**9), 0.9, [1, 900_000_001, 10**9]),
+    ],
 )
 def test_published_times_begin_and_end_with_the_log(ends, interval, expected):
     assert published_times(*ends, interval) == expected

@@ -31,8 +31,17 @@ def run(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("run")
     synthetic.write_ocean(folder, 12)
     config = RunConfig(planner=PlannerConfig(kind="glide"))
-    make_twin(read_truth(str(folder / "truth.nc"), config.forecast), Twin("glider", 30, 0.05, 1), folder / "glider.mcap")
-    job = ReplayJob((folder / "glider.mcap",), folder / "ensemble.nc", folder / "out.mcap", goal=Place(152.3, -39.8, 150.0))
+    make_twin(
+        read_truth(str(folder / "truth.nc"), config.forecast),
+        Twin("glider", 30, 0.05, 1),
+        folder / "glider.mcap",
+    )
+    job = ReplayJob(
+        (folder / "glider.mcap",),
+        folder / "ensemble.nc",
+        folder / "out.mcap",
+        goal=Place(152.3, -39.8, 150.0),
+    )
     replay(job, config, planner_of)
     return folder
 
@@ -54,24 +63,40 @@ def changed(
         ids = {}
         for record in reader.iter_attachments():
             data = attachment(record.name, record.data)
-            writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, data)
+            writer.add_attachment(
+                record.create_time, record.log_time, record.name, record.media_type, data
+            )
         for record in reader.iter_metadata():
             if (values := metadata(record.name, dict(record.metadata))) is not None:
                 writer.add_metadata(record.name, values)
-        for index, (schema, channel, record) in enumerate(reader.iter_messages(log_time_order=False)):
+        for index, (schema, channel, record) in enumerate(
+            reader.iter_messages(log_time_order=False)
+        ):
             if channel.id not in ids:
-                schema_id = writer.register_schema(schema.name, schema.encoding, definition(schema.data))
-                ids[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, schema_id)
+                schema_id = writer.register_schema(
+                    schema.name, schema.encoding, definition(schema.data)
+                )
+                ids[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, schema_id
+                )
             data = change(schema, record.data) if index == number else record.data
             if data is not None:
-                writer.add_message(ids[channel.id], record.log_time, data, record.publish_time + later_ns, record.sequence)
+                writer.add_message(
+                    ids[channel.id],
+                    record.log_time,
+                    data,
+                    record.publish_time + later_ns,
+                    record.sequence,
+                )
         writer.finish()
     return target
 
 
 def index_of(path: Path, topic: str) -> int:
     with path.open("rb") as file:
-        topics = [channel.topic for _, channel, _ in make_reader(file).iter_messages(log_time_order=False)]
+        topics = [
+            channel.topic for _, channel, _ in make_reader(file).iter_messages(log_time_order=False)
+        ]
     return len(topics) - 1 - topics[::-1].index(topic)
 
 
@@ -133,9 +158,17 @@ def test_a_changed_message_is_named_with_its_field(run, tmp_path, topic, field):
 def test_a_missing_message_and_a_changed_attachment_are_named(run, tmp_path):
     with (run / "out.mcap").open("rb") as file:
         count = sum(1 for _ in make_reader(file).iter_messages(log_time_order=False))
-    path = changed(run / "out.mcap", tmp_path / "short.mcap", (count - 1, lambda schema, data: None))
-    assert verify(path, [run], planner_of).difference.fields == ("only the second has this message",)
-    path = changed(run / "out.mcap", tmp_path / "nc.mcap", attachment=lambda name, data: data[:-1] if name == "estimate.nc" else data)
+    path = changed(
+        run / "out.mcap", tmp_path / "short.mcap", (count - 1, lambda schema, data: None)
+    )
+    assert verify(path, [run], planner_of).difference.fields == (
+        "only the second has this message",
+    )
+    path = changed(
+        run / "out.mcap",
+        tmp_path / "nc.mcap",
+        attachment=lambda name, data: data[:-1] if name == "estimate.nc" else data,
+    )
     verdict = verify(path, [run], planner_of)
     assert verdict.others == ("attachment estimate.nc",)
     assert verdict.difference is None
@@ -143,7 +176,9 @@ def test_a_missing_message_and_a_changed_attachment_are_named(run, tmp_path):
 
 def test_other_settings_than_recorded_are_found_at_the_first_digest(run, tmp_path):
     def settings(name, data):
-        return data.replace(b"velocity_std = 0.09", b"velocity_std = 0.1").replace(b"surface_depth = 3.0", b"surface_depth = 200.0")
+        return data.replace(b"velocity_std = 0.09", b"velocity_std = 0.1").replace(
+            b"surface_depth = 3.0", b"surface_depth = 200.0"
+        )
 
     path = changed(run / "out.mcap", tmp_path / "other.mcap", attachment=settings)
     verdict = verify(path, [run], planner_of)
@@ -164,9 +199,15 @@ def test_a_digest_that_lies_or_is_missing_hides_nothing(run, tmp_path):
         return values | {"sha256": "0" * 64} if name == "replay_kit.digest" else values
 
     for metadata in (lying, lambda name, values: None if name == "replay_kit.digest" else values):
-        verdict = verify(changed(run / "out.mcap", tmp_path / "other.mcap", (index, turned), metadata), [run], planner_of)
+        verdict = verify(
+            changed(run / "out.mcap", tmp_path / "other.mcap", (index, turned), metadata),
+            [run],
+            planner_of,
+        )
         assert verdict.difference.index == index
-        untouched = verify(changed(run / "out.mcap", tmp_path / "same.mcap", metadata=metadata), [run], planner_of)
+        untouched = verify(
+            changed(run / "out.mcap", tmp_path / "same.mcap", metadata=metadata), [run], planner_of
+        )
         assert untouched.difference is None
         assert "the digests" in untouched.others
 
@@ -175,7 +216,9 @@ def test_changed_metadata_schemas_and_stamps_are_named(run, tmp_path):
     def options(name, values):
         return values | {"modes": "7"} if name == "replay_kit.options" else values
 
-    verdict = verify(changed(run / "out.mcap", tmp_path / "other.mcap", metadata=options), [run], planner_of)
+    verdict = verify(
+        changed(run / "out.mcap", tmp_path / "other.mcap", metadata=options), [run], planner_of
+    )
     (other,) = verdict.others
     assert other.startswith("metadata replay_kit.options: modes: 7 | ")
     path = changed(run / "out.mcap", tmp_path / "later.mcap", later_ns=5)
@@ -197,7 +240,9 @@ def test_other_versions_are_said(run, tmp_path):
     def older(name, values):
         return values | {"numpy": "1.0", "gone": "3"} if name == "replay_kit.versions" else values
 
-    verdict = verify(changed(run / "out.mcap", tmp_path / "other.mcap", metadata=older), [run], planner_of)
+    verdict = verify(
+        changed(run / "out.mcap", tmp_path / "other.mcap", metadata=older), [run], planner_of
+    )
     assert verdict.same
     assert any("made with numpy 1.0, here it is" in note for note in verdict.notes)
     assert any("made with gone 3, here it is none" in note for note in verdict.notes)
@@ -205,7 +250,9 @@ def test_other_versions_are_said(run, tmp_path):
 
 def test_inputs_are_known_by_their_content(run, tmp_path):
     shutil.copy(run / "out.mcap", tmp_path / "out.mcap")
-    with pytest.raises(LogError, match=r"log0 is glider\.mcap with SHA-256 .*there is none.*--inputs"):
+    with pytest.raises(
+        LogError, match=r"log0 is glider\.mcap with SHA-256 .*there is none.*--inputs"
+    ):
         verify(tmp_path / "out.mcap", [], planner_of)
     shutil.copy(run / "ensemble.nc", tmp_path / "ensemble.nc")
     (tmp_path / "glider.mcap").write_bytes((run / "glider.mcap").read_bytes() + b"x")
@@ -245,11 +292,22 @@ def test_a_result_of_contract_version_2_is_verified_by_its_bytes_with_a_note(run
         return values | {"version": "2"} if name == "contract" else values
 
     old = changed(
-        run / "out.mcap", tmp_path / "old.mcap", metadata=older, definition=lambda data: data.replace(b"gate_threshold", b"gate_formerly_")
+        run / "out.mcap",
+        tmp_path / "old.mcap",
+        metadata=older,
+        definition=lambda data: data.replace(b"gate_threshold", b"gate_formerly_"),
     )
-    assert first_difference(run / "out.mcap", old).fields == ("schema: the definitions of replay_kit.Innovation differ",)
+    assert first_difference(run / "out.mcap", old).fields == (
+        "schema: the definitions of replay_kit.Innovation differ",
+    )
     verdict = verify(old, [run], planner_of)
     assert verdict.same, verdict
-    assert verdict.notes == ("made with contract version 2, here it is 4: names of fields were not compared",)
-    damaged = changed(old, tmp_path / "damaged.mcap", message=(index_of(old, "/flow/innovation"), lambda schema, data: data + b"\x08\x01"))
+    assert verdict.notes == (
+        "made with contract version 2, here it is 4: names of fields were not compared",
+    )
+    damaged = changed(
+        old,
+        tmp_path / "damaged.mcap",
+        message=(index_of(old, "/flow/innovation"), lambda schema, data: data + b"\x08\x01"),
+    )
     assert not verify(damaged, [run], planner_of).same

@@ -35,14 +35,50 @@ def mission(tmp_path_factory):
     """A folder with an estimate, areas, settings, and the result of a plan with options of each kind."""
     folder = tmp_path_factory.mktemp("mission")
     made = eddying_flow(12)
-    modes = np.random.default_rng(0).standard_normal((len(made.latent), 2)) * np.abs(made.latent).max()
-    replace(made, modes=modes, covariance=0.01 * np.eye(2 * made.levels.size), time_ns=10**18).save(folder / "flow.nc")
-    areas = {"type": "Feature", "properties": {"name": "range"}, "geometry": {"type": "Polygon", "coordinates": [AREA]}}
+    modes = (
+        np.random.default_rng(0).standard_normal((len(made.latent), 2)) * np.abs(made.latent).max()
+    )
+    replace(made, modes=modes, covariance=0.01 * np.eye(2 * made.levels.size), time_ns=10**18).save(
+        folder / "flow.nc"
+    )
+    areas = {
+        "type": "Feature",
+        "properties": {"name": "range"},
+        "geometry": {"type": "Polygon", "coordinates": [AREA]},
+    }
     (folder / "areas.geojson").write_text(json.dumps(areas))
     (folder / "run.toml").write_text("[planner]\nmax_angle = 30.0\n")
-    ask = ("--start=152.42,-40.0,0", "--goal=152.52,-39.96,0", "--depth", 390, "--legs", 3, "--samples", 4, "--seed", 5)
-    more = ("--objective", "time=1,energy=0.01", "--start-time", "2001-09-09T02:00Z", "--battery", 3, "--config", folder / "run.toml")
-    plan(folder / "flow.nc", *ask, *more, "--no-go", folder / "areas.geojson", "-o", folder / "plan.mcap")
+    ask = (
+        "--start=152.42,-40.0,0",
+        "--goal=152.52,-39.96,0",
+        "--depth",
+        390,
+        "--legs",
+        3,
+        "--samples",
+        4,
+        "--seed",
+        5,
+    )
+    more = (
+        "--objective",
+        "time=1,energy=0.01",
+        "--start-time",
+        "2001-09-09T02:00Z",
+        "--battery",
+        3,
+        "--config",
+        folder / "run.toml",
+    )
+    plan(
+        folder / "flow.nc",
+        *ask,
+        *more,
+        "--no-go",
+        folder / "areas.geojson",
+        "-o",
+        folder / "plan.mcap",
+    )
     return folder
 
 
@@ -51,7 +87,16 @@ def map_of_two(tmp_path_factory):
     """A folder with an estimate, the map of one vehicle, and that of another which is told of it."""
     folder = tmp_path_factory.mktemp("maps")
     static().save(folder / "flow.nc")
-    ask = ("--start=152.45,-39.66,0", "--objective", "map", "--box=152.3,-39.75,152.7,-39.45", "--profiles", 2, "--profile-error", 0.02)
+    ask = (
+        "--start=152.45,-39.66,0",
+        "--objective",
+        "map",
+        "--box=152.3,-39.75,152.7,-39.45",
+        "--profiles",
+        2,
+        "--profile-error",
+        0.02,
+    )
     for name, more in (("first", ()), ("second", ("--others", folder / "first.mcap"))):
         plan(folder / "flow.nc", *ask, "--samples", 20, *more, "-o", folder / f"{name}.mcap")
     return folder
@@ -77,7 +122,10 @@ def test_a_plan_that_learns_is_made_again_with_the_plans_of_others(map_of_two):
 def test_a_changed_or_missing_input_is_named(mission, tmp_path):
     for name in ("plan.mcap", "flow.nc"):
         shutil.copy(mission / name, tmp_path)
-    with pytest.raises(LogError, match=r"its input no_go is areas\.geojson with SHA-256 .*there is none; say with --inputs"):
+    with pytest.raises(
+        LogError,
+        match=r"its input no_go is areas\.geojson with SHA-256 .*there is none; say with --inputs",
+    ):
         again(tmp_path / "plan.mcap")
     (tmp_path / "areas.geojson").write_text((mission / "areas.geojson").read_text() + "\n")
     with pytest.raises(LogError, match=r"found only other contents: .*areas\.geojson"):
@@ -95,35 +143,70 @@ def test_an_altered_leg_is_named_with_both_values(mission, tmp_path):
     altered = changed(mission / "plan.mcap", tmp_path / "plan.mcap", metadata=turned)
     heading = json.loads(read_recorded(mission / "plan.mcap").metadata["legs"]["2"])["heading_deg"]
     said = invoke(["verify", str(altered), "--inputs", str(mission), "--json", "-"])
-    assert (said.exit_code, json.loads(said.stdout)["others"]) == (5, [f"metadata legs: 2: heading_deg: 90.0 | {heading}"])
+    assert (said.exit_code, json.loads(said.stdout)["others"]) == (
+        5,
+        [f"metadata legs: 2: heading_deg: 90.0 | {heading}"],
+    )
 
 
 def test_an_altered_message_is_named(mission, tmp_path):
     index = index_of(mission / "plan.mcap", "/plan/controls")
-    altered = changed(mission / "plan.mcap", tmp_path / "plan.mcap", (index, lambda schema, data: data + b"\x09" + b"\x00" * 8))
+    altered = changed(
+        mission / "plan.mcap",
+        tmp_path / "plan.mcap",
+        (index, lambda schema, data: data + b"\x09" + b"\x00" * 8),
+    )
     verdict = again(altered, mission)
     assert (verdict.difference.index, verdict.difference.topic) == (index, "/plan/controls")
 
 
 def test_an_altered_request_gives_another_plan(mission, tmp_path):
     def other(name, values):
-        return values | {"job": values["job"].replace("152.52", "152.53")} if name == "replay_kit.plan" else values
+        return (
+            values | {"job": values["job"].replace("152.52", "152.53")}
+            if name == "replay_kit.plan"
+            else values
+        )
 
-    assert not again(changed(mission / "plan.mcap", tmp_path / "plan.mcap", metadata=other), mission).same
+    assert not again(
+        changed(mission / "plan.mcap", tmp_path / "plan.mcap", metadata=other), mission
+    ).same
 
 
 def test_no_file_is_read_that_is_none_of_the_inputs(mission):
     record = read_recorded(mission / "plan.mcap").metadata["replay_kit.plan"]
-    foreign = json.dumps(json.loads(record["job"]) | {"bathymetry": "/etc/hostname", "others": ["/etc/hostname"], "flows": ["x.nc"]})
-    job = recorded_job(record | {"job": foreign}, {"flow0": mission / "flow.nc", "no_go": mission / "areas.geojson"})
-    assert (job.flows, job.no_go, job.bathymetry) == ((mission / "flow.nc",), mission / "areas.geojson", None)
+    foreign = json.dumps(
+        json.loads(record["job"])
+        | {"bathymetry": "/etc/hostname", "others": ["/etc/hostname"], "flows": ["x.nc"]}
+    )
+    job = recorded_job(
+        record | {"job": foreign},
+        {"flow0": mission / "flow.nc", "no_go": mission / "areas.geojson"},
+    )
+    assert (job.flows, job.no_go, job.bathymetry) == (
+        (mission / "flow.nc",),
+        mission / "areas.geojson",
+        None,
+    )
 
 
 def test_a_plan_that_does_not_say_what_was_asked_for_is_refused(mission, tmp_path):
-    old = changed(mission / "plan.mcap", tmp_path / "old.mcap", metadata=lambda name, values: None if name == "replay_kit.plan" else values)
-    with pytest.raises(LogError, match=r"old\.mcap: a plan of an earlier version, which records no options to make it again from"):
+    old = changed(
+        mission / "plan.mcap",
+        tmp_path / "old.mcap",
+        metadata=lambda name, values: None if name == "replay_kit.plan" else values,
+    )
+    with pytest.raises(
+        LogError,
+        match=r"old\.mcap: a plan of an earlier version, which records no options to make it again from",
+    ):
         again(old, mission)
     assert invoke(["verify", str(old), "--inputs", str(mission)]).exit_code == 3
-    for record in ({"kind": "tour", "job": "{}"}, {"kind": "mission", "job": "{"}, {"kind": "mission", "job": '{"start": 3}'}, {}):
+    for record in (
+        {"kind": "tour", "job": "{}"},
+        {"kind": "mission", "job": "{"},
+        {"kind": "mission", "job": '{"start": 3}'},
+        {},
+    ):
         with pytest.raises(LogError, match="expected the kind of a plan and what was asked for"):
             recorded_job(record, {})

@@ -6,4 +6,6 @@ from typing import get_args
 from planners.mission.objectives.objective import Objective
 from replay_kit.core.objective import ObjectiveName
 
-OBJECTIVES: dict[str, Objective] = {name: resolve_name(f"{__name__}.{name}:OBJECTIVE") for name in get_args(ObjectiveName)}
+OBJECTIVES: dict[str, Objective] = {
+    name: resolve_name(f"{__name__}.{name}:OBJECTIVE") for name in get_args(ObjectiveName)
+}

@@ -26,11 +26,17 @@ class Weights:
         """Raise PlanError for weights that are negative or all zero."""
         values = (self.time, self.energy, self.closest or 0.0)
         if not all(0.0 <= value < float("inf") for value in values) or not any(values):
-            raise PlanError(f"weights of a mission are {self}; expected numbers of 0 or more, at least one of them above 0")
+            raise PlanError(
+                f"weights of a mission are {self}; expected numbers of 0 or more, at least one of them above 0"
+            )
 
     def cost(self, duration: float, energy: float, miss: float) -> float:
         """Return the cost of a mission of a duration [s], an energy [J] and a sum of miss distances [m]."""
-        return self.time * duration / 3600.0 + self.energy * energy / 1e3 + (self.closest or 0.0) * miss / 1e3
+        return (
+            self.time * duration / 3600.0
+            + self.energy * energy / 1e3
+            + (self.closest or 0.0) * miss / 1e3
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,4 +77,8 @@ class Objective:
 
     def cost(self, found: Found) -> float:
         """Return the cost of a mission that was found."""
-        return self.weights.cost(found.duration, found.energy, found.miss) if self.rank is None else self.rank(found)
+        return (
+            self.weights.cost(found.duration, found.energy, found.miss)
+            if self.rank is None
+            else self.rank(found)
+        )

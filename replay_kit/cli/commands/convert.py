@@ -15,7 +15,9 @@ class Outputs(Answer):
     """What is written."""
 
     out: Annotated[
-        Path, option("--out -o", "One log; its ending chooses the format.", metavar="OUT.mcap|OUT.tlog"), Ending((".mcap", ".tlog"))
+        Path,
+        option("--out -o", "One log; its ending chooses the format.", metavar="OUT.mcap|OUT.tlog"),
+        Ending((".mcap", ".tlog")),
     ]
 
 

@@ -4,7 +4,16 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from replay_kit.cli.console import console_beside
-from replay_kit.cli.options import OUTPUTS, PLACE, TO_OUTPUTS, Ending, Replacing, argument, numbers, option
+from replay_kit.cli.options import (
+    OUTPUTS,
+    PLACE,
+    TO_OUTPUTS,
+    Ending,
+    Replacing,
+    argument,
+    numbers,
+    option,
+)
 from replay_kit.core.paths import check_paths
 
 _ENDINGS = Ending((".nc", ".csv", ".kml", ".geojson"))
@@ -12,17 +21,40 @@ _TABLES = Literal["series", "track", "section", "dives", "innovations", "surfaci
 
 
 def export(
-    result: Annotated[Path, argument("RESULT.mcap", "A result of replay or plan; of one that is cut short, what is left is written.")],
+    result: Annotated[
+        Path,
+        argument(
+            "RESULT.mcap",
+            "A result of replay or plan; of one that is cut short, what is left is written.",
+        ),
+    ],
     /,
     *,
-    out: Annotated[Path, option("--out -o", "File; its ending says the form.", metavar="X.nc|csv|kml|geojson", group=OUTPUTS), _ENDINGS],
+    out: Annotated[
+        Path,
+        option(
+            "--out -o",
+            "File; its ending says the form.",
+            metavar="X.nc|csv|kml|geojson",
+            group=OUTPUTS,
+        ),
+        _ENDINGS,
+    ],
     at: Annotated[
         list[str] | None,
-        option("--at", "Place of a series of the current [degrees, degrees, m]; may be repeated.", metavar="LON,LAT,DEPTH"),
+        option(
+            "--at",
+            "Place of a series of the current [degrees, degrees, m]; may be repeated.",
+            metavar="LON,LAT,DEPTH",
+        ),
         PLACE,
     ] = None,
     table: Annotated[
-        _TABLES | None, option("--table", "This table alone. Default: all; in CSV the series with --at, else the track.")
+        _TABLES | None,
+        option(
+            "--table",
+            "This table alone. Default: all; in CSV the series with --at, else the track.",
+        ),
     ] = None,
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
@@ -38,5 +70,8 @@ def export(
     console = console_beside(None)
     for note in contents.notes:
         console.print(note, soft_wrap=True)
-    console.print(f"{out}: " + ", ".join(f"{name} {count} rows" for name, count in rows.items()), soft_wrap=True)
+    console.print(
+        f"{out}: " + ", ".join(f"{name} {count} rows" for name, count in rows.items()),
+        soft_wrap=True,
+    )
     return 0

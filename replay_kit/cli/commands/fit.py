@@ -5,7 +5,16 @@ from pathlib import Path
 from typing import Annotated
 
 from replay_kit.cli.console import console_beside, progress, write_json
-from replay_kit.cli.options import PART_OF_FORECAST, TO_OPTIONS, TO_OUTPUTS, Answer, Ending, Processes, argument, option
+from replay_kit.cli.options import (
+    PART_OF_FORECAST,
+    TO_OPTIONS,
+    TO_OUTPUTS,
+    Answer,
+    Ending,
+    Processes,
+    argument,
+    option,
+)
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.paths import check_paths
 
@@ -14,16 +23,25 @@ from replay_kit.core.paths import check_paths
 class Outputs(Answer):
     """What is written."""
 
-    out: Annotated[Path, option("--out -o", "Fitted settings, for --config.", metavar="TOML"), Ending((".toml",))]
+    out: Annotated[
+        Path,
+        option("--out -o", "Fitted settings, for --config.", metavar="TOML"),
+        Ending((".toml",)),
+    ]
 
 
 @takes_settings(*PART_OF_FORECAST, "estimator.modes", file=False)
 def fit(
-    *ensemble: Annotated[Path, argument("ENSEMBLE", "Ensemble forecast: NetCDF files, Zarr stores, folders or patterns.")],
+    *ensemble: Annotated[
+        Path,
+        argument("ENSEMBLE", "Ensemble forecast: NetCDF files, Zarr stores, folders or patterns."),
+    ],
     outputs: Annotated[Outputs, TO_OUTPUTS],
     settings: Settings,
     processes: Annotated[Processes, TO_OPTIONS] = Processes(),
-    left_out: Annotated[int, option("--left-out", "Number of members that are left out in turn.", least=1)] = 12,
+    left_out: Annotated[
+        int, option("--left-out", "Number of members that are left out in turn.", least=1)
+    ] = 12,
 ) -> int:
     """Return 0."""
     check_paths(ensemble, [outputs.out, outputs.json_file], outputs.overwrite)

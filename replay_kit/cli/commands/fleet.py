@@ -37,7 +37,12 @@ class Inputs:
 
     ensemble: Annotated[
         tuple[Path, ...],
-        option("--ensemble", f"Ensemble forecast of logs without a table: {ENSEMBLE_HELP}", metavar="FILE...", group=INPUTS),
+        option(
+            "--ensemble",
+            f"Ensemble forecast of logs without a table: {ENSEMBLE_HELP}",
+            metavar="FILE...",
+            group=INPUTS,
+        ),
     ] = ()
     config: ConfigFile = None
 
@@ -47,17 +52,36 @@ class Outputs(Answer):
     """What is written."""
 
     out: Annotated[
-        Path, option("--out -o", "Folder for a result of each mission, a table and a page; made if absent.", metavar="DIR"), Ending()
+        Path,
+        option(
+            "--out -o",
+            "Folder for a result of each mission, a table and a page; made if absent.",
+            metavar="DIR",
+        ),
+        Ending(),
     ]
 
 
 def fleet(
-    *missions: Annotated[Path, argument("MISSIONS", "A table (TOML), or patterns of logs, each of which is a mission of its own.")],
+    *missions: Annotated[
+        Path,
+        argument(
+            "MISSIONS",
+            "A table (TOML), or patterns of logs, each of which is a mission of its own.",
+        ),
+    ],
     inputs: Annotated[Inputs, TO_INPUTS] = Inputs(),
     outputs: Annotated[Outputs, TO_OUTPUTS],
     processes: Annotated[Processes, TO_OPTIONS] = Processes(),
-    resume: Annotated[bool, flag("--resume", "Keep results that are there, made of the same inputs; replay the others.")] = False,
-    dry_run: Annotated[bool, flag("--dry-run", "Only check everything, and report the memory and time expected.")] = False,
+    resume: Annotated[
+        bool,
+        flag(
+            "--resume", "Keep results that are there, made of the same inputs; replay the others."
+        ),
+    ] = False,
+    dry_run: Annotated[
+        bool, flag("--dry-run", "Only check everything, and report the memory and time expected.")
+    ] = False,
 ) -> int:
     """Return the gravest exit code of the missions."""
     out = outputs.out
@@ -81,7 +105,11 @@ def fleet(
         with progress() as advance:
             advance(0, 0, "connecting to the workers")
             with open_cluster(processes.scheduler, processes.workers) as cluster:
-                check_workers(cluster, sorted({path.absolute() for mission in each for path in mission.files}), out.absolute())
+                check_workers(
+                    cluster,
+                    sorted({path.absolute() for mission in each for path in mission.files}),
+                    out.absolute(),
+                )
                 _name(cluster, console)
                 if dry_run:
                     return _dry_run(each, cluster, outputs, console)
@@ -98,7 +126,9 @@ def _table(missions: tuple[Path, ...], inputs: Inputs) -> "tuple[FleetTable, Pat
 
     if [path.suffix.lower() for path in missions] == [".toml"]:
         if inputs.ensemble:
-            raise ConfigError(f"--ensemble: {missions[0]} says which ensemble a mission has; name it there, for all of them in [all]")
+            raise ConfigError(
+                f"--ensemble: {missions[0]} says which ensemble a mission has; name it there, for all of them in [all]"
+            )
         return load_fleet(missions[0]), missions[0].parent
     if not inputs.ensemble:
         raise ConfigError("fleet: expected a table (TOML), or logs with --ensemble FILE")
@@ -112,7 +142,9 @@ def _name(cluster: "Cluster", console: "Console") -> None:
     console.print(f"Scheduler: {cluster.address}, {cluster.size} workers{page}", soft_wrap=True)
 
 
-def _dry_run(each: "tuple[Mission, ...]", cluster: "Cluster", outputs: Outputs, console: "Console") -> int:
+def _dry_run(
+    each: "tuple[Mission, ...]", cluster: "Cluster", outputs: Outputs, console: "Console"
+) -> int:
     """Print what the missions will take, and return the exit code of the first that cannot be replayed."""
     from replay_kit.workflows.fleet.expected import expected_fleet, expected_json, print_expected
 
@@ -123,14 +155,18 @@ def _dry_run(each: "tuple[Mission, ...]", cluster: "Cluster", outputs: Outputs, 
     return int(answer["exit_code"])
 
 
-def _run(each: "tuple[Mission, ...]", cluster: "Cluster", outputs: Outputs) -> "tuple[Outcome, ...]":
+def _run(
+    each: "tuple[Mission, ...]", cluster: "Cluster", outputs: Outputs
+) -> "tuple[Outcome, ...]":
     """Return the outcomes; the table is written after each mission, so that it is there whatever ends the command."""
     from replay_kit.core.progress import announce
     from replay_kit.workflows.fleet.run import run_fleet
     from replay_kit.workflows.fleet.table import TABLE, fleet_json, write_table
 
     outcomes: tuple[Outcome, ...] = ()
-    for outcomes in run_fleet(each, cluster, outputs.overwrite, lambda done, total, what: announce(what, done, total)):
+    for outcomes in run_fleet(
+        each, cluster, outputs.overwrite, lambda done, total, what: announce(what, done, total)
+    ):
         write_table(outcomes, outputs.out / TABLE)
         keep_json(outputs.json_file, fleet_json(outcomes))
     return outcomes

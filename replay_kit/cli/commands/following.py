@@ -24,18 +24,40 @@ class Following:
     """How logs that grow are followed."""
 
     follow: Annotated[
-        bool, flag("--follow", "Replay what is new in the logs as they grow, or in folders as they fill, until Ctrl-C; see the README.")
+        bool,
+        flag(
+            "--follow",
+            "Replay what is new in the logs as they grow, or in folders as they fill, until Ctrl-C; see the README.",
+        ),
     ] = False
-    interval: Annotated[float, option("--interval", "Between two looks at the files with --follow [s].", least=_LEAST)] = 60.0
+    interval: Annotated[
+        float,
+        option("--interval", "Between two looks at the files with --follow [s].", least=_LEAST),
+    ] = 60.0
     until_idle: Annotated[
         float | None,
-        option("--until-idle", "End --follow after so long without anything new [s]. Default: never.", metavar="SECONDS", least=0.0),
+        option(
+            "--until-idle",
+            "End --follow after so long without anything new [s]. Default: never.",
+            metavar="SECONDS",
+            least=0.0,
+        ),
     ] = None
     goal_file: Annotated[
-        Path | None, option("--goal-file", "File with the goal, LON,LAT,DEPTH, that may be changed during --follow.", metavar="FILE")
+        Path | None,
+        option(
+            "--goal-file",
+            "File with the goal, LON,LAT,DEPTH, that may be changed during --follow.",
+            metavar="FILE",
+        ),
     ] = None
     notify: Annotated[
-        str | None, option("--notify", "Command of the shell that gets each alarm of --follow as a JSON line.", metavar="COMMAND")
+        str | None,
+        option(
+            "--notify",
+            "Command of the shell that gets each alarm of --follow as a JSON line.",
+            metavar="COMMAND",
+        ),
     ] = None
 
     def check(self, others: Mapping[str, object]) -> None:
@@ -46,8 +68,14 @@ class Following:
         """
         if self.follow and (given := [name for name, value in others.items() if value]):
             raise ConfigError(f"{given[0]}: does not go with --follow; leave one of them out")
-        alone = {"--until-idle": self.until_idle, "--goal-file": self.goal_file, "--notify": self.notify}
-        if not self.follow and (given := [name for name, value in alone.items() if value is not None]):
+        alone = {
+            "--until-idle": self.until_idle,
+            "--goal-file": self.goal_file,
+            "--notify": self.notify,
+        }
+        if not self.follow and (
+            given := [name for name, value in alone.items() if value is not None]
+        ):
             raise ConfigError(f"{given[0]}: goes with --follow only; add --follow, or leave it out")
 
     def goes_on(self, out: Path) -> bool:
@@ -64,7 +92,14 @@ class Following:
         """Return the folder of what is kept between the replays of a followed mission."""
         return out.with_name(f"{out.name}.follow")
 
-    def run(self, job: "ReplayJob", config: "RunConfig", console: "Console", page: Path | None, json_file: Path | None) -> int:
+    def run(
+        self,
+        job: "ReplayJob",
+        config: "RunConfig",
+        console: "Console",
+        page: Path | None,
+        json_file: Path | None,
+    ) -> int:
         """Follow the logs of a job, and return the exit code of the last summary."""
         from replay_kit.results.summary import print_summary
         from replay_kit.results.summary_json import to_json
@@ -91,7 +126,9 @@ class Following:
         )
         summary = follow(job, config, planner_of, options)
         if summary is None:
-            raise LogError("no log that can be replayed has come; check the folder, and what was said of the files in it")
+            raise LogError(
+                "no log that can be replayed has come; check the folder, and what was said of the files in it"
+            )
         print_summary(summary, console)
         write_json(json_file, to_json(summary))
         return summary.exit_code

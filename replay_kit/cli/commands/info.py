@@ -5,7 +5,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from replay_kit.cli.console import console_beside, progress, write_json, write_text
-from replay_kit.cli.options import ENSEMBLE_HELP, INPUTS, PART_OF_FORECAST, TO_OUTPUTS, Answer, Ending, LogIfAny, option
+from replay_kit.cli.options import (
+    ENSEMBLE_HELP,
+    INPUTS,
+    PART_OF_FORECAST,
+    TO_OUTPUTS,
+    Answer,
+    Ending,
+    LogIfAny,
+    option,
+)
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import check_paths
@@ -17,7 +26,11 @@ class Outputs(Answer):
 
     suggest: Annotated[
         Path | None,
-        option("--suggest", "Write a first mapping of the topics that no known kind covers; - is standard output.", metavar="FILE.toml"),
+        option(
+            "--suggest",
+            "Write a first mapping of the topics that no known kind covers; - is standard output.",
+            metavar="FILE.toml",
+        ),
         Ending((".toml",), stream=True),
     ] = None
 
@@ -52,7 +65,9 @@ def info(
     """Return 0, or 4 when bytes of a log were lost."""
     suggest, json_file = outputs.suggest, outputs.json_file
     if suggest is not None and json_file is not None and str(suggest) == str(json_file) == "-":
-        raise ConfigError("--suggest and --json: only one of them can have standard output; give the other a file")
+        raise ConfigError(
+            "--suggest and --json: only one of them can have standard output; give the other a file"
+        )
     if not logs and not ensemble:
         raise ConfigError("info: expected a log, or a forecast with --ensemble")
     check_paths([*logs, settings.file, *ensemble], [suggest, json_file], outputs.overwrite)
@@ -70,7 +85,11 @@ def info(
         if ensemble:
             from replay_kit.forecast import describe_ensemble
             from replay_kit.workflows.info.ensemble import ensemble_json, print_ensemble
-            from replay_kit.workflows.info.import_check import check_logs, import_check_json, print_import_check
+            from replay_kit.workflows.info.import_check import (
+                check_logs,
+                import_check_json,
+                print_import_check,
+            )
             from replay_kit.workflows.replay.look_ahead import look_ahead
 
             advance(0, 1, "checking against the ensemble" if logs else "reading the forecast")
@@ -84,13 +103,23 @@ def info(
     print_infos(found, console, outputs.verbose)
     if check is not None:
         print_import_check(check, console)
-    given = [*([] if settings.file is None else ["--config", str(settings.file)]), *settings.words()]
+    given = [
+        *([] if settings.file is None else ["--config", str(settings.file)]),
+        *settings.words(),
+    ]
     following = next_command(found, logs, ensemble, given) if logs else []
     print_lines(console, following)
     if suggest is not None:
-        write_text(suggest, suggestions({topic: sample for log in reversed(found) for topic, sample in log.unknown.items()}))
+        write_text(
+            suggest,
+            suggestions(
+                {topic: sample for log in reversed(found) for topic, sample in log.unknown.items()}
+            ),
+        )
     answer: dict[str, Any] = {"logs": [info_json(log) for log in found]}
     answer |= {"next": "\n".join(following)} if following else {}
     answer |= {} if forecast is None else {"forecast": ensemble_json(forecast)}
-    write_json(json_file, answer if check is None else {**answer, "import_check": import_check_json(check)})
+    write_json(
+        json_file, answer if check is None else {**answer, "import_check": import_check_json(check)}
+    )
     return 4 if any(log.report.losses for log in found) else 0

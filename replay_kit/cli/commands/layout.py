@@ -12,7 +12,13 @@ def layout(
     result: Annotated[Path, argument("RESULT.mcap", "A result of replay.")],
     /,
     *,
-    out: Annotated[Path, option("--out -o", "Layout, to import in the viewer.", metavar="LAYOUT.json", group=OUTPUTS), Ending((".json",))],
+    out: Annotated[
+        Path,
+        option(
+            "--out -o", "Layout, to import in the viewer.", metavar="LAYOUT.json", group=OUTPUTS
+        ),
+        Ending((".json",)),
+    ],
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
     """Return 0."""
@@ -21,5 +27,8 @@ def layout(
     from replay_kit.workflows.layout import write_layout
 
     count = write_layout(result, out)
-    console_beside().print(f"{out}: {count} panels; import it in Foxglove or Lichtblick, and open {result} there.", soft_wrap=True)
+    console_beside().print(
+        f"{out}: {count} panels; import it in Foxglove or Lichtblick, and open {result} there.",
+        soft_wrap=True,
+    )
     return 0

@@ -23,12 +23,28 @@ _UNSAFE = 7
 
 @takes_settings(
     "planner",
-    without=[f"planner.{key}" for key in ("kind", "when", "interval", "flow_step", "objective", "min_angle", "max_angle", "bathymetry")],
+    without=[
+        f"planner.{key}"
+        for key in (
+            "kind",
+            "when",
+            "interval",
+            "flow_step",
+            "objective",
+            "min_angle",
+            "max_angle",
+            "bathymetry",
+        )
+    ],
     short="planner",
 )
 def plan(
     *flows: Annotated[
-        Path, argument("FLOW", "Estimate: a file of --save-estimate or a result of replay; several hold for increasing times.")
+        Path,
+        argument(
+            "FLOW",
+            "Estimate: a file of --save-estimate or a result of replay; several hold for increasing times.",
+        ),
     ],
     places: Annotated[Places, TO_INPUTS],
     times: Annotated[Times, TO_OPTIONS] = Times(),
@@ -40,10 +56,14 @@ def plan(
     """Return 0, or 7 when the risk asked for cannot be kept or waypoints are not safe; a plan that cannot reach its goal is a result."""
     streams = outputs.geojson, outputs.csv, outputs.json_file
     if sum(str(path) == "-" for path in streams) > 1:
-        raise ConfigError("--geojson, --csv and --json: only one of them can have standard output; give the others files")
+        raise ConfigError(
+            "--geojson, --csv and --json: only one of them can have standard output; give the others files"
+        )
     others = aim.others or ()
     check_paths(
-        [*flows, *others, settings.file, places.no_go, places.bathymetry], [outputs.out, outputs.waypoints, *streams], outputs.overwrite
+        [*flows, *others, settings.file, places.no_go, places.bathymetry],
+        [outputs.out, outputs.waypoints, *streams],
+        outputs.overwrite,
     )
     least, most = _pair(method.angles, "--angles", "MIN,MAX") or (None, None)
     config = settings.load(planner={"min_angle": least, "max_angle": most})
@@ -62,7 +82,12 @@ def plan(
     with progress():
         planned = make_mission(job, config.planner)
 
-    from replay_kit.workflows.planning.outputs import mission_json, print_mission, unsafe_reason, write_mission
+    from replay_kit.workflows.planning.outputs import (
+        mission_json,
+        print_mission,
+        unsafe_reason,
+        write_mission,
+    )
 
     console, unsafe = console_beside(*streams), unsafe_reason(planned, job)
     withheld = unsafe is not None and not outputs.write_unsafe
@@ -81,11 +106,30 @@ def plan(
     return 0 if unsafe is None else _UNSAFE
 
 
-def _job(flows: tuple[Path, ...], places: Places, times: Times, aim: Aim, method: Method, outputs: Outputs) -> "PlanJob":
+def _job(
+    flows: tuple[Path, ...],
+    places: Places,
+    times: Times,
+    aim: Aim,
+    method: Method,
+    outputs: Outputs,
+) -> "PlanJob":
     """Return the mission asked for, checked."""
-    from replay_kit.workflows.planning.request import MissionKind, PlanJob, departures_of, horizon_of, start_time_of
+    from replay_kit.workflows.planning.request import (
+        MissionKind,
+        PlanJob,
+        departures_of,
+        horizon_of,
+        start_time_of,
+    )
 
-    kind = MissionKind(_pair(aim.mooring, "--mooring", "RADIUS,HOURS"), aim.surfacings_only, aim.line, aim.line_weight, aim.objective)
+    kind = MissionKind(
+        _pair(aim.mooring, "--mooring", "RADIUS,HOURS"),
+        aim.surfacings_only,
+        aim.line,
+        aim.line_weight,
+        aim.objective,
+    )
     job = PlanJob(
         flows,
         place(places.start, "--start"),
@@ -108,7 +152,9 @@ def _job(flows: tuple[Path, ...], places: Places, times: Times, aim: Aim, method
     return job
 
 
-def _asked(places: Places, times: Times, aim: Aim, method: Method, line_weight: float | None) -> dict[str, object]:
+def _asked(
+    places: Places, times: Times, aim: Aim, method: Method, line_weight: float | None
+) -> dict[str, object]:
     """Return what was asked for beyond the configuration, as it was given."""
     return {
         "start": places.start,

@@ -40,7 +40,13 @@ def plan_learning(flows: tuple[Path, ...], asked: Asked, config: RunConfig) -> i
     with progress():
         learnt = make_learning(job, config.planner)
 
-    from replay_kit.workflows.planning.learning_outputs import learning_csv, learning_geojson, learning_json, print_learning, write_learning
+    from replay_kit.workflows.planning.learning_outputs import (
+        learning_csv,
+        learning_geojson,
+        learning_json,
+        print_learning,
+        write_learning,
+    )
 
     try:
         write_json(outputs.json_file, learning_json(learnt))
@@ -58,9 +64,13 @@ def plan_learning(flows: tuple[Path, ...], asked: Asked, config: RunConfig) -> i
 def refuse_learning(goal: list[str] | None, asked: Learning) -> None:
     """Raise ConfigError for options of plans that learn without their objective, and where there is no goal."""
     if any(getattr(asked, one.name) != one.default for one in fields(Learning)):
-        raise ConfigError("--then, --blind, --survey, --box, --profiles, --profile-error, --others: expected --objective learn or map")
+        raise ConfigError(
+            "--then, --blind, --survey, --box, --profiles, --profile-error, --others: expected --objective learn or map"
+        )
     if not goal:
-        raise ConfigError("--goal: expected LON,LAT,DEPTH, where to go; only --objective learn with --then and --objective map have none")
+        raise ConfigError(
+            "--goal: expected LON,LAT,DEPTH, where to go; only --objective learn with --then and --objective map have none"
+        )
 
 
 def _refuse(asked: Asked) -> None:
@@ -114,8 +124,13 @@ def _places(text: str) -> tuple["Place", ...]:
     """Return the places of ``--then``, three numbers each."""
     values = numbers(text, "--then")
     if len(values) % 3:
-        raise ConfigError(f"--then: expected LON,LAT,DEPTH[,LON,LAT,DEPTH...], got '{text}': {len(values)} numbers are no whole places")
-    return tuple(place(",".join(repr(one) for one in values[k : k + 3]), "--then") for k in range(0, len(values), 3))
+        raise ConfigError(
+            f"--then: expected LON,LAT,DEPTH[,LON,LAT,DEPTH...], got '{text}': {len(values)} numbers are no whole places"
+        )
+    return tuple(
+        place(",".join(repr(one) for one in values[k : k + 3]), "--then")
+        for k in range(0, len(values), 3)
+    )
 
 
 def _box(text: str) -> tuple[float, ...]:

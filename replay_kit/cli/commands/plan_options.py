@@ -12,17 +12,33 @@ from replay_kit.core.objective import ObjectiveName
 class Places:
     """From where to where, and what must be kept clear of."""
 
-    start: Annotated[str, option("--start", "Where the mission begins [degrees, degrees, m].", metavar="LON,LAT,DEPTH"), PLACE]
+    start: Annotated[
+        str,
+        option(
+            "--start", "Where the mission begins [degrees, degrees, m].", metavar="LON,LAT,DEPTH"
+        ),
+        PLACE,
+    ]
     goal: Annotated[
-        list[str] | None, option("--goal", "Where to go [degrees, degrees, m]; may be repeated, in order.", metavar="LON,LAT,DEPTH"), PLACE
+        list[str] | None,
+        option(
+            "--goal",
+            "Where to go [degrees, degrees, m]; may be repeated, in order.",
+            metavar="LON,LAT,DEPTH",
+        ),
+        PLACE,
     ] = None
     no_go: Annotated[
         Path | None,
         option(
-            "--no-go", "Polygons that the glider must not enter; with the property surface_only dives may pass below.", metavar="GEOJSON"
+            "--no-go",
+            "Polygons that the glider must not enter; with the property surface_only dives may pass below.",
+            metavar="GEOJSON",
         ),
     ] = None
-    bathymetry: Annotated[Path | None, option("--bathymetry", "Depth of the bottom on a grid.", metavar="FILE.nc")] = None
+    bathymetry: Annotated[
+        Path | None, option("--bathymetry", "Depth of the bottom on a grid.", metavar="FILE.nc")
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,15 +46,28 @@ class Times:
     """When the mission begins, and how far it is planned."""
 
     start_time: Annotated[
-        str | None, option("--start-time", "When the mission begins, ISO 8601 UTC. Default: the time of the estimate.", metavar="TIME")
+        str | None,
+        option(
+            "--start-time",
+            "When the mission begins, ISO 8601 UTC. Default: the time of the estimate.",
+            metavar="TIME",
+        ),
     ] = None
     depart: Annotated[
         str | None,
-        option("--depart", "Departures that are compared, from T0 to T1; the best by the objective is planned.", metavar="T0,T1,STEP"),
+        option(
+            "--depart",
+            "Departures that are compared, from T0 to T1; the best by the objective is planned.",
+            metavar="T0,T1,STEP",
+        ),
     ] = None
     horizon: Annotated[
         str | None,
-        option("--horizon", "Plan no further than this after the start, such as 72h, and say what is left then.", metavar="DURATION"),
+        option(
+            "--horizon",
+            "Plan no further than this after the start, such as 72h, and say what is left then.",
+            metavar="DURATION",
+        ),
     ] = None
 
 
@@ -48,20 +77,44 @@ class Learning:
 
     then: Annotated[
         str | None,
-        option("--then", "Where the stretch without fixes after a survey ends, past other places if given.", metavar="LON,LAT,DEPTH[,...]"),
+        option(
+            "--then",
+            "Where the stretch without fixes after a survey ends, past other places if given.",
+            metavar="LON,LAT,DEPTH[,...]",
+        ),
     ] = None
-    blind: Annotated[float | None, option("--blind", "Duration of that stretch [h].", metavar="HOURS")] = None
-    survey: Annotated[float | None, option("--survey", "Duration of the survey before it [h]. Default: 24.", metavar="HOURS")] = None
+    blind: Annotated[
+        float | None, option("--blind", "Duration of that stretch [h].", metavar="HOURS")
+    ] = None
+    survey: Annotated[
+        float | None,
+        option("--survey", "Duration of the survey before it [h]. Default: 24.", metavar="HOURS"),
+    ] = None
     box: Annotated[
-        str | None, option("--box", "Box to be mapped [degrees], and depths [m]; without them the dives' mean.", metavar="W,S,E,N[,DEPTHS]")
+        str | None,
+        option(
+            "--box",
+            "Box to be mapped [degrees], and depths [m]; without them the dives' mean.",
+            metavar="W,S,E,N[,DEPTHS]",
+        ),
     ] = None
-    profiles: Annotated[int | None, option("--profiles", "Number of profiles of the map.", metavar="N")] = None
+    profiles: Annotated[
+        int | None, option("--profiles", "Number of profiles of the map.", metavar="N")
+    ] = None
     profile_error: Annotated[
-        float, option("--profile-error", "Standard deviation of the error of a profile's mean current, each component [m/s].")
+        float,
+        option(
+            "--profile-error",
+            "Standard deviation of the error of a profile's mean current, each component [m/s].",
+        ),
     ] = 0.03
     others: Annotated[
         list[Path] | None,
-        option("--others", "Plan of another vehicle, whose profiles come anyway; may be repeated.", metavar="PLAN.mcap"),
+        option(
+            "--others",
+            "Plan of another vehicle, whose profiles come anyway; may be repeated.",
+            metavar="PLAN.mcap",
+        ),
     ] = None
 
 
@@ -81,14 +134,25 @@ class Aim(Learning):
     ] = None
     mooring: Annotated[
         str | None,
-        option("--mooring", "Stay within a radius of the goal [m] for a duration [hours].", metavar="RADIUS,HOURS"),
+        option(
+            "--mooring",
+            "Stay within a radius of the goal [m] for a duration [hours].",
+            metavar="RADIUS,HOURS",
+        ),
         Numbers("RADIUS,HOURS"),
     ] = None
     surfacings_only: Annotated[
-        bool, flag("--surfacings-only", "With --mooring, only surfacings must lie within the radius, not the track between them.")
+        bool,
+        flag(
+            "--surfacings-only",
+            "With --mooring, only surfacings must lie within the radius, not the track between them.",
+        ),
     ] = False
     line: Annotated[bool, flag("--line", "Follow the line from the start to the goal.")] = False
-    line_weight: Annotated[float | None, option("--line-weight", "Cross-track penalty with --line [h per h and km].", least=0.0)] = None
+    line_weight: Annotated[
+        float | None,
+        option("--line-weight", "Cross-track penalty with --line [h per h and km].", least=0.0),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,37 +161,68 @@ class Method:
 
     angles: Annotated[
         str | None,
-        option("--angles", "Shallowest and steepest glide angle [degrees]. Default: 15,35.", metavar="MIN,MAX"),
+        option(
+            "--angles",
+            "Shallowest and steepest glide angle [degrees]. Default: 15,35.",
+            metavar="MIN,MAX",
+        ),
         Numbers("MIN,MAX"),
     ] = None
     spline: Annotated[
-        int, option("--spline", "Points per kernel length of the B-spline used for the optimisation; 0 uses the estimate itself.", least=0)
+        int,
+        option(
+            "--spline",
+            "Points per kernel length of the B-spline used for the optimisation; 0 uses the estimate itself.",
+            least=0,
+        ),
     ] = 4
     risk: Annotated[
         float | None,
-        option("--risk", "Keep a margin such that at most this share of the samples violates a constraint.", metavar="SHARE"),
+        option(
+            "--risk",
+            "Keep a margin such that at most this share of the samples violates a constraint.",
+            metavar="SHARE",
+        ),
     ] = None
     arrive: Annotated[
-        float, option("--arrive", "Share of the samples that must arrive for the plan to be called reached.", metavar="SHARE")
+        float,
+        option(
+            "--arrive",
+            "Share of the samples that must arrive for the plan to be called reached.",
+            metavar="SHARE",
+        ),
     ] = 0.9
     time_limit: Annotated[
-        float | None, option("--time-limit", "After this time no other number of legs, way or margin is tried [s].", metavar="SECONDS")
+        float | None,
+        option(
+            "--time-limit",
+            "After this time no other number of legs, way or margin is tried [s].",
+            metavar="SECONDS",
+        ),
     ] = None
-    battery: Annotated[float | None, option("--battery", "Energy that the vehicle has [MJ].", metavar="MJ")] = None
+    battery: Annotated[
+        float | None, option("--battery", "Energy that the vehicle has [MJ].", metavar="MJ")
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outputs(Answer):
     """What is written."""
 
-    out: Annotated[Path | None, option("--out -o", "Predicted track and legs, for any MCAP viewer.", metavar="PLAN.mcap"), MCAP] = None
+    out: Annotated[
+        Path | None,
+        option("--out -o", "Predicted track and legs, for any MCAP viewer.", metavar="PLAN.mcap"),
+        MCAP,
+    ] = None
     geojson: Annotated[
         Path | None,
         option("--geojson", "Track, surfacings and goals; - is standard output.", metavar="FILE"),
         Ending((".geojson", ".json"), stream=True),
     ] = None
     csv: Annotated[
-        Path | None, option("--csv", "One line for each leg; - is standard output.", metavar="FILE"), Ending((".csv",), stream=True)
+        Path | None,
+        option("--csv", "One line for each leg; - is standard output.", metavar="FILE"),
+        Ending((".csv",), stream=True),
     ] = None
     waypoints: Annotated[
         Path | None,
@@ -140,7 +235,11 @@ class Outputs(Answer):
         Ending((".csv", ".geojson", ".json", ".kml", ".plan", ".ma", ".targets")),
     ] = None
     write_unsafe: Annotated[
-        bool, flag("--write-unsafe", "Write files of a plan that violates a constraint more often than accepted, or of such waypoints.")
+        bool,
+        flag(
+            "--write-unsafe",
+            "Write files of a plan that violates a constraint more often than accepted, or of such waypoints.",
+        ),
     ] = False
     waypoint_tolerance: Annotated[
         float | None,

@@ -5,7 +5,17 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from replay_kit.cli.console import console_beside
-from replay_kit.cli.options import OUTPUTS, PLACE, TO_OPTIONS, TO_OUTPUTS, Ending, Replacing, argument, numbers, option
+from replay_kit.cli.options import (
+    OUTPUTS,
+    PLACE,
+    TO_OPTIONS,
+    TO_OUTPUTS,
+    Ending,
+    Replacing,
+    argument,
+    numbers,
+    option,
+)
 from replay_kit.core.paths import check_paths
 
 _ENDINGS = Ending((".png", ".svg", ".pdf"))
@@ -17,18 +27,40 @@ class Look:
 
     at: Annotated[
         str | None,
-        option("--at", "Place of series; depth of map and plan [degrees, degrees, m].", metavar="LON,LAT,DEPTH"),
+        option(
+            "--at",
+            "Place of series; depth of map and plan [degrees, degrees, m].",
+            metavar="LON,LAT,DEPTH",
+        ),
         PLACE,
     ] = None
-    columns: Annotated[Literal[1, 2], option("--columns", "Columns of a page that the figure is as wide as: 85 or 175 mm.")] = 2
+    columns: Annotated[
+        Literal[1, 2],
+        option("--columns", "Columns of a page that the figure is as wide as: 85 or 175 mm."),
+    ] = 2
 
 
 def plot(
-    result: Annotated[Path, argument("RESULT.mcap", "A result of replay or plan; of one that is cut short, what is left is shown.")],
-    figure: Annotated[Literal["map", "section", "series", "dac", "trust", "plan"], argument("FIGURE", "What is drawn.")],
+    result: Annotated[
+        Path,
+        argument(
+            "RESULT.mcap",
+            "A result of replay or plan; of one that is cut short, what is left is shown.",
+        ),
+    ],
+    figure: Annotated[
+        Literal["map", "section", "series", "dac", "trust", "plan"],
+        argument("FIGURE", "What is drawn."),
+    ],
     /,
     *,
-    out: Annotated[Path, option("--out -o", "Figure; its ending says the form.", metavar="F.png|svg|pdf", group=OUTPUTS), _ENDINGS],
+    out: Annotated[
+        Path,
+        option(
+            "--out -o", "Figure; its ending says the form.", metavar="F.png|svg|pdf", group=OUTPUTS
+        ),
+        _ENDINGS,
+    ],
     look: Annotated[Look, TO_OPTIONS] = Look(),
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:

@@ -6,7 +6,21 @@ from typing import TYPE_CHECKING, Annotated
 
 from replay_kit.cli.commands.following import Following
 from replay_kit.cli.console import console_beside, part_named, progress, write_json
-from replay_kit.cli.options import MCAP, NETCDF, PLACE, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Ensemble, Log, Truth, flag, option, place
+from replay_kit.cli.options import (
+    MCAP,
+    NETCDF,
+    PLACE,
+    TO_INPUTS,
+    TO_OPTIONS,
+    TO_OUTPUTS,
+    Answer,
+    Ensemble,
+    Log,
+    Truth,
+    flag,
+    option,
+    place,
+)
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError
 from replay_kit.core.paths import check_paths, truth_path
@@ -34,10 +48,19 @@ class Inputs:
             metavar="FILE",
         ),
     ] = ()
-    goal: Annotated[str | None, option("--goal", "Where to go next [degrees, degrees, m].", metavar="LON,LAT,DEPTH"), PLACE] = None
+    goal: Annotated[
+        str | None,
+        option("--goal", "Where to go next [degrees, degrees, m].", metavar="LON,LAT,DEPTH"),
+        PLACE,
+    ] = None
     truth: Truth = None
     truth_radius: Annotated[
-        float | None, option("--truth-radius", "Score only grid points this near to a profile used [km]. Default: all.", metavar="KM")
+        float | None,
+        option(
+            "--truth-radius",
+            "Score only grid points this near to a profile used [km]. Default: all.",
+            metavar="KM",
+        ),
     ] = None
 
 
@@ -45,23 +68,52 @@ class Inputs:
 class Outputs(Answer):
     """What is written."""
 
-    out: Annotated[Path, option("--out -o", "Result, for any MCAP viewer.", metavar="OUT.mcap"), MCAP]
+    out: Annotated[
+        Path, option("--out -o", "Result, for any MCAP viewer.", metavar="OUT.mcap"), MCAP
+    ]
     netcdf: Annotated[
-        Path | None, option("--netcdf", "Estimate and standard error on the forecast's grid, CF NetCDF.", metavar="GRID.nc"), NETCDF
+        Path | None,
+        option(
+            "--netcdf",
+            "Estimate and standard error on the forecast's grid, CF NetCDF.",
+            metavar="GRID.nc",
+        ),
+        NETCDF,
     ] = None
     save_estimate: Annotated[
-        Path | None, option("--save-estimate", "The estimate without loss, for plan and scripts.", metavar="FLOW.nc"), NETCDF
+        Path | None,
+        option(
+            "--save-estimate", "The estimate without loss, for plan and scripts.", metavar="FLOW.nc"
+        ),
+        NETCDF,
     ] = None
     checkpoint: Annotated[
-        Path | None, option("--checkpoint", "State from which an interrupted run continues; deleted at the end.", metavar="FILE")
+        Path | None,
+        option(
+            "--checkpoint",
+            "State from which an interrupted run continues; deleted at the end.",
+            metavar="FILE",
+        ),
     ] = None
-    include_inputs: Annotated[bool, flag("--include-inputs", "Copy the logs' messages unchanged into the result.")] = False
+    include_inputs: Annotated[
+        bool, flag("--include-inputs", "Copy the logs' messages unchanged into the result.")
+    ] = False
     smooth: Annotated[
         Path | None,
-        option("--smooth", "A second result, in which later measurements count for each time too; see smooth.", metavar="SMOOTHED.mcap"),
+        option(
+            "--smooth",
+            "A second result, in which later measurements count for each time too; see smooth.",
+            metavar="SMOOTHED.mcap",
+        ),
         MCAP,
     ] = None
-    report: Annotated[bool, flag("--report", "Write the result as a page for a browser too: its name with the ending .html.")] = False
+    report: Annotated[
+        bool,
+        flag(
+            "--report",
+            "Write the result as a page for a browser too: its name with the ending .html.",
+        ),
+    ] = False
 
     @property
     def page(self) -> Path | None:
@@ -69,14 +121,26 @@ class Outputs(Answer):
         return self.out.with_suffix(".html") if self.report else None
 
 
-@takes_settings("logs", "measurements", "forecast", "estimator", "time", "gating", "consistency", "planner", "output")
+@takes_settings(
+    "logs",
+    "measurements",
+    "forecast",
+    "estimator",
+    "time",
+    "gating",
+    "consistency",
+    "planner",
+    "output",
+)
 def replay(
     *logs: Log,
     inputs: Annotated[Inputs, TO_INPUTS],
     outputs: Annotated[Outputs, TO_OUTPUTS],
     settings: Settings,
     following: Annotated[Following, TO_OPTIONS] = Following(),
-    dry_run: Annotated[bool, flag("--dry-run", "Only report what would be used, and the memory and time expected.")] = False,
+    dry_run: Annotated[
+        bool, flag("--dry-run", "Only report what would be used, and the memory and time expected.")
+    ] = False,
 ) -> int:
     """Return the exit code of a replay: that of its summary, 0 for a dry run."""
     following.check(
@@ -130,7 +194,9 @@ def replay(
     return summary.exit_code
 
 
-def _job(logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs, goal: "Place | None") -> "ReplayJob":
+def _job(
+    logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs, goal: "Place | None"
+) -> "ReplayJob":
     from replay_kit.workflows.replay.inputs import ReplayJob
 
     return ReplayJob(
@@ -161,7 +227,9 @@ def _dry_run(job: "ReplayJob", config: "RunConfig", outputs: Outputs, console: "
     return 0
 
 
-def _smooth(outputs: Outputs, job: "ReplayJob", config: "RunConfig", forecasts: "Forecasts") -> None:
+def _smooth(
+    outputs: Outputs, job: "ReplayJob", config: "RunConfig", forecasts: "Forecasts"
+) -> None:
     """Write the smoothed result if it is asked for."""
     if outputs.smooth is None:
         return

@@ -8,12 +8,22 @@ from replay_kit.cli.options import HTML, TO_OUTPUTS, Replacing, argument, option
 
 
 def report(
-    result: Annotated[Path, argument("RESULT.mcap", "A result of replay or plan; of one that is cut short, what is left is shown.")],
+    result: Annotated[
+        Path,
+        argument(
+            "RESULT.mcap",
+            "A result of replay or plan; of one that is cut short, what is left is shown.",
+        ),
+    ],
     /,
     *,
     out: Annotated[
         Path | None,
-        option("--out -o", "Page, one file without anything to fetch. Default: the result's name with .html.", metavar="REPORT.html"),
+        option(
+            "--out -o",
+            "Page, one file without anything to fetch. Default: the result's name with .html.",
+            metavar="REPORT.html",
+        ),
         HTML,
     ] = None,
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
@@ -24,5 +34,7 @@ def report(
 
     page = out or page_of(result)
     size = write_report(result, page, replacing.overwrite)
-    console_beside().print(f"Report: {page} ({size / 1e6:.1f} MB); open it in a browser.", soft_wrap=True)
+    console_beside().print(
+        f"Report: {page} ({size / 1e6:.1f} MB); open it in a browser.", soft_wrap=True
+    )
     return 0

@@ -21,13 +21,28 @@ class Inputs:
 class Outputs(Answer):
     """What is written."""
 
-    out: Annotated[Path, option("--out -o", "Result, for any MCAP viewer, plot, export and report.", metavar="OUT.mcap"), MCAP]
+    out: Annotated[
+        Path,
+        option(
+            "--out -o", "Result, for any MCAP viewer, plot, export and report.", metavar="OUT.mcap"
+        ),
+        MCAP,
+    ]
 
 
 @takes_settings("logs", "measurements", "forecast", "estimator", "time", "gating", "output")
-def smooth(*logs: Log, inputs: Annotated[Inputs, TO_INPUTS], outputs: Annotated[Outputs, TO_OUTPUTS], settings: Settings) -> int:
+def smooth(
+    *logs: Log,
+    inputs: Annotated[Inputs, TO_INPUTS],
+    outputs: Annotated[Outputs, TO_OUTPUTS],
+    settings: Settings,
+) -> int:
     """Return the exit code of the summary."""
-    check_paths((*logs, *inputs.ensemble, settings.file), (outputs.out, outputs.json_file), outputs.overwrite)
+    check_paths(
+        (*logs, *inputs.ensemble, settings.file),
+        (outputs.out, outputs.json_file),
+        outputs.overwrite,
+    )
     config = settings.load()
 
     from replay_kit.results.summary import print_summary

@@ -17,14 +17,28 @@ _WIDTH, _WIDEST = 80, 120
 
 
 def status(
-    result: Annotated[Path, argument("RESULT.mcap", "A result of replay, also of one that follows growing logs.")],
+    result: Annotated[
+        Path, argument("RESULT.mcap", "A result of replay, also of one that follows growing logs.")
+    ],
     /,
     *,
     html: Annotated[
-        Path | None, option("--html", "The same as a page that loads itself again.", metavar="PAGE.html", group=OUTPUTS), HTML
+        Path | None,
+        option(
+            "--html",
+            "The same as a page that loads itself again.",
+            metavar="PAGE.html",
+            group=OUTPUTS,
+        ),
+        HTML,
     ] = None,
     now: Annotated[
-        str | None, option("--now", "Time for which ages are given, ISO 8601 UTC, or 'clock'. Default: the result's last.", metavar="TIME")
+        str | None,
+        option(
+            "--now",
+            "Time for which ages are given, ISO 8601 UTC, or 'clock'. Default: the result's last.",
+            metavar="TIME",
+        ),
     ] = None,
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
 ) -> int:
@@ -38,7 +52,11 @@ def status(
     if not reporting.current().quiet and str(answer.json_file) != "-":
         from replay_kit.results.status.text import status_text
 
-        width = min(shutil.get_terminal_size((_WIDTH, 24)).columns, _WIDEST) if sys.stdout.isatty() else _WIDTH
+        width = (
+            min(shutil.get_terminal_size((_WIDTH, 24)).columns, _WIDEST)
+            if sys.stdout.isatty()
+            else _WIDTH
+        )
         text = status_text(found, width)
         reporting.keep(text)
         sys.stdout.write(text)

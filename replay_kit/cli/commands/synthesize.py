@@ -10,8 +10,16 @@ from replay_kit.core.paths import check_paths
 
 def synthesize(
     *,
-    ensemble: Annotated[Path, option("--ensemble", "File of the members.", metavar="E.nc", group=OUTPUTS), NETCDF],
-    truth: Annotated[Path, option("--truth", "File of one more member, the withheld truth.", metavar="T.nc", group=OUTPUTS), NETCDF],
+    ensemble: Annotated[
+        Path, option("--ensemble", "File of the members.", metavar="E.nc", group=OUTPUTS), NETCDF
+    ],
+    truth: Annotated[
+        Path,
+        option(
+            "--truth", "File of one more member, the withheld truth.", metavar="T.nc", group=OUTPUTS
+        ),
+        NETCDF,
+    ],
     members: Annotated[int, option("--members", "Number of members.", least=2)] = 40,
     seed: Annotated[int, option("--seed", "The same seed gives the same bytes.")] = 0,
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),

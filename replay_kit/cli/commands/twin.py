@@ -5,7 +5,17 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from replay_kit.cli.console import console_beside, progress
-from replay_kit.cli.options import INPUTS, PART_OF_FORECAST, TO_OPTIONS, TO_OUTPUTS, Ending, Noise, Replacing, flag, option
+from replay_kit.cli.options import (
+    INPUTS,
+    PART_OF_FORECAST,
+    TO_OPTIONS,
+    TO_OUTPUTS,
+    Ending,
+    Noise,
+    Replacing,
+    flag,
+    option,
+)
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.paths import check_paths, truth_path
 
@@ -14,19 +24,46 @@ from replay_kit.core.paths import check_paths, truth_path
 class Files(Replacing):
     """What the log is made of, and where it goes."""
 
-    truth: Annotated[str, option("--truth", "The current that the vehicle moves in.", metavar="FILE[#member]", group=INPUTS)]
-    out: Annotated[Path, option("--out -o", "The log; its ending chooses the format.", metavar="X.mcap|X.tlog"), Ending((".mcap", ".tlog"))]
+    truth: Annotated[
+        str,
+        option(
+            "--truth",
+            "The current that the vehicle moves in.",
+            metavar="FILE[#member]",
+            group=INPUTS,
+        ),
+    ]
+    out: Annotated[
+        Path,
+        option("--out -o", "The log; its ending chooses the format.", metavar="X.mcap|X.tlog"),
+        Ending((".mcap", ".tlog")),
+    ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Survey:
     """What the vehicle does."""
 
-    vehicle: Annotated[Literal["vessel", "glider"], option("--vehicle", "A vessel surveys at random positions, a glider dives.")] = "vessel"
+    vehicle: Annotated[
+        Literal["vessel", "glider"],
+        option("--vehicle", "A vessel surveys at random positions, a glider dives."),
+    ] = "vessel"
     pings: Annotated[int, option("--pings", "Number of ADCP pings.", least=1)] = 450
-    interval: Annotated[float, option("--interval", "Time from ping to ping of a glider [s], a multiple of 120.", metavar="S")] = 600.0
-    changing: Annotated[bool, flag("--changing", "The current changes through all leads or times of the truth.")] = False
-    dac_only: Annotated[bool, flag("--dac-only", "Record a glider's positions and depth-averaged currents, and no pings.")] = False
+    interval: Annotated[
+        float,
+        option(
+            "--interval", "Time from ping to ping of a glider [s], a multiple of 120.", metavar="S"
+        ),
+    ] = 600.0
+    changing: Annotated[
+        bool, flag("--changing", "The current changes through all leads or times of the truth.")
+    ] = False
+    dac_only: Annotated[
+        bool,
+        flag(
+            "--dac-only", "Record a glider's positions and depth-averaged currents, and no pings."
+        ),
+    ] = False
     seed: Annotated[int, option("--seed", "The same seed gives the same bytes.")] = 0
 
 
@@ -35,14 +72,31 @@ class Errors:
     """What the instrument measures wrongly."""
 
     noise: Noise = 0.09
-    reference: Annotated[Literal["earth", "platform"], option("--reference", "What the velocities are relative to.")] = "earth"
+    reference: Annotated[
+        Literal["earth", "platform"], option("--reference", "What the velocities are relative to.")
+    ] = "earth"
     platform_std: Annotated[
         float | None,
-        option("--platform-std", "Pings state the platform's velocity, with this standard error [m/s]. Default: they do not.", metavar="S"),
+        option(
+            "--platform-std",
+            "Pings state the platform's velocity, with this standard error [m/s]. Default: they do not.",
+            metavar="S",
+        ),
     ] = None
-    heading_bias: Annotated[float, option("--heading-bias", "Error of the compass, clockwise [degrees].", metavar="DEG")] = 0.0
-    scale_error: Annotated[float, option("--scale-error", "Relative error of the velocity; 0.03 is 3 % too much.", metavar="SHARE")] = 0.0
-    outliers: Annotated[float, option("--outliers", "Share of pings that are 1 m/s off.", metavar="SHARE")] = 0.0
+    heading_bias: Annotated[
+        float, option("--heading-bias", "Error of the compass, clockwise [degrees].", metavar="DEG")
+    ] = 0.0
+    scale_error: Annotated[
+        float,
+        option(
+            "--scale-error",
+            "Relative error of the velocity; 0.03 is 3 % too much.",
+            metavar="SHARE",
+        ),
+    ] = 0.0
+    outliers: Annotated[
+        float, option("--outliers", "Share of pings that are 1 m/s off.", metavar="SHARE")
+    ] = 0.0
 
 
 @takes_settings(*PART_OF_FORECAST, file=False)
@@ -60,12 +114,32 @@ def twin(
     from replay_kit.forecast import read_changing_truth, read_truth
     from replay_kit.studies.twins import EPOCH, Faults, Twin, make_twin
 
-    faults = Faults(errors.reference, errors.platform_std, errors.heading_bias, errors.scale_error, errors.outliers)
-    simulated = Twin(survey.vehicle, survey.pings, errors.noise, survey.seed, faults, survey.interval, survey.dac_only)
+    faults = Faults(
+        errors.reference,
+        errors.platform_std,
+        errors.heading_bias,
+        errors.scale_error,
+        errors.outliers,
+    )
+    simulated = Twin(
+        survey.vehicle,
+        survey.pings,
+        errors.noise,
+        survey.seed,
+        faults,
+        survey.interval,
+        survey.dac_only,
+    )
     with progress() as advance:
         advance(0, 0, "moving the vehicle")
-        sea = read_changing_truth(files.truth, part, EPOCH) if survey.changing else read_truth(files.truth, part)
+        sea = (
+            read_changing_truth(files.truth, part, EPOCH)
+            if survey.changing
+            else read_truth(files.truth, part)
+        )
         made = make_twin(sea, simulated, files.out, files.overwrite)
     counted = f"{made.pings} pings" if made.pings else f"{made.dives} mean currents"
-    console_beside(None).print(f"{files.out}: {counted} over {made.duration / 3600.0:.1f} h", soft_wrap=True)
+    console_beside(None).print(
+        f"{files.out}: {counted} over {made.duration / 3600.0:.1f} h", soft_wrap=True
+    )
     return 0

@@ -68,7 +68,9 @@ def root_of(cov: Array) -> Array:
         EstimatorError: The covariance is not a number.
     """
     if not np.all(np.isfinite(cov)):
-        raise EstimatorError("the estimate's covariance is not a number everywhere, so that no sample of it can be drawn")
+        raise EstimatorError(
+            "the estimate's covariance is not a number everywhere, so that no sample of it can be drawn"
+        )
     lower, fails = dpotrf(cov, lower=1)
     if not fails:
         return np.asarray(lower)

@@ -73,7 +73,9 @@ class DepthMeans:
 
     def modes(self, points: Array) -> Array:
         """Return the modes' velocities at points, shape (P, 2) [m]: shape (P, 2, r)."""
-        return np.ascontiguousarray(self.flow.horizontal.velocity(points, self.flow.modes).swapaxes(0, 1))
+        return np.ascontiguousarray(
+            self.flow.horizontal.velocity(points, self.flow.modes).swapaxes(0, 1)
+        )
 
 
 def depth_means(flow: FlowEstimate, weights: Array) -> DepthMeans:
@@ -87,13 +89,22 @@ def depth_means(flow: FlowEstimate, weights: Array) -> DepthMeans:
         EstimatorError: The flow carries no uncertainty.
     """
     if flow.n_modes == 0:
-        raise EstimatorError("expected an estimate with its uncertainty, got a flow without (a truth, a member, a sample or a mean)")
+        raise EstimatorError(
+            "expected an estimate with its uncertainty, got a flow without (a truth, a member, a sample or a mean)"
+        )
     later = flow.later
     if isinstance(later, Evolution) and np.isfinite(later.process.scales).any():
         return _through_time(flow, later, weights)
     size = len(weights) * flow.n_modes
     unchanged = np.eye(size).reshape(size, len(weights), flow.n_modes)
-    return DepthMeans(flow, weights, _root(_reduced(flow, weights)), flow.time_ns or 0, (), lambda time_ns: unchanged)
+    return DepthMeans(
+        flow,
+        weights,
+        _root(_reduced(flow, weights)),
+        flow.time_ns or 0,
+        (),
+        lambda time_ns: unchanged,
+    )
 
 
 def _reduced(flow: FlowEstimate, weights: Array) -> Array:
@@ -102,17 +113,25 @@ def _reduced(flow: FlowEstimate, weights: Array) -> Array:
     design = design.reshape(-1, flow.levels.size, flow.n_modes)
     if isinstance(flow.covariance, FactoredCovariance) and "weight_cov" not in vars(flow):
         return flow.covariance.of_combinations(design)
-    by_level = flow.weight_cov.reshape(flow.levels.size, flow.n_modes, flow.levels.size, flow.n_modes)
+    by_level = flow.weight_cov.reshape(
+        flow.levels.size, flow.n_modes, flow.levels.size, flow.n_modes
+    )
     half = np.einsum("dz,zrys->drys", weights, by_level, optimize=True)
-    return np.asarray(np.einsum("drys,ey->dres", half, weights, optimize=True).reshape(len(design), len(design)))
+    return np.asarray(
+        np.einsum("drys,ey->dres", half, weights, optimize=True).reshape(len(design), len(design))
+    )
 
 
 def _through_time(flow: FlowEstimate, evolution: Evolution, weights: Array) -> DepthMeans:
     """Return the errors of an estimate through time from its own time on."""
-    time_ns = max((time for time in (flow.time_ns, evolution.time_ns) if time is not None), default=None)
+    time_ns = max(
+        (time for time in (flow.time_ns, evolution.time_ns) if time is not None), default=None
+    )
     now, process = evolution.unknowns_at(time_ns or 0), evolution.process
     n_moving, n_means, n_modes = process.trajectories.shape[1], len(weights), flow.n_modes
-    local = np.einsum("dz,bzr->bdr", weights, process.local, optimize=True).reshape(len(process.local), n_means * n_modes)
+    local = np.einsum("dz,bzr->bdr", weights, process.local, optimize=True).reshape(
+        len(process.local), n_means * n_modes
+    )
     mix = np.zeros((process.size, n_moving + n_means * n_modes))
     mix[:n_moving, :n_moving] = np.eye(n_moving)
     mix[n_moving:, n_moving:] = local
@@ -127,11 +146,15 @@ def _through_time(flow: FlowEstimate, evolution: Evolution, weights: Array) -> D
         moved = np.einsum("dz,fzr->fdr", weights, process.trajectories_at(at_ns), optimize=True)
         return np.concatenate([moved, process.spread_at(at_ns) * unmoved])
 
-    return DepthMeans(flow, weights, _root(mix.T @ now.covariance() @ mix), time_ns or 0, relaxing, loading)
+    return DepthMeans(
+        flow, weights, _root(mix.T @ now.covariance() @ mix), time_ns or 0, relaxing, loading
+    )
 
 
 def _root(covariance: Array) -> Array:
     """Return a factor of a covariance that may lack its full rank, shape (n, k), without directions of 1e-12 of the largest variance."""
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    kept: NDArray[np.bool_] = values > 1e-12 * max(float(values[-1]), 0.0) if values.size else np.zeros(0, dtype=bool)
+    kept: NDArray[np.bool_] = (
+        values > 1e-12 * max(float(values[-1]), 0.0) if values.size else np.zeros(0, dtype=bool)
+    )
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))

@@ -35,7 +35,9 @@ class FlowEstimate(FlowField):
         uncertainty = f"{self.n_modes} modes a level" if self.n_modes else "no uncertainty"
         return f"FlowEstimate for {time_text(self.time_ns)} ({holds}), {uncertainty}\n  {self.grid}"
 
-    def velocity_at(self, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike, time: Any = None) -> Velocities:
+    def velocity_at(
+        self, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike, time: Any = None
+    ) -> Velocities:
         """Return velocity and standard error towards true east and true north at points; NaN where nothing is known.
 
         Args:
@@ -69,7 +71,11 @@ class FlowEstimate(FlowField):
         return velocity_along(self, track)
 
     def to_xarray(
-        self, longitude: ArrayLike | None = None, latitude: ArrayLike | None = None, depth: ArrayLike | None = None, time: Any = None
+        self,
+        longitude: ArrayLike | None = None,
+        latitude: ArrayLike | None = None,
+        depth: ArrayLike | None = None,
+        time: Any = None,
     ) -> xr.Dataset:
         """Return velocity and standard error on a grid as a CF dataset, NaN where dry, for ``.sel`` and plots.
 
@@ -90,7 +96,10 @@ class FlowEstimate(FlowField):
         if time is None:
             return to_dataset(self, longitude, latitude, depth)
         time_ns = to_time_ns(time)
-        datasets = [to_dataset(self.at(each), longitude, latitude, depth) for each in time_ns.ravel().tolist()]
+        datasets = [
+            to_dataset(self.at(each), longitude, latitude, depth)
+            for each in time_ns.ravel().tolist()
+        ]
         if time_ns.ndim == 0:
             return datasets[0]
         import xarray as xr

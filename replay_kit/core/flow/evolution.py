@@ -21,7 +21,9 @@ def constant(flow: Flow, time_ns: int) -> Flow:
     return replace(flow, time_ns=time_ns)
 
 
-def sample_through(flow: Flow, times_ns: Sequence[int], n: int, seed: int) -> tuple[tuple[Flow, ...], ...]:
+def sample_through(
+    flow: Flow, times_ns: Sequence[int], n: int, seed: int
+) -> tuple[tuple[Flow, ...], ...]:
     """Return n currents drawn through time from an estimate: of each the flows at the times [ns, UTC].
 
     Where the current changes, so do they, and they part at the rate at which the estimate becomes uncertain. Of an estimate that does not
@@ -32,7 +34,9 @@ def sample_through(flow: Flow, times_ns: Sequence[int], n: int, seed: int) -> tu
     """
     if isinstance(flow.later, Evolution) and flow.n_modes:
         return flow.later.sample(flow, times_ns, n, seed)
-    return tuple(tuple(constant(one, time_ns) for time_ns in times_ns) for one in flow.sample(n, seed))
+    return tuple(
+        tuple(constant(one, time_ns) for time_ns in times_ns) for one in flow.sample(n, seed)
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +61,9 @@ class Evolution:
 
     def __call__(self, flow: Flow, time_ns: int) -> Flow:
         """Return the flow for a time; for one before the last observation, at the time of that observation."""
-        return self.unknowns_at(time_ns).flow(flow, time_ns if self.time_ns is None else max(time_ns, self.time_ns))
+        return self.unknowns_at(time_ns).flow(
+            flow, time_ns if self.time_ns is None else max(time_ns, self.time_ns)
+        )
 
     def flow(self, flow: Flow, time_ns: int) -> Flow:
         """Return the flow of the unknowns as they are.
@@ -74,9 +80,17 @@ class Evolution:
             loading = self.process.loading(time_ns)[:, chosen].reshape(self.process.size, -1)
             return np.asarray(loading.T @ self.covariance() @ loading)
 
-        return replace(flow, latent=self.offset + flow.modes @ weights.T, covariance=covariance, time_ns=time_ns, later=self)
+        return replace(
+            flow,
+            latent=self.offset + flow.modes @ weights.T,
+            covariance=covariance,
+            time_ns=time_ns,
+            later=self,
+        )
 
-    def sample(self, flow: Flow, times_ns: Sequence[int], n: int, seed: int) -> tuple[tuple[Flow, ...], ...]:
+    def sample(
+        self, flow: Flow, times_ns: Sequence[int], n: int, seed: int
+    ) -> tuple[tuple[Flow, ...], ...]:
         """Return n currents drawn through time: of each the flows at the times, without uncertainty.
 
         The unknowns are drawn at the first time; from each time to the next they decay and take up process noise, so that the currents
@@ -88,7 +102,9 @@ class Evolution:
             n: Number of currents.
             seed: The same seed gives the same currents.
         """
-        times = [time_ns if self.time_ns is None else max(time_ns, self.time_ns) for time_ns in times_ns]
+        times = [
+            time_ns if self.time_ns is None else max(time_ns, self.time_ns) for time_ns in times_ns
+        ]
         rng, first = np.random.default_rng(seed), self.unknowns_at(times[0])
         factor = root_of(first.covariance())
         unknowns = first.mean + rng.standard_normal((n, factor.shape[1])) @ factor.T
@@ -96,15 +112,23 @@ class Evolution:
         for before, time_ns in zip([times[0], *times[:-1]], times, strict=True):
             past = (time_ns - before) / 1e9 / self.process.scales
             if time_ns > before:
-                unknowns = np.exp(-past) * unknowns + np.sqrt(-np.expm1(-2.0 * past)) * rng.standard_normal(unknowns.shape)
-            moved = np.tensordot(unknowns, self.process.loading(time_ns), 1) + self.process.mean_at(time_ns)
+                unknowns = np.exp(-past) * unknowns + np.sqrt(
+                    -np.expm1(-2.0 * past)
+                ) * rng.standard_normal(unknowns.shape)
+            moved = np.tensordot(unknowns, self.process.loading(time_ns), 1) + self.process.mean_at(
+                time_ns
+            )
             latent = self.offset + flow.modes @ np.swapaxes(moved, 1, 2)
             drawn.append([replace(mean_flow, latent=one, time_ns=time_ns) for one in latent])
         return tuple(zip(*drawn, strict=True))
 
     def trimmed(self) -> "Evolution":
         """Return the evolution without the forecast's times that are over."""
-        return self if self.time_ns is None else replace(self, process=self.process.since(self.time_ns))
+        return (
+            self
+            if self.time_ns is None
+            else replace(self, process=self.process.since(self.time_ns))
+        )
 
     def unknowns_at(self, time_ns: int) -> "Evolution":
         """Return the unknowns at a time [ns, UTC]: each decays, and process noise keeps the prior's variance of 1."""
@@ -115,6 +139,8 @@ class Evolution:
 
         @cache
         def covariance() -> Array:
-            return np.asarray(kept[:, None] * self.covariance() * kept + np.diag(-np.expm1(-2.0 * past)))
+            return np.asarray(
+                kept[:, None] * self.covariance() * kept + np.diag(-np.expm1(-2.0 * past))
+            )
 
         return replace(self, mean=kept * self.mean, covariance=covariance, time_ns=time_ns)

@@ -55,7 +55,9 @@ class CovarianceFactors:
     def __call__(self, levels: Levels | None) -> Array:
         """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
         cov = self.prior.covariance(levels)
-        across = self.prior.matvec_modes(self.directions, levels).reshape(len(self.matrix), len(cov))
+        across = self.prior.matvec_modes(self.directions, levels).reshape(
+            len(self.matrix), len(cov)
+        )
         cov -= across.T @ (self.matrix @ across)
         return symmetric(cov)
 
@@ -68,7 +70,9 @@ class CovarianceFactors:
         """Return the covariance of combinations of the weights, shape (m, m); ``design`` of shape (m, Z, r)."""
         cross, m = self.prior.matvec(design), len(design)
         inside = (cross @ self.directions.T).reshape(m, -1)
-        return np.asarray(design.reshape(m, -1) @ cross.reshape(m, -1).T - inside @ self.matrix @ inside.T)
+        return np.asarray(
+            design.reshape(m, -1) @ cross.reshape(m, -1).T - inside @ self.matrix @ inside.T
+        )
 
     def factors(self) -> "CovarianceFactors":
         """Return itself."""
@@ -86,7 +90,9 @@ class CovarianceFactors:
         last = len(self._roots) - 1
         for number, function in enumerate(vertical):
             root = self._roots[min(number, last)]
-            weights += function[:, None] * (rng.standard_normal((n, root.shape[1])) @ root.T)[:, None]
+            weights += (
+                function[:, None] * (rng.standard_normal((n, root.shape[1])) @ root.T)[:, None]
+            )
         if not len(self.directions):
             return weights
         turned, noise = self._conditioning
@@ -108,7 +114,9 @@ class CovarianceFactors:
     def _conditioning(self) -> tuple[Array, Array]:
         """U', shape (Z s, u), and a factor of the covariance of n, shape (u, .)."""
         turned = root_of(self.matrix)
-        inside = (self.prior.matvec_modes(self.directions) @ self.directions.T).reshape(self.matrix.shape)
+        inside = (self.prior.matvec_modes(self.directions) @ self.directions.T).reshape(
+            self.matrix.shape
+        )
         return turned, root_of(symmetric(np.eye(turned.shape[1]) - turned.T @ inside @ turned))
 
 
@@ -173,5 +181,7 @@ def covariance_of_sum(covariance: WeightCovariance, levels: Levels, n_modes: int
         blocks = covariance(levels).reshape(len(levels), n_modes, len(levels), n_modes)
     else:
         chosen = list(levels)
-        blocks = covariance.reshape(-1, n_modes, covariance.shape[0] // n_modes, n_modes)[chosen][:, :, chosen]
+        blocks = covariance.reshape(-1, n_modes, covariance.shape[0] // n_modes, n_modes)[chosen][
+            :, :, chosen
+        ]
     return np.asarray(blocks.sum(axis=(0, 2)))

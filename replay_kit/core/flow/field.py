@@ -24,7 +24,12 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.covariance import quadratic_form, root_of, sums_for, symmetric
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
-from replay_kit.core.flow.factors import CovarianceFactors, FactoredCovariance, WeightCovariance, covariance_of_sum
+from replay_kit.core.flow.factors import (
+    CovarianceFactors,
+    FactoredCovariance,
+    WeightCovariance,
+    covariance_of_sum,
+)
 from replay_kit.core.flow.horizontal import HorizontalFunctions
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, to_geographic
@@ -97,7 +102,9 @@ class FlowField:
         """What is saved, pickled and sampled: the covariance's factors where they are fewer numbers than half of it, else the matrix."""
         if not callable(self.covariance):
             return self.covariance
-        factors = self.covariance.factors() if isinstance(self.covariance, FactoredCovariance) else None
+        factors = (
+            self.covariance.factors() if isinstance(self.covariance, FactoredCovariance) else None
+        )
         return symmetric(self.covariance(None)) if factors is None else factors
 
     @cached_property
@@ -117,7 +124,15 @@ class FlowField:
 
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickle the covariance or its factors, not the estimator's state from which they would be computed."""
-        parts = (self.grid, self.horizontal, self.depth_functions, self.latent, self.modes, self.kept_covariance, self.time_ns)
+        parts = (
+            self.grid,
+            self.horizontal,
+            self.depth_functions,
+            self.latent,
+            self.modes,
+            self.kept_covariance,
+            self.time_ns,
+        )
         return type(self), (*parts, None, self.local)
 
     @property
@@ -125,7 +140,9 @@ class FlowField:
         """Number of modes of the uncertainty; 0 when the flow has none."""
         return int(self.modes.shape[1])
 
-    def velocity(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False) -> Array:
+    def velocity(
+        self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
+    ) -> Array:
         """Return the velocity [m/s] at points of the local frame.
 
         Args:
@@ -145,7 +162,9 @@ class FlowField:
             out[part] = np.einsum("cpz,pz->pc", by_level[:, at], weights)
         return out.reshape(*shape, 2)
 
-    def standard_error(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False) -> Array:
+    def standard_error(
+        self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
+    ) -> Array:
         """Return the standard deviation [m/s] of each velocity component; arguments and shapes as in ``velocity``.
 
         It is NaN outside the grid's outline and below the last level, where nothing is known.
@@ -156,7 +175,9 @@ class FlowField:
         self._require_uncertainty("standard_error")
         points, depths, shape = _flatten(east, north, depth)
         distinct, of_point = np.unique(depths, return_inverse=True)
-        covariances, shares = self.covariances(depth_weights(self.depth_functions, distinct, self.levels))
+        covariances, shares = self.covariances(
+            depth_weights(self.depth_functions, distinct, self.levels)
+        )
         variance = np.empty((depths.size, 2))
         for places, part, at in _by_place(points):
             basis = self._components(places, self.modes, true_axes)
@@ -164,7 +185,9 @@ class FlowField:
         variance[~self._known(points, depths)] = np.nan
         return np.sqrt(np.maximum(variance, 0.0)).reshape(*shape, 2)
 
-    def velocity_covariance(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False) -> Array:
+    def velocity_covariance(
+        self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
+    ) -> Array:
         """Return the covariance between the velocities at a few points, shape (2P, 2P) [m^2/s^2], all east then all north.
 
         For few points it costs a small share of a first ``standard_error``, which prepares for many. NaN where nothing is known.
@@ -182,7 +205,9 @@ class FlowField:
         points, depths, _ = _flatten(east, north, depth)
         weights = depth_weights(self.depth_functions, depths, self.levels)
         basis = self._components(points, self.modes, true_axes)
-        design = (weights[None, :, :, None] * basis[:, :, None]).reshape(2 * len(points), self.levels.size, self.n_modes)
+        design = (weights[None, :, :, None] * basis[:, :, None]).reshape(
+            2 * len(points), self.levels.size, self.n_modes
+        )
         if isinstance(self.covariance, FactoredCovariance) and "weight_cov" not in vars(self):
             covariance = self.covariance.of_combinations(design)
         else:
@@ -206,11 +231,15 @@ class FlowField:
             draws = factor @ np.random.default_rng(seed).standard_normal((factor.shape[1], n))
             by_level = draws.T.reshape(n, self.levels.size, self.n_modes)
         mean_flow = self.mean_flow()
-        return tuple(replace(mean_flow, latent=self.latent + self.modes @ weights.T) for weights in by_level)
+        return tuple(
+            replace(mean_flow, latent=self.latent + self.modes @ weights.T) for weights in by_level
+        )
 
     def mean_flow(self) -> Self:
         """Return the mean alone: the same flow without uncertainty, model of time and local current."""
-        return replace(self, modes=self.modes[:, :0], covariance=np.empty((0, 0)), later=None, local=None)
+        return replace(
+            self, modes=self.modes[:, :0], covariance=np.empty((0, 0)), later=None, local=None
+        )
 
     def _components(self, places: Array, latent: Array, true_axes: bool) -> Array:
         """Return the two components, shape (2, M, k), at places, shape (M, 2), of flows with latent values, shape (size, k)."""
@@ -218,7 +247,9 @@ class FlowField:
         if not true_axes:
             return rows
         longitude, latitude = to_geographic(self.grid.projection, *places.T)
-        return np.stack(rotate_to_geographic(self.grid.projection, longitude[:, None], latitude[:, None], *rows))
+        return np.stack(
+            rotate_to_geographic(self.grid.projection, longitude[:, None], latitude[:, None], *rows)
+        )
 
     def covariances(self, weights: Array) -> tuple[list[Array], Array]:
         """Return covariances of the modes' amplitudes, shape (r, r), and the share of each in that at each depth, shape (D, T).
@@ -230,24 +261,33 @@ class FlowField:
             weights: shape (D, Z), of each level at each depth.
         """
         sums, shares = sums_for(weights)
-        whole = not callable(self.covariance) or "weight_cov" in vars(self) or len(sums) > 2 * self.levels.size
+        whole = (
+            not callable(self.covariance)
+            or "weight_cov" in vars(self)
+            or len(sums) > 2 * self.levels.size
+        )
         source = self.weight_cov if whole else self.covariance
         parts = [covariance_of_sum(source, levels, self.n_modes) for levels in sums]
         if len(weights) > len(sums):
             return parts, shares
-        return [np.asarray(sum(share * part for share, part in zip(row, parts, strict=True) if share)) for row in shares], np.eye(
-            len(weights)
-        )
+        return [
+            np.asarray(sum(share * part for share, part in zip(row, parts, strict=True) if share))
+            for row in shares
+        ], np.eye(len(weights))
 
     def _known(self, points: Array, depths: Array) -> NDArray[np.bool_]:
         return np.asarray(inside_grid(self.grid, *points.T) & (depths <= self.levels[-1]))
 
     def _require_uncertainty(self, what: str) -> None:
         if self.n_modes == 0:
-            raise EstimatorError(f"{what} needs an estimate with a covariance, but this flow (a truth, a member or a sample) carries none")
+            raise EstimatorError(
+                f"{what} needs an estimate with a covariance, but this flow (a truth, a member or a sample) carries none"
+            )
 
 
-def _variance(covariances: Sequence[Array], basis: Array, at: NDArray[np.intp], shares: Array) -> Array:
+def _variance(
+    covariances: Sequence[Array], basis: Array, at: NDArray[np.intp], shares: Array
+) -> Array:
     """Return diag(H P H'), shape (P, 2).
 
     Args:
@@ -262,11 +302,15 @@ def _variance(covariances: Sequence[Array], basis: Array, at: NDArray[np.intp], 
         if touched.size:
             places, of_point = np.unique(at[touched], return_inverse=True)
             for component in range(2):
-                out[touched, component] += share[touched] * quadratic_form(basis[component, places], covariance)[of_point]
+                out[touched, component] += (
+                    share[touched] * quadratic_form(basis[component, places], covariance)[of_point]
+                )
     return out
 
 
-def _flatten(east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> tuple[Array, Array, tuple[int, ...]]:
+def _flatten(
+    east: ArrayLike, north: ArrayLike, depth: ArrayLike
+) -> tuple[Array, Array, tuple[int, ...]]:
     e, n, d = np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in (east, north, depth)))
     return np.column_stack([e.ravel(), n.ravel()]), d.ravel(), d.shape
 

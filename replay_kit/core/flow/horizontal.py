@@ -115,4 +115,6 @@ class NodeKernel:
 
     def velocity(self, points: Array, latent: Array) -> Array:
         """Return the velocity [m/s], shape (2, P, k), at points, shape (P, 2) [m], of latent velocities, shape (2N, k)."""
-        return np.asarray((velocity_kernel(self.kernel, points, self.nodes) @ latent).reshape(2, len(points), -1))
+        return np.asarray(
+            (velocity_kernel(self.kernel, points, self.nodes) @ latent).reshape(2, len(points), -1)
+        )

@@ -36,10 +36,20 @@ class HybridProducts:
         """Return the covariance times each weight vector, shape (m, Z, r), in the same shape."""
         n_weights = self.factor.shape[1] * self.factor.shape[2]
         rows = self.factor.reshape(-1, n_weights)
-        of_factor = ((weights.reshape(len(weights), n_weights) @ rows.T) @ rows).reshape(weights.shape)
+        of_factor = ((weights.reshape(len(weights), n_weights) @ rows.T) @ rows).reshape(
+            weights.shape
+        )
         in_functions = (self.vertical @ weights).swapaxes(0, 1)  # (q, m, r)
         groups = [np.matmul(in_functions[part], of_modes) for part, of_modes in self._groups()]
-        return np.asarray(of_factor + np.einsum("qz,qmr->mzr", self.vertical, np.concatenate([in_functions[:0], *groups]), optimize=True))
+        return np.asarray(
+            of_factor
+            + np.einsum(
+                "qz,qmr->mzr",
+                self.vertical,
+                np.concatenate([in_functions[:0], *groups]),
+                optimize=True,
+            )
+        )
 
     def matvec_modes(self, basis: Array, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights with ``basis``, shape (c, r), at each level: shape (Z, c, L, r)."""
@@ -48,8 +58,12 @@ class HybridProducts:
         factor = self.factor[:, chosen]
         n_chosen = factor.shape[1]
         at_basis = (self.factor @ basis.T).reshape(n_rows, n_levels * n_basis)
-        of_factor = (at_basis.T @ factor.reshape(n_rows, n_chosen * n_modes)).reshape(n_levels, n_basis, n_chosen, n_modes)
-        in_modes = np.matmul(basis, self.horizontal).reshape(len(self.horizontal), basis.size)  # (g, c r)
+        of_factor = (at_basis.T @ factor.reshape(n_rows, n_chosen * n_modes)).reshape(
+            n_levels, n_basis, n_chosen, n_modes
+        )
+        in_modes = np.matmul(basis, self.horizontal).reshape(
+            len(self.horizontal), basis.size
+        )  # (g, c r)
         pairs = self._pairs(slice(None), chosen).reshape(-1, n_levels * n_chosen)
         in_functions = (pairs.T @ in_modes).reshape(n_levels, n_chosen, n_basis, n_modes)
         of_factor += in_functions.transpose(0, 2, 1, 3)
@@ -76,7 +90,10 @@ class HybridProducts:
 
     def of_sum(self, levels: tuple[int, ...]) -> Array:
         """Return the covariance of the sum of some levels' weights, shape (r, r)."""
-        factor, share = self.factor[:, list(levels)].sum(axis=1), np.square(self.vertical[:, list(levels)].sum(axis=1))
+        factor, share = (
+            self.factor[:, list(levels)].sum(axis=1),
+            np.square(self.vertical[:, list(levels)].sum(axis=1)),
+        )
         shares = np.array([share[part].sum() for part, _ in self._groups()])
         return np.asarray(factor.T @ factor + np.tensordot(shares, self.horizontal, 1))
 

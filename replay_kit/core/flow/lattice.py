@@ -100,13 +100,18 @@ class StreamFunctionLattice:
         ends, count = [], np.array(self.shape)
         for axis in (0, 1):
             first = self._first(np.array([low[axis], high[axis]]), axis)
-            ends.append((first[0] // _ROUNDED * _ROUNDED, -(-(first[1] + WINDOW) // _ROUNDED) * _ROUNDED))
+            ends.append(
+                (first[0] // _ROUNDED * _ROUNDED, -(-(first[1] + WINDOW) // _ROUNDED) * _ROUNDED)
+            )
         begin, end = np.array(ends).T
         end = np.minimum(end, count)
         rows = np.arange(begin[0], end[0])[:, None] * self.shape[1] + np.arange(begin[1], end[1])
         origin = np.array(self.origin) + begin * np.array(self.spacing)
         return StreamFunctionLattice(
-            self.kernel, _pair(origin), self.spacing, (int(end[0] - begin[0]), int(end[1] - begin[1]))
+            self.kernel,
+            _pair(origin),
+            self.spacing,
+            (int(end[0] - begin[0]), int(end[1] - begin[1])),
         ), rows.ravel()
 
     def velocity(self, points: Array, latent: Array) -> Array:
@@ -130,7 +135,9 @@ class StreamFunctionLattice:
         Args:
             points: shape (P, 2) [m].
         """
-        (east, gx, slope_x), (north, gy, slope_y) = (self._window(points[:, axis], axis) for axis in (0, 1))
+        (east, gx, slope_x), (north, gy, slope_y) = (
+            self._window(points[:, axis], axis) for axis in (0, 1)
+        )
         rows = (east * self.shape[1])[:, :, None] + north[:, None]
         design = np.stack([gx[:, :, None] * slope_y[:, None], -slope_x[:, :, None] * gy[:, None]])
         return rows.reshape(len(points), -1), design.reshape(2, len(points), 1, -1)
@@ -146,13 +153,24 @@ class StreamFunctionLattice:
         ends = np.flatnonzero(np.diff(tile[order])) + 1
         for chosen in np.split(order, ends):
             if chosen.size:
-                (east, gx, slope_x), (north, gy, slope_y) = (self._axis(points[chosen, axis], first[axis, chosen], axis) for axis in (0, 1))
-                yield Tile(chosen, east, north, np.stack([gx[:, :, None] * slope_y[:, None], -slope_x[:, :, None] * gy[:, None]]))
+                (east, gx, slope_x), (north, gy, slope_y) = (
+                    self._axis(points[chosen, axis], first[axis, chosen], axis) for axis in (0, 1)
+                )
+                yield Tile(
+                    chosen,
+                    east,
+                    north,
+                    np.stack(
+                        [gx[:, :, None] * slope_y[:, None], -slope_x[:, :, None] * gy[:, None]]
+                    ),
+                )
 
     def _first(self, at: Array, axis: int) -> NDArray[np.intp]:
         """Return the first lattice line that counts at each place along an axis, shape (P,)."""
         cell = np.floor((at - self.origin[axis]) / self.spacing[axis])
-        return np.asarray(np.clip(cell - (HALF_WINDOW - 1), 0, self.shape[axis] - WINDOW).astype(np.intp))
+        return np.asarray(
+            np.clip(cell - (HALF_WINDOW - 1), 0, self.shape[axis] - WINDOW).astype(np.intp)
+        )
 
     def _window(self, at: Array, axis: int) -> tuple[NDArray[np.intp], Array, Array]:
         """Return the lattice lines that count at each place along an axis, their Gaussians and slopes [1/m], each of shape (P, WINDOW)."""
@@ -178,9 +196,13 @@ def lattice_over(kernel: HorizontalKernel, nodes: Array) -> StreamFunctionLattic
     lengths = np.array([kernel.length_east, kernel.length_north])
     low, high = nodes.min(axis=0), nodes.max(axis=0)
     spacing = _SPACING * lengths
-    shape = np.maximum(np.ceil((high - low + _MARGIN * np.sqrt(2.0) * lengths) / spacing).astype(int) + 1, WINDOW)
+    shape = np.maximum(
+        np.ceil((high - low + _MARGIN * np.sqrt(2.0) * lengths) / spacing).astype(int) + 1, WINDOW
+    )
     origin = 0.5 * (low + high) - 0.5 * (shape - 1) * spacing
-    return StreamFunctionLattice(kernel, _pair(origin), _pair(spacing), (int(shape[0]), int(shape[1])))
+    return StreamFunctionLattice(
+        kernel, _pair(origin), _pair(spacing), (int(shape[0]), int(shape[1]))
+    )
 
 
 def _pair(values: Array) -> tuple[float, float]:

@@ -51,18 +51,27 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
         ForecastError: As for ``load``.
     """
     try:
-        with xr.open_dataset(io.BytesIO(data), engine="h5netcdf", decode_cf=False, phony_dims="access") as dataset:
-            kind, version = dataset.attrs.get("replay_kit_format"), dataset.attrs.get("replay_kit_format_version")
+        with xr.open_dataset(
+            io.BytesIO(data), engine="h5netcdf", decode_cf=False, phony_dims="access"
+        ) as dataset:
+            kind, version = (
+                dataset.attrs.get("replay_kit_format"),
+                dataset.attrs.get("replay_kit_format_version"),
+            )
             if kind == FORMAT and version in READ_VERSIONS:
                 return from_lossless(dataset.load())
     except (OSError, ValueError, KeyError, RuntimeError) as error:
-        raise ForecastError(f"{name}: expected a file of --save-estimate (NetCDF-4), but it is none or is damaged: {error}") from error
+        raise ForecastError(
+            f"{name}: expected a file of --save-estimate (NetCDF-4), but it is none or is damaged: {error}"
+        ) from error
     if kind != FORMAT:
         raise ForecastError(
             f"{name}: expected a file of --save-estimate, got another NetCDF file (no attribute replay_kit_format = {FORMAT})"
         )
     known = " and ".join(map(str, READ_VERSIONS))
-    raise ForecastError(f"{name}: flow format version {version}, but this replay-kit reads versions {known}; write it again")
+    raise ForecastError(
+        f"{name}: flow format version {version}, but this replay-kit reads versions {known}; write it again"
+    )
 
 
 def from_lossless(dataset: xr.Dataset) -> FlowEstimate:
@@ -73,21 +82,29 @@ def from_lossless(dataset: xr.Dataset) -> FlowEstimate:
         ValueError: Its parts do not fit together.
     """
     attrs = dataset.attrs
-    values = {str(name): np.asarray(variable.values) for name, variable in dataset.variables.items()}
+    values = {
+        str(name): np.asarray(variable.values) for name, variable in dataset.variables.items()
+    }
     grid = Grid(
-        projection=Projection(float(attrs["projection_longitude"]), float(attrs["projection_latitude"])),
+        projection=Projection(
+            float(attrs["projection_longitude"]), float(attrs["projection_latitude"])
+        ),
         longitude=values["longitude"],
         latitude=values["latitude"],
         east=values["east"],
         north=values["north"],
         levels=values["depth"],
-        wet=np.ascontiguousarray(dataset["wet"].transpose("depth", "y", "x").values.astype(np.bool_)),
+        wet=np.ascontiguousarray(
+            dataset["wet"].transpose("depth", "y", "x").values.astype(np.bool_)
+        ),
     )
     latent = values["latent"]
     kind = attrs["depth_function_kind"]
     functions = _horizontal(attrs, values, grid)
     if kind not in ("hat", "gaussian") or latent.shape[0] != functions.size:
-        raise ValueError(f"depth functions {kind!r} and {latent.shape[0]} latent rows do not fit {functions.size} horizontal functions")
+        raise ValueError(
+            f"depth functions {kind!r} and {latent.shape[0]} latent rows do not fit {functions.size} horizontal functions"
+        )
     flow = FlowEstimate(
         grid=grid,
         horizontal=functions,
@@ -107,9 +124,13 @@ def from_lossless(dataset: xr.Dataset) -> FlowEstimate:
     return replace(evolution.flow(flow, at), time_ns=flow.time_ns)
 
 
-def _horizontal(attrs: Mapping[str, Any], values: dict[str, Array], grid: Grid) -> HorizontalFunctions:
+def _horizontal(
+    attrs: Mapping[str, Any], values: dict[str, Array], grid: Grid
+) -> HorizontalFunctions:
     """Return the horizontal functions; before version 4 they were the kernel of the grid's nodes."""
-    kernel = HorizontalKernel(*(float(attrs[f"kernel_{name}"]) for name in ("length_east", "length_north", "speed")))
+    kernel = HorizontalKernel(
+        *(float(attrs[f"kernel_{name}"]) for name in ("length_east", "length_north", "speed"))
+    )
     kind = attrs.get("horizontal_functions")
     if kind is None:
         return NodeKernel(kernel, grid.nodes)
@@ -118,9 +139,12 @@ def _horizontal(attrs: Mapping[str, Any], values: dict[str, Array], grid: Grid) 
     if kind != LATTICE:
         raise ValueError(f"horizontal functions {kind!r}; expected {NODE_KERNEL!r} or {LATTICE!r}")
     origin, spacing, shape = (
-        [float(attrs[f"lattice_{part}_{axis}"]) for axis in ("east", "north")] for part in ("origin", "spacing", "shape")
+        [float(attrs[f"lattice_{part}_{axis}"]) for axis in ("east", "north")]
+        for part in ("origin", "spacing", "shape")
     )
-    return StreamFunctionLattice(kernel, (origin[0], origin[1]), (spacing[0], spacing[1]), (int(shape[0]), int(shape[1])))
+    return StreamFunctionLattice(
+        kernel, (origin[0], origin[1]), (spacing[0], spacing[1]), (int(shape[0]), int(shape[1]))
+    )
 
 
 def _covariance(values: dict[str, Array]) -> Array | CovarianceFactors:
@@ -134,7 +158,9 @@ def _covariance(values: dict[str, Array]) -> Array | CovarianceFactors:
         whole_of(values.get("covariance_horizontal", np.empty((0, half_size(n_modes))))),
     )
     directions = values.get("covariance_directions", np.empty((0, n_modes)))
-    return CovarianceFactors(prior, directions, _whole(values.get("covariance_matrix", np.empty((0, 0)))))
+    return CovarianceFactors(
+        prior, directions, _whole(values.get("covariance_matrix", np.empty((0, 0))))
+    )
 
 
 def _whole(matrix: Array) -> Array:
@@ -143,7 +169,12 @@ def _whole(matrix: Array) -> Array:
 
 
 def _evolution(dataset: xr.Dataset, values: dict[str, Array]) -> Evolution:
-    attrs, mean, unknown_mean, cov = dataset.attrs, values["process_mean"], values["unknown_mean"], _whole(values["unknown_cov"])
+    attrs, mean, unknown_mean, cov = (
+        dataset.attrs,
+        values["process_mean"],
+        values["unknown_mean"],
+        _whole(values["unknown_cov"]),
+    )
     times_ns = np.array(dataset["forecast_time"].attrs[EXACT_TIME].split(), dtype=np.int64)
     none = np.empty((0, *mean.shape[1:]))
     process = ProcessModel(
@@ -156,7 +187,9 @@ def _evolution(dataset: xr.Dataset, values: dict[str, Array]) -> Evolution:
         local_scale=float(attrs["local_scale"]),
     )
     time_ns = int(attrs["evolution_time"]) if "evolution_time" in attrs else None
-    return Evolution(process, values["offset"], unknown_mean, lambda: cov, time_ns, _oscillation(attrs, values))
+    return Evolution(
+        process, values["offset"], unknown_mean, lambda: cov, time_ns, _oscillation(attrs, values)
+    )
 
 
 def _oscillation(attrs: Mapping[str, Any], values: dict[str, Array]) -> Oscillation | None:
@@ -164,14 +197,18 @@ def _oscillation(attrs: Mapping[str, Any], values: dict[str, Array]) -> Oscillat
     if "oscillation_omega" not in values:
         return None
     omega, cosine, sine = (values[f"oscillation_{name}"] for name in ("omega", "cosine", "sine"))
-    return Oscillation(omega, cosine, sine, float(attrs["oscillation_scale"]), int(attrs["oscillation_time"]))
+    return Oscillation(
+        omega, cosine, sine, float(attrs["oscillation_scale"]), int(attrs["oscillation_time"])
+    )
 
 
 def _local(attrs: Mapping[str, Any], values: dict[str, Array]) -> LocalCurrent | None:
     """Return the current beside the flow; None where none is known, as before it was saved."""
     if "local_time" not in attrs:
         return None
-    parts = {name: values[f"local_{name}"] for name in ("probability", "std", "scale", "mean", "cov")}
+    parts = {
+        name: values[f"local_{name}"] for name in ("probability", "std", "scale", "mean", "cov")
+    }
     return LocalCurrent(**parts, time_ns=int(attrs["local_time"]))
 
 
@@ -180,4 +217,8 @@ def _time_ns(dataset: xr.Dataset) -> int | None:
     if "time" not in dataset.variables:
         return None
     time = dataset.variables["time"]
-    return int(time.values) if dataset.attrs["replay_kit_format_version"] == 1 else int(time.attrs[EXACT_TIME])
+    return (
+        int(time.values)
+        if dataset.attrs["replay_kit_format_version"] == 1
+        else int(time.attrs[EXACT_TIME])
+    )

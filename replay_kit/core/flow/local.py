@@ -38,7 +38,9 @@ class LocalCurrent:
         kept = np.exp(-max(time_ns - self.time_ns, 0) / 1e9 / self.scale)
         fresh = ((1.0 - kept**2) * self.std**2)[:, None, None] * np.eye(2)
         cov = kept[:, None, None] ** 2 * self.cov + fresh
-        return replace(self, mean=kept[:, None] * self.mean, cov=cov, time_ns=max(time_ns, self.time_ns))
+        return replace(
+            self, mean=kept[:, None] * self.mean, cov=cov, time_ns=max(time_ns, self.time_ns)
+        )
 
     def velocity(self, time_ns: int) -> Array:
         """Return the expected velocity at a time [ns, UTC], shape (2,) [m/s]."""
@@ -48,7 +50,11 @@ class LocalCurrent:
         """Return the standard deviation of a component at a time [ns, UTC], the mean of both [m/s]."""
         now = self.at(time_ns)
         about = now.mean - self.probability @ now.mean
-        return float(np.sqrt(self.probability @ (np.einsum("hii->h", now.cov) + np.sum(about**2, axis=1)) / 2.0))
+        return float(
+            np.sqrt(
+                self.probability @ (np.einsum("hii->h", now.cov) + np.sum(about**2, axis=1)) / 2.0
+            )
+        )
 
     def sample(self, times_ns: Sequence[int], n: int, seed: int) -> Array:
         """Return n courses of the velocity drawn through time, shape (n, T, 2) [m/s].
@@ -58,14 +64,23 @@ class LocalCurrent:
             n: Number of courses.
             seed: The same seed gives the same courses.
         """
-        rng, times = np.random.default_rng([seed, 1]), [max(time_ns, self.time_ns) for time_ns in times_ns]
+        rng, times = (
+            np.random.default_rng([seed, 1]),
+            [max(time_ns, self.time_ns) for time_ns in times_ns],
+        )
         first = self.at(times[0])
         which = rng.choice(len(self.probability), n, p=self.probability)
         values, vectors = np.linalg.eigh(first.cov)
         roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-        drawn = [first.mean[which] + np.einsum("nij,nj->ni", roots[which], rng.standard_normal((n, 2)))]
+        drawn = [
+            first.mean[which] + np.einsum("nij,nj->ni", roots[which], rng.standard_normal((n, 2)))
+        ]
         for before, after in pairwise(times):
             past = (after - before) / 1e9 / self.scale[which, None]
-            noise = self.std[which, None] * np.sqrt(-np.expm1(-2.0 * past)) * rng.standard_normal((n, 2))
+            noise = (
+                self.std[which, None]
+                * np.sqrt(-np.expm1(-2.0 * past))
+                * rng.standard_normal((n, 2))
+            )
             drawn.append(np.exp(-past) * drawn[-1] + noise)
         return np.stack(drawn, axis=1)

@@ -76,15 +76,30 @@ def to_lossless(flow: FlowField) -> xr.Dataset:
         "east": (("y", "x"), grid.east, "m, local east"),
         "north": (("y", "x"), grid.north, "m, local north"),
         # CF wants dimensions that are no axes, as a curvilinear grid's, before the depth
-        "wet": (("y", "x", "depth"), np.moveaxis(grid.wet, 0, -1).astype(np.int8), "1 where the forecast has a velocity"),
+        "wet": (
+            ("y", "x", "depth"),
+            np.moveaxis(grid.wet, 0, -1).astype(np.int8),
+            "1 where the forecast has a velocity",
+        ),
         "latent": (("function", "depth"), flow.latent, "latent values, one a horizontal function"),
-        **({"modes": (("function", "mode"), flow.modes, "latent values of the modes")} if flow.n_modes else {}),
+        **(
+            {"modes": (("function", "mode"), flow.modes, "latent values of the modes")}
+            if flow.n_modes
+            else {}
+        ),
         **of_functions,
         **(_weight_cov(flow) if evolution is None else _evolution(evolution)),
         **({} if flow.local is None else _local(flow.local)),
-        **({"time": ((), np.float64(flow.time_ns / 1e9), "time of the estimate")} if flow.time_ns is not None else {}),
+        **(
+            {"time": ((), np.float64(flow.time_ns / 1e9), "time of the estimate")}
+            if flow.time_ns is not None
+            else {}
+        ),
     }
-    variables = {name: xr.Variable(dims, array, {"long_name": words}) for name, (dims, array, words) in values.items()}
+    variables = {
+        name: xr.Variable(dims, array, {"long_name": words})
+        for name, (dims, array, words) in values.items()
+    }
     for name, about in _standard(flow).items():
         variables[name].attrs |= about
     numbers = {
@@ -102,15 +117,27 @@ def to_lossless(flow: FlowField) -> xr.Dataset:
         "source": f"replay-kit {__version__}",
         "horizontal_functions": kind,
         "depth_function_kind": flow.depth_functions.kind,
-        "evolution": "constant" if flow.later is constant else "none" if evolution is None else "process",
+        "evolution": "constant"
+        if flow.later is constant
+        else "none"
+        if evolution is None
+        else "process",
         **{name: np.float64(number) for name, number in numbers.items()},
     }
     if evolution is not None:
         process = evolution.process
-        attrs |= {name: np.float64(getattr(process, name)) for name in ("trajectory_scale", "local_scale")}
-        variables["forecast_time"].attrs |= {"units": CF_TIME["units"], EXACT_TIME: " ".join(map(str, process.times_ns))}
+        attrs |= {
+            name: np.float64(getattr(process, name)) for name in ("trajectory_scale", "local_scale")
+        }
+        variables["forecast_time"].attrs |= {
+            "units": CF_TIME["units"],
+            EXACT_TIME: " ".join(map(str, process.times_ns)),
+        }
         if evolution.oscillation is not None:
-            attrs |= {"oscillation_scale": np.float64(evolution.oscillation.scale), "oscillation_time": str(evolution.oscillation.time_ns)}
+            attrs |= {
+                "oscillation_scale": np.float64(evolution.oscillation.scale),
+                "oscillation_time": str(evolution.oscillation.time_ns),
+            }
         if evolution.time_ns is not None:
             attrs["evolution_time"] = str(evolution.time_ns)
     if flow.local is not None:
@@ -120,18 +147,27 @@ def to_lossless(flow: FlowField) -> xr.Dataset:
 
 def _horizontal(functions: HorizontalFunctions) -> tuple[str, _Values, dict[str, float]]:
     """Return the kind of the horizontal functions, their arrays and their numbers."""
-    numbers = {f"kernel_{name}": getattr(functions.kernel, name) for name in ("length_east", "length_north", "speed")}
+    numbers = {
+        f"kernel_{name}": getattr(functions.kernel, name)
+        for name in ("length_east", "length_north", "speed")
+    }
     if isinstance(functions, NodeKernel):
         words = "m, local {}, of the nodes of the kernel, whose latent values are all east then all north"
         return (
             NODE_KERNEL,
-            {f"node_{name}": (("node",), functions.nodes[:, i], words.format(name)) for i, name in enumerate(_AXES)},
+            {
+                f"node_{name}": (("node",), functions.nodes[:, i], words.format(name))
+                for i, name in enumerate(_AXES)
+            },
             numbers,
         )
     if not isinstance(functions, StreamFunctionLattice):
         raise TypeError(f"no form of {type(functions).__name__} in a file is known")
     for part in ("origin", "spacing", "shape"):
-        numbers |= {f"lattice_{part}_{axis}": value for axis, value in zip(_AXES, getattr(functions, part), strict=True)}
+        numbers |= {
+            f"lattice_{part}_{axis}": value
+            for axis, value in zip(_AXES, getattr(functions, part), strict=True)
+        }
     return LATTICE, {}, numbers
 
 
@@ -142,11 +178,31 @@ def _weight_cov(flow: FlowField) -> _Values:
     if not isinstance(kept, CovarianceFactors):
         return {"weight_cov": _half(kept, "weight", "covariance of weights, level after level")}
     values: _Values = {
-        "covariance_factor": (("row", "depth", "mode"), kept.prior.factor, "rows whose outer products are a part of the prior covariance"),
-        "covariance_vertical": (("vertical_function", "depth"), kept.prior.vertical, "vertical functions of the other part"),
-        "covariance_horizontal": _half(kept.prior.horizontal, "mode", "covariance of the modes' amplitudes in each vertical function"),
-        "covariance_directions": (("direction", "mode"), kept.directions, "directions of the modes that were measured"),
-        "covariance_matrix": _half(kept.matrix, "measured", "what measurements took from the prior covariance, in these directions"),
+        "covariance_factor": (
+            ("row", "depth", "mode"),
+            kept.prior.factor,
+            "rows whose outer products are a part of the prior covariance",
+        ),
+        "covariance_vertical": (
+            ("vertical_function", "depth"),
+            kept.prior.vertical,
+            "vertical functions of the other part",
+        ),
+        "covariance_horizontal": _half(
+            kept.prior.horizontal,
+            "mode",
+            "covariance of the modes' amplitudes in each vertical function",
+        ),
+        "covariance_directions": (
+            ("direction", "mode"),
+            kept.directions,
+            "directions of the modes that were measured",
+        ),
+        "covariance_matrix": _half(
+            kept.matrix,
+            "measured",
+            "what measurements took from the prior covariance, in these directions",
+        ),
     }
     return {name: value for name, value in values.items() if value[1].size}
 
@@ -162,28 +218,60 @@ def _half(matrix: Array, what: str, words: str) -> tuple[tuple[str, ...], Array,
 def _evolution(evolution: Evolution) -> _Values:
     process = evolution.process
     values: _Values = {
-        "offset": (("function", "depth"), evolution.offset, "latent values where all weights are 0"),
+        "offset": (
+            ("function", "depth"),
+            evolution.offset,
+            "latent values where all weights are 0",
+        ),
         "forecast_time": (("forecast",), process.times_ns / 1e9, "times of the forecast"),
         "process_mean": (("forecast", "level", "mode"), process.mean, "mean of the weights"),
-        "trajectories": (("forecast", "member", "level", "mode"), process.trajectories, "weights of one unit of each mixture's unknown"),
+        "trajectories": (
+            ("forecast", "member", "level", "mode"),
+            process.trajectories,
+            "weights of one unit of each mixture's unknown",
+        ),
         "spread": (("forecast",), process.spread, "growth of the local corrections"),
-        "local": (("correction", "level", "mode"), process.local, "weights of one unit of each local correction's unknown"),
-        "unknown_mean": (("unknown",), evolution.mean, "mean of the unknowns, those of mixtures first"),
+        "local": (
+            ("correction", "level", "mode"),
+            process.local,
+            "weights of one unit of each local correction's unknown",
+        ),
+        "unknown_mean": (
+            ("unknown",),
+            evolution.mean,
+            "mean of the unknowns, those of mixtures first",
+        ),
         "unknown_cov": _half(evolution.covariance(), "unknown", "covariance of the unknowns"),
     }
     if (known := evolution.oscillation) is not None:
-        values["oscillation_omega"] = ("oscillation",), known.omega, "rad/s, angular velocity of each oscillation"
+        values["oscillation_omega"] = (
+            ("oscillation",),
+            known.omega,
+            "rad/s, angular velocity of each oscillation",
+        )
         for name, array in (("cosine", known.cosine), ("sine", known.sine)):
-            values[f"oscillation_{name}"] = ("oscillation", "component", "depth"), array, f"m/s, local, of its {name}"
+            values[f"oscillation_{name}"] = (
+                ("oscillation", "component", "depth"),
+                array,
+                f"m/s, local, of its {name}",
+            )
     return {name: value for name, value in values.items() if value[1].size}
 
 
 def _local(local: LocalCurrent) -> _Values:
     return {
-        "local_probability": (("local",), local.probability, "probability of each process of the current beside the flow"),
+        "local_probability": (
+            ("local",),
+            local.probability,
+            "probability of each process of the current beside the flow",
+        ),
         "local_std": (("local",), local.std, "m/s, of a component in the long run"),
         "local_scale": (("local",), local.scale, "s, decorrelation time"),
-        "local_mean": (("local", "component"), local.mean, "m/s, local east and north, after the last dive"),
+        "local_mean": (
+            ("local", "component"),
+            local.mean,
+            "m/s, local east and north, after the last dive",
+        ),
         "local_cov": (("local", "component", "component_2"), local.cov, "m2/s2, its covariance"),
     }
 

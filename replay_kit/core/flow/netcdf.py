@@ -23,7 +23,10 @@ _CHUNK = 512
 _COMPONENTS = {"u": "eastward sea water velocity", "v": "northward sea water velocity"}
 #: Attributes of the variables, after CF.
 ATTRIBUTES = {
-    **{name: {"standard_name": words.replace(" ", "_"), "long_name": words, "units": "m s-1"} for name, words in _COMPONENTS.items()},
+    **{
+        name: {"standard_name": words.replace(" ", "_"), "long_name": words, "units": "m s-1"}
+        for name, words in _COMPONENTS.items()
+    },
     **{
         f"{name}_standard_error": {
             "standard_name": f"{words.replace(' ', '_')} standard_error",
@@ -34,14 +37,22 @@ ATTRIBUTES = {
     },
     "longitude": {"standard_name": "longitude", "long_name": "longitude", "units": "degrees_east"},
     "latitude": {"standard_name": "latitude", "long_name": "latitude", "units": "degrees_north"},
-    "depth": {"standard_name": "depth", "long_name": "depth below the surface", "units": "m", "positive": "down"},
+    "depth": {
+        "standard_name": "depth",
+        "long_name": "depth below the surface",
+        "units": "m",
+        "positive": "down",
+    },
     "time": {"standard_name": "time", "long_name": "time"},
     "estimate_time": {"long_name": "time for which the velocity holds"},
 }
 
 
 def to_dataset(
-    flow: FlowField, longitude: ArrayLike | None = None, latitude: ArrayLike | None = None, depth: ArrayLike | None = None
+    flow: FlowField,
+    longitude: ArrayLike | None = None,
+    latitude: ArrayLike | None = None,
+    depth: ArrayLike | None = None,
 ) -> xr.Dataset:
     """Return velocity and standard error towards true east and north as a CF dataset, NaN where dry and below the last level.
 
@@ -62,8 +73,14 @@ def to_dataset(
     """
     lon, lat, levels = _target(flow, longitude, latitude, depth)
     east, north = to_local(flow.grid.projection, lon, lat)
-    velocity, variance = _on_columns(flow, lon.ravel(), lat.ravel(), np.column_stack([east.ravel(), north.ravel()]), levels)
-    wet = flow.grid.wet if longitude is None else wet_at(flow.grid, east, north, levels[:, None, None])
+    velocity, variance = _on_columns(
+        flow, lon.ravel(), lat.ravel(), np.column_stack([east.ravel(), north.ravel()]), levels
+    )
+    wet = (
+        flow.grid.wet
+        if longitude is None
+        else wet_at(flow.grid, east, north, levels[:, None, None])
+    )
     dims, coords = _coordinates(flow, lon, lat, levels)
     attrs = {
         "Conventions": CONVENTIONS,
@@ -78,7 +95,11 @@ def to_dataset(
             ancillary["ancillary_variables"] = of_error = f"{name}_standard_error"
             error = np.sqrt(np.maximum(variance[component], 0.0)).reshape(wet.shape)
             dataset[of_error] = (dims, np.where(wet, error, np.nan), ATTRIBUTES[of_error])
-        dataset[name] = (dims, np.where(wet, velocity[component].reshape(wet.shape), np.nan), ATTRIBUTES[name] | ancillary)
+        dataset[name] = (
+            dims,
+            np.where(wet, velocity[component].reshape(wet.shape), np.nan),
+            ATTRIBUTES[name] | ancillary,
+        )
     return dataset
 
 
@@ -94,13 +115,21 @@ def wet_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> N
         north: [m], local frame.
         depth: [m], positive down.
     """
-    east, north = np.broadcast_arrays(np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64))
+    east, north = np.broadcast_arrays(
+        np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64)
+    )
     depth = np.asarray(depth, dtype=np.float64)
-    distance, nearest = cKDTree(np.column_stack([grid.east.ravel(), grid.north.ravel()])).query(np.stack([east, north], axis=-1))
+    distance, nearest = cKDTree(np.column_stack([grid.east.ravel(), grid.north.ravel()])).query(
+        np.stack([east, north], axis=-1)
+    )
     level = np.argmin(np.abs(depth[..., None] - grid.levels), axis=-1)
     # A hair more than the half diagonal, so that the corners shared by four cells belong to one.
     on_grid = distance <= 0.5 * np.hypot(_spacing(grid, 0), _spacing(grid, 1)) * (1.0 + 1e-6)
-    return np.asarray(grid.wet.reshape(grid.levels.size, -1)[level, nearest] & on_grid & (depth <= grid.levels[-1]))
+    return np.asarray(
+        grid.wet.reshape(grid.levels.size, -1)[level, nearest]
+        & on_grid
+        & (depth <= grid.levels[-1])
+    )
 
 
 def write_grid(flow: FlowField, path: Path) -> None:
@@ -110,8 +139,13 @@ def write_grid(flow: FlowField, path: Path) -> None:
         ConfigError: The file cannot be written.
     """
     dataset = to_dataset(flow)
-    encoding: dict[str, dict[str, object]] = {str(name): {"_FillValue": None} for name in dataset.coords}
-    encoding |= {str(name): {"zlib": True, "complevel": 4, "_FillValue": np.nan} for name in dataset.data_vars}
+    encoding: dict[str, dict[str, object]] = {
+        str(name): {"_FillValue": None} for name in dataset.coords
+    }
+    encoding |= {
+        str(name): {"zlib": True, "complevel": 4, "_FillValue": np.nan}
+        for name in dataset.data_vars
+    }
     if "time" in dataset.coords:
         # CF-1.8 has no 64-bit integers; the lossless file keeps the nanoseconds.
         encoding["time"] |= {**CF_TIME, "dtype": "float64"}
@@ -119,21 +153,30 @@ def write_grid(flow: FlowField, path: Path) -> None:
 
 
 def _target(
-    flow: FlowField, longitude: ArrayLike | None, latitude: ArrayLike | None, depth: ArrayLike | None
+    flow: FlowField,
+    longitude: ArrayLike | None,
+    latitude: ArrayLike | None,
+    depth: ArrayLike | None,
 ) -> tuple[Array, Array, Array]:
     """Return longitude and latitude, both (J, I), and depth (D,)."""
     if longitude is None and latitude is None and depth is None:
         return flow.grid.longitude, flow.grid.latitude, flow.levels
     if longitude is None or latitude is None or depth is None:
-        raise EstimatorError("to_dataset needs longitude, latitude and depth together, or none of them for the flow's own grid")
+        raise EstimatorError(
+            "to_dataset needs longitude, latitude and depth together, or none of them for the flow's own grid"
+        )
     axes = [np.asarray(axis, dtype=np.float64) for axis in (longitude, latitude, depth)]
     if any(axis.ndim != 1 or axis.size == 0 for axis in axes):
-        raise EstimatorError(f"to_dataset needs one-dimensional axes with values, but got shapes {[axis.shape for axis in axes]}")
+        raise EstimatorError(
+            f"to_dataset needs one-dimensional axes with values, but got shapes {[axis.shape for axis in axes]}"
+        )
     lon, lat = np.meshgrid(axes[0], axes[1])
     return lon, lat, axes[2]
 
 
-def _on_columns(flow: FlowField, longitude: Array, latitude: Array, points: Array, depth: Array) -> tuple[Array, Array | None]:
+def _on_columns(
+    flow: FlowField, longitude: Array, latitude: Array, points: Array, depth: Array
+) -> tuple[Array, Array | None]:
     """Return velocity and its variance, each (2, D, P) towards true east and north, at every depth over every point.
 
     The horizontal functions are evaluated once per point and the rows of latent flow and modes are turned to true axes together, so
@@ -148,18 +191,28 @@ def _on_columns(flow: FlowField, longitude: Array, latitude: Array, points: Arra
     for start in range(0, len(points), _CHUNK):
         part = slice(start, start + _CHUNK)
         local = flow.horizontal.velocity(points[part], columns)
-        for component, rows in enumerate(rotate_to_geographic(flow.grid.projection, longitude[part, None], latitude[part, None], *local)):
+        for component, rows in enumerate(
+            rotate_to_geographic(
+                flow.grid.projection, longitude[part, None], latitude[part, None], *local
+            )
+        ):
             velocity[component, :, part] = by_depth @ rows[:, :levels].T
             if variance is not None and covariances is not None:
-                variance[component, :, part] = covariances[1] @ [quadratic_form(rows[:, levels:], each) for each in covariances[0]]
+                variance[component, :, part] = covariances[1] @ [
+                    quadratic_form(rows[:, levels:], each) for each in covariances[0]
+                ]
     return velocity, variance
 
 
-def _coordinates(flow: FlowField, lon: Array, lat: Array, depth: Array) -> tuple[tuple[str, ...], dict[str, xr.Variable]]:
+def _coordinates(
+    flow: FlowField, lon: Array, lat: Array, depth: Array
+) -> tuple[tuple[str, ...], dict[str, xr.Variable]]:
     lon_attrs, lat_attrs = ATTRIBUTES["longitude"], ATTRIBUTES["latitude"]
     coords = {"depth": xr.Variable("depth", depth, ATTRIBUTES["depth"] | {"axis": "Z"})}
     if flow.time_ns is not None:
-        coords["time"] = xr.Variable((), np.datetime64(flow.time_ns, "ns"), ATTRIBUTES["time"] | {"axis": "T"})
+        coords["time"] = xr.Variable(
+            (), np.datetime64(flow.time_ns, "ns"), ATTRIBUTES["time"] | {"axis": "T"}
+        )
     if np.all(lon == lon[0]) and np.all(lat == lat[:, :1]):
         coords["latitude"] = xr.Variable("latitude", lat[:, 0], lat_attrs | {"axis": "Y"})
         coords["longitude"] = xr.Variable("longitude", lon[0], lon_attrs | {"axis": "X"})
@@ -171,4 +224,6 @@ def _coordinates(flow: FlowField, lon: Array, lat: Array, depth: Array) -> tuple
 
 def _spacing(grid: Grid, axis: int) -> float:
     """Return the largest distance [m] between neighbours along an axis of the horizontal grid; 0 for a single row."""
-    return float(np.max(np.hypot(np.diff(grid.east, axis=axis), np.diff(grid.north, axis=axis)), initial=0.0))
+    return float(
+        np.max(np.hypot(np.diff(grid.east, axis=axis), np.diff(grid.north, axis=axis)), initial=0.0)
+    )

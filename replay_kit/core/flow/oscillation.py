@@ -29,7 +29,9 @@ class Oscillation:
         """Return the velocity of all oscillations at a time [ns, UTC], shape (2, Z) [m/s]; before their own time as they were then."""
         seconds = (time_ns - self.time_ns) / 1e9
         phase = self.omega * seconds
-        turned = np.tensordot(np.cos(phase), self.cosine, 1) + np.tensordot(np.sin(phase), self.sine, 1)
+        turned = np.tensordot(np.cos(phase), self.cosine, 1) + np.tensordot(
+            np.sin(phase), self.sine, 1
+        )
         return np.asarray(np.exp(-max(seconds, 0.0) / self.scale) * turned)
 
     @property

@@ -53,7 +53,11 @@ class Velocities:
     def __repr__(self) -> str:
         """Return where and when, and the velocities with their standard errors."""
         known = np.isfinite(self.u)
-        rest = "" if known.all() else f"\n  {np.sum(~known)} of {known.size} outside the region, on land or below the last level: NaN"
+        rest = (
+            ""
+            if known.all()
+            else f"\n  {np.sum(~known)} of {known.size} outside the region, on land or below the last level: NaN"
+        )
         depths = f"{span_text(self.depth)} m deep"
         if known.shape == ():
             where = f"{place_text(float(self.longitude), float(self.latitude))}, {depths}, {self._times()}"
@@ -65,14 +69,30 @@ class Velocities:
 
     def _times(self) -> str:
         times = self.time[~np.isnat(self.time)].astype(np.int64)
-        return " to ".join(dict.fromkeys(time_text(int(end)) for end in (times.min(), times.max()))) if times.size else "no time"
+        return (
+            " to ".join(dict.fromkeys(time_text(int(end)) for end in (times.min(), times.max())))
+            if times.size
+            else "no time"
+        )
 
     def to_xarray(self) -> "xr.Dataset":
         """Return a CF dataset on the dimension ``point``."""
         import xarray as xr
 
-        names = ("time", "longitude", "latitude", "depth", "estimate_time", "u", "v", "u_standard_error", "v_standard_error")
-        values = {name: ("point", np.ravel(getattr(self, name)), ATTRIBUTES[name]) for name in names}
+        names = (
+            "time",
+            "longitude",
+            "latitude",
+            "depth",
+            "estimate_time",
+            "u",
+            "v",
+            "u_standard_error",
+            "v_standard_error",
+        )
+        values = {
+            name: ("point", np.ravel(getattr(self, name)), ATTRIBUTES[name]) for name in names
+        }
         return xr.Dataset(values).set_coords(names[:5])
 
     def to_pandas(self) -> "pd.DataFrame":
@@ -80,7 +100,9 @@ class Velocities:
         return self.to_xarray().reset_coords().to_dataframe()
 
 
-def velocity_at(flow: FlowField, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike, time: Any = None) -> Velocities:
+def velocity_at(
+    flow: FlowField, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike, time: Any = None
+) -> Velocities:
     """Return the velocities at points; see ``FlowEstimate.velocity_at``."""
     if time is None:
         return _velocities(flow, (longitude, latitude, depth), None)
@@ -98,13 +120,19 @@ def velocity_along(flow: FlowField, track: Any) -> Velocities:
     """Return the velocities along a track; see ``FlowEstimate.along``."""
     if not isinstance(track, Mapping) and not hasattr(track, "keys"):
         kind = type(track).__name__
-        raise EstimatorError(f"track: expected a table, dataset or mapping with longitude, latitude, depth and perhaps time, got {kind}")
-    columns = {name: track[name] for name in ("longitude", "latitude", "depth", "time") if name in track}
+        raise EstimatorError(
+            f"track: expected a table, dataset or mapping with longitude, latitude, depth and perhaps time, got {kind}"
+        )
+    columns = {
+        name: track[name] for name in ("longitude", "latitude", "depth", "time") if name in track
+    }
     index = getattr(track, "index", None)
     if "time" not in columns and getattr(index, "name", None) == "time":
         columns["time"] = index
     if missing := [name for name in ("longitude", "latitude", "depth") if name not in columns]:
-        raise EstimatorError(f"track: expected longitude, latitude, depth and perhaps time, but {', '.join(missing)} is missing")
+        raise EstimatorError(
+            f"track: expected longitude, latitude, depth and perhaps time, but {', '.join(missing)} is missing"
+        )
     time = columns.pop("time", None)
     return _velocities(flow, tuple(columns.values()), None if time is None else to_time_ns(time))
 
@@ -114,19 +142,31 @@ def _last_observation(flow: FlowField) -> int | None:
     return flow.later.time_ns if isinstance(flow.later, Evolution) else None
 
 
-def _velocities(flow: FlowField, points: tuple[Any, ...], time_ns: NDArray[np.int64] | None) -> Velocities:
+def _velocities(
+    flow: FlowField, points: tuple[Any, ...], time_ns: NDArray[np.int64] | None
+) -> Velocities:
     """Return the velocities at points.
 
     Those before the last observation of an estimate are at the time of that, and those of a flow without a model of time at its own.
     """
     own = np.iinfo(np.int64).min if flow.time_ns is None else flow.time_ns  # the former is NaT
     axes = (np.asarray(axis, dtype=np.float64) for axis in points)
-    longitude, latitude, depth, asked = np.broadcast_arrays(*axes, np.int64(own) if time_ns is None else time_ns)
+    longitude, latitude, depth, asked = np.broadcast_arrays(
+        *axes, np.int64(own) if time_ns is None else time_ns
+    )
     if np.any(np.abs(latitude) > 90.0):
-        raise EstimatorError(f"latitude: expected -90 to 90 degrees, got {span_text(latitude)}; the order is longitude, latitude, depth")
+        raise EstimatorError(
+            f"latitude: expected -90 to 90 degrees, got {span_text(latitude)}; the order is longitude, latitude, depth"
+        )
     at = np.column_stack([axis.ravel() for axis in (longitude, latitude, depth)])
     first = _last_observation(flow)
-    held = np.full(len(at), own) if flow.later is None else asked.ravel() if first is None else np.maximum(asked.ravel(), first)
+    held = (
+        np.full(len(at), own)
+        if flow.later is None
+        else asked.ravel()
+        if first is None
+        else np.maximum(asked.ravel(), first)
+    )
     if time_ns is None or flow.later is None or flow.later is constant:
         values = _evaluate(flow, *at.T)
     else:
@@ -144,7 +184,9 @@ def _evaluate(flow: FlowField, longitude: Array, latitude: Array, depth: Array) 
     out = np.full((depth.size, 4), np.nan)
     known = np.isfinite(longitude + latitude + depth)
     east, north = to_local(flow.grid.projection, longitude[known], latitude[known])
-    known[known] = wet_at(flow.grid, east, north, depth[known]) & inside_grid(flow.grid, east, north)
+    known[known] = wet_at(flow.grid, east, north, depth[known]) & inside_grid(
+        flow.grid, east, north
+    )
     east, north = to_local(flow.grid.projection, longitude[known], latitude[known])
     out[known, :2] = flow.velocity(east, north, depth[known], true_axes=True)
     if flow.n_modes:

@@ -62,13 +62,19 @@ class ProcessModel:
     @property
     def scales(self) -> Array:
         """Decorrelation time of each unknown, shape (F + B,) [s]."""
-        return np.repeat([self.trajectory_scale, self.local_scale], [self.trajectories.shape[1], len(self.local)])
+        return np.repeat(
+            [self.trajectory_scale, self.local_scale], [self.trajectories.shape[1], len(self.local)]
+        )
 
     def since(self, time_ns: int) -> "ProcessModel":
         """Return the process without the forecast's times that count only before a time [ns, UTC]."""
         kept = slice(max(int(np.searchsorted(self.times_ns, time_ns, side="right")) - 1, 0), None)
         return replace(
-            self, times_ns=self.times_ns[kept], mean=self.mean[kept], trajectories=self.trajectories[kept], spread=self.spread[kept]
+            self,
+            times_ns=self.times_ns[kept],
+            mean=self.mean[kept],
+            trajectories=self.trajectories[kept],
+            spread=self.spread[kept],
         )
 
     def mean_at(self, time_ns: int) -> Array:
@@ -86,8 +92,14 @@ class ProcessModel:
     def weights(self, unknowns: Array, time_ns: int) -> Array:
         """Return the weights of unknowns, shape (F + B,), about the basis's offset: shape (Z, r)."""
         coefficients, rest = np.split(unknowns, [self.trajectories.shape[1]])
-        moved = self._interpolate(time_ns, lambda k: np.tensordot(coefficients, self.trajectories[k], 1))
-        return np.asarray(self.mean_at(time_ns) + moved + self.spread_at(time_ns) * np.tensordot(rest, self.local, 1))
+        moved = self._interpolate(
+            time_ns, lambda k: np.tensordot(coefficients, self.trajectories[k], 1)
+        )
+        return np.asarray(
+            self.mean_at(time_ns)
+            + moved
+            + self.spread_at(time_ns) * np.tensordot(rest, self.local, 1)
+        )
 
     def project(self, basis: Array, time_ns: int) -> Array:
         """Return the effect of one unit of each unknown on the current at a place, level by level: shape (F + B, Z, c) [m/s].

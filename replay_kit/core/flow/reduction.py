@@ -45,7 +45,9 @@ def reduction_by_products(prior: _Products, directions: Array, matrix: Array) ->
     return reduction
 
 
-def hybrid_reduction(factor: Array, vertical: Array, horizontal: Array, directions: Array, matrix: Array) -> Reduction:
+def hybrid_reduction(
+    factor: Array, vertical: Array, horizontal: Array, directions: Array, matrix: Array
+) -> Reduction:
     """Return the reduction of a hybrid prior; see the module.
 
     Args:
@@ -61,7 +63,9 @@ def hybrid_reduction(factor: Array, vertical: Array, horizontal: Array, directio
     by_factor = of_factor @ matrix
     square = by_factor @ of_factor.T
     # columns, then rows, from levels to functions
-    to_functions = np.einsum("fzs,qz->fqs", by_factor.reshape(n_rows, n_levels, size), vertical, optimize=True)
+    to_functions = np.einsum(
+        "fzs,qz->fqs", by_factor.reshape(n_rows, n_levels, size), vertical, optimize=True
+    )
     half = np.matmul(vertical, matrix.reshape(-1, n_levels, size)).reshape(n_levels, -1)
     in_functions = (vertical @ half).reshape(n_functions, size, n_functions, size)
     # of what is left, functions of one covariance are summed with their weights

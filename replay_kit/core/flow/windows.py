@@ -9,7 +9,9 @@ from replay_kit.core.flow.field import FlowField
 from replay_kit.core.flow.points import Velocities, velocity_at
 
 
-def best_velocity_at(flows: Sequence[FlowField], longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike) -> Velocities:
+def best_velocity_at(
+    flows: Sequence[FlowField], longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike
+) -> Velocities:
     """Return velocities at points, each from the estimate with the least standard error there; NaN where none holds it.
 
     Windows overlap: near the side of one that the vehicle had left, another knows the current better.
@@ -24,5 +26,8 @@ def best_velocity_at(flows: Sequence[FlowField], longitude: ArrayLike, latitude:
     errors = np.array([np.hypot(one.u_standard_error, one.v_standard_error) for one in found])
     best = np.argmin(np.where(np.isnan(errors), np.inf, errors), axis=0)
     names = ("time", "estimate_time", "u", "v", "u_standard_error", "v_standard_error")
-    chosen = (np.take_along_axis(np.array([getattr(one, name) for one in found]), best[None], axis=0)[0] for name in names)
+    chosen = (
+        np.take_along_axis(np.array([getattr(one, name) for one in found]), best[None], axis=0)[0]
+        for name in names
+    )
     return Velocities(found[0].longitude, found[0].latitude, found[0].depth, *chosen)

@@ -30,7 +30,10 @@ _OWN = "reduced_basis"
 
 
 def build_named(
-    ensemble: Ensemble, config: EstimatorConfig, depth: float | None = None, gating: GatingConfig | None = None
+    ensemble: Ensemble,
+    config: EstimatorConfig,
+    depth: float | None = None,
+    gating: GatingConfig | None = None,
 ) -> Estimator[Any]:
     """Return the configured estimator: the project's own, or a baseline.
 
@@ -43,10 +46,16 @@ def build_named(
     Raises:
         ConfigError: The name is unknown, or the depth is missing.
     """
-    return build_estimator(ensemble, config, gating) if config.name == _OWN else build_baseline(config.name, ensemble, config, depth)
+    return (
+        build_estimator(ensemble, config, gating)
+        if config.name == _OWN
+        else build_baseline(config.name, ensemble, config, depth)
+    )
 
 
-def build_baseline(name: str, ensemble: Ensemble, config: EstimatorConfig, depth: float | None = None) -> Estimator[Any]:
+def build_baseline(
+    name: str, ensemble: Ensemble, config: EstimatorConfig, depth: float | None = None
+) -> Estimator[Any]:
     """Return a baseline for an ensemble.
 
     Args:
@@ -61,5 +70,7 @@ def build_baseline(name: str, ensemble: Ensemble, config: EstimatorConfig, depth
     if name == "depth_average":
         return build_depth_average(ensemble, config, depth)
     if name not in _BUILDERS:
-        raise ConfigError(f"estimator: expected {_OWN} or one of {', '.join(BASELINES)}, got '{name}'")
+        raise ConfigError(
+            f"estimator: expected {_OWN} or one of {', '.join(BASELINES)}, got '{name}'"
+        )
     return _BUILDERS[name](ensemble, config)

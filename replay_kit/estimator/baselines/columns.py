@@ -76,7 +76,13 @@ def embed_columns(grid: Grid, velocity: Array, config: EstimatorConfig) -> FlowC
     return FlowColumns(grid, functions, latent.T.reshape(*velocity.shape[:2], -1))
 
 
-def flow_of_ensemble(columns: FlowColumns, mean: Array, anomalies: Array, config: EstimatorConfig, time_ns: int | None) -> FlowEstimate:
+def flow_of_ensemble(
+    columns: FlowColumns,
+    mean: Array,
+    anomalies: Array,
+    config: EstimatorConfig,
+    time_ns: int | None,
+) -> FlowEstimate:
     """Return the flow whose mean and covariance are those of columns of velocities.
 
     The mean is exact. The covariance is expressed in the anomalies' leading ``config.modes`` slices; the variance of the others is missing.
@@ -93,11 +99,26 @@ def flow_of_ensemble(columns: FlowColumns, mean: Array, anomalies: Array, config
     vectors = np.linalg.eigh(slices.T @ slices)[1][:, ::-1]
     modes = vectors[:, : min(config.modes or size, size, slices.shape[0])]
     weights = (slices @ modes).reshape(anomalies.shape[0], -1)
-    latents = embed(columns.horizontal, columns.grid.nodes, np.asarray(np.hstack([mean.T, modes]), dtype=np.float64), config.nugget)
-    return FlowEstimate(columns.grid, columns.horizontal, HATS, latents[:, :n_levels], latents[:, n_levels:], weights.T @ weights, time_ns)
+    latents = embed(
+        columns.horizontal,
+        columns.grid.nodes,
+        np.asarray(np.hstack([mean.T, modes]), dtype=np.float64),
+        config.nugget,
+    )
+    return FlowEstimate(
+        columns.grid,
+        columns.horizontal,
+        HATS,
+        latents[:, :n_levels],
+        latents[:, n_levels:],
+        weights.T @ weights,
+        time_ns,
+    )
 
 
-def deterministic_flow(columns: FlowColumns, coefficients: Array, time_ns: int | None) -> FlowEstimate:
+def deterministic_flow(
+    columns: FlowColumns, coefficients: Array, time_ns: int | None
+) -> FlowEstimate:
     """Return a sum of columns as a flow without uncertainty.
 
     Args:
@@ -106,4 +127,12 @@ def deterministic_flow(columns: FlowColumns, coefficients: Array, time_ns: int |
         time_ns: Time it holds for.
     """
     latent = np.tensordot(coefficients, columns.latent, axes=1).T
-    return FlowEstimate(columns.grid, columns.horizontal, HATS, latent, np.empty((latent.shape[0], 0)), np.empty((0, 0)), time_ns)
+    return FlowEstimate(
+        columns.grid,
+        columns.horizontal,
+        HATS,
+        latent,
+        np.empty((latent.shape[0], 0)),
+        np.empty((0, 0)),
+        time_ns,
+    )

@@ -59,7 +59,12 @@ def average_over_depth(flow: FlowEstimate, depth: float) -> FlowEstimate:
     latent = np.repeat((flow.latent @ weights)[:, None], n_levels, axis=1)
     blocks = flow.weight_cov.reshape(n_levels, r, n_levels, r)
     cov = np.einsum("z,zrys,y->rs", weights, blocks, weights, optimize=True)
-    return replace(flow, depth_functions=HATS, latent=latent, covariance=np.kron(np.ones((n_levels, n_levels)), cov))
+    return replace(
+        flow,
+        depth_functions=HATS,
+        latent=latent,
+        covariance=np.kron(np.ones((n_levels, n_levels)), cov),
+    )
 
 
 def mean_depth_weights(functions: DepthFunctions, levels: Array, depth: float) -> Array:
@@ -72,18 +77,30 @@ def mean_depth_weights(functions: DepthFunctions, levels: Array, depth: float) -
     """
     regular = np.linspace(0.0, depth, max(int(np.ceil(depth / _STEP)), 1) + 1)
     depths = np.union1d(regular, levels[(levels > 0.0) & (levels < depth)])
-    return np.asarray(np.trapezoid(depth_weights(functions, depths, levels), depths, axis=0) / depth)
+    return np.asarray(
+        np.trapezoid(depth_weights(functions, depths, levels), depths, axis=0) / depth
+    )
 
 
-def build_depth_average(ensemble: Ensemble, config: EstimatorConfig, depth: float | None) -> DepthAverage:
+def build_depth_average(
+    ensemble: Ensemble, config: EstimatorConfig, depth: float | None
+) -> DepthAverage:
     """Return the configured preset's estimator, its flow averaged from the surface to a depth.
 
     Raises:
         ConfigError: The depth is missing or not positive.
     """
     if depth is None or not depth > 0.0:
-        raise ConfigError(f"depth_average: expected a depth > 0 m to average to, got {depth}; give a goal below the surface")
+        raise ConfigError(
+            f"depth_average: expected a depth > 0 m to average to, got {depth}; give a goal below the surface"
+        )
     full = build_estimator(ensemble, config)
     return DepthAverage(
-        full.basis, full.prior, full.error_std, full.representation_std, full.time_ns, mean_amplitude=full.mean_amplitude, depth=depth
+        full.basis,
+        full.prior,
+        full.error_std,
+        full.representation_std,
+        full.time_ns,
+        mean_amplitude=full.mean_amplitude,
+        depth=depth,
     )

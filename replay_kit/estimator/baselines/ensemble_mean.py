@@ -13,7 +13,9 @@ from replay_kit.estimator.baselines.etkf import Etkf, TransformState, build_etkf
 class EnsembleMean(Etkf):
     """Predicts with the members' mean and sample covariance, and does not learn."""
 
-    def step(self, state: TransformState, observation: Measurement) -> tuple[TransformState, Innovation]:
+    def step(
+        self, state: TransformState, observation: Measurement
+    ) -> tuple[TransformState, Innovation]:
         """Return the same state, and the innovation, which is the residual too."""
         _, innovation = Etkf.step(self, state, observation)
         return state, replace(innovation, residual=innovation.innovation)

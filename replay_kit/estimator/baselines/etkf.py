@@ -63,7 +63,9 @@ class Etkf(ProfileBaseline[TransformState]):
         """Return the state whose ensemble is the members."""
         return TransformState(np.zeros(self.state_size), np.eye(self.state_size), None)
 
-    def assimilate(self, state: TransformState, bins: ProfileBins) -> tuple[TransformState, Predictions]:
+    def assimilate(
+        self, state: TransformState, bins: ProfileBins
+    ) -> tuple[TransformState, Predictions]:
         """Return the state after a profile, and the predictions of its bins."""
         rows = self.reduced.rows(bins.observation, bins.screened.used)
         design = rows.design()
@@ -71,7 +73,9 @@ class Etkf(ProfileBaseline[TransformState]):
         before = prior + of_member @ state.mean
         compressed, residual = rows.compress(rows.values)
         half_cov = of_member @ state.transform
-        mean, transform = transform_update(state.mean, state.transform, half_cov, compressed - before)
+        mean, transform = transform_update(
+            state.mean, state.transform, half_cov, compressed - before
+        )
         cov = half_cov @ half_cov.T
         square, half_log_det = normalised_square(compressed - before, cov + np.eye(compressed.size))
         predictions = Predictions(
@@ -95,17 +99,23 @@ class Etkf(ProfileBaseline[TransformState]):
 
     def flow(self, state: TransformState) -> FlowEstimate:
         """Return the current estimate of a state."""
-        factor = (self.anomalies.T @ state.transform).reshape(self.reduced.basis.grid.levels.size, -1, len(state.transform))
+        factor = (self.anomalies.T @ state.transform).reshape(
+            self.reduced.basis.grid.levels.size, -1, len(state.transform)
+        )
 
         def covariance(levels: tuple[int, ...] | None) -> Array:
-            rows = factor[slice(None) if levels is None else list(levels)].reshape(-1, factor.shape[2])
+            rows = factor[slice(None) if levels is None else list(levels)].reshape(
+                -1, factor.shape[2]
+            )
             return np.asarray(rows @ rows.T)
 
         return self.reduced.flow_of(self._weights(state), covariance, state.time_ns)
 
     def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array | None:
         """Return a velocity minus the ensemble mean and the least-squares fit by the anomalies, shape (P, 2) [m/s]."""
-        return self._columns().span_residual(points, depth, velocity - self.mean_velocity(points, depth))
+        return self._columns().span_residual(
+            points, depth, velocity - self.mean_velocity(points, depth)
+        )
 
     def mean_velocity(self, points: Array, depth: Array) -> Array:
         """Return the velocity of the ensemble mean, shape (P, 2) [m/s]; the places are those of ``span_residual``."""
@@ -118,7 +128,9 @@ class Etkf(ProfileBaseline[TransformState]):
         return FlowColumns(basis.grid, basis.horizontal, by_level @ basis.modes.T)
 
 
-def transform_update(mean: Array, transform: Array, half_cov: Array, innovation: Array) -> tuple[Array, Array]:
+def transform_update(
+    mean: Array, transform: Array, half_cov: Array, innovation: Array
+) -> tuple[Array, Array]:
     """Return the coefficients' mean and transform after rows with independent noise of unit variance.
 
     Args:
@@ -129,12 +141,20 @@ def transform_update(mean: Array, transform: Array, half_cov: Array, innovation:
     """
     values, vectors = np.linalg.eigh(np.eye(mean.size) + half_cov.T @ half_cov)
     rotated = transform @ vectors
-    return mean + rotated @ ((vectors.T @ (half_cov.T @ innovation)) / values), (rotated / np.sqrt(values)) @ vectors.T
+    return mean + rotated @ ((vectors.T @ (half_cov.T @ innovation)) / values), (
+        rotated / np.sqrt(values)
+    ) @ vectors.T
 
 
 def build_etkf(ensemble: Ensemble, config: EstimatorConfig) -> Etkf:
     """Return the ensemble transform filter of an ensemble, in the default preset's basis and error model."""
-    settings = {"preset": "default", "sample_share": 1.0, "shift_distance": 0.0, "mean_variance": 0.0, "spread": "as_given"}
+    settings = {
+        "preset": "default",
+        "sample_share": 1.0,
+        "shift_distance": 0.0,
+        "mean_variance": 0.0,
+        "spread": "as_given",
+    }
     reduced = build_estimator(ensemble, config.model_copy(update=settings))
     weights = reduced.basis.member_weights
     stacked = weights.reshape(weights.shape[0], -1)

@@ -55,8 +55,15 @@ def build_gp(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimat
         truncation_std=np.sqrt(max(dropped[n_modes - 1], 0.0) * np.diag(depth_cov)),
     )
     strength, functions = np.linalg.eigh(depth_cov)
-    prior = HybridPrior(np.zeros(n_levels * n_modes), no_members, functions.T, strength[:, None, None] * np.eye(n_modes))
-    return ReducedBasisEstimator(basis, prior, None, basis.representation_std(config), ensemble.time_ns)
+    prior = HybridPrior(
+        np.zeros(n_levels * n_modes),
+        no_members,
+        functions.T,
+        strength[:, None, None] * np.eye(n_modes),
+    )
+    return ReducedBasisEstimator(
+        basis, prior, None, basis.representation_std(config), ensemble.time_ns
+    )
 
 
 def second_moments(slices: Array) -> Array:
@@ -65,7 +72,9 @@ def second_moments(slices: Array) -> Array:
     Args:
         slices: shape (E, Z, 2N) [m/s].
     """
-    return np.asarray(np.einsum("ezn,eyn->zy", slices, slices) / (slices.shape[0] * slices.shape[2]))
+    return np.asarray(
+        np.einsum("ezn,eyn->zy", slices, slices) / (slices.shape[0] * slices.shape[2])
+    )
 
 
 def fit_length(ensemble: Ensemble, depth_cov: Array) -> float:
@@ -76,7 +85,9 @@ def fit_length(ensemble: Ensemble, depth_cov: Array) -> float:
         depth_cov: shape (Z, Z) [m^2/s^2], covariance between levels.
     """
     nodes = ensemble.grid.nodes
-    chosen = np.unique(np.linspace(0, nodes.shape[0] - 1, min(_FIT_NODES, nodes.shape[0])).round().astype(np.intp))
+    chosen = np.unique(
+        np.linspace(0, nodes.shape[0] - 1, min(_FIT_NODES, nodes.shape[0])).round().astype(np.intp)
+    )
     slices = ensemble_slices(ensemble)[..., np.concatenate([chosen, chosen + nodes.shape[0]])]
     # the principal components of the levels are independent processes with the same kernel
     variances, rotation = np.linalg.eigh(depth_cov)
@@ -84,15 +95,23 @@ def fit_length(ensemble: Ensemble, depth_cov: Array) -> float:
 
     def cost(log_length: float) -> float:
         length = float(np.exp(log_length))
-        kernel = velocity_kernel(HorizontalKernel(length, length, 1.0), nodes[chosen], nodes[chosen])
-        return -expected_log_likelihood(kernel, np.maximum(variances, 0.0), components, _FIT_ERROR_STD)
+        kernel = velocity_kernel(
+            HorizontalKernel(length, length, 1.0), nodes[chosen], nodes[chosen]
+        )
+        return -expected_log_likelihood(
+            kernel, np.maximum(variances, 0.0), components, _FIT_ERROR_STD
+        )
 
     cell = float(np.sqrt(np.prod(cell_size(ensemble.grid))))
     bounds = float(np.log(_SHORTEST * cell)), float(np.log(_LONGEST * cell))
-    return float(np.exp(minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 0.02}).x))
+    return float(
+        np.exp(minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 0.02}).x)
+    )
 
 
-def expected_log_likelihood(kernel: Array, variances: Array, fields: Array, error_std: float) -> float:
+def expected_log_likelihood(
+    kernel: Array, variances: Array, fields: Array, error_std: float
+) -> float:
     """Return the log likelihood of fields plus independent noise, in the mean over the noise and the fields.
 
     Args:

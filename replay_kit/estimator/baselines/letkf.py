@@ -84,7 +84,9 @@ class Letkf(ColumnBaseline[LocalState]):
         )
         now = prior + anomalies @ self._analysis(after, bins.place)[0]
         half_cov = y @ root
-        fit = fit_of((bins.values - before) / std[:, None], std, np.eye(len(y)) + half_cov @ half_cov.T)
+        fit = fit_of(
+            (bins.values - before) / std[:, None], std, np.eye(len(y)) + half_cov @ half_cov.T
+        )
         return after, Predictions(before, now, prior, *fit)
 
     def predict_bins(self, state: LocalState, bins: ProfileBins) -> Array:
@@ -102,7 +104,9 @@ class Letkf(ColumnBaseline[LocalState]):
             prior = self.velocity[1:, :, both]
             mean[:, both] += np.tensordot(coefficients, prior, axes=1)
             anomalies[:, :, both] = np.tensordot(root, prior, axes=1)
-        return flow_of_ensemble(self.columns, mean, anomalies, self.config, self.time_of(state.time_ns))
+        return flow_of_ensemble(
+            self.columns, mean, anomalies, self.config, self.time_of(state.time_ns)
+        )
 
     def _at_bins(self, bins: ProfileBins) -> tuple[Array, Array]:
         """Return the mean, shape (n, 2), and the anomalies, shape (n, 2, E), at the bins [m/s]."""

@@ -80,9 +80,13 @@ class Naive3D(ColumnBaseline[WeightState]):
     def flow(self, state: WeightState) -> FlowEstimate:
         """Return the current estimate of a state."""
         values, vectors = np.linalg.eigh(state.cov)
-        anomalies = np.tensordot((vectors * np.sqrt(np.maximum(values, 0.0))).T, self.velocity, axes=1)
+        anomalies = np.tensordot(
+            (vectors * np.sqrt(np.maximum(values, 0.0))).T, self.velocity, axes=1
+        )
         mean = np.tensordot(state.mean, self.velocity, axes=1)
-        return flow_of_ensemble(self.columns, mean, anomalies, self.config, self.time_of(state.time_ns))
+        return flow_of_ensemble(
+            self.columns, mean, anomalies, self.config, self.time_of(state.time_ns)
+        )
 
     @property
     def basis_size(self) -> tuple[int | None, int | None]:
@@ -107,4 +111,6 @@ def build_naive(ensemble: Ensemble, config: EstimatorConfig) -> Naive3D:
     weights = members @ vectors
     velocity = vectors.T.reshape(-1, *slices.shape[1:])
     modes = embed_columns(ensemble.grid, velocity, config)
-    return Naive3D(modes, ensemble.time_ns, velocity, weights.mean(axis=0), weights.var(axis=0, ddof=1), config)
+    return Naive3D(
+        modes, ensemble.time_ns, velocity, weights.mean(axis=0), weights.var(axis=0, ddof=1), config
+    )

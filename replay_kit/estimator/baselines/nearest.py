@@ -51,11 +51,15 @@ class NearestMember(ColumnBaseline[MemberErrors]):
         """Return the position of the nearest member of a state."""
         return int(np.lexsort((self.distance, state.sum_of_squares))[0])
 
-    def assimilate(self, state: MemberErrors, bins: ProfileBins) -> tuple[MemberErrors, Predictions]:
+    def assimilate(
+        self, state: MemberErrors, bins: ProfileBins
+    ) -> tuple[MemberErrors, Predictions]:
         """Return the state after a profile, and the predictions of its bins, without a standard deviation."""
         by_member = np.moveaxis(self.at_bins(bins), -1, 0)
         errors = (bins.values - by_member) / bins.error_std()[:, None]
-        after = MemberErrors(state.sum_of_squares + np.sum(errors**2, axis=(1, 2)), bins.observation.time_ns)
+        after = MemberErrors(
+            state.sum_of_squares + np.sum(errors**2, axis=(1, 2)), bins.observation.time_ns
+        )
         before, now, prior = (by_member[self.chosen(s)] for s in (state, after, self.initial()))
         return after, Predictions(before, now, prior, np.full_like(before, np.nan))
 
@@ -65,7 +69,11 @@ class NearestMember(ColumnBaseline[MemberErrors]):
 
     def flow(self, state: MemberErrors) -> FlowEstimate:
         """Return the chosen member."""
-        return deterministic_flow(self.columns, np.eye(self.distance.size)[self.chosen(state)], self.time_of(state.time_ns))
+        return deterministic_flow(
+            self.columns,
+            np.eye(self.distance.size)[self.chosen(state)],
+            self.time_of(state.time_ns),
+        )
 
     def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array | None:
         """Return a velocity minus that of the member with the least root mean square difference, shape (P, 2) [m/s]."""

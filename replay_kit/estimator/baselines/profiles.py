@@ -44,7 +44,9 @@ class ProfileBins:
         if config is not None and config.preset == "paper":
             return np.full(used.size, config.paper_error_std)
         representation = 0.0 if config is None else config.representation_error_std or 0.0
-        return np.hypot(np.hypot(self.observation.error_std[used], self.observation.common_std), representation)
+        return np.hypot(
+            np.hypot(self.observation.error_std[used], self.observation.common_std), representation
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +101,9 @@ class ProfileBaseline(Estimator[State], Protocol[State]):
     def innovation(self, state: State, observation: Measurement) -> Array:
         """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
         bins = profile_bins(observation, self.grid)
-        return bins.screened.scatter(bins.values - self.predict_bins(state, bins) if bins.screened.used.size else bins.values)
+        return bins.screened.scatter(
+            bins.values - self.predict_bins(state, bins) if bins.screened.used.size else bins.values
+        )
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether a profile has a bin that ``step`` would use."""
@@ -125,7 +129,9 @@ class ColumnBaseline(ProfileBaseline[State]):
 
     def at_bins(self, bins: ProfileBins) -> Array:
         """Return the columns' velocity at the bins of a profile, shape (n, 2, m) [m/s]."""
-        return np.asarray(np.einsum("nz,czm->ncm", bins.depth_weights, self.columns.at_place(bins.place)))
+        return np.asarray(
+            np.einsum("nz,czm->ncm", bins.depth_weights, self.columns.at_place(bins.place))
+        )
 
     def time_of(self, last_ns: int | None) -> int | None:
         """Return the time of an estimate whose last observation is of a time: the forecast's before the first [ns, UTC]."""

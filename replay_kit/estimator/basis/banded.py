@@ -35,7 +35,9 @@ def factored(band: Band) -> Band:
     factor = lapack.spbtrf if band.dtype == np.float32 else lapack.dpbtrf
     lower, info = factor(band.T, lower=1, overwrite_ab=1)
     if info > 0:
-        raise EstimatorError(f"the equations of the basis are singular at unknown {info} of {len(band)}; set a larger [estimator] nugget")
+        raise EstimatorError(
+            f"the equations of the basis are singular at unknown {info} of {len(band)}; set a larger [estimator] nugget"
+        )
     return np.asarray(lower.T)
 
 

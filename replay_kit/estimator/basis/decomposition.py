@@ -41,7 +41,9 @@ class Decomposition:
     products: Array
 
 
-def decompose(blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | None) -> Decomposition:
+def decompose(
+    blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | None
+) -> Decomposition:
     """Return the leading directions of slices; see the module.
 
     Args:
@@ -76,24 +78,32 @@ def _gathered(blocks: SliceBlocks, n_slices: int, n_nodes: int) -> Array:
     return by_component.reshape(n_slices, -1).T
 
 
-def _by_slices(blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | None) -> tuple[Array, Array, Array]:
+def _by_slices(
+    blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | None
+) -> tuple[Array, Array, Array]:
     """Return vectors, singular values and products, by A'A."""
     gram = np.zeros((n_slices, n_slices), order="F")
     for _, block in blocks():
-        gram = scipy.linalg.blas.dsyrk(1.0, block.reshape(n_slices, -1).T, beta=1.0, c=gram, trans=1, lower=1, overwrite_c=1)
+        gram = scipy.linalg.blas.dsyrk(
+            1.0, block.reshape(n_slices, -1).T, beta=1.0, c=gram, trans=1, lower=1, overwrite_c=1
+        )
     values, right = _leading(gram, n_modes)
     scale = values[: right.shape[1]]
     by_component = np.empty((2, n_nodes, scale.size))
     to_vectors = right / scale
     for nodes, block in blocks():
-        by_component[:, nodes] = (block.reshape(n_slices, -1).T @ to_vectors).reshape(2, -1, scale.size)
+        by_component[:, nodes] = (block.reshape(n_slices, -1).T @ to_vectors).reshape(
+            2, -1, scale.size
+        )
     vectors = by_component.reshape(2 * n_nodes, -1)
     upper = np.asarray(np.linalg.cholesky(vectors.T @ vectors)).T
     inverse = scipy.linalg.solve_triangular(upper, np.eye(scale.size))
     return vectors @ inverse, values, (right * scale) @ inverse
 
 
-def _by_nodes(blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | None) -> tuple[Array, Array, Array]:
+def _by_nodes(
+    blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | None
+) -> tuple[Array, Array, Array]:
     """Return the same by A A'."""
     columns = _gathered(blocks, n_slices, n_nodes)
     values, vectors = _leading(columns @ columns.T, n_modes)
@@ -102,7 +112,9 @@ def _by_nodes(blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | N
 
 def _leading(gram: Array, n_modes: int | None) -> tuple[Array, Array]:
     """Return the square roots of all eigenvalues, decreasing, and the leading eigenvectors; the lower half of ``gram`` is overwritten."""
-    squares, vectors = scipy.linalg.eigh(gram, lower=True, overwrite_a=True, check_finite=False, driver="evd")
+    squares, vectors = scipy.linalg.eigh(
+        gram, lower=True, overwrite_a=True, check_finite=False, driver="evd"
+    )
     values = np.sqrt(np.maximum(squares[::-1], 0.0))
     rank = int(np.sum(values > _RANK * values[0]))
     return values, vectors[:, ::-1][:, : min(n_modes or rank, rank)]

@@ -49,16 +49,22 @@ def embed(functions: HorizontalFunctions, nodes: Array, velocity: Array, nugget:
     """
     if isinstance(functions, NodeKernel):
         eigenvalues, vectors = np.linalg.eigh(velocity_kernel(functions.kernel, nodes, nodes))
-        return np.asarray(vectors @ ((vectors.T @ velocity) / (eigenvalues + nugget * eigenvalues[-1])[:, None]))
+        return np.asarray(
+            vectors @ ((vectors.T @ velocity) / (eigenvalues + nugget * eigenvalues[-1])[:, None])
+        )
     assert isinstance(functions, StreamFunctionLattice)
     return _on_lattice(functions, nodes, velocity, nugget)
 
 
-def _on_lattice(lattice: StreamFunctionLattice, nodes: Array, velocity: Array, nugget: float) -> Array:
+def _on_lattice(
+    lattice: StreamFunctionLattice, nodes: Array, velocity: Array, nugget: float
+) -> Array:
     """Return the coefficients, shape (size, m), from the normal equations."""
     equations = NormalEquations(lattice, nodes)
     right = equations.right(velocity)
-    single = equations.size * (equations.half_width + 1) * 8 > _DOUBLE and nugget >= _LEAST_NUGGET_SINGLE
+    single = (
+        equations.size * (equations.half_width + 1) * 8 > _DOUBLE and nugget >= _LEAST_NUGGET_SINGLE
+    )
     band = equations.band(np.float32 if single else np.float64)
     ridge = nugget * _largest_eigenvalue(band)
     band[:, 0] += ridge
@@ -78,10 +84,16 @@ def _on_lattice(lattice: StreamFunctionLattice, nodes: Array, velocity: Array, n
 def _largest_eigenvalue(band: Band) -> float:
     product, width = ssbmv if band.dtype == np.float32 else dsbmv, band.shape[1] - 1
     operator = scipy.sparse.linalg.LinearOperator(
-        (len(band), len(band)), matvec=lambda x: product(width, 1.0, band.T, x, lower=1), dtype=band.dtype
+        (len(band), len(band)),
+        matvec=lambda x: product(width, 1.0, band.T, x, lower=1),
+        dtype=band.dtype,
     )
     start = np.ones(len(band), dtype=band.dtype)
-    return float(scipy.sparse.linalg.eigsh(operator, k=1, tol=_EIGENVALUE, v0=start, return_eigenvectors=False)[0])
+    return float(
+        scipy.sparse.linalg.eigsh(
+            operator, k=1, tol=_EIGENVALUE, v0=start, return_eigenvectors=False
+        )[0]
+    )
 
 
 class NormalEquations:
@@ -127,14 +139,18 @@ class NormalEquations:
             for i, row in enumerate(range(rows.start, rows.stop)):
                 elements[row, columns, row, columns] += block[i, :, i] * lower
                 below = min(n[0], i + WINDOW)
-                elements[row, columns, row + 1 : rows.start + below, columns] += block[i, :, i + 1 : below]
+                elements[row, columns, row + 1 : rows.start + below, columns] += block[
+                    i, :, i + 1 : below
+                ]
         return band
 
     def by_east(self, coefficients: Array) -> Array:
         """Return coefficients, shape (size, m), in the order of the lattice."""
         if not self._turned:
             return coefficients
-        return np.ascontiguousarray(coefficients.reshape(*self._shape, -1).swapaxes(0, 1)).reshape(self.size, -1)
+        return np.ascontiguousarray(coefficients.reshape(*self._shape, -1).swapaxes(0, 1)).reshape(
+            self.size, -1
+        )
 
     def _tiles(self) -> Iterator[tuple[NDArray[np.intp], slice, slice, Array]]:
         """Yield nodes, the part of the lattice around them and G there, all east then all north, shape (2P, n)."""

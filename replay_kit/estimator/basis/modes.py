@@ -26,7 +26,13 @@ from replay_kit.estimator.basis.decomposition import decompose, exact_svd
 from replay_kit.estimator.basis.embedding import LEAST_NUGGET, embed
 from replay_kit.estimator.basis.representation import ErrorField, error_field, shifted_residual
 from replay_kit.estimator.basis.shifts import SHIFT_WEIGHTS, shifted_copies
-from replay_kit.estimator.basis.slices import cell_size, correlation_length, ensemble_slices, slice_blocks, surface_speed
+from replay_kit.estimator.basis.slices import (
+    cell_size,
+    correlation_length,
+    ensemble_slices,
+    slice_blocks,
+    surface_speed,
+)
 
 # The paper's length in cells: 10 km on its cells of 8.6 km.
 LENGTH_IN_CELLS = 1.16
@@ -71,7 +77,12 @@ class Basis:
         """Number of modes r for each level."""
         return int(self.modes.shape[1])
 
-    def flow(self, mean: Array, covariance: Array | Callable[[tuple[int, ...] | None], Array], time_ns: int | None) -> FlowEstimate:
+    def flow(
+        self,
+        mean: Array,
+        covariance: Array | Callable[[tuple[int, ...] | None], Array],
+        time_ns: int | None,
+    ) -> FlowEstimate:
         """Return the flow of weights.
 
         Args:
@@ -80,7 +91,15 @@ class Basis:
             time_ns: Time it holds for [ns, UTC].
         """
         latent = self.offset + self.modes @ mean.reshape(self.grid.levels.size, -1).T
-        return FlowEstimate(self.grid, self.horizontal, self.depth_functions, latent, self.modes, covariance, time_ns)
+        return FlowEstimate(
+            self.grid,
+            self.horizontal,
+            self.depth_functions,
+            latent,
+            self.modes,
+            covariance,
+            time_ns,
+        )
 
     def at_place(self, place: Array) -> tuple[Array, Array]:
         """Return the velocity [m/s] at a place of the offset at each level, shape (2, Z), and of each mode, shape (2, r).
@@ -88,7 +107,10 @@ class Basis:
         Args:
             place: shape (2,) [m], local east and north.
         """
-        offset, modes = (self.horizontal.velocity(place[None], latent)[:, 0] for latent in (self.offset, self.modes))
+        offset, modes = (
+            self.horizontal.velocity(place[None], latent)[:, 0]
+            for latent in (self.offset, self.modes)
+        )
         return offset, modes
 
     def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array:
@@ -138,7 +160,11 @@ def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
         return _paper_basis(ensemble, config)
     spanned = (ensemble.n_members - 1) * ensemble.grid.levels.size
     few = bool(ensemble.made_from) if config.modes is None else spanned < config.modes
-    shift = (correlation_length(ensemble) if config.shift_distance is None else config.shift_distance) if few else 0.0
+    shift = (
+        (correlation_length(ensemble) if config.shift_distance is None else config.shift_distance)
+        if few
+        else 0.0
+    )
     return _default_basis(ensemble, config, shift)
 
 
@@ -148,10 +174,19 @@ def embed_member(ensemble: Ensemble, member: int, config: EstimatorConfig) -> Fl
     functions = default_functions(ensemble.grid, config, config.speed or surface_speed(alone))
     latent = embed(functions, ensemble.grid.nodes, ensemble_slices(alone)[0].T, config.nugget)
     nothing = np.empty((latent.shape[0], 0)), np.empty((0, 0))
-    return FlowEstimate(ensemble.grid, functions, DepthFunctions("hat", config.length_vertical), latent, *nothing, ensemble.time_ns)
+    return FlowEstimate(
+        ensemble.grid,
+        functions,
+        DepthFunctions("hat", config.length_vertical),
+        latent,
+        *nothing,
+        ensemble.time_ns,
+    )
 
 
-def default_functions(grid: Grid, config: EstimatorConfig, speed: float = 1.0) -> HorizontalFunctions:
+def default_functions(
+    grid: Grid, config: EstimatorConfig, speed: float = 1.0
+) -> HorizontalFunctions:
     """Return the default preset's horizontal functions, which interpolate a velocity from the nodes to other places.
 
     Args:
@@ -167,7 +202,9 @@ def default_functions(grid: Grid, config: EstimatorConfig, speed: float = 1.0) -
     kernel, nodes = HorizontalKernel(*lengths, speed), grid.nodes
     lattice = lattice_over(kernel, nodes)
     # without a nugget the lattice's equations are singular; of lengths far below a cell it has many points for each node
-    exact = config.nugget < LEAST_NUGGET or lattice.size > max(_MOST_FUNCTIONS, _MOST_FUNCTIONS_A_NODE * len(nodes))
+    exact = config.nugget < LEAST_NUGGET or lattice.size > max(
+        _MOST_FUNCTIONS, _MOST_FUNCTIONS_A_NODE * len(nodes)
+    )
     return NodeKernel(kernel, nodes) if exact else lattice
 
 
@@ -181,16 +218,29 @@ def _paper_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
     """The paper's: latents of the product kernel K_z x K_h without a nugget, SVD of all latent slices, weights about zero."""
     grid, slices = ensemble.grid, ensemble_slices(ensemble)
     length = config.length_horizontal or 10_000.0
-    functions = NodeKernel(HorizontalKernel(length, length, config.speed or surface_speed(ensemble)), grid.nodes)
+    functions = NodeKernel(
+        HorizontalKernel(length, length, config.speed or surface_speed(ensemble)), grid.nodes
+    )
     depth_functions = DepthFunctions("gaussian", config.length_vertical)
     n_members, n_levels, size = slices.shape
     kernel_of_depth = depth_weights(depth_functions, grid.levels, grid.levels)
     by_level = np.linalg.solve(kernel_of_depth, slices.transpose(1, 0, 2).reshape(n_levels, -1))
     by_member = np.asarray(by_level, dtype=np.float64).reshape(n_levels, n_members, size)
-    latent = embed(functions, grid.nodes, by_member.transpose(1, 0, 2).reshape(-1, size).T, 0.0)  # (2N, E Z)
+    latent = embed(
+        functions, grid.nodes, by_member.transpose(1, 0, 2).reshape(-1, size).T, 0.0
+    )  # (2N, E Z)
     modes, singular_values = exact_svd(latent, config.modes)
     weights = (modes.T @ latent).T.reshape(n_members, n_levels, -1)
-    return Basis(grid, functions, depth_functions, np.zeros((size, n_levels)), modes, singular_values, weights, np.zeros(n_levels))
+    return Basis(
+        grid,
+        functions,
+        depth_functions,
+        np.zeros((size, n_levels)),
+        modes,
+        singular_values,
+        weights,
+        np.zeros(n_levels),
+    )
 
 
 def _n_corners(wet: NDArray[np.bool_]) -> int:
@@ -209,7 +259,10 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
     their own, and what a basis does not span, the estimate's standard error does not contain.
     """
     grid, nodes, n_members = ensemble.grid, ensemble.grid.nodes, ensemble.n_members
-    n_levels, functions = grid.levels.size, default_functions(grid, config, config.speed or surface_speed(ensemble))
+    n_levels, functions = (
+        grid.levels.size,
+        default_functions(grid, config, config.speed or surface_speed(ensemble)),
+    )
     mean = np.empty((n_levels, 2, len(nodes)))
     mean_scale = float(np.sqrt(mean_variance(config) * n_members))
 
@@ -219,16 +272,28 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
     def anomalies() -> Iterator[tuple[slice, Array]]:
         for part, block in slice_blocks(ensemble):
             mean[..., part] = block.mean(axis=0)
-            yield part, with_mean((block - mean[..., part]).reshape(n_members * n_levels, 2, -1), part)
+            yield (
+                part,
+                with_mean((block - mean[..., part]).reshape(n_members * n_levels, 2, -1), part),
+            )
 
     n_slices, spanned = n_members * n_levels, anomalies
     if shift > 0.0:
         slices = ensemble_slices(ensemble)
         mean[:] = slices.mean(axis=0).reshape(mean.shape)
-        copies = shifted_copies(slices - mean.reshape(n_levels, -1), nodes, shift).reshape(-1, 2, len(nodes))
-        n_slices, spanned = len(copies), lambda: iter([(slice(None), with_mean(copies, slice(None)))])
+        copies = shifted_copies(slices - mean.reshape(n_levels, -1), nodes, shift).reshape(
+            -1, 2, len(nodes)
+        )
+        n_slices, spanned = (
+            len(copies),
+            lambda: iter([(slice(None), with_mean(copies, slice(None)))]),
+        )
     # copies, taken node by node, diverge, and modes beyond the number of flows without divergence would be alike
-    n_modes = min(config.modes or 2 * len(nodes), _n_corners(grid.wet[0])) if shift > 0.0 else config.modes
+    n_modes = (
+        min(config.modes or 2 * len(nodes), _n_corners(grid.wet[0]))
+        if shift > 0.0
+        else config.modes
+    )
     found = decompose(spanned, n_slices + (n_levels if mean_scale else 0), len(nodes), n_modes)
     # the first copy is not shifted, but weighted
     scale = SHIFT_WEIGHTS[0] if shift > 0.0 else 1.0

@@ -41,10 +41,16 @@ class BinNoise:
     def half_log_det(self) -> float:
         """Half the log-determinant of one component's error covariance: of all bins, or of their differences where only these are known."""
         known, bins = self.whiten.shape
-        return self.log_scale if known == bins else float(np.linalg.slogdet(np.diff(self.unwhiten, axis=0))[1])
+        return (
+            self.log_scale
+            if known == bins
+            else float(np.linalg.slogdet(np.diff(self.unwhiten, axis=0))[1])
+        )
 
 
-def bin_noise(depth: Array, own_std: Array, extra_std: Array, common_std: float, correlation_depth: float) -> BinNoise:
+def bin_noise(
+    depth: Array, own_std: Array, extra_std: Array, common_std: float, correlation_depth: float
+) -> BinNoise:
     """Return the noise of a profile's bins; see the module.
 
     Args:
@@ -58,12 +64,17 @@ def bin_noise(depth: Array, own_std: Array, extra_std: Array, common_std: float,
     if correlation_depth > 0.0 and n > 1:
         correlation = np.exp(-np.abs(depth[:, None] - depth) / correlation_depth)
         cov = np.outer(own_std, own_std) * correlation + np.diag(extra_std**2)
-        lower = np.asarray(np.linalg.cholesky(cov + (common_std**2 if np.isfinite(common_std) else 0.0)), dtype=np.float64)
+        lower = np.asarray(
+            np.linalg.cholesky(cov + (common_std**2 if np.isfinite(common_std) else 0.0)),
+            dtype=np.float64,
+        )
     else:
         std = np.hypot(own_std, extra_std)
         lower = np.diag(std)
         if 0.0 < common_std < np.inf:
-            lower = np.asarray(np.linalg.cholesky(np.diag(std**2) + common_std**2), dtype=np.float64)
+            lower = np.asarray(
+                np.linalg.cholesky(np.diag(std**2) + common_std**2), dtype=np.float64
+            )
     whiten = np.asarray(scipy.linalg.solve_triangular(lower, np.eye(n), lower=True))
     log_scale = float(np.log(np.diag(lower)).sum())
     if np.isfinite(common_std):
@@ -76,4 +87,6 @@ def _orthogonal_complement(vector: Array) -> Array:
     """Return an orthonormal basis, shape (n, n - 1), of the complement of a vector: the other columns of its Householder reflection."""
     reflector = vector / np.linalg.norm(vector)
     reflector[0] += np.copysign(1.0, reflector[0])
-    return np.eye(vector.size)[:, 1:] - np.outer(reflector, reflector[1:]) * (2.0 / (reflector @ reflector))
+    return np.eye(vector.size)[:, 1:] - np.outer(reflector, reflector[1:]) * (
+        2.0 / (reflector @ reflector)
+    )

@@ -50,7 +50,9 @@ def error_field(error_std: Array, nodes: Array) -> ErrorField:
         nodes: shape (N, 2) [m].
     """
     level = np.sqrt(np.mean(error_std**2, axis=1, keepdims=True))
-    return ErrorField(np.divide(error_std, level, out=np.ones_like(error_std), where=level > 0.0), nodes)
+    return ErrorField(
+        np.divide(error_std, level, out=np.ones_like(error_std), where=level > 0.0), nodes
+    )
 
 
 def shifted_residual(ensemble: Ensemble, mean: Array, velocity_modes: Array, shift: float) -> Array:
@@ -66,7 +68,9 @@ def shifted_residual(ensemble: Ensemble, mean: Array, velocity_modes: Array, shi
     """
     to_modes, sources = projector(velocity_modes), shift_sources(ensemble.grid.nodes, shift)[1:]
     square = np.zeros_like(mean)
-    chosen = np.unique(np.linspace(0, ensemble.n_members - 1, min(_MEMBERS, ensemble.n_members)).astype(np.int64))
+    chosen = np.unique(
+        np.linspace(0, ensemble.n_members - 1, min(_MEMBERS, ensemble.n_members)).astype(np.int64)
+    )
     for member in chosen:
         alone = replace(ensemble, velocity=ensemble.velocity[member : member + 1])
         anomaly = ensemble_slices(alone)[0] - mean

@@ -24,7 +24,12 @@ def shifted_copies(fields: Array, nodes: Array, shift: float) -> Array:
         nodes: shape (N, 2) [m].
         shift: [m].
     """
-    return np.concatenate([weight * fields[..., source] for weight, source in zip(SHIFT_WEIGHTS, shift_sources(nodes, shift), strict=True)])
+    return np.concatenate(
+        [
+            weight * fields[..., source]
+            for weight, source in zip(SHIFT_WEIGHTS, shift_sources(nodes, shift), strict=True)
+        ]
+    )
 
 
 def shift_operators(velocity_modes: Array, projector: Array, nodes: Array, shift: float) -> Array:
@@ -48,7 +53,9 @@ def shift_operators(velocity_modes: Array, projector: Array, nodes: Array, shift
 def shifted_in_modes(anomalies: Array, operators: Array) -> Array:
     """Return anomalies, shape (E, Z, r), and their shifted copies, weighted, in modes: shape (5 E, Z, r)."""
     _, n_levels, n_modes = anomalies.shape
-    return np.asarray(np.matmul(anomalies.reshape(1, -1, n_modes), operators)).reshape(-1, n_levels, n_modes)
+    return np.asarray(np.matmul(anomalies.reshape(1, -1, n_modes), operators)).reshape(
+        -1, n_levels, n_modes
+    )
 
 
 def projector(velocity_modes: Array) -> Array:
@@ -62,7 +69,9 @@ def projector(velocity_modes: Array) -> Array:
     gram = velocity_modes.T @ velocity_modes
     values = np.linalg.eigvalsh(gram)
     if values[0] > _WELL_CONDITIONED * values[-1]:
-        return np.asarray(scipy.linalg.cho_solve(scipy.linalg.cho_factor(gram, lower=True), velocity_modes.T))
+        return np.asarray(
+            scipy.linalg.cho_solve(scipy.linalg.cho_factor(gram, lower=True), velocity_modes.T)
+        )
     q, r = np.linalg.qr(velocity_modes)
     return np.asarray(np.linalg.pinv(r) @ q.T)
 

@@ -53,7 +53,10 @@ def _rows(ensemble: Ensemble) -> Iterator[tuple[int, int]]:
 def surface_speed(ensemble: Ensemble) -> float:
     """Return the root mean square of a component of all members at the nodes of the first level [m/s]."""
     top = ensemble.grid.wet[0]
-    squares = sum(float(np.sum(np.square(ensemble.rows(start, stop, 0)[:, :, 0, top[start:stop]]))) for start, stop in _rows(ensemble))
+    squares = sum(
+        float(np.sum(np.square(ensemble.rows(start, stop, 0)[:, :, 0, top[start:stop]])))
+        for start, stop in _rows(ensemble)
+    )
     return float(np.sqrt(squares / (2 * ensemble.n_members * int(top.sum()))))
 
 
@@ -62,7 +65,9 @@ def cell_size(grid: Grid) -> tuple[float, float]:
     along_i = np.hypot(np.diff(grid.east, axis=1), np.diff(grid.north, axis=1))
     along_j = np.hypot(np.diff(grid.east, axis=0), np.diff(grid.north, axis=0))
     sizes = float(np.median(along_i)), float(np.median(along_j))
-    i_is_east = np.median(np.abs(np.diff(grid.east, axis=1))) >= np.median(np.abs(np.diff(grid.north, axis=1)))
+    i_is_east = np.median(np.abs(np.diff(grid.east, axis=1))) >= np.median(
+        np.abs(np.diff(grid.north, axis=1))
+    )
     return sizes if i_is_east else sizes[::-1]
 
 
@@ -83,12 +88,23 @@ def correlation_length(ensemble: Ensemble) -> float:
         own = stop - start
         square += float(np.sum(np.square(anomalies[:, :, :, :own])))
         for axis, rows in ((0, part.stop - start), (1, own)):
-            spacing = np.hypot(*(np.diff(place[part][:rows], axis=axis) for place in (grid.east, grid.north)))
+            spacing = np.hypot(
+                *(np.diff(place[part][:rows], axis=axis) for place in (grid.east, grid.north))
+            )
             water, values = wet[:, :rows], anomalies[:, :, :, :rows]
             both = np.delete(water, -1, axis=axis + 1) & np.delete(water, 0, axis=axis + 1)
             slopes[axis] += np.sum(np.square(np.diff(values, axis=axis + 3) * (both / spacing)))
     n_values = 2 * ensemble.n_members
-    pairs = np.array([np.sum(np.delete(grid.wet, -1, axis=axis) & np.delete(grid.wet, 0, axis=axis)) for axis in (1, 2)])
+    pairs = np.array(
+        [
+            np.sum(np.delete(grid.wet, -1, axis=axis) & np.delete(grid.wet, 0, axis=axis))
+            for axis in (1, 2)
+        ]
+    )
     cell = float(np.sqrt(np.prod(cell_size(grid))))
     slope = float(np.mean(slopes / (n_values * pairs)))
-    return max(cell, float(np.sqrt(square / (n_values * grid.wet.sum()) / slope))) if slope > 0.0 else cell
+    return (
+        max(cell, float(np.sqrt(square / (n_values * grid.wet.sum()) / slope)))
+        if slope > 0.0
+        else cell
+    )

@@ -31,7 +31,10 @@ _TRAJECTORY_FACTOR = 5.0
 
 
 def build_evolving(
-    forecasts: Sequence[Ensemble], config: EstimatorConfig, time: TimeConfig, gating: GatingConfig | None = None
+    forecasts: Sequence[Ensemble],
+    config: EstimatorConfig,
+    time: TimeConfig,
+    gating: GatingConfig | None = None,
 ) -> EvolvingEstimator:
     """Return the estimator of a forecast at its times.
 
@@ -41,7 +44,9 @@ def build_evolving(
         time: How the current changes, what oscillates, and the instrument's biases.
         gating: Gate and covariance inflation; None accepts every observation with its stated errors.
     """
-    pooled = replace(forecasts[0], velocity=np.concatenate([forecast.velocity for forecast in forecasts]))
+    pooled = replace(
+        forecasts[0], velocity=np.concatenate([forecast.velocity for forecast in forecasts])
+    )
     basis = build_basis(pooled, config.model_copy(update={"preset": "default"}))
     n_times, n_members = len(forecasts), forecasts[0].n_members
     weights = basis.member_weights.reshape(n_times, n_members, *basis.member_weights.shape[1:])
@@ -52,25 +57,54 @@ def build_evolving(
     if isinstance(config.spread, float):
         mean = weights.mean(axis=1, keepdims=True)
         weights = mean + np.sqrt(config.spread) * (weights - mean)
-    times_ns = np.array([0 if forecast.time_ns is None else forecast.time_ns for forecast in forecasts], dtype=np.int64)
-    process = _with_mean_amplitude(_process(weights, members, settings, times_ns, time), basis, config)
+    times_ns = np.array(
+        [0 if forecast.time_ns is None else forecast.time_ns for forecast in forecasts],
+        dtype=np.int64,
+    )
+    process = _with_mean_amplitude(
+        _process(weights, members, settings, times_ns, time), basis, config
+    )
     oscillating = oscillations(time, basis.grid.projection.latitude, float(basis.grid.levels[-1]))
-    operator = ObservationOperator(basis, process, oscillating, biases(time), basis.representation_std(config))
+    operator = ObservationOperator(
+        basis, process, oscillating, biases(time), basis.representation_std(config)
+    )
     # the squared difference of a current that is forgotten over T grows by 2 variances over T
     change = 2.0 * spread_of(forecasts) ** 2 / process.local_scale
     grouping = Grouping(max(current_gradient(each) for each in forecasts), change)
-    return EvolvingEstimator(operator, state_space(operator, time), gating, forecasts[0].time_ns, grouping)
+    return EvolvingEstimator(
+        operator, state_space(operator, time), gating, forecasts[0].time_ns, grouping
+    )
 
 
 def state_space(operator: ObservationOperator, time: TimeConfig) -> StateSpace:
     """Return the state space of an observation operator: unknowns of the process model, then of the oscillations, then of the biases."""
     process, oscillating, errors = operator.process, operator.oscillations, operator.biases
     n_knots, start = oscillating.knots.size, process.size
-    pairs = start + np.arange(oscillating.size).reshape(-1, 2, n_knots) if n_knots else np.empty((0, 2, 0), dtype=np.intp)
-    scales = np.concatenate([process.scales, np.full(oscillating.size, time.oscillator_scale), np.full(errors.size, np.inf)])
+    pairs = (
+        start + np.arange(oscillating.size).reshape(-1, 2, n_knots)
+        if n_knots
+        else np.empty((0, 2, 0), dtype=np.intp)
+    )
+    scales = np.concatenate(
+        [
+            process.scales,
+            np.full(oscillating.size, time.oscillator_scale),
+            np.full(errors.size, np.inf),
+        ]
+    )
     end = start + oscillating.size
-    parts = {"process": slice(0, start), "oscillations": slice(start, end), "biases": slice(end, end + errors.size)}
-    return StateSpace(scales, pairs[:, 0].ravel(), pairs[:, 1].ravel(), np.repeat(oscillating.omega, n_knots), parts)
+    parts = {
+        "process": slice(0, start),
+        "oscillations": slice(start, end),
+        "biases": slice(end, end + errors.size),
+    }
+    return StateSpace(
+        scales,
+        pairs[:, 0].ravel(),
+        pairs[:, 1].ravel(),
+        np.repeat(oscillating.omega, n_knots),
+        parts,
+    )
 
 
 def mixture_scale(configured: float | None, local_scale: float) -> float:
@@ -78,7 +112,13 @@ def mixture_scale(configured: float | None, local_scale: float) -> float:
     return configured or _TRAJECTORY_FACTOR * local_scale
 
 
-def _process(weights: Array, members: Members, settings: PriorSettings, times_ns: NDArray[np.int64], time: TimeConfig) -> ProcessModel:
+def _process(
+    weights: Array,
+    members: Members,
+    settings: PriorSettings,
+    times_ns: NDArray[np.int64],
+    time: TimeConfig,
+) -> ProcessModel:
     """Return the weights' prior through time; ``weights`` of shape (T, E, Z, r)."""
     velocity_modes, nodes = members.velocity_modes, members.nodes
     mean = weights.mean(axis=1)
@@ -89,22 +129,42 @@ def _process(weights: Array, members: Members, settings: PriorSettings, times_ns
     spread = np.sqrt(np.sum(anomalies**2, axis=(1, 2, 3)))
     share = settings.sample_share
     spread_out = _times_with_spread(spread)
-    normalised = copies[spread_out] / spread[spread_out, None, None, None] / np.sqrt(spread_out.size)
-    local = directions(*localised_part(normalised.reshape(-1, *copies.shape[2:]), velocity_modes, to_modes, nodes, settings.radius))
+    normalised = (
+        copies[spread_out] / spread[spread_out, None, None, None] / np.sqrt(spread_out.size)
+    )
+    local = directions(
+        *localised_part(
+            normalised.reshape(-1, *copies.shape[2:]),
+            velocity_modes,
+            to_modes,
+            nodes,
+            settings.radius,
+        )
+    )
     scaled = np.sqrt(1.0 - share) * local
     kept = significant_directions(scaled * spread.max(), velocity_modes, time.dropped_std)
-    local_scale = decorrelation_time(anomalies, times_ns) if time.scale == "auto" else np.inf if time.scale == "static" else time.scale
+    local_scale = (
+        decorrelation_time(anomalies, times_ns)
+        if time.scale == "auto"
+        else np.inf
+        if time.scale == "static"
+        else time.scale
+    )
     scales = mixture_scale(time.trajectory_scale, local_scale), local_scale
     return ProcessModel(times_ns, mean, np.sqrt(share) * copies, spread, scaled[kept], *scales)
 
 
-def _with_mean_amplitude(process: ProcessModel, basis: Basis, config: EstimatorConfig) -> ProcessModel:
+def _with_mean_amplitude(
+    process: ProcessModel, basis: Basis, config: EstimatorConfig
+) -> ProcessModel:
     """Return a process under which the amplitude of the ensemble mean is uncertain too, the same at all times."""
     if basis.mean_weights is None:
         return process
     factor = config.spread if isinstance(config.spread, float) else 1.0
     moved = np.sqrt(factor * mean_variance(config)) * (basis.mean_weights + process.mean)
-    return replace(process, trajectories=np.concatenate([process.trajectories, moved[:, None]], axis=1))
+    return replace(
+        process, trajectories=np.concatenate([process.trajectories, moved[:, None]], axis=1)
+    )
 
 
 def directions(vertical: Array, horizontal: Array) -> Array:
@@ -117,7 +177,11 @@ def directions(vertical: Array, horizontal: Array) -> Array:
     out, values, vectors = [], *np.linalg.eigh(horizontal)
     for position, function in enumerate(vertical):
         group = min(position, len(horizontal) - 1)
-        out.append(np.einsum("z,rb->bzr", function, vectors[group] * np.sqrt(np.maximum(values[group], 0.0))))
+        out.append(
+            np.einsum(
+                "z,rb->bzr", function, vectors[group] * np.sqrt(np.maximum(values[group], 0.0))
+            )
+        )
     return np.concatenate(out)
 
 
@@ -129,7 +193,9 @@ def significant_directions(local: Array, velocity_modes: Array, bound: float) ->
         velocity_modes: shape (2N, r).
         bound: [m/s].
     """
-    variance = np.stack([np.max(np.square(direction @ velocity_modes.T), axis=0) for direction in local])  # (B, 2N)
+    variance = np.stack(
+        [np.max(np.square(direction @ velocity_modes.T), axis=0) for direction in local]
+    )  # (B, 2N)
     order = np.argsort(variance.max(axis=1))
     dropped = np.cumsum(variance[order], axis=0).max(axis=1) <= bound**2
     return np.sort(order[~dropped])

@@ -15,7 +15,10 @@ from replay_kit.config.time import TimeConfig
 from replay_kit.core.observation import Measurement, Observation, PathMean
 from replay_kit.estimator.evolving.extras import Oscillations, oscillations
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
-from replay_kit.estimator.evolving.observation_operator import LinearObservation, ObservationOperator
+from replay_kit.estimator.evolving.observation_operator import (
+    LinearObservation,
+    ObservationOperator,
+)
 from replay_kit.estimator.evolving.state import EvolvingState
 
 _PART = "dive_error"
@@ -38,7 +41,12 @@ class DiveErrorOperator(ObservationOperator):
         weights = self.dive_error.weights(observation.depth[used])
         k = rows.q.shape[1]
         q, r = np.linalg.qr(np.hstack([rows.q, rows.noise.whiten @ weights]))
-        design = [np.hstack([r[:, :k] @ rows.design[c * k : (c + 1) * k], r[:, k:] @ self.dive_error.factor(c)]) for c in range(2)]
+        design = [
+            np.hstack(
+                [r[:, :k] @ rows.design[c * k : (c + 1) * k], r[:, k:] @ self.dive_error.factor(c)]
+            )
+            for c in range(2)
+        ]
         return replace(rows, q=q, design=np.vstack(design))
 
     def path(self, mean: PathMean) -> LinearObservation:
@@ -47,7 +55,9 @@ class DiveErrorOperator(ObservationOperator):
         return replace(rows, design=np.hstack([rows.design, np.zeros((2, self.dive_error.size))]))
 
 
-def with_dive_error(estimator: EvolvingEstimator, std: float, depth_length: float) -> EvolvingEstimator:
+def with_dive_error(
+    estimator: EvolvingEstimator, std: float, depth_length: float
+) -> EvolvingEstimator:
     """Return an estimator with an error shared by the profiles of a dive; ``new_dive`` resets it at each new dive.
 
     Args:
@@ -56,12 +66,23 @@ def with_dive_error(estimator: EvolvingEstimator, std: float, depth_length: floa
         depth_length: Its correlation length in depth [m].
     """
     operator, space = estimator.operator, estimator.state_space
-    shape = TimeConfig(oscillators=("steady",), oscillator_std=std, oscillator_depth_length=depth_length)
+    shape = TimeConfig(
+        oscillators=("steady",), oscillator_std=std, oscillator_depth_length=depth_length
+    )
     error = oscillations(shape, 0.0, float(operator.basis.grid.levels[-1]))
-    whole = DiveErrorOperator(operator.basis, operator.process, operator.oscillations, operator.biases, operator.representation_std, error)
+    whole = DiveErrorOperator(
+        operator.basis,
+        operator.process,
+        operator.oscillations,
+        operator.biases,
+        operator.representation_std,
+        error,
+    )
     parts = {**space.parts, _PART: slice(space.size, space.size + error.size)}
     scales = np.concatenate([space.scales, np.full(error.size, np.inf)])
-    return replace(estimator, operator=whole, state_space=replace(space, scales=scales, parts=parts))
+    return replace(
+        estimator, operator=whole, state_space=replace(space, scales=scales, parts=parts)
+    )
 
 
 def new_dive(estimator: EvolvingEstimator, state: EvolvingState) -> EvolvingState:

@@ -62,7 +62,9 @@ class Oscillations:
                 blocks += [self.root if component == of_pair else nothing, nothing]
         return np.hstack(blocks) if blocks else np.empty((self.knots.size, 0))
 
-    def known(self, unknowns: Array, levels: Array, scale: float, time_ns: int) -> Oscillation | None:
+    def known(
+        self, unknowns: Array, levels: Array, scale: float, time_ns: int
+    ) -> Oscillation | None:
         """Return what oscillates as later times need it; None where nothing does. Steady currents are no part of it.
 
         Args:
@@ -76,9 +78,16 @@ class Oscillations:
             return None
         now = unknowns.reshape(self.omega.size, 2, self.knots.size)
         quarter_later = np.stack([now[:, 1], -now[:, 0]], axis=1)
-        at_levels, factors = self.weights(levels), [self.factor(c).reshape(self.knots.size, self.omega.size, 2, -1) for c in (0, 1)]
+        at_levels, factors = (
+            self.weights(levels),
+            [self.factor(c).reshape(self.knots.size, self.omega.size, 2, -1) for c in (0, 1)],
+        )
         cosine, sine = (
-            np.stack([np.einsum("zk,kqpj,qpj->qz", at_levels, factor, each) for factor in factors], axis=1) for each in (now, quarter_later)
+            np.stack(
+                [np.einsum("zk,kqpj,qpj->qz", at_levels, factor, each) for factor in factors],
+                axis=1,
+            )
+            for each in (now, quarter_later)
         )
         return Oscillation(self.omega[turning], cosine[turning], sine[turning], scale, time_ns)
 
@@ -87,7 +96,10 @@ class Oscillations:
         pairs = rows.reshape(self.omega.size, 2, self.knots.size)
         cosine, sine = np.cos(self.omega * seconds)[:, None], np.sin(self.omega * seconds)[:, None]
         # x(t + s) = R(s) x(t), so h x(t + s) = (R(s)' h) x(t)
-        return np.stack([cosine * pairs[:, 0] - sine * pairs[:, 1], sine * pairs[:, 0] + cosine * pairs[:, 1]], axis=1).ravel()
+        return np.stack(
+            [cosine * pairs[:, 0] - sine * pairs[:, 1], sine * pairs[:, 0] + cosine * pairs[:, 1]],
+            axis=1,
+        ).ravel()
 
 
 def oscillations(config: TimeConfig, latitude: float, deepest: float) -> Oscillations:
@@ -103,7 +115,9 @@ def oscillations(config: TimeConfig, latitude: float, deepest: float) -> Oscilla
     component: list[int] = []
     for name in config.oscillators:
         if name in ("inertial", "steady"):
-            omega.append(2.0 * EARTH_ROTATION * np.sin(np.deg2rad(latitude)) if name == "inertial" else 0.0)
+            omega.append(
+                2.0 * EARTH_ROTATION * np.sin(np.deg2rad(latitude)) if name == "inertial" else 0.0
+            )
             inertial.append(True)
             component.append(0)
         else:
@@ -120,5 +134,11 @@ def oscillations(config: TimeConfig, latitude: float, deepest: float) -> Oscilla
 
 def biases(config: TimeConfig) -> Biases:
     """Return the configured biases."""
-    std = {"heading": np.deg2rad(config.heading_bias_std), "scale": config.scale_bias_std, "shear": config.shear_bias_std}
-    return Biases(tuple(config.biases), np.array([std[name] for name in config.biases], dtype=np.float64))
+    std = {
+        "heading": np.deg2rad(config.heading_bias_std),
+        "scale": config.scale_bias_std,
+        "shear": config.shear_bias_std,
+    }
+    return Biases(
+        tuple(config.biases), np.array([std[name] for name in config.biases], dtype=np.float64)
+    )

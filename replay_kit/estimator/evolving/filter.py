@@ -13,11 +13,20 @@ from replay_kit.core.flow.oscillation import Oscillation
 from replay_kit.core.observation import Innovation, Measurement, PathMean, Reason
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.evolving.group import group_innovation, step_group
-from replay_kit.estimator.evolving.observation_operator import LinearObservation, ObservationOperator
+from replay_kit.estimator.evolving.observation_operator import (
+    LinearObservation,
+    ObservationOperator,
+)
 from replay_kit.estimator.evolving.state import EvolvingState
 from replay_kit.estimator.evolving.state_space import StateSpace
 from replay_kit.estimator.interface import Estimator
-from replay_kit.estimator.update.biases import NAMES, notes_of, scale_jacobian, significant_bias_notes, unit_bias_rows
+from replay_kit.estimator.update.biases import (
+    NAMES,
+    notes_of,
+    scale_jacobian,
+    significant_bias_notes,
+    unit_bias_rows,
+)
 from replay_kit.estimator.update.evaluation import ObservationUpdate, evaluate_observation
 from replay_kit.estimator.update.gate import ConsistencyMonitor
 from replay_kit.estimator.update.group_step import Stepped
@@ -65,26 +74,38 @@ class EvolvingEstimator(Estimator[EvolvingState]):
     def initial(self) -> EvolvingState:
         """Return the state before any observation."""
         size = self.state_space.size
-        return EvolvingState(np.zeros((size, 1 + len(NAMES))), np.eye(size), None, ConsistencyMonitor())
+        return EvolvingState(
+            np.zeros((size, 1 + len(NAMES))), np.eye(size), None, ConsistencyMonitor()
+        )
 
     def predict(self, state: EvolvingState, time_ns: int) -> EvolvingState:
         """Return the state at a later time without observations in between, with larger uncertainty; unchanged for an earlier time."""
         if state.time_ns is None:
             return replace(state, time_ns=time_ns)
         time_ns = max(time_ns, state.time_ns)
-        means, cov = self.state_space.predict(state.means, state.cov, (time_ns - state.time_ns) / _NS)
+        means, cov = self.state_space.predict(
+            state.means, state.cov, (time_ns - state.time_ns) / _NS
+        )
         return replace(state, means=means, cov=cov, time_ns=time_ns)
 
-    def step(self, state: EvolvingState, observation: Measurement) -> tuple[EvolvingState, Innovation]:
+    def step(
+        self, state: EvolvingState, observation: Measurement
+    ) -> tuple[EvolvingState, Innovation]:
         """Return the state after an observation, and the innovation.
 
         An observation without a usable bin, older than the state by more than twenty minutes, or equal to the one before leaves the state
         unchanged.
         """
         candidate = self.candidate(state, observation)
-        return (state, candidate) if isinstance(candidate, Innovation) else self.update(state, candidate)
+        return (
+            (state, candidate)
+            if isinstance(candidate, Innovation)
+            else self.update(state, candidate)
+        )
 
-    def group_steps(self, state: EvolvingState, items: Iterable[Measurement | ProfileGroup]) -> Iterator[Stepped[EvolvingState]]:
+    def group_steps(
+        self, state: EvolvingState, items: Iterable[Measurement | ProfileGroup]
+    ) -> Iterator[Stepped[EvolvingState]]:
         """Yield what became of measurements and groups of profiles."""
         for item in items:
             if isinstance(item, ProfileGroup):
@@ -108,8 +129,12 @@ class EvolvingEstimator(Estimator[EvolvingState]):
         rows = self._linearised(screened)
         before = self.predict(state, observation.time_ns)
         predicted = predict_observation(before.means, before.cov, rows.design)
-        evaluated = evaluate_observation(rows, predicted, self.gating, True, before.monitor.is_consistent)
-        bias_rows = unit_bias_rows(screened, self.basis.grid.projection, rows, rows.residual(predicted.mean))
+        evaluated = evaluate_observation(
+            rows, predicted, self.gating, True, before.monitor.is_consistent
+        )
+        bias_rows = unit_bias_rows(
+            screened, self.basis.grid.projection, rows, rows.residual(predicted.mean)
+        )
         return Candidate(screened, before, rows, evaluated, predicted.cross_covariance, bias_rows)
 
     def _linearised(self, screened: Screened) -> LinearObservation:
@@ -118,12 +143,18 @@ class EvolvingEstimator(Estimator[EvolvingState]):
             return self.operator.path(observation)
         return self.operator.profile(observation, screened.used)
 
-    def update(self, state: EvolvingState, candidate: "Candidate") -> tuple[EvolvingState, Innovation]:
+    def update(
+        self, state: EvolvingState, candidate: "Candidate"
+    ) -> tuple[EvolvingState, Innovation]:
         """Return the state after a candidate that was evaluated for it, and the innovation."""
         evaluated, after = candidate.evaluated, state
         if evaluated.accepted:
             means, cov = candidate.posterior(evaluated.error_scale)
-            after = replace(candidate.before, means=self.with_scale_jacobian(means, cov, candidate.scale_jacobian), cov=cov)
+            after = replace(
+                candidate.before,
+                means=self.with_scale_jacobian(means, cov, candidate.scale_jacobian),
+                cov=cov,
+            )
         monitor, inflation = after.monitor.updated(evaluated.gate, self.gating)
         observation = candidate.screened.observation
         after = replace(
@@ -146,7 +177,9 @@ class EvolvingEstimator(Estimator[EvolvingState]):
             return means
         k = biases.names.index("scale")
         out = means.copy()
-        out[:, 0] -= cov[:, self.state_space.parts["biases"].start + k] * float(biases.std[k]) * jacobian
+        out[:, 0] -= (
+            cov[:, self.state_space.parts["biases"].start + k] * float(biases.std[k]) * jacobian
+        )
         return out
 
     def usable(self, observation: Measurement) -> bool:
@@ -159,8 +192,12 @@ class EvolvingEstimator(Estimator[EvolvingState]):
         if screened.used.size == 0:
             return screened.scatter(np.empty((0, 2)))
         rows = self._linearised(screened)
-        seconds = 0.0 if state.time_ns is None else max(observation.time_ns - state.time_ns, 0) / _NS
-        return screened.scatter(rows.residual(rows.design @ self.state_space.predict_mean(state.mean, seconds)))
+        seconds = (
+            0.0 if state.time_ns is None else max(observation.time_ns - state.time_ns, 0) / _NS
+        )
+        return screened.scatter(
+            rows.residual(rows.design @ self.state_space.predict_mean(state.mean, seconds))
+        )
 
     def group_innovation(self, state: EvolvingState, group: ProfileGroup) -> Array:
         """Return the same of all bins of all profiles of a group, shape (n m, 2) [m/s]; 0 for bins that are not usable."""
@@ -177,8 +214,15 @@ class EvolvingEstimator(Estimator[EvolvingState]):
     def biases(self, state: EvolvingState) -> dict[str, tuple[float, float]]:
         """Return each estimated bias of the instrument, with its standard deviation: rad, 1, 1/s."""
         part, biases = self.state_space.parts["biases"], self.operator.biases
-        values = zip(biases.std * state.mean[part], biases.std * np.sqrt(np.diag(state.cov)[part]), strict=True)
-        return {name: (float(mean), float(std)) for name, (mean, std) in zip(biases.names, values, strict=True)}
+        values = zip(
+            biases.std * state.mean[part],
+            biases.std * np.sqrt(np.diag(state.cov)[part]),
+            strict=True,
+        )
+        return {
+            name: (float(mean), float(std))
+            for name, (mean, std) in zip(biases.names, values, strict=True)
+        }
 
     def flow(self, state: EvolvingState) -> FlowEstimate:
         """Return the current estimate of a state, at its time, without oscillations; its covariance is computed when first asked for.
@@ -188,18 +232,35 @@ class EvolvingEstimator(Estimator[EvolvingState]):
         basis, process = self.basis, self.operator.process
         part = slice(0, process.size)
         evolution = Evolution(
-            process, basis.offset, state.mean[part], lambda: state.cov[part, part], state.time_ns, self._oscillation(state)
+            process,
+            basis.offset,
+            state.mean[part],
+            lambda: state.cov[part, part],
+            state.time_ns,
+            self._oscillation(state),
         )
-        still = FlowEstimate(basis.grid, basis.horizontal, basis.depth_functions, basis.offset, basis.modes, np.empty((0, 0)), None)
+        still = FlowEstimate(
+            basis.grid,
+            basis.horizontal,
+            basis.depth_functions,
+            basis.offset,
+            basis.modes,
+            np.empty((0, 0)),
+            None,
+        )
         flow = evolution.flow(still, self._time(state))
-        return replace(flow, time_ns=None) if state.time_ns is None and self.time_ns is None else flow
+        return (
+            replace(flow, time_ns=None) if state.time_ns is None and self.time_ns is None else flow
+        )
 
     def _oscillation(self, state: EvolvingState) -> Oscillation | None:
         part = self.state_space.parts["oscillations"]
         if state.time_ns is None or part.start == part.stop:
             return None
         scale = float(self.state_space.scales[part.start])
-        return self.operator.oscillations.known(state.mean[part], self.basis.grid.levels, scale, state.time_ns)
+        return self.operator.oscillations.known(
+            state.mean[part], self.basis.grid.levels, scale, state.time_ns
+        )
 
     @property
     def basis_size(self) -> tuple[int | None, int | None]:
@@ -213,11 +274,17 @@ class EvolvingEstimator(Estimator[EvolvingState]):
     def bias_notes(self, state: EvolvingState) -> list[str]:
         """Return the estimated systematic errors of the instrument, and the significant ones that are not estimated."""
         biases, values, notes = self.operator.biases, self.biases(state), []
-        observed = {name: values[name] for name, std in zip(biases.names, biases.std, strict=True) if values[name][1] < _UNOBSERVED * std}
+        observed = {
+            name: values[name]
+            for name, std in zip(biases.names, biases.std, strict=True)
+            if values[name][1] < _UNOBSERVED * std
+        }
         if observed:
             notes.append(f"systematic errors of the instrument, estimated: {notes_of(observed)}")
         if missing := [name for name in biases.names if name not in observed]:
-            notes.append(f"the log has no information on errors in {', '.join(missing)}: too few profiles state the platform's motion")
+            notes.append(
+                f"the log has no information on errors in {', '.join(missing)}: too few profiles state the platform's motion"
+            )
         return notes + significant_bias_notes(state.bias_score, biases.names)
 
     def _time(self, state: EvolvingState) -> int:
@@ -248,14 +315,21 @@ class Candidate:
     @property
     def augmented_innovation(self) -> Array:
         """Innovations, shape (m, 4): of the rows, and of each instrument error of one unit."""
-        return self.evaluated.predicted.augmented_innovation(self.evaluated.innovation, self.bias_rows)
+        return self.evaluated.predicted.augmented_innovation(
+            self.evaluated.innovation, self.bias_rows
+        )
 
     @property
     def scale_jacobian(self) -> float:
         """Of the observation; see ``biases.scale_jacobian``."""
         if self.bias_rows is None or not self.evaluated.accepted:
             return 0.0
-        return scale_jacobian(self.screened.observation, self.rows, self.evaluated.innovation, self.evaluated.innovation_cov)
+        return scale_jacobian(
+            self.screened.observation,
+            self.rows,
+            self.evaluated.innovation,
+            self.evaluated.innovation_cov,
+        )
 
     def posterior(self, error_scale: float) -> tuple[Array, Array]:
         """Return means and covariance after the observation, with a standard deviation of its rows' noise."""
@@ -263,4 +337,6 @@ class Candidate:
 
     def to_innovation(self, prior_inflation: float) -> Innovation:
         """Return the innovation to publish; the argument is the factor on the estimate's covariance after the observation."""
-        return self.evaluated.to_innovation(self.screened, np.zeros(len(self.rows.design)), prior_inflation)
+        return self.evaluated.to_innovation(
+            self.screened, np.zeros(len(self.rows.design)), prior_inflation
+        )

@@ -64,10 +64,21 @@ class LogSettings:
 def initial_settings(estimator: EvolvingEstimator, time: TimeConfig) -> LogSettings:
     """Return the settings of an estimator and its configuration: errors as stated, without shared ones."""
     process = estimator.operator.process
-    return LogSettings(1.0, 0.0, 30.0, 0.0, process.local_scale, time.oscillator_std, time.oscillator_depth_length, time.oscillator_scale)
+    return LogSettings(
+        1.0,
+        0.0,
+        30.0,
+        0.0,
+        process.local_scale,
+        time.oscillator_std,
+        time.oscillator_depth_length,
+        time.oscillator_scale,
+    )
 
 
-def fitted_estimator(estimator: EvolvingEstimator, time: TimeConfig, settings: LogSettings) -> EvolvingEstimator:
+def fitted_estimator(
+    estimator: EvolvingEstimator, time: TimeConfig, settings: LogSettings
+) -> EvolvingEstimator:
     """Return an estimator with other settings.
 
     Args:
@@ -79,20 +90,35 @@ def fitted_estimator(estimator: EvolvingEstimator, time: TimeConfig, settings: L
     changed = time.model_copy(update={name: getattr(settings, name) for name in _OF_OSCILLATORS})
     oscillating = oscillations(changed, grid.projection.latitude, float(grid.levels[-1]))
     if settings.scale != process.local_scale:
-        process = replace(process, local_scale=settings.scale, trajectory_scale=mixture_scale(time.trajectory_scale, settings.scale))
+        process = replace(
+            process,
+            local_scale=settings.scale,
+            trajectory_scale=mixture_scale(time.trajectory_scale, settings.scale),
+        )
     operator = replace(estimator.operator, process=process, oscillations=oscillating)
     new = replace(estimator, operator=operator, state_space=state_space(operator, changed))
-    return with_dive_error(new, settings.dive_error_std, settings.dive_error_depth_length) if settings.dive_error_std > 0.0 else new
+    return (
+        with_dive_error(new, settings.dive_error_std, settings.dive_error_depth_length)
+        if settings.dive_error_std > 0.0
+        else new
+    )
 
 
 def with_errors(observation: Measurement, settings: LogSettings) -> Measurement:
     """Return an observation with the errors of settings."""
     if isinstance(observation, Observation):
         return replace(observation, error_std=settings.error_factor * observation.error_std)
-    return replace(observation, error_std=math.hypot(observation.error_std, settings.mean_error_std))
+    return replace(
+        observation, error_std=math.hypot(observation.error_std, settings.mean_error_std)
+    )
 
 
-def fit_to_log(estimator: EvolvingEstimator, time: TimeConfig, observations: Sequence[Measurement], start: LogSettings) -> LogSettings:
+def fit_to_log(
+    estimator: EvolvingEstimator,
+    time: TimeConfig,
+    observations: Sequence[Measurement],
+    start: LogSettings,
+) -> LogSettings:
     """Return the settings that maximise the likelihood of observations, by coordinate search.
 
     Args:
@@ -109,14 +135,22 @@ def fit_to_log(estimator: EvolvingEstimator, time: TimeConfig, observations: Seq
 
     has_profiles = any(isinstance(observation, Observation) for observation in observations)
     has_means = any(isinstance(observation, PathMean) for observation in observations)
-    groups = ((_OF_PROFILES, has_profiles), (_OF_MEANS, has_means), (_OF_THE_PROCESS, True), (_OF_OSCILLATORS, bool(time.oscillators)))
+    groups = (
+        (_OF_PROFILES, has_profiles),
+        (_OF_MEANS, has_means),
+        (_OF_THE_PROCESS, True),
+        (_OF_OSCILLATORS, bool(time.oscillators)),
+    )
     names = [name for of_kind, wanted in groups if wanted for name in of_kind]
     best = start
     for _ in range(_MOST_ROUNDS):
         before = best
         for name in names:
             # among equals the current setting comes first
-            best = max([best, *(replace(best, **{name: value}) for value in _LADDERS[name])], key=likelihood)
+            best = max(
+                [best, *(replace(best, **{name: value}) for value in _LADDERS[name])],
+                key=likelihood,
+            )
         if best == before:
             break
     return best

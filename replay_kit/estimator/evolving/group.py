@@ -18,7 +18,14 @@ from replay_kit.estimator.evolving.state import EvolvingState
 from replay_kit.estimator.evolving.state_space import StateSpace
 from replay_kit.estimator.update.biases import BiasBins
 from replay_kit.estimator.update.group_screening import relative_velocities
-from replay_kit.estimator.update.group_step import GroupResult, ScreenedGroup, Stepped, results_of, screen_group, stack_of
+from replay_kit.estimator.update.group_step import (
+    GroupResult,
+    ScreenedGroup,
+    Stepped,
+    results_of,
+    screen_group,
+    stack_of,
+)
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.posterior import predict_observation
 from replay_kit.estimator.update.profile_stack import ProfileStack
@@ -40,7 +47,9 @@ class _Estimator(Protocol):
     def gating(self) -> GatingConfig | None: ...
     def is_late(self, state: EvolvingState, time_ns: int) -> bool: ...
     def predict(self, state: EvolvingState, time_ns: int) -> EvolvingState: ...
-    def step(self, state: EvolvingState, observation: Measurement) -> tuple[EvolvingState, Innovation]: ...
+    def step(
+        self, state: EvolvingState, observation: Measurement
+    ) -> tuple[EvolvingState, Innovation]: ...
     def with_scale_jacobian(self, means: Array, cov: Array, jacobian: float) -> Array: ...
 
 
@@ -68,20 +77,36 @@ def column_operator(operator: ObservationOperator, screened: ScreenedGroup) -> C
     middle = ProfileGroup(tuple(screened.profiles[i] for i in screened.used))
     east, north = to_local(grid.projection, middle.longitude, middle.latitude)
     known, unknown = operator.current(float(east), float(north), middle.time_ns)
-    (of_levels,) = operator.basis.local_error(np.array([[east, north]], dtype=np.float64), operator.representation_std)
+    (of_levels,) = operator.basis.local_error(
+        np.array([[east, north]], dtype=np.float64), operator.representation_std
+    )
     functions = operator.basis.depth_functions
     oscillations = operator.oscillations
 
     def factors(profile: Observation, used: NDArray[np.intp]) -> tuple[Array, BinNoise]:
         depth = profile.depth[used]
         representation = np.interp(depth, grid.levels, of_levels)
-        noise = bin_noise(depth, profile.error_std[used], representation, profile.common_std, profile.correlation_depth)
+        noise = bin_noise(
+            depth,
+            profile.error_std[used],
+            representation,
+            profile.common_std,
+            profile.correlation_depth,
+        )
         of_biases = operator.biases.bins(depth, None).depth
-        return np.hstack([depth_weights(functions, depth, grid.levels), oscillations.weights(depth), of_biases]), noise
+        return np.hstack(
+            [depth_weights(functions, depth, grid.levels), oscillations.weights(depth), of_biases]
+        ), noise
 
-    stack = stack_of(screened, grid, known, lambda depth: depth_weights(functions, depth, grid.levels), factors)
+    stack = stack_of(
+        screened, grid, known, lambda depth: depth_weights(functions, depth, grid.levels), factors
+    )
     of_biases = _mean_factor(operator, stack)
-    n_levels, n_knots, n_functions = grid.levels.size, oscillations.knots.size, of_biases.factor[0].shape[0]
+    n_levels, n_knots, n_functions = (
+        grid.levels.size,
+        oscillations.knots.size,
+        of_biases.factor[0].shape[0],
+    )
     start, end = operator.process.size, operator.process.size + oscillations.size
     design = np.zeros((2, n_levels + n_knots + n_functions, end + operator.biases.size))
     for c in range(2):
@@ -98,32 +123,52 @@ def _mean_factor(operator: ObservationOperator, stack: ProfileStack) -> BiasBins
     return operator.biases.bins(depth, None if relative is None else relative.mean(axis=0)[None])
 
 
-def step_group(estimator: _Estimator, state: EvolvingState, group: ProfileGroup) -> list[Stepped[EvolvingState]]:
+def step_group(
+    estimator: _Estimator, state: EvolvingState, group: ProfileGroup
+) -> list[Stepped[EvolvingState]]:
     """Return what became of the profiles of a group."""
     screened = screen_group(group, state.last, estimator.basis.grid)
-    if screened.used.size < 2 or estimator.is_late(state, min(profile.time_ns for profile in group.profiles)):
+    if screened.used.size < 2 or estimator.is_late(
+        state, min(profile.time_ns for profile in group.profiles)
+    ):
         return _one_by_one(estimator, state, group)
     of_group = column_operator(estimator.operator, screened)
     at_time = estimator.predict(state, of_group.time_ns)
-    column = Column(of_group.design @ at_time.means, _symmetric(of_group.design @ at_time.cov @ of_group.design.T))
-    update = evaluate_group(of_group.stack, column, estimator.gating, True, state.monitor.is_consistent)
+    column = Column(
+        of_group.design @ at_time.means,
+        _symmetric(of_group.design @ at_time.cov @ of_group.design.T),
+    )
+    update = evaluate_group(
+        of_group.stack, column, estimator.gating, True, state.monitor.is_consistent
+    )
     monitor, inflation = state.monitor.updated(update.first, estimator.gating)
     after, of_after, score = state, column, state.bias_score
     if update.rows is not None:
         q = column.width
         rows = np.matmul(update.rows.r, of_group.design.reshape(2, q, -1)).reshape(2 * q, -1)
         predicted = predict_observation(at_time.means, at_time.cov, rows)
-        innovation = update.rows.y.reshape(2 * q, -1) - np.column_stack([predicted.mean, predicted.bias_sensitivity])
+        innovation = update.rows.y.reshape(2 * q, -1) - np.column_stack(
+            [predicted.mean, predicted.bias_sensitivity]
+        )
         means, cov = predicted.posterior(innovation, 1.0)
-        after = replace(at_time, means=estimator.with_scale_jacobian(means, cov, update.scale_jacobian), cov=cov)
+        after = replace(
+            at_time, means=estimator.with_scale_jacobian(means, cov, update.scale_jacobian), cov=cov
+        )
         of_after = column.updated(update.rows.r, innovation)
         if of_group.stack.relative is not None:
-            score = score.updated(innovation[:, 1:], innovation[:, 0], predicted.cov + np.eye(2 * q), update.scale_jacobian)
+            score = score.updated(
+                innovation[:, 1:],
+                innovation[:, 0],
+                predicted.cov + np.eye(2 * q),
+                update.scale_jacobian,
+            )
     cov = after.cov if inflation == 1.0 else inflation * after.cov
     seen = screened.profiles[int(screened.used[-1])]
     changed = replace(after, cov=cov, monitor=monitor, bias_score=score, last=seen)
     prior = np.zeros(2 * column.width)
-    return results_of(GroupResult(screened, update, column, of_after, prior, inflation), (state, changed), state)
+    return results_of(
+        GroupResult(screened, update, column, of_after, prior, inflation), (state, changed), state
+    )
 
 
 def group_innovation(estimator: _Estimator, state: EvolvingState, group: ProfileGroup) -> Array:
@@ -135,7 +180,9 @@ def group_innovation(estimator: _Estimator, state: EvolvingState, group: Profile
     return of_group.stack.misfit(np.broadcast_to(rows, of_group.stack.y.shape)).reshape(-1, 2)
 
 
-def _one_by_one(estimator: _Estimator, state: EvolvingState, group: ProfileGroup) -> list[Stepped[EvolvingState]]:
+def _one_by_one(
+    estimator: _Estimator, state: EvolvingState, group: ProfileGroup
+) -> list[Stepped[EvolvingState]]:
     found = []
     for profile in group.profiles:
         after, innovation = estimator.step(state, profile)

@@ -23,7 +23,9 @@ from replay_kit.estimator.evolving.state_space import StateSpace
 _UNOBSERVED = 1e-9
 
 
-def log_likelihoods(estimator: EvolvingEstimator, observations: Sequence[Measurement]) -> Iterator[float]:
+def log_likelihoods(
+    estimator: EvolvingEstimator, observations: Sequence[Measurement]
+) -> Iterator[float]:
     """Yield the logarithm of each observation's density given those before it; 0 for one without a usable bin.
 
     The constant of 2 pi is left out. Errors are used as stated: without gate or inflation.
@@ -41,7 +43,9 @@ def log_likelihoods(estimator: EvolvingEstimator, observations: Sequence[Measure
         state = replace(candidate.before, means=means, cov=cov, last=observation)
 
 
-def observed_subspace_estimator(estimator: EvolvingEstimator, observations: Sequence[Measurement]) -> EvolvingEstimator:
+def observed_subspace_estimator(
+    estimator: EvolvingEstimator, observations: Sequence[Measurement]
+) -> EvolvingEstimator:
     """Return an estimator that gives the same results for certain observations, with the unknowns of the subspace that they observe.
 
     Unknowns of one decorrelation time may be rotated into one another: directions that no observation depends on are dropped.
@@ -63,10 +67,16 @@ def observed_subspace_estimator(estimator: EvolvingEstimator, observations: Sequ
 def _with_process(space: StateSpace, size: int, process: ProcessModel) -> StateSpace:
     """Return a state space whose first unknowns, ``size`` of a process model, are replaced by those of a smaller one."""
     by = process.size - size
-    parts = {name: slice(part.start + by, part.stop + by) for name, part in space.parts.items() if name != "process"}
+    parts = {
+        name: slice(part.start + by, part.stop + by)
+        for name, part in space.parts.items()
+        if name != "process"
+    }
     scales = np.concatenate([process.scales, space.scales[size:]])
     parts["process"] = slice(0, process.size)
-    return replace(space, scales=scales, first=space.first + by, second=space.second + by, parts=parts)
+    return replace(
+        space, scales=scales, first=space.first + by, second=space.second + by, parts=parts
+    )
 
 
 def _observed(operator: ObservationOperator, observation: Measurement) -> tuple[Array, Array]:
@@ -76,9 +86,15 @@ def _observed(operator: ObservationOperator, observation: Measurement) -> tuple[
     if isinstance(observation, PathMean):
         rows = operator.path(observation).design[:, : process.size].T
         return rows[:n_trajectories], rows[n_trajectories:]
-    place = np.array(to_local(basis.grid.projection, observation.longitude, observation.latitude), dtype=np.float64)
+    place = np.array(
+        to_local(basis.grid.projection, observation.longitude, observation.latitude),
+        dtype=np.float64,
+    )
     modes = basis.at_place(place)[1]
-    trajectories = np.concatenate([(of_time @ modes.T).reshape(n_trajectories, -1) for of_time in process.trajectories], axis=1)
+    trajectories = np.concatenate(
+        [(of_time @ modes.T).reshape(n_trajectories, -1) for of_time in process.trajectories],
+        axis=1,
+    )
     return trajectories, (process.local @ modes.T).reshape(len(process.local), -1)
 
 

@@ -73,9 +73,17 @@ class ObservationOperator:
         known, unknown = self.current(float(east), float(north), time_ns)
         weights = depth_weights(self.basis.depth_functions, depth, grid.levels)
         velocity = np.column_stack(rotate_to_local(*place, *observation.velocity[used].T))
-        (of_levels,) = self.basis.local_error(np.array([[east, north]], dtype=np.float64), self.representation_std)
+        (of_levels,) = self.basis.local_error(
+            np.array([[east, north]], dtype=np.float64), self.representation_std
+        )
         representation = np.interp(depth, grid.levels, of_levels)
-        noise = bin_noise(depth, observation.error_std[used], representation, observation.common_std, observation.correlation_depth)
+        noise = bin_noise(
+            depth,
+            observation.error_std[used],
+            representation,
+            observation.common_std,
+            observation.correlation_depth,
+        )
         relative = relative_velocity(observation, used, grid.projection)
         of_biases = self.biases.bins(depth, relative)
         joint: Array = np.hstack([weights, self.oscillations.weights(depth), of_biases.depth])
@@ -102,14 +110,24 @@ class ObservationOperator:
         east, north = to_local(grid.projection, mean.longitude, mean.latitude)
         weights = depth_means(mean, self.basis)
         knots = mean.weight[:, None] * self.oscillations.weights(mean.depth)
-        known, design, oscillating = np.zeros(2), np.zeros((self.process.size, 2)), np.zeros((2, self.oscillations.size))
+        known, design, oscillating = (
+            np.zeros(2),
+            np.zeros((self.process.size, 2)),
+            np.zeros((2, self.oscillations.size)),
+        )
         for k in np.flatnonzero(mean.weight > 0.0):
-            of_known, unknown = self.current(float(east[k]), float(north[k]), int(mean.path_time_ns[k]))
+            of_known, unknown = self.current(
+                float(east[k]), float(north[k]), int(mean.path_time_ns[k])
+            )
             known += weights[k] @ of_known
             design += np.einsum("z,nzc->nc", weights[k], unknown)
             back = (int(mean.path_time_ns[k]) - mean.time_ns) / _NS
             for c in range(2):
                 oscillating[c] += self.oscillations.at(knots[k] @ self.oscillations.factor(c), back)
-        noise = mean_noise(mean, self.basis, np.column_stack([east, north]), self.representation_std)
+        noise = mean_noise(
+            mean, self.basis, np.column_stack([east, north]), self.representation_std
+        )
         rows = np.hstack([design.T, oscillating, np.zeros((2, self.biases.size))]) / noise.std[0]
-        return LinearObservation(np.ones((1, 1)), noise, local_mean(mean, grid.projection) - known, rows)
+        return LinearObservation(
+            np.ones((1, 1)), noise, local_mean(mean, grid.projection) - known, rows
+        )

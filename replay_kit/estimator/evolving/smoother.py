@@ -75,7 +75,9 @@ class Adjoint:
         through = step.gain @ self.cov  # (m, n), K' A
         inner = through @ step.gain.T + step.precision
         crossed = step.rows.T @ through
-        return Adjoint(mean, self.cov - crossed - crossed.T + step.rows.T @ inner @ step.rows, step.time_ns)
+        return Adjoint(
+            mean, self.cov - crossed - crossed.T + step.rows.T @ inner @ step.rows, step.time_ns
+        )
 
     def smoothed(self, state: EvolvingState) -> EvolvingState:
         """Return a state, which contains observations up to its time, after the later ones."""
@@ -86,14 +88,23 @@ class Adjoint:
 
 
 def smooth(
-    estimator: EvolvingEstimator, observations: Iterable[Measurement], times_ns: Sequence[int], lag: float | None = None
+    estimator: EvolvingEstimator,
+    observations: Iterable[Measurement],
+    times_ns: Sequence[int],
+    lag: float | None = None,
 ) -> list[FlowEstimate]:
     """Return the current estimates at times, from the observations before and after them; see ``smoothed_states``."""
-    return [replace(estimator.flow(state), later=None) for state in smoothed_states(estimator, observations, times_ns, lag)]
+    return [
+        replace(estimator.flow(state), later=None)
+        for state in smoothed_states(estimator, observations, times_ns, lag)
+    ]
 
 
 def smoothed_states(
-    estimator: EvolvingEstimator, observations: Iterable[Measurement], times_ns: Sequence[int], lag: float | None = None
+    estimator: EvolvingEstimator,
+    observations: Iterable[Measurement],
+    times_ns: Sequence[int],
+    lag: float | None = None,
 ) -> list[EvolvingState]:
     """Return the estimator's states at times, from the observations before and after them.
 
@@ -107,7 +118,10 @@ def smoothed_states(
     states, steps = _forward(estimator, observations, wanted)
     smoothed: dict[int, EvolvingState] = {}
     if lag is None:
-        adjoint, left = _nothing(estimator, max([*wanted, *(step.time_ns for step in steps)], default=0)), list(steps)
+        adjoint, left = (
+            _nothing(estimator, max([*wanted, *(step.time_ns for step in steps)], default=0)),
+            list(steps),
+        )
         for time_ns in reversed(wanted):
             while left and left[-1].time_ns > time_ns:
                 adjoint = adjoint.at(estimator.state_space, left[-1].time_ns).before(left.pop())
@@ -116,7 +130,9 @@ def smoothed_states(
     else:
         for time_ns in wanted:
             adjoint = _nothing(estimator, time_ns + int(lag * _NS))
-            for step in reversed([step for step in steps if time_ns < step.time_ns <= adjoint.time_ns]):
+            for step in reversed(
+                [step for step in steps if time_ns < step.time_ns <= adjoint.time_ns]
+            ):
                 adjoint = adjoint.at(estimator.state_space, step.time_ns).before(step)
             smoothed[time_ns] = adjoint.at(estimator.state_space, time_ns).smoothed(states[time_ns])
     return [smoothed[time_ns] for time_ns in times_ns]

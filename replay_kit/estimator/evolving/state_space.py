@@ -76,7 +76,9 @@ class StateSpace:
             return rows
         out = rows.copy()
         shape = (-1, *[1] * (rows.ndim - 1))
-        cosine, sine = (function(self.omega * seconds).reshape(shape) for function in (np.cos, np.sin))
+        cosine, sine = (
+            function(self.omega * seconds).reshape(shape) for function in (np.cos, np.sin)
+        )
         out[self.first] = cosine * rows[self.first] + sine * rows[self.second]
         out[self.second] = cosine * rows[self.second] - sine * rows[self.first]
         return out

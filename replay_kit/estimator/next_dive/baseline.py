@@ -30,7 +30,11 @@ class Persistence:
         """Return the baseline after a dive of some mean current, shape (2,) [m/s]."""
         if self.velocity is None:
             return Persistence(velocity)
-        return Persistence(velocity, self.squares + float(np.sum((velocity - self.velocity) ** 2)), self.changes + 1)
+        return Persistence(
+            velocity,
+            self.squares + float(np.sum((velocity - self.velocity) ** 2)),
+            self.changes + 1,
+        )
 
     def radius(self, share: float) -> float:
         """Return the radius of the circle that should hold a share of the next mean currents [m/s]; NaN before the first change.
@@ -47,4 +51,9 @@ class Persistence:
             return math.nan
         half = float(self.changes)
         square = float(np.sum((velocity - self.velocity) ** 2)) / self.squares
-        return float(gammaln(half + 1.0) - gammaln(half) - math.log(math.pi * self.squares) - (half + 1.0) * math.log1p(square))
+        return float(
+            gammaln(half + 1.0)
+            - gammaln(half)
+            - math.log(math.pi * self.squares)
+            - (half + 1.0) * math.log1p(square)
+        )

@@ -21,7 +21,12 @@ from scipy.special import logsumexp
 
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.next_dive.mixture import Mixture, log_densities
-from replay_kit.estimator.next_dive.settings import UNKNOWNS, Settings, combinations, ground_combinations
+from replay_kit.estimator.next_dive.settings import (
+    UNKNOWNS,
+    Settings,
+    combinations,
+    ground_combinations,
+)
 
 _NS = 1e9
 # m; how far fixes and way through the water miss together, over the dive's time
@@ -142,7 +147,10 @@ class DiveModel:
         """
         state = self.predict(state, dive.time_ns)
         expected = state.mean @ dive.design.T + self._background(dive)
-        parts = [(state.log_weights + log_share, expected, cov) for log_share, cov in self._spread(state, dive)]
+        parts = [
+            (state.log_weights + log_share, expected, cov)
+            for log_share, cov in self._spread(state, dive)
+        ]
         log_weights, means, covs = (np.concatenate(part) for part in zip(*parts, strict=True))
         return Mixture(log_weights, means, covs)
 
@@ -153,13 +161,19 @@ class DiveModel:
         changed = self._changed(state.cov)
         after = [
             (log_share, *_updated(state.mean, given, dive.design, errors, spread))
-            for (log_share, spread), given in zip(self._spread(state, dive), (state.cov, changed), strict=True)
+            for (log_share, spread), given in zip(
+                self._spread(state, dive), (state.cov, changed), strict=True
+            )
         ]
         log_likelihood = np.stack([log_share + density for log_share, density, _, _ in after])
         total = logsumexp(log_likelihood, axis=0)
-        mean, cov = _joined(np.exp(log_likelihood - total), [part[2] for part in after], [part[3] for part in after])
+        mean, cov = _joined(
+            np.exp(log_likelihood - total), [part[2] for part in after], [part[3] for part in after]
+        )
         log_weights = state.log_weights + total
-        state = DiveState(mean, cov, log_weights - logsumexp(log_weights), state.time_ns, state.dives + 1)
+        state = DiveState(
+            mean, cov, log_weights - logsumexp(log_weights), state.time_ns, state.dives + 1
+        )
         return state if dive.inverted is None else _with_inverted(state, dive, dive.inverted)
 
     def flight_bias(self, state: DiveState) -> tuple[Array, Array]:
@@ -184,10 +198,14 @@ class DiveModel:
         """Return, without a change and with one, the logarithm of its probability and the mean current's covariances, shape (h, 2, 2)."""
         own = (self.settings.white_std**2 + dive.position_variance)[:, None, None] * np.eye(2)
         cases = ((1.0 - self.jump, state.cov), (self.jump, self._changed(state.cov)))
-        return [(float(np.log(share)), dive.design @ cov @ dive.design.T + own) for share, cov in cases]
+        return [
+            (float(np.log(share)), dive.design @ cov @ dive.design.T + own) for share, cov in cases
+        ]
 
 
-def _updated(mean: Array, cov: Array, design: Array, errors: Array, spread: Array) -> tuple[Array, Array, Array]:
+def _updated(
+    mean: Array, cov: Array, design: Array, errors: Array, spread: Array
+) -> tuple[Array, Array, Array]:
     """Return the log-density of errors, shape (h, 2), with their covariances, and the unknowns' mean and covariance after them."""
     cross = cov @ design.T
     gain = cross @ np.linalg.inv(spread)
@@ -199,7 +217,10 @@ def _updated(mean: Array, cov: Array, design: Array, errors: Array, spread: Arra
 
 def _joined(shares: Array, means: list[Array], covs: list[Array]) -> tuple[Array, Array]:
     """Return mean and covariance of Gaussians joined to one, combination by combination; ``shares`` of shape (cases, h)."""
-    mean = sum((share[:, None] * part for share, part in zip(shares, means, strict=True)), np.zeros_like(means[0]))
+    mean = sum(
+        (share[:, None] * part for share, part in zip(shares, means, strict=True)),
+        np.zeros_like(means[0]),
+    )
     cov = np.zeros_like(covs[0])
     for share, part, of_part in zip(shares, means, covs, strict=True):
         about = part - mean

@@ -37,4 +37,11 @@ def local_current(state: DiveState | None) -> LocalCurrent | None:
         return None
     settings, part = _MODEL.settings, slice(_LOCAL, _LOCAL + 2)
     std, scale = np.sqrt(settings.variance[:, _LOCAL]), settings.scales[:, _LOCAL]
-    return LocalCurrent(np.exp(state.log_weights), std, scale, state.mean[:, part], state.cov[:, part, part], state.time_ns)
+    return LocalCurrent(
+        np.exp(state.log_weights),
+        std,
+        scale,
+        state.mean[:, part],
+        state.cov[:, part, part],
+        state.time_ns,
+    )

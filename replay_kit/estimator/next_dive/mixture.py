@@ -38,7 +38,9 @@ class Mixture:
     def cov(self) -> Array:
         """Covariance of the mixture, shape (2, 2)."""
         weights, about = np.exp(self.log_weights), self.means - self.mean
-        return np.asarray(np.einsum("n,nij->ij", weights, self.covs) + (weights[:, None] * about).T @ about)
+        return np.asarray(
+            np.einsum("n,nij->ij", weights, self.covs) + (weights[:, None] * about).T @ about
+        )
 
     def log_density(self, value: Array) -> float:
         """Return the logarithm of the density at a value, shape (2,)."""
@@ -57,8 +59,12 @@ class Mixture:
         angle = _GOLDEN_ANGLE * np.arange(_POINTS)
         unit = np.sqrt(-2.0 * np.log1p(-rank)) * np.array([np.cos(angle), np.sin(angle)])
         points = self.means[:, :, None] - self.mean[:, None] + np.linalg.cholesky(self.covs) @ unit
-        whitened = np.linalg.inv(np.linalg.cholesky(self.cov)) @ points.transpose(1, 0, 2).reshape(2, -1)
-        return weighted_quantiles(np.hypot(*whitened), np.repeat(np.exp(self.log_weights) / _POINTS, _POINTS), shares)
+        whitened = np.linalg.inv(np.linalg.cholesky(self.cov)) @ points.transpose(1, 0, 2).reshape(
+            2, -1
+        )
+        return weighted_quantiles(
+            np.hypot(*whitened), np.repeat(np.exp(self.log_weights) / _POINTS, _POINTS), shares
+        )
 
 
 def weighted_quantiles(values: Array, weights: Array, shares: Sequence[float]) -> Array:
@@ -80,7 +86,11 @@ def weighted_quantiles(values: Array, weights: Array, shares: Sequence[float]) -
         first, last = filled[max(reached - 1, 0)], filled[reached]
         chosen = np.flatnonzero((at >= first) & (at <= last))
         chosen = chosen[np.argsort(values[chosen])]
-        found.append(np.interp(share, held[first] - weight[first] + np.cumsum(weights[chosen]), values[chosen]))
+        found.append(
+            np.interp(
+                share, held[first] - weight[first] + np.cumsum(weights[chosen]), values[chosen]
+            )
+        )
     return np.array(found)
 
 
@@ -88,5 +98,7 @@ def log_densities(errors: Array, covs: Array) -> Array:
     """Return the logarithm of the density of errors, shape (n, 2), under Gaussians of some covariances, shape (n, 2, 2)."""
     determinant = covs[:, 0, 0] * covs[:, 1, 1] - covs[:, 0, 1] ** 2
     first, second = errors.T
-    square = (covs[:, 1, 1] * first**2 - 2.0 * covs[:, 0, 1] * first * second + covs[:, 0, 0] * second**2) / determinant
+    square = (
+        covs[:, 1, 1] * first**2 - 2.0 * covs[:, 0, 1] * first * second + covs[:, 0, 0] * second**2
+    ) / determinant
     return np.asarray(-0.5 * square - 0.5 * np.log(determinant) - np.log(2.0 * np.pi))

@@ -86,8 +86,15 @@ class ColumnModel:
             deepest: Greatest depth of any bin [m].
             n_backgrounds: Number of currents beside zero that the current may be measured about.
         """
-        knots = np.linspace(0.0, max(deepest, _KNOT_SPACING), 1 + int(np.ceil(max(deepest, _KNOT_SPACING) / _KNOT_SPACING)))
-        settings = np.array(list(product(_STAYING, _SHARED, _LENGTHS, _WHITES, range(n_backgrounds + 1))), dtype=np.float64)
+        knots = np.linspace(
+            0.0,
+            max(deepest, _KNOT_SPACING),
+            1 + int(np.ceil(max(deepest, _KNOT_SPACING) / _KNOT_SPACING)),
+        )
+        settings = np.array(
+            list(product(_STAYING, _SHARED, _LENGTHS, _WHITES, range(n_backgrounds + 1))),
+            dtype=np.float64,
+        )
         staying, shared, length, white, background = settings.T
         apart = (knots[:, None] - knots) / length[:, None, None]
         correlation = np.exp(-0.5 * apart**2) + 1e-9 * np.eye(knots.size)
@@ -102,14 +109,21 @@ class ColumnModel:
     def initial(self) -> ColumnState:
         """Return the state before the first dive."""
         size = self.white.size
-        return ColumnState(np.zeros((size, self.knots.size, 2)), self.staying, np.full(size, -np.log(size)))
+        return ColumnState(
+            np.zeros((size, self.knots.size, 2)), self.staying, np.full(size, -np.log(size))
+        )
 
     def forecast(self, state: ColumnState, bins: Bins) -> tuple[Array, Array]:
         """Return mean and standard deviation of the next dive's bins, with their error, shape (n, 2) each [m/s]; no velocity is used."""
         hats = self._hats(bins.depth)
-        about = np.concatenate([np.zeros((1, *bins.velocity.shape)), bins.backgrounds])[self.background]
+        about = np.concatenate([np.zeros((1, *bins.velocity.shape)), bins.backgrounds])[
+            self.background
+        ]
         expected = about + hats @ state.mean
-        variance = np.einsum("nk,hkl,nl->hn", hats, state.cov + self.shared, hats, optimize=True) + self.white[:, None] ** 2
+        variance = (
+            np.einsum("nk,hkl,nl->hn", hats, state.cov + self.shared, hats, optimize=True)
+            + self.white[:, None] ** 2
+        )
         weights = np.exp(state.log_weights)
         mean = np.tensordot(weights, expected, axes=1)
         spread = np.tensordot(weights, variance[:, :, None] + (expected - mean) ** 2, axes=1)
@@ -129,11 +143,15 @@ class ColumnModel:
         mean = state.mean + state.cov @ solved[:, :, :2]
         cov = state.cov - state.cov @ solved[:, :, 2:]
         residual = about - hats @ state.mean
-        square = inverse * np.sum(residual**2, axis=(1, 2)) - np.sum(vector * ((state.cov + self.shared) @ solved[:, :, :2]), axis=(1, 2))
+        square = inverse * np.sum(residual**2, axis=(1, 2)) - np.sum(
+            vector * ((state.cov + self.shared) @ solved[:, :, :2]), axis=(1, 2)
+        )
         # of both components
         log_det = np.linalg.slogdet(whole)[1] - bins.depth.size * np.log(inverse)
         log_weights = state.log_weights - 0.5 * square - log_det
-        return ColumnState(mean, 0.5 * (cov + cov.transpose(0, 2, 1)), log_weights - logsumexp(log_weights))
+        return ColumnState(
+            mean, 0.5 * (cov + cov.transpose(0, 2, 1)), log_weights - logsumexp(log_weights)
+        )
 
     def _hats(self, depth: Array) -> Array:
         return depth_weights(DepthFunctions("hat", 1.0), depth, self.knots)

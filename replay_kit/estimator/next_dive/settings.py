@@ -58,7 +58,15 @@ def combinations(n_backgrounds: int = 0) -> Settings:
     Args:
         n_backgrounds: Number of currents beside zero that a dive's current may be measured about.
     """
-    return _of_axes(_AMPLITUDES, _TIME_SCALES, _WHITES, _FLIGHT_BIASES, _SURFACE_SHARES, _CONSTANTS, range(n_backgrounds + 1))
+    return _of_axes(
+        _AMPLITUDES,
+        _TIME_SCALES,
+        _WHITES,
+        _FLIGHT_BIASES,
+        _SURFACE_SHARES,
+        _CONSTANTS,
+        range(n_backgrounds + 1),
+    )
 
 
 def ground_combinations(n_backgrounds: int = 0) -> Settings:
@@ -68,7 +76,15 @@ def ground_combinations(n_backgrounds: int = 0) -> Settings:
         n_backgrounds: Number of currents beside zero that a dive's velocity may be measured about; what is left is the way through the
             water.
     """
-    return _of_axes(_GROUND_AMPLITUDES, _TIME_SCALES, _WHITES, (0.0,), (0.0,), _GROUND_CONSTANTS, range(n_backgrounds + 1))
+    return _of_axes(
+        _GROUND_AMPLITUDES,
+        _TIME_SCALES,
+        _WHITES,
+        (0.0,),
+        (0.0,),
+        _GROUND_CONSTANTS,
+        range(n_backgrounds + 1),
+    )
 
 
 def local_combinations() -> Settings:
@@ -77,18 +93,26 @@ def local_combinations() -> Settings:
     Errors that no other dive shares are those that the estimate and the measurement state: whatever else changes from dive to dive is a
     current that decorrelates, as ellipses that leave it out would be too small.
     """
-    settings = _of_axes((0.0, *_LOCAL_AMPLITUDES), _TIME_SCALES, _WHITES[:1], (0.0,), (0.0,), (0.0,), (0,))
+    settings = _of_axes(
+        (0.0, *_LOCAL_AMPLITUDES), _TIME_SCALES, _WHITES[:1], (0.0,), (0.0,), (0.0,), (0,)
+    )
     none = settings.variance[:, 2] == 0.0
     prior = np.where(none, 0.5 / np.sum(none), 0.5 / np.sum(~none))
     return replace(settings, log_prior=np.log(prior))
 
 
 def _of_axes(*axes: Iterable[float]) -> Settings:
-    amplitude, scale, white, bias, share, constant, background = np.array(list(product(*axes)), dtype=np.float64).T
+    amplitude, scale, white, bias, share, constant, background = np.array(
+        list(product(*axes)), dtype=np.float64
+    ).T
     surface = share * amplitude
     # the part across the way errs half as much
-    std = np.column_stack([constant, constant, amplitude, amplitude, surface, surface, bias, 0.5 * bias])
+    std = np.column_stack(
+        [constant, constant, amplitude, amplitude, surface, surface, bias, 0.5 * bias]
+    )
     scales = np.full((scale.size, UNKNOWNS), np.inf)
     scales[:, 2:4] = scale[:, None]
     scales[:, 4:6] = _SURFACE_SCALE
-    return Settings(white, std**2, scales, background.astype(np.intp), np.full(white.size, -np.log(white.size)))
+    return Settings(
+        white, std**2, scales, background.astype(np.intp), np.full(white.size, -np.log(white.size))
+    )

@@ -114,11 +114,17 @@ def hybrid_parts(prior: Prior) -> HybridCovariance | None:
         parts = hybrid_parts(prior.unscaled)
         if parts is None:
             return None
-        return HybridCovariance(np.sqrt(prior.amplitude) * parts.factor, parts.vertical, prior.amplitude * parts.horizontal)
+        return HybridCovariance(
+            np.sqrt(prior.amplitude) * parts.factor,
+            parts.vertical,
+            prior.amplitude * parts.horizontal,
+        )
     if isinstance(prior, AmplitudePrior):
         return hybrid_parts(prior.whole)
     if not isinstance(prior, HybridPrior):
         return None
     n_modes = prior.factor.shape[2]
-    horizontal = np.array([symmetric(each) for each in prior.horizontal]).reshape(-1, n_modes, n_modes)
+    horizontal = np.array([symmetric(each) for each in prior.horizontal]).reshape(
+        -1, n_modes, n_modes
+    )
     return HybridCovariance(prior.factor, prior.vertical, horizontal)

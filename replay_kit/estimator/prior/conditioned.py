@@ -46,7 +46,9 @@ class ConditionedPrior:
         """Return the covariance of some levels' weights with ``basis``, shape (c, r), at each level: shape (Z, c, L, r)."""
         of_levels = self.gain if levels is None else self.gain[:, list(levels)]
         at_basis = self.gain @ basis.T  # (m, Z, c)
-        return np.asarray(self.before.matvec_modes(basis, levels) - np.tensordot(at_basis, of_levels, axes=(0, 0)))
+        return np.asarray(
+            self.before.matvec_modes(basis, levels) - np.tensordot(at_basis, of_levels, axes=(0, 0))
+        )
 
     def mode_std(self) -> Array:
         """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
@@ -80,11 +82,18 @@ class ConditionedPrior:
         """
         of_before = whitened.reshape(-1, mean.size) @ self.gain.reshape(-1, mean.size).T
         further = whitened - np.tensordot(of_before, self.whitened, axes=1)
-        return ConditionedPrior(self.before, mean, np.concatenate([self.whitened, further]), np.concatenate([self.gain, gain]))
+        return ConditionedPrior(
+            self.before,
+            mean,
+            np.concatenate([self.whitened, further]),
+            np.concatenate([self.gain, gain]),
+        )
 
     def scaled(self, before: Prior, factor: float) -> "ConditionedPrior":
         """Return the same with its covariance multiplied by a factor; ``before`` has it already."""
-        return ConditionedPrior(before, self.mean, self.whitened / np.sqrt(factor), np.sqrt(factor) * self.gain)
+        return ConditionedPrior(
+            before, self.mean, self.whitened / np.sqrt(factor), np.sqrt(factor) * self.gain
+        )
 
 
 def as_conditioned(prior: Prior, n_levels: int) -> ConditionedPrior:
@@ -110,8 +119,13 @@ def conditioned(prior: Prior, design: Array, innovation: Array) -> tuple[Conditi
     cross = prior.matvec(design)
     cov = design.reshape(size, -1) @ cross.reshape(size, -1).T
     lower = np.linalg.cholesky(0.5 * (cov + cov.T) + np.eye(size))
-    whitened, gain = (np.asarray(solve_triangular(lower, rows.reshape(size, -1), lower=True)) for rows in (design, cross))
+    whitened, gain = (
+        np.asarray(solve_triangular(lower, rows.reshape(size, -1), lower=True))
+        for rows in (design, cross)
+    )
     change = np.asarray(solve_triangular(lower, innovation, lower=True)).T @ gain
     before = as_conditioned(prior, design.shape[1])
-    after = before.after_rows(prior.mean + change[0], whitened.reshape(design.shape), gain.reshape(design.shape))
+    after = before.after_rows(
+        prior.mean + change[0], whitened.reshape(design.shape), gain.reshape(design.shape)
+    )
     return after, change[1:].reshape(-1, *design.shape[1:])

@@ -92,7 +92,9 @@ class Members:
             weights = functions[:_DEPTH_FUNCTIONS] @ weights
         # neighbours follow each other in the order of tiles
         order, _ = tiles(nodes)
-        some = np.sort(order[np.linspace(0, len(nodes) - 1, min(_NODES, len(nodes))).astype(np.int64)])
+        some = np.sort(
+            order[np.linspace(0, len(nodes) - 1, min(_NODES, len(nodes))).astype(np.int64)]
+        )
         both = np.concatenate([some, some + len(nodes)])
         return Members(weights, self.velocity_modes[both, :_MODES], nodes[some])
 
@@ -129,14 +131,19 @@ def choose_settings(members: Members, length: float, config: EstimatorConfig) ->
         return chosen
     # most often the first of them say that the other shift suits less well
     nearer = replace(chosen, shift=_NEARER * length)
-    if _scores(few, nearer, (SHARES[share],), some, advance)[:, 0].mean() >= scores[::2, share].mean():
+    if (
+        _scores(few, nearer, (SHARES[share],), some, advance)[:, 0].mean()
+        >= scores[::2, share].mean()
+    ):
         return chosen
     others = _scores(few, nearer, SHARES, left_out, lambda: None)[:, 0].mean(axis=0)
     better = others.min() < scores.mean(axis=0)[share]
     return replace(nearer, sample_share=SHARES[int(np.argmin(others))]) if better else chosen
 
 
-def fit_settings(members: Members, length: float, left_out: int, advance: Callable[[], None] = lambda: None) -> list[FitRow]:
+def fit_settings(
+    members: Members, length: float, left_out: int, advance: Callable[[], None] = lambda: None
+) -> list[FitRow]:
     """Return rows of all candidates: shares for each shift, then for the best shift with other radii; none with fewer than four members.
 
     Args:
@@ -148,11 +155,19 @@ def fit_settings(members: Members, length: float, left_out: int, advance: Callab
     radius = RADIUS_IN_LENGTHS * length
     rows = []
     for shift in _SHIFTS:
-        rows += score_sample_shares(members, PriorSettings(_SHARE_OF_FEW, shift * length, radius), SHARES, left_out, advance)
+        rows += score_sample_shares(
+            members, PriorSettings(_SHARE_OF_FEW, shift * length, radius), SHARES, left_out, advance
+        )
     if rows:
         shift = best(rows).shift
         for radii in _RADII:
-            rows += score_sample_shares(members, PriorSettings(_SHARE_OF_FEW, shift, radii * length), SHARES, left_out, advance)
+            rows += score_sample_shares(
+                members,
+                PriorSettings(_SHARE_OF_FEW, shift, radii * length),
+                SHARES,
+                left_out,
+                advance,
+            )
     return rows
 
 
@@ -185,13 +200,22 @@ def score_sample_shares(
     n_members = members.weights.shape[0]
     if n_members < 4:
         return []
-    log_score, coverage = _scores(members.leading(), settings, shares, _spread_over(n_members, left_out), advance).mean(axis=0)
+    log_score, coverage = _scores(
+        members.leading(), settings, shares, _spread_over(n_members, left_out), advance
+    ).mean(axis=0)
     return [
-        FitRow(replace(settings, sample_share=share), float(s), float(c)) for share, s, c in zip(shares, log_score, coverage, strict=True)
+        FitRow(replace(settings, sample_share=share), float(s), float(c))
+        for share, s, c in zip(shares, log_score, coverage, strict=True)
     ]
 
 
-def _scores(few: Members, settings: PriorSettings, shares: Sequence[float], left_out: Sequence[int], advance: Callable[[], None]) -> Array:
+def _scores(
+    few: Members,
+    settings: PriorSettings,
+    shares: Sequence[float],
+    left_out: Sequence[int],
+    advance: Callable[[], None],
+) -> Array:
     """Return the logarithmic score and the coverage of each member left out, shape (members, 2, shares).
 
     Args:
@@ -202,23 +226,37 @@ def _scores(few: Members, settings: PriorSettings, shares: Sequence[float], left
         advance: Called after each member.
     """
     by_member = []
-    for scored in each_call(_score_member, ((few, member, settings, shares) for member in left_out)):
+    for scored in each_call(
+        _score_member, ((few, member, settings, shares) for member in left_out)
+    ):
         by_member.append(scored)
         advance()
     return np.array(by_member)
 
 
-def _score_member(members: Members, member: int, settings: PriorSettings, shares: Sequence[float]) -> Array:
+def _score_member(
+    members: Members, member: int, settings: PriorSettings, shares: Sequence[float]
+) -> Array:
     """Return the logarithmic score and the coverage, shape (2, shares), over the numbers of columns."""
     others = np.delete(members.weights, member, axis=0)
     ends = [replace(settings, sample_share=share) for share in (1.0, 0.0)]
-    sample, localised = (hybrid_prior(others, members.velocity_modes, members.nodes, end).covariance() for end in ends)
+    sample, localised = (
+        hybrid_prior(others, members.velocity_modes, members.nodes, end).covariance()
+        for end in ends
+    )
     truth = members.weights[member] - others.mean(axis=0)
     rng = np.random.default_rng([_SEED, member])
     scores = []
     for n_columns in _COLUMNS:
         rows, information = measure_columns(members, truth, n_columns, rng)
-        scores.append([score_withheld(members, truth, share * sample + (1.0 - share) * localised, rows, information) for share in shares])
+        scores.append(
+            [
+                score_withheld(
+                    members, truth, share * sample + (1.0 - share) * localised, rows, information
+                )
+                for share in shares
+            ]
+        )
     return np.asarray(np.mean(scores, axis=0).T, dtype=np.float64)
 
 
@@ -239,19 +277,36 @@ def left_out_amplitude(members: Members, settings: PriorSettings) -> float:
         prior = hybrid_prior(others, few.velocity_modes, few.nodes, settings)
         rng = np.random.default_rng([_SEED, member])
         at = rng.integers(n_nodes, size=_AMPLITUDE_COLUMNS)
-        rows = np.concatenate([few.velocity_modes[at], few.velocity_modes[at + n_nodes]]) / _LEVEL_ERROR_STD
+        rows = (
+            np.concatenate([few.velocity_modes[at], few.velocity_modes[at + n_nodes]])
+            / _LEVEL_ERROR_STD
+        )
         truth = (few.weights[member] - others.mean(axis=0)) @ rows.T
         cross = prior.matvec_modes(rows) @ rows.T  # (Z, c, Z, c)
-        logs.append(np.log(fit_amplitude((truth + rng.standard_normal(truth.shape)).ravel(), cross.reshape(truth.size, truth.size))))
+        logs.append(
+            np.log(
+                fit_amplitude(
+                    (truth + rng.standard_normal(truth.shape)).ravel(),
+                    cross.reshape(truth.size, truth.size),
+                )
+            )
+        )
     return float(np.exp(np.mean(logs)))
 
 
 def _spread_over(n_members: int, count: int) -> list[int]:
     """Return the positions of so many members, evenly spread over the ensemble."""
-    return [int(member) for member in np.unique(np.linspace(0, n_members - 1, min(count, n_members)).astype(np.int64))]
+    return [
+        int(member)
+        for member in np.unique(
+            np.linspace(0, n_members - 1, min(count, n_members)).astype(np.int64)
+        )
+    ]
 
 
-def measure_columns(members: Members, truth: Array, n_columns: int, rng: np.random.Generator) -> tuple[Array, Array]:
+def measure_columns(
+    members: Members, truth: Array, n_columns: int, rng: np.random.Generator
+) -> tuple[Array, Array]:
     """Return the information of noisy columns at random nodes on the weights of each level: R, shape (k, r), and R' y, shape (Z, r).
 
     Args:
@@ -262,12 +317,17 @@ def measure_columns(members: Members, truth: Array, n_columns: int, rng: np.rand
     """
     n_nodes = members.nodes.shape[0]
     at = rng.integers(n_nodes, size=n_columns)
-    rows = np.concatenate([members.velocity_modes[at], members.velocity_modes[at + n_nodes]]) / _LEVEL_ERROR_STD
+    rows = (
+        np.concatenate([members.velocity_modes[at], members.velocity_modes[at + n_nodes]])
+        / _LEVEL_ERROR_STD
+    )
     measured = truth @ rows.T + rng.standard_normal((truth.shape[0], rows.shape[0]))
     return np.asarray(np.linalg.qr(rows, mode="r")), measured @ rows
 
 
-def score_withheld(members: Members, truth: Array, prior: Array, rows: Array, information: Array) -> tuple[float, float]:
+def score_withheld(
+    members: Members, truth: Array, prior: Array, rows: Array, information: Array
+) -> tuple[float, float]:
     """Return the logarithm of CRPS over the mean absolute anomaly, over at most 300 nodes, and the coverage of 90 % intervals.
 
     Args:
@@ -280,7 +340,9 @@ def score_withheld(members: Members, truth: Array, prior: Array, rows: Array, in
     n_levels, n_modes = truth.shape
     modes = members.velocity_modes[:: -(-len(members.nodes) // _SCORED)]
     cross = np.matmul(rows, prior.reshape(n_levels, n_modes, -1)).reshape(-1, prior.shape[0])  # H P
-    innovation = np.matmul(cross.reshape(len(cross), n_levels, n_modes), rows.T).reshape(len(cross), -1)
+    innovation = np.matmul(cross.reshape(len(cross), n_levels, n_modes), rows.T).reshape(
+        len(cross), -1
+    )
     innovation[np.diag_indices_from(innovation)] += 1.0
     factor = scipy.linalg.cholesky(innovation, lower=True, overwrite_a=True, check_finite=False)
     whitened = scipy.linalg.solve_triangular(factor, cross, lower=True, check_finite=False)
@@ -288,7 +350,9 @@ def score_withheld(members: Members, truth: Array, prior: Array, rows: Array, in
     error = (mean.reshape(truth.shape) - truth) @ modes.T
     blocks = whitened.reshape(-1, n_levels, n_modes).swapaxes(0, 1)
     variance = np.empty_like(error)
-    for z, (of_level, block) in enumerate(zip(prior.reshape(n_levels, n_modes, n_levels, n_modes).swapaxes(1, 2), blocks, strict=True)):
+    for z, (of_level, block) in enumerate(
+        zip(prior.reshape(n_levels, n_modes, n_levels, n_modes).swapaxes(1, 2), blocks, strict=True)
+    ):
         variance[z] = np.einsum("nr,nr->n", modes @ (of_level[z] - block.T @ block), modes)
     std = np.sqrt(np.maximum(variance, 0.0))
     relative = np.mean(crps_gaussian(error, std)) / np.mean(np.abs(truth @ modes.T))

@@ -124,7 +124,9 @@ class DiagonalPrior:
 
         def reduction(levels: tuple[int, ...]) -> Array:
             scaled = {level: directions * self.variance[level] for level in levels}
-            return np.asarray(sum(scaled[j].T @ blocks[j, :, k] @ scaled[k] for j in levels for k in levels))
+            return np.asarray(
+                sum(scaled[j].T @ blocks[j, :, k] @ scaled[k] for j in levels for k in levels)
+            )
 
         return reduction
 
@@ -157,7 +159,9 @@ def diagonal_prior(member_weights: Array) -> DiagonalPrior:
     return DiagonalPrior(member_weights.mean(axis=0).ravel(), member_weights.var(axis=0, ddof=1))
 
 
-def hybrid_prior(member_weights: Array, velocity_modes: Array, nodes: Array, settings: PriorSettings) -> HybridPrior:
+def hybrid_prior(
+    member_weights: Array, velocity_modes: Array, nodes: Array, settings: PriorSettings
+) -> HybridPrior:
     """Return the prior of the members and their shifted copies: sample covariance, mixed with a localised one.
 
     Every member is used unshifted and, with half the weight each, shifted by one correlation length to the four sides: the shape of eddies
@@ -178,11 +182,23 @@ def hybrid_prior(member_weights: Array, velocity_modes: Array, nodes: Array, set
     mean = member_weights.mean(axis=0)
     to_modes = projector(velocity_modes)
     anomalies = (member_weights - mean) / np.sqrt(n_members - 1.0)
-    anomalies = shifted_in_modes(anomalies, shift_operators(velocity_modes, to_modes, nodes, settings.shift))
+    anomalies = shifted_in_modes(
+        anomalies, shift_operators(velocity_modes, to_modes, nodes, settings.shift)
+    )
     if share == 1.0:
-        return HybridPrior(mean.ravel(), anomalies, np.empty((0, n_levels)), np.empty((0, n_modes, n_modes)), settings)
-    vertical, horizontal = localised_part(anomalies, velocity_modes, to_modes, nodes, settings.radius)
-    return HybridPrior(mean.ravel(), np.sqrt(share) * anomalies, vertical, (1.0 - share) * horizontal, settings)
+        return HybridPrior(
+            mean.ravel(),
+            anomalies,
+            np.empty((0, n_levels)),
+            np.empty((0, n_modes, n_modes)),
+            settings,
+        )
+    vertical, horizontal = localised_part(
+        anomalies, velocity_modes, to_modes, nodes, settings.radius
+    )
+    return HybridPrior(
+        mean.ravel(), np.sqrt(share) * anomalies, vertical, (1.0 - share) * horizontal, settings
+    )
 
 
 def with_mean_amplitude(prior: HybridPrior, mean_weights: Array, variance: float) -> HybridPrior:
@@ -193,4 +209,6 @@ def with_mean_amplitude(prior: HybridPrior, mean_weights: Array, variance: float
         mean_weights: shape (Z, r), the ensemble mean.
         variance: Of its amplitude, whose mean is 1.
     """
-    return replace(prior, factor=np.concatenate([prior.factor, np.sqrt(variance) * mean_weights[None]]))
+    return replace(
+        prior, factor=np.concatenate([prior.factor, np.sqrt(variance) * mean_weights[None]])
+    )

@@ -40,18 +40,24 @@ def vertical_functions(anomalies: Array) -> tuple[Array, int]:
     Returns:
         shape (Z, Z), and a number of at most Z.
     """
-    variance, vectors = np.linalg.eigh(np.einsum("ezr,eyr->zy", anomalies, anomalies, optimize=True))
+    variance, vectors = np.linalg.eigh(
+        np.einsum("ezr,eyr->zy", anomalies, anomalies, optimize=True)
+    )
     variance, functions = np.maximum(variance[::-1], 0.0), vectors.T[::-1].copy()
     held = np.cumsum(variance) >= _APART * variance.sum()
     apart = max(int(np.argmax(held)) + 1, _LEAST_APART)
     if apart >= variance.size - 1:
         return functions, variance.size
     weak = variance[apart:]
-    functions[apart:] *= np.sqrt(weak / weak.sum() if weak.sum() > 0.0 else np.full(weak.size, 1.0 / weak.size))[:, None]
+    functions[apart:] *= np.sqrt(
+        weak / weak.sum() if weak.sum() > 0.0 else np.full(weak.size, 1.0 / weak.size)
+    )[:, None]
     return functions, apart
 
 
-def localised_part(anomalies: Array, velocity_modes: Array, projector: Array, nodes: Array, radius: float) -> tuple[Array, Array]:
+def localised_part(
+    anomalies: Array, velocity_modes: Array, projector: Array, nodes: Array, radius: float
+) -> tuple[Array, Array]:
     """Return the covariance of anomalies, tapered, in their vertical functions: shapes (q, Z) and (g, r, r), g <= q.
 
     Functions from the g-th on have the last covariance.
@@ -64,15 +70,21 @@ def localised_part(anomalies: Array, velocity_modes: Array, projector: Array, no
         radius: Where the taper reaches zero [m].
     """
     functions, apart = vertical_functions(anomalies)
-    unit = functions / np.maximum(np.linalg.norm(functions, axis=1, keepdims=True), np.finfo(float).tiny)
+    unit = functions / np.maximum(
+        np.linalg.norm(functions, axis=1, keepdims=True), np.finfo(float).tiny
+    )
     in_functions: Array = np.einsum("qz,ezr->qer", unit, anomalies, optimize=True)
     covariances = np.matmul(in_functions.swapaxes(1, 2), in_functions)
     if apart < len(functions):
-        covariances = np.concatenate([covariances[:apart], covariances[apart:].sum(axis=0, keepdims=True)])
+        covariances = np.concatenate(
+            [covariances[:apart], covariances[apart:].sum(axis=0, keepdims=True)]
+        )
     return functions, localised(covariances, velocity_modes, projector, nodes, radius)
 
 
-def localised(covariances: Array, velocity_modes: Array, projector: Array, nodes: Array, radius: float) -> Array:
+def localised(
+    covariances: Array, velocity_modes: Array, projector: Array, nodes: Array, radius: float
+) -> Array:
     """Return covariances of the modes' amplitudes after tapering over the nodes, shape (g, r, r); see the module.
 
     Args:
@@ -85,7 +97,9 @@ def localised(covariances: Array, velocity_modes: Array, projector: Array, nodes
     n_nodes, precision = len(nodes), np.float64 if len(nodes) <= _FEW_NODES else np.float32
     order, ends = tiles(nodes)
     factors = _factors(covariances)
-    back = np.stack([projector[:, component * n_nodes + order].T for component in range(2)], axis=1).astype(precision)
+    back = np.stack(
+        [projector[:, component * n_nodes + order].T for component in range(2)], axis=1
+    ).astype(precision)
     at_once = max(1, _FIELD_BYTES // (factors.shape[2] * back[:, :, 0].nbytes))
     parts = []
     for start in range(0, len(factors), at_once):
@@ -98,10 +112,16 @@ def localised(covariances: Array, velocity_modes: Array, projector: Array, nodes
                 fields[group, :, component] = at_nodes @ factor
         parts.append(_half(fields, back, nodes[order], ends, radius))
     half = np.concatenate(parts)
-    return _positive(half + half.swapaxes(1, 2)) if precision is np.float32 else half + half.swapaxes(1, 2)
+    return (
+        _positive(half + half.swapaxes(1, 2))
+        if precision is np.float32
+        else half + half.swapaxes(1, 2)
+    )
 
 
-def _half(fields: NDArray[Any], back: NDArray[Any], places: Array, ends: NDArray[np.intp], radius: float) -> Array:
+def _half(
+    fields: NDArray[Any], back: NDArray[Any], places: Array, ends: NDArray[np.intp], radius: float
+) -> Array:
     """Return half of each sum over pairs of tiles, shape (g, r, r); with its transpose it is the whole.
 
     Args:
@@ -117,13 +137,18 @@ def _half(fields: NDArray[Any], back: NDArray[Any], places: Array, ends: NDArray
         here, n = fields[:, first:last].reshape(len(fields), 2 * (last - first), -1), last - first
         projected = np.zeros((len(fields), 2 * n, n_modes), dtype=back.dtype)
         for start, stop in runs:
-            there, m = fields[:, start:stop].reshape(len(fields), 2 * (stop - start), -1), stop - start
+            there, m = (
+                fields[:, start:stop].reshape(len(fields), 2 * (stop - start), -1),
+                stop - start,
+            )
             taper = gaspari_cohn(cdist(places[first:last], places[start:stop]), radius)
             if start == first:
                 taper[:, :n] = 0.5 * taper[:, :n]
             product = np.matmul(here, there.swapaxes(1, 2))
             np.multiply(product, np.kron(taper, np.ones((2, 2))).astype(back.dtype), out=product)
-            projected += (product.reshape(-1, 2 * m) @ back[start:stop].reshape(2 * m, n_modes)).reshape(projected.shape)
+            projected += (
+                product.reshape(-1, 2 * m) @ back[start:stop].reshape(2 * m, n_modes)
+            ).reshape(projected.shape)
         half += np.matmul(back[first:last].reshape(2 * n, n_modes).T, projected)
     return half
 
@@ -146,7 +171,9 @@ def tiles(nodes: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return np.concatenate(done), np.cumsum([tile.size for tile in done])
 
 
-def _pairs(places: Array, ends: NDArray[np.intp], radius: float) -> Iterator[tuple[int, int, list[tuple[int, int]]]]:
+def _pairs(
+    places: Array, ends: NDArray[np.intp], radius: float
+) -> Iterator[tuple[int, int, list[tuple[int, int]]]]:
     """Yield each tile, its first and last node, and the runs of tiles within reach from itself on."""
     starts = np.append(0, ends[:-1])
     low, high = (function.reduceat(places, starts, axis=0) for function in (np.minimum, np.maximum))
@@ -168,7 +195,9 @@ def _factors(covariances: Array) -> Array:
     """Return factors of covariances, shape (g, r, f), without the directions that hold next to nothing."""
     values, vectors = np.linalg.eigh(covariances)
     values = np.maximum(values, 0.0)
-    needed = np.sum(np.cumsum(values, axis=1) > _DROPPED * values.sum(axis=1, keepdims=True), axis=1)
+    needed = np.sum(
+        np.cumsum(values, axis=1) > _DROPPED * values.sum(axis=1, keepdims=True), axis=1
+    )
     kept = slice(values.shape[1] - max(int(needed.max()), 1), None)
     return np.asarray(vectors[:, :, kept] * np.sqrt(values[:, None, kept]))
 
@@ -190,6 +219,9 @@ def gaspari_cohn(distance: Array, radius: float) -> Array:
     inner = 1.0 + r**2 * (-5.0 / 3.0 + r * (5.0 / 8.0 + r * (0.5 - 0.25 * r)))
     outside = np.maximum(r, 1.0)
     outer = (
-        4.0 + outside * (-5.0 + outside * (5.0 / 3.0 + outside * (5.0 / 8.0 + outside * (-0.5 + outside / 12.0)))) - 2.0 / (3.0 * outside)
+        4.0
+        + outside
+        * (-5.0 + outside * (5.0 / 3.0 + outside * (5.0 / 8.0 + outside * (-0.5 + outside / 12.0))))
+        - 2.0 / (3.0 * outside)
     )
     return np.where(r <= 1.0, inner, np.maximum(outer, 0.0))

@@ -22,7 +22,13 @@ from replay_kit.estimator.basis.slices import cell_size, correlation_length
 from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.prior.amplitude import ScaledPrior, scaled_prior
 from replay_kit.estimator.prior.fit import choose_settings, left_out_amplitude, members_in_basis
-from replay_kit.estimator.prior.hybrid import HybridPrior, Prior, diagonal_prior, hybrid_prior, with_mean_amplitude
+from replay_kit.estimator.prior.hybrid import (
+    HybridPrior,
+    Prior,
+    diagonal_prior,
+    hybrid_prior,
+    with_mean_amplitude,
+)
 from replay_kit.estimator.prior.mean_amplitude import AmplitudePrior, MeanAmplitude, before_the_log
 from replay_kit.estimator.static.group import fitting_step, group_innovation, group_steps
 from replay_kit.estimator.static.mean_amplitude import with_mean_averaged
@@ -35,8 +41,18 @@ from replay_kit.estimator.update.evaluation import evaluate_observation
 from replay_kit.estimator.update.group_step import Stepped
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup, current_gradient
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
-from replay_kit.estimator.update.path_mean import PathRows, path_rows, predict_path_mean, profiles_before_path
-from replay_kit.estimator.update.posterior import Posterior, PredictedObservation, PriorCrossCovariance, means
+from replay_kit.estimator.update.path_mean import (
+    PathRows,
+    path_rows,
+    predict_path_mean,
+    profiles_before_path,
+)
+from replay_kit.estimator.update.posterior import (
+    Posterior,
+    PredictedObservation,
+    PriorCrossCovariance,
+    means,
+)
 from replay_kit.estimator.update.representation import inflated, select_representation
 from replay_kit.estimator.update.screening import Screened, is_duplicate, screen_measurement
 
@@ -94,7 +110,9 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         """Return the prior of an amplitude as a state."""
         no_bias = np.zeros((len(NAMES), *self.prior_weights.shape))
         prior = self.prior if spread is None else ScaledPrior(self.prior, spread.amplitude)
-        return FilterState(initial(prior, no_bias), None, spread=spread, mean_amplitude=self.mean_amplitude)
+        return FilterState(
+            initial(prior, no_bias), None, spread=spread, mean_amplitude=self.mean_amplitude
+        )
 
     def prior_with(self, amplitude: MeanAmplitude) -> Prior:
         """Return the prior with a Gaussian of the ensemble mean's amplitude."""
@@ -109,7 +127,9 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         """
         return next(self.steps(state, [observation]))
 
-    def steps(self, state: FilterState, observations: Iterable[Measurement]) -> Iterator[tuple[FilterState, Innovation]]:
+    def steps(
+        self, state: FilterState, observations: Iterable[Measurement]
+    ) -> Iterator[tuple[FilterState, Innovation]]:
         """Yield the state after each observation, and its innovation.
 
         The same as repeated ``step``, but products that do not depend on earlier observations are computed for ``block_size`` of them
@@ -124,14 +144,20 @@ class ReducedBasisEstimator(Estimator[FilterState]):
             yield state, innovation
         yield from self.assimilated(state, source)
 
-    def group_steps(self, state: FilterState, items: Iterable[Measurement | ProfileGroup]) -> Iterator[Stepped[FilterState]]:
+    def group_steps(
+        self, state: FilterState, items: Iterable[Measurement | ProfileGroup]
+    ) -> Iterator[Stepped[FilterState]]:
         """Yield what became of measurements and groups of profiles."""
         return group_steps(self, state, items)
 
-    def assimilated(self, state: FilterState, source: Iterable[Measurement]) -> Iterator[tuple[FilterState, Innovation]]:
+    def assimilated(
+        self, state: FilterState, source: Iterable[Measurement]
+    ) -> Iterator[tuple[FilterState, Innovation]]:
         """Yield the state after each observation, and its innovation, with the prior's amplitude as it is."""
         source = iter(source)
-        while block := [self.linearised(observation) for observation in islice(source, self._block(state))]:
+        while block := [
+            self.linearised(observation) for observation in islice(source, self._block(state))
+        ]:
             prefetched: Iterator[PriorCrossCovariance] = iter(())
             made_by: Posterior | None = None
             for index, (screened, rows) in enumerate(block):
@@ -139,32 +165,56 @@ class ReducedBasisEstimator(Estimator[FilterState]):
                 known = None
                 if isinstance(rows, ProfileRows):
                     # what was prefetched holds until the posterior changes its representation or its prior
-                    if made_by is None or type(made_by) is not type(posterior) or made_by.prior is not posterior.prior:
+                    if (
+                        made_by is None
+                        or type(made_by) is not type(posterior)
+                        or made_by.prior is not posterior.prior
+                    ):
                         made_by = posterior
-                        prefetched = iter(posterior.prefetch(profiles_before_path(later for _, later in block[index:])))
+                        prefetched = iter(
+                            posterior.prefetch(
+                                profiles_before_path(later for _, later in block[index:])
+                            )
+                        )
                     known = next(prefetched)
                 elif rows is not None:
                     made_by = None
                 if rows is not None and is_duplicate(state.last, screened.observation):
                     innovation = screened.rejected(Reason.DUPLICATE)
                 elif isinstance(rows, ProfileRows) and known is not None:
-                    state, innovation = self._updated(state, screened, rows, posterior.predict(rows, known))
+                    state, innovation = self._updated(
+                        state, screened, rows, posterior.predict(rows, known)
+                    )
                 elif isinstance(rows, PathRows):
-                    state, innovation = self._updated(state, screened, rows, predict_path_mean(posterior, rows))
+                    state, innovation = self._updated(
+                        state, screened, rows, predict_path_mean(posterior, rows)
+                    )
                 yield state, innovation
 
     def _block(self, state: FilterState) -> int:
         """Return how many observations to take together: the prior of an average of the mean's amplitude is another one."""
         posterior, amplitude = state.posterior, state.mean_amplitude
-        due = amplitude.until_due(posterior.n) if amplitude and isinstance(posterior, ObservationSpacePosterior) else None
+        due = (
+            amplitude.until_due(posterior.n)
+            if amplitude and isinstance(posterior, ObservationSpacePosterior)
+            else None
+        )
         return min(self.block_size, due or self.block_size)
 
     def _updated(
-        self, state: FilterState, screened: Screened, rows: ProfileRows | PathRows, predicted: PredictedObservation[Posterior]
+        self,
+        state: FilterState,
+        screened: Screened,
+        rows: ProfileRows | PathRows,
+        predicted: PredictedObservation[Posterior],
     ) -> tuple[FilterState, Innovation]:
         """Return the state after an observation with a prediction, and the innovation."""
-        update = evaluate_observation(rows, predicted, self.gating, self.error_std is None, state.monitor.is_consistent)
-        bias_rows = unit_bias_rows(screened, self.basis.grid.projection, rows, rows.residual(predicted.mean))
+        update = evaluate_observation(
+            rows, predicted, self.gating, self.error_std is None, state.monitor.is_consistent
+        )
+        bias_rows = unit_bias_rows(
+            screened, self.basis.grid.projection, rows, rows.residual(predicted.mean)
+        )
         posterior, time_ns = state.posterior, state.time_ns
         if update.accepted:
             innovations = predicted.augmented_innovation(update.innovation, bias_rows)
@@ -176,10 +226,22 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         # the posterior's own prior may be an earlier posterior
         prior = rows.matvec(self.prior_weights)
         score = update.bias_score(state.bias_score, screened.observation, bias_rows)
-        after = FilterState(posterior, time_ns, monitor, screened.observation, score, state.spread, state.mean_amplitude)
-        return with_mean_averaged(after, self.basis.mean_weights), update.to_innovation(screened, prior, inflation)
+        after = FilterState(
+            posterior,
+            time_ns,
+            monitor,
+            screened.observation,
+            score,
+            state.spread,
+            state.mean_amplitude,
+        )
+        return with_mean_averaged(after, self.basis.mean_weights), update.to_innovation(
+            screened, prior, inflation
+        )
 
-    def linearised(self, observation: Measurement) -> tuple[Screened, ProfileRows | PathRows | None]:
+    def linearised(
+        self, observation: Measurement
+    ) -> tuple[Screened, ProfileRows | PathRows | None]:
         """Return a measurement after screening, and its rows; None without a usable bin."""
         screened = screen_measurement(observation, self.basis.grid)
         if screened.used.size == 0:
@@ -195,7 +257,11 @@ class ReducedBasisEstimator(Estimator[FilterState]):
     def innovation(self, state: FilterState, observation: Measurement) -> Array:
         """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
         screened, rows = self.linearised(observation)
-        return screened.scatter(np.empty((0, 2)) if rows is None else rows.residual(rows.matvec(self.by_level(state.mean))))
+        return screened.scatter(
+            np.empty((0, 2))
+            if rows is None
+            else rows.residual(rows.matvec(self.by_level(state.mean)))
+        )
 
     def group_innovation(self, state: FilterState, group: ProfileGroup) -> Array:
         """Return the same of all bins of all profiles of a group, shape (n m, 2) [m/s]; 0 for bins that are not usable."""
@@ -209,7 +275,12 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         """Return the current estimate of a state; its covariance is computed when first asked for."""
         return self.flow_of(state.mean, PosteriorCovariance(state.posterior), state.time_ns)
 
-    def flow_of(self, mean: Array, covariance: Array | Callable[[tuple[int, ...] | None], Array], time_ns: int | None) -> FlowEstimate:
+    def flow_of(
+        self,
+        mean: Array,
+        covariance: Array | Callable[[tuple[int, ...] | None], Array],
+        time_ns: int | None,
+    ) -> FlowEstimate:
         """Return the current estimate of weights.
 
         Args:
@@ -227,7 +298,12 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         offset, modes = self.basis.at_place(np.array([east, north], dtype=np.float64))
         weights = depth_weights(self.basis.depth_functions, depth, grid.levels)
         noise = self.noise(observation, used)
-        u, v = rotate_to_local(grid.projection, observation.longitude, observation.latitude, *observation.velocity[used].T)
+        u, v = rotate_to_local(
+            grid.projection,
+            observation.longitude,
+            observation.latitude,
+            *observation.velocity[used].T,
+        )
         values = np.column_stack([u, v]) - weights @ offset.T
         return compress_profile(weights, modes, noise, values)
 
@@ -236,7 +312,9 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         levels, depth = self.basis.grid.levels, observation.depth[used]
         common, correlation = observation.common_std, observation.correlation_depth
         place = to_local(self.basis.grid.projection, observation.longitude, observation.latitude)
-        (of_levels,) = self.basis.local_error(np.array([place], dtype=np.float64), self.representation_std)
+        (of_levels,) = self.basis.local_error(
+            np.array([place], dtype=np.float64), self.representation_std
+        )
         own, extra = observation.error_std[used], np.interp(depth, levels, of_levels)
         if self.error_std is not None:
             own, extra = np.full(used.size, self.error_std), np.zeros(used.size)
@@ -258,20 +336,28 @@ class ReducedBasisEstimator(Estimator[FilterState]):
 
     def bias_notes(self, state: FilterState) -> list[str]:
         """Return the amplitude of the prior, where it is fitted, and the significant systematic errors of the instrument."""
-        return [*([] if state.spread is None else [str(state.spread)]), *significant_bias_notes(state.bias_score)]
+        return [
+            *([] if state.spread is None else [str(state.spread)]),
+            *significant_bias_notes(state.bias_score),
+        ]
 
     def spread_record(self, state: FilterState) -> dict[str, str]:
         """Return the amplitude of the prior's covariance in a state, and what it was fitted to."""
         if state.spread is None:
             return {}
-        return {"amplitude": repr(state.spread.amplitude), "measurements": str(state.spread.fitted_to)}
+        return {
+            "amplitude": repr(state.spread.amplitude),
+            "measurements": str(state.spread.fitted_to),
+        }
 
     def by_level(self, mean: Array) -> Array:
         """Return weights, shape (Z r,), level by level, shape (Z, r)."""
         return mean.reshape(self.basis.grid.levels.size, -1)
 
 
-def build_estimator(ensemble: Ensemble, config: EstimatorConfig, gating: GatingConfig | None = None) -> ReducedBasisEstimator:
+def build_estimator(
+    ensemble: Ensemble, config: EstimatorConfig, gating: GatingConfig | None = None
+) -> ReducedBasisEstimator:
     """Return the estimator of the configuration's preset for an ensemble.
 
     Args:
@@ -282,18 +368,40 @@ def build_estimator(ensemble: Ensemble, config: EstimatorConfig, gating: GatingC
     basis = build_basis(ensemble, config)
     if config.preset == "paper":
         variances = scaled_prior(diagonal_prior(basis.member_weights), config.spread)
-        return ReducedBasisEstimator(basis, variances, config.paper_error_std, basis.truncation_std, ensemble.time_ns)
+        return ReducedBasisEstimator(
+            basis, variances, config.paper_error_std, basis.truncation_std, ensemble.time_ns
+        )
     members = members_in_basis(basis)
     settings = choose_settings(members, correlation_length(ensemble), config)
     prior = hybrid_prior(members.weights, members.velocity_modes, members.nodes, settings)
     spread, amplitude = None, None
     if config.spread == "fit" or (config.spread is None and ensemble.made_from):
         expected = left_out_amplitude(members, settings)
-        spread = SpreadFit(expected, expected, 0, 0.5 * float(np.sqrt(np.prod(cell_size(ensemble.grid)))))
+        spread = SpreadFit(
+            expected, expected, 0, 0.5 * float(np.sqrt(np.prod(cell_size(ensemble.grid))))
+        )
     if basis.mean_weights is not None:
         # one of both is fitted to the log
-        amplitude = before_the_log() if config.mean_variance is None and spread is None and not isinstance(config.spread, float) else None
-        prior = with_mean_amplitude(prior, basis.mean_weights, amplitude.variance if amplitude else mean_variance(config))
+        amplitude = (
+            before_the_log()
+            if config.mean_variance is None
+            and spread is None
+            and not isinstance(config.spread, float)
+            else None
+        )
+        prior = with_mean_amplitude(
+            prior, basis.mean_weights, amplitude.variance if amplitude else mean_variance(config)
+        )
     scaled, grouping = scaled_prior(prior, config.spread), Grouping(current_gradient(ensemble))
     representation_std = basis.representation_std(config)
-    return ReducedBasisEstimator(basis, scaled, None, representation_std, ensemble.time_ns, gating, spread, grouping, amplitude)
+    return ReducedBasisEstimator(
+        basis,
+        scaled,
+        None,
+        representation_std,
+        ensemble.time_ns,
+        gating,
+        spread,
+        grouping,
+        amplitude,
+    )

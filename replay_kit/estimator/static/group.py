@@ -19,14 +19,26 @@ from replay_kit.estimator.static.mean_amplitude import with_mean_averaged
 from replay_kit.estimator.static.spread import SpreadFit
 from replay_kit.estimator.static.state import FilterState
 from replay_kit.estimator.update.compression import ProfileRows
-from replay_kit.estimator.update.group_step import GroupResult, ScreenedGroup, Stepped, results_of, screen_group, stack_of
+from replay_kit.estimator.update.group_step import (
+    GroupResult,
+    ScreenedGroup,
+    Stepped,
+    results_of,
+    screen_group,
+    stack_of,
+)
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.path_mean import PathRows
 from replay_kit.estimator.update.posterior import PriorCrossCovariance
 from replay_kit.estimator.update.profile_stack import ProfileStack
 from replay_kit.estimator.update.representation import inflated, select_representation
 from replay_kit.estimator.update.screening import Screened
-from replay_kit.estimator.update.superobservation import Column, CombinedRows, combined, evaluate_group
+from replay_kit.estimator.update.superobservation import (
+    Column,
+    CombinedRows,
+    combined,
+    evaluate_group,
+)
 
 
 class _Estimator(Protocol):
@@ -43,20 +55,30 @@ class _Estimator(Protocol):
     @property
     def gating(self) -> GatingConfig | None: ...
     def initial_with(self, spread: SpreadFit | None) -> FilterState: ...
-    def steps(self, state: FilterState, observations: Iterable[Measurement]) -> Iterator[tuple[FilterState, Innovation]]: ...
-    def assimilated(self, state: FilterState, source: Iterable[Measurement]) -> Iterator[tuple[FilterState, Innovation]]: ...
-    def linearised(self, observation: Measurement) -> tuple[Screened, ProfileRows | PathRows | None]: ...
+    def steps(
+        self, state: FilterState, observations: Iterable[Measurement]
+    ) -> Iterator[tuple[FilterState, Innovation]]: ...
+    def assimilated(
+        self, state: FilterState, source: Iterable[Measurement]
+    ) -> Iterator[tuple[FilterState, Innovation]]: ...
+    def linearised(
+        self, observation: Measurement
+    ) -> tuple[Screened, ProfileRows | PathRows | None]: ...
     def noise(self, observation: Observation, used: NDArray[np.intp]) -> BinNoise: ...
     def by_level(self, mean: Array) -> Array: ...
 
 
-def group_steps(estimator: _Estimator, state: FilterState, items: Iterable[Measurement | ProfileGroup]) -> Iterator[Stepped[FilterState]]:
+def group_steps(
+    estimator: _Estimator, state: FilterState, items: Iterable[Measurement | ProfileGroup]
+) -> Iterator[Stepped[FilterState]]:
     """Yield what became of measurements and groups of profiles; measurements between groups are assimilated in blocks."""
     waiting: list[Measurement] = []
 
     def alone() -> Iterator[Stepped[FilterState]]:
         nonlocal state
-        for measurement, (after, innovation) in zip(waiting, estimator.steps(state, waiting), strict=True):
+        for measurement, (after, innovation) in zip(
+            waiting, estimator.steps(state, waiting), strict=True
+        ):
             yield Stepped(measurement, state, after, innovation)
             state = after
         waiting.clear()
@@ -67,13 +89,17 @@ def group_steps(estimator: _Estimator, state: FilterState, items: Iterable[Measu
             continue
         yield from alone()
         fitting = state.spread is not None and state.spread.past is not None
-        for stepped in fitting_step(estimator, state, item) if fitting else step_group(estimator, state, item):
+        for stepped in (
+            fitting_step(estimator, state, item) if fitting else step_group(estimator, state, item)
+        ):
             yield stepped
             state = stepped.after
     yield from alone()
 
 
-def fitting_step(estimator: _Estimator, state: FilterState, item: Measurement | ProfileGroup) -> list[Stepped[FilterState]]:
+def fitting_step(
+    estimator: _Estimator, state: FilterState, item: Measurement | ProfileGroup
+) -> list[Stepped[FilterState]]:
     """Return what became of a measurement or group, with the amplitude fitted if it is time, and the innovations before that."""
     stepped = _stepped(estimator, state, item)
     state, spread = stepped[-1].after, state.spread
@@ -86,33 +112,43 @@ def fitting_step(estimator: _Estimator, state: FilterState, item: Measurement | 
     spread = spread.after(item, place, used)
     if spread.is_due and spread.past is not None:
         known = [_rows_of(estimator, each) for each, _ in spread.apart]
-        fitted = spread.fitted(estimator.prior, estimator.prior_weights, [rows for rows in known if rows is not None])
+        fitted = spread.fitted(
+            estimator.prior, estimator.prior_weights, [rows for rows in known if rows is not None]
+        )
         state, spread = _again(estimator, state, spread, fitted), fitted
     return [*stepped[:-1], stepped[-1]._replace(after=replace(state, spread=spread))]
 
 
-def _again(estimator: _Estimator, state: FilterState, before: SpreadFit, fitted: SpreadFit) -> FilterState:
+def _again(
+    estimator: _Estimator, state: FilterState, before: SpreadFit, fitted: SpreadFit
+) -> FilterState:
     """Return the state after all measurements so far under another amplitude."""
     assert before.past is not None, "a fit is due"
     if fitted.amplitude == before.amplitude:
         return state
     state = estimator.initial_with(fitted)
     if not any(isinstance(item, ProfileGroup) for item in before.past):
-        *_, (state, _) = estimator.assimilated(state, [item for item in before.past if not isinstance(item, ProfileGroup)])
+        *_, (state, _) = estimator.assimilated(
+            state, [item for item in before.past if not isinstance(item, ProfileGroup)]
+        )
         return state
     for item in before.past:
         state = _stepped(estimator, state, item)[-1].after
     return state
 
 
-def _stepped(estimator: _Estimator, state: FilterState, item: Measurement | ProfileGroup) -> list[Stepped[FilterState]]:
+def _stepped(
+    estimator: _Estimator, state: FilterState, item: Measurement | ProfileGroup
+) -> list[Stepped[FilterState]]:
     if isinstance(item, ProfileGroup):
         return step_group(estimator, state, item)
     after, innovation = next(estimator.assimilated(state, [item]))
     return [Stepped(item, state, after, innovation)]
 
 
-def step_group(estimator: _Estimator, state: FilterState, group: ProfileGroup) -> list[Stepped[FilterState]]:
+def step_group(
+    estimator: _Estimator, state: FilterState, group: ProfileGroup
+) -> list[Stepped[FilterState]]:
     """Return what became of the profiles of a group, with the prior's amplitude as it is."""
     screened = screen_group(group, state.last, estimator.basis.grid)
     if screened.used.size < 2:
@@ -123,13 +159,17 @@ def step_group(estimator: _Estimator, state: FilterState, group: ProfileGroup) -
     known = posterior.prefetch([identity])[0]
     predicted = posterior.predict(identity, known)
     before = Column(np.column_stack([predicted.mean, predicted.bias_sensitivity]), predicted.cov)
-    update = evaluate_group(stack, before, estimator.gating, estimator.error_std is None, state.monitor.is_consistent)
+    update = evaluate_group(
+        stack, before, estimator.gating, estimator.error_std is None, state.monitor.is_consistent
+    )
     monitor, inflation = state.monitor.updated(update.first, estimator.gating)
     after, score, time_ns = before, state.bias_score, state.time_ns
     if update.rows is not None:
         rows = _rows(basis, update.rows.r, update.rows)
         of_rows = posterior.predict(rows, _turned(known, update.rows.r))
-        innovation = update.rows.y.reshape(rows.dof, -1) - np.column_stack([of_rows.mean, of_rows.bias_sensitivity])
+        innovation = update.rows.y.reshape(rows.dof, -1) - np.column_stack(
+            [of_rows.mean, of_rows.bias_sensitivity]
+        )
         posterior = select_representation(of_rows.posterior(innovation, 1.0))
         after, time_ns = before.updated(update.rows.r, innovation), stack.observations[-1].time_ns
         if stack.relative is not None:
@@ -141,26 +181,36 @@ def step_group(estimator: _Estimator, state: FilterState, group: ProfileGroup) -
     changed = replace(seen, posterior=posterior, time_ns=time_ns, monitor=monitor, bias_score=score)
     changed = with_mean_averaged(changed, estimator.basis.mean_weights)
     prior = identity.matvec(estimator.prior_weights)
-    return results_of(GroupResult(screened, update, before, after, prior, inflation), (state, changed), state)
+    return results_of(
+        GroupResult(screened, update, before, after, prior, inflation), (state, changed), state
+    )
 
 
 def group_innovation(estimator: _Estimator, state: FilterState, group: ProfileGroup) -> Array:
     """Return measured minus predicted by a state, shape (n m, 2) [m/s], local axes, of all profiles; 0 for bins not usable."""
     basis, stack = _stack(estimator, screen_group(group, None, estimator.basis.grid))
-    column = _rows(basis, np.eye(estimator.basis.grid.levels.size)).matvec(estimator.by_level(state.mean))
+    column = _rows(basis, np.eye(estimator.basis.grid.levels.size)).matvec(
+        estimator.by_level(state.mean)
+    )
     rows = Column(column[:, None], np.empty((0, 0))).predicted(stack.of("r"))[..., 0]
     return stack.misfit(np.broadcast_to(rows, stack.y.shape)).reshape(-1, 2)
 
 
-def _one_by_one(estimator: _Estimator, state: FilterState, group: ProfileGroup) -> list[Stepped[FilterState]]:
+def _one_by_one(
+    estimator: _Estimator, state: FilterState, group: ProfileGroup
+) -> list[Stepped[FilterState]]:
     found = []
-    for profile, (after, innovation) in zip(group.profiles, estimator.assimilated(state, group.profiles), strict=True):
+    for profile, (after, innovation) in zip(
+        group.profiles, estimator.assimilated(state, group.profiles), strict=True
+    ):
         found.append(Stepped(profile, state, after, innovation))
         state = after
     return found
 
 
-def _rows_of(estimator: _Estimator, item: Measurement | ProfileGroup) -> ProfileRows | PathRows | None:
+def _rows_of(
+    estimator: _Estimator, item: Measurement | ProfileGroup
+) -> ProfileRows | PathRows | None:
     """Return the rows of a measurement, or those of the profiles of a group as one, with their stated errors."""
     if not isinstance(item, ProfileGroup):
         return estimator.linearised(item)[1]
@@ -180,7 +230,10 @@ def _stack(estimator: _Estimator, screened: ScreenedGroup) -> tuple[Array, Profi
         grid,
         offset.T,
         lambda depth: depth_weights(functions, depth, grid.levels),
-        lambda profile, used: (depth_weights(functions, profile.depth[used], grid.levels), estimator.noise(profile, used)),
+        lambda profile, used: (
+            depth_weights(functions, profile.depth[used], grid.levels),
+            estimator.noise(profile, used),
+        ),
     )
     return modes, stack
 
@@ -189,7 +242,9 @@ def _rows(basis: Array, r: Array, whole: CombinedRows | None = None) -> ProfileR
     """Return rows of unit noise as those of a profile."""
     size = len(r)
     noise = BinNoise(np.eye(size), np.eye(size), 0.0)
-    return ProfileRows(np.eye(size), noise, np.zeros((size, 2)) if whole is None else whole.y[..., 0].T, r, basis)
+    return ProfileRows(
+        np.eye(size), noise, np.zeros((size, 2)) if whole is None else whole.y[..., 0].T, r, basis
+    )
 
 
 def _turned(known: PriorCrossCovariance, r: Array) -> PriorCrossCovariance:

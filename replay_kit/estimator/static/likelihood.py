@@ -66,10 +66,18 @@ class JointPrediction:
         whitened = solve_triangular(self.chol, np.concatenate(parts) - self.mean, lower=True)
         nis = float(whitened @ whitened) + residual
         half_log_det = float(np.log(np.diag(self.chol)).sum())
-        return Likelihood(-0.5 * nis - half_log_det - self.log_error, nis, 2 * sum(used.size for used in self.bins))
+        return Likelihood(
+            -0.5 * nis - half_log_det - self.log_error,
+            nis,
+            2 * sum(used.size for used in self.bins),
+        )
 
 
-def predict_jointly(estimator: ReducedBasisEstimator, profiles: Sequence[Observation], bins: Sequence[NDArray[np.intp]]) -> JointPrediction:
+def predict_jointly(
+    estimator: ReducedBasisEstimator,
+    profiles: Sequence[Observation],
+    bins: Sequence[NDArray[np.intp]],
+) -> JointPrediction:
     """Return the joint prediction of profiles.
 
     Args:
@@ -77,9 +85,15 @@ def predict_jointly(estimator: ReducedBasisEstimator, profiles: Sequence[Observa
         profiles: Places, depths and errors.
         bins: For each profile the indices of its bins to predict, at least one in all.
     """
-    all_rows = [estimator.rows(profile, used) for profile, used in zip(profiles, bins, strict=True) if used.size]
+    all_rows = [
+        estimator.rows(profile, used)
+        for profile, used in zip(profiles, bins, strict=True)
+        if used.size
+    ]
     log_error = sum(2.0 * rows.noise.log_scale for rows in all_rows)
     mean = np.concatenate([rows.matvec(estimator.prior_weights) for rows in all_rows])
     covariance = prior_covariance(estimator.prior, all_rows)
     covariance[np.diag_indices_from(covariance)] += 1.0
-    return JointPrediction(estimator, tuple(bins), mean, np.asarray(np.linalg.cholesky(covariance)), log_error)
+    return JointPrediction(
+        estimator, tuple(bins), mean, np.asarray(np.linalg.cholesky(covariance)), log_error
+    )

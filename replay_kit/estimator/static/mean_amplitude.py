@@ -27,7 +27,12 @@ def with_mean_averaged(state: FilterState, mean_weights: Array | None) -> Filter
         mean_weights: shape (Z, r), the ensemble mean; None where its amplitude is certain.
     """
     before, posterior = state.mean_amplitude, state.posterior
-    if before is None or mean_weights is None or not isinstance(posterior, ObservationSpacePosterior) or not before.is_due(posterior.n):
+    if (
+        before is None
+        or mean_weights is None
+        or not isinstance(posterior, ObservationSpacePosterior)
+        or not before.is_due(posterior.n)
+    ):
         return state
     prior = posterior.prior
     base = prior.base if isinstance(prior, AmplitudePrior) else prior
@@ -35,12 +40,16 @@ def with_mean_averaged(state: FilterState, mean_weights: Array | None) -> Filter
         return replace(state, mean_amplitude=before.ended())
     rows = posterior.rows_times(mean_weights)
     whitened = posterior.factor.solve(posterior.n, rows[:, None])[:, 0]
-    after = before.averaged(float(whitened @ whitened), float(whitened @ posterior.forward[:, 0]), posterior.n)
+    after = before.averaged(
+        float(whitened @ whitened), float(whitened @ posterior.forward[:, 0]), posterior.n
+    )
     changed = _under(posterior, AmplitudePrior(base, mean_weights, after), rows, before)
     return replace(state, posterior=changed, mean_amplitude=after)
 
 
-def _under(posterior: ObservationSpacePosterior, prior: AmplitudePrior, rows: Array, before: MeanAmplitude) -> Posterior:
+def _under(
+    posterior: ObservationSpacePosterior, prior: AmplitudePrior, rows: Array, before: MeanAmplitude
+) -> Posterior:
     """Return a posterior under another Gaussian of the amplitude.
 
     Args:
@@ -52,7 +61,13 @@ def _under(posterior: ObservationSpacePosterior, prior: AmplitudePrior, rows: Ar
     lower = posterior.factor.dense(posterior.n)
     innovation = lower @ posterior.forward
     innovation[:, 0] -= (prior.amplitude.shift - before.shift) * rows
-    covariance = lower @ lower.T + (prior.amplitude.variance - before.variance) * np.outer(rows, rows)
+    covariance = lower @ lower.T + (prior.amplitude.variance - before.variance) * np.outer(
+        rows, rows
+    )
     changed = np.linalg.cholesky(covariance)
     forward = solve_triangular(changed, innovation, lower=True, check_finite=False)
-    return replace(posterior, prior=prior, factor=posterior.factor.refactored(posterior.n, np.asarray(changed), forward))
+    return replace(
+        posterior,
+        prior=prior,
+        factor=posterior.factor.refactored(posterior.n, np.asarray(changed), forward),
+    )

@@ -57,7 +57,10 @@ class SpreadFit:
         return len(self.apart) in _COUNTS and len(self.apart) > self.fitted_to
 
     def after(
-        self, measurement: Measurement | ProfileGroup, place: Array | None, used: Measurement | ProfileGroup | None = None
+        self,
+        measurement: Measurement | ProfileGroup,
+        place: Array | None,
+        used: Measurement | ProfileGroup | None = None,
     ) -> "SpreadFit":
         """Return the same after a measurement.
 
@@ -70,11 +73,19 @@ class SpreadFit:
             return self
         if len(self.past) == _MOST_KEPT:
             return self._ended()
-        counts = place is not None and all(np.hypot(*(place - other)) >= self.spacing for _, other in self.apart)
-        apart = (*self.apart, (used or measurement, place)) if counts and place is not None else self.apart
+        counts = place is not None and all(
+            np.hypot(*(place - other)) >= self.spacing for _, other in self.apart
+        )
+        apart = (
+            (*self.apart, (used or measurement, place))
+            if counts and place is not None
+            else self.apart
+        )
         return replace(self, apart=apart, past=(*self.past, measurement))
 
-    def fitted(self, prior: Prior, mean: Array, rows: Sequence[ProfileRows | PathRows]) -> "SpreadFit":
+    def fitted(
+        self, prior: Prior, mean: Array, rows: Sequence[ProfileRows | PathRows]
+    ) -> "SpreadFit":
         """Return the same with the amplitude of the measurements that count; after the last fit nothing is kept.
 
         Args:
@@ -82,10 +93,17 @@ class SpreadFit:
             mean: Its mean, shape (Z, r).
             rows: Of the measurements that count.
         """
-        innovation = np.concatenate([each.compress(each.values)[0] - each.matvec(mean) for each in rows])
+        innovation = np.concatenate(
+            [each.compress(each.values)[0] - each.matvec(mean) for each in rows]
+        )
         if innovation.size > _MOST_INNOVATIONS:
             return self._ended()
-        design = np.concatenate([each.design() if isinstance(each, ProfileRows) else each.design.reshape(2, -1) for each in rows])
+        design = np.concatenate(
+            [
+                each.design() if isinstance(each, ProfileRows) else each.design.reshape(2, -1)
+                for each in rows
+            ]
+        )
         covariance = design @ prior.matvec(design.reshape(-1, *mean.shape)).reshape(design.shape).T
         amplitude = fit_amplitude(innovation, 0.5 * (covariance + covariance.T), self.expected)
         done = replace(self, amplitude=amplitude, fitted_to=len(self.apart))
@@ -96,5 +114,9 @@ class SpreadFit:
 
     def __str__(self) -> str:
         """Return the amplitude and what it rests on."""
-        rests_on = f"{self.fitted_to} measurements of the log" if self.fitted_to else "members left out, no measurement of the log"
+        rests_on = (
+            f"{self.fitted_to} measurements of the log"
+            if self.fitted_to
+            else "members left out, no measurement of the log"
+        )
         return f"variance of the prior multiplied by {self.amplitude:.2f}, fitted to {rests_on}"

@@ -76,7 +76,9 @@ class Biases:
         """Number of biases."""
         return len(self.names)
 
-    def bins(self, depth: Array, relative: Array | None, innovation: Array | None = None) -> BiasBins:
+    def bins(
+        self, depth: Array, relative: Array | None, innovation: Array | None = None
+    ) -> BiasBins:
         """Return the effect of one prior standard deviation of each bias on a profile.
 
         Args:
@@ -108,14 +110,18 @@ class Biases:
         return np.stack([bins.depth @ factor for factor in bins.factor], axis=-1).transpose(1, 0, 2)
 
 
-def relative_velocity(observation: Observation, used: NDArray[np.intp], projection: Projection) -> Array | None:
+def relative_velocity(
+    observation: Observation, used: NDArray[np.intp], projection: Projection
+) -> Array | None:
     """Return the bins' velocity relative to the platform, shape (n, 2) [m/s], local axes; None when the log does not state it."""
     velocity = observation.velocity[used]
     if observation.platform_velocity is not None:
         velocity = velocity - np.array(observation.platform_velocity)
     elif np.isfinite(observation.common_std):
         return None
-    return np.column_stack(rotate_to_local(projection, observation.longitude, observation.latitude, *velocity.T))
+    return np.column_stack(
+        rotate_to_local(projection, observation.longitude, observation.latitude, *velocity.T)
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +150,9 @@ class BiasScore:
         """I, shape (3, 3)."""
         return np.asarray(self.informations.sum(axis=0))
 
-    def updated(self, bias_rows: Array, innovation: Array, cov: Array, scale_jacobian: float) -> "BiasScore":
+    def updated(
+        self, bias_rows: Array, innovation: Array, cov: Array, scale_jacobian: float
+    ) -> "BiasScore":
         """Return the score after a profile.
 
         Args:
@@ -162,9 +170,22 @@ class BiasScore:
             informations[-1] += information
             return BiasScore(scores, informations, self.length, self.last + 1)
         if len(self.scores) < _PARTS:
-            return BiasScore(np.vstack([self.scores, score]), np.concatenate([self.informations, information[None]]), self.length, 1)
-        scores, informations = (v.reshape(_PARTS // 2, 2, *v.shape[1:]).sum(axis=1) for v in (self.scores, self.informations))
-        return BiasScore(np.vstack([scores, score]), np.concatenate([informations, information[None]]), 2 * self.length, 1)
+            return BiasScore(
+                np.vstack([self.scores, score]),
+                np.concatenate([self.informations, information[None]]),
+                self.length,
+                1,
+            )
+        scores, informations = (
+            v.reshape(_PARTS // 2, 2, *v.shape[1:]).sum(axis=1)
+            for v in (self.scores, self.informations)
+        )
+        return BiasScore(
+            np.vstack([scores, score]),
+            np.concatenate([informations, information[None]]),
+            2 * self.length,
+            1,
+        )
 
     def significant(self) -> dict[str, tuple[float, float]]:
         """Return the significant errors, all estimated together: estimate and standard deviation; rad, 1, 1/s.
@@ -178,7 +199,10 @@ class BiasScore:
         if len(self.scores) >= _LEAST_PARTS:
             # residual of each part's score at the joint estimate
             residual = (self.scores - self.informations @ estimates) @ cov
-            stds = np.maximum(stds, np.sqrt(len(residual) / (len(residual) - len(NAMES)) * np.sum(residual**2, axis=0)))
+            stds = np.maximum(
+                stds,
+                np.sqrt(len(residual) / (len(residual) - len(NAMES)) * np.sum(residual**2, axis=0)),
+            )
         return {
             name: (float(estimate), float(std))
             for name, estimate, std, harmless in zip(NAMES, estimates, stds, _HARMLESS, strict=True)
@@ -189,7 +213,9 @@ class BiasScore:
 _UNITS = Biases(NAMES, np.ones(len(NAMES)))
 
 
-def unit_bias_rows(screened: Screened, projection: Projection, bins: Bins, innovation: Array) -> Array | None:
+def unit_bias_rows(
+    screened: Screened, projection: Projection, bins: Bins, innovation: Array
+) -> Array | None:
     """Return the effect of an error of one unit on an observation's rows, shape (m, 3); None where the log lacks the platform's motion.
 
     Args:
@@ -199,7 +225,11 @@ def unit_bias_rows(screened: Screened, projection: Projection, bins: Bins, innov
         innovation: shape (n, 2) [m/s], of the usable bins, measured minus predicted.
     """
     observation, used = screened.observation, screened.used
-    relative = None if isinstance(observation, PathMean) else relative_velocity(observation, used, projection)
+    relative = (
+        None
+        if isinstance(observation, PathMean)
+        else relative_velocity(observation, used, projection)
+    )
     if relative is None:
         return None
     columns = _UNITS.columns(screened.unused.depth[used], relative, innovation)
@@ -219,9 +249,15 @@ def scale_jacobian(observation: Measurement, bins: Bins, innovation: Array, cov:
         innovation: shape (m,), of the rows.
         cov: shape (m, m), covariance of the rows' innovation.
     """
-    if isinstance(observation, PathMean) or observation.platform_velocity is None or not np.isfinite(observation.common_std):
+    if (
+        isinstance(observation, PathMean)
+        or observation.platform_velocity is None
+        or not np.isfinite(observation.common_std)
+    ):
         return 0.0
-    rows = np.column_stack([bins.compress(np.broadcast_to(component, bins.values.shape))[0] for component in np.eye(2)])
+    rows = np.column_stack(
+        [bins.compress(np.broadcast_to(component, bins.values.shape))[0] for component in np.eye(2)]
+    )
     shared = observation.common_std**2 * np.sum(rows * np.linalg.solve(cov, rows))
     return float((2.0 - shared) * normalised_square(innovation, cov)[0] / innovation.size)
 
@@ -251,4 +287,6 @@ def significant_bias_notes(score: BiasScore, estimated: tuple[str, ...] = ()) ->
     if not found:
         return []
     names = ", ".join(f'"{name}"' for name in found)
-    return [f"the log shows systematic errors of the instrument: {notes_of(found)}; time.biases = [{names}] estimates them"]
+    return [
+        f"the log shows systematic errors of the instrument: {notes_of(found)}; time.biases = [{names}] estimates them"
+    ]

@@ -54,7 +54,10 @@ class Bins:
         """Return the variance of the bins, shape (n, 2) [m^2/s^2], that follows from the rows' covariance, shape (2 k, 2 k)."""
         k = self.q.shape[1]
         bins = self.noise.unwhiten @ self.q
-        by_component = [np.einsum("nk,kl,nl->n", bins, cov[c * k : (c + 1) * k, c * k : (c + 1) * k], bins) for c in range(2)]
+        by_component = [
+            np.einsum("nk,kl,nl->n", bins, cov[c * k : (c + 1) * k, c * k : (c + 1) * k], bins)
+            for c in range(2)
+        ]
         return np.column_stack(by_component)
 
 
@@ -81,7 +84,9 @@ class ProfileRows(Bins):
         return np.swapaxes(rows, -1, -2).reshape(*weights.shape[:-2], -1)
 
 
-def compress_profile(depth_weights: Array, basis: Array, noise: BinNoise, values: Array) -> ProfileRows:
+def compress_profile(
+    depth_weights: Array, basis: Array, noise: BinNoise, values: Array
+) -> ProfileRows:
     """Return a profile's compressed rows.
 
     Args:

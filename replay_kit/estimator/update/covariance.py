@@ -44,7 +44,9 @@ class PosteriorCovariance:
 
     def factors(self) -> CovarianceFactors | None:
         """Return the factors to keep; None where the matrix has fewer elements, or the prior is of another kind."""
-        conditioned = self.posterior.prior if isinstance(self.posterior.prior, ConditionedPrior) else None
+        conditioned = (
+            self.posterior.prior if isinstance(self.posterior.prior, ConditionedPrior) else None
+        )
         prior = hybrid_parts(self.posterior.prior if conditioned is None else conditioned.before)
         if prior is None:
             return None
@@ -65,7 +67,9 @@ class PosteriorCovariance:
         return {}
 
 
-def taken_in_all(prior: ConditionedPrior, directions: Array, matrix: Array, most: int) -> tuple[Array, Array] | None:
+def taken_in_all(
+    prior: ConditionedPrior, directions: Array, matrix: Array, most: int
+) -> tuple[Array, Array] | None:
     """Return what all rows took from the covariance before any of them, as ``Posterior.taken`` does; None with more than ``most``.
 
     Args:
@@ -85,6 +89,8 @@ def taken_in_all(prior: ConditionedPrior, directions: Array, matrix: Array, most
     if len(found) > most:
         return None
     inside = (own @ found.T).reshape(n_rows, n_levels * len(found))
-    change = np.einsum("yz,sd->yszd", np.eye(n_levels), further @ found.T).reshape(len(matrix), inside.shape[1])
+    change = np.einsum("yz,sd->yszd", np.eye(n_levels), further @ found.T).reshape(
+        len(matrix), inside.shape[1]
+    )
     change -= (prior.gain @ directions.T).reshape(n_rows, len(matrix)).T @ inside
     return found / mode_std, inside.T @ inside + change.T @ matrix @ change

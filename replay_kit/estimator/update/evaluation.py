@@ -61,7 +61,9 @@ class ObservationUpdate(Generic[After]):
         nis = square + self.bins.compress(self.bins.values)[1]
         return nis, -0.5 * nis - half_log_det - 2.0 * self.bins.noise.half_log_det
 
-    def bias_score(self, before: BiasScore, observation: Measurement, bias_rows: Array | None) -> BiasScore:
+    def bias_score(
+        self, before: BiasScore, observation: Measurement, bias_rows: Array | None
+    ) -> BiasScore:
         """Return the score of the instrument errors after the observation; a rejected one does not count.
 
         Args:
@@ -72,7 +74,12 @@ class ObservationUpdate(Generic[After]):
         if not self.accepted or bias_rows is None:
             return before
         jacobian = scale_jacobian(observation, self.bins, self.innovation, self.innovation_cov)
-        return before.updated(bias_rows - self.predicted.bias_sensitivity, self.innovation, self.innovation_cov, jacobian)
+        return before.updated(
+            bias_rows - self.predicted.bias_sensitivity,
+            self.innovation,
+            self.innovation_cov,
+            jacobian,
+        )
 
     def to_innovation(self, screened: Screened, prior: Array, prior_inflation: float) -> Innovation:
         """Return the innovation to publish.
@@ -105,7 +112,11 @@ class ObservationUpdate(Generic[After]):
 
 
 def evaluate_observation(
-    bins: Bins, predicted: PredictedObservation[After], gating: GatingConfig | None, correlated: bool, is_consistent: bool
+    bins: Bins,
+    predicted: PredictedObservation[After],
+    gating: GatingConfig | None,
+    correlated: bool,
+    is_consistent: bool,
 ) -> ObservationUpdate[After]:
     """Return the evaluation of an observation.
 
@@ -118,7 +129,9 @@ def evaluate_observation(
     """
     compressed, residual = bins.compress(bins.values)
     innovation = compressed - predicted.mean
-    gate = gate_innovation(innovation, predicted.cov, (residual, bins.dof - innovation.size), gating, is_consistent)
+    gate = gate_innovation(
+        innovation, predicted.cov, (residual, bins.dof - innovation.size), gating, is_consistent
+    )
     if gate.decision == "rejected":
         return ObservationUpdate(bins, predicted, innovation, gate, 1.0, predicted.mean)
     inflation = gate.inflation

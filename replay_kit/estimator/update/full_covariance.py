@@ -40,7 +40,10 @@ class FullCovariancePrior:
         """Return the covariance of some levels' weights with ``basis``, shape (c, r), at each level: shape (Z, c, L, r)."""
         n_modes = basis.shape[1]
         n_levels = self.mean.size // n_modes
-        at = {level: position for position, level in enumerate(range(n_levels) if levels is None else levels)}
+        at = {
+            level: position
+            for position, level in enumerate(range(n_levels) if levels is None else levels)
+        }
         out = np.empty((n_levels, len(basis), len(at), n_modes))
         for level, other, block in self._lower():
             if other in at:
@@ -58,7 +61,9 @@ class FullCovariancePrior:
         """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
         r = self.blocks.shape[1]
         chosen = range(self.mean.size // r) if levels is None else levels
-        parts = {level: slice(position * r, (position + 1) * r) for position, level in enumerate(chosen)}
+        parts = {
+            level: slice(position * r, (position + 1) * r) for position, level in enumerate(chosen)
+        }
         out = np.empty((len(parts) * r, len(parts) * r))
         for level, other, block in self._lower():
             if level in parts and other in parts:
@@ -69,7 +74,9 @@ class FullCovariancePrior:
     def of_sum(self, levels: tuple[int, ...]) -> Array:
         """Return the covariance of the sum of some levels' weights, shape (r, r)."""
         r = self.blocks.shape[1]
-        return np.asarray(self.covariance(levels).reshape(len(levels), r, len(levels), r).sum(axis=(0, 2)))
+        return np.asarray(
+            self.covariance(levels).reshape(len(levels), r, len(levels), r).sum(axis=(0, 2))
+        )
 
     def reduction(self, directions: Array, matrix: Array) -> Reduction:
         """Return what rows in ``directions``, shape (s, r), with ``matrix``, shape (Z s, Z s), take from sums of levels."""
@@ -90,7 +97,9 @@ class FullCovariancePrior:
     def _lower(self) -> Iterator[tuple[int, int, Array]]:
         """Yield each block with the levels of its rows and its columns."""
         n_levels = self.mean.size // self.blocks.shape[1]
-        for (level, other), block in zip(zip(*np.tril_indices(n_levels), strict=True), self.blocks, strict=True):
+        for (level, other), block in zip(
+            zip(*np.tril_indices(n_levels), strict=True), self.blocks, strict=True
+        ):
             yield int(level), int(other), block
 
 

@@ -67,7 +67,11 @@ class GateResult:
 
 
 def gate_innovation(
-    innovation: Array, cov: Array, residual: tuple[float, int], config: GatingConfig | None, is_consistent: bool = True
+    innovation: Array,
+    cov: Array,
+    residual: tuple[float, int],
+    config: GatingConfig | None,
+    is_consistent: bool = True,
 ) -> GateResult:
     """Return the gate's decision on a profile.
 
@@ -82,7 +86,12 @@ def gate_innovation(
     values, along = np.maximum(values, 0.0), vectors.T @ innovation
     residual_square, residual_dof = residual
     scale = 1.0
-    if config and config.adapt_errors and residual_dof and residual_square > chi_square_threshold(config.gate_probability, residual_dof):
+    if (
+        config
+        and config.adapt_errors
+        and residual_dof
+        and residual_square > chi_square_threshold(config.gate_probability, residual_dof)
+    ):
         scale = residual_square / residual_dof
     squared = along**2 / (values + scale)
     statistic, dof = float(squared.sum()), innovation.size
@@ -91,7 +100,9 @@ def gate_innovation(
     threshold = chi_square_threshold(config.gate_probability, dof)
     # where the prior has no part in the variance, directions are arbitrary, and their sum is tested already
     significant = squared[values > SIGNIFICANT_SHARE * scale]
-    exceeds = statistic > threshold or bool(np.any(significant > chi_square_threshold(config.gate_probability / dof, 1)))
+    exceeds = statistic > threshold or bool(
+        np.any(significant > chi_square_threshold(config.gate_probability / dof, 1))
+    )
     decision: Decision = "rejected" if exceeds else "accepted"
     if config.gate == "soften" or (exceeds and not is_consistent):
         softened = float(np.max(softened_variance(values, scale, along, SOFTENING)))
@@ -99,7 +110,9 @@ def gate_innovation(
     return GateResult(decision, statistic, dof, threshold, exceeds, scale, values)
 
 
-def softened_variance(prior: Array, error: Array | float, innovation: Array, factor: float) -> Array:
+def softened_variance(
+    prior: Array, error: Array | float, innovation: Array, factor: float
+) -> Array:
     """Return error variances that bound how far innovations move the estimate (Sakov and Sandery 2017, Tellus A 69, eq. 8).
 
     Args:
@@ -137,9 +150,13 @@ class ConsistencyMonitor:
         A gate that rejects every profile would keep a wrong estimate for ever.
         """
         exceeding = sum(exceeds for _, _, exceeds in self.latest)
-        return len(self.latest) >= _LEAST_PROFILES and exceeding <= _OUTLIER_SHARE * len(self.latest)
+        return len(self.latest) >= _LEAST_PROFILES and exceeding <= _OUTLIER_SHARE * len(
+            self.latest
+        )
 
-    def updated(self, result: GateResult, config: GatingConfig | None) -> "tuple[ConsistencyMonitor, float]":
+    def updated(
+        self, result: GateResult, config: GatingConfig | None
+    ) -> "tuple[ConsistencyMonitor, float]":
         """Return the monitor after a profile, and the factor by which to inflate the estimate's covariance, usually 1.
 
         When half of the latest profiles lie beyond what one in forty should, the covariance grows by the median of their normalised
@@ -148,10 +165,17 @@ class ConsistencyMonitor:
         """
         if config is None:
             return self, 1.0
-        latest = (*self.latest, (result.statistic, result.dof, result.exceeds_gate))[-config.inflation_profiles :]
+        latest = (*self.latest, (result.statistic, result.dof, result.exceeds_gate))[
+            -config.inflation_profiles :
+        ]
         tail = sum(statistic > chi_square_threshold(_TAIL, dof) for statistic, dof, _ in latest)
         full = len(latest) == config.inflation_profiles
-        if not (config.inflate and full and 2 * tail >= len(latest) and self.inflation < _TOTAL_INFLATION):
+        if not (
+            config.inflate
+            and full
+            and 2 * tail >= len(latest)
+            and self.inflation < _TOTAL_INFLATION
+        ):
             return ConsistencyMonitor(latest, self.inflation), 1.0
         median = float(np.median([statistic / dof for statistic, dof, _ in latest]))
         factor = float(np.clip(median, 1.0, min(_ONE_INFLATION, _TOTAL_INFLATION / self.inflation)))

@@ -51,13 +51,21 @@ class GroupGate:
     @property
     def nis(self) -> Array:
         """Normalised innovation squared of all measured values, with the stated errors, shape (n,)."""
-        return np.asarray(np.sum(self.along**2 / (self.variance + 1.0), axis=1) + self.residual_square)
+        return np.asarray(
+            np.sum(self.along**2 / (self.variance + 1.0), axis=1) + self.residual_square
+        )
 
     def result(self, i: int) -> single.GateResult:
         """Return the result of one profile."""
         decision, dof = DECISIONS[self.decision[i]], int(self.dof[i])
-        statistic, threshold, exceeds = float(self.statistic[i]), float(self.threshold[i]), bool(self.exceeds[i])
-        return single.GateResult(decision, statistic, dof, threshold, exceeds, float(self.inflation[i]), self.variance[i])
+        statistic, threshold, exceeds = (
+            float(self.statistic[i]),
+            float(self.threshold[i]),
+            bool(self.exceeds[i]),
+        )
+        return single.GateResult(
+            decision, statistic, dof, threshold, exceeds, float(self.inflation[i]), self.variance[i]
+        )
 
     def scale_jacobians(self, stack: ProfileStack) -> Array:
         """Return what each profile has of ``biases.scale_jacobian``, shape (n,)."""
@@ -67,7 +75,12 @@ class GroupGate:
         common = np.array([observation.common_std for observation in stack.observations])
         rows = np.matmul(stack.of("rows"), stack.used[..., None].astype(np.float64))[..., 0]
         q, over = rows.shape[1], 1.0 / (self.variance + self.inflation[:, None])
-        turned = [np.matmul(self.vectors.swapaxes(1, 2)[:, :, c * q : (c + 1) * q], rows[..., None])[..., 0] for c in range(2)]
+        turned = [
+            np.matmul(self.vectors.swapaxes(1, 2)[:, :, c * q : (c + 1) * q], rows[..., None])[
+                ..., 0
+            ]
+            for c in range(2)
+        ]
         shared = common**2 * sum(np.sum(part**2 * over, axis=1) for part in turned)
         return np.asarray((2.0 - shared) * np.sum(self.along**2 * over, axis=1) / self.dof)
 
@@ -76,12 +89,22 @@ class GroupGate:
         """Return the decisions on several parts of a group as one."""
         names = ("decision", "statistic", "threshold", "exceeds", "inflation", "dof", "variance")
         whole = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-        vectors = np.concatenate([np.broadcast_to(part.vectors, (len(part.along), *part.vectors.shape[1:])) for part in parts])
-        along, residual = (np.concatenate([getattr(part, name) for part in parts]) for name in ("along", "residual_square"))
+        vectors = np.concatenate(
+            [
+                np.broadcast_to(part.vectors, (len(part.along), *part.vectors.shape[1:]))
+                for part in parts
+            ]
+        )
+        along, residual = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("along", "residual_square")
+        )
         return GroupGate(**whole, vectors=vectors, along=along, residual_square=residual)
 
 
-def gate_profiles(stack: ProfileStack, mean: Array, cov: Array, how: tuple[GatingConfig | None, bool, bool]) -> GroupGate:
+def gate_profiles(
+    stack: ProfileStack, mean: Array, cov: Array, how: tuple[GatingConfig | None, bool, bool]
+) -> GroupGate:
     """Return the gate's decisions on profiles.
 
     Args:
@@ -97,22 +120,41 @@ def gate_profiles(stack: ProfileStack, mean: Array, cov: Array, how: tuple[Gatin
     values = np.broadcast_to(np.maximum(values, 0.0), (n, values.shape[1]))
     innovation = (stack.y - mean).reshape(n, -1)
     along = np.matmul(vectors.swapaxes(1, 2), innovation[..., None])[..., 0]
-    dof, residual_dof = (np.broadcast_to(each, n).astype(np.intp) for each in (2 * stack.of("k"), stack.of("dof") - 2 * stack.of("k")))
+    dof, residual_dof = (
+        np.broadcast_to(each, n).astype(np.intp)
+        for each in (2 * stack.of("k"), stack.of("dof") - 2 * stack.of("k"))
+    )
     scale, square = np.ones(n), stack.residual_square
     if config and config.adapt_errors:
         noisy = (residual_dof > 0) & (square > _thresholds(config.gate_probability, residual_dof))
         scale = np.where(noisy, square / np.maximum(residual_dof, 1), 1.0)
     squared = along**2 / (values + scale[:, None])
-    statistic, threshold, exceeds, decision = squared.sum(axis=1), np.full(n, np.inf), np.zeros(n, np.bool_), np.zeros(n, np.intp)
+    statistic, threshold, exceeds, decision = (
+        squared.sum(axis=1),
+        np.full(n, np.inf),
+        np.zeros(n, np.bool_),
+        np.zeros(n, np.intp),
+    )
     if config is not None and config.gate != "off":
         threshold = _thresholds(config.gate_probability, dof)
-        one = np.array([single.chi_square_threshold(config.gate_probability / rows, 1) for rows in dof.tolist()])
+        one = np.array(
+            [
+                single.chi_square_threshold(config.gate_probability / rows, 1)
+                for rows in dof.tolist()
+            ]
+        )
         significant = values > single.SIGNIFICANT_SHARE * scale[:, None]
         exceeds = (statistic > threshold) | np.any(significant & (squared > one[:, None]), axis=1)
         decision = np.where(exceeds, DECISIONS.index("rejected"), 0)
         soft = np.full(n, config.gate == "soften") | (exceeds & (not is_consistent))
-        softened = single.softened_variance(values, scale[:, None], along, single.SOFTENING).max(axis=1)
-        decision = np.where(soft, np.where(softened > scale * single.LEAST_SOFTENING, DECISIONS.index("softened"), 0), decision)
+        softened = single.softened_variance(values, scale[:, None], along, single.SOFTENING).max(
+            axis=1
+        )
+        decision = np.where(
+            soft,
+            np.where(softened > scale * single.LEAST_SOFTENING, DECISIONS.index("softened"), 0),
+            decision,
+        )
         scale = np.where(soft, softened, scale)
     if correlated:
         share = values / (values + scale[:, None]) * along
@@ -120,11 +162,18 @@ def gate_profiles(stack: ProfileStack, mean: Array, cov: Array, how: tuple[Gatin
         residual = stack.whitened_misfit(rows) / np.sqrt(scale)[:, None, None]
         further = _dependence(residual, np.broadcast_to(stack.of("dof"), n))
         scale = np.where(decision == DECISIONS.index("rejected"), scale, scale * further)
-    return GroupGate(decision, statistic, threshold, exceeds, scale, dof, values, vectors, along, square)
+    return GroupGate(
+        decision, statistic, threshold, exceeds, scale, dof, values, vectors, along, square
+    )
 
 
 def _thresholds(probability: float, dof: NDArray[np.intp]) -> Array:
-    return np.array([single.chi_square_threshold(probability, number) if number else np.inf for number in dof.tolist()])
+    return np.array(
+        [
+            single.chi_square_threshold(probability, number) if number else np.inf
+            for number in dof.tolist()
+        ]
+    )
 
 
 def _dependence(residual: Array, size: NDArray[np.intp]) -> Array:

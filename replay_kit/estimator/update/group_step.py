@@ -8,9 +8,22 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.grid import Grid
-from replay_kit.core.observation import Flag, GroupTotals, Innovation, Measurement, Observation, Reason, reasons_of, usable
+from replay_kit.core.observation import (
+    Flag,
+    GroupTotals,
+    Innovation,
+    Measurement,
+    Observation,
+    Reason,
+    reasons_of,
+    usable,
+)
 from replay_kit.estimator.update.group_gate import DECISIONS
-from replay_kit.estimator.update.group_screening import local_velocities, relative_velocities, screen_profiles
+from replay_kit.estimator.update.group_screening import (
+    local_velocities,
+    relative_velocities,
+    screen_profiles,
+)
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.profile_stack import Factors, ProfileStack, stacked
 from replay_kit.estimator.update.screening import Screened, is_duplicate, unused_innovation
@@ -78,10 +91,18 @@ def screen_group(group: ProfileGroup, last: object, grid: Grid) -> ScreenedGroup
             continue
         used.append(i)
         last = profile
-    return ScreenedGroup(group.profiles, flags, reasons, np.array(used, np.intp), frozenset(duplicates))
+    return ScreenedGroup(
+        group.profiles, flags, reasons, np.array(used, np.intp), frozenset(duplicates)
+    )
 
 
-def stack_of(screened: ScreenedGroup, grid: Grid, reference: Array, depth_weights: "DepthWeights", factors: Factors) -> ProfileStack:
+def stack_of(
+    screened: ScreenedGroup,
+    grid: Grid,
+    reference: Array,
+    depth_weights: "DepthWeights",
+    factors: Factors,
+) -> ProfileStack:
     """Return the usable profiles as arrays.
 
     Args:
@@ -96,7 +117,13 @@ def stack_of(screened: ScreenedGroup, grid: Grid, reference: Array, depth_weight
     depth = np.stack([each.depth for each in profiles])
     at, back = np.unique(np.where(used, depth, 0.0), return_inverse=True)
     known = (depth_weights(at) @ reference)[back.reshape(depth.shape)]
-    return stacked(profiles, used, local_velocities(profiles, grid) - known, relative_velocities(profiles, used, grid), factors)
+    return stacked(
+        profiles,
+        used,
+        local_velocities(profiles, grid) - known,
+        relative_velocities(profiles, used, grid),
+        factors,
+    )
 
 
 class DepthWeights(Protocol):
@@ -132,9 +159,14 @@ class GroupResult:
         update, gate, at = self.update, self.update.gate, int(self.screened.used[i])
         one = update.stack.part(np.array([i], np.intp))
         result = gate.result(i)
-        (before,), (prior,) = _shown(one, update.before[i : i + 1]), _shown(one, self._misfit(one, self.prior))
+        (before,), (prior,) = (
+            _shown(one, update.before[i : i + 1]),
+            _shown(one, self._misfit(one, self.prior)),
+        )
         return replace(
-            unused_innovation(self.screened.profiles[at], self.screened.flags[at], self.screened.reasons[at]),
+            unused_innovation(
+                self.screened.profiles[at], self.screened.flags[at], self.screened.reasons[at]
+            ),
             innovation=before,
             innovation_std=_shown(one, self._std(one))[0],
             residual=before,
@@ -152,13 +184,22 @@ class GroupResult:
         """Return the innovation of the accepted ones together."""
         update, gate, screened = self.update, self.update.gate, self.screened
         stack, at = update.stack.part(accepted), screened.used[accepted]
-        misfits = {"innovation": self._misfit(stack, self.before.means[:, 0]), "residual": self._misfit(stack, self.after.means[:, 0])}
+        misfits = {
+            "innovation": self._misfit(stack, self.before.means[:, 0]),
+            "residual": self._misfit(stack, self.after.means[:, 0]),
+        }
         misfits["prior_innovation"] = self._misfit(stack, self.prior)
         squares = {name: float(np.sum(values**2)) for name, values in misfits.items()}
         assert update.rows is not None
-        nis, dof = float(gate.nis[accepted].sum()), int(np.broadcast_to(stack.of("dof"), accepted.size).sum())
+        nis, dof = (
+            float(gate.nis[accepted].sum()),
+            int(np.broadcast_to(stack.of("dof"), accepted.size).sum()),
+        )
         softened = int(np.count_nonzero(gate.decision[accepted] == DECISIONS.index("softened")))
-        first, flags = update.first, np.where(stack.used.any(axis=0), Flag.GOOD, screened.flags[at[0]]).astype(np.int8)
+        first, flags = (
+            update.first,
+            np.where(stack.used.any(axis=0), Flag.GOOD, screened.flags[at[0]]).astype(np.int8),
+        )
         values = np.linalg.eigvalsh(self.before.predicted_cov(update.rows.r[None])[0])
         depth = np.mean([each.depth for each in stack.observations], axis=0)
         members = ProfileGroup(stack.observations)
@@ -200,7 +241,9 @@ class GroupResult:
         cov, q = self.before.predicted_cov(stack.of("r")), self.before.width
         bins = np.matmul(stack.of("unwhiten"), stack.of("q"))
         blocks = [cov[:, c * q : (c + 1) * q, c * q : (c + 1) * q] for c in range(2)]
-        of_estimate = np.stack([np.einsum("snk,skl,snl->sn", bins, block, bins) for block in blocks], axis=-1)
+        of_estimate = np.stack(
+            [np.einsum("snk,skl,snl->sn", bins, block, bins) for block in blocks], axis=-1
+        )
         return np.asarray(np.sqrt(np.maximum(of_estimate, 0.0) + stack.of("std")[..., None] ** 2))
 
     def _log_likelihood(self, stack: ProfileStack, accepted: NDArray[np.intp]) -> float:
@@ -209,8 +252,14 @@ class GroupResult:
         assert rows is not None
         cov = self.before.predicted_cov(rows.r[None])[0] + np.eye(rows.y[..., 0].size)
         innovation = (rows.y[..., 0] - self.before.predicted(rows.r[None])[0, ..., 0]).ravel()
-        square = float(innovation @ np.linalg.solve(cov, innovation)) + rows.residual + float(np.sum(stack.residual_square / inflation))
-        half_log_det, dof = (np.broadcast_to(stack.of(name), accepted.size) for name in ("half_log_det", "dof"))
+        square = (
+            float(innovation @ np.linalg.solve(cov, innovation))
+            + rows.residual
+            + float(np.sum(stack.residual_square / inflation))
+        )
+        half_log_det, dof = (
+            np.broadcast_to(stack.of(name), accepted.size) for name in ("half_log_det", "dof")
+        )
         noise = 2.0 * half_log_det + 0.5 * dof * np.log(inflation)
         return float(-0.5 * square - 0.5 * np.linalg.slogdet(cov)[1] - np.sum(noise))
 
@@ -232,11 +281,15 @@ def _mean_std(stack: ProfileStack, std: Array) -> Array:
     counts = stack.used.sum(axis=0)[:, None]
     noise = np.where(stack.used, stack.of("std"), 0.0)[..., None] ** 2
     of_estimate = _mean_of(stack, np.broadcast_to(std**2, (*stack.used.shape, 2)) - noise)
-    of_noise = np.divide(noise.sum(axis=0), counts**2, out=np.full((len(counts), 1), np.nan), where=counts > 0)
+    of_noise = np.divide(
+        noise.sum(axis=0), counts**2, out=np.full((len(counts), 1), np.nan), where=counts > 0
+    )
     return np.asarray(np.sqrt(np.maximum(of_estimate, 0.0) + of_noise))
 
 
-def results_of(result: GroupResult, states: tuple[State, State], seen: State) -> list[Stepped[State]]:
+def results_of(
+    result: GroupResult, states: tuple[State, State], seen: State
+) -> list[Stepped[State]]:
     """Return what became of each profile of a group, and of the accepted ones together, in the order of the first.
 
     Args:
@@ -249,13 +302,24 @@ def results_of(result: GroupResult, states: tuple[State, State], seen: State) ->
     accepted = np.flatnonzero(gate.accepted)
     used = set(screened.used.tolist())
     found: list[Stepped[State]] = [
-        Stepped(profile, seen, seen, screened.unused(i)) for i, profile in enumerate(screened.profiles) if i not in used
+        Stepped(profile, seen, seen, screened.unused(i))
+        for i, profile in enumerate(screened.profiles)
+        if i not in used
     ]
     # the last thing of a group leaves the estimator in the state after it
     left = before if accepted.size else after
     for i in np.flatnonzero(~gate.accepted).tolist():
-        found.append(Stepped(screened.profiles[int(screened.used[i])], before, left, result.rejected(i)))
+        found.append(
+            Stepped(screened.profiles[int(screened.used[i])], before, left, result.rejected(i))
+        )
     if accepted.size:
         group = ProfileGroup(result.update.stack.part(accepted).observations)
-        found.append(Stepped(group if accepted.size > 1 else group.profiles[0], before, after, result.combined(accepted)))
+        found.append(
+            Stepped(
+                group if accepted.size > 1 else group.profiles[0],
+                before,
+                after,
+                result.combined(accepted),
+            )
+        )
     return found

@@ -43,7 +43,9 @@ class ProfileGroup:
     def time_ns(self) -> int:
         """Mean time, for which they count [ns, UTC]."""
         first_ns = self.profiles[0].time_ns
-        return first_ns + round(sum(profile.time_ns - first_ns for profile in self.profiles) / len(self.profiles))
+        return first_ns + round(
+            sum(profile.time_ns - first_ns for profile in self.profiles) / len(self.profiles)
+        )
 
     @property
     def dive(self) -> int:
@@ -92,13 +94,20 @@ class Grouping:
             return False
         error = _error_of(first)
         north = profile.latitude - first.latitude
-        east = ((profile.longitude - first.longitude + 180.0) % 360.0 - 180.0) * cos(radians(first.latitude))
+        east = ((profile.longitude - first.longitude + 180.0) % 360.0 - 180.0) * cos(
+            radians(first.latitude)
+        )
         way = _METRES_A_DEGREE * hypot(east, north)
-        return hypot(self.gradient * way, (self.change * elapsed) ** 0.5) <= SHARE * error / (number**0.5 if self.of_mean else 1.0)
+        return hypot(self.gradient * way, (self.change * elapsed) ** 0.5) <= SHARE * error / (
+            number**0.5 if self.of_mean else 1.0
+        )
 
     def ends(self, first: Observation, event: VehicleState | PathMean) -> bool:
         """Return whether something else ends a group that begins with a profile: a mean current, or a position too late."""
-        return isinstance(event, PathMean) or not 0.0 <= (event.time_ns - first.time_ns) / _NS <= self.seconds
+        return (
+            isinstance(event, PathMean)
+            or not 0.0 <= (event.time_ns - first.time_ns) / _NS <= self.seconds
+        )
 
 
 @lru_cache(maxsize=4)
@@ -113,12 +122,18 @@ def _are_alike(first: Observation, profile: Observation) -> bool:
     if first.depth.size != profile.depth.size or first.depth.size < 2 or first.dive != profile.dive:
         return False
     one, other = first.source, profile.source
-    if (one.input, one.topic) != (other.input, other.topic) or first.correlation_depth != profile.correlation_depth:
+    if (one.input, one.topic) != (
+        other.input,
+        other.topic,
+    ) or first.correlation_depth != profile.correlation_depth:
         return False
     lacks = (first.platform_velocity is None) != (profile.platform_velocity is None)
     if lacks or (first.common_std < np.inf) != (profile.common_std < np.inf):
         return False
-    cell, step = abs(float(first.depth[1] - first.depth[0])), abs(float(profile.depth[0] - first.depth[0]))
+    cell, step = (
+        abs(float(first.depth[1] - first.depth[0])),
+        abs(float(profile.depth[0] - first.depth[0])),
+    )
     return step <= cell
 
 
@@ -130,8 +145,13 @@ def current_gradient(ensemble: Ensemble) -> float:
         wet = np.delete(grid.wet, -1, axis=axis) & np.delete(grid.wet, 0, axis=axis)
         if wet.any():
             # one member at a time: ensembles may be larger than memory
-            squares = [float(np.sum(np.square(np.diff(member, axis=axis) / way)[:, wet])) for member in one_by_one(ensemble.velocity)]
-            found.append(float(np.sqrt(sum(squares) / (ensemble.n_members * np.count_nonzero(wet)))))
+            squares = [
+                float(np.sum(np.square(np.diff(member, axis=axis) / way)[:, wet]))
+                for member in one_by_one(ensemble.velocity)
+            ]
+            found.append(
+                float(np.sqrt(sum(squares) / (ensemble.n_members * np.count_nonzero(wet))))
+            )
     return max(found)
 
 

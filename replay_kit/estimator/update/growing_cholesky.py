@@ -52,7 +52,10 @@ class GrowingCholesky:
         """Return L of the first n profiles as one matrix, shape (K, K)."""
         whole = np.zeros((self.ends[n], self.ends[n]))
         for left, corner, start, stop in self._panels(n):
-            whole[start:stop, :start], whole[start:stop, start:stop] = left[:, :start], np.tril(corner)
+            whole[start:stop, :start], whole[start:stop, start:stop] = (
+                left[:, :start],
+                np.tril(corner),
+            )
         return whole
 
     def refactored(self, n: int, lower: Array, forward: Array) -> "GrowingCholesky":
@@ -62,7 +65,10 @@ class GrowingCholesky:
         panels = []
         for (left, corner), (_, _, start, stop) in zip(new.panels, self._panels(n), strict=True):
             left, corner = np.zeros_like(left), np.zeros_like(corner, order="F")
-            left[: stop - start], corner[: stop - start, : stop - start] = lower[start:stop, :start], lower[start:stop, start:stop]
+            left[: stop - start], corner[: stop - start, : stop - start] = (
+                lower[start:stop, :start],
+                lower[start:stop, start:stop],
+            )
             panels.append((left, corner))
         new.panels = panels
         return new
@@ -82,12 +88,16 @@ class GrowingCholesky:
             new.panels.append((left.copy(), corner.copy(order="F")))
         return new
 
-    def append(self, rows: ProfileRows, error_scale: float, before: Array, lower: Array, forward: Array) -> None:
+    def append(
+        self, rows: ProfileRows, error_scale: float, before: Array, lower: Array, forward: Array
+    ) -> None:
         """Append a profile: its rows over the scale; of L the part left of the diagonal, ``before``, and the diagonal block ``lower``."""
         n, start, k = len(self.ends) - 1, self.ends[-1], rows.r.shape[0]
         stop, n_levels = start + 2 * k, self.depth.shape[1]
         self.basis[n], self.depth[n, :k] = rows.basis, rows.r / error_scale
-        self.slots[start:stop] = np.add.outer(n_levels * (2 * n + np.arange(2)), np.arange(k)).ravel()
+        self.slots[start:stop] = np.add.outer(
+            n_levels * (2 * n + np.arange(2)), np.arange(k)
+        ).ravel()
         self.forward[start:stop] = forward
         if n % self.panel_profiles == 0:
             height = 2 * n_levels * self.panel_profiles
@@ -114,7 +124,11 @@ class GrowingCholesky:
             out[:known] = solved
         for left, corner, start, stop in self._panels(n):
             if start >= known:
-                out[start:stop] = _solve(corner, right[start - known : stop - known] - tiled_product(left, out[:start]), 0)
+                out[start:stop] = _solve(
+                    corner,
+                    right[start - known : stop - known] - tiled_product(left, out[:start]),
+                    0,
+                )
         return out
 
     def solve_transposed(self, n: int, right: Array) -> Array:

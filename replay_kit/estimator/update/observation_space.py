@@ -91,8 +91,12 @@ class ObservationSpacePosterior(Posterior):
         padded = np.zeros((m, n * 2 * n_levels))
         padded[:, factor.slots[: self.n_rows]] = factor.solve_transposed(n, forward).T
         by_level = np.matmul(padded.reshape(m, n, 2, n_levels), factor.depth[:n])
-        by_profile = by_level.reshape(m, 2 * n, n_levels).swapaxes(1, 2).reshape(m * n_levels, 2 * n)
-        return np.asarray(by_profile @ self.profile_basis).reshape(m, n_levels, self.profile_basis.shape[1])
+        by_profile = (
+            by_level.reshape(m, 2 * n, n_levels).swapaxes(1, 2).reshape(m * n_levels, 2 * n)
+        )
+        return np.asarray(by_profile @ self.profile_basis).reshape(
+            m, n_levels, self.profile_basis.shape[1]
+        )
 
     def bias_information(self) -> Array:
         """Return H' L'^-1 f of the instrument errors of one unit, shape (b, Z, r)."""
@@ -138,11 +142,22 @@ class ObservationSpacePosterior(Posterior):
     def whitened_cross(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the columns of L^-1 H P0 for some levels, None for all, shape (K, L r)."""
         known = self.known
-        if levels is None and known is not None and known.prior is self.prior and len(known.crosses) == self.n > 0:
-            return self.factor.solve(self.n, np.concatenate(known.crosses).reshape(self.n_rows, self.n_weights))
-        at_levels = self.prior.matvec_modes(self.profile_basis, levels).swapaxes(0, 1)  # (2 n, Z, L, r)
+        if (
+            levels is None
+            and known is not None
+            and known.prior is self.prior
+            and len(known.crosses) == self.n > 0
+        ):
+            return self.factor.solve(
+                self.n, np.concatenate(known.crosses).reshape(self.n_rows, self.n_weights)
+            )
+        at_levels = self.prior.matvec_modes(self.profile_basis, levels).swapaxes(
+            0, 1
+        )  # (2 n, Z, L, r)
         width = at_levels.shape[2] * at_levels.shape[3]
-        return self.factor.solve(self.n, self._rows_of(at_levels.reshape(2 * self.n, self.n_levels, width)))
+        return self.factor.solve(
+            self.n, self._rows_of(at_levels.reshape(2 * self.n, self.n_levels, width))
+        )
 
     def design(self, basis: Array) -> Array:
         """Return H with the modes expressed in other directions, shape (K, Z s).
@@ -160,7 +175,9 @@ class ObservationSpacePosterior(Posterior):
 
     def rescaled(self, prior: Prior, factor: float) -> "ObservationSpacePosterior":
         """Return the same mean with the covariance multiplied by a factor, that of ``prior``."""
-        return replace(self, prior=prior, factor=self.factor.rescaled(self.n, 1.0 / np.sqrt(factor)))
+        return replace(
+            self, prior=prior, factor=self.factor.rescaled(self.n, 1.0 / np.sqrt(factor))
+        )
 
     def prefetch(self, profiles: Sequence[ProfileRows]) -> list[PriorCrossCovariance]:
         """Return the parts of coming predictions that do not depend on the order of assimilation: L is read once for all of them."""
@@ -168,18 +185,34 @@ class ObservationSpacePosterior(Posterior):
         n_solved = self.n - self.n % self.factor.panel_profiles
         solved = self.factor.solve(n_solved, self._rows_times(np.concatenate(crosses), 0, n_solved))
         parts = np.split(solved, np.cumsum([len(cross) for cross in crosses])[:-1], axis=1)
-        return [PriorCrossCovariance(cross, part, n_solved) for cross, part in zip(crosses, parts, strict=True)]
+        return [
+            PriorCrossCovariance(cross, part, n_solved)
+            for cross, part in zip(crosses, parts, strict=True)
+        ]
 
-    def predict(self, rows: ProfileRows, prefetched: PriorCrossCovariance) -> PredictedObservation[Posterior]:
+    def predict(
+        self, rows: ProfileRows, prefetched: PriorCrossCovariance
+    ) -> PredictedObservation[Posterior]:
         """Return the prediction of a profile's rows."""
-        before = self.factor.solve(self.n, self._rows_times(prefetched.cross, prefetched.n_solved, self.n), prefetched.solved)
+        before = self.factor.solve(
+            self.n,
+            self._rows_times(prefetched.cross, prefetched.n_solved, self.n),
+            prefetched.solved,
+        )
         cov = rows.matvec(prefetched.cross) - before.T @ before
         predicted = self.prior_prediction(rows) + before.T @ self.forward
 
-        def update(lower: Array, whitened: Array, error_scale: float) -> "ObservationSpacePosterior":
+        def update(
+            lower: Array, whitened: Array, error_scale: float
+        ) -> "ObservationSpacePosterior":
             factor = self.factor.extended(self.n)
             factor.append(rows, error_scale, before.T / error_scale, lower, whitened)
-            return replace(self, factor=factor, n=self.n + 1, known=self._known_with(prefetched.cross / error_scale))
+            return replace(
+                self,
+                factor=factor,
+                n=self.n + 1,
+                known=self._known_with(prefetched.cross / error_scale),
+            )
 
         return PredictedObservation(predicted[:, 0], predicted[:, 1:], 0.5 * (cov + cov.T), update)
 
@@ -199,15 +232,22 @@ class ObservationSpacePosterior(Posterior):
         """Return the rows of some profiles times the transpose of ``cross``, shape (m, Z, r): shape (., m)."""
         across = cross.transpose(1, 0, 2).reshape(-1, cross.shape[2])  # (Z m, r), levels first
         at_profiles = self.profile_basis[2 * first : 2 * last] @ across.T
-        return self._rows_of(at_profiles.reshape(2 * (last - first), cross.shape[1], len(cross)), first)
+        return self._rows_of(
+            at_profiles.reshape(2 * (last - first), cross.shape[1], len(cross)), first
+        )
 
     def _rows_of(self, at_profiles: Array, first: int = 0) -> Array:
         """Return rows, shape (., m), of values at each level for each profile's G from ``first`` on, shape (2 n, Z, m)."""
         n, n_levels = len(at_profiles) // 2, self.n_levels
         width = at_profiles.shape[2]
         by_profile = at_profiles.reshape(n, 2, n_levels, width)
-        rows: Array = np.matmul(self.factor.depth[first : first + n, None], by_profile).reshape(2 * n * n_levels, width)
-        return rows[self.factor.slots[self.factor.ends[first] : self.factor.ends[first + n]] - 2 * n_levels * first]
+        rows: Array = np.matmul(self.factor.depth[first : first + n, None], by_profile).reshape(
+            2 * n * n_levels, width
+        )
+        return rows[
+            self.factor.slots[self.factor.ends[first] : self.factor.ends[first + n]]
+            - 2 * n_levels * first
+        ]
 
 
 def initial(prior: Prior, bias_sensitivity: Array) -> ObservationSpacePosterior:
@@ -218,4 +258,6 @@ def initial(prior: Prior, bias_sensitivity: Array) -> ObservationSpacePosterior:
         bias_sensitivity: shape (b, Z, r), change of its mean for each instrument error of one unit.
     """
     n_errors, n_levels, n_modes = bias_sensitivity.shape
-    return ObservationSpacePosterior(prior, bias_sensitivity, GrowingCholesky(n_levels, n_modes, 16, 1 + n_errors), 0)
+    return ObservationSpacePosterior(
+        prior, bias_sensitivity, GrowingCholesky(n_levels, n_modes, 16, 1 + n_errors), 0
+    )

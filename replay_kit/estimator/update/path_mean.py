@@ -52,7 +52,9 @@ def mean_noise(mean: PathMean, basis: Basis, places: Array, representation_std: 
 
 def depth_means(mean: PathMean, basis: Basis) -> Array:
     """Return the weight of each level at each point in the mean, shape (m, Z); above and below the levels the nearest level holds."""
-    return np.asarray(mean.weight[:, None] * depth_weights(basis.depth_functions, mean.depth, basis.grid.levels))
+    return np.asarray(
+        mean.weight[:, None] * depth_weights(basis.depth_functions, mean.depth, basis.grid.levels)
+    )
 
 
 def path_rows(mean: PathMean, basis: Basis, representation_std: Array) -> PathRows:
@@ -63,7 +65,9 @@ def path_rows(mean: PathMean, basis: Basis, representation_std: Array) -> PathRo
     noise = mean_noise(mean, basis, places, representation_std)
     offset = np.einsum("mz,cmz->c", by_level, basis.horizontal.velocity(places, basis.offset))
     design = by_level.T @ basis.horizontal.velocity(places, basis.modes)
-    return PathRows(np.ones((1, 1)), noise, local_mean(mean, grid.projection) - offset, design / noise.std[0])
+    return PathRows(
+        np.ones((1, 1)), noise, local_mean(mean, grid.projection) - offset, design / noise.std[0]
+    )
 
 
 def profiles_before_path(rows: Iterable[ProfileRows | PathRows | None]) -> list[ProfileRows]:
@@ -84,4 +88,6 @@ def predict_path_mean(posterior: Posterior, rows: PathRows) -> PredictedObservat
 
     cov = rows.matvec(cross)
     mean = rows.matvec(before.mean.reshape(rows.design.shape[1:]))
-    return PredictedObservation(mean, rows.matvec(before.bias_sensitivity).T, 0.5 * (cov + cov.T), update)
+    return PredictedObservation(
+        mean, rows.matvec(before.bias_sensitivity).T, 0.5 * (cov + cov.T), update
+    )

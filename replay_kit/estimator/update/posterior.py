@@ -107,10 +107,15 @@ class Posterior(ABC):
 
     def prefetch(self, profiles: Sequence[ProfileRows]) -> "list[PriorCrossCovariance]":
         """Return the parts of coming predictions that do not depend on the order of assimilation."""
-        return [PriorCrossCovariance(cross, np.empty((0, 0)), 0) for cross in prior_cross_covariances(self.prior, profiles)]
+        return [
+            PriorCrossCovariance(cross, np.empty((0, 0)), 0)
+            for cross in prior_cross_covariances(self.prior, profiles)
+        ]
 
     @abstractmethod
-    def predict(self, rows: ProfileRows, prefetched: "PriorCrossCovariance") -> "PredictedObservation[Posterior]":
+    def predict(
+        self, rows: ProfileRows, prefetched: "PriorCrossCovariance"
+    ) -> "PredictedObservation[Posterior]":
         """Return the prediction of a profile's rows.
 
         Args:
@@ -177,7 +182,9 @@ class PredictedObservation(Generic[After]):
             innovation: shape (2 k,), rows minus their mean.
             bias_rows: shape (2 k, b), effect of errors of one unit on the rows; None where the log does not state it.
         """
-        return np.column_stack([innovation, (0.0 if bias_rows is None else bias_rows) - self.bias_sensitivity])
+        return np.column_stack(
+            [innovation, (0.0 if bias_rows is None else bias_rows) - self.bias_sensitivity]
+        )
 
     def posterior_mean(self, innovation: Array, error_scale: float) -> Array:
         """Return the rows' mean in that posterior, shape (2 k,), for an innovation of shape (2 k,)."""
@@ -185,7 +192,9 @@ class PredictedObservation(Generic[After]):
         return np.asarray(self.mean + self.cov @ gained / error_scale)
 
     def _factor(self, error_scale: float) -> Array:
-        return np.asarray(np.linalg.cholesky(self.cov / error_scale**2 + np.eye(self.mean.size)), dtype=np.float64)
+        return np.asarray(
+            np.linalg.cholesky(self.cov / error_scale**2 + np.eye(self.mean.size)), dtype=np.float64
+        )
 
     def normalised_square(self, innovation: Array) -> tuple[float, float]:
         """Return the rows' normalised innovation squared, with noise of unit variance, and half the covariance's log-determinant."""
@@ -218,7 +227,9 @@ def predict_observation(means: Array, cov: Array, design: Array) -> StatePredict
         return means + gain.T @ whitened, cov - gain.T @ gain
 
     of_rows = cross @ design.T
-    return StatePrediction(design @ means[:, 0], design @ means[:, 1:], 0.5 * (of_rows + of_rows.T), update, cross)
+    return StatePrediction(
+        design @ means[:, 0], design @ means[:, 1:], 0.5 * (of_rows + of_rows.T), update, cross
+    )
 
 
 def means(posteriors: Sequence[Posterior]) -> Array:
@@ -229,7 +240,10 @@ def means(posteriors: Sequence[Posterior]) -> Array:
     out: list[Array] = []
     for _, of_prior in groupby(posteriors, key=lambda posterior: id(posterior.prior)):
         same = list(of_prior)
-        groups = [list(group) for _, group in groupby(same, key=lambda posterior: id(posterior.shared_factor))]
+        groups = [
+            list(group)
+            for _, group in groupby(same, key=lambda posterior: id(posterior.shared_factor))
+        ]
         information = np.concatenate([group[0].information_vectors(group) for group in groups])
         out.append(same[0].prior.mean + same[0].prior.matvec(information).reshape(len(same), -1))
     return np.concatenate(out)
@@ -244,16 +258,23 @@ def prior_cross_covariances(prior: Prior, profiles: Sequence[ProfileRows]) -> li
     together, out = max(1, _TOGETHER // (2 * n_levels * prior.mean.size)), []
     for start in range(0, len(profiles), together):
         part = profiles[start : start + together]
-        at_levels = prior.matvec_modes(np.concatenate([rows.basis for rows in part]))  # (Z, 2 m, Z, r)
+        at_levels = prior.matvec_modes(
+            np.concatenate([rows.basis for rows in part])
+        )  # (Z, 2 m, Z, r)
         by_component = at_levels.swapaxes(0, 1).reshape(len(part), 2, n_levels, -1)
-        out += [np.matmul(rows.r, of_profile).reshape(-1, n_levels, n_modes) for rows, of_profile in zip(part, by_component, strict=True)]
+        out += [
+            np.matmul(rows.r, of_profile).reshape(-1, n_levels, n_modes)
+            for rows, of_profile in zip(part, by_component, strict=True)
+        ]
     return out
 
 
 def prior_covariance(prior: Prior, profiles: Sequence[ProfileRows]) -> Array:
     """Return the covariance of the rows of all profiles under a prior, without their own noise, shape (R, R)."""
     crosses = [cross.reshape(len(cross), -1) for cross in prior_cross_covariances(prior, profiles)]
-    covariance: Array = np.concatenate([rows.design() for rows in profiles]) @ np.concatenate(crosses).T
+    covariance: Array = (
+        np.concatenate([rows.design() for rows in profiles]) @ np.concatenate(crosses).T
+    )
     return 0.5 * (covariance + covariance.T)
 
 

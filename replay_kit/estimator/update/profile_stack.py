@@ -49,11 +49,35 @@ def layout_of(observation: Observation, used: NDArray[np.intp], factors: Factors
     joint, noise = factors(observation, used)
     q, r = np.linalg.qr(noise.whiten @ joint)
     n, (known, k), width = observation.depth.size, q.shape, joint.shape[1]
-    whiten, unwhiten, wide, square = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, width)), np.zeros((width, width))
-    whiten[:known, used], unwhiten[used, :known], wide[:known, :k], square[:k] = noise.whiten, noise.unwhiten, q, r
+    whiten, unwhiten, wide, square = (
+        np.zeros((n, n)),
+        np.zeros((n, n)),
+        np.zeros((n, width)),
+        np.zeros((width, width)),
+    )
+    whiten[:known, used], unwhiten[used, :known], wide[:known, :k], square[:k] = (
+        noise.whiten,
+        noise.unwhiten,
+        q,
+        r,
+    )
     distance, std = np.zeros(n), np.zeros(n)
-    distance[used], std[used] = np.abs(observation.depth[used] - observation.depth[used[0]]), noise.std
-    return Layout(wide.T @ whiten, whiten, unwhiten, wide, square, distance, std, 2 * known, k, noise.half_log_det)
+    distance[used], std[used] = (
+        np.abs(observation.depth[used] - observation.depth[used[0]]),
+        noise.std,
+    )
+    return Layout(
+        wide.T @ whiten,
+        whiten,
+        unwhiten,
+        wide,
+        square,
+        distance,
+        std,
+        2 * known,
+        k,
+        noise.half_log_det,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +109,9 @@ class ProfileStack:
     def residual_square(self) -> Array:
         """Squared norm of the compression residual, shape (n,)."""
         whitened = np.matmul(self.of("whiten"), self.values)
-        return np.asarray(np.maximum(np.sum(whitened**2, axis=(1, 2)) - np.sum(self.y**2, axis=(1, 2)), 0.0))
+        return np.asarray(
+            np.maximum(np.sum(whitened**2, axis=(1, 2)) - np.sum(self.y**2, axis=(1, 2)), 0.0)
+        )
 
     def of(self, name: str) -> Array:
         """Return an attribute of the layouts: of each profile, shape (n, ...), or of all, shape (1, ...), where they have the same."""
@@ -115,7 +141,9 @@ class ProfileStack:
 
     def whitened_misfit(self, rows: Array) -> Array:
         """Return the same in units of their error."""
-        return np.asarray(np.matmul(self.of("whiten"), self.values) - np.matmul(self.of("q"), rows.swapaxes(1, 2)))
+        return np.asarray(
+            np.matmul(self.of("whiten"), self.values) - np.matmul(self.of("q"), rows.swapaxes(1, 2))
+        )
 
     def bias_rows(self, misfit: Array) -> Array | None:
         """Return the effect of instrument errors of one unit on the rows, shape (n, 2, q, 3); see ``biases.Biases.bins``.
@@ -133,21 +161,41 @@ class ProfileStack:
         same = np.matmul(self.of("rows"), self.used[..., None].astype(np.float64))[..., 0]
         growing = np.matmul(self.of("rows"), self.of("distance")[..., None])[..., 0]
         across = np.stack([north, -east], axis=1)
-        columns = [across[..., None] * same[:, None], self.relative[..., None] * same[:, None], along[..., None] * growing[:, None]]
+        columns = [
+            across[..., None] * same[:, None],
+            self.relative[..., None] * same[:, None],
+            along[..., None] * growing[:, None],
+        ]
         return np.stack(columns, axis=-1)
 
 
 def stacked(
-    observations: Sequence[Observation], used: NDArray[np.bool_], values: Array, relative: Array | None, factors: Factors
+    observations: Sequence[Observation],
+    used: NDArray[np.bool_],
+    values: Array,
+    relative: Array | None,
+    factors: Factors,
 ) -> ProfileStack:
     """Return profiles as arrays; the arguments are those of ``ProfileStack``, and what makes a layout."""
     found: dict[tuple[bytes, bytes, bytes, float], int] = {}
     layouts: list[Layout] = []
     which = np.empty(len(observations), np.intp)
     for i, (observation, bins) in enumerate(zip(observations, used, strict=True)):
-        key = observation.depth.tobytes(), observation.error_std.tobytes(), bins.tobytes(), observation.common_std
+        key = (
+            observation.depth.tobytes(),
+            observation.error_std.tobytes(),
+            bins.tobytes(),
+            observation.common_std,
+        )
         if key not in found:
             found[key] = len(layouts)
             layouts.append(layout_of(observation, np.flatnonzero(bins), factors))
         which[i] = found[key]
-    return ProfileStack(tuple(observations), used, np.where(used[..., None], values, 0.0), relative, tuple(layouts), which)
+    return ProfileStack(
+        tuple(observations),
+        used,
+        np.where(used[..., None], values, 0.0),
+        relative,
+        tuple(layouts),
+        which,
+    )

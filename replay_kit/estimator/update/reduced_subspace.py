@@ -29,7 +29,14 @@ from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.update.buffer import Buffer
 from replay_kit.estimator.update.compression import ProfileRows
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
-from replay_kit.estimator.update.posterior import Posterior, PredictedObservation, PriorCrossCovariance, gram, rank_k_update, tiled_product
+from replay_kit.estimator.update.posterior import (
+    Posterior,
+    PredictedObservation,
+    PriorCrossCovariance,
+    gram,
+    rank_k_update,
+    tiled_product,
+)
 from replay_kit.estimator.update.subspace import new_directions
 
 # Directions whose singular value is below this share of G are dropped when room runs out.
@@ -85,7 +92,9 @@ class ReducedSubspacePosterior(Posterior):
 
     def _to_weights(self, columns: slice) -> Array:
         """Return (I (x) B') of some columns of a, shape (., Z, r)."""
-        by_level = self.amplitude[:, columns].T.reshape(-1, self.n_levels, self.room)[..., : self.size]
+        by_level = self.amplitude[:, columns].T.reshape(-1, self.n_levels, self.room)[
+            ..., : self.size
+        ]
         return np.asarray(by_level @ self.active_directions / self.mode_std)
 
     def bias_information(self) -> Array:
@@ -95,7 +104,9 @@ class ReducedSubspacePosterior(Posterior):
     def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights, None for all, shape (L r, L r)."""
         cov = self.prior.covariance(levels)
-        across = self.prior.matvec_modes(self.active_directions / self.mode_std, levels).reshape(-1, len(cov))
+        across = self.prior.matvec_modes(self.active_directions / self.mode_std, levels).reshape(
+            -1, len(cov)
+        )
         rank_k_update(cov, across, -(self._without_room() @ across))
         return cov
 
@@ -105,39 +116,59 @@ class ReducedSubspacePosterior(Posterior):
 
     def taken(self, most: int) -> tuple[Array, Array] | None:
         """Return B, shape (s, r), and M, shape (Z s, Z s); None with more than ``most`` directions."""
-        return None if self.size > most else (self.active_directions / self.mode_std, self._without_room())
+        return (
+            None
+            if self.size > most
+            else (self.active_directions / self.mode_std, self._without_room())
+        )
 
     def covariance_of(self, design: Array) -> Array:
         """Return the covariance of combinations of the weights, shape (m, m); ``design`` of shape (m, Z, r)."""
         cross, m = self.prior.matvec(design), len(design)
         inside = (cross / self.mode_std @ self.active_directions.T).reshape(m, -1)
-        return np.asarray(design.reshape(m, -1) @ cross.reshape(m, -1).T - inside @ self._without_room() @ inside.T)
+        return np.asarray(
+            design.reshape(m, -1) @ cross.reshape(m, -1).T
+            - inside @ self._without_room() @ inside.T
+        )
 
     def rescaled(self, prior: Prior, factor: float) -> "ReducedSubspacePosterior":
         """Return the same mean with the covariance multiplied by a factor, that of ``prior``: M and a are divided by it."""
         flushed = self._flushed()
-        return replace(flushed, prior=prior, matrix=flushed.matrix / factor, amplitude=self.amplitude / factor)
+        return replace(
+            flushed, prior=prior, matrix=flushed.matrix / factor, amplitude=self.amplitude / factor
+        )
 
-    def predict(self, rows: ProfileRows, prefetched: PriorCrossCovariance) -> PredictedObservation[Posterior]:
+    def predict(
+        self, rows: ProfileRows, prefetched: PriorCrossCovariance
+    ) -> PredictedObservation[Posterior]:
         """Return the prediction of a profile's rows."""
         return self._with_directions_of(rows.basis)._predict(rows, prefetched.cross)
 
     def _predict(self, rows: ProfileRows, cross: Array) -> PredictedObservation[Posterior]:
         pending = self.pending.rows[: self.n_pending]
         inside = self._with_room((rows.basis * self.mode_std) @ self.active_directions.T)
-        g_cross = self._with_room(cross / self.mode_std @ self.active_directions.T).reshape(len(cross), -1)
-        q = -tiled_product(self.matrix, np.ascontiguousarray(g_cross.T)).T - (g_cross @ pending.T) @ pending
+        g_cross = self._with_room(cross / self.mode_std @ self.active_directions.T).reshape(
+            len(cross), -1
+        )
+        q = (
+            -tiled_product(self.matrix, np.ascontiguousarray(g_cross.T)).T
+            - (g_cross @ pending.T) @ pending
+        )
         q += np.einsum("kz,cs->ckzs", rows.r, inside).reshape(q.shape)
         cov = g_cross @ q.T
         predicted = self.prior_prediction(rows) + g_cross @ self.amplitude
 
         def update(lower: Array, whitened: Array, error_scale: float) -> "ReducedSubspacePosterior":
-            half_gain = scipy.linalg.solve_triangular(lower, q / error_scale, lower=True, check_finite=False)
+            half_gain = scipy.linalg.solve_triangular(
+                lower, q / error_scale, lower=True, check_finite=False
+            )
             return self._updated(half_gain, whitened, inside)
 
         return PredictedObservation(predicted[:, 0], predicted[:, 1:], 0.5 * (cov + cov.T), update)
 
-    def _updated(self, half_gain: Array, whitened: Array, inside: Array) -> "ReducedSubspacePosterior":
+    def _updated(
+        self, half_gain: Array, whitened: Array, inside: Array
+    ) -> "ReducedSubspacePosterior":
         """Return the posterior with M and a updated by half gains, shape (2 k, Z room), and with the rows A of G, shape (2, room)."""
         new = self._flushed() if self.n_pending + len(half_gain) > len(self.pending.rows) else self
         if new.n_measured + 2 > len(new.measured.rows):
@@ -171,7 +202,9 @@ class ReducedSubspacePosterior(Posterior):
 
     def _compressed(self) -> "ReducedSubspacePosterior":
         """Return the same posterior with the least number of measured rows that have the same Gram matrix."""
-        rows = scipy.linalg.qr(self.measured.rows[: self.n_measured, : self.size], mode="r")[0][: self.size]
+        rows = scipy.linalg.qr(self.measured.rows[: self.n_measured, : self.size], mode="r")[0][
+            : self.size
+        ]
         measured = Buffer(*self.measured.rows.shape).appended(0, self._with_room(rows))
         return replace(self, measured=measured, n_measured=len(rows))
 
@@ -184,15 +217,21 @@ class ReducedSubspacePosterior(Posterior):
             return self
         if self.size + len(more) > self.room:
             return self._in_fewer_directions(more, float(np.linalg.norm(basis * self.mode_std)))
-        return replace(self, directions=self.directions.appended(self.size, more), size=self.size + len(more))
+        return replace(
+            self, directions=self.directions.appended(self.size, more), size=self.size + len(more)
+        )
 
     def _in_fewer_directions(self, more: Array, length: float) -> "ReducedSubspacePosterior":
         """Return the same posterior in the directions that are not negligible for a G of some length, and in further ones."""
-        _, strength, turn = scipy.linalg.svd(self.measured.rows[: self.n_measured, : self.size], full_matrices=False)
+        _, strength, turn = scipy.linalg.svd(
+            self.measured.rows[: self.n_measured, : self.size], full_matrices=False
+        )
         turn = turn[strength > _NEGLIGIBLE * length]
         half = self._without_room().reshape(-1, self.size) @ turn.T
         turned = np.matmul(turn, half.reshape(self.n_levels, self.size, -1))
-        amplitude = self.amplitude.T.reshape(-1, self.n_levels, self.room)[..., : self.size] @ turn.T
+        amplitude = (
+            self.amplitude.T.reshape(-1, self.n_levels, self.room)[..., : self.size] @ turn.T
+        )
         directions = np.vstack([turn @ self.active_directions, more])
         return _Parts(directions, turned, amplitude, np.diag(strength[: len(turn)])).with_room(
             self.prior, self.mode_std, self.prior_bias_sensitivity
@@ -215,13 +254,18 @@ class _Parts:
     amplitude: Array
     measured: Array
 
-    def with_room(self, prior: Prior, mode_std: Array, prior_bias_sensitivity: Array) -> ReducedSubspacePosterior:
+    def with_room(
+        self, prior: Prior, mode_std: Array, prior_bias_sensitivity: Array
+    ) -> ReducedSubspacePosterior:
         """Return a posterior of these parts, padded; the arguments are its attributes."""
         size, n_modes = self.directions.shape
         n_columns, n_levels, before = self.amplitude.shape
         room = min(n_modes, size + max(_MORE, int(_MORE_SHARE * size)))
         padding = (0, room - before)
-        matrix = np.pad(self.matrix.reshape(n_levels, before, n_levels, before), ((0, 0), padding, (0, 0), padding))
+        matrix = np.pad(
+            self.matrix.reshape(n_levels, before, n_levels, before),
+            ((0, 0), padding, (0, 0), padding),
+        )
         amplitude = np.pad(self.amplitude, ((0, 0), (0, 0), padding))
         wide = n_levels * room
         return ReducedSubspacePosterior(
@@ -239,7 +283,9 @@ class _Parts:
         )
 
 
-def to_reduced_subspace(posterior: ObservationSpacePosterior, directions: Array, mode_std: Array) -> ReducedSubspacePosterior:
+def to_reduced_subspace(
+    posterior: ObservationSpacePosterior, directions: Array, mode_std: Array
+) -> ReducedSubspacePosterior:
     """Return an observation-space posterior in directions that span all its rows: W = L^-1 H gives M = W'W and a = W'f.
 
     Args:
@@ -252,4 +298,6 @@ def to_reduced_subspace(posterior: ObservationSpacePosterior, directions: Array,
     matrix = gram(rows)
     measured = scipy.linalg.qr(inside, mode="r")[0][: len(directions)]
     amplitude = (posterior.forward.T @ rows).reshape(-1, posterior.n_levels, len(directions))
-    return _Parts(directions, matrix, amplitude, measured).with_room(posterior.prior, mode_std, posterior.prior_bias_sensitivity)
+    return _Parts(directions, matrix, amplitude, measured).with_room(
+        posterior.prior, mode_std, posterior.prior_bias_sensitivity
+    )

@@ -34,7 +34,10 @@ from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.update.full_covariance import FullCovariancePrior, full_covariance_prior
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
 from replay_kit.estimator.update.posterior import Posterior
-from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior, to_reduced_subspace
+from replay_kit.estimator.update.reduced_subspace import (
+    ReducedSubspacePosterior,
+    to_reduced_subspace,
+)
 from replay_kit.estimator.update.subspace import directions, nonzero_mode_std
 
 # Directions for each profile below which the reduced-subspace form is cheaper; at scattered places there are two.
@@ -57,7 +60,11 @@ def select_representation(posterior: Posterior) -> Posterior:
     """Return the same posterior in the form that is cheaper from here on; a change costs as much as some dozens of updates."""
     large = posterior.n_weights > _LARGE
     if isinstance(posterior, ReducedSubspacePosterior):
-        return to_full_covariance(posterior) if not large and posterior.size > _NEARLY_ALL * posterior.mode_std.size else posterior
+        return (
+            to_full_covariance(posterior)
+            if not large and posterior.size > _NEARLY_ALL * posterior.mode_std.size
+            else posterior
+        )
     assert isinstance(posterior, ObservationSpacePosterior)
     if isinstance(posterior.prior, FullCovariancePrior):
         return to_full_covariance(posterior) if posterior.n_rows > _MERGE_ROWS else posterior
@@ -74,14 +81,24 @@ def select_representation(posterior: Posterior) -> Posterior:
 
 def full_covariance_of(posterior: Posterior) -> FullCovariancePrior:
     """Return the posterior as a Gaussian with one covariance matrix."""
-    if isinstance(posterior, ObservationSpacePosterior) and isinstance(posterior.prior, FullCovariancePrior):
-        return posterior.prior.downdate(posterior.mean, posterior.whitened_cross()) if posterior.n else posterior.prior
+    if isinstance(posterior, ObservationSpacePosterior) and isinstance(
+        posterior.prior, FullCovariancePrior
+    ):
+        return (
+            posterior.prior.downdate(posterior.mean, posterior.whitened_cross())
+            if posterior.n
+            else posterior.prior
+        )
     return full_covariance_prior(posterior.mean, posterior.covariance(), posterior.n_levels)
 
 
 def to_full_covariance(posterior: Posterior) -> ObservationSpacePosterior:
     """Return the same posterior as a full-covariance prior without rows."""
-    if isinstance(posterior, ObservationSpacePosterior) and isinstance(posterior.prior, FullCovariancePrior) and posterior.n == 0:
+    if (
+        isinstance(posterior, ObservationSpacePosterior)
+        and isinstance(posterior.prior, FullCovariancePrior)
+        and posterior.n == 0
+    ):
         return posterior
     return initial(full_covariance_of(posterior), posterior.bias_sensitivity())
 
@@ -121,13 +138,19 @@ class RowsTaken:
         shape = (-1, *self.bias_sensitivity.shape[1:])
         further = whitened - (whitened @ self.gain.T) @ self.whitened
         rows, gains = np.concatenate([self.whitened, further]), np.concatenate([self.gain, gain])
-        prior = self.prior.after_rows(self.mean + change[0], rows.reshape(shape), gains.reshape(shape))
-        return initial(prior, self.bias_sensitivity + change[1:].reshape(self.bias_sensitivity.shape))
+        prior = self.prior.after_rows(
+            self.mean + change[0], rows.reshape(shape), gains.reshape(shape)
+        )
+        return initial(
+            prior, self.bias_sensitivity + change[1:].reshape(self.bias_sensitivity.shape)
+        )
 
 
 def rows_taken(posterior: Posterior) -> RowsTaken:
     """Return the posterior as a prior and rows; few rows are taken from a prior that stays in parts, many from one matrix."""
-    if isinstance(posterior, ObservationSpacePosterior) and not isinstance(posterior.prior, FullCovariancePrior):
+    if isinstance(posterior, ObservationSpacePosterior) and not isinstance(
+        posterior.prior, FullCovariancePrior
+    ):
         prior = as_conditioned(posterior.prior, posterior.n_levels)
         bias_sensitivity = posterior.prior_bias_sensitivity
         if not posterior.n:

@@ -8,10 +8,20 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import inside_grid, rotate_to_local, to_local, wet_column
 from replay_kit.core.grid import Grid, Projection
-from replay_kit.core.observation import Flag, Innovation, Measurement, Observation, PathMean, Reason, usable
+from replay_kit.core.observation import (
+    Flag,
+    Innovation,
+    Measurement,
+    Observation,
+    PathMean,
+    Reason,
+    usable,
+)
 
 
-def screen(observation: Observation, grid: Grid, relative: bool = False) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
+def screen(
+    observation: Observation, grid: Grid, relative: bool = False
+) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
     """Return flags and reasons of a profile's bins after the region's own checks.
 
     Args:
@@ -26,11 +36,17 @@ def screen(observation: Observation, grid: Grid, relative: bool = False) -> tupl
     level = np.argmin(np.abs(observation.depth[:, None] - grid.levels), axis=1)
     dry = ~outside & ~wet_column(grid, float(east), float(north))[level]
     below = observation.depth > grid.levels[-1]
-    wrong = ~np.isfinite(observation.velocity).all(axis=1) | ~(observation.error_std > 0.0) | ~np.isfinite(observation.error_std)
+    wrong = (
+        ~np.isfinite(observation.velocity).all(axis=1)
+        | ~(observation.error_std > 0.0)
+        | ~np.isfinite(observation.error_std)
+    )
     wrong &= usable(flags)
     mark_failed(flags, reasons, below, outside, dry, wrong)
     # relative to a platform of unknown velocity only differences between bins are known, and one bin has none
-    if not np.isfinite(observation.common_std) and (not relative or np.count_nonzero(usable(flags)) < 2):
+    if not np.isfinite(observation.common_std) and (
+        not relative or np.count_nonzero(usable(flags)) < 2
+    ):
         reasons |= np.int32(Reason.PLATFORM_REFERENCE)
         flags[usable(flags)] = Flag.FAIL
     return flags, reasons
@@ -78,7 +94,12 @@ class Screened:
     def rejected(self, reason: Reason) -> Innovation:
         """Return the innovation of a measurement that is rejected as a whole: a duplicate, or one that is too late."""
         flags = np.where(usable(self.unused.flags), Flag.FAIL, self.unused.flags).astype(np.int8)
-        return replace(self.unused, flags=flags, reasons=self.unused.reasons | np.int32(reason), decision="rejected")
+        return replace(
+            self.unused,
+            flags=flags,
+            reasons=self.unused.reasons | np.int32(reason),
+            decision="rejected",
+        )
 
 
 def screen_measurement(observation: Measurement, grid: Grid, relative: bool = True) -> Screened:
@@ -87,17 +108,25 @@ def screen_measurement(observation: Measurement, grid: Grid, relative: bool = Tr
     flags, reasons = screen(profile, grid, relative)
     unused = unused_innovation(profile, flags, reasons)
     if isinstance(observation, PathMean):
-        unused = replace(unused, mean_current=local_mean(observation, grid.projection)[0], mean_kind=observation.kind)
+        unused = replace(
+            unused,
+            mean_current=local_mean(observation, grid.projection)[0],
+            mean_kind=observation.kind,
+        )
     return Screened(observation, np.flatnonzero(usable(flags)), unused)
 
 
 def local_mean(mean: PathMean, projection: Projection) -> Array:
     """Return a mean along a path along the local axes, shape (1, 2) [m/s], rotated at the end of the path."""
-    u, v = rotate_to_local(projection, float(mean.longitude[-1]), float(mean.latitude[-1]), *mean.velocity)
+    u, v = rotate_to_local(
+        projection, float(mean.longitude[-1]), float(mean.latitude[-1]), *mean.velocity
+    )
     return np.array([[float(u), float(v)]])
 
 
-def unused_innovation(observation: Observation, flags: NDArray[np.int8], reasons: NDArray[np.int32]) -> Innovation:
+def unused_innovation(
+    observation: Observation, flags: NDArray[np.int8], reasons: NDArray[np.int32]
+) -> Innovation:
     """Return the innovation of a profile that has no usable bin."""
     blank = np.full((observation.depth.size, 2), np.nan)
     return Innovation(
@@ -145,4 +174,7 @@ def is_duplicate(last: Measurement | None, observation: Measurement) -> bool:
     if last is None or type(last) is not type(observation) or last.time_ns != observation.time_ns:
         return False
     names = ("longitude", "latitude", "depth", "velocity")
-    return all(np.array_equal(getattr(last, name), getattr(observation, name), equal_nan=True) for name in names)
+    return all(
+        np.array_equal(getattr(last, name), getattr(observation, name), equal_nan=True)
+        for name in names
+    )

@@ -55,7 +55,9 @@ class Column:
         """Return the covariance of rows, shape (s, 2 q, 2 q), for R of shape (s, q, q)."""
         q = self.width
         left = np.matmul(r[:, None], self.cov.reshape(2, q, 2 * q))  # (s, 2, q, 2 q)
-        both = np.matmul(left.reshape(len(r), 2 * q, 2, q).swapaxes(1, 2), r[:, None].swapaxes(2, 3))  # (s, 2, 2 q, q)
+        both = np.matmul(
+            left.reshape(len(r), 2 * q, 2, q).swapaxes(1, 2), r[:, None].swapaxes(2, 3)
+        )  # (s, 2, 2 q, q)
         cov = both.swapaxes(1, 2).reshape(len(r), 2 * q, 2 * q)
         return np.asarray(0.5 * (cov + cov.swapaxes(1, 2)))
 
@@ -108,7 +110,9 @@ def combined(r: Array, y: Array, weight: Array) -> CombinedRows:
     turn, of_all = np.linalg.qr((roots[:, None, None] * r).reshape(-1, q))
     columns = (roots[:, None, None, None] * y).transpose(0, 2, 1, 3).reshape(len(turn), -1)
     whole = (turn.T @ columns).reshape(q, 2, -1).swapaxes(0, 1)
-    square = float(np.sum(columns.reshape(len(turn), 2, -1)[..., 0] ** 2) - np.sum(whole[..., 0] ** 2))
+    square = float(
+        np.sum(columns.reshape(len(turn), 2, -1)[..., 0] ** 2) - np.sum(whole[..., 0] ** 2)
+    )
     return CombinedRows(of_all, whole, max(square, 0.0))
 
 
@@ -133,7 +137,13 @@ class GroupUpdate:
     first: GateResult
 
 
-def evaluate_group(stack: ProfileStack, column: Column, gating: GatingConfig | None, correlated: bool, is_consistent: bool) -> GroupUpdate:
+def evaluate_group(
+    stack: ProfileStack,
+    column: Column,
+    gating: GatingConfig | None,
+    correlated: bool,
+    is_consistent: bool,
+) -> GroupUpdate:
     """Return the evaluation of a group.
 
     Args:
@@ -147,7 +157,12 @@ def evaluate_group(stack: ProfileStack, column: Column, gating: GatingConfig | N
     for rows in _stages(len(stack.observations)):
         part = stack.part(rows)
         predicted = column.predicted(part.of("r"))
-        gate = gate_profiles(part, predicted[..., 0], column.predicted_cov(part.of("r")), (gating, correlated, is_consistent))
+        gate = gate_profiles(
+            part,
+            predicted[..., 0],
+            column.predicted_cov(part.of("r")),
+            (gating, correlated, is_consistent),
+        )
         misfit = part.misfit(np.broadcast_to(predicted[..., 0], part.y.shape))
         gates.append(gate)
         misfits.append(misfit)
@@ -164,12 +179,20 @@ def evaluate_group(stack: ProfileStack, column: Column, gating: GatingConfig | N
         jacobian += float(gate.scale_jacobians(part)[accepted].sum()) if known is not None else 0.0
     whole_rows = None
     if parts:
-        whole_rows = combined(np.stack([part.r for part in parts]), np.stack([part.y for part in parts]), np.ones(len(parts)))
+        whole_rows = combined(
+            np.stack([part.r for part in parts]),
+            np.stack([part.y for part in parts]),
+            np.ones(len(parts)),
+        )
         whole_rows = (
-            replace(whole_rows, residual=whole_rows.residual + sum(part.residual for part in parts)) if len(parts) > 1 else parts[0]
+            replace(whole_rows, residual=whole_rows.residual + sum(part.residual for part in parts))
+            if len(parts) > 1
+            else parts[0]
         )
     gate = GroupGate.joined(gates)
-    return GroupUpdate(stack, gate, np.concatenate(misfits), whole_rows, jacobian, gates[0].result(0))
+    return GroupUpdate(
+        stack, gate, np.concatenate(misfits), whole_rows, jacobian, gates[0].result(0)
+    )
 
 
 def _innovation(rows: CombinedRows, column: Column) -> Array:

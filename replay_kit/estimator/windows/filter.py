@@ -106,16 +106,22 @@ class WindowedEstimator(Estimator[WindowedState]):
         """Return the prior of the first window as a state."""
         return WindowedState(Window(self.first, self._of(self.first).initial()))
 
-    def step(self, state: WindowedState, observation: Measurement) -> tuple[WindowedState, Innovation]:
+    def step(
+        self, state: WindowedState, observation: Measurement
+    ) -> tuple[WindowedState, Innovation]:
         """Return the state after an observation, in the window that it lies in, and its innovation."""
         return next(self.steps(state, [observation]))
 
-    def steps(self, state: WindowedState, observations: Iterable[Measurement]) -> Iterator[tuple[WindowedState, Innovation]]:
+    def steps(
+        self, state: WindowedState, observations: Iterable[Measurement]
+    ) -> Iterator[tuple[WindowedState, Innovation]]:
         """Yield the state after each observation, and its innovation."""
         for _, _, after, innovation in self.group_steps(state, observations):
             yield after, innovation
 
-    def group_steps(self, state: WindowedState, items: Iterable[Measurement | ProfileGroup]) -> Iterator[Stepped[WindowedState]]:
+    def group_steps(
+        self, state: WindowedState, items: Iterable[Measurement | ProfileGroup]
+    ) -> Iterator[Stepped[WindowedState]]:
         """Yield what became of measurements and groups of profiles, each in the window that it lies in."""
         block = list[Measurement | ProfileGroup]()
         for item in items:
@@ -131,7 +137,9 @@ class WindowedEstimator(Estimator[WindowedState]):
         self, state: WindowedState, block: Sequence[Measurement | ProfileGroup]
     ) -> Generator[Stepped[WindowedState], None, WindowedState]:
         """Yield what became of measurements and groups in one window; return the last state."""
-        for event, _, inner, innovation in self._of(state.current.region).group_steps(state.current.state, block):
+        for event, _, inner, innovation in self._of(state.current.region).group_steps(
+            state.current.state, block
+        ):
             before, state = state, replace(state, current=replace(state.current, state=inner))
             yield Stepped(event, before, state, innovation)
         return state
@@ -139,13 +147,23 @@ class WindowedEstimator(Estimator[WindowedState]):
     def _stays(self, state: WindowedState, observation: Measurement | ProfileGroup) -> bool:
         """Return whether an observation certainly leaves the window as it is."""
         region, place = state.current.region, _place(observation)
-        return not state.strays and inside(region, *place).item() and next_window(region, self.margin, self.bounds, place) is None
+        return (
+            not state.strays
+            and inside(region, *place).item()
+            and next_window(region, self.margin, self.bounds, place) is None
+        )
 
-    def _moved(self, state: WindowedState, observation: Measurement | ProfileGroup) -> WindowedState:
+    def _moved(
+        self, state: WindowedState, observation: Measurement | ProfileGroup
+    ) -> WindowedState:
         """Return the state in the window that an observation needs."""
         place, region = _place(observation), state.current.region
-        strays = 0 if inside(region, *place) or not inside(self.bounds, *place) else state.strays + 1
-        following = next_window(region, self.margin, self.bounds, place) if strays in (0, _STRAYS) else None
+        strays = (
+            0 if inside(region, *place) or not inside(self.bounds, *place) else state.strays + 1
+        )
+        following = (
+            next_window(region, self.margin, self.bounds, place) if strays in (0, _STRAYS) else None
+        )
         if following is None or following in [refused for refused, _ in state.unusable]:
             return state if strays == state.strays else replace(state, strays=strays)
         try:
@@ -153,7 +171,9 @@ class WindowedEstimator(Estimator[WindowedState]):
         except ForecastError as error:
             return replace(state, strays=0, unusable=(*state.unusable, (following, str(error))))
         left, most = (*state.left, state.current), max(state.loss, loss)
-        return WindowedState(Window(following, begun), left, state.number + 1, most, 0, state.unusable)
+        return WindowedState(
+            Window(following, begun), left, state.number + 1, most, 0, state.unusable
+        )
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether an observation has a bin that ``step`` would use, if it lies in water: windows are made when they are needed."""
@@ -163,7 +183,11 @@ class WindowedEstimator(Estimator[WindowedState]):
         if inside(self.first, *place) or not isinstance(observation, Observation):
             return self._of(self.first).usable(observation) or not inside(self.first, *place)
         levels = self._of(self.first).basis.grid.levels
-        return bool(np.any(np.isfinite(observation.velocity).all(axis=1) & (observation.depth <= levels[-1])))
+        return bool(
+            np.any(
+                np.isfinite(observation.velocity).all(axis=1) & (observation.depth <= levels[-1])
+            )
+        )
 
     def innovation(self, state: WindowedState, observation: Measurement) -> Array:
         """Return measured minus predicted in the state's window, shape (n, 2) [m/s], local axes; NaN for bins that are not usable."""
@@ -195,15 +219,25 @@ class WindowedEstimator(Estimator[WindowedState]):
         notes = self._of(state.current.region).bias_notes(state.current.state)
         if state.number > 1:
             lost = f"{100.0 * state.loss:.1f} cm/s RMS"
-            notes.append(f"{state.number} windows followed the vehicle; up to {lost} of what one had learnt was not handed over")
-        return [*notes, *(f"no window could be made at {refused}: {reason}" for refused, reason in state.unusable)]
+            notes.append(
+                f"{state.number} windows followed the vehicle; up to {lost} of what one had learnt was not handed over"
+            )
+        return [
+            *notes,
+            *(
+                f"no window could be made at {refused}: {reason}"
+                for refused, reason in state.unusable
+            ),
+        ]
 
     def spread_record(self, state: WindowedState) -> dict[str, str]:
         """Return the amplitude of the prior's covariance in a state, and what it was fitted to."""
         return self._of(state.current.region).spread_record(state.current.state)
 
 
-def hand_over(before: ReducedBasisEstimator, state: FilterState, after: ReducedBasisEstimator) -> tuple[FilterState, float]:
+def hand_over(
+    before: ReducedBasisEstimator, state: FilterState, after: ReducedBasisEstimator
+) -> tuple[FilterState, float]:
     """Return the next window's first state, with what the one before learnt where they overlap, and what was lost of it [m/s].
 
     The amplitudes of the prior's covariance and of the ensemble mean, where they are fitted to the log, are kept as they are from then on.
@@ -226,11 +260,19 @@ def hand_over(before: ReducedBasisEstimator, state: FilterState, after: ReducedB
     said = None
     if len(points):
         next_modes, next_offset = velocities_at(after.basis, points)
-        said = learnt(old, state.posterior, *velocities_at(before.basis, points), next_modes, after.representation_std)
+        said = learnt(
+            old,
+            state.posterior,
+            *velocities_at(before.basis, points),
+            next_modes,
+            after.representation_std,
+        )
     if said is None:
         # what the mean's amplitude is elsewhere, the log does not say
         elsewhere = new if amplitude is None else after.prior
-        return replace(begun, posterior=initial(elsewhere, no_bias), mean_amplitude=after.mean_amplitude), 0.0
+        return replace(
+            begun, posterior=initial(elsewhere, no_bias), mean_amplitude=after.mean_amplitude
+        ), 0.0
     innovation = said.values.copy()
     innovation[:, 0] -= said.of(next_offset + next_modes @ after.by_level(new.mean).T)
     prior, sensitivity = conditioned(new, said.design(next_modes), innovation)
@@ -239,7 +281,9 @@ def hand_over(before: ReducedBasisEstimator, state: FilterState, after: ReducedB
 
 def _place(observation: Measurement | ProfileGroup) -> tuple[float, float]:
     """Return longitude and latitude of an observation [degrees]; of a path its end."""
-    return float(np.atleast_1d(observation.longitude)[-1]), float(np.atleast_1d(observation.latitude)[-1])
+    return float(np.atleast_1d(observation.longitude)[-1]), float(
+        np.atleast_1d(observation.latitude)[-1]
+    )
 
 
 def overlap(one: Grid, other: Grid) -> Array:

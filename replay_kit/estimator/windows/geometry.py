@@ -3,7 +3,15 @@
 import math
 
 from replay_kit.core.geodesy import unwrap_longitude
-from replay_kit.core.region import DEGREE, Region, centre, degree_of_longitude, inside, rounded, width
+from replay_kit.core.region import (
+    DEGREE,
+    Region,
+    centre,
+    degree_of_longitude,
+    inside,
+    rounded,
+    width,
+)
 
 # Margins between the vehicle and the side of a new window behind it.
 _BEHIND = 1.5
@@ -13,7 +21,9 @@ _SAME = 2e-3
 _MORE = 0.25
 
 
-def next_window(region: Region, margin: float, bounds: Region, place: tuple[float, float]) -> Region | None:
+def next_window(
+    region: Region, margin: float, bounds: Region, place: tuple[float, float]
+) -> Region | None:
     """Return the window that a vehicle needs that nears the side of its own; None where it does not, or where none has more room.
 
     It is as large as the one before and lies ahead: the way from the middle of the window before to the vehicle goes on. At the side of the
@@ -51,7 +61,10 @@ def room_in(region: Region, bounds: Region, place: tuple[float, float]) -> float
         (along + half, width(bounds) == 360.0 or -half > to_bounds[0] + _SAME),
         (half - along, width(bounds) == 360.0 or half < to_bounds[1] - _SAME),
     ]
-    across = [(place[1] - region[1], region[1] > bounds[1] + _SAME), (region[3] - place[1], region[3] < bounds[3] - _SAME)]
+    across = [
+        (place[1] - region[1], region[1] > bounds[1] + _SAME),
+        (region[3] - place[1], region[3] < bounds[3] - _SAME),
+    ]
     rooms = [room * degree_of_longitude(y) for room, is_open in open_sides if is_open]
     return min([*rooms, *(room * DEGREE for room, is_open in across if is_open)], default=math.inf)
 
@@ -59,7 +72,11 @@ def room_in(region: Region, bounds: Region, place: tuple[float, float]) -> float
 def moved_into(bounds: Region, middle: tuple[float, float], half: tuple[float, float]) -> Region:
     """Return a window about a place, moved into a box where it reaches beyond it."""
     wide, (x, y) = width(bounds), centre(bounds)
-    east = middle[0] if wide == 360.0 else x + _within(float(unwrap_longitude(middle[0], x)) - x, 0.5 * wide - half[0])
+    east = (
+        middle[0]
+        if wide == 360.0
+        else x + _within(float(unwrap_longitude(middle[0], x)) - x, 0.5 * wide - half[0])
+    )
     north = y + _within(middle[1] - y, 0.5 * (bounds[3] - bounds[1]) - half[1])
     return rounded((east - half[0], north - half[1], east + half[0], north + half[1]))
 

@@ -52,7 +52,9 @@ class Learnt:
 
     def of(self, velocity: Array) -> Array:
         """Return A u, shape (m,), of velocities at the points, shape (2P, Z)."""
-        return np.asarray(np.einsum("mqk,kq->m", self.directions, self.across.T @ velocity @ self.vertical.T))
+        return np.asarray(
+            np.einsum("mqk,kq->m", self.directions, self.across.T @ velocity @ self.vertical.T)
+        )
 
     def design(self, modes: Array) -> Array:
         """Return A of weights, shape (m, Z, r), of modes with these velocities at the points, shape (2P, r)."""
@@ -62,11 +64,20 @@ class Learnt:
 
 def velocities_at(basis: Basis, points: Array) -> tuple[Array, Array]:
     """Return the velocities at points of the modes, shape (2P, r), and of the flow without weights, shape (2P, Z)."""
-    modes, offset = (basis.horizontal.velocity(points, latent) for latent in (basis.modes, basis.offset))
+    modes, offset = (
+        basis.horizontal.velocity(points, latent) for latent in (basis.modes, basis.offset)
+    )
     return modes.reshape(2 * len(points), -1), offset.reshape(2 * len(points), -1)
 
 
-def learnt(prior: Prior, posterior: Posterior, modes: Array, offset: Array, next_modes: Array, representation_std: Array) -> Learnt | None:
+def learnt(
+    prior: Prior,
+    posterior: Posterior,
+    modes: Array,
+    offset: Array,
+    next_modes: Array,
+    representation_std: Array,
+) -> Learnt | None:
     """Return what a window learnt at points; None where that is nothing.
 
     Args:
@@ -82,9 +93,14 @@ def learnt(prior: Prior, posterior: Posterior, modes: Array, offset: Array, next
     across, vertical = _combinations(prior, modes)
     kept = _projected(next_modes, across @ (across.T @ change @ vertical.T) @ vertical)
     lost = change - kept
-    design = np.einsum("qz,kr->qkzr", vertical, across.T @ modes).reshape(-1, n_levels, modes.shape[1])
+    design = np.einsum("qz,kr->qkzr", vertical, across.T @ modes).reshape(
+        -1, n_levels, modes.shape[1]
+    )
     flat = design.reshape(len(design), -1)
-    before, after = flat @ prior.matvec(design).reshape(flat.shape).T, posterior.covariance_of(design)
+    before, after = (
+        flat @ prior.matvec(design).reshape(flat.shape).T,
+        posterior.covariance_of(design),
+    )
     directions, share = _learnt_directions(before, after)
     if not share.size:
         return None
@@ -92,11 +108,19 @@ def learnt(prior: Prior, posterior: Posterior, modes: Array, offset: Array, next
     missed = np.sum(lost**2, axis=0) / across.shape[1]
     error = np.repeat(vertical**2 @ (representation_std**2 + missed), across.shape[1])
     lower = np.linalg.cholesky(np.diag((1.0 - share) / share) + (directions * error) @ directions.T)
-    shifts = np.column_stack([posterior.mean - prior.mean, posterior.bias_sensitivity().reshape(-1, flat.shape[1]).T])
+    shifts = np.column_stack(
+        [posterior.mean - prior.mean, posterior.bias_sensitivity().reshape(-1, flat.shape[1]).T]
+    )
     measured = np.column_stack([directions, directions @ (flat @ shifts) / share[:, None]])
     whitened = np.asarray(scipy.linalg.solve_triangular(lower, measured, lower=True))
     rows, values = whitened[:, : directions.shape[1]], whitened[:, directions.shape[1] :]
-    found = Learnt(rows.reshape(len(rows), len(vertical), -1), across, vertical, values, float(np.sqrt(np.mean(lost**2))))
+    found = Learnt(
+        rows.reshape(len(rows), len(vertical), -1),
+        across,
+        vertical,
+        values,
+        float(np.sqrt(np.mean(lost**2))),
+    )
     values[:, 0] += found.of(offset + modes @ prior.mean.reshape(n_levels, -1).T)
     return found
 

@@ -46,7 +46,9 @@ class BottomTracks:
     distance: Array
 
 
-def bottom_tracks(data: bytes, records: Sequence[Record]) -> tuple[dict[str, BottomTracks], Counter[str]]:
+def bottom_tracks(
+    data: bytes, records: Sequence[Record]
+) -> tuple[dict[str, BottomTracks], Counter[str]]:
     """Return the bottom tracks of a file by coordinate system, and how many records hold none, by reason.
 
     Args:
@@ -67,7 +69,10 @@ def bottom_tracks(data: bytes, records: Sequence[Record]) -> tuple[dict[str, Bot
 
 def _as_columns(rows: list[tuple[int, Array, Array]]) -> BottomTracks:
     rows = sorted(rows, key=lambda row: row[0])
-    velocity, distance = _stacked([velocity for _, velocity, _ in rows]), _stacked([distance for _, _, distance in rows])
+    velocity, distance = (
+        _stacked([velocity for _, velocity, _ in rows]),
+        _stacked([distance for _, _, distance in rows]),
+    )
     return BottomTracks(np.array([time_ns for time_ns, _, _ in rows], np.int64), velocity, distance)
 
 
@@ -88,7 +93,11 @@ def _decoded(body: bytes) -> tuple[str, tuple[int, Array, Array] | None]:
     n, system = beams_cy >> 12, beams_cy >> 10 & 3
     if system >= len(_SYSTEMS) or not config & _VELOCITY or n < 3:
         return "bottom track without velocities, or in unknown coordinates", None
-    fields = {bit: struct.Struct(f"<{n}{code}") for bit, code in ((_VELOCITY, "i"), (_DISTANCE, "i"), (_MERIT, "H")) if config & bit}
+    fields = {
+        bit: struct.Struct(f"<{n}{code}")
+        for bit, code in ((_VELOCITY, "i"), (_DISTANCE, "i"), (_MERIT, "H"))
+        if config & bit
+    }
     if body[1] + sum(field.size for field in fields.values()) > len(body):
         return "bottom track shorter than its configuration says", None
     values, offset = {}, body[1]
@@ -99,13 +108,21 @@ def _decoded(body: bytes) -> tuple[str, tuple[int, Array, Array] | None]:
     if time_ns is None:
         return "bottom track without a time", None
     distance = values.get(_DISTANCE, np.full(n, np.nan)) / 1000.0
-    lost = (values[_VELOCITY] == _MISSING) | (distance <= 0.0) | (values.get(_MERIT, np.zeros(n)) >= _MOST_MERIT)
+    lost = (
+        (values[_VELOCITY] == _MISSING)
+        | (distance <= 0.0)
+        | (values.get(_MERIT, np.zeros(n)) >= _MOST_MERIT)
+    )
     # of coordinates made of all beams, one that found no bottom spoils all
     spoilt = lost if _SYSTEMS[system] == "beam" else np.full(n, lost.any())
     if spoilt.all():
         return NOT_FOUND, None
     velocity = np.where(spoilt, np.nan, values[_VELOCITY] * 10.0**scaling)
-    return _SYSTEMS[system], (time_ns, one_vertical(velocity, _SYSTEMS[system]), np.where(lost, np.nan, distance))
+    return _SYSTEMS[system], (
+        time_ns,
+        one_vertical(velocity, _SYSTEMS[system]),
+        np.where(lost, np.nan, distance),
+    )
 
 
 def _time_ns(body: bytes) -> int | None:
@@ -130,13 +147,20 @@ def with_bottom(profiles: RawProfiles, tracks: Mapping[str, BottomTracks]) -> Ra
     for own, track in tracks.items():
         velocity = _turned(track.velocity, own, system, vectors)
         if velocity is not None:
-            after = np.clip(np.searchsorted(track.time_ns, profiles.time_ns), 1, max(track.time_ns.size - 1, 1))
+            after = np.clip(
+                np.searchsorted(track.time_ns, profiles.time_ns), 1, max(track.time_ns.size - 1, 1)
+            )
             before = after - 1
             after = np.minimum(after, track.time_ns.size - 1)
-            nearer = np.abs(track.time_ns[after] - profiles.time_ns) < np.abs(track.time_ns[before] - profiles.time_ns)
+            nearer = np.abs(track.time_ns[after] - profiles.time_ns) < np.abs(
+                track.time_ns[before] - profiles.time_ns
+            )
             nearest = np.where(nearer, after, before)
             beside = np.abs(track.time_ns[nearest] - profiles.time_ns) <= _BESIDE_NS
-            found, distance = (np.where(beside[:, None], values[nearest], np.nan) for values in (velocity, track.distance))
+            found, distance = (
+                np.where(beside[:, None], values[nearest], np.nan)
+                for values in (velocity, track.distance)
+            )
             return replace(profiles, bottom=(found, distance))
     return profiles
 
@@ -145,7 +169,11 @@ def _turned(velocity: Array, own: str, wanted: str, vectors: Any) -> Array | Non
     """Return velocities in the wanted coordinates, shape (n, components); None where they cannot be turned."""
     if own == wanted:
         return velocity
-    if {own, wanted} != {"beam", "instrument"} or vectors is None or velocity.shape[1] != (3 if own == "instrument" else len(vectors)):
+    if (
+        {own, wanted} != {"beam", "instrument"}
+        or vectors is None
+        or velocity.shape[1] != (3 if own == "instrument" else len(vectors))
+    ):
         return None
     matrix = np.array(vectors) if wanted == "beam" else np.linalg.pinv(np.array(vectors))
     return np.asarray(velocity @ matrix.T)

@@ -18,7 +18,9 @@ from replay_kit.logs.adcp.records import AD2CP_TEXT, Record
 _AVERAGE, _BURST = 0x16, 0x15
 #: Where a record's kind is in its head, and a profile's ensemble counter in its data [bytes].
 _KIND, _ENSEMBLE = 2, 72
-NO_ENSEMBLE = "no sound ensemble of velocities is in it (checksums); copy it from the instrument again"
+NO_ENSEMBLE = (
+    "no sound ensemble of velocities is in it (checksums); copy it from the instrument again"
+)
 
 
 def read_pd0(path: Path, parts: Sequence[bytes], has_pressure: bool) -> Any:
@@ -35,7 +37,9 @@ def read_pd0(path: Path, parts: Sequence[bytes], has_pressure: bool) -> Any:
     read_rdi, _ = _readers(path)
     # MHKiT reads an ensemble only where another follows, and needs two to begin
     (dataset,) = _read(
-        path, b"".join([*parts, parts[-1], parts[-1]]), lambda copy: [read_rdi(copy, userdata=False, nens=len(parts), debug=0)]
+        path,
+        b"".join([*parts, parts[-1], parts[-1]]),
+        lambda copy: [read_rdi(copy, userdata=False, nens=len(parts), debug=0)],
     )
     return dataset if has_pressure else dataset.drop_vars("pressure", errors="ignore")
 
@@ -56,20 +60,26 @@ def read_ad2cp(path: Path, data: bytes, records: Sequence[Record]) -> list[Any]:
     if not kinds & {_AVERAGE, _BURST}:
         raise LogError(f"{path}: {NO_ENSEMBLE}")
     if AD2CP_TEXT not in kinds:
-        raise LogError(f"{path}: the record with the instrument's configuration is missing or damaged; copy the file again")
+        raise LogError(
+            f"{path}: the record with the instrument's configuration is missing or damaged; copy the file again"
+        )
 
     def read(copy: str) -> list[Any]:
         found = read_signature(copy, userdata=False, dual_profile=kinds >= {_AVERAGE, _BURST})
         datasets = list(found) if isinstance(found, tuple) else [found]
         # of two modes MHKiT leaves the file's configuration with the first
-        return [dataset.assign_attrs({**datasets[0].attrs, **dataset.attrs}) for dataset in datasets]
+        return [
+            dataset.assign_attrs({**datasets[0].attrs, **dataset.attrs}) for dataset in datasets
+        ]
 
     first, *pings = [data[record.start : record.end] for record in _of_use(records)]
     # MHKiT needs a second ping to know how long one is
     alone = len(pings) == 1
     datasets = _read(path, b"".join([first, *_numbered(2 * pings if alone else pings)]), read)
     return [
-        dataset.isel({name: slice(0, 1) for name in dataset.dims if str(name).startswith("time")}) if alone else dataset
+        dataset.isel({name: slice(0, 1) for name in dataset.dims if str(name).startswith("time")})
+        if alone
+        else dataset
         for dataset in datasets
     ]
 
@@ -106,7 +116,9 @@ def _readers(path: Path) -> tuple[Any, Any]:
             from mhkit.dolfyn.io.nortek2 import read_signature
             from mhkit.dolfyn.io.rdi import read_rdi
     except ImportError as error:
-        raise LogError(f"{path}: raw ADCP files are read through MHKiT, which is not installed; pip install 'replay-kit[adcp]'") from error
+        raise LogError(
+            f"{path}: raw ADCP files are read through MHKiT, which is not installed; pip install 'replay-kit[adcp]'"
+        ) from error
     return read_rdi, read_signature
 
 

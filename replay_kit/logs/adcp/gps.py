@@ -37,34 +37,57 @@ class Fixes(Positions):
 
 def fixes_of(datasets: Sequence[Any]) -> Fixes:
     """Return the fixes in datasets of MHKiT (xarray) of one file, in any order."""
-    found = [_raw_fixes(dataset) for dataset in datasets if "time_gps" in dataset and "latitude_gps" in dataset]
+    found = [
+        _raw_fixes(dataset)
+        for dataset in datasets
+        if "time_gps" in dataset and "latitude_gps" in dataset
+    ]
     if not found:
         return Fixes(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), None, 0)
-    gps_ns, instrument_ns, longitude, latitude, good = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    gps_ns, instrument_ns, longitude, latitude, good = (
+        np.concatenate(parts) for parts in zip(*found, strict=True)
+    )
     n_bad = int(good.size - good.sum())
-    gps_ns, instrument_ns, longitude, latitude = (values[good] for values in (gps_ns, instrument_ns, longitude, latitude))
+    gps_ns, instrument_ns, longitude, latitude = (
+        values[good] for values in (gps_ns, instrument_ns, longitude, latitude)
+    )
     dated = any(dataset.attrs.get("source_program") == "VMDAS" for dataset in datasets)
     offset_ns = clock_offset_ns(gps_ns, instrument_ns, dated) if good.any() else None
     if offset_ns is not None and not dated:
         # of several whole days the one that the offset means
-        gps_ns = gps_ns - np.round((gps_ns - instrument_ns - offset_ns) / (2 * _HALF_DAY_NS)).astype(np.int64) * 2 * _HALF_DAY_NS
+        gps_ns = (
+            gps_ns
+            - np.round((gps_ns - instrument_ns - offset_ns) / (2 * _HALF_DAY_NS)).astype(np.int64)
+            * 2
+            * _HALF_DAY_NS
+        )
     time_ns, first = np.unique(gps_ns, return_index=True)
     return Fixes(time_ns, longitude[first], latitude[first], offset_ns, n_bad)
 
 
 def _raw_fixes(dataset: Any) -> tuple[NDArray[Any], ...]:
     """Return GPS time and instrument's clock [ns], longitude, latitude, and whether each is a fix, shape (n,) each."""
-    gps, instrument = (dataset[name].values.astype("datetime64[us]").astype(np.int64) for name in ("time_gps", "hdwtime_gps"))
-    longitude, latitude = (np.asarray(dataset[f"{name}_gps"].values, dtype=np.float64) for name in ("longitude", "latitude"))
+    gps, instrument = (
+        dataset[name].values.astype("datetime64[us]").astype(np.int64)
+        for name in ("time_gps", "hdwtime_gps")
+    )
+    longitude, latitude = (
+        np.asarray(dataset[f"{name}_gps"].values, dtype=np.float64)
+        for name in ("longitude", "latitude")
+    )
     good = np.isfinite(longitude + latitude) & ((longitude != 0.0) | (latitude != 0.0))
     if "fix_gps" in dataset:
         good &= dataset["fix_gps"].values > 0
     # to the millisecond: MHKiT carries seconds as floats
-    gps_ns, instrument_ns = (np.round(values / 1000).astype(np.int64) * 1_000_000 for values in (gps, instrument))
+    gps_ns, instrument_ns = (
+        np.round(values / 1000).astype(np.int64) * 1_000_000 for values in (gps, instrument)
+    )
     return gps_ns, instrument_ns, longitude, latitude, good
 
 
-def clock_offset_ns(gps_ns: NDArray[np.int64], instrument_ns: NDArray[np.int64], dated: bool) -> int:
+def clock_offset_ns(
+    gps_ns: NDArray[np.int64], instrument_ns: NDArray[np.int64], dated: bool
+) -> int:
     """Return what is to be added to the instrument's clock to have UTC [ns]: the median over the fixes.
 
     Args:
@@ -85,7 +108,11 @@ def declination_deg(time_ns: int, longitude: float, latitude: float) -> float | 
     Places are rounded to a tenth of a degree and times to a tenth of a year, over which it changes by less than a compass resolves.
     """
     year = datetime.fromtimestamp(time_ns // _NS, UTC)
-    return _declination(round(year.year + (year.timetuple().tm_yday - 1) / 366.0, 1), round(longitude, 1), round(latitude, 1))
+    return _declination(
+        round(year.year + (year.timetuple().tm_yday - 1) / 366.0, 1),
+        round(longitude, 1),
+        round(latitude, 1),
+    )
 
 
 @lru_cache(maxsize=1024)
@@ -97,5 +124,7 @@ def _declination(year: float, longitude: float, latitude: float) -> float | None
         model = GeoMag(coefficients_file=f"wmm/{file}.COF")
         low, high = model.life_span
         if low <= year <= high:
-            return round(float(model.calculate(glat=latitude, glon=longitude, alt=0.0, time=year).d), 2)
+            return round(
+                float(model.calculate(glat=latitude, glon=longitude, alt=0.0, time=year).d), 2
+            )
     return None

@@ -57,25 +57,50 @@ def raw_profiles(dataset: Any, tag: str, ordinals: Sequence[int] | None = None) 
     teledyne = dataset.attrs["inst_make"] == "TRDI"
     make = _teledyne if teledyne else _nortek
     velocity = _by_ping(dataset, f"vel{tag}")
-    velocity[np.isclose(velocity[..., None], _MISSING[:1] if teledyne else _MISSING, rtol=0.0, atol=1e-5).any(axis=-1)] = np.nan
+    velocity[
+        np.isclose(
+            velocity[..., None], _MISSING[:1] if teledyne else _MISSING, rtol=0.0, atol=1e-5
+        ).any(axis=-1)
+    ] = np.nan
     time_ns, known = _times(dataset[f"time{tag}"].values)
     if f"status{tag}" in dataset and not teledyne:
         # where a ping was skipped MHKiT fills in a time
         known &= dataset[f"status{tag}"].values != 0
     common = _geometry(dataset, tag) | make(dataset, tag)
-    names = {"heading": "heading", "pitch": "pitch", "roll": "roll", "temp": "temperature", "c_sound": "sound_speed"}
-    per_ping = {ours: _by_ping(dataset, theirs + tag) for theirs, ours in names.items() if theirs + tag in dataset}
+    names = {
+        "heading": "heading",
+        "pitch": "pitch",
+        "roll": "roll",
+        "temp": "temperature",
+        "c_sound": "sound_speed",
+    }
+    per_ping = {
+        ours: _by_ping(dataset, theirs + tag)
+        for theirs, ours in names.items()
+        if theirs + tag in dataset
+    }
     if "heading" in per_ping:
         per_ping["heading"] = np.mod(per_ping["heading"], 360.0)
-    per_ping |= {"velocity": velocity if teledyne else one_vertical(velocity, common["coordinate_system"])}
+    per_ping |= {
+        "velocity": velocity if teledyne else one_vertical(velocity, common["coordinate_system"])
+    }
     per_ping |= _echoes(dataset, tag, teledyne) | _depths(dataset, tag, teledyne)
-    numbers = np.arange(time_ns.size) if ordinals is None else np.array(ordinals[: time_ns.size], np.int64)
-    return RawProfiles(time_ns, known, common, per_ping, numbers, _bottom(dataset) if teledyne else None)
+    numbers = (
+        np.arange(time_ns.size)
+        if ordinals is None
+        else np.array(ordinals[: time_ns.size], np.int64)
+    )
+    return RawProfiles(
+        time_ns, known, common, per_ping, numbers, _bottom(dataset) if teledyne else None
+    )
 
 
 def _times(values: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     known = ~np.isnat(values)
-    ticks = np.round(np.where(known, values, np.datetime64(0, "ns")).astype("datetime64[ns]").astype(np.int64) / _CLOCK_TICK_NS)
+    ticks = np.round(
+        np.where(known, values, np.datetime64(0, "ns")).astype("datetime64[ns]").astype(np.int64)
+        / _CLOCK_TICK_NS
+    )
     return ticks.astype(np.int64) * _CLOCK_TICK_NS, known
 
 
@@ -102,7 +127,9 @@ def _teledyne(dataset: Any, tag: str) -> dict[str, Any]:
     attributes = dataset.attrs
     turned = attributes["coord_sys"] in ("ship", "earth")
     # VMDAS makes earth coordinates with the ship's heading and the corrections that its user gave
-    true = attributes["magnetic_var_deg"] != 0.0 or (attributes.get("source_program") == "VMDAS" and attributes["coord_sys"] == "earth")
+    true = attributes["magnetic_var_deg"] != 0.0 or (
+        attributes.get("source_program") == "VMDAS" and attributes["coord_sys"] == "earth"
+    )
     return {
         "attitude_convention": "teledyne",
         "tilt_applied": turned and attributes["use_pitchroll"] == "yes",
@@ -137,20 +164,30 @@ def _vectors(matrix: Array, nortek: bool) -> list[list[float]] | None:
     if matrix.shape[0] != matrix.shape[1] or np.linalg.matrix_rank(matrix) < len(matrix):
         return None
     inverse = np.linalg.inv(matrix)
-    vectors = np.column_stack([inverse[:, :2], inverse[:, 2:].sum(axis=1)]) if nortek else inverse[:, :3]
+    vectors = (
+        np.column_stack([inverse[:, :2], inverse[:, 2:].sum(axis=1)]) if nortek else inverse[:, :3]
+    )
     # the files round the matrix to four digits
-    return [[float(x) for x in row] for row in vectors / np.linalg.norm(vectors, axis=1, keepdims=True)]
+    return [
+        [float(x) for x in row] for row in vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    ]
 
 
 def one_vertical(velocity: Array, system: str) -> Array:
     """Return Nortek's velocities with one vertical component, the mean of the two; beams are left alone."""
     if system == "beam" or velocity.shape[-1] < 4:
         return velocity
-    return np.concatenate([velocity[..., :2], velocity[..., 2:4].mean(axis=-1, keepdims=True)], axis=-1)
+    return np.concatenate(
+        [velocity[..., :2], velocity[..., 2:4].mean(axis=-1, keepdims=True)], axis=-1
+    )
 
 
 def _echoes(dataset: Any, tag: str, teledyne: bool) -> dict[str, Array]:
-    scales = {"amp": ("amplitude", _DB_PER_COUNT), "corr": ("correlation", _PERCENT_PER_COUNT), "prcnt_gd": ("percent_good", 1.0)}
+    scales = {
+        "amp": ("amplitude", _DB_PER_COUNT),
+        "corr": ("correlation", _PERCENT_PER_COUNT),
+        "prcnt_gd": ("percent_good", 1.0),
+    }
     return {
         ours: np.round(_by_ping(dataset, theirs + tag) * (scale if teledyne else 1.0), 1)
         for theirs, (ours, scale) in scales.items()

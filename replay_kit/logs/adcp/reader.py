@@ -34,7 +34,13 @@ _UNTURNED = "bottom track in coordinates that cannot be turned to those of the p
 class RawAdcpReader(LogFile):
     """A raw ADCP file, read whole. An instrument has one clock, set right by GPS where the file has fixes."""
 
-    def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        input: int = 0,
+        config: LogConfig | None = None,
+        wanted: frozenset[str] | None = None,
+    ) -> None:
         """Read the file; arguments as of ``LogFile``.
 
         Raises:
@@ -52,9 +58,13 @@ class RawAdcpReader(LogFile):
         try:
             self._gps, self._profiles = (self._pd0 if self.format == "pd0" else self._ad2cp)(data)
         except (LookupError, ValueError, TypeError) as error:
-            raise LogError(f"{path}: not a setting of an instrument that is understood: {type(error).__name__}: {error}") from error
+            raise LogError(
+                f"{path}: not a setting of an instrument that is understood: {type(error).__name__}: {error}"
+            ) from error
         if not self._profiles:
-            raise LogError(f"{path}: it has no profile of velocities; give a file of a current profiler")
+            raise LogError(
+                f"{path}: it has no profile of velocities; give a file of a current profiler"
+            )
 
     def _pd0(self, data: bytes) -> tuple[Fixes, list[tuple[str, RawProfiles]]]:
         """Return the fixes and the profiles of each configuration."""
@@ -63,15 +73,25 @@ class RawAdcpReader(LogFile):
             why = "; ".join(f"{count} x {reason}" for reason, count in found.unreadable.items())
             raise LogError(f"{path}: {f'no ensemble can be read: {why}' if why else NO_ENSEMBLE}")
         self._unreadable, self._notes = found.unreadable, found.notes
-        datasets = [read_pd0(path, [found.parts[k] for k in group], key.has_pressure) for key, group in found.groups.items()]
+        datasets = [
+            read_pd0(path, [found.parts[k] for k in group], key.has_pressure)
+            for key, group in found.groups.items()
+        ]
         pairs = zip(datasets, found.groups.values(), strict=True)
-        return fixes_of(datasets), [("", raw_profiles(dataset, "", group)) for dataset, group in pairs]
+        return fixes_of(datasets), [
+            ("", raw_profiles(dataset, "", group)) for dataset, group in pairs
+        ]
 
     def _ad2cp(self, data: bytes) -> tuple[Fixes, list[tuple[str, RawProfiles]]]:
         """Return the fixes, none, and the profiles of each mode with their bottom tracks."""
         datasets = read_ad2cp(Path(self.path), data, self._records)
         tracks, self._no_bottom = bottom_tracks(data, self._records)
-        found = [(tag, with_bottom(raw_profiles(ds, tag), tracks)) for ds in datasets for tag in _TOPICS if f"vel{tag}" in ds]
+        found = [
+            (tag, with_bottom(raw_profiles(ds, tag), tracks))
+            for ds in datasets
+            for tag in _TOPICS
+            if f"vel{tag}" in ds
+        ]
         if tracks and all(profiles.bottom is None for _, profiles in found):
             self._no_bottom[_UNTURNED] = sum(track.time_ns.size for track in tracks.values())
         return fixes_of(datasets), found
@@ -97,16 +117,30 @@ class RawAdcpReader(LogFile):
         for reason, count in self._no_bottom.items():
             self._skip("/adcp/bottom_track", reason, count)
         # at one time a position comes before the velocities measured there
-        yield from self._by_time(chain(self._fixes(), *(self._pings(_TOPICS[tag], profiles) for tag, profiles in self._profiles)))
+        yield from self._by_time(
+            chain(
+                self._fixes(),
+                *(self._pings(_TOPICS[tag], profiles) for tag, profiles in self._profiles),
+            )
+        )
 
     def _fixes(self) -> Iterator[Entry]:
         columns = (self._gps.time_ns, self._gps.longitude, self._gps.latitude)
-        for time_ns, longitude, latitude in zip(*(column.tolist() for column in columns), strict=True):
-            yield time_ns, "/vehicle/fix", FIX, location_fix(time_ns, longitude, latitude, 0.0, False, float("nan"))
+        for time_ns, longitude, latitude in zip(
+            *(column.tolist() for column in columns), strict=True
+        ):
+            yield (
+                time_ns,
+                "/vehicle/fix",
+                FIX,
+                location_fix(time_ns, longitude, latitude, 0.0, False, float("nan")),
+            )
 
     def _pings(self, topic: str, profiles: RawProfiles) -> Iterator[Entry]:
         offset_ns = self._gps.offset_ns
-        per_ping = {name: numbers(np.round(values, 6)) for name, values in profiles.per_ping.items()}
+        per_ping = {
+            name: numbers(np.round(values, 6)) for name, values in profiles.per_ping.items()
+        }
         for k in np.flatnonzero(profiles.known).tolist():
             time_ns = int(profiles.time_ns[k]) + (offset_ns or 0)
             payload = {

@@ -71,7 +71,11 @@ def lose_between(statistics: ReadStatistics, records: Sequence[Record], size: in
         records: From ``scan``.
         size: Size of the file [bytes].
     """
-    start, end = np.array([(record.start, record.end) for record in records], dtype=np.int64).reshape(-1, 2).T
+    start, end = (
+        np.array([(record.start, record.end) for record in records], dtype=np.int64)
+        .reshape(-1, 2)
+        .T
+    )
     last = lose_gaps(statistics, "bad bytes between two sound records, skipped", 0, start, end)
     if last < size:
         statistics.lose("at the end: a cut record or bad bytes, skipped", last, size - last)
@@ -82,9 +86,16 @@ def _pd0(values: Bytes, sums: "_Sums", start: Indices) -> Found:
     head = values.take(start[:, None] + np.arange(8), mode="clip").view("<u2").astype(np.int64)
     size, first = head[:, 1], head[:, 3]
     check, n_types = start + size, head[:, 2] >> 8
-    fits = (n_types > 0) & (first == 6 + 2 * n_types) & (size >= first + 2) & (check + 2 <= values.size)
+    fits = (
+        (n_types > 0)
+        & (first == 6 + 2 * n_types)
+        & (size >= first + 2)
+        & (check + 2 <= values.size)
+    )
     start, check, first = start[fits], check[fits], first[fits]
-    fits = np.isin(_word(values, start + first), _FIXED_LEADERS) & (sums.of(start, check).sum(axis=1) & 0xFFFF == _word(values, check))
+    fits = np.isin(_word(values, start + first), _FIXED_LEADERS) & (
+        sums.of(start, check).sum(axis=1) & 0xFFFF == _word(values, check)
+    )
     return start[fits], check[fits] + 2, np.zeros(np.count_nonzero(fits), dtype=np.int64)
 
 
@@ -114,7 +125,9 @@ def _nortek_checksums(values: Bytes, sums: "_Sums", start: Indices, end: Indices
     bytes_of = sums.of(start, end)
     low = np.where(start % 2 == 0, bytes_of[:, 0], bytes_of[:, 1])
     last = np.where((end - start) % 2 == 1, values[end - 1].astype(np.int64), 0)
-    checksums: Indices = (_CHECKSUM_SEED + low + 256 * (bytes_of.sum(axis=1) - low) + 255 * last) & 0xFFFF
+    checksums: Indices = (
+        _CHECKSUM_SEED + low + 256 * (bytes_of.sum(axis=1) - low) + 255 * last
+    ) & 0xFFFF
     return checksums
 
 
@@ -126,7 +139,10 @@ class _Sums:
 
     def __init__(self, values: Bytes) -> None:
         self._values = values
-        lanes = [np.add.reduceat(part, np.arange(0, part.size, _BLOCK // 2), dtype=np.uint16) for part in (values[::2], values[1::2])]
+        lanes = [
+            np.add.reduceat(part, np.arange(0, part.size, _BLOCK // 2), dtype=np.uint16)
+            for part in (values[::2], values[1::2])
+        ]
         self._before = np.zeros((lanes[0].size + 1, 2), dtype=np.uint16)
         for lane, of_blocks in enumerate(lanes):
             np.cumsum(of_blocks, dtype=np.uint16, out=self._before[1 : 1 + of_blocks.size, lane])
@@ -138,6 +154,10 @@ class _Sums:
     def _up_to(self, end: Indices) -> NDArray[np.uint16]:
         block, within = np.divmod(end, _BLOCK)
         places = np.arange(_BLOCK)
-        rest = self._values.take(block[:, None] * _BLOCK + places, mode="clip") * (places < within[:, None])
-        sums: NDArray[np.uint16] = self._before[block] + rest.reshape(-1, _BLOCK // 2, 2).sum(axis=1, dtype=np.uint16)
+        rest = self._values.take(block[:, None] * _BLOCK + places, mode="clip") * (
+            places < within[:, None]
+        )
+        sums: NDArray[np.uint16] = self._before[block] + rest.reshape(-1, _BLOCK // 2, 2).sum(
+            axis=1, dtype=np.uint16
+        )
         return sums

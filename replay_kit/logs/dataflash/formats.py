@@ -39,8 +39,18 @@ _DTYPES: Mapping[str, str | tuple[str, int]] = {
 }
 #: Divisors of stored values: more exact than multiplying by a hundredth.
 _DIVISORS: Mapping[str, float] = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
-_PREFIXES: Mapping[float, str] = {0.0: "", 1.0: "", 1e-1: "d", 1e-2: "c", 1e-3: "m", 1e-6: "µ", 1e-9: "n"}
-_FMT_BODY = np.dtype([("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")])
+_PREFIXES: Mapping[float, str] = {
+    0.0: "",
+    1.0: "",
+    1e-1: "d",
+    1e-2: "c",
+    1e-3: "m",
+    1e-6: "µ",
+    1e-9: "n",
+}
+_FMT_BODY = np.dtype(
+    [("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")]
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,18 +74,30 @@ class Format:
     @property
     def known(self) -> bool:
         """Whether the letters are known, and agree with the columns and the length: otherwise the records can only be skipped."""
-        fits = len(self.letters) == len(self.columns) == len(set(self.columns)) and set(self.letters) <= _DTYPES.keys()
+        fits = (
+            len(self.letters) == len(self.columns) == len(set(self.columns))
+            and set(self.letters) <= _DTYPES.keys()
+        )
         return fits and self.length == HEAD + self.dtype.itemsize
 
     @property
     def dtype(self) -> np.dtype[Any]:
         """The record after its head as a structured type; a FILE's pieces are bytes, not text."""
-        kinds = [np.dtype("V64" if letter == "Z" and self.name == "FILE" else _DTYPES[letter]) for letter in self.letters]
+        kinds = [
+            np.dtype("V64" if letter == "Z" and self.name == "FILE" else _DTYPES[letter])
+            for letter in self.letters
+        ]
         return np.dtype(list(zip(self.columns, kinds, strict=True)))
 
 
 #: The format of formats.
-FMT = Format(FMT_TYPE, "FMT", HEAD + _FMT_BODY.itemsize, "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))
+FMT = Format(
+    FMT_TYPE,
+    "FMT",
+    HEAD + _FMT_BODY.itemsize,
+    "BBnNZ",
+    ("Type", "Length", "Name", "Format", "Columns"),
+)
 
 
 def read_format(body: bytes) -> Format | None:
@@ -86,12 +108,18 @@ def read_format(body: bytes) -> Format | None:
     """
     record = np.frombuffer(body, dtype=_FMT_BODY)[0]
     try:
-        name, letters, columns = (record[key].split(b"\0", 1)[0].decode("ascii") for key in ("name", "format", "columns"))
+        name, letters, columns = (
+            record[key].split(b"\0", 1)[0].decode("ascii") for key in ("name", "format", "columns")
+        )
     except UnicodeDecodeError:
         return None
     names = tuple(columns.split(",")) if columns else ()
     found = Format(int(record["type"]), name, int(record["length"]), letters, names)
-    plausible = found.length >= HEAD and all(part.isidentifier() for part in (name, *names)) and (letters.isalnum() or not letters)
+    plausible = (
+        found.length >= HEAD
+        and all(part.isidentifier() for part in (name, *names))
+        and (letters.isalnum() or not letters)
+    )
     return found if plausible else None
 
 
@@ -113,7 +141,13 @@ def scaled(records: NDArray[Any], form: Format) -> dict[str, NDArray[Any]]:
     return found
 
 
-def unit_names(form: Format, unit_ids: str, multiplier_ids: str, labels: Mapping[str, str], factors: Mapping[str, float]) -> dict[str, str]:
+def unit_names(
+    form: Format,
+    unit_ids: str,
+    multiplier_ids: str,
+    labels: Mapping[str, str],
+    factors: Mapping[str, float],
+) -> dict[str, str]:
     """Return the unit of each column's values as read; empty where the log names none.
 
     Args:

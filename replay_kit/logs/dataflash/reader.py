@@ -12,7 +12,14 @@ from replay_kit.core.message import Message
 from replay_kit.logs.dataflash.formats import scaled, unit_names
 from replay_kit.logs.dataflash.records import Records, read_records
 from replay_kit.logs.reader import LogFile
-from replay_kit.logs.shared.clock import ClockFit, fit_clock, gps_to_utc, leap_seconds, spikes_note, without_spikes
+from replay_kit.logs.shared.clock import (
+    ClockFit,
+    fit_clock,
+    gps_to_utc,
+    leap_seconds,
+    spikes_note,
+    without_spikes,
+)
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 #: A stamp of more [microseconds], three years after the start, is damage.
@@ -52,7 +59,9 @@ class DataflashReader(LogFile):
             payloads = self._payloads(records)
             boot_us = stamps.of(records)
             times = boot_us * 1000 if clock is None else clock.utc(boot_us * 1000)
-            for at, (time_ns, payload) in enumerate(zip(times.tolist(), payloads, strict=True), position):
+            for at, (time_ns, payload) in enumerate(
+                zip(times.tolist(), payloads, strict=True), position
+            ):
                 if payload is not None:
                     yield Message(time_ns, *payload, self.input, at)
             position += records.start.size
@@ -66,7 +75,9 @@ class DataflashReader(LogFile):
         """
         found = self.tables(frozenset({name}))
         if name not in found:
-            raise LogError(f"{self.path}: expected records of the kind {name}, it holds none; it holds {', '.join(sorted(self.tables()))}")
+            raise LogError(
+                f"{self.path}: expected records of the kind {name}, it holds none; it holds {', '.join(sorted(self.tables()))}"
+            )
         return found[name]
 
     def tables(self, names: frozenset[str] | None = None) -> dict[str, Columns]:
@@ -82,20 +93,33 @@ class DataflashReader(LogFile):
                     parts[form.name].append(scaled(records.structured(form, places), form))
         for name, pieces in parts.items():
             if any(piece.keys() != pieces[0].keys() for piece in pieces):
-                raise LogError(f"{self.path}: {name} is declared twice, with other columns; read it with messages()")
-        return {name: {key: np.concatenate([piece[key] for piece in pieces]) for key in pieces[0]} for name, pieces in parts.items()}
+                raise LogError(
+                    f"{self.path}: {name} is declared twice, with other columns; read it with messages()"
+                )
+        return {
+            name: {key: np.concatenate([piece[key] for piece in pieces]) for key in pieces[0]}
+            for name, pieces in parts.items()
+        }
 
     def units(self, name: str) -> dict[str, str]:
         """Return the unit of each column of a kind of record, as the log names it; empty where it names none."""
-        forms = {form.name: form for records in self._read(ReadStatistics()) for form in records.formats.values()}
+        forms = {
+            form.name: form
+            for records in self._read(ReadStatistics())
+            for form in records.formats.values()
+        }
         if name not in forms or not forms[name].known:
             return {}
         of_log = self.tables(frozenset({"UNIT", "MULT", "FMTU"}))
         labels = {chr(key): label for key, label in _pairs(of_log.get("UNIT"), "Id", "Label")}
         factors = {chr(key): factor for key, factor in _pairs(of_log.get("MULT"), "Id", "Mult")}
-        unit_ids, factor_ids = (dict(_pairs(of_log.get("FMTU"), "FmtType", key)) for key in ("UnitIds", "MultIds"))
+        unit_ids, factor_ids = (
+            dict(_pairs(of_log.get("FMTU"), "FmtType", key)) for key in ("UnitIds", "MultIds")
+        )
         number = forms[name].type
-        return unit_names(forms[name], unit_ids.get(number, ""), factor_ids.get(number, ""), labels, factors)
+        return unit_names(
+            forms[name], unit_ids.get(number, ""), factor_ids.get(number, ""), labels, factors
+        )
 
     def _payloads(self, records: Records) -> list[tuple[str, str, dict[str, Any]] | None]:
         """Return (topic, schema, fields) of each record, None of those that are not wanted, and count all."""
@@ -107,7 +131,10 @@ class DataflashReader(LogFile):
                 why = f"its format {form.letters} of {form.length} bytes does not fit the columns {','.join(form.columns)}"
                 self.statistics.undecodable(topic, why, places.size)
             elif self._wanted is None or schema in self._wanted:
-                columns = [values.tolist() for values in scaled(records.structured(form, places), form).values()]
+                columns = [
+                    values.tolist()
+                    for values in scaled(records.structured(form, places), form).values()
+                ]
                 rows = zip(*columns, strict=True) if columns else [()] * places.size
                 for place, row in zip(places.tolist(), rows, strict=True):
                     payloads[place] = topic, schema, dict(zip(form.columns, row, strict=True))
@@ -122,9 +149,16 @@ class DataflashReader(LogFile):
         boot, utc, first_us = [], [], None
         for records in self._read(ReadStatistics()):
             for form, places in records.decodable():
-                if form.name == "GPS" and all(key in form.columns and form.dtype[key].kind in "iu" for key in _GPS_TIME):
+                if form.name == "GPS" and all(
+                    key in form.columns and form.dtype[key].kind in "iu" for key in _GPS_TIME
+                ):
                     gps = records.structured(form, places)
-                    timed = (gps["Status"] >= _FIX_3D) & (gps["GWk"] > 0) & (gps["GWk"] < _MAX_WEEK) & (gps["TimeUS"] <= _MAX_BOOT_US)
+                    timed = (
+                        (gps["Status"] >= _FIX_3D)
+                        & (gps["GWk"] > 0)
+                        & (gps["GWk"] < _MAX_WEEK)
+                        & (gps["TimeUS"] <= _MAX_BOOT_US)
+                    )
                     gps = gps[timed]
                     boot.append(gps["TimeUS"].astype(np.int64) * 1000)
                     utc.append(gps_to_utc(gps["GWk"].astype(np.int64), gps["GMS"].astype(np.int64)))
@@ -132,10 +166,20 @@ class DataflashReader(LogFile):
                 stated, _ = _stated(records)
                 first_us = next(iter(stated[stated >= 0].tolist()), None)
         if not sum(map(len, boot)):
-            return None, first_us or 0, ("no GPS time in it: times count from the vehicle's start, written as if that were 1970",)
+            return (
+                None,
+                first_us or 0,
+                (
+                    "no GPS time in it: times count from the vehicle's start, written as if that were 1970",
+                ),
+            )
         fit = fit_clock(np.concatenate(boot), np.concatenate(utc))
         ahead = int(leap_seconds(np.array([fit.utc_ns]))[0])
-        return fit, first_us or 0, (f"UTC from GPS time less {ahead} leap seconds, fitted to the vehicle's clock: {fit}",)
+        return (
+            fit,
+            first_us or 0,
+            (f"UTC from GPS time less {ahead} leap seconds, fitted to the vehicle's clock: {fit}",),
+        )
 
 
 class _Stamps:
@@ -167,8 +211,14 @@ class _Stamps:
     def notes(self) -> tuple[str, ...]:
         """Return what a user should know."""
         notes = (
-            (self._backward, f"{self._backward} stamps go back, by {self._most_us / 1000:.3f} ms at most"),
-            (self._impossible, f"{self._impossible} records with an impossible stamp have the time of the record before"),
+            (
+                self._backward,
+                f"{self._backward} stamps go back, by {self._most_us / 1000:.3f} ms at most",
+            ),
+            (
+                self._impossible,
+                f"{self._impossible} records with an impossible stamp have the time of the record before",
+            ),
             (self._spikes, spikes_note(self._spikes)),
         )
         return tuple(note for count, note in notes if count)

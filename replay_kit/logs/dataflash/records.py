@@ -60,7 +60,9 @@ class Records:
         body = form.length - HEAD
         if not body:
             return np.zeros(places.size, dtype=form.dtype)
-        rows: NDArray[Any] = sliding_window_view(self.data, body)[self.start[places] + HEAD].view(form.dtype)[:, 0]
+        rows: NDArray[Any] = sliding_window_view(self.data, body)[self.start[places] + HEAD].view(
+            form.dtype
+        )[:, 0]
         return rows
 
 
@@ -91,7 +93,9 @@ def read_records(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Records
             )
         for first, last, known in pieces:
             formats = known
-            start, end = _records(view, max(first, used), last, formats, at_end, max(sound_end - offset, 0))
+            start, end = _records(
+                view, max(first, used), last, formats, at_end, max(sound_end - offset, 0)
+            )
             gap = "bad bytes, or records of an unknown type, skipped"
             sound_end = lose_gaps(statistics, gap, sound_end, start + offset, end + offset)
             used = max(used, sound_end - offset)
@@ -99,16 +103,24 @@ def read_records(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Records
         used = max(used, searched)
         data, offset = data[used:], offset + used
     if offset > sound_end:
-        statistics.lose("at the end: a cut record or bad bytes, skipped", sound_end, offset - sound_end)
+        statistics.lose(
+            "at the end: a cut record or bad bytes, skipped", sound_end, offset - sound_end
+        )
 
 
-def _pieces(view: NDArray[np.uint8], searched: int, formats: dict[int, Format]) -> list[tuple[int, int, dict[int, Format]]]:
+def _pieces(
+    view: NDArray[np.uint8], searched: int, formats: dict[int, Format]
+) -> list[tuple[int, int, dict[int, Format]]]:
     """Return (first, last byte, formats) of the parts of a block: a new part begins where a type is declared again and differently."""
     formats = dict(formats)
     pieces: list[tuple[int, int, dict[int, Format]]] = []
     first = 0
     for at in _magic(view, 0, min(searched, view.size - FMT.length + 1)).tolist():
-        form = read_format(view[at + HEAD : at + FMT.length].tobytes()) if view[at + 2] == FMT_TYPE else None
+        form = (
+            read_format(view[at + HEAD : at + FMT.length].tobytes())
+            if view[at + 2] == FMT_TYPE
+            else None
+        )
         if form is None or form.type == FMT_TYPE or formats.get(form.type) == form:
             continue
         if form.type in formats and len(pieces) <= _MOST_CHANGES:
@@ -120,7 +132,12 @@ def _pieces(view: NDArray[np.uint8], searched: int, formats: dict[int, Format]) 
 
 
 def _records(
-    view: NDArray[np.uint8], first: int, last: int, formats: dict[int, Format], at_end: bool, sound_end: int
+    view: NDArray[np.uint8],
+    first: int,
+    last: int,
+    formats: dict[int, Format],
+    at_end: bool,
+    sound_end: int,
 ) -> tuple[Indices, Indices]:
     """Return where the records that begin in part of a block begin and end.
 
@@ -142,7 +159,9 @@ def _records(
     followed = (end == view.size) & at_end
     inside = np.flatnonzero(end < view.size)
     after = end[inside]
-    followed[inside] = (view[after] == MAGIC[0]) & ((after + 1 == view.size) | (view[np.minimum(after + 1, view.size - 1)] == MAGIC[1]))
+    followed[inside] = (view[after] == MAGIC[0]) & (
+        (after + 1 == view.size) | (view[np.minimum(after + 1, view.size - 1)] == MAGIC[1])
+    )
     # a record that no other follows counts when it follows one itself and no sound record begins in it: then the next one is damaged
     alone, sound = np.flatnonzero(~followed), start[followed]
     holds = np.searchsorted(sound, end[alone]) > np.searchsorted(sound, start[alone])

@@ -49,7 +49,9 @@ def _fields() -> dict[str, _Fields]:
     found = {}
     for message in dialect.mavlink_map.values():
         kinds = zip(message.fieldnames, message.fieldtypes, strict=True)
-        found[message.msgname] = _Fields(frozenset(name for name, kind in kinds if kind == "char"), message.fieldenums_by_name)
+        found[message.msgname] = _Fields(
+            frozenset(name for name, kind in kinds if kind == "char"), message.fieldenums_by_name
+        )
     return found
 
 
@@ -96,7 +98,9 @@ def _number_of(words: Any) -> Any:
 def _text(value: Any) -> Any:
     """Return a character array as text without its padding; written as text, as characters or as codes."""
     if isinstance(value, list):
-        value = "".join(chr(item) if isinstance(item, int) and 0 <= item < 256 else str(item) for item in value)
+        value = "".join(
+            chr(item) if isinstance(item, int) and 0 <= item < 256 else str(item) for item in value
+        )
     return value.split("\x00", 1)[0] if isinstance(value, str) else value
 
 

@@ -45,7 +45,9 @@ class Budget:
         """
         self.left -= values
         if self.left < 0:
-            raise BudgetError(f"more values than a message may hold ({PER_BYTE} a byte, {MOST_VALUES} in all)")
+            raise BudgetError(
+                f"more values than a message may hold ({PER_BYTE} a byte, {MOST_VALUES} in all)"
+            )
 
 
 def check_size(size: int, most: int, what: str) -> None:

@@ -25,7 +25,15 @@ Decoder = Callable[[bytes], dict[str, Any]]
 #: ROS decoders let through when they read past the end or meet a type they do not know.
 PAYLOAD_ERRORS: tuple[type[Exception], ...] = (
     *(struct.error, DecodeError, McapError),
-    *(ValueError, TypeError, LookupError, AttributeError, NotImplementedError, OverflowError, RecursionError),
+    *(
+        ValueError,
+        TypeError,
+        LookupError,
+        AttributeError,
+        NotImplementedError,
+        OverflowError,
+        RecursionError,
+    ),
 )
 
 _ROS_ENCODINGS = frozenset(
@@ -52,11 +60,18 @@ def channel_decoder(message_encoding: str, schema: Schema | None) -> Decoder | s
     pair = f"encoding {message_encoding!r} with schema {schema.name!r} in {schema.encoding!r}"
     try:
         check_size(len(schema.data), MOST_SCHEMA, "its text")
-        if (message_encoding, schema.encoding) == (MessageEncoding.Protobuf, SchemaEncoding.Protobuf):
+        if (message_encoding, schema.encoding) == (
+            MessageEncoding.Protobuf,
+            SchemaEncoding.Protobuf,
+        ):
             return protobuf_decoder(schema)
         if (message_encoding, schema.encoding) in _ROS_ENCODINGS:
             text = schema.data.decode("utf-8")
-            text = ros2msg_from_idl(schema.name, text) if schema.encoding == SchemaEncoding.ROS2IDL else text
+            text = (
+                ros2msg_from_idl(schema.name, text)
+                if schema.encoding == SchemaEncoding.ROS2IDL
+                else text
+            )
             return ros_decoder(schema.name, text, message_encoding == MessageEncoding.CDR)
     # nothing that a parser makes of a foreign schema may stop the other channels
     except Exception as error:

@@ -9,7 +9,9 @@ import orjson
 from replay_kit.logs.decode.budget import MAPPING, MOST_VALUES, Budget
 
 # possessive, and with a text that does not end matched too: each byte is looked at once
-_BARE_NUMBER = re.compile(r'"(?:[^"\\]|\\.)*+"?|(-?)\b(inf|infinity|nan)\b', re.IGNORECASE | re.DOTALL)
+_BARE_NUMBER = re.compile(
+    r'"(?:[^"\\]|\\.)*+"?|(-?)\b(inf|infinity|nan)\b', re.IGNORECASE | re.DOTALL
+)
 
 
 def decode_json(data: bytes) -> dict[str, Any]:
@@ -32,7 +34,9 @@ def loads(data: bytes) -> Any:
     """
     # a shorter message cannot hold more: a value takes two bytes, a mapping three
     if len(data) > MOST_VALUES // 2:
-        Budget(len(data)).spend(sum(data.count(mark) for mark in (b",", b"[", b":")) + MAPPING * data.count(b"{"))
+        Budget(len(data)).spend(
+            sum(data.count(mark) for mark in (b",", b"[", b":")) + MAPPING * data.count(b"{")
+        )
     try:
         return orjson.loads(data)
     except orjson.JSONDecodeError:

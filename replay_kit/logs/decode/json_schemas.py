@@ -3,9 +3,16 @@
 from typing import Any
 
 
-def _object(properties: dict[str, Any], required: tuple[str, ...] | None = None, title: str | None = None) -> dict[str, Any]:
+def _object(
+    properties: dict[str, Any], required: tuple[str, ...] | None = None, title: str | None = None
+) -> dict[str, Any]:
     named = {"title": title} if title else {}
-    return {**named, "type": "object", "properties": properties, "required": list(properties if required is None else required)}
+    return {
+        **named,
+        "type": "object",
+        "properties": properties,
+        "required": list(properties if required is None else required),
+    }
 
 
 def _array(items: Any) -> dict[str, Any]:
@@ -44,10 +51,27 @@ _ADCP_PING = _object(
         "velocity": _array(_array(_NULLABLE)),
         "velocity_std": {"type": ["number", "array", "null"], "items": _NULLABLE},
         **dict.fromkeys(("amplitude", "correlation", "percent_good"), _PER_BEAM),
-        **dict.fromkeys(("sound_speed", "temperature", "pressure", "heading", "pitch", "roll", "magnetic_declination"), _NULLABLE),
+        **dict.fromkeys(
+            (
+                "sound_speed",
+                "temperature",
+                "pressure",
+                "heading",
+                "pitch",
+                "roll",
+                "magnetic_declination",
+            ),
+            _NULLABLE,
+        ),
         "declination_applied": {"type": ["boolean", "null"]},
-        "bottom_track": {"type": ["object", "null"], "properties": {"velocity": _array(_NULLABLE), "distance": _array(_NULLABLE)}},
-        "platform_velocity": {"type": ["object", "null"], "properties": {"east": _NULLABLE, "north": _NULLABLE, "source": _STRING}},
+        "bottom_track": {
+            "type": ["object", "null"],
+            "properties": {"velocity": _array(_NULLABLE), "distance": _array(_NULLABLE)},
+        },
+        "platform_velocity": {
+            "type": ["object", "null"],
+            "properties": {"east": _NULLABLE, "north": _NULLABLE, "source": _STRING},
+        },
         "attitude_convention": _words("teledyne", "nortek"),
         "tilt_applied": {"type": ["boolean", "null"]},
         "clock_offset": _NULLABLE,
@@ -56,7 +80,16 @@ _ADCP_PING = _object(
         "noise_floor": {"type": ["number", "array", "null"], "items": _NULLABLE},
         "derived": {"type": ["boolean", "null"]},
     },
-    ("stamp", "coordinate_system", "reference", "orientation", "n_cells", "cell_size", "bin0_distance", "velocity"),
+    (
+        "stamp",
+        "coordinate_system",
+        "reference",
+        "orientation",
+        "n_cells",
+        "cell_size",
+        "bin0_distance",
+        "velocity",
+    ),
     "replay_kit.AdcpPing",
 )
 

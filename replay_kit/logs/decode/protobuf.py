@@ -12,7 +12,13 @@ from google.protobuf.message_factory import GetMessageClass
 from mcap.records import Schema
 
 from replay_kit.logs.decode.budget import MOST_VALUES, PER_BYTE, Budget, BudgetError
-from replay_kit.logs.decode.protobuf_cost import BYTES_EACH, DESCRIPTORS, cost_of, longest_cheap, pay
+from replay_kit.logs.decode.protobuf_cost import (
+    BYTES_EACH,
+    DESCRIPTORS,
+    cost_of,
+    longest_cheap,
+    pay,
+)
 
 _Read = Callable[[Any], Any]
 _TIMES = frozenset({"google.protobuf.Timestamp", "google.protobuf.Duration"})
@@ -56,7 +62,9 @@ def _pool(data: bytes) -> DescriptorPool:
         pay(DESCRIPTORS, data, Budget(len(data)))
     except BudgetError as error:
         most = MOST_VALUES // PER_BYTE // BYTES_EACH
-        raise BudgetError(f"more types than {most}, or than one in {BYTES_EACH} bytes of the descriptor set") from error
+        raise BudgetError(
+            f"more types than {most}, or than one in {BYTES_EACH} bytes of the descriptor set"
+        ) from error
     files = FileDescriptorSet.FromString(data).file
     pool, left = DescriptorPool(), {file.name: file for file in files}
     if len(left) < len(files):
@@ -114,8 +122,16 @@ class _Text:
             return f'{{"sec": {variable}.seconds, "nsec": {variable}.nanos}}'
         self.fields += len(descriptor.fields)
         if self.fields > _MOST_FIELDS:
-            raise BudgetError(f"more than the {_MOST_FIELDS} fields that are read of one type and those in it")
-        return "{" + ", ".join(f"{field.name!r}: {self._value(field, variable)}" for field in descriptor.fields) + "}"
+            raise BudgetError(
+                f"more than the {_MOST_FIELDS} fields that are read of one type and those in it"
+            )
+        return (
+            "{"
+            + ", ".join(
+                f"{field.name!r}: {self._value(field, variable)}" for field in descriptor.fields
+            )
+            + "}"
+        )
 
     def _value(self, field: FieldDescriptor, variable: str) -> str:
         """Return the text of a field's plain value."""
@@ -127,7 +143,11 @@ class _Text:
                 return f"{value}[:]"
             if kind.GetOptions().map_entry:
                 item = kind.fields_by_name["value"].message_type
-                return f"dict({value})" if item is None else f"{{k: {self.function(item)}(v) for k, v in {value}.items()}}"
+                return (
+                    f"dict({value})"
+                    if item is None
+                    else f"{{k: {self.function(item)}(v) for k, v in {value}.items()}}"
+                )
             # a display in place of a call, for types of numbers and texts alone
             each = self._display(kind, "v") if _flat(kind) else f"{self.function(kind)}(v)"
             return f"[{each} for v in {value}]"
@@ -141,4 +161,6 @@ class _Text:
 def _flat(descriptor: Descriptor) -> bool:
     """Return whether a type has few fields, all of them numbers and texts that are always there."""
     fields = descriptor.fields
-    return len(fields) <= _MOST_IN_PLACE and not any(field.message_type or field.is_repeated or field.containing_oneof for field in fields)
+    return len(fields) <= _MOST_IN_PLACE and not any(
+        field.message_type or field.is_repeated or field.containing_oneof for field in fields
+    )

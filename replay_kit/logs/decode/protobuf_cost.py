@@ -17,8 +17,13 @@ _VARINT, _FIXED64, _BYTES, _GROUP, _END, _FIXED32 = range(6)
 _DEEPEST = 100
 #: Bytes that one packed number has at least.
 _SIZES: Mapping[int, int] = {
-    **dict.fromkeys((FieldDescriptor.TYPE_DOUBLE, FieldDescriptor.TYPE_FIXED64, FieldDescriptor.TYPE_SFIXED64), 8),
-    **dict.fromkeys((FieldDescriptor.TYPE_FLOAT, FieldDescriptor.TYPE_FIXED32, FieldDescriptor.TYPE_SFIXED32), 4),
+    **dict.fromkeys(
+        (FieldDescriptor.TYPE_DOUBLE, FieldDescriptor.TYPE_FIXED64, FieldDescriptor.TYPE_SFIXED64),
+        8,
+    ),
+    **dict.fromkeys(
+        (FieldDescriptor.TYPE_FLOAT, FieldDescriptor.TYPE_FIXED32, FieldDescriptor.TYPE_SFIXED32), 4
+    ),
 }
 _TEXTS = (FieldDescriptor.TYPE_STRING, FieldDescriptor.TYPE_BYTES)
 
@@ -75,7 +80,11 @@ def longest_cheap(cost: Cost) -> int:
                 dearest = max(dearest, part.own)
             elif part is cost:
                 dearest = max(dearest, cost.own)
-    return min(2 * MOST_VALUES // dearest, MOST_BYTES) if dearest <= 2 * PER_BYTE else 2 * FREE // dearest
+    return (
+        min(2 * MOST_VALUES // dearest, MOST_BYTES)
+        if dearest <= 2 * PER_BYTE
+        else 2 * FREE // dearest
+    )
 
 
 def pay(cost: Cost, data: bytes, budget: Budget) -> None:

@@ -88,12 +88,16 @@ def ros_decoder(name: str, text: str, cdr: bool) -> Callable[[bytes], dict[str, 
     """
     types = definitions(name, text)
     if cdr:
-        types = {f"builtin_interfaces/{kind}": _TIMES_OF_ROS2 for kind in ("Time", "Duration")} | types
+        types = {
+            f"builtin_interfaces/{kind}": _TIMES_OF_ROS2 for kind in ("Time", "Duration")
+        } | types
     read = _message(next(iter(definitions(name, ""))), types, {}, cdr)
     return lambda data: read(_Wire(data, cdr))
 
 
-def _message(name: str, types: Mapping[str, Sequence[Field]], readers: dict[str, _Read], cdr: bool) -> _Read:
+def _message(
+    name: str, types: Mapping[str, Sequence[Field]], readers: dict[str, _Read], cdr: bool
+) -> _Read:
     """Return the reader of a type, and keep it in ``readers``: types may contain themselves."""
     if name in readers:
         return readers[name]
@@ -116,13 +120,17 @@ def _message(name: str, types: Mapping[str, Sequence[Field]], readers: dict[str,
 
     readers[name] = read
     numbers = ROS2_NUMBERS if cdr else ROS1_NUMBERS
-    for single, fields in groupby(types[name], lambda field: field.length is None and field.kind in numbers):
+    for single, fields in groupby(
+        types[name], lambda field: field.length is None and field.kind in numbers
+    ):
         if single:
             run = list(fields)
             codes = "".join(numbers[field.kind] for field in run)
             steps.append((tuple(field.name for field in run), _run(codes), True))
         else:
-            steps.extend(((field.name,), _field(field, types, readers, cdr), False) for field in fields)
+            steps.extend(
+                ((field.name,), _field(field, types, readers, cdr), False) for field in fields
+            )
     return read
 
 
@@ -153,7 +161,9 @@ def _aligned(order: str, phase: int, codes: str) -> struct.Struct:
     return struct.Struct("".join(parts))
 
 
-def _field(field: Field, types: Mapping[str, Sequence[Field]], readers: dict[str, _Read], cdr: bool) -> _Read:
+def _field(
+    field: Field, types: Mapping[str, Sequence[Field]], readers: dict[str, _Read], cdr: bool
+) -> _Read:
     """Return the reader of a field that is no single number."""
     kind, length = field.kind, field.length
     code = (ROS2_NUMBERS if cdr else ROS1_NUMBERS).get(kind)
@@ -167,7 +177,9 @@ def _field(field: Field, types: Mapping[str, Sequence[Field]], readers: dict[str
     return lambda wire: [each(wire) for _ in range(wire.places(length))]
 
 
-def _element(kind: str, types: Mapping[str, Sequence[Field]], readers: dict[str, _Read], cdr: bool) -> _Read:
+def _element(
+    kind: str, types: Mapping[str, Sequence[Field]], readers: dict[str, _Read], cdr: bool
+) -> _Read:
     """Return the reader of one value that is no number."""
     if kind == "string":
         return _Wire.text

@@ -10,7 +10,8 @@ from math import prod
 
 # What looks ahead for an end takes the rest of the text where there is none: each byte is looked at once.
 _TOKEN = re.compile(
-    r'//[^\n]*|/\*.*?(?:\*/|\Z)|^[^\S\n]*#[^\n]*|^=++$|^IDL:[^\n]*|("(?:[^"\\]|\\.)*+"?|[\w:.+-]+|\S)', re.DOTALL | re.MULTILINE
+    r'//[^\n]*|/\*.*?(?:\*/|\Z)|^[^\S\n]*#[^\n]*|^=++$|^IDL:[^\n]*|("(?:[^"\\]|\\.)*+"?|[\w:.+-]+|\S)',
+    re.DOTALL | re.MULTILINE,
 )
 _PRIMITIVES = {
     "float": "float32",
@@ -24,7 +25,12 @@ _PRIMITIVES = {
     "long long": "int64",
     "unsigned long long": "uint64",
 }
-_PLAIN = {"string", "wstring", "char", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
+_PLAIN = {
+    "string",
+    "wstring",
+    "char",
+    *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
+}
 
 
 def ros2msg_from_idl(name: str, text: str) -> str:
@@ -42,7 +48,9 @@ def ros2msg_from_idl(name: str, text: str) -> str:
     except RecursionError as error:
         raise ValueError("the IDL is nested too deeply") from error
     if name not in structs:
-        raise ValueError(f"the IDL does not define {name}; it defines {', '.join(structs) or 'nothing'}")
+        raise ValueError(
+            f"the IDL does not define {name}; it defines {', '.join(structs) or 'nothing'}"
+        )
     parts = [structs.pop(name)]
     for other, fields in structs.items():
         package, *_, last = other.split("/")
@@ -74,7 +82,9 @@ class _Parser:
                 self._definition(inner)
         elif word == "struct":
             name = "/".join((*scope, self._next()))
-            self._structs[name] = "\n".join(line for _ in self._braces() if (line := self._member()))
+            self._structs[name] = "\n".join(
+                line for _ in self._braces() if (line := self._member())
+            )
         elif word == "enum":
             self._aliases[self._next()] = ("uint32", "")
             for _ in self._braces():

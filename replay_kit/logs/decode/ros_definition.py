@@ -10,7 +10,17 @@ from dataclasses import dataclass
 
 #: Types that are sent as they are, with their codes in ``struct``; of ROS 1 ``char`` is unsigned and ``byte`` signed, of ROS 2 the reverse.
 NUMBERS: Mapping[str, str] = {
-    **{"bool": "?", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q"},
+    **{
+        "bool": "?",
+        "int8": "b",
+        "uint8": "B",
+        "int16": "h",
+        "uint16": "H",
+        "int32": "i",
+        "uint32": "I",
+        "int64": "q",
+        "uint64": "Q",
+    },
     **{"float32": "f", "float64": "d"},
 }
 ROS1_NUMBERS: Mapping[str, str] = {**NUMBERS, "byte": "b", "char": "B"}

@@ -27,13 +27,26 @@ class JsonChannels:
             LogError: The payload has no JSON form.
         """
         try:
-            data = orjson.dumps(message.payload, default=_plain, option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_NON_STR_KEYS)
+            data = orjson.dumps(
+                message.payload,
+                default=_plain,
+                option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_NON_STR_KEYS,
+            )
         except (orjson.JSONEncodeError, TypeError) as error:
-            raise LogError(f"{message.topic} at {message.time_ns} ns: expected a payload that JSON can hold: {error}") from error
+            raise LogError(
+                f"{message.topic} at {message.time_ns} ns: expected a payload that JSON can hold: {error}"
+            ) from error
         time_ns, sequence = message.time_ns, self._sent[message.topic]
         self._sent[message.topic] += 1
         return RawMessage(
-            time_ns, message.input, message.position, self._channel(message.topic, message.schema), sequence, time_ns, time_ns, data
+            time_ns,
+            message.input,
+            message.position,
+            self._channel(message.topic, message.schema),
+            sequence,
+            time_ns,
+            time_ns,
+            data,
         )
 
     def _channel(self, topic: str, schema: str) -> RawChannel:

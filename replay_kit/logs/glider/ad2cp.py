@@ -47,17 +47,29 @@ def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
     }
     sensors = {
         key: values
-        for key, name in (("heading",) * 2, ("pitch",) * 2, ("roll",) * 2, ("pressure",) * 2, ("sound_speed", "speedofsound"))
+        for key, name in (
+            ("heading",) * 2,
+            ("pitch",) * 2,
+            ("roll",) * 2,
+            ("pressure",) * 2,
+            ("sound_speed", "speedofsound"),
+        )
         if name in held and (values := file.array(held[name]).ravel()).size == time_ns.size
     }
     up = file.array(held["accelerometerz"]).ravel() if "accelerometerz" in held else np.empty(0)
     up = up[np.isfinite(up)]
     orientation = "down" if up.size and np.median(up) < 0.0 else "up"
-    notes.append(f"ADCP: looks {orientation}, by its accelerometer" if up.size else "ADCP: taken to look up")
-    notes.append("ADCP: beams taken to be those of Nortek's glider head (47.5 degrees fore and aft, 25 degrees abeam)")
+    notes.append(
+        f"ADCP: looks {orientation}, by its accelerometer" if up.size else "ADCP: taken to look up"
+    )
+    notes.append(
+        "ADCP: beams taken to be those of Nortek's glider head (47.5 degrees fore and aft, 25 degrees abeam)"
+    )
     notes.append("ADCP: headings are magnetic; state measurements.magnetic_declination")
     distance = file.array(held["velocityrange"]).ravel() if "velocityrange" in held else np.empty(0)
-    distance = distance if distance.size == velocity.shape[1] else _distances(file, velocity.shape[1])
+    distance = (
+        distance if distance.size == velocity.shape[1] else _distances(file, velocity.shape[1])
+    )
     for k in np.flatnonzero(known).tolist():
         payload = {
             "stamp": stamp(int(time_ns[k])),
@@ -92,18 +104,24 @@ def _by_ping(file: NetcdfFile, names: list[str], n: int) -> Array:
     shape = by_ping[0].shape
     if len(shape) != 2 or any(beam.shape != shape for beam in by_ping) or shape[0] != n:
         found = ", ".join(f"{name} {beam.shape}" for name, beam in zip(names, beams, strict=True))
-        raise LogError(f"{file.path}: expected beams with the same cells at each of {n} times, got {found}; export the file again")
+        raise LogError(
+            f"{file.path}: expected beams with the same cells at each of {n} times, got {found}; export the file again"
+        )
     return np.asarray(np.stack(by_ping, axis=-1))
 
 
 def _distances(file: NetcdfFile, n: int) -> Array:
     """Return the cells' distances [m] by the instrument's configuration."""
-    size, blanking = (float(file.attributes.get(name, 1.0)) for name in ("avg_cellSize", "avg_blankingDistance"))
+    size, blanking = (
+        float(file.attributes.get(name, 1.0)) for name in ("avg_cellSize", "avg_blankingDistance")
+    )
     return np.asarray(blanking + size * np.arange(1, n + 1), np.float64)
 
 
 def seaexplorer_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
     """Yield nothing, and say why: in real time a SeaExplorer keeps one cell of its AD2CP."""
     if any(name.lower().startswith("ad2cp_v") for name in file.variables):
-        notes.append("AD2CP in real time: one cell, relative to the glider, which alone says nothing of the current; add the MIDAS export")
+        notes.append(
+            "AD2CP in real time: one cell, relative to the glider, which alone says nothing of the current; add the MIDAS export"
+        )
     return iter(())

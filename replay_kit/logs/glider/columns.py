@@ -18,9 +18,27 @@ from replay_kit.logs.glider.netcdf import NetcdfFile
 #: Columns of one length by name; ``time`` and names that end in it hold ns UTC, 0 where unknown.
 Table = Mapping[str, NDArray[Any]]
 _SAMPLES = (
-    *("time", "longitude", "latitude", "depth", "pressure", "heading", "pitch", "roll", "declination", "dive"),
+    *(
+        "time",
+        "longitude",
+        "latitude",
+        "depth",
+        "pressure",
+        "heading",
+        "pitch",
+        "roll",
+        "declination",
+        "dive",
+    ),
     *("dead_reckoning", "nav_state"),
-    *("start_time", "start_longitude", "start_latitude", "end_time", "end_longitude", "end_latitude"),
+    *(
+        "start_time",
+        "start_longitude",
+        "start_latitude",
+        "end_time",
+        "end_longitude",
+        "end_latitude",
+    ),
 )
 _DAC = ("dac_time", "dac_longitude", "dac_latitude", "dac_east", "dac_north", "dac_error")
 _GPS = ("gps_time", "gps_longitude", "gps_latitude", "gps_error")
@@ -85,9 +103,14 @@ def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Column
     _spread_by_profile(file, chosen, values, notes)
     notes += _missing(chosen, values)
     if "declination" in values and np.isfinite(values["declination"]).any():
-        notes.append(f"{chosen['declination']}: declination {np.nanmedian(values['declination']):g} degrees")
+        notes.append(
+            f"{chosen['declination']}: declination {np.nanmedian(values['declination']):g} degrees"
+        )
     heights = [name for name in file.names if name.lower() == "depth_z"]
-    notes += [f"{name}: bears the standard name of a depth and counts upwards; not used" for name in heights]
+    notes += [
+        f"{name}: bears the standard name of a depth and counts upwards; not used"
+        for name in heights
+    ]
     if (dive := dive_number(file)) is not None:
         values["dive"] = np.array([float(dive)])
     skipped = _without_bad(file, dialect, chosen, values, notes)
@@ -100,20 +123,36 @@ def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Column
 
 def _units_by_values(file: NetcdfFile, dialect: Dialect, chosen: Mapping[str, str]) -> Names:
     """Return the dialect's units, with degrees for positions that are not in degrees and minutes as the dialect has them."""
-    places = {key: file.array(chosen[key]) for key, unit in dialect.units.items() if unit == "nmea" and key in chosen}
+    places = {
+        key: file.array(chosen[key])
+        for key, unit in dialect.units.items()
+        if unit == "nmea" and key in chosen
+    }
     decimal = bool(places) and not units.in_minutes(places)
-    return {key: "degrees" if decimal and key in places else unit for key, unit in dialect.units.items()}
+    return {
+        key: "degrees" if decimal and key in places else unit for key, unit in dialect.units.items()
+    }
 
 
-def _spread_by_profile(file: NetcdfFile, chosen: Mapping[str, str], values: dict[str, NDArray[Any]], notes: list[str]) -> None:
+def _spread_by_profile(
+    file: NetcdfFile, chosen: Mapping[str, str], values: dict[str, NDArray[Any]], notes: list[str]
+) -> None:
     """Repeat what a ragged array states once for each profile at each sample of the profile."""
-    counts = next((stored for stored in file.variables.values() if stored.text("sample_dimension")), None)
+    counts = next(
+        (stored for stored in file.variables.values() if stored.text("sample_dimension")), None
+    )
     if counts is None:
         return
     sizes = np.nan_to_num(counts.unpacked()).astype(np.int64).ravel()
-    each = [key for key, found in values.items() if found.size == sizes.size and file.variables[chosen[key]].dims == counts.dims]
+    each = [
+        key
+        for key, found in values.items()
+        if found.size == sizes.size and file.variables[chosen[key]].dims == counts.dims
+    ]
     values |= {key: np.repeat(values[key].ravel(), np.maximum(sizes, 0)) for key in each}
-    notes.append(f"{sizes.size} profiles of {int(sizes.sum())} samples: what is stated once for each holds at all of its samples")
+    notes.append(
+        f"{sizes.size} profiles of {int(sizes.sum())} samples: what is stated once for each holds at all of its samples"
+    )
 
 
 def _words(key: str) -> str:
@@ -122,7 +161,11 @@ def _words(key: str) -> str:
 
 def _missing(chosen: Mapping[str, str], values: Mapping[str, NDArray[Any]]) -> list[str]:
     """Return how many values of which variables are missing, as one sentence; none when all are there."""
-    counts = {chosen[key]: int((~np.isfinite(found)).sum()) for key, found in values.items() if key not in TIMES}
+    counts = {
+        chosen[key]: int((~np.isfinite(found)).sum())
+        for key, found in values.items()
+        if key not in TIMES
+    }
     lacking = ", ".join(f"{count} of {name}" for name, count in counts.items() if count)
     return [f"missing (fill values, or not believable): {lacking}"] if lacking else []
 
@@ -130,17 +173,27 @@ def _missing(chosen: Mapping[str, str], values: Mapping[str, NDArray[Any]]) -> l
 def dive_number(file: NetcdfFile) -> int | None:
     """Return the dive that a basestation's file is of; None for files that are not of one dive."""
     stated = file.attributes.get("dive_number", file.scalar("log_dive"))
-    return int(stated) if isinstance(stated, int | float | np.number) and np.isfinite(stated) else None
+    return (
+        int(stated) if isinstance(stated, int | float | np.number) and np.isfinite(stated) else None
+    )
 
 
 def _without_bad(
-    file: NetcdfFile, dialect: Dialect, chosen: Mapping[str, str], values: dict[str, NDArray[Any]], notes: list[str]
+    file: NetcdfFile,
+    dialect: Dialect,
+    chosen: Mapping[str, str],
+    values: dict[str, NDArray[Any]],
+    notes: list[str],
 ) -> tuple[tuple[str, str, int], ...]:
     """Take away what flags call unusable, and return how many fixes and mean currents that are."""
     skipped: list[tuple[str, str, int]] = []
     for key, name in chosen.items():
         part = key.partition("_")[0] if key.endswith("_flag") else ""
-        own = [name + suffix for suffix in ("_QC", "_qc") if name + suffix in file.variables and name + suffix not in chosen.values()]
+        own = [
+            name + suffix
+            for suffix in ("_QC", "_qc")
+            if name + suffix in file.variables and name + suffix not in chosen.values()
+        ]
         for flag in [name] if part else own:
             bad = units.flagged_bad(flag, file.variables[flag], dialect.flag_meanings, notes)
             topic, what = ("/dac", "mean current") if part == "dac" else ("/vehicle/fix", "GPS fix")
@@ -148,45 +201,74 @@ def _without_bad(
                 skipped.append((topic, f"{what} flagged bad ({flag})", int(bad.sum())))
             for masked in [f"{part}_east", f"{part}_longitude"] if part else [key]:
                 if masked in values and masked not in TIMES and bad.size == values[masked].size:
-                    values[masked] = np.where(bad.reshape(values[masked].shape), np.nan, values[masked])
+                    values[masked] = np.where(
+                        bad.reshape(values[masked].shape), np.nan, values[masked]
+                    )
     return tuple(skipped)
 
 
-def _with_sign(file: NetcdfFile, chosen: Mapping[str, str], values: dict[str, NDArray[Any]], notes: list[str]) -> None:
+def _with_sign(
+    file: NetcdfFile, chosen: Mapping[str, str], values: dict[str, NDArray[Any]], notes: list[str]
+) -> None:
     """Turn depths that count upwards, and compute those that only a pressure tells."""
     depth = values.get("depth")
     if depth is not None and np.isfinite(depth).any():
         stated = file.variables[chosen["depth"]].text("positive").lower()
         up = stated == "up" or (stated != "down" and np.nanmedian(depth) < 0.0)
         if up:
-            notes.append(f"{chosen['depth']}: counts upwards ({'as it states' if stated else 'its values are negative'}), sign reversed")
+            notes.append(
+                f"{chosen['depth']}: counts upwards ({'as it states' if stated else 'its values are negative'}), sign reversed"
+            )
             values["depth"] = -depth
     elif "pressure" in values and np.isfinite(values["pressure"]).any():
-        latitude = np.nanmean(values["latitude"]) if np.isfinite(values.get("latitude", np.nan)).any() else 45.0
+        latitude = (
+            np.nanmean(values["latitude"])
+            if np.isfinite(values.get("latitude", np.nan)).any()
+            else 45.0
+        )
         values["depth"] = -np.asarray(gsw.z_from_p(values["pressure"], latitude))
         notes.append(f"depth: computed from {chosen['pressure']}")
 
 
-def _grouped(values: Mapping[str, NDArray[Any]], skipped: tuple[tuple[str, str, int], ...]) -> Columns:
+def _grouped(
+    values: Mapping[str, NDArray[Any]], skipped: tuple[tuple[str, str, int], ...]
+) -> Columns:
     """Return quantities as tables: those as long as the samples' times, or single numbers, belong to the samples."""
     n = values["time"].size if "time" in values else 0
-    along = {key: np.broadcast_to(values[key].ravel(), (n,)) for key in (*_SAMPLES, *_DAC) if key in values and values[key].size in (1, n)}
+    along = {
+        key: np.broadcast_to(values[key].ravel(), (n,))
+        for key in (*_SAMPLES, *_DAC)
+        if key in values and values[key].size in (1, n)
+    }
     samples = along if n else {}
     own = {key: values[key].ravel() for key in (*_DAC, "dive") if key in values}
     dac = _same_length(own, "dac_east") if "dac_east" in own and "dac_east" not in samples else {}
     gps = {key: values[key].ravel() for key in _GPS if key in values}
-    if "gps_longitude" in gps and gps["gps_longitude"].size == n == gps.get("gps_time", np.zeros(n)).size:
+    if (
+        "gps_longitude" in gps
+        and gps["gps_longitude"].size == n == gps.get("gps_time", np.zeros(n)).size
+    ):
         # some writers state the position of a fix and leave its time to the row
         own_time = gps.get("gps_time", np.zeros(n, np.int64))
         gps["gps_time"] = np.where(own_time > 0, own_time, values["time"].ravel())
-    gps = _same_length(gps, "gps_longitude") if {"gps_time", "gps_longitude", "gps_latitude"} <= set(gps) else {}
+    gps = (
+        _same_length(gps, "gps_longitude")
+        if {"gps_time", "gps_longitude", "gps_latitude"} <= set(gps)
+        else {}
+    )
     profile = _profile(values, n)
     if not profile:
         return Columns(_sorted(samples), gps, dac, profile, skipped)
     has = np.isfinite(profile["east"] + profile["north"])
     deepest = np.where(has, profile["depth"], -np.inf).max(axis=1)
     deep = {"deepest": np.where(has.any(axis=1), deepest, np.nan)}
-    return Columns({**_sorted(samples), **deep, "dive": np.arange(1.0, has.shape[0] + 1.0)}, gps, dac, profile, skipped)
+    return Columns(
+        {**_sorted(samples), **deep, "dive": np.arange(1.0, has.shape[0] + 1.0)},
+        gps,
+        dac,
+        profile,
+        skipped,
+    )
 
 
 def _same_length(table: Table, key: str) -> dict[str, NDArray[Any]]:
@@ -213,7 +295,11 @@ def _profile(values: Mapping[str, NDArray[Any]], n: int) -> Mapping[str, Array]:
     time_ns = values["time"].ravel() if "time" in values else np.empty(0, np.int64)
     order = np.argsort(time_ns, kind="stable")
     order = order[time_ns[order] > 0]
-    return {"depth": depth, "east": east[order], "north": north[order]} if east.shape == north.shape == (n, depth.size) else {}
+    return (
+        {"depth": depth, "east": east[order], "north": north[order]}
+        if east.shape == north.shape == (n, depth.size)
+        else {}
+    )
 
 
 def joined(parts: Sequence[Columns]) -> Columns:
@@ -226,7 +312,9 @@ def joined(parts: Sequence[Columns]) -> Columns:
         return parts[0]
     profiles = [part.profile for part in parts if part.profile]
     if len(profiles) > 1:
-        raise LogError("expected one file with absolute profiles in a log, got several; give them one by one")
+        raise LogError(
+            "expected one file with absolute profiles in a log, got several; give them one by one"
+        )
     skipped = tuple(item for part in parts for item in part.skipped)
     samples = _sorted(_stacked([part.samples for part in parts]))
     gps, dac = _stacked([part.gps for part in parts]), _stacked([part.dac for part in parts])
@@ -237,7 +325,10 @@ def _stacked(tables: Sequence[Table]) -> Table:
     """Return tables one below the other; what one of them lacks is unknown there."""
     held = [table for table in tables if table]
     keys = dict.fromkeys(key for table in held for key in table)
-    return {key: np.concatenate([table.get(key, _unknown(key, table)) for table in held]) for key in keys}
+    return {
+        key: np.concatenate([table.get(key, _unknown(key, table)) for table in held])
+        for key in keys
+    }
 
 
 def _unknown(key: str, table: Table) -> NDArray[Any]:

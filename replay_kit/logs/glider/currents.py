@@ -98,7 +98,10 @@ def mean_currents(columns: Columns, fixes: Fixes, ascent_share: float, notes: li
     candidates = (
         _repeated(table, np.flatnonzero(finite & ~zero), fixes, notes)
         if table is columns.samples
-        else [_Candidate(row, table, np.empty(0, np.intp)) for row in np.flatnonzero(finite & ~zero).tolist()]
+        else [
+            _Candidate(row, table, np.empty(0, np.intp))
+            for row in np.flatnonzero(finite & ~zero).tolist()
+        ]
     )
     made: dict[tuple[int, int], DiveMean] = {}
     lost = 0
@@ -110,10 +113,15 @@ def mean_currents(columns: Columns, fixes: Fixes, ascent_share: float, notes: li
             # of several reports at one surfacing the last is the glider's final one
             made[mean.start.time_ns, mean.end.time_ns] = mean
     if (replaced := len(candidates) - lost - len(made)) > 0:
-        notes.append(f"mean current: {replaced} earlier reports of the same dive replaced by the last one")
+        notes.append(
+            f"mean current: {replaced} earlier reports of the same dive replaced by the last one"
+        )
     _note_ends(made.values(), fixes, notes)
     reason = "mean current without fixes before and after it, or samples of its dive"
-    return Found(_numbered([made[key] for key in sorted(made)], columns.samples), ((reason, lost),) if lost else ())
+    return Found(
+        _numbered([made[key] for key in sorted(made)], columns.samples),
+        ((reason, lost),) if lost else (),
+    )
 
 
 def _numbered(means: Sequence[DiveMean], samples: Table) -> tuple[DiveMean, ...]:
@@ -124,7 +132,9 @@ def _numbered(means: Sequence[DiveMean], samples: Table) -> tuple[DiveMean, ...]
     return tuple(replace(mean, dive=number) for number, mean in enumerate(means, 1))
 
 
-def _repeated(table: Table, rows: NDArray[np.intp], fixes: Fixes, notes: list[str]) -> list[_Candidate]:
+def _repeated(
+    table: Table, rows: NDArray[np.intp], fixes: Fixes, notes: list[str]
+) -> list[_Candidate]:
     """Return the mean currents that samples repeat, each once: by their own time, else by the fixes between which they stand."""
     if not rows.size:
         return []
@@ -132,7 +142,12 @@ def _repeated(table: Table, rows: NDArray[np.intp], fixes: Fixes, notes: list[st
     # a value that a dive repeats may stand at the fixes at its ends, too, where it could be of either dive
     at_fix = np.isin(table["time"][rows], fixes.time_ns)
     under_way = {tuple(pair) for pair in values[rows[~at_fix]].tolist()}
-    rows = rows[[not fix or tuple(pair) not in under_way for fix, pair in zip(at_fix.tolist(), values[rows].tolist(), strict=True)]]
+    rows = rows[
+        [
+            not fix or tuple(pair) not in under_way
+            for fix, pair in zip(at_fix.tolist(), values[rows].tolist(), strict=True)
+        ]
+    ]
     own = table["dac_time"][rows] if "dac_time" in table else np.zeros(rows.size, np.int64)
     segment = np.where(own > 0, own, np.searchsorted(fixes.time_ns, table["time"][rows]))
     pair = np.column_stack([segment.astype(np.float64), values[rows]])
@@ -140,15 +155,23 @@ def _repeated(table: Table, rows: NDArray[np.intp], fixes: Fixes, notes: list[st
     groups = np.split(rows, begins[1:])
     unique: dict[tuple[float, ...], NDArray[np.intp]] = {}
     for group, begin in zip(groups, begins, strict=True):
-        key = tuple(pair[begin].tolist()) if own[begin] > 0 or fixes.time_ns.size else (float(begin),)
+        key = (
+            tuple(pair[begin].tolist()) if own[begin] > 0 or fixes.time_ns.size else (float(begin),)
+        )
         unique[key] = np.concatenate([unique[key], group]) if key in unique else group
     if rows.size > len(unique) > 1:
         notes.append(f"mean current: {len(unique)} in {rows.size} values, each counted once")
     return [_Candidate(int(group[0]), table, group) for group in unique.values()]
 
 
-def _with_ends(candidate: _Candidate, samples: Table, fixes: Fixes, ascent_share: float) -> DiveMean | None:
-    ends = _stated_ends(candidate, ascent_share) or _fixes_about(candidate, samples, fixes) or _outer_samples(candidate)
+def _with_ends(
+    candidate: _Candidate, samples: Table, fixes: Fixes, ascent_share: float
+) -> DiveMean | None:
+    ends = (
+        _stated_ends(candidate, ascent_share)
+        or _fixes_about(candidate, samples, fixes)
+        or _outer_samples(candidate)
+    )
     ends = ends or _samples_at_surface(candidate, samples)
     if ends is None or not 0 < ends[1].time_ns - ends[0].time_ns <= _LONGEST_NS:
         return None
@@ -160,8 +183,16 @@ def _with_ends(candidate: _Candidate, samples: Table, fixes: Fixes, ascent_share
     deepest = float(np.nanmax(depth)) if np.isfinite(depth).any() else candidate.number("deepest")
     dive = candidate.number("dive")
     middle = None
-    if candidate.time("dac_time") and candidate.rows.size and np.unique(samples["time"][candidate.rows]).size == 1:
-        middle = End(candidate.time("dac_time"), candidate.number("dac_longitude"), candidate.number("dac_latitude"))
+    if (
+        candidate.time("dac_time")
+        and candidate.rows.size
+        and np.unique(samples["time"][candidate.rows]).size == 1
+    ):
+        middle = End(
+            candidate.time("dac_time"),
+            candidate.number("dac_longitude"),
+            candidate.number("dac_latitude"),
+        )
     return DiveMean(
         candidate.number("dac_east"),
         candidate.number("dac_north"),
@@ -184,26 +215,43 @@ def _stated_ends(candidate: _Candidate, ascent_share: float) -> tuple[End, End] 
         return None
     if start is None and end is not None:
         near = float(unwrap_longitude(end.longitude, middle.longitude))
-        mirrored = _at_longitude(2 * middle.time_ns - end.time_ns, 2 * middle.longitude - near, 2 * middle.latitude - end.latitude)
+        mirrored = _at_longitude(
+            2 * middle.time_ns - end.time_ns,
+            2 * middle.longitude - near,
+            2 * middle.latitude - end.latitude,
+        )
         return mirrored, end
     if ascent_share > 0.5 and (own := _end(candidate, "")) is not None:
         # from the middle to the profile's place is that share of the way, less a half
         place = own._replace(longitude=float(unwrap_longitude(own.longitude, middle.longitude)))
-        half = [0.5 * (at - mid) / (ascent_share - 0.5) for at, mid in zip(place, middle, strict=True)]
-        before, after = ([mid + sign * step for mid, step in zip(middle, half, strict=True)] for sign in (-1.0, 1.0))
+        half = [
+            0.5 * (at - mid) / (ascent_share - 0.5) for at, mid in zip(place, middle, strict=True)
+        ]
+        before, after = (
+            [mid + sign * step for mid, step in zip(middle, half, strict=True)]
+            for sign in (-1.0, 1.0)
+        )
         return _at_longitude(*before), _at_longitude(*after)
     return None
 
 
 def _at_longitude(time_ns: float, longitude: float, latitude: float) -> End:
     """Return an end whose longitude may have gone beyond the antimeridian."""
-    return End(round(time_ns), longitude - 360.0 * (longitude > 360.0) + 360.0 * (longitude < -180.0), latitude)
+    return End(
+        round(time_ns),
+        longitude - 360.0 * (longitude > 360.0) + 360.0 * (longitude < -180.0),
+        latitude,
+    )
 
 
 def _end(candidate: _Candidate, part: str) -> End | None:
     time_ns = candidate.time(f"{part}time")
     longitude, latitude = candidate.number(f"{part}longitude"), candidate.number(f"{part}latitude")
-    return End(time_ns, longitude, latitude) if time_ns > 0 and np.isfinite(longitude + latitude) else None
+    return (
+        End(time_ns, longitude, latitude)
+        if time_ns > 0 and np.isfinite(longitude + latitude)
+        else None
+    )
 
 
 def _fixes_about(candidate: _Candidate, samples: Table, fixes: Fixes) -> tuple[End, End] | None:
@@ -211,10 +259,17 @@ def _fixes_about(candidate: _Candidate, samples: Table, fixes: Fixes) -> tuple[E
     if fixes.time_ns.size < 2:
         return None
     inside = _time_within(candidate, samples)
-    after = int(np.searchsorted(fixes.time_ns, inside)) if inside else int(np.argmax(np.diff(fixes.time_ns))) + 1
+    after = (
+        int(np.searchsorted(fixes.time_ns, inside))
+        if inside
+        else int(np.argmax(np.diff(fixes.time_ns))) + 1
+    )
     if not 0 < after < fixes.time_ns.size:
         return None
-    before, end = (End(int(fixes.time_ns[k]), float(fixes.longitude[k]), float(fixes.latitude[k])) for k in (after - 1, after))
+    before, end = (
+        End(int(fixes.time_ns[k]), float(fixes.longitude[k]), float(fixes.latitude[k]))
+        for k in (after - 1, after)
+    )
     return before, end
 
 
@@ -225,7 +280,11 @@ def _time_within(candidate: _Candidate, samples: Table) -> int:
     stated = candidate.time("dac_time")
     if not known.any() or not (stated or candidate.rows.size):
         return stated
-    own = candidate.rows[np.isfinite(depth[candidate.rows])] if candidate.rows.size else candidate.rows
+    own = (
+        candidate.rows[np.isfinite(depth[candidate.rows])]
+        if candidate.rows.size
+        else candidate.rows
+    )
     if not stated and own.size and depth[own].max() > _SURFACE:
         return int(time_ns[own[np.argmax(depth[own])]])
     at = stated or int(time_ns[candidate.rows[-1]])
@@ -242,7 +301,11 @@ def _outer_samples(candidate: _Candidate) -> tuple[End, End] | None:
         return None
     first, last = (replace(candidate, row=int(candidate.rows[k])) for k in (0, -1))
     ends = _end(first, ""), _end(last, "")
-    return None if ends[0] is None or ends[1] is None or ends[0].time_ns == ends[1].time_ns else (ends[0], ends[1])
+    return (
+        None
+        if ends[0] is None or ends[1] is None or ends[0].time_ns == ends[1].time_ns
+        else (ends[0], ends[1])
+    )
 
 
 def _samples_at_surface(candidate: _Candidate, samples: Table) -> tuple[End, End] | None:
@@ -251,12 +314,15 @@ def _samples_at_surface(candidate: _Candidate, samples: Table) -> tuple[End, End
     if inside <= 0 or not {"longitude", "latitude", "depth"} <= set(samples):
         return None
     time_ns = samples["time"]
-    shallow = np.flatnonzero((samples["depth"] <= _SURFACE) & np.isfinite(samples["longitude"] + samples["latitude"]))
+    shallow = np.flatnonzero(
+        (samples["depth"] <= _SURFACE) & np.isfinite(samples["longitude"] + samples["latitude"])
+    )
     after = int(np.searchsorted(time_ns[shallow], inside))
     if not 0 < after < shallow.size:
         return None
     before, end = (
-        End(int(time_ns[k]), float(samples["longitude"][k]), float(samples["latitude"][k])) for k in shallow[after - 1 : after + 1]
+        End(int(time_ns[k]), float(samples["longitude"][k]), float(samples["latitude"][k]))
+        for k in shallow[after - 1 : after + 1]
     )
     return before, end
 
@@ -266,4 +332,6 @@ def _note_ends(means: Iterable[DiveMean], fixes: Fixes, notes: list[str]) -> Non
     ends = [end.time_ns for mean in means for end in (mean.start, mean.end)]
     if made := sum(end not in known for end in ends):
         how = "the first or last sample of their dive, or follow from its middle"
-        notes.append(f"mean current: {made} of {len(ends)} ends are not fixes of the file; they are {how}")
+        notes.append(
+            f"mean current: {made} of {len(ends)} ends are not fixes of the file; they are {how}"
+        )

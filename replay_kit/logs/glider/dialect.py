@@ -9,7 +9,16 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from replay_kit.logs.glider.netcdf import NetcdfFile
-from replay_kit.logs.glider.units import ANGLE, LATITUDE, LENGTH, LONGITUDE, NUMBER, PRESSURE, SPEED, Quantity
+from replay_kit.logs.glider.units import (
+    ANGLE,
+    LATITUDE,
+    LENGTH,
+    LONGITUDE,
+    NUMBER,
+    PRESSURE,
+    SPEED,
+    Quantity,
+)
 from replay_kit.logs.reader import Entry
 
 Names = Mapping[str, str]
@@ -23,7 +32,9 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
         **dict.fromkeys(("depth", "gps_error", "profile_depth"), LENGTH),
         "pressure": PRESSURE,
         **dict.fromkeys(("heading", "pitch", "roll", "declination"), ANGLE),
-        **dict.fromkeys(("dac_east", "dac_north", "dac_error", "profile_east", "profile_north"), SPEED),
+        **dict.fromkeys(
+            ("dac_east", "dac_north", "dac_error", "profile_east", "profile_north"), SPEED
+        ),
         **dict.fromkeys(("dive", "dead_reckoning", "nav_state"), NUMBER),
     }
 )
@@ -71,13 +82,20 @@ class Dialect:
         """Return whether a file with these variables and attributes is of the dialect."""
         lower = {name.lower() for name in names}
         stated = str(attributes.get("Conventions", attributes.get("conventions", "")))
-        by_name = all(any(name in lower for name in wanted.split("|")) for wanted in self.signature.split())
-        return (bool(self.convention) and self.convention in stated.upper()) or (bool(self.signature) and by_name)
+        by_name = all(
+            any(name in lower for name in wanted.split("|")) for wanted in self.signature.split()
+        )
+        return (bool(self.convention) and self.convention in stated.upper()) or (
+            bool(self.signature) and by_name
+        )
 
     def chosen(self, names: Collection[str]) -> dict[str, str]:
         """Return the variable of each quantity that a file has: the first of its names, in the file's own case."""
         own = {name.lower(): name for name in names}
-        found = {key: next((own[name] for name in listed.split() if name in own), "") for key, listed in self.names.items()}
+        found = {
+            key: next((own[name] for name in listed.split() if name in own), "")
+            for key, listed in self.names.items()
+        }
         return {key: name for key, name in found.items() if name}
 
     def wanted(self, names: Collection[str]) -> list[str]:
@@ -85,4 +103,8 @@ class Dialect:
         chosen = set(self.chosen(names).values())
         flags = {name + suffix for name in chosen for suffix in ("_QC", "_qc")}
         beside = (*self.beside, *_ALWAYS)
-        return [name for name in names if name in chosen or name in flags or name.lower().startswith(beside)]
+        return [
+            name
+            for name in names
+            if name in chosen or name in flags or name.lower().startswith(beside)
+        ]

@@ -71,4 +71,8 @@ def _mission(path: Path) -> tuple[str, ...]:
         if is_seaexplorer(file.read(_HEAD)):
             return "seaexplorer", *mission_of(NetcdfFile(path, {}, {}, ()), "seaexplorer")
     content, dialect = open_netcdf(path, choose), found[0]
-    return (dialect.name, *mission_of(content, dialect.name)) if dialect is not None and dialect.in_parts else ()
+    return (
+        (dialect.name, *mission_of(content, dialect.name))
+        if dialect is not None and dialect.in_parts
+        else ()
+    )

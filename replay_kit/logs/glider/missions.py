@@ -31,7 +31,9 @@ def mission_of(file: "NetcdfFile", dialect: str) -> tuple[str, ...]:
         return stated
     held = {key.lower(): str(value).strip() for key, value in file.attributes.items()}
     if dialect == "seaglider" and held.get("mission"):
-        return (f"{held.get('platform_id') or held.get('glider', '')} mission {held['mission']}".strip(),)
+        return (
+            f"{held.get('platform_id') or held.get('glider', '')} mission {held['mission']}".strip(),
+        )
     found = (held.get(key, "") for key, only in _ATTRIBUTES if only in (None, dialect))
     return tuple(name for name in found if name)[:1]
 
@@ -41,7 +43,9 @@ def require_one_mission(folder: Path, logs: Sequence[LogFile]) -> None:
     files: dict[str, list[Path]] = {}
     for log in logs:
         if log.mission:
-            files.setdefault(log.mission, []).extend(path for path in log.files if path.parent == folder)
+            files.setdefault(log.mission, []).extend(
+                path for path in log.files if path.parent == folder
+            )
     held = {mission: paths for mission, paths in files.items() if paths}
     if len(held) < 2:
         return
@@ -54,5 +58,7 @@ def require_one_mission(folder: Path, logs: Sequence[LogFile]) -> None:
 
 def pattern(paths: Sequence[Path]) -> str:
     """Return the name of one file, or the pattern that the names of several match by their common beginning."""
-    letters = takewhile(lambda column: len(set(column)) == 1, zip(*(path.name for path in paths), strict=False))
+    letters = takewhile(
+        lambda column: len(set(column)) == 1, zip(*(path.name for path in paths), strict=False)
+    )
     return paths[0].name if len(paths) == 1 else f"{''.join(column[0] for column in letters)}*"

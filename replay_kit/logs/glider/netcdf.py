@@ -17,10 +17,27 @@ from replay_kit.logs.glider.heaps import endless_heap
 
 _ATTRIBUTES = (
     *("units", "_FillValue", "missing_value", "scale_factor", "add_offset"),
-    *("standard_name", "positive", "flag_values", "flag_meanings", "long_name", "comment", "sample_dimension"),
+    *(
+        "standard_name",
+        "positive",
+        "flag_values",
+        "flag_meanings",
+        "long_name",
+        "comment",
+        "sample_dimension",
+    ),
 )
 _NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"  # what NetCDF names a dataset that holds a dimension's length alone
-_UNREADABLE = (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError, ArithmeticError, MemoryError)
+_UNREADABLE = (
+    OSError,
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    RuntimeError,
+    ArithmeticError,
+    MemoryError,
+)
 _ITEM = 8  # bytes of a value in memory
 
 #: Given the names of a file's variables and its attributes: the names of those to read.
@@ -54,7 +71,9 @@ class Stored:
     @property
     def packing(self) -> tuple[float, float]:
         """Scale and offset of the values; 1 and 0 when the file states none."""
-        factor, offset = (float(np.ravel(self.attributes.get(name, default))[0]) for name, default in _PACKING)
+        factor, offset = (
+            float(np.ravel(self.attributes.get(name, default))[0]) for name, default in _PACKING
+        )
         return factor, offset
 
     def texts(self) -> list[str]:
@@ -62,7 +81,11 @@ class Stored:
         if self.values.dtype.kind != "S" or not self.values.size:
             return []
         values = np.ascontiguousarray(self.values)
-        joined = values.view(f"S{values.shape[-1]}") if values.ndim and values.dtype.itemsize == 1 else values
+        joined = (
+            values.view(f"S{values.shape[-1]}")
+            if values.ndim and values.dtype.itemsize == 1
+            else values
+        )
         return [text.decode("utf-8", "replace").strip("\0 ") for text in joined.ravel().tolist()]
 
     def unpacked(self) -> Array:
@@ -143,14 +166,21 @@ def _read_hdf5(path: Path, choose: Choose) -> NetcdfFile:
     # neither through xarray nor through h5netcdf, which look up the dimensions of each of the thousand variables: ten times as long
     with h5py.File(path, "r") as file:
         group = file.get("Data/Average", file)
-        attributes = {key: _plain(value) for part in (file.get("Config"), file) if part is not None for key, value in part.attrs.items()}
+        attributes = {
+            key: _plain(value)
+            for part in (file.get("Config"), file)
+            if part is not None
+            for key, value in part.attrs.items()
+        }
         held = {name: item for name in group if isinstance(item := group[name], h5py.Dataset)}
         chosen = {name: held[name] for name in choose(held, attributes) if name in held}
         if why := exceeds_claim(path, sum(_ITEM * item.size for item in chosen.values())):
             raise ValueError(why)
         variables = {
             name: Stored(
-                _stored(item), {key: _plain(item.attrs[key]) for key in _ATTRIBUTES if key in item.attrs}, _dims(group, name, item)
+                _stored(item),
+                {key: _plain(item.attrs[key]) for key in _ATTRIBUTES if key in item.attrs},
+                _dims(group, name, item),
             )
             for name, item in chosen.items()
             if (item.dtype.kind in "iufbS" or h5py.check_string_dtype(item.dtype))
@@ -161,13 +191,20 @@ def _read_hdf5(path: Path, choose: Choose) -> NetcdfFile:
 
 def _stored(item: h5py.Dataset) -> NDArray[Any]:
     """Return a variable's values, texts of variable length as bytes."""
-    return np.asarray(item[...] if item.dtype.kind != "O" else np.char.encode(np.asarray(item.asstr(errors="replace")[...], str), "utf-8"))
+    return np.asarray(
+        item[...]
+        if item.dtype.kind != "O"
+        else np.char.encode(np.asarray(item.asstr(errors="replace")[...], str), "utf-8")
+    )
 
 
 def _dims(file: Any, name: str, item: Any) -> tuple[str, ...]:
     """Return the names of a variable's dimensions; a variable that is a dimension's coordinate names none but its own."""
     if "DIMENSION_LIST" in item.attrs:
-        return tuple(file[refs[0]].name.rpartition("/")[2] if len(refs) else "" for refs in item.attrs["DIMENSION_LIST"])
+        return tuple(
+            file[refs[0]].name.rpartition("/")[2] if len(refs) else ""
+            for refs in item.attrs["DIMENSION_LIST"]
+        )
     return (name,) if item.ndim == 1 else ("",) * item.ndim
 
 
@@ -181,6 +218,13 @@ def _read_classic(path: Path, choose: Choose) -> NetcdfFile:
     # the private mapping is the only one that tells attributes from methods
     with netcdf_file(path, "r", mmap=False) as file:
         attributes = {key: _plain(value) for key, value in file._attributes.items()}
-        chosen = {name: file.variables[name] for name in choose(file.variables, attributes) if name in file.variables}
-        variables = {name: Stored(np.array(v.data), dict(v._attributes), tuple(v.dimensions)) for name, v in chosen.items()}
+        chosen = {
+            name: file.variables[name]
+            for name in choose(file.variables, attributes)
+            if name in file.variables
+        }
+        variables = {
+            name: Stored(np.array(v.data), dict(v._attributes), tuple(v.dimensions))
+            for name, v in chosen.items()
+        }
         return NetcdfFile(path, attributes, variables, tuple(file.variables))

@@ -11,7 +11,11 @@ from replay_kit.logs.reader import LogFile
 
 
 def open_glider(
-    path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None, more: Sequence[Path] = ()
+    path: Path,
+    input: int = 0,
+    config: LogConfig | None = None,
+    wanted: frozenset[str] | None = None,
+    more: Sequence[Path] = (),
 ) -> LogFile:
     """Return the reader of a glider's file, or of several that are one log.
 
@@ -26,4 +30,8 @@ def open_glider(
         LogError: A file cannot be read, or is of no known dialect.
     """
     files = [file for part in (path, *more) if (file := open_glider_file(part)) is not None]
-    return GliderReader(path, input, config, wanted, files=files) if files else NetcdfRows(path, input, config, wanted)
+    return (
+        GliderReader(path, input, config, wanted, files=files)
+        if files
+        else NetcdfRows(path, input, config, wanted)
+    )

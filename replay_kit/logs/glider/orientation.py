@@ -43,9 +43,13 @@ def orientation(velocity: Array, depth: Array, distance: Array, notes: list[str]
     ratio = agreement(velocity, depth, distance)
     found = "down" if ratio < 1.0 / _CLEAR else "up"
     if 1.0 / _CLEAR <= ratio <= _CLEAR or np.isnan(ratio):
-        notes.append("ADCP: taken to look up, because neither the file nor its shears tell where it looks")
+        notes.append(
+            "ADCP: taken to look up, because neither the file nor its shears tell where it looks"
+        )
     else:
-        notes.append(f"ADCP: looks {found}, by its shears, which agree {max(ratio, 1.0 / ratio):.2f} times as well so as the other way")
+        notes.append(
+            f"ADCP: looks {found}, by its shears, which agree {max(ratio, 1.0 / ratio):.2f} times as well so as the other way"
+        )
     return found
 
 
@@ -57,6 +61,8 @@ def _variance_within(shear: Array, depth: Array) -> float:
     full = count >= _LEAST
     if not full.any():
         return float("nan")
-    means = np.stack([np.bincount(at, component) / np.maximum(count, 1) for component in values.T], axis=-1)
+    means = np.stack(
+        [np.bincount(at, component) / np.maximum(count, 1) for component in values.T], axis=-1
+    )
     squares = ((values - means[at]) ** 2).sum(axis=-1)
     return float(squares[full[at]].sum() / (count[full] - 1).sum())

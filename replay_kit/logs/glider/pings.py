@@ -8,7 +8,15 @@ from replay_kit.core.arrays import Array
 from replay_kit.logs.shared.payloads import number, stamp
 
 _UNKNOWN = (
-    *("beam_unit_vectors", "velocity_std", "amplitude", "correlation", "percent_good", "sound_speed", "temperature"),
+    *(
+        "beam_unit_vectors",
+        "velocity_std",
+        "amplitude",
+        "correlation",
+        "percent_good",
+        "sound_speed",
+        "temperature",
+    ),
     *("heading", "pitch", "roll", "magnetic_declination", "bottom_track"),
 )
 
@@ -24,7 +32,9 @@ FROM_SURFACE = {
 }
 
 
-def earth_ping(time_ns: int, ordinal: int, dive: int | None, velocity: Array, cells: tuple[float, float]) -> dict[str, Any]:
+def earth_ping(
+    time_ns: int, ordinal: int, dive: int | None, velocity: Array, cells: tuple[float, float]
+) -> dict[str, Any]:
     """Return a ping in earth coordinates; unknown fields are null.
 
     Args:
@@ -44,6 +54,8 @@ def earth_ping(time_ns: int, ordinal: int, dive: int | None, velocity: Array, ce
         "cell_size": cells[0],
         "bin0_distance": cells[1],
         "transducer_depth": 0.0,
-        "velocity": [[number(component) for component in cell] for cell in np.round(velocity, 6).tolist()],
+        "velocity": [
+            [number(component) for component in cell] for cell in np.round(velocity, 6).tolist()
+        ],
         **dict.fromkeys(_UNKNOWN),
     }

@@ -58,14 +58,20 @@ class GliderReader(LogFile):
         super().__init__(path, input, config, wanted)
         self._dialect = files[0].dialect
         self.format = self._dialect.name
-        notes: list[str] = [f"{self._dialect.title}: {len(files)} files are one log"] if len(files) > 1 else []
+        notes: list[str] = (
+            [f"{self._dialect.title}: {len(files)} files are one log"] if len(files) > 1 else []
+        )
         self.files = tuple(part.content.path for part in files)
         self.mission = _one_mission(files, notes)
         self._columns = joined([read_columns(part.content, self._dialect, notes) for part in files])
         self._fixes, self._lost_fixes = fixes_of(self._columns, notes)
         self._means = mean_currents(self._columns, self._fixes, self._dialect.ascent_share, notes)
         pings = self._dialect.pings
-        self._adcp = [] if pings is None else [entry for part in files for entry in pings(part.content, notes)]
+        self._adcp = (
+            []
+            if pings is None
+            else [entry for part in files for entry in pings(part.content, notes)]
+        )
         self._adcp += absolute_profiles(self._columns, self._means.means, notes)
         self._notes = (*by_variable(_counted(notes)), *_heading_note(self._columns, self._dialect))
         self.statistics.notes = self._notes
@@ -81,11 +87,17 @@ class GliderReader(LogFile):
         self.statistics.notes = self._notes
         for topic, reason, count in self._columns.skipped:
             self._skip(topic, reason, count)
-        self._skip("/vehicle/fix", "GPS fix without time or position", max(self._lost_fixes - self._flagged("/vehicle/fix"), 0))
+        self._skip(
+            "/vehicle/fix",
+            "GPS fix without time or position",
+            max(self._lost_fixes - self._flagged("/vehicle/fix"), 0),
+        )
         for reason, count in self._means.skipped:
             self._skip("/dac", reason, count)
         # at one time a position comes before the velocities measured there
-        yield from self._by_time([*_fix_entries(self._fixes), *self._positions(), *self._dacs(), *self._adcp])
+        yield from self._by_time(
+            [*_fix_entries(self._fixes), *self._positions(), *self._dacs(), *self._adcp]
+        )
 
     def is_gliders(self) -> bool:
         """Return True."""
@@ -97,30 +109,57 @@ class GliderReader(LogFile):
     def _dacs(self) -> Iterator[Entry]:
         # an inversion weighs the mean current against the pings; profiles that were only shifted to it hold nothing else of it
         found = {topic for _, topic, _, _ in self._adcp}
-        named = {"also_in": PROFILES} if PROFILES in found else {"inverted_in": INVERTED} if INVERTED in found else {}
+        named = (
+            {"also_in": PROFILES}
+            if PROFILES in found
+            else {"inverted_in": INVERTED}
+            if INVERTED in found
+            else {}
+        )
         for mean in self._means.means:
             yield mean.end.time_ns, "/dac", _DAC, _dac(mean, self._dialect.dac_kind) | named
 
     def _positions(self) -> Iterator[Entry]:
         """Yield the track, one position a minute; the first and the deepest sample are treated like the others."""
         samples = self._columns.samples
-        for middle, depth in ((mean.middle, mean.max_depth) for mean in self._means.means if mean.middle is not None):
-            fix = location_fix(middle.time_ns, middle.longitude, middle.latitude, depth, True, math.nan)
+        for middle, depth in (
+            (mean.middle, mean.max_depth) for mean in self._means.means if mean.middle is not None
+        ):
+            fix = location_fix(
+                middle.time_ns, middle.longitude, middle.latitude, depth, True, math.nan
+            )
             yield middle.time_ns, "/vehicle/position", FIX, fix
         if not {"longitude", "latitude"} <= set(samples):
             return
         depth = _depth_at_times(samples)
-        usable = np.isfinite(samples["longitude"] + samples["latitude"]) & ~np.isin(samples["time"], self._fixes.time_ns)
+        usable = np.isfinite(samples["longitude"] + samples["latitude"]) & ~np.isin(
+            samples["time"], self._fixes.time_ns
+        )
         usable &= np.isfinite(depth) if self.format == "seaglider" else True
         due = -_DECIMATED_NS
-        angles = [name for name in ("heading", "pitch", "roll") if name in samples and self.format != "seaglider"]
+        angles = [
+            name
+            for name in ("heading", "pitch", "roll")
+            if name in samples and self.format != "seaglider"
+        ]
         for k in np.flatnonzero(usable).tolist():
             time_ns = int(samples["time"][k])
             if time_ns >= due:
                 due = time_ns + _DECIMATED_NS
-                fix = location_fix(time_ns, samples["longitude"][k], samples["latitude"][k], depth[k], True, math.nan)
+                fix = location_fix(
+                    time_ns,
+                    samples["longitude"][k],
+                    samples["latitude"][k],
+                    depth[k],
+                    True,
+                    math.nan,
+                )
                 stated = [(name, float(samples[name][k])) for name in angles]
-                fix["metadata"] += [{"key": name, "value": f"{value:.2f}"} for name, value in stated if math.isfinite(value)]
+                fix["metadata"] += [
+                    {"key": name, "value": f"{value:.2f}"}
+                    for name, value in stated
+                    if math.isfinite(value)
+                ]
                 yield time_ns, "/vehicle/position", FIX, fix
 
 
@@ -130,7 +169,10 @@ def _depth_at_times(samples: Mapping[str, Any]) -> Any:
         return np.full(samples["time"].size, np.nan)
     depth = np.array(samples["depth"], np.float64)
     _, of_time = np.unique(samples["time"], return_inverse=True)
-    least, most = np.full(of_time.max() + 1 if of_time.size else 0, np.inf), np.full(of_time.max() + 1 if of_time.size else 0, -np.inf)
+    least, most = (
+        np.full(of_time.max() + 1 if of_time.size else 0, np.inf),
+        np.full(of_time.max() + 1 if of_time.size else 0, -np.inf),
+    )
     np.fmin.at(least, of_time, depth)
     np.fmax.at(most, of_time, depth)
     return np.where((most - least)[of_time] > _ONE_DEPTH, np.nan, depth)
@@ -138,9 +180,18 @@ def _depth_at_times(samples: Mapping[str, Any]) -> Any:
 
 def _fix_entries(fixes: Fixes) -> Iterator[Entry]:
     for time_ns, longitude, latitude, error in zip(
-        fixes.time_ns.tolist(), fixes.longitude.tolist(), fixes.latitude.tolist(), fixes.error.tolist(), strict=True
+        fixes.time_ns.tolist(),
+        fixes.longitude.tolist(),
+        fixes.latitude.tolist(),
+        fixes.error.tolist(),
+        strict=True,
     ):
-        yield time_ns, "/vehicle/fix", FIX, location_fix(time_ns, longitude, latitude, 0.0, False, error)
+        yield (
+            time_ns,
+            "/vehicle/fix",
+            FIX,
+            location_fix(time_ns, longitude, latitude, 0.0, False, error),
+        )
 
 
 def _dac(mean: DiveMean, kind: str) -> dict[str, Any]:
@@ -164,10 +215,16 @@ def _end(end: End) -> dict[str, Any]:
 
 def _one_mission(files: Sequence[GliderFile], notes: list[str]) -> str:
     """Return the mission that all files are of; empty when they state none, or several, which is noted."""
-    names = list(dict.fromkeys(name for part in files for name in mission_of(part.content, part.dialect.name)))
+    names = list(
+        dict.fromkeys(
+            name for part in files for name in mission_of(part.content, part.dialect.name)
+        )
+    )
     if len(names) > 1:
         shown = f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"
-        notes.append(f"{len(names)} missions in one log ({shown}): their dives are merged as if one glider had made them")
+        notes.append(
+            f"{len(names)} missions in one log ({shown}): their dives are merged as if one glider had made them"
+        )
     return names[0] if len(names) == 1 else ""
 
 
@@ -179,5 +236,9 @@ def _counted(notes: Sequence[str]) -> Iterator[str]:
 
 def _heading_note(columns: Columns, dialect: Dialect) -> Iterator[str]:
     if "heading" in columns.samples:
-        how = "whether headings are magnetic or true is not known" if dialect.heading == "unknown" else f"headings are {dialect.heading}"
+        how = (
+            "whether headings are magnetic or true is not known"
+            if dialect.heading == "unknown"
+            else f"headings are {dialect.heading}"
+        )
         yield f"{how}; no declination was added to them"

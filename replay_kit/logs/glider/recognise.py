@@ -14,4 +14,6 @@ def is_seaexplorer(head: bytes) -> bool:
             head = zlib.decompressobj(wbits=31).decompress(head, 256)
         except zlib.error:
             return False
-    return head.lstrip(b"\xef\xbb\xbf").split(b";", 1)[0].strip().lower() in {name.encode() for name in FIRST_COLUMNS}
+    return head.lstrip(b"\xef\xbb\xbf").split(b";", 1)[0].strip().lower() in {
+        name.encode() for name in FIRST_COLUMNS
+    }

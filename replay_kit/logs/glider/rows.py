@@ -18,7 +18,12 @@ from replay_kit.logs.shared.statistics import ReadStatistics
 
 #: First part of the topic, before the name of the time variable.
 TOPIC = "netcdf/"
-_VELOCITY = ("eastward_sea_water_velocity", "northward_sea_water_velocity", "sea_water_x_velocity", "sea_water_y_velocity")
+_VELOCITY = (
+    "eastward_sea_water_velocity",
+    "northward_sea_water_velocity",
+    "sea_water_x_velocity",
+    "sea_water_y_velocity",
+)
 _NOT_A_LOG = "; a forecast is given with --ensemble, not as a log"
 _EXPECTED = "expected a Seaglider basestation file or a glider's file of another known dialect"
 
@@ -30,7 +35,13 @@ class NetcdfRows(LogFile):
 
     without_checksum = "values of NetCDF or text files"
 
-    def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        input: int = 0,
+        config: LogConfig | None = None,
+        wanted: frozenset[str] | None = None,
+    ) -> None:
         """Read the file; arguments as of ``LogFile``.
 
         Raises:
@@ -38,15 +49,24 @@ class NetcdfRows(LogFile):
         """
         super().__init__(path, input, config, wanted)
         file = open_netcdf(path, _all)
-        if any(stored.text("standard_name") in _VELOCITY and stored.values.ndim > 2 for stored in file.variables.values()):
-            raise LogError(f"{path}: {_EXPECTED}, got currents on a grid: {', '.join(file.variables)}{_NOT_A_LOG}")
+        if any(
+            stored.text("standard_name") in _VELOCITY and stored.values.ndim > 2
+            for stored in file.variables.values()
+        ):
+            raise LogError(
+                f"{path}: {_EXPECTED}, got currents on a grid: {', '.join(file.variables)}{_NOT_A_LOG}"
+            )
         self._name = _time_name(file)
         notes: list[str] = []
-        self._time_ns, self._known = units.time_ns(self._name, file.variables[self._name], file, notes)
+        self._time_ns, self._known = units.time_ns(
+            self._name, file.variables[self._name], file, notes
+        )
         self._time_ns, self._known = self._time_ns.ravel(), self._known.ravel()
         self._rows, self._fixed = _split(file, self._name, self._time_ns.size)
         if not self._rows:
-            raise LogError(f"{path}: {_EXPECTED}, got no variable along {self._name} alone: {', '.join(file.variables)}{_NOT_A_LOG}")
+            raise LogError(
+                f"{path}: {_EXPECTED}, got no variable along {self._name} alone: {', '.join(file.variables)}{_NOT_A_LOG}"
+            )
         self._notes = (
             f"of no known glider dialect: each row over {self._name} is a message on {TOPIC}{self._name}, with {', '.join(self._rows)}"
             + (f", and at each row {', '.join(self._fixed)}" if self._fixed else ""),
@@ -62,7 +82,12 @@ class NetcdfRows(LogFile):
         self._skip(topic, "row without a time", int((~self._known).sum()))
         fixed = {name: _plain(values) for name, values in self._fixed.items()}
         yield from self._by_time(
-            (int(self._time_ns[k]), topic, "netcdf", {**{name: _plain(values[k]) for name, values in self._rows.items()}, **fixed})
+            (
+                int(self._time_ns[k]),
+                topic,
+                "netcdf",
+                {**{name: _plain(values[k]) for name, values in self._rows.items()}, **fixed},
+            )
             for k in np.flatnonzero(self._known).tolist()
         )
 
@@ -74,15 +99,30 @@ def _all(names: Collection[str], attributes: Mapping[str, Any]) -> Collection[st
 
 def _time_name(file: NetcdfFile) -> str:
     """Return the name of the variable of time: the longest of those with an epoch, then of those with the name."""
-    stated = {name: stored for name, stored in file.variables.items() if " since " in stored.units and stored.values.ndim < 2}
-    named = {name: stored for name, stored in file.variables.items() if "time" in name.lower() and stored.values.ndim == 1}
-    found = {name: stored for name, stored in (stated or named).items() if stored.values.size and stored.values.dtype.kind in "iuf"}
+    stated = {
+        name: stored
+        for name, stored in file.variables.items()
+        if " since " in stored.units and stored.values.ndim < 2
+    }
+    named = {
+        name: stored
+        for name, stored in file.variables.items()
+        if "time" in name.lower() and stored.values.ndim == 1
+    }
+    found = {
+        name: stored
+        for name, stored in (stated or named).items()
+        if stored.values.size and stored.values.dtype.kind in "iuf"
+    }
     if not found:
         raise LogError(
             f"{file.path}: {_EXPECTED}, or any NetCDF with a variable of time (units 'seconds since 1970-01-01'); got variables "
             f"{', '.join(file.variables) or 'none'}{_NOT_A_LOG}"
         )
-    return max(found, key=lambda name: (found[name].values.size, found[name].text("standard_name") == "time"))
+    return max(
+        found,
+        key=lambda name: (found[name].values.size, found[name].text("standard_name") == "time"),
+    )
 
 
 def _split(file: NetcdfFile, time: str, n: int) -> tuple[dict[str, Array], dict[str, Array]]:
@@ -90,7 +130,12 @@ def _split(file: NetcdfFile, time: str, n: int) -> tuple[dict[str, Array], dict[
     rows: dict[str, Array] = {}
     fixed: dict[str, Array] = {}
     for name, stored in file.variables.items():
-        if name == time or "." in name or stored.values.dtype.kind not in "iufb" or stored.values.ndim > 2:
+        if (
+            name == time
+            or "." in name
+            or stored.values.dtype.kind not in "iufb"
+            or stored.values.ndim > 2
+        ):
             continue
         values = stored.unpacked()
         if values.ndim and values.shape[0] == n:

@@ -31,14 +31,20 @@ def open_seaexplorer(path: Path, choose: Choose) -> NetcdfFile:
         with gzip.open(path, "rb") if compressed else open(path, "rb") as file:
             lines = file.read(_MOST).decode("utf-8-sig", "replace").splitlines()
     except (OSError, EOFError, zlib.error) as error:
-        raise LogError(f"{path}: cannot be read as a SeaExplorer's file: {error}; is the file whole?") from error
+        raise LogError(
+            f"{path}: cannot be read as a SeaExplorer's file: {error}; is the file whole?"
+        ) from error
     names = [name.strip() for name in lines[0].split(";")]
     rows = [fields for line in lines[1:] if len(fields := line.split(";")) == len(names)]
     attributes = {"lines_left_out": sum(bool(line.strip()) for line in lines[1:]) - len(rows)}
     wanted = choose(names, attributes)
-    columns = {name: [row[k] for row in rows] for k, name in enumerate(names) if name and name in wanted}
+    columns = {
+        name: [row[k] for row in rows] for k, name in enumerate(names) if name and name in wanted
+    }
     variables = {
-        name: Stored(_times(fields), _EPOCH, ("line",)) if name.lower() in FIRST_COLUMNS else Stored(_numbers(fields), {}, ("line",))
+        name: Stored(_times(fields), _EPOCH, ("line",))
+        if name.lower() in FIRST_COLUMNS
+        else Stored(_numbers(fields), {}, ("line",))
         for name, fields in columns.items()
     }
     return NetcdfFile(path, attributes, variables, tuple(filter(None, names)))

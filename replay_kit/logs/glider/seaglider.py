@@ -49,10 +49,14 @@ def seaglider_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
 
 
 def _relative(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
-    if not file.has("ad2cp_time", "ad2cp_velX", "ad2cp_velY", "ad2cp_velZ", "ad2cp_cellSize", "ad2cp_blanking"):
+    if not file.has(
+        "ad2cp_time", "ad2cp_velX", "ad2cp_velY", "ad2cp_velZ", "ad2cp_cellSize", "ad2cp_blanking"
+    ):
         return
     if file.has("ad2cp_coordinateSystem") and file.scalar("ad2cp_coordinateSystem") != _ENU:
-        notes.append("ADCP: not read, because its velocities are not east, north and up (ad2cp_coordinateSystem)")
+        notes.append(
+            "ADCP: not read, because its velocities are not east, north and up (ad2cp_coordinateSystem)"
+        )
         return
     time_ns, known = units.time_ns("ad2cp_time", file.variables["ad2cp_time"], file, notes)
     velocity = np.stack([file.array(f"ad2cp_vel{axis}") for axis in "XYZ"], axis=-1)
@@ -62,14 +66,23 @@ def _relative(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
     if tenths != 1.0:
         notes.append("ad2cp_soundspeed, ad2cp_temperature: in tenths of their units, converted")
     declination = number(file.scalar("magnetic_variation"))
-    notes.append(f"ADCP: headings are magnetic; the declination used is {declination} degrees, by magnetic_variation")
+    notes.append(
+        f"ADCP: headings are magnetic; the declination used is {declination} degrees, by magnetic_variation"
+    )
     names = ("pressure", "heading", "pitch", "roll", "temperature")
-    sensors = {name: file.array(f"ad2cp_{name}") if file.has(f"ad2cp_{name}") else np.full(time_ns.size, np.nan) for name in names}
+    sensors = {
+        name: file.array(f"ad2cp_{name}")
+        if file.has(f"ad2cp_{name}")
+        else np.full(time_ns.size, np.nan)
+        for name in names
+    }
     sensors["temperature"] = sensors["temperature"] * tenths
     distance = bin0_distance + cell_size * np.arange(velocity.shape[1], dtype=np.float64)
     looks = orientation(velocity[..., :2], sensors["pressure"], distance, notes)
     for k in np.flatnonzero(known).tolist():
-        payload = earth_ping(int(time_ns[k]), k, dive_number(file) or 0, velocity[k], (cell_size, bin0_distance))
+        payload = earth_ping(
+            int(time_ns[k]), k, dive_number(file) or 0, velocity[k], (cell_size, bin0_distance)
+        )
         payload |= {
             "reference": "platform",
             "orientation": looks,
@@ -93,7 +106,9 @@ def _inverted(file: NetcdfFile) -> Iterator[Entry]:
     dive = dive_number(file) or 0
     for leg, end_ns in enumerate(_leg_ends(file)):
         velocity = np.stack([component[:, leg] for component in components], axis=-1)
-        payload = earth_ping(end_ns, 2 * dive + leg, dive, velocity, (float(steps[0]), float(levels[0])))
+        payload = earth_ping(
+            end_ns, 2 * dive + leg, dive, velocity, (float(steps[0]), float(levels[0]))
+        )
         payload |= FROM_SURFACE | {"computed_from": ["/adcp", "/dac"]}
         yield end_ns, INVERTED, PING, payload
 
@@ -118,5 +133,7 @@ def _metres(file: NetcdfFile, name: str) -> float:
     """
     unit = file.variables[name].units
     if unit not in _METRES:
-        raise LogError(f"{file.path}: {name}: expected units of {', '.join(_METRES)}, got '{unit}'; process the dive again")
+        raise LogError(
+            f"{file.path}: {name}: expected units of {', '.join(_METRES)}, got '{unit}'; process the dive again"
+        )
     return file.scalar(name) * _METRES[unit]

@@ -17,9 +17,30 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.logs.glider.netcdf import NetcdfFile, Stored
 
-_SECONDS = {"nanosecond": 1e-9, "ns": 1e-9, "microsecond": 1e-6, "us": 1e-6, "millisecond": 1e-3, "ms": 1e-3, "msec": 1e-3}
-_SECONDS |= {"second": 1.0, "sec": 1.0, "s": 1.0, "minute": 60.0, "min": 60.0, "hour": 3600.0, "h": 3600.0, "day": 86400.0, "d": 86400.0}
-_SINCE = re.compile(r"\s*(\w+)\s+since\s+(\d{4})-(\d{1,2})-(\d{1,2})(?:[T ]+(\d{1,2}):(\d{1,2})(?::(\d{1,2})(\.\d+)?)?)?.*", re.IGNORECASE)
+_SECONDS = {
+    "nanosecond": 1e-9,
+    "ns": 1e-9,
+    "microsecond": 1e-6,
+    "us": 1e-6,
+    "millisecond": 1e-3,
+    "ms": 1e-3,
+    "msec": 1e-3,
+}
+_SECONDS |= {
+    "second": 1.0,
+    "sec": 1.0,
+    "s": 1.0,
+    "minute": 60.0,
+    "min": 60.0,
+    "hour": 3600.0,
+    "h": 3600.0,
+    "day": 86400.0,
+    "d": 86400.0,
+}
+_SINCE = re.compile(
+    r"\s*(\w+)\s+since\s+(\d{4})-(\d{1,2})-(\d{1,2})(?:[T ]+(\d{1,2}):(\d{1,2})(?::(\d{1,2})(\.\d+)?)?)?.*",
+    re.IGNORECASE,
+)
 # 1971 and 2100: clocks that lost their time count from 1970
 _FIRST_NS, _LAST_NS = 31_536_000 * 10**9, 4_102_444_800 * 10**9
 # of any epoch; more is no time, and does not fit into 64 bits of nanoseconds
@@ -46,11 +67,48 @@ class Quantity:
     high: float
 
 
-_LENGTHS = dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0) | {"cm": 0.01, "mm": 0.001, "km": 1000.0}
-_PRESSURES = {"dbar": 1.0, "decibar": 1.0, "decibars": 1.0, "bar": 10.0, "mbar": 0.01, "pa": 1e-4, "hpa": 0.01, "kpa": 0.1}
-_DEGREES = dict.fromkeys(("deg", "degree", "degrees", "degrees_north", "degrees_east", "degree_north", "degree_east", "°"), 1.0)
+_LENGTHS = dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0) | {
+    "cm": 0.01,
+    "mm": 0.001,
+    "km": 1000.0,
+}
+_PRESSURES = {
+    "dbar": 1.0,
+    "decibar": 1.0,
+    "decibars": 1.0,
+    "bar": 10.0,
+    "mbar": 0.01,
+    "pa": 1e-4,
+    "hpa": 0.01,
+    "kpa": 0.1,
+}
+_DEGREES = dict.fromkeys(
+    (
+        "deg",
+        "degree",
+        "degrees",
+        "degrees_north",
+        "degrees_east",
+        "degree_north",
+        "degree_east",
+        "°",
+    ),
+    1.0,
+)
 _ANGLES = _DEGREES | dict.fromkeys(("rad", "radian", "radians"), 180.0 / np.pi)
-_SPEEDS = dict.fromkeys(("m/s", "ms-1", "m.s-1", "ms^-1", "meter/second", "meters/second", "metersecond-1", "meterspersecond"), 1.0)
+_SPEEDS = dict.fromkeys(
+    (
+        "m/s",
+        "ms-1",
+        "m.s-1",
+        "ms^-1",
+        "meter/second",
+        "meters/second",
+        "metersecond-1",
+        "meterspersecond",
+    ),
+    1.0,
+)
 _SPEEDS |= {
     "cm/s": 0.01,
     "cms-1": 0.01,
@@ -95,10 +153,14 @@ def in_si(name: str, stored: Stored, quantity: Quantity, notes: list[str], unit:
             notes.append(f"{name}: converted from {stated} to {quantity.unit}")
             values = values * quantity.factors[key]
     elif quantity.factors:
-        notes.append(f"{name}: {f'unit {stated!r} is not known' if stated else 'states no unit'}, taken as {quantity.unit}")
+        notes.append(
+            f"{name}: {f'unit {stated!r} is not known' if stated else 'states no unit'}, taken as {quantity.unit}"
+        )
     odd = (values < quantity.low) | (values > quantity.high)
     if odd.any():
-        notes.append(f"{name}: {int(odd.sum())} values outside {quantity.low:g}..{quantity.high:g} {quantity.unit} taken as missing")
+        notes.append(
+            f"{name}: {int(odd.sum())} values outside {quantity.low:g}..{quantity.high:g} {quantity.unit} taken as missing"
+        )
     return np.where(odd | ~np.isfinite(values), np.nan, values)
 
 
@@ -115,7 +177,12 @@ def in_minutes(places: Mapping[str, Array]) -> bool:
     """
     # marks of no fix, such as 69696969, are more than either
     return any(
-        bool(((np.abs(v) > (90.0 if key.endswith("latitude") else 360.0)) & (np.abs(v) < 36_000.0)).any()) for key, v in places.items()
+        bool(
+            (
+                (np.abs(v) > (90.0 if key.endswith("latitude") else 360.0)) & (np.abs(v) < 36_000.0)
+            ).any()
+        )
+        for key, v in places.items()
     )
 
 
@@ -129,13 +196,21 @@ def attitude_degrees(name: str, values: Array, whole_turn: bool, notes: list[str
         notes: What was assumed is added here.
     """
     known = np.abs(values[np.isfinite(values)])
-    if known.size < _LEAST_ANGLES or known.max() == 0.0 or known.max() > (_TURN if whole_turn else _TURN / 4.0):
+    if (
+        known.size < _LEAST_ANGLES
+        or known.max() == 0.0
+        or known.max() > (_TURN if whole_turn else _TURN / 4.0)
+    ):
         return values
-    notes.append(f"{name}: no value above {known.max():.2f}, so taken as radians although its unit is degrees; converted to degrees")
+    notes.append(
+        f"{name}: no value above {known.max():.2f}, so taken as radians although its unit is degrees; converted to degrees"
+    )
     return np.rad2deg(values)
 
 
-def time_ns(name: str, stored: Stored, file: NetcdfFile, notes: list[str]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def time_ns(
+    name: str, stored: Stored, file: NetcdfFile, notes: list[str]
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Return times to the millisecond [ns, UTC], and whether each is known.
 
     Raises:
@@ -143,7 +218,11 @@ def time_ns(name: str, stored: Stored, file: NetcdfFile, notes: list[str]) -> tu
     """
     if stored.values.dtype.kind == "S":
         notes.append(f"{name}: times are texts, taken as UTC")
-        stored = Stored(np.array([_seconds_of(text) for text in stored.texts()]), {"units": "seconds since 1970-01-01"}, stored.dims[:1])
+        stored = Stored(
+            np.array([_seconds_of(text) for text in stored.texts()]),
+            {"units": "seconds since 1970-01-01"},
+            stored.dims[:1],
+        )
     units, match = stored.units, _SINCE.fullmatch(stored.units)
     # of whole numbers, nanoseconds since 1970 have more digits than a float holds
     whole = stored.values.dtype.kind in "iu" and stored.packing == (1.0, 0.0)
@@ -159,7 +238,9 @@ def time_ns(name: str, stored: Stored, file: NetcdfFile, notes: list[str]) -> tu
     else:
         inside = (stored.unpacked() > _EPOCH_SECONDS[0]) & (stored.unpacked() < _EPOCH_SECONDS[1])
         if finite.any() and inside.any():
-            notes.append(f"{name}: {f'unit {units!r}' if units else 'no unit'}, taken as seconds since 1970")
+            notes.append(
+                f"{name}: {f'unit {units!r}' if units else 'no unit'}, taken as seconds since 1970"
+            )
         finite &= inside
     with np.errstate(over="ignore"):
         since = np.where(finite, values * factor, np.nan)
@@ -195,7 +276,9 @@ def _epoch_ms(match: re.Match[str]) -> int | None:
 
 
 # of a flag's meaning: such values are not used
-_UNUSABLE = re.compile(r"bad|fail|miss|suspect|question|unsampled|reject|spike|stuck", re.IGNORECASE)
+_UNUSABLE = re.compile(
+    r"bad|fail|miss|suspect|question|unsampled|reject|spike|stuck", re.IGNORECASE
+)
 
 
 def flagged_bad(name: str, flags: Stored, meanings: str, notes: list[str]) -> NDArray[np.bool_]:
@@ -207,7 +290,9 @@ def flagged_bad(name: str, flags: Stored, meanings: str, notes: list[str]) -> ND
         meanings: ``value meaning`` pairs to take where the file states none.
         notes: What was found is added here.
     """
-    known = _meanings(flags) or dict(zip(map(int, meanings.split()[::2]), meanings.split()[1::2], strict=True))
+    known = _meanings(flags) or dict(
+        zip(map(int, meanings.split()[::2]), meanings.split()[1::2], strict=True)
+    )
     numbers = np.nan_to_num(_flag_numbers(flags), nan=-1.0).astype(np.int64)
     bad = {value: words for value, words in known.items() if _UNUSABLE.search(words)}
     found = np.isin(numbers, list(bad))
@@ -219,7 +304,12 @@ def flagged_bad(name: str, flags: Stored, meanings: str, notes: list[str]) -> ND
 def _flag_numbers(flags: Stored) -> Array:
     if flags.values.dtype.kind != "S":
         return flags.unpacked()
-    return np.array([float(item) if item.strip().isdigit() else np.nan for item in flags.values.ravel().astype("S1").astype(str)])
+    return np.array(
+        [
+            float(item) if item.strip().isdigit() else np.nan
+            for item in flags.values.ravel().astype("S1").astype(str)
+        ]
+    )
 
 
 def _meanings(flags: Stored) -> dict[int, str]:
@@ -227,5 +317,9 @@ def _meanings(flags: Stored) -> dict[int, str]:
     values: Any = flags.attributes.get("flag_values")
     if values is None or not flags.text("flag_meanings"):
         return {}
-    listed = re.findall(r"-?\d+", flags.text("flag_values")) if isinstance(values, str | bytes) else np.ravel(values).tolist()
+    listed = (
+        re.findall(r"-?\d+", flags.text("flag_values"))
+        if isinstance(values, str | bytes)
+        else np.ravel(values).tolist()
+    )
     return dict(zip(map(int, listed), flags.text("flag_meanings").split(), strict=False))

@@ -23,7 +23,16 @@ _PAYLOAD = np.dtype([("utc_us", "<u8"), ("boot_ms", "<u4")])
 _RESTART_MS = 1000
 #: Pairs kept; of a longer log every second, every fourth and so on.
 _MOST = 1 << 16
-_PAIR = np.dtype([("position", "i8"), ("sender", "i8"), ("start", "i8"), ("stamp_us", "i8"), ("utc_us", "i8"), ("boot_ms", "i8")])
+_PAIR = np.dtype(
+    [
+        ("position", "i8"),
+        ("sender", "i8"),
+        ("start", "i8"),
+        ("stamp_us", "i8"),
+        ("utc_us", "i8"),
+        ("boot_ms", "i8"),
+    ]
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +67,9 @@ class SystemTimes:
         places = np.flatnonzero(frames.message_id == MESSAGE_ID)
         if not places.size:
             return
-        payload = sliding_window_view(np.frombuffer(frames.data, dtype=np.uint8), _PAYLOAD.itemsize)[frames.payload[places]]
+        payload = sliding_window_view(
+            np.frombuffer(frames.data, dtype=np.uint8), _PAYLOAD.itemsize
+        )[frames.payload[places]]
         # MAVLink 2 cuts zeros at the end
         payload[np.arange(_PAYLOAD.itemsize) >= frames.length[places, None]] = 0
         stated = payload.view(_PAYLOAD)[:, 0]
@@ -81,7 +92,9 @@ class SystemTimes:
         found = []
         pairs = self._pairs()
         for sender, start in np.unique(pairs[["sender", "start"]]).tolist():
-            own = pairs[(pairs["sender"] == sender) & (pairs["start"] == start) & (pairs["boot_ms"] > 0)]
+            own = pairs[
+                (pairs["sender"] == sender) & (pairs["start"] == start) & (pairs["boot_ms"] > 0)
+            ]
             if own.size:
                 timed = own[own["utc_us"] >= UTC_SINCE_US]
                 used, utc = (timed, "utc_us") if timed.size else (own, "stamp_us")
@@ -101,10 +114,14 @@ class SystemTimes:
                 f"({late.min():+.3f} to {late.max():+.3f} s)"
             )
         elif pairs.size:
-            notes.append(f"none of {pairs.size} SYSTEM_TIME messages has UTC: times are right if the recorder's clock was")
+            notes.append(
+                f"none of {pairs.size} SYSTEM_TIME messages has UTC: times are right if the recorder's clock was"
+            )
         for clock in self.clocks():
             source = "UTC" if clock.from_utc else "the recorder's stamps"
-            notes.append(f"clock of {clock.sender >> 8}/{clock.sender & 0xFF} since its start against {source}: {clock.fit}")
+            notes.append(
+                f"clock of {clock.sender >> 8}/{clock.sender & 0xFF} since its start against {source}: {clock.fit}"
+            )
         return tuple(notes)
 
     def _pairs(self) -> NDArray[np.void]:

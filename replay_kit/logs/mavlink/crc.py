@@ -16,7 +16,9 @@ _WORDS = 16
 PADDING = 2 * _WORDS
 
 
-def checksums(data: NDArray[np.uint8], start: Indices, end: Indices, extra: NDArray[np.uint16]) -> NDArray[np.uint16]:
+def checksums(
+    data: NDArray[np.uint8], start: Indices, end: Indices, extra: NDArray[np.uint16]
+) -> NDArray[np.uint16]:
     """Return the checksum of parts of the data, each followed by one more byte, shape (n,).
 
     Args:
@@ -35,7 +37,9 @@ def checksums(data: NDArray[np.uint8], start: Indices, end: Indices, extra: NDAr
         if most == 0:
             continue
         # one row a word, one column a part; parts without such a word come last
-        rows = np.ascontiguousarray(sliding_window_view(data, 2 * most)[first[low:high]].view("<u2").T)
+        rows = np.ascontiguousarray(
+            sliding_window_view(data, 2 * most)[first[low:high]].view("<u2").T
+        )
         having = high - np.searchsorted(words[low:high][::-1], np.arange(most), side="right")
         for row, stop in zip(rows, having.tolist(), strict=True):
             register[low:stop] = _TWO_BYTES.take(register[low:stop] ^ row[: stop - low])
@@ -46,7 +50,9 @@ def checksums(data: NDArray[np.uint8], start: Indices, end: Indices, extra: NDAr
     return _with_byte(crc, extra)
 
 
-def _with_byte(register: NDArray[np.uint16], byte: NDArray[np.uint8] | NDArray[np.uint16]) -> NDArray[np.uint16]:
+def _with_byte(
+    register: NDArray[np.uint16], byte: NDArray[np.uint8] | NDArray[np.uint16]
+) -> NDArray[np.uint16]:
     return (register >> np.uint16(8)) ^ _ONE_BYTE.take((register ^ byte) & 0xFF)
 
 

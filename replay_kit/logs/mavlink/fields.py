@@ -16,11 +16,18 @@ def unpacker(message_id: int) -> Unpack:
     dialect, the known fields are read. Character arrays are text without the padding.
     """
     message = dialect.mavlink_map[message_id]
-    size, unpack, names = message.unpacker.size, message.unpacker.unpack_from, tuple(message.fieldnames)
+    size, unpack, names = (
+        message.unpacker.size,
+        message.unpacker.unpack_from,
+        tuple(message.fieldnames),
+    )
     # on the wire the fields have another order; an array is several values, a text is one
     if max(message.lengths) > 1 or "char" in message.fieldtypes:
         ends = [sum(message.lengths[: place + 1]) for place in range(len(names))]
-        wire = [slice(end - n, end) if n > 1 else end - 1 for n, end in zip(message.lengths, ends, strict=True)]
+        wire = [
+            slice(end - n, end) if n > 1 else end - 1
+            for n, end in zip(message.lengths, ends, strict=True)
+        ]
         places = [(name, wire[order]) for name, order in zip(names, message.orders, strict=True)]
 
         def mixed(payload: bytes) -> dict[str, Any]:

@@ -71,7 +71,15 @@ class Frames:
         """Return some of the entries."""
         if which.all() if which.dtype == np.bool_ else which.size == self.start.size:
             return self
-        columns = (self.start, self.end, self.payload, self.length, self.stamp_us, self.sender, self.message_id)
+        columns = (
+            self.start,
+            self.end,
+            self.payload,
+            self.length,
+            self.stamp_us,
+            self.sender,
+            self.message_id,
+        )
         return Frames(self.data, self.offset, *(column[which] for column in columns))
 
 
@@ -90,11 +98,15 @@ def read_frames(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Frames]:
         data += block
         frames, used = scan(data, offset, at_end)
         gap = "bad bytes between two sound frames, skipped"
-        sound_end = lose_gaps(statistics, gap, sound_end, frames.start + offset, frames.end + offset)
+        sound_end = lose_gaps(
+            statistics, gap, sound_end, frames.start + offset, frames.end + offset
+        )
         yield frames
         data, offset = data[used:], offset + used
     if offset > sound_end:
-        statistics.lose("at the end: a cut frame or bad bytes, skipped", sound_end, offset - sound_end)
+        statistics.lose(
+            "at the end: a cut frame or bad bytes, skipped", sound_end, offset - sound_end
+        )
 
 
 def scan(data: bytes, offset: int, at_end: bool) -> tuple[Frames, int]:
@@ -149,7 +161,9 @@ def _sound(frames: Frames, size: int, at_end: bool) -> NDArray[np.bool_]:
     sound = np.zeros(check.size, dtype=np.bool_)
     for first in range(0, check.size, _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
-        sound[part] = checksums(view, frames.start[part] + 9, check[part], extra[part]) == stated[part]
+        sound[part] = (
+            checksums(view, frames.start[part] + 9, check[part], extra[part]) == stated[part]
+        )
     for at in np.flatnonzero(extra == _UNKNOWN).tolist():
         end = int(frames.end[at])
         sound[at] = at_end if end == size else _ENTRY.match(frames.data, end, size) is not None

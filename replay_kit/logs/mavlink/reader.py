@@ -45,7 +45,13 @@ class TlogReader(LogFile):
     has_own_frames = True
     without_checksum = "stamps of frames"
 
-    def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        input: int = 0,
+        config: LogConfig | None = None,
+        wanted: frozenset[str] | None = None,
+    ) -> None:
         """See ``LogFile``."""
         super().__init__(path, input, config, wanted)
         self._system = self._config.system
@@ -88,9 +94,20 @@ class TlogReader(LogFile):
         with self._opened() as file:
             for frames in read_frames(file, ReadStatistics()):
                 columns = (frames.stamp_us * 1000, frames.start + 8, frames.end)
-                for time_ns, start, end in zip(*(column.tolist() for column in columns), strict=True):
+                for time_ns, start, end in zip(
+                    *(column.tolist() for column in columns), strict=True
+                ):
                     data = frames.data[start:end]
-                    yield RawMessage(time_ns, self.input, position, channel, position % 2**32, time_ns, time_ns, data)
+                    yield RawMessage(
+                        time_ns,
+                        self.input,
+                        position,
+                        channel,
+                        position % 2**32,
+                        time_ns,
+                        time_ns,
+                        data,
+                    )
                     position += 1
 
     def report(self) -> LogReport:
@@ -102,7 +119,10 @@ class TlogReader(LogFile):
             notes = (f"positions of several systems; a replay needs one: {self._choose()}", *notes)
         found = sorted({key >> 8 & 0xFF for key in self._kinds})
         if self._system is not None and found and self._system not in found:
-            notes = (f"no messages of system {self._system}, which [logs] chooses; it holds those of {', '.join(map(str, found))}", *notes)
+            notes = (
+                f"no messages of system {self._system}, which [logs] chooses; it holds those of {', '.join(map(str, found))}",
+                *notes,
+            )
         return replace(super().report(), notes=notes)
 
     def _read(self, statistics: ReadStatistics) -> Iterator[tuple[Frames, int, int]]:
@@ -117,16 +137,35 @@ class TlogReader(LogFile):
 
     def _decoded(self, frames: Frames, position: int) -> Iterator[Message]:
         """Yield the wanted messages of a block and count all; the first has this position."""
-        keys, kind_of, counts = np.unique(frames.message_id.astype(np.int64) << 16 | frames.sender, return_inverse=True, return_counts=True)
-        kinds = [self._kinds.get(key) or self._kinds.setdefault(key, self._kind(key)) for key in keys.tolist()]
+        keys, kind_of, counts = np.unique(
+            frames.message_id.astype(np.int64) << 16 | frames.sender,
+            return_inverse=True,
+            return_counts=True,
+        )
+        kinds = [
+            self._kinds.get(key) or self._kinds.setdefault(key, self._kind(key))
+            for key in keys.tolist()
+        ]
         for kind, count in zip(kinds, counts.tolist(), strict=True):
             self.statistics.read[kind.topic] += count
             if not kind.name:
-                self.statistics.undecodable(kind.topic, "its message id is not in the ardupilotmega dialect", count)
-        wanted = np.flatnonzero(np.array([kind.unpack is not None for kind in kinds], dtype=np.bool_)[kind_of])
+                self.statistics.undecodable(
+                    kind.topic, "its message id is not in the ardupilotmega dialect", count
+                )
+        wanted = np.flatnonzero(
+            np.array([kind.unpack is not None for kind in kinds], dtype=np.bool_)[kind_of]
+        )
         data, begin = frames.data, frames.payload[wanted]
-        columns = (wanted + position, kind_of[wanted], frames.stamp_us[wanted] * 1000, begin, begin + frames.length[wanted])
-        for at, which, time_ns, start, end in zip(*(column.tolist() for column in columns), strict=True):
+        columns = (
+            wanted + position,
+            kind_of[wanted],
+            frames.stamp_us[wanted] * 1000,
+            begin,
+            begin + frames.length[wanted],
+        )
+        for at, which, time_ns, start, end in zip(
+            *(column.tolist() for column in columns), strict=True
+        ):
             topic, name, unpack = kinds[which]
             payload = unpack(data[start:end])
             if self._clock == "header":
@@ -138,7 +177,9 @@ class TlogReader(LogFile):
     def _fitted_clock(self, sender: int, position: int) -> ClockFit | None:
         """Return the clock of a sender at a position in the file."""
         clocks = self._clocks.get(sender)
-        return clocks[max(bisect_right(clocks, position, key=_first) - 1, 0)].fit if clocks else None
+        return (
+            clocks[max(bisect_right(clocks, position, key=_first) - 1, 0)].fit if clocks else None
+        )
 
     def _choose(self) -> str:
         return f"set system in [logs] of the configuration to one of {', '.join(map(str, sorted(self._positions_of)))}"
@@ -148,12 +189,16 @@ class TlogReader(LogFile):
         message_id, system, component = key >> 16, key >> 8 & 0xFF, key & 0xFF
         known = dialect.mavlink_map.get(message_id)
         if known is None:
-            return _Kind(self._topic(f"mavlink/{system}/{component}/UNKNOWN_{message_id}"), "", None)
+            return _Kind(
+                self._topic(f"mavlink/{system}/{component}/UNKNOWN_{message_id}"), "", None
+            )
         name: str = known.msgname
         wanted = (self._wanted is None or name in self._wanted) and self._system in (None, system)
         unpack = unpacker(message_id) if wanted else None
         if wanted and name == _POSITION:
             self._positions_of.add(system)
             if self._wanted is not None and len(self._positions_of) > 1:
-                raise LogError(f"{self.path}: expected positions of one MAVLink system, it holds those of several; {self._choose()}")
+                raise LogError(
+                    f"{self.path}: expected positions of one MAVLink system, it holds those of several; {self._choose()}"
+                )
         return _Kind(self._topic(f"mavlink/{system}/{component}/{name}"), name, unpack)

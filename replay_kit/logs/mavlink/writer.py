@@ -24,15 +24,39 @@ _BOOT_WRAPS = 2**32
 _UNKNOWN_U16 = 65535
 _FIX_3D = 3
 #: Fields of a ping that the frames hold as the position of their word.
-_CHOICES = {"coordinate_system": ("beam", "instrument", "ship", "earth"), "reference": ("earth", "platform"), "orientation": ("down", "up")}
+_CHOICES = {
+    "coordinate_system": ("beam", "instrument", "ship", "earth"),
+    "reference": ("earth", "platform"),
+    "orientation": ("down", "up"),
+}
 # the words that measurements take as true
 _TRUE = ("true", "1")
 _COMPONENTS = 3
 #: Fields of a ping that the frames or the log around them hold.
 _HELD = frozenset(
     {
-        *("stamp", "frame_id", "ping", "coordinate_system", "reference", "orientation", "bin_mapped", "n_cells", "cell_size"),
-        *("bin0_distance", "velocity", "velocity_std", "heading", "pitch", "roll", "pressure", "sound_speed", "temperature"),
+        *(
+            "stamp",
+            "frame_id",
+            "ping",
+            "coordinate_system",
+            "reference",
+            "orientation",
+            "bin_mapped",
+            "n_cells",
+            "cell_size",
+        ),
+        *(
+            "bin0_distance",
+            "velocity",
+            "velocity_std",
+            "heading",
+            "pitch",
+            "roll",
+            "pressure",
+            "sound_speed",
+            "temperature",
+        ),
         *("magnetic_declination", "declination_applied", "transducer_depth"),
     }
 )
@@ -42,7 +66,15 @@ class _UnfitError(Exception):
     """A message has no frame, for a reason that can be named."""
 
 
-_UNFIT = (_UnfitError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError, struct.error)
+_UNFIT = (
+    _UnfitError,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    TypeError,
+    ValueError,
+    struct.error,
+)
 
 
 class TlogFrames:
@@ -75,21 +107,32 @@ class TlogFrames:
         """
         make = _FRAMES.get(message.schema)
         if make is None:
-            self.left_out[message.topic, f"there is no frame for {message.schema or 'a message without a schema'}"] += 1
+            self.left_out[
+                message.topic,
+                f"there is no frame for {message.schema or 'a message without a schema'}",
+            ] += 1
             return
         self._boot_ns = message.time_ns if self._boot_ns is None else self._boot_ns
         stamp = _STAMP.pack(message.time_ns // 1000)
         try:
             # all of a message's frames or none
-            made = list(make(message, max(message.time_ns - self._boot_ns, 0) // 1_000_000 % _BOOT_WRAPS))
+            made = list(
+                make(message, max(message.time_ns - self._boot_ns, 0) // 1_000_000 % _BOOT_WRAPS)
+            )
             packed = [(frame.get_type(), stamp + self._packed(frame)) for frame in made]
         except _UNFIT as error:
-            why = error if isinstance(error, _UnfitError) else "a field is not of the kind that is expected, or out of a frame's range"
+            why = (
+                error
+                if isinstance(error, _UnfitError)
+                else "a field is not of the kind that is expected, or out of a frame's range"
+            )
             self.left_out[message.topic, f"no frame can be made: {why}"] += 1
             return
         lost = _not_held(message.payload) if message.schema == "replay_kit.AdcpPing" else ()
         if lost:
-            self.left_out[message.topic, f"of each its {', '.join(lost)}, for which a frame has no field"] += 1
+            self.left_out[
+                message.topic, f"of each its {', '.join(lost)}, for which a frame has no field"
+            ] += 1
         yield from packed
 
     def _packed(self, frame: Any) -> bytes:
@@ -126,16 +169,30 @@ def _position_frames(message: Message, boot_ms: int) -> Iterator[Any]:
     if abs(degrees) > 90.0:
         raise _UnfitError("expected latitude from -90 to 90 degrees")
     # a frame holds at most 214 degrees: east above 180 becomes west
-    latitude, longitude = round(degrees * 1e7), round(math.remainder(_stated(payload, "longitude"), 360.0) * 1e7)
+    latitude, longitude = (
+        round(degrees * 1e7),
+        round(math.remainder(_stated(payload, "longitude"), 360.0) * 1e7),
+    )
     depth = _number(extra.get("depth"))
     altitude = 0 if math.isnan(depth) else -round(depth * 1000.0)
     if str(extra.get("dead_reckoned", "")).strip().lower() not in _TRUE:
         unknown = _UNKNOWN_U16
         yield dialect.MAVLink_gps_raw_int_message(
-            message.time_ns // 1000, _FIX_3D, latitude, longitude, altitude, unknown, unknown, unknown, unknown, 255
+            message.time_ns // 1000,
+            _FIX_3D,
+            latitude,
+            longitude,
+            altitude,
+            unknown,
+            unknown,
+            unknown,
+            unknown,
+            255,
         )
     # the vehicle's motion is not part of a LocationFix: velocity zero, heading unknown
-    yield dialect.MAVLink_global_position_int_message(boot_ms, latitude, longitude, altitude, altitude, 0, 0, 0, _UNKNOWN_U16)
+    yield dialect.MAVLink_global_position_int_message(
+        boot_ms, latitude, longitude, altitude, altitude, 0, 0, 0, _UNKNOWN_U16
+    )
 
 
 def _ping_frames(message: Message, boot_ms: int) -> Iterator[Any]:
@@ -148,15 +205,28 @@ def _ping_frames(message: Message, boot_ms: int) -> Iterator[Any]:
         )
     columns = _columns(payload)
     yield dialect.MAVLink_heartbeat_message(
-        dialect.MAV_TYPE_SUBMARINE, dialect.MAV_AUTOPILOT_GENERIC, 0, 0, dialect.MAV_STATE_ACTIVE, mavlink_version=3
+        dialect.MAV_TYPE_SUBMARINE,
+        dialect.MAV_AUTOPILOT_GENERIC,
+        0,
+        0,
+        dialect.MAV_STATE_ACTIVE,
+        mavlink_version=3,
     )
     yield dialect.MAVLink_system_time_message(time_us, boot_ms)
-    roll, pitch, heading = (math.radians(_number(payload.get(key))) for key in ("roll", "pitch", "heading"))
-    yield dialect.MAVLink_attitude_message(boot_ms, roll, pitch, math.remainder(heading, math.tau), 0.0, 0.0, 0.0)
+    roll, pitch, heading = (
+        math.radians(_number(payload.get(key))) for key in ("roll", "pitch", "heading")
+    )
+    yield dialect.MAVLink_attitude_message(
+        boot_ms, roll, pitch, math.remainder(heading, math.tau), 0.0, 0.0, 0.0
+    )
     std = payload.get("velocity_std")
     # a ping without the vertical component has no frame for it
-    arrays = {"ADCP_CFG": _configuration(payload, len(columns))} | dict(zip(("ADCP_E", "ADCP_N", "ADCP_U"), columns, strict=False))
-    arrays["ADCP_STD"] = [_number(value) for value in std] if isinstance(std, list) else [_number(std)] * n_cells
+    arrays = {"ADCP_CFG": _configuration(payload, len(columns))} | dict(
+        zip(("ADCP_E", "ADCP_N", "ADCP_U"), columns, strict=False)
+    )
+    arrays["ADCP_STD"] = (
+        [_number(value) for value in std] if isinstance(std, list) else [_number(std)] * n_cells
+    )
     array_id = int(payload.get("ping") or 0) % 65536
     for name, data in arrays.items():
         padded = data + [math.nan] * (MAX_CELLS - len(data))
@@ -181,20 +251,42 @@ def _columns(payload: Mapping[str, Any]) -> list[list[float]]:
     n = max(max(map(len, cells), default=0), 2)
     if n > _COMPONENTS and payload["coordinate_system"] == "beam":
         raise _UnfitError(f"it has {n} beams, of which the frames hold {_COMPONENTS}")
-    return [[_number(cell[k]) if k < len(cell) else math.nan for cell in cells] for k in range(min(n, _COMPONENTS))]
+    return [
+        [_number(cell[k]) if k < len(cell) else math.nan for cell in cells]
+        for k in range(min(n, _COMPONENTS))
+    ]
 
 
 def _not_held(payload: Mapping[str, Any]) -> list[str]:
     """Return the fields of a ping that its frames do not hold."""
-    lost = sorted(key for key, value in payload.items() if key not in _HELD and value not in (None, [], {}, ""))
-    return [*lost, f"components of velocity after {_COMPONENTS}"] if max(map(len, _cells(payload)), default=0) > _COMPONENTS else lost
+    lost = sorted(
+        key
+        for key, value in payload.items()
+        if key not in _HELD and value not in (None, [], {}, "")
+    )
+    return (
+        [*lost, f"components of velocity after {_COMPONENTS}"]
+        if max(map(len, _cells(payload)), default=0) > _COMPONENTS
+        else lost
+    )
 
 
 def _configuration(payload: Mapping[str, Any], n_components: int) -> list[float]:
     return [
         *(_stated(payload, key) for key in ("n_cells", "cell_size", "bin0_distance")),
         *(_choice(payload, key, words) for key, words in _CHOICES.items()),
-        *(_number(payload.get(key)) for key in ("bin_mapped", "heading", "pitch", "roll", "pressure", "sound_speed", "temperature")),
+        *(
+            _number(payload.get(key))
+            for key in (
+                "bin_mapped",
+                "heading",
+                "pitch",
+                "roll",
+                "pressure",
+                "sound_speed",
+                "temperature",
+            )
+        ),
         *(_number(payload.get(key)) for key in ("magnetic_declination", "declination_applied")),
         float(n_components),
         _number(payload.get("transducer_depth")),

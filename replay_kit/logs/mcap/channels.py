@@ -86,18 +86,28 @@ class Channels:
             return Sink(unknown.topic, "", "the file does not declare this channel", unknown)
         schema = None
         if channel.schema_id != 0:
-            schema = self._schemas.get(channel.schema_id) or self._summary.schemas.get(channel.schema_id)
+            schema = self._schemas.get(channel.schema_id) or self._summary.schemas.get(
+                channel.schema_id
+            )
         definition = (schema.name, schema.encoding, schema.data) if schema else None
         topic = self._rename(channel.topic)
-        raw = RawChannel(channel_id, topic, channel.message_encoding, tuple(channel.metadata.items()), definition)
+        raw = RawChannel(
+            channel_id, topic, channel.message_encoding, tuple(channel.metadata.items()), definition
+        )
         name = schema.name if schema else ""
         # `mavlink/` first: the dialect takes longer to load than a small log to read
-        if channel.message_encoding == MessageEncoding.JSON and channel.topic.startswith("mavlink/"):
+        if channel.message_encoding == MessageEncoding.JSON and channel.topic.startswith(
+            "mavlink/"
+        ):
             from replay_kit.logs.decode.blueos import mavlink_channel
 
             if (known := mavlink_channel(channel.topic)) is not None:
                 return Sink(topic, known[0] or name, known[1], raw)
-        decode = None if raw.encoding == MAVLINK_FRAMES else self._decoder(channel.message_encoding, schema)
+        decode = (
+            None
+            if raw.encoding == MAVLINK_FRAMES
+            else self._decoder(channel.message_encoding, schema)
+        )
         return Sink(topic, name, decode, raw)
 
     def _decoder(self, encoding: str, schema: Schema | None) -> Decoder | str:
@@ -109,5 +119,9 @@ class Channels:
             self._parsed += min(len(schema.data), MOST_SCHEMA)
             full = self._parsed > MOST_SCHEMAS
             why = f"the schemas of this log have more than the {MOST_SCHEMAS} bytes that are parsed of one log"
-            self._decoders[key] = why if full and encoding != MessageEncoding.JSON else channel_decoder(encoding, schema)
+            self._decoders[key] = (
+                why
+                if full and encoding != MessageEncoding.JSON
+                else channel_decoder(encoding, schema)
+            )
         return self._decoders[key]

@@ -10,7 +10,14 @@ from replay_kit.logs.mcap.records import HEAD_SIZE, INNER, RECORD_HEAD
 
 #: Opcode, length and fixed part of a message record.
 MESSAGE_START = np.dtype(
-    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<u8"), ("publish_ns", "<u8")]
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log_ns", "<u8"),
+        ("publish_ns", "<u8"),
+    ]
 )
 _MESSAGE = int(Opcode.MESSAGE)
 _SHORTEST = MESSAGE_START.itemsize - HEAD_SIZE
@@ -52,12 +59,18 @@ def columns_of(data: bytes) -> Columns | None:
         else:
             return None
     # the lengths add up only if no record reaches beyond the end
-    return Columns(np.array(offset, np.int64), _heads(data, offset), declared) if end == len(data) else None
+    return (
+        Columns(np.array(offset, np.int64), _heads(data, offset), declared)
+        if end == len(data)
+        else None
+    )
 
 
 def _heads(data: bytes, offset: list[int]) -> NDArray[np.void]:
     if not offset:
         return np.empty(0, MESSAGE_START)
     # a record may begin at any byte
-    anywhere: NDArray[np.void] = np.ndarray((len(data) - MESSAGE_START.itemsize + 1,), MESSAGE_START, data, strides=(1,))
+    anywhere: NDArray[np.void] = np.ndarray(
+        (len(data) - MESSAGE_START.itemsize + 1,), MESSAGE_START, data, strides=(1,)
+    )
     return anywhere[offset]

@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 from replay_kit.core.message import Message
 from replay_kit.logs.mcap.channels import Channels
 from replay_kit.logs.mcap.columns import columns_of
-from replay_kit.logs.mcap.records import HEAD_SIZE, RECORD_ERRORS, chunk_contents, file_records, parse_chunk
+from replay_kit.logs.mcap.records import (
+    HEAD_SIZE,
+    RECORD_ERRORS,
+    chunk_contents,
+    file_records,
+    parse_chunk,
+)
 from replay_kit.logs.mcap.scanner import Make
 from replay_kit.logs.mcap.summary import Summary, read_summary
 from replay_kit.logs.shared.overview import Overview, TopicExtent
@@ -29,7 +35,9 @@ _INDEX_HEAD = struct.Struct("<BQHI")
 _INDEX_ENTRY = np.dtype([("log_ns", "<u8"), ("offset", "<u8")])
 
 
-def overview_of(file: BinaryIO, decoded: Make[Message], rename: Callable[[str], str]) -> Overview | str:
+def overview_of(
+    file: BinaryIO, decoded: Make[Message], rename: Callable[[str], str]
+) -> Overview | str:
     """Return the overview of an open file, or why its index says too little; empty when the file is so small that all can be read.
 
     Args:
@@ -48,7 +56,9 @@ def overview_of(file: BinaryIO, decoded: Make[Message], rename: Callable[[str], 
     except RECORD_ERRORS as error:
         return f"its index or one of the first chunks is damaged: {error}"
     sinks = [channels.sink(number) for number in held]
-    return Overview(topics, {sink.topic: sink.decode for sink in sinks if isinstance(sink.decode, str)}, first)
+    return Overview(
+        topics, {sink.topic: sink.decode for sink in sinks if isinstance(sink.decode, str)}, first
+    )
 
 
 def _chunks_by_channel(summary: Summary) -> dict[int, list[ChunkIndex]]:
@@ -77,10 +87,16 @@ def _problem(summary: Summary, held: Mapping[int, Sequence[ChunkIndex]]) -> str:
 
 def _is_small(summary: Summary) -> bool:
     size = sum(chunk.uncompressed_size for chunk in summary.chunks)
-    return summary.statistics is not None and summary.statistics.message_count < FEW_MESSAGES and size < FEW_BYTES
+    return (
+        summary.statistics is not None
+        and summary.statistics.message_count < FEW_MESSAGES
+        and size < FEW_BYTES
+    )
 
 
-def _topics(file: BinaryIO, summary: Summary, channels: Channels, held: Mapping[int, Sequence[ChunkIndex]]) -> dict[str, TopicExtent]:
+def _topics(
+    file: BinaryIO, summary: Summary, channels: Channels, held: Mapping[int, Sequence[ChunkIndex]]
+) -> dict[str, TopicExtent]:
     topics: dict[str, TopicExtent] = {}
     counts = {} if summary.statistics is None else summary.statistics.channel_message_counts
     for number, messages in counts.items():
@@ -88,7 +104,9 @@ def _topics(file: BinaryIO, summary: Summary, channels: Channels, held: Mapping[
             sink = channels.sink(number)
             first_ns, last_ns = (_edge(file, number, held[number], last) for last in (False, True))
             extent = TopicExtent(sink.schema, messages, first_ns, last_ns)
-            topics[sink.topic] = topics[sink.topic].joined(extent) if sink.topic in topics else extent
+            topics[sink.topic] = (
+                topics[sink.topic].joined(extent) if sink.topic in topics else extent
+            )
     return topics
 
 
@@ -96,7 +114,10 @@ def _edge(file: BinaryIO, channel: int, chunks: Sequence[ChunkIndex], last: bool
     """Return a channel's earliest, or latest, log time [ns] by its message indexes; None when many chunks might hold it."""
     sign = -1 if last else 1
     # by the bound that each chunk states for its own messages
-    bounds = sorted((sign * (chunk.message_end_time if last else chunk.message_start_time), k) for k, chunk in enumerate(chunks))
+    bounds = sorted(
+        (sign * (chunk.message_end_time if last else chunk.message_start_time), k)
+        for k, chunk in enumerate(chunks)
+    )
     best: int | None = None
     for read, (bound, k) in enumerate(bounds):
         if best is not None and bound >= best:
@@ -126,7 +147,10 @@ def _indexed_times(file: BinaryIO, channel: int, chunk: ChunkIndex) -> NDArray[n
 
 
 def _first_messages(
-    file: BinaryIO, channels: Channels, held: Mapping[int, Sequence[ChunkIndex]], decoded: Make[Message]
+    file: BinaryIO,
+    channels: Channels,
+    held: Mapping[int, Sequence[ChunkIndex]],
+    decoded: Make[Message],
 ) -> Iterator[Message]:
     """Yield the first messages of each channel that can be decoded.
 
@@ -134,15 +158,27 @@ def _first_messages(
         struct.error, ValueError: ``RECORD_ERRORS``; a chunk is damaged.
     """
     left = {number: _MOST_FIRST if callable(channels.sink(number).decode) else 0 for number in held}
-    chunks = {chunk.chunk_start_offset: chunk for number in held if left[number] for chunk in held[number][:_MOST_CHUNKS]}
+    chunks = {
+        chunk.chunk_start_offset: chunk
+        for number in held
+        if left[number]
+        for chunk in held[number][:_MOST_CHUNKS]
+    }
     position = 0
     for offset in sorted(chunks):
         record = next(file_records(file, offset, offset + chunks[offset].chunk_length))
         data = chunk_contents(parse_chunk(record.body))
         found = columns_of(data)
         if found is None:
-            raise ValueError(f"the chunk at byte {offset} holds more than schemas, channels and messages")
-        rows = zip(found.head["channel"].tolist(), (found.offset + HEAD_SIZE).tolist(), found.stop.tolist(), strict=True)
+            raise ValueError(
+                f"the chunk at byte {offset} holds more than schemas, channels and messages"
+            )
+        rows = zip(
+            found.head["channel"].tolist(),
+            (found.offset + HEAD_SIZE).tolist(),
+            found.stop.tolist(),
+            strict=True,
+        )
         for number, start, stop in rows:
             if left.get(number, 0):
                 left[number] -= 1

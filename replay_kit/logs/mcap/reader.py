@@ -15,7 +15,15 @@ from replay_kit.core.raw import MAVLINK_FRAMES, RawMessage
 from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, explain
 from replay_kit.logs.decode.json_schemas import DIVE_MEAN
 from replay_kit.logs.mcap.channels import Channels
-from replay_kit.logs.mcap.records import HEAD_SIZE, MAGIC, MAX_SIZE, RECORD_ERRORS, Record, file_records, parse
+from replay_kit.logs.mcap.records import (
+    HEAD_SIZE,
+    MAGIC,
+    MAX_SIZE,
+    RECORD_ERRORS,
+    Record,
+    file_records,
+    parse,
+)
 from replay_kit.logs.mcap.scanner import MESSAGE, Make, McapScanner
 from replay_kit.logs.mcap.summary import read_summary
 from replay_kit.logs.reader import LogFile, OnExtra
@@ -54,7 +62,9 @@ class McapReader(LogFile):
         self.statistics = ReadStatistics()
         with self._opened() as file:
             self._check_magic(file)
-            yield from SurveyScanner(file, self.statistics, self._decoded, f"{self._clock}_ns", wanted, self._topic).messages()
+            yield from SurveyScanner(
+                file, self.statistics, self._decoded, f"{self._clock}_ns", wanted, self._topic
+            ).messages()
 
     def overview(self) -> Overview | str:
         """Return what the index at the end of the file says; as ``LogFile.overview``."""
@@ -88,7 +98,11 @@ class McapReader(LogFile):
         with self._opened() as file:
             record = next(file_records(file, len(MAGIC), os.fstat(file.fileno()).st_size))
         try:
-            return parse(Header, record.body).profile if record.opcode == Opcode.HEADER and record.whole else None
+            return (
+                parse(Header, record.body).profile
+                if record.opcode == Opcode.HEADER and record.whole
+                else None
+            )
         except RECORD_ERRORS:
             return None
 
@@ -112,7 +126,9 @@ class McapReader(LogFile):
                 f"{self.path}: expected an MCAP file, whose first bytes are {MAGIC.hex(' ')}; they are {head.hex(' ')}; give a log"
             )
 
-    def _decoded(self, channels: Channels, data: bytes, start: int, end: int, position: int) -> Message | None:
+    def _decoded(
+        self, channels: Channels, data: bytes, start: int, end: int, position: int
+    ) -> Message | None:
         """Return a message decoded; None, and a count, when it cannot be."""
         channel_id, _, time_ns, publish_ns = MESSAGE.unpack_from(data, start)
         sink = channels.sinks.get(channel_id) or channels.sink(channel_id)
@@ -135,7 +151,9 @@ class McapReader(LogFile):
             return None
         return Message(time_ns, sink.topic, sink.schema, payload, self.input, position)
 
-    def _raw(self, channels: Channels, data: bytes, start: int, end: int, position: int) -> RawMessage:
+    def _raw(
+        self, channels: Channels, data: bytes, start: int, end: int, position: int
+    ) -> RawMessage:
         channel_id, sequence, log_ns, publish_ns = MESSAGE.unpack_from(data, start)
         sink = channels.sink(channel_id)
         self.statistics.read[sink.topic] += 1
@@ -146,15 +164,28 @@ class McapReader(LogFile):
                 time_ns = self._stamped(sink.decode(body), time_ns)
             except PAYLOAD_ERRORS:
                 self.statistics.without_stamp += 1
-        return RawMessage(time_ns, self.input, position, sink.channel, sequence, log_ns, publish_ns, body)
+        return RawMessage(
+            time_ns, self.input, position, sink.channel, sequence, log_ns, publish_ns, body
+        )
 
-    def _frame(self, channels: Channels, data: bytes, start: int, end: int, position: int) -> RawMessage | None:
+    def _frame(
+        self, channels: Channels, data: bytes, start: int, end: int, position: int
+    ) -> RawMessage | None:
         """Return the entry of a telemetry log; None for other messages. By every clock its time is the entry's stamp."""
         channel_id, sequence, log_ns, publish_ns = MESSAGE.unpack_from(data, start)
         channel = channels.sink(channel_id).channel
         if channel.encoding != MAVLINK_FRAMES:
             return None
-        return RawMessage(log_ns, self.input, position, channel, sequence, log_ns, publish_ns, data[start + MESSAGE.size : end])
+        return RawMessage(
+            log_ns,
+            self.input,
+            position,
+            channel,
+            sequence,
+            log_ns,
+            publish_ns,
+            data[start + MESSAGE.size : end],
+        )
 
     def _stamped(self, payload: Mapping[str, Any], log_ns: int) -> int:
         """Return a payload's own stamp; the log time, and a count, when it has none."""
@@ -175,7 +206,9 @@ def _extra(file: BinaryIO, record: Record) -> Attachment | Metadata:
         return parse(Metadata, record.body)
     length = record.end - record.offset - HEAD_SIZE
     if length > MAX_SIZE:
-        raise ValueError(f"an attachment of {length} bytes, more than the {MAX_SIZE} that are read at once")
+        raise ValueError(
+            f"an attachment of {length} bytes, more than the {MAX_SIZE} that are read at once"
+        )
     file.seek(record.offset + HEAD_SIZE)
     body = file.read(length)
     (stated,) = struct.unpack_from("<I", body, length - 4)

@@ -38,8 +38,24 @@ HEAD_SIZE = 9
 RECORD_HEAD = struct.Struct("<BQ")
 _PIECE = 1 << 20
 _CHUNK_HEAD = struct.Struct("<QQQII")
-_KEPT = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA_END, Opcode.FOOTER, Opcode.STATISTICS})
-_KEPT |= {Opcode.HEADER, Opcode.METADATA, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX}
+_KEPT = frozenset(
+    {
+        Opcode.SCHEMA,
+        Opcode.CHANNEL,
+        Opcode.MESSAGE,
+        Opcode.CHUNK,
+        Opcode.DATA_END,
+        Opcode.FOOTER,
+        Opcode.STATISTICS,
+    }
+)
+_KEPT |= {
+    Opcode.HEADER,
+    Opcode.METADATA,
+    Opcode.CHUNK_INDEX,
+    Opcode.ATTACHMENT_INDEX,
+    Opcode.METADATA_INDEX,
+}
 #: What a chunk holds, as plain numbers.
 INNER = frozenset({int(Opcode.SCHEMA), int(Opcode.CHANNEL), int(Opcode.MESSAGE)})
 
@@ -109,10 +125,14 @@ def parse_chunk(body: bytes) -> Chunk:
     offset = _CHUNK_HEAD.size + name_length
     compression = body[_CHUNK_HEAD.size : offset].decode("utf-8")
     (length,) = struct.unpack_from("<Q", body, offset)
-    return Chunk(start_ns, end_ns, size, crc, compression, memoryview(body)[offset + 8 : offset + 8 + length])
+    return Chunk(
+        start_ns, end_ns, size, crc, compression, memoryview(body)[offset + 8 : offset + 8 + length]
+    )
 
 
-def file_records(file: BinaryIO, start: int, size: int, bound: Callable[[int], int | None] | None = None) -> Iterator[Record]:
+def file_records(
+    file: BinaryIO, start: int, size: int, bound: Callable[[int], int | None] | None = None
+) -> Iterator[Record]:
     """Yield the records of a file up to and with the footer, or up to and with the first that is not whole.
 
     Args:
@@ -133,7 +153,11 @@ def file_records(file: BinaryIO, start: int, size: int, bound: Callable[[int], i
         limit = (bound(offset) if bound else None) or size
         kept = opcode in _KEPT
         if opcode == 0 or end > limit or (kept and length > MAX_SIZE):
-            rest = file.read(min(limit - offset - HEAD_SIZE, MAX_SIZE)) if opcode == Opcode.CHUNK and limit > offset + HEAD_SIZE else b""
+            rest = (
+                file.read(min(limit - offset - HEAD_SIZE, MAX_SIZE))
+                if opcode == Opcode.CHUNK and limit > offset + HEAD_SIZE
+                else b""
+            )
             yield Record(opcode, offset, size, rest, False, crc)
             return
         before, crc = crc, zlib.crc32(head, crc)
@@ -198,7 +222,11 @@ def cut_contents(chunk: Chunk) -> bytes:
 
 
 def _check_claim(chunk: Chunk) -> None:
-    limit = min(max(MAX_CONTENTS, MAX_RATIO * len(chunk.data)), MAX_SIZE) if chunk.compression else MAX_SIZE
+    limit = (
+        min(max(MAX_CONTENTS, MAX_RATIO * len(chunk.data)), MAX_SIZE)
+        if chunk.compression
+        else MAX_SIZE
+    )
     if chunk.size > limit:
         raise ChunkError(f"claims {chunk.size} bytes, more than the {limit} that are read at once")
 

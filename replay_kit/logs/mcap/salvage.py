@@ -133,7 +133,9 @@ class Salvage:
         if not record.whole:
             return False
         if (listed := self._summary.chunk_at(record.offset)) is not None:
-            return record.opcode == Opcode.CHUNK and record.end - record.offset == listed.chunk_length
+            return (
+                record.opcode == Opcode.CHUNK and record.end - record.offset == listed.chunk_length
+            )
         if record.opcode in (Opcode.MESSAGE, Opcode.CHUNK):
             return True
         if record.opcode != Opcode.MESSAGE_INDEX and self.whole_chunk(record.offset) is not None:
@@ -148,7 +150,9 @@ class Salvage:
     def follows(self, record: Record) -> bool:
         """Return whether a record begins where this one ends, by the summary or by the next records themselves."""
         listed = self._summary.chunk_at(record.offset) is not None
-        return listed or record.end == self._size or begins_chain(self._file, record.end, self._size)
+        return (
+            listed or record.end == self._size or begins_chain(self._file, record.end, self._size)
+        )
 
     def indexed_messages(self, record: Record) -> int | None:
         """Return how many messages the message indexes after a chunk list; None when none follow, or no record follows them.
@@ -194,7 +198,12 @@ class Salvage:
             start = offset + HEAD_SIZE + _LEAST[Opcode.CHUNK] + len(stated.compression)
             (length,) = struct.unpack_from("<Q", head, start - offset - HEAD_SIZE - 8)
             cost = length + (stated.size if stated.compression else 0)
-            if stated.crc == 0 or start + length > self._size or cost > self._left or (not stated.compression and stated.size != length):
+            if (
+                stated.crc == 0
+                or start + length > self._size
+                or cost > self._left
+                or (not stated.compression and stated.size != length)
+            ):
                 return None
             self._left -= cost
             self._file.seek(start)
@@ -218,7 +227,11 @@ class Salvage:
             buffer += piece
             for match in _CANDIDATE.finditer(buffer):
                 place = base + match.start()
-                if place < end and (inner or buffer[match.start()] not in INNER) and self._goes_on(place, buffer[match.start()]):
+                if (
+                    place < end
+                    and (inner or buffer[match.start()] not in INNER)
+                    and self._goes_on(place, buffer[match.start()])
+                ):
                     return place
             kept = min(len(buffer), HEAD_SIZE - 1)
             base += len(buffer) - kept
@@ -227,7 +240,9 @@ class Salvage:
         return None
 
     def _goes_on(self, place: int, opcode: int) -> bool:
-        return begins_chain(self._file, place, self._size) or (opcode == Opcode.CHUNK and self.whole_chunk(place) is not None)
+        return begins_chain(self._file, place, self._size) or (
+            opcode == Opcode.CHUNK and self.whole_chunk(place) is not None
+        )
 
 
 def goes_on(resume: int | None) -> str:

@@ -89,9 +89,18 @@ class McapScanner(Generic[_T]):
         while offset is not None:
             offset = yield from self._read_from(offset)
         if self._outside and not self._verified:
-            self._statistics.unchecked["messages outside chunks, without a checksum"] += self._outside
+            self._statistics.unchecked["messages outside chunks, without a checksum"] += (
+                self._outside
+            )
 
-    def _lose(self, what: str, start: int, end: int, messages: int | None, span: tuple[int, int] | None = None) -> None:
+    def _lose(
+        self,
+        what: str,
+        start: int,
+        end: int,
+        messages: int | None,
+        span: tuple[int, int] | None = None,
+    ) -> None:
         if messages is None:
             self._lost_all_known = False
         else:
@@ -110,14 +119,21 @@ class McapScanner(Generic[_T]):
                     return after
             elif record.opcode in INNER:
                 if self._summary.in_index(record.offset):
-                    self._lose("a record of a chunk's index is damaged and not used", record.offset, record.end, 0)
+                    self._lose(
+                        "a record of a chunk's index is damaged and not used",
+                        record.offset,
+                        record.end,
+                        0,
+                    )
                 elif record.opcode == Opcode.MESSAGE:
                     self._outside += 1
                     message = self._message(record)
                     if message is not None:
                         yield message
                 else:
-                    self._declare(record.opcode, record.body, record.offset, None if self._chunked else 0)
+                    self._declare(
+                        record.opcode, record.body, record.offset, None if self._chunked else 0
+                    )
             elif record.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
                 self._pass_on(record)
             else:
@@ -131,7 +147,12 @@ class McapScanner(Generic[_T]):
             if self._on_extra is not None:
                 self._on_extra(record)
         except RECORD_ERRORS as error:
-            self._lose(f"an attachment or metadata record is damaged and left out: {error}", record.offset, record.end, 0)
+            self._lose(
+                f"an attachment or metadata record is damaged and left out: {error}",
+                record.offset,
+                record.end,
+                0,
+            )
 
     def _chunk(self, record: Record) -> Generator[_T, None, int | None]:
         """Yield the messages of a whole chunk record; return where reading goes on, or None."""
@@ -154,7 +175,13 @@ class McapScanner(Generic[_T]):
             what = f"chunk used up to byte {used} of its contents: no whole record follows"
             self._lose(what, record.offset, record.offset + len(data) - used, lost, chunk.span)
         elif lost:
-            self._lose("chunk holds fewer messages than its index lists", record.offset, record.end, lost, chunk.span)
+            self._lose(
+                "chunk holds fewer messages than its index lists",
+                record.offset,
+                record.end,
+                lost,
+                chunk.span,
+            )
         if self._salvage.follows(record):
             return record.end
         if chunk.crc != 0:
@@ -169,12 +196,28 @@ class McapScanner(Generic[_T]):
         if (own := self._salvage.whole_chunk(record.offset)) is not None:
             return (yield from self._as_stated_by_itself(record, own))
         in_data = isinstance(error, ChunkError)
-        span, why = (parse_chunk(record.body).span, str(error)) if in_data else (None, "its head is damaged")
-        resume = record.end if self._salvage.follows(record) else self._salvage.resume(record.offset, record.offset + 1, False)
-        self._lose(f"chunk skipped: {why}", record.offset, resume or self._size, self._salvage.indexed_messages(record), span)
+        span, why = (
+            (parse_chunk(record.body).span, str(error))
+            if in_data
+            else (None, "its head is damaged")
+        )
+        resume = (
+            record.end
+            if self._salvage.follows(record)
+            else self._salvage.resume(record.offset, record.offset + 1, False)
+        )
+        self._lose(
+            f"chunk skipped: {why}",
+            record.offset,
+            resume or self._size,
+            self._salvage.indexed_messages(record),
+            span,
+        )
         return resume
 
-    def _as_stated_by_itself(self, record: Record, own: WholeChunk) -> Generator[_T, None, int | None]:
+    def _as_stated_by_itself(
+        self, record: Record, own: WholeChunk
+    ) -> Generator[_T, None, int | None]:
         """Yield the messages of a chunk whose record states another kind or length; return where reading goes on, or None."""
         self._chunked = True
         yield from self._contents(own.contents, record, None)
@@ -182,14 +225,23 @@ class McapScanner(Generic[_T]):
 
     def _after_chunk(self, record: Record, end: int) -> int | None:
         """Count the damage to the opcode or length of a chunk whose checksum fits; return where reading goes on, or None."""
-        resume = end if (follows := begins_chain(self._file, end, self._size)) else self._salvage.resume(end - 1, end, False)
-        what = "the opcode or length of a chunk is damaged; its checksum fits, and all its messages are used" + goes_on(resume)
+        resume = (
+            end
+            if (follows := begins_chain(self._file, end, self._size))
+            else self._salvage.resume(end - 1, end, False)
+        )
+        what = (
+            "the opcode or length of a chunk is damaged; its checksum fits, and all its messages are used"
+            + goes_on(resume)
+        )
         self._lose(what, record.offset, record.offset + HEAD_SIZE, 0)
         if not follows:
             self._lose("bad bytes after a chunk", end, resume or self._size, None)
         return resume
 
-    def _contents(self, data: bytes, record: Record, unchecked: Chunk | None) -> Generator[_T, None, int]:
+    def _contents(
+        self, data: bytes, record: Record, unchecked: Chunk | None
+    ) -> Generator[_T, None, int]:
         """Yield the messages of a chunk's contents; return how many bytes of them are whole records.
 
         Args:
@@ -200,7 +252,12 @@ class McapScanner(Generic[_T]):
         """
         end = 0
         span = unchecked.span if unchecked else None
-        make, channels, unpack, size = self._make, self._channels, RECORD_HEAD.unpack_from, len(data)
+        make, channels, unpack, size = (
+            self._make,
+            self._channels,
+            RECORD_HEAD.unpack_from,
+            len(data),
+        )
         # written out here: a generator of the records would take a tenth of the time of reading
         while end + HEAD_SIZE <= size:
             opcode, length = unpack(data, end)
@@ -213,9 +270,19 @@ class McapScanner(Generic[_T]):
                 if opcode in INNER:
                     self._declare(opcode, data[start:stop], record.offset)
             elif length < MESSAGE.size:
-                self._lose("a message record is too short and left out", record.offset, record.offset + length, 1)
+                self._lose(
+                    "a message record is too short and left out",
+                    record.offset,
+                    record.offset + length,
+                    1,
+                )
             elif span is not None and not span[0] <= MESSAGE.unpack_from(data, start)[2] <= span[1]:
-                self._lose("a message left out: its time is outside its chunk's", record.offset, record.offset + length, 1)
+                self._lose(
+                    "a message left out: its time is outside its chunk's",
+                    record.offset,
+                    record.offset + length,
+                    1,
+                )
             else:
                 position = self._position
                 self._position = position + 1
@@ -243,9 +310,17 @@ class McapScanner(Generic[_T]):
                 used = yield from self._contents(data, record, chunk)
                 found = self._position - before
                 if found:
-                    self._statistics.unchecked["messages of cut chunks, whose checksum cannot be verified"] += found
+                    self._statistics.unchecked[
+                        "messages of cut chunks, whose checksum cannot be verified"
+                    ] += found
                 whole = record.offset + (_CHUNK_HEAD + used if chunk.compression == "" else 0)
-                lost = 0 if used == chunk.size and resume else None if indexed is None else max(0, indexed - found)
+                lost = (
+                    0
+                    if used == chunk.size and resume
+                    else None
+                    if indexed is None
+                    else max(0, indexed - found)
+                )
                 what = f"cut inside a chunk: the whole records before the cut are used{goes_on(resume)}"
                 self._lose(what, whole, end, lost, chunk.span)
                 return resume
@@ -261,7 +336,12 @@ class McapScanner(Generic[_T]):
         try:
             self._channels.declare(opcode, body)
         except RECORD_ERRORS:
-            self._lose("a schema or channel record is damaged and left out", offset, offset + len(body), messages)
+            self._lose(
+                "a schema or channel record is damaged and left out",
+                offset,
+                offset + len(body),
+                messages,
+            )
 
     def _message(self, record: Record) -> _T | None:
         if len(record.body) < MESSAGE.size:
@@ -275,9 +355,19 @@ class McapScanner(Generic[_T]):
         if record.opcode == Opcode.FOOTER:
             self._file.seek(record.end)
             if self._file.read(len(MAGIC)) != MAGIC:
-                self._lose("ends without the closing magic bytes: all messages are used", record.end, self._size, 0)
+                self._lose(
+                    "ends without the closing magic bytes: all messages are used",
+                    record.end,
+                    self._size,
+                    0,
+                )
             if not self._ended and not self._statistics.lost:
-                self._lose("the end of the data is missing: messages may be", record.offset, record.offset, None)
+                self._lose(
+                    "the end of the data is missing: messages may be",
+                    record.offset,
+                    record.offset,
+                    None,
+                )
         try:
             if record.opcode == Opcode.DATA_END:
                 self._ended = True
@@ -285,7 +375,12 @@ class McapScanner(Generic[_T]):
             elif record.opcode == Opcode.STATISTICS:
                 self._check_count(parse(Statistics, record.body).message_count, record)
         except RECORD_ERRORS:
-            self._lose("the end of the file is damaged: all messages are used", record.offset, record.end, 0)
+            self._lose(
+                "the end of the file is damaged: all messages are used",
+                record.offset,
+                record.end,
+                0,
+            )
 
     def _check_data(self, stated: int, record: Record) -> None:
         self._verified = stated == record.crc
@@ -297,4 +392,6 @@ class McapScanner(Generic[_T]):
         if self._lost_all_known and stated != self._position + self._lost:
             what = f"the file states {stated} messages, {self._position} were found"
             missing = max(0, stated - self._position - self._lost)
-            self._lose(what, record.offset, record.offset, None if self._summary.problem else missing)
+            self._lose(
+                what, record.offset, record.offset, None if self._summary.problem else missing
+            )

@@ -8,10 +8,26 @@ from functools import cached_property
 from typing import Any, BinaryIO
 
 from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, Channel, ChunkIndex, Footer, MetadataIndex, Schema, Statistics
+from mcap.records import (
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    Footer,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
 
 from replay_kit.logs.decode.budget import MOST_DECLARED
-from replay_kit.logs.mcap.records import HEAD_SIZE, MAGIC, RECORD_ERRORS, RECORD_HEAD, crc_of_rest, file_records, parse
+from replay_kit.logs.mcap.records import (
+    HEAD_SIZE,
+    MAGIC,
+    RECORD_ERRORS,
+    RECORD_HEAD,
+    crc_of_rest,
+    file_records,
+    parse,
+)
 
 _FOOTER_SIZE = HEAD_SIZE + 20
 #: Records of a summary that are used.
@@ -84,12 +100,20 @@ def read_summary(file: BinaryIO, size: int) -> Summary:
     length = _FOOTER_SIZE + len(MAGIC)
     file.seek(max(0, size - length))
     tail = file.read(length)
-    if len(tail) < length or not tail.endswith(MAGIC) or RECORD_HEAD.unpack_from(tail) != (Opcode.FOOTER, 20):
+    if (
+        len(tail) < length
+        or not tail.endswith(MAGIC)
+        or RECORD_HEAD.unpack_from(tail) != (Opcode.FOOTER, 20)
+    ):
         return _NOTHING
     footer = parse(Footer, tail[HEAD_SIZE:])
     start = footer.summary_start
     if not len(MAGIC) <= start < size - length:
-        return Summary({}, {}, (), (), problem="the footer points to no summary") if start else _NOTHING
+        return (
+            Summary({}, {}, (), (), problem="the footer points to no summary")
+            if start
+            else _NOTHING
+        )
     file.seek(start)
     if footer.summary_crc not in (0, crc_of_rest(file, size - len(MAGIC) - 4 - start, 0)):
         return Summary({}, {}, (), (), problem="the checksum of the summary does not match")
@@ -108,13 +132,27 @@ def _collect(file: BinaryIO, start: int, size: int, checked: bool) -> Summary:
         if record.opcode in _KINDS:
             with suppress(*RECORD_ERRORS):
                 found[record.opcode].append(parse(_KINDS[record.opcode], record.body))
-    chunks = {chunk.chunk_start_offset: chunk for chunk in found[Opcode.CHUNK_INDEX] if len(MAGIC) <= chunk.chunk_start_offset < start}
-    others = {index.offset for opcode in (Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX) for index in found[opcode]}
+    chunks = {
+        chunk.chunk_start_offset: chunk
+        for chunk in found[Opcode.CHUNK_INDEX]
+        if len(MAGIC) <= chunk.chunk_start_offset < start
+    }
+    others = {
+        index.offset
+        for opcode in (Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX)
+        for index in found[opcode]
+    }
     return Summary(
         schemas={schema.id: schema for schema in found[Opcode.SCHEMA]},
         channels={channel.id: channel for channel in found[Opcode.CHANNEL]},
         chunks=tuple(chunks[offset] for offset in sorted(chunks)),
-        offsets=tuple(sorted({offset for offset in others if len(MAGIC) <= offset < start}.union(chunks, (start,)))),
+        offsets=tuple(
+            sorted(
+                {offset for offset in others if len(MAGIC) <= offset < start}.union(
+                    chunks, (start,)
+                )
+            )
+        ),
         statistics=found[Opcode.STATISTICS][-1] if found[Opcode.STATISTICS] else None,
         checked=checked,
     )

@@ -51,7 +51,9 @@ class SurveyScanner(McapScanner[Block]):
         self._wanted = wanted
         self._sampled: set[tuple[str, str]] = set()
 
-    def _contents(self, data: bytes, record: Record, unchecked: Chunk | None) -> Generator[Block, None, int]:
+    def _contents(
+        self, data: bytes, record: Record, unchecked: Chunk | None
+    ) -> Generator[Block, None, int]:
         found = columns_of(data)
         if found is None or self._strange(found, unchecked):
             # one by one, so that what is wrong with a message is said of it
@@ -65,7 +67,9 @@ class SurveyScanner(McapScanner[Block]):
     def _strange(self, found: Columns, unchecked: Chunk | None) -> bool:
         """Return whether a message has a time that cannot be used, or contradicts its chunk where no checksum covers both."""
         times = found.head["log_ns"]
-        outside = unchecked is not None and np.any((times < unchecked.start_ns) | (times > unchecked.end_ns))
+        outside = unchecked is not None and np.any(
+            (times < unchecked.start_ns) | (times > unchecked.end_ns)
+        )
         return bool(outside or np.any(found.head[self._stamp] > _LAST_NS))
 
     def _block(self, data: bytes, found: Columns) -> Block:
@@ -73,21 +77,30 @@ class SurveyScanner(McapScanner[Block]):
         channels = np.flatnonzero(counts)
         kind = np.searchsorted(channels, found.head["channel"])
         sinks = [self._channels.sink(channel) for channel in channels.tolist()]
-        wanted = np.array([callable(sink.decode) and self._wanted(sink.topic, sink.schema) for sink in sinks])
+        wanted = np.array(
+            [callable(sink.decode) and self._wanted(sink.topic, sink.schema) for sink in sinks]
+        )
         first = self._position
         self._position += kind.size
         messages = list(self._messages(data, found, np.flatnonzero(wanted[kind]), first))
         for number in np.flatnonzero(~wanted).tolist():
             count = int(counts[channels[number]])
-            if callable(sinks[number].decode) and (sinks[number].topic, sinks[number].schema) not in self._sampled:
-                sample, tried = self._sample(sinks[number], data, found, np.flatnonzero(kind == number), first)
+            if (
+                callable(sinks[number].decode)
+                and (sinks[number].topic, sinks[number].schema) not in self._sampled
+            ):
+                sample, tried = self._sample(
+                    sinks[number], data, found, np.flatnonzero(kind == number), first
+                )
                 messages, count = messages + sample, count - tried
             self._count(sinks[number], count)
         messages.sort(key=lambda message: message.position)
         kinds = tuple((sink.topic, sink.schema) for sink in sinks)
         return Block(kinds, kind, found.head[self._stamp].astype(np.int64), messages)
 
-    def _messages(self, data: bytes, found: Columns, rows: NDArray[np.intp], first: int) -> Iterator[Message]:
+    def _messages(
+        self, data: bytes, found: Columns, rows: NDArray[np.intp], first: int
+    ) -> Iterator[Message]:
         """Yield the messages of some rows that can be decoded."""
         starts, stops = (found.offset[rows] + HEAD_SIZE).tolist(), found.stop[rows].tolist()
         for row, start, stop in zip(rows.tolist(), starts, stops, strict=True):
@@ -95,7 +108,9 @@ class SurveyScanner(McapScanner[Block]):
             if message is not None:
                 yield message
 
-    def _sample(self, sink: Sink, data: bytes, found: Columns, rows: NDArray[np.intp], first: int) -> tuple[list[Message], int]:
+    def _sample(
+        self, sink: Sink, data: bytes, found: Columns, rows: NDArray[np.intp], first: int
+    ) -> tuple[list[Message], int]:
         """Return the first message of a topic that can be decoded, and how many were tried and counted."""
         before = self._statistics.read[sink.topic]
         sample = list(islice(self._messages(data, found, rows, first), 1))

@@ -36,7 +36,13 @@ class McapLogWriter:
         """
         # Not compressed and without the library's version in the header: the bytes then do not depend on the version of
         # zstd, lz4 or mcap, so that a log that is kept in a repository can be made again and compared.
-        self._writer = Writer(file, chunk_size=_CHUNK, compression=CompressionType.NONE, enable_crcs=True, enable_data_crcs=True)
+        self._writer = Writer(
+            file,
+            chunk_size=_CHUNK,
+            compression=CompressionType.NONE,
+            enable_crcs=True,
+            enable_data_crcs=True,
+        )
         self._writer.start(profile=profile, library=_LIBRARY)
         self._channels = OutChannels(self._writer)
         self._json = JsonChannels()
@@ -66,7 +72,9 @@ class McapLogWriter:
         if isinstance(record, Metadata):
             self._writer.add_metadata(record.name, record.metadata)
             return
-        self._writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
+        self._writer.add_attachment(
+            record.create_time, record.log_time, record.name, record.media_type, record.data
+        )
         self.attachments += 1
 
     def finish(self) -> None:
@@ -75,12 +83,16 @@ class McapLogWriter:
 
     def _append(self, input: int, message: RawMessage) -> None:
         channel = self._channels.number(input, message.channel)
-        self._writer.add_message(channel, message.log_ns, message.data, message.publish_ns, message.sequence)
+        self._writer.add_message(
+            channel, message.log_ns, message.data, message.publish_ns, message.sequence
+        )
         self._written[message.channel.topic] += 1
 
 
 @contextmanager
-def open_mcap_log(path: Path, profile: str = "", check: Callable[[Path, McapLogWriter], None] | None = None) -> Iterator[McapLogWriter]:
+def open_mcap_log(
+    path: Path, profile: str = "", check: Callable[[Path, McapLogWriter], None] | None = None
+) -> Iterator[McapLogWriter]:
     """Yield a writer of a log that takes its name when the block ends without an error.
 
     Args:

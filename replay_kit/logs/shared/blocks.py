@@ -39,4 +39,9 @@ def block_of(messages: list[Message]) -> Block:
     """Return decoded messages as a block."""
     kinds: dict[tuple[str, str], int] = {}
     kind = [kinds.setdefault((message.topic, message.schema), len(kinds)) for message in messages]
-    return Block(tuple(kinds), np.array(kind, np.intp), np.array([message.time_ns for message in messages], np.int64), messages)
+    return Block(
+        tuple(kinds),
+        np.array(kind, np.intp),
+        np.array([message.time_ns for message in messages], np.int64),
+        messages,
+    )

@@ -83,7 +83,9 @@ def fit_clock(boot_ns: Times, utc_ns: Times) -> ClockFit:
     robust_std = 1.4826 * float(np.median(np.abs(residual)))
     fits = np.abs(residual) <= max(_OUTLIER_STD * robust_std, _OUTLIER_NS)
     std = float(np.sqrt(np.mean(residual[fits] ** 2))) * 1e-9
-    return ClockFit(middle, middle + base + round(centre), drift, std, offset.size, int(np.count_nonzero(~fits)))
+    return ClockFit(
+        middle, middle + base + round(centre), drift, std, offset.size, int(np.count_nonzero(~fits))
+    )
 
 
 def _median_slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
@@ -106,9 +108,14 @@ def without_spikes(stamp_us: Times, before_us: int | None) -> tuple[Times, int]:
     """
     if stamp_us.size < 3:
         return stamp_us, 0
-    before = stamp_us[:-1] - np.concatenate([[stamp_us[2] if before_us is None else before_us], stamp_us[:-2]])
+    before = stamp_us[:-1] - np.concatenate(
+        [[stamp_us[2] if before_us is None else before_us], stamp_us[:-2]]
+    )
     after = stamp_us[:-1] - stamp_us[1:]
-    spikes = np.flatnonzero((np.minimum(np.abs(before), np.abs(after)) > _SPIKE_US) & (np.sign(before) == np.sign(after)))
+    spikes = np.flatnonzero(
+        (np.minimum(np.abs(before), np.abs(after)) > _SPIKE_US)
+        & (np.sign(before) == np.sign(after))
+    )
     steady = stamp_us.copy()
     steady[spikes] = stamp_us[spikes + 1]
     return steady, int(spikes.size)

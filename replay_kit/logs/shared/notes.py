@@ -12,7 +12,9 @@ def gather(notes: Iterable[str]) -> Mapping[str, list[str]]:
     """Return each note with its occurrences, in the order of the first; those that differ in numbers alone are one, with the ranges."""
     alike: dict[str, list[str]] = {}
     for note in notes:
-        alike.setdefault(note if note.startswith(_READ_AS) else _NUMBER.sub("#", note), []).append(note)
+        alike.setdefault(note if note.startswith(_READ_AS) else _NUMBER.sub("#", note), []).append(
+            note
+        )
     return {_with_ranges(same): same for same in alike.values()}
 
 

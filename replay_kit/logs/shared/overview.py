@@ -25,7 +25,9 @@ class TopicExtent:
     def joined(self, other: "TopicExtent") -> "TopicExtent":
         """Return this topic with the messages of another channel."""
         firsts, lasts = (self.first_ns, other.first_ns), (self.last_ns, other.last_ns)
-        first_ns, last_ns = (None if None in pair else which(pair) for pair, which in ((firsts, min), (lasts, max)))  # type: ignore[type-var]
+        first_ns, last_ns = (
+            None if None in pair else which(pair) for pair, which in ((firsts, min), (lasts, max))
+        )  # type: ignore[type-var]
         return TopicExtent(self.schema, self.messages + other.messages, first_ns, last_ns)
 
 

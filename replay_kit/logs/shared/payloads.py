@@ -28,7 +28,9 @@ def numbers(values: NDArray[Any]) -> list[Any]:
     return list(plain.tolist())
 
 
-def location_fix(time_ns: int, longitude: float, latitude: float, depth: float, dead_reckoned: bool, error: float) -> dict[str, Any]:
+def location_fix(
+    time_ns: int, longitude: float, latitude: float, depth: float, dead_reckoned: bool, error: float
+) -> dict[str, Any]:
     """Return a ``foxglove.LocationFix``.
 
     Args:

@@ -28,7 +28,9 @@ def chain(start: Indices, end: Indices) -> Indices:
     return np.flatnonzero(keep)
 
 
-def lose_gaps(statistics: ReadStatistics, what: str, before: int, start: Indices, end: Indices) -> int:
+def lose_gaps(
+    statistics: ReadStatistics, what: str, before: int, start: Indices, end: Indices
+) -> int:
     """Record the bytes between records as losses and return where the last record ends [bytes].
 
     Args:

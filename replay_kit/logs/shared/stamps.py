@@ -50,7 +50,11 @@ class ClockJump:
 
     def __str__(self) -> str:
         begin = f"the clock jumps from {time_text(self.before_ns)} to {time_text(self.stamp_ns)}"
-        moved = f"{self.offset_ns / FAR_NS:.3f} days were added to their stamps" if self.offset_ns else "their stamps are used as they are"
+        moved = (
+            f"{self.offset_ns / FAR_NS:.3f} days were added to their stamps"
+            if self.offset_ns
+            else "their stamps are used as they are"
+        )
         return f"{begin}: the messages after it are a new segment, {moved}"
 
 
@@ -66,7 +70,9 @@ def settle(clock: LogClock | None, stamp_ns: int, following: Sequence[int]) -> L
         following: The next stamps, at most ``LOOK_AHEAD`` of them; fewer only where the log ends [ns].
     """
     if clock is None:
-        astray = sum(stamp_ns - other > FAR_NS or other - stamp_ns > _ALONE_NS for other in following)
+        astray = sum(
+            stamp_ns - other > FAR_NS or other - stamp_ns > _ALONE_NS for other in following
+        )
         return None if 2 * astray > len(following) else LogClock(stamp_ns)
     time_ns = stamp_ns + clock.offset_ns
     step = time_ns - clock.last_ns
@@ -146,7 +152,11 @@ class Settling(Generic[_T]):
                 if len(self._waiting) <= following:
                     return
                 clock = None if last_ns is None else LogClock(last_ns, self._offset_ns)
-                after = [stamp for _, stamp, name in islice(self._waiting, 1, 1 + LOOK_AHEAD) if not is_latched(name)]
+                after = [
+                    stamp
+                    for _, stamp, name in islice(self._waiting, 1, 1 + LOOK_AHEAD)
+                    if not is_latched(name)
+                ]
                 settled = settle(clock, stamp_ns, after)
                 if settled is None:
                     self._waiting.popleft()

@@ -45,7 +45,14 @@ class ReadStatistics:
             self.read[topic] += messages
             self.undecodable(topic, reason, messages)
 
-    def lose(self, what: str, offset: int, size: int, messages: int | None = None, span: tuple[int, int] | None = None) -> None:
+    def lose(
+        self,
+        what: str,
+        offset: int,
+        size: int,
+        messages: int | None = None,
+        span: tuple[int, int] | None = None,
+    ) -> None:
         """Record damage.
 
         Args:
@@ -61,7 +68,9 @@ class ReadStatistics:
             self._losses.append(loss)
             return
         self._n_further += 1
-        self._further = _sum(self._further or replace(loss, bytes=0, messages=0), loss, self._n_further)
+        self._further = _sum(
+            self._further or replace(loss, bytes=0, messages=0), loss, self._n_further
+        )
 
     def report(self, path: str, format_name: str) -> LogReport:
         """Return a copy of the counts.
@@ -89,6 +98,8 @@ def _sum(total: Loss, loss: Loss, places: int) -> Loss:
         total.offset,
         total.bytes + loss.bytes,
         None if total.messages is None or loss.messages is None else total.messages + loss.messages,
-        None if total.first_ns is None or loss.first_ns is None else min(total.first_ns, loss.first_ns),
+        None
+        if total.first_ns is None or loss.first_ns is None
+        else min(total.first_ns, loss.first_ns),
         None if total.last_ns is None or loss.last_ns is None else max(total.last_ns, loss.last_ns),
     )

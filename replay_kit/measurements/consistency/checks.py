@@ -54,5 +54,9 @@ _OF_PINGS = (
 )
 _OF_POSITIONS = ("geometry:PositionRun", "places:SeparatePlaces")
 #: The checks before the first ping, and before the first position.
-PING_CHECKS: tuple[PingCheck, ...] = tuple(resolve_name(f"{__package__}.{name}")() for name in _OF_PINGS)
-POSITION_CHECKS: tuple[PositionCheck, ...] = tuple(resolve_name(f"{__package__}.{name}")() for name in _OF_POSITIONS)
+PING_CHECKS: tuple[PingCheck, ...] = tuple(
+    resolve_name(f"{__package__}.{name}")() for name in _OF_PINGS
+)
+POSITION_CHECKS: tuple[PositionCheck, ...] = tuple(
+    resolve_name(f"{__package__}.{name}")() for name in _OF_POSITIONS
+)

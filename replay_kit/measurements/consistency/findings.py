@@ -43,7 +43,9 @@ def unit(explanation: Explanation, mean: PathMean, topic: str) -> Finding:
         UNIT if gross else KNOTS,
         mean.time_ns,
         f"{topic}: the profiles are {about}{scale:.4g} times as fast as the {_SOURCE[mean.kind]} ({_strength(explanation)})",
-        f"the velocities are in {name}, taken for m/s" if name else "a wrong unit or scale of the profiles",
+        f"the velocities are in {name}, taken for m/s"
+        if name
+        else "a wrong unit or scale of the profiles",
         f"state measurements.velocity_unit{stated}, or check both sources",
         "unusable" if gross else "inconsistent",
     )

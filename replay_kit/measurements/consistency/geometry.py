@@ -30,7 +30,11 @@ class DepthCounts:
 
     def after(self, ping: Observation, summary: PingSummary) -> "DepthCounts":
         """Return the counts after a ping."""
-        return self if summary.is_above is None else DepthCounts(self.pings + 1, self.above + summary.is_above)
+        return (
+            self
+            if summary.is_above is None
+            else DepthCounts(self.pings + 1, self.above + summary.is_above)
+        )
 
     def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
         """Return that the bins are above the surface, if they are."""
@@ -77,11 +81,21 @@ class PositionRun:
         """Return the run after a position."""
         depth = vehicle.depth
         if vehicle.longitude != self.longitude or vehicle.latitude != self.latitude:
-            return PositionRun(vehicle.longitude, vehicle.latitude, vehicle.time_ns, vehicle.time_ns, 1, depth, depth)
+            return PositionRun(
+                vehicle.longitude,
+                vehicle.latitude,
+                vehicle.time_ns,
+                vehicle.time_ns,
+                1,
+                depth,
+                depth,
+            )
         # a depth that is not known changes neither bound
         least = depth if not self.shallowest <= depth and math.isfinite(depth) else self.shallowest
         most = depth if not self.deepest >= depth and math.isfinite(depth) else self.deepest
-        return replace(self, last_ns=vehicle.time_ns, fixes=self.fixes + 1, shallowest=least, deepest=most)
+        return replace(
+            self, last_ns=vehicle.time_ns, fixes=self.fixes + 1, shallowest=least, deepest=most
+        )
 
     def found(self, vehicle: VehicleState, named: frozenset[str]) -> Finding | None:
         """Return that the receiver repeats its position, if it does."""

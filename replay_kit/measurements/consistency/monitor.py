@@ -62,7 +62,9 @@ class ConsistencyState:
     """
 
     instruments: Mapping[str, Instrument] = field(default_factory=dict)
-    positions: tuple[checks.PositionCheck, ...] = field(default_factory=lambda: checks.POSITION_CHECKS)
+    positions: tuple[checks.PositionCheck, ...] = field(
+        default_factory=lambda: checks.POSITION_CHECKS
+    )
     named: frozenset[str] = frozenset()
     pings: int = 0
     absolute_pings: int = 0
@@ -71,21 +73,29 @@ class ConsistencyState:
     @property
     def sources_contradict(self) -> bool:
         """Whether two sources of the current contradict each other, and none of them is known to be wrong."""
-        believed = [instrument for instrument in self.instruments.values() if instrument.is_believed]
+        believed = [
+            instrument for instrument in self.instruments.values() if instrument.is_believed
+        ]
         return any(findings.CONTRADICTION in instrument.named for instrument in believed)
 
     @property
     def can_tell_directions(self) -> bool:
         """Whether anything in the log shows, or has shown, that directions are right or wrong."""
         return any(
-            instrument.named & {findings.COMPASS, findings.CONTRADICTION} or _tell_directions(instrument.sources)
+            instrument.named & {findings.COMPASS, findings.CONTRADICTION}
+            or _tell_directions(instrument.sources)
             for instrument in self.instruments.values()
         )
 
 
 def _tell_directions(sources: SourceStatistics) -> bool:
-    means = sources.current.tell_directions(_LEAST_MEANS) or sources.drift.tell_directions(_LEAST_MEANS)
-    motions = any(each.tell_directions(_LEAST_MOTIONS) for each in (sources.blocks, sources.motion, sources.track))
+    means = sources.current.tell_directions(_LEAST_MEANS) or sources.drift.tell_directions(
+        _LEAST_MEANS
+    )
+    motions = any(
+        each.tell_directions(_LEAST_MOTIONS)
+        for each in (sources.blocks, sources.motion, sources.track)
+    )
     return means or motions or sources.vehicle.tell_directions(_LEAST_DIVES)
 
 
@@ -115,9 +125,13 @@ def check(
     return _after_ping(state, event, summary or summaries([event], ensemble)[0], through_water)
 
 
-def _with(state: ConsistencyState, topic: str, instrument: Instrument, found: tuple[Finding, ...]) -> ConsistencyState:
+def _with(
+    state: ConsistencyState, topic: str, instrument: Instrument, found: tuple[Finding, ...]
+) -> ConsistencyState:
     return replace(
-        state, instruments={**state.instruments, topic: instrument}, findings=state.findings + found if found else state.findings
+        state,
+        instruments={**state.instruments, topic: instrument},
+        findings=state.findings + found if found else state.findings,
     )
 
 
@@ -126,7 +140,12 @@ def _after_position(state: ConsistencyState, vehicle: VehicleState) -> Consisten
     found = _new((each.found(vehicle, state.named) for each in positions), state.named)
     if not found:
         return replace(state, positions=positions)
-    return replace(state, positions=positions, named=state.named | {each.name for each in found}, findings=state.findings + found)
+    return replace(
+        state,
+        positions=positions,
+        named=state.named | {each.name for each in found},
+        findings=state.findings + found,
+    )
 
 
 def _new(found: Iterable[Finding | None], named: frozenset[str]) -> tuple[Finding, ...]:
@@ -138,7 +157,9 @@ def _after_ping(
     state: ConsistencyState, ping: Observation, summary: PingSummary, through_water: bool
 ) -> tuple[ConsistencyState, Observation]:
     topic = ping.source.topic
-    instrument = state.instruments.get(topic) or Instrument(sources=SourceStatistics(through_water=through_water))
+    instrument = state.instruments.get(topic) or Instrument(
+        sources=SourceStatistics(through_water=through_water)
+    )
     raw, wrong = instrument.raw.after(ping.time_ns, ping.raw)
     found: list[Finding] = []
     if raw.is_dead and findings.DEAD not in instrument.named:
@@ -151,7 +172,11 @@ def _after_ping(
     if found:
         named = frozenset(finding.name for finding in found)
         distrusted = any(finding.distrusts for finding in found)
-        instrument = replace(instrument, named=instrument.named | named, is_believed=instrument.is_believed and not distrusted)
+        instrument = replace(
+            instrument,
+            named=instrument.named | named,
+            is_believed=instrument.is_believed and not distrusted,
+        )
     reason = Reason.DEAD if wrong else Reason.NONE
     if not instrument.is_believed or any(each.is_unusable for each in state.positions):
         reason |= Reason.INCONSISTENT
@@ -166,38 +191,55 @@ def _after_ping(
     return state, unused(ping, reason) if reason else ping
 
 
-def _measured(instrument: Instrument, raw: RawHistory, ping: Observation, summary: PingSummary) -> Instrument:
+def _measured(
+    instrument: Instrument, raw: RawHistory, ping: Observation, summary: PingSummary
+) -> Instrument:
     """Return an instrument after a ping that is neither dead nor stale, and the history of its raw values."""
-    sources = instrument.sources if summary.near is None else instrument.sources.after_ping(summary.near)
+    sources = (
+        instrument.sources if summary.near is None else instrument.sources.after_ping(summary.near)
+    )
     after = tuple(each.after(ping, summary) for each in instrument.pings)
     return Instrument(raw, sources, after, instrument.is_believed, instrument.named)
 
 
 def _of_ping(instrument: Instrument, ping: Observation) -> list[Finding]:
     """Return what a ping established about its instrument."""
-    found = list(_new((each.found(ping, instrument.named) for each in instrument.pings), instrument.named))
+    found = list(
+        _new((each.found(ping, instrument.named) for each in instrument.pings), instrument.named)
+    )
     if findings.COMPASS not in instrument.named:
         sources = instrument.sources
-        for statistics, what in ((sources.motion, findings.OF_MOTION), (sources.track, findings.OF_TRACK)):
+        for statistics, what in (
+            (sources.motion, findings.OF_MOTION),
+            (sources.track, findings.OF_TRACK),
+        ):
             explanation = statistics.explanation(_TURNED, _LEAST_MOTIONS)
             if explanation is not None:
                 return [*found, findings.turned(explanation, what, ping.time_ns, ping.source.topic)]
     return found
 
 
-def _after_mean(instrument: Instrument, mean: PathMean, topic: str) -> tuple[Instrument, tuple[Finding, ...]]:
+def _after_mean(
+    instrument: Instrument, mean: PathMean, topic: str
+) -> tuple[Instrument, tuple[Finding, ...]]:
     """Return an instrument after a mean current, and what that established."""
     sources = instrument.sources.after_mean(mean)
     instrument = replace(instrument, sources=sources)
     if not instrument.is_believed:
         return instrument, ()
-    vehicle = sources.vehicle.explanation(_TURNED, _LEAST_DIVES, _TURN_GAIN) or sources.blocks.explanation(_TURNED, _LEAST_MOTIONS)
+    vehicle = sources.vehicle.explanation(
+        _TURNED, _LEAST_DIVES, _TURN_GAIN
+    ) or sources.blocks.explanation(_TURNED, _LEAST_MOTIONS)
     current = sources.drift if mean.kind == "drift" else sources.current
-    contradiction = current.explanation(_UNIT, _LEAST_UNITS) or current.explanation(_ANY, _LEAST_MEANS)
+    contradiction = current.explanation(_UNIT, _LEAST_UNITS) or current.explanation(
+        _ANY, _LEAST_MEANS
+    )
     rival = current.best_gain() if current.pairs else 0.0
     if vehicle is not None and vehicle.gain > rival + _LIKELIER:
         finding = findings.turned(vehicle, findings.OF_VEHICLE, mean.time_ns, topic)
-        return replace(instrument, is_believed=False, named=instrument.named | {finding.name}), (finding,)
+        return replace(instrument, is_believed=False, named=instrument.named | {finding.name}), (
+            finding,
+        )
     if contradiction is None:
         return instrument, ()
     finding = _contradiction(contradiction, mean, topic)
@@ -207,12 +249,18 @@ def _after_mean(instrument: Instrument, mean: PathMean, topic: str) -> tuple[Ins
 
 
 def _contradiction(explanation: Explanation, mean: PathMean, topic: str) -> Finding:
-    return (findings.unit if explanation.map.kind == "unit" else findings.contradiction)(explanation, mean, topic)
+    return (findings.unit if explanation.map.kind == "unit" else findings.contradiction)(
+        explanation, mean, topic
+    )
 
 
 def unused(ping: Observation, reason: Reason) -> Observation:
     """Return a ping whose usable bins are failed for a reason."""
-    bad = (ping.flags == Flag.GOOD) | (ping.flags == Flag.SUSPECT) | (ping.flags == Flag.NOT_EVALUATED)
+    bad = (
+        (ping.flags == Flag.GOOD)
+        | (ping.flags == Flag.SUSPECT)
+        | (ping.flags == Flag.NOT_EVALUATED)
+    )
     flags, reasons = ping.flags.copy(), ping.reasons.copy()
     flags[bad] = Flag.FAIL
     reasons[bad] |= np.int32(reason)

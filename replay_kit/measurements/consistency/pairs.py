@@ -34,7 +34,11 @@ _LEAST_TURN, _STEP = 20, 10
 KNOTS = 1.943844
 # Ten stands for any factor between those of units.
 _SCALES = ((KNOTS, "knots"), (10.0, ""), (100.0, "cm/s"), (1000.0, "mm/s"))
-_MIRRORS = {0: "the sign of north is wrong", 90: "east and north are exchanged", 180: "the sign of east is wrong"}
+_MIRRORS = {
+    0: "the sign of north is wrong",
+    90: "east and north are exchanged",
+    180: "the sign of east is wrong",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +68,17 @@ class LinearMap:
 @cache
 def linear_maps() -> tuple[tuple[LinearMap, ...], Array]:
     """Return the maps examined, and their matrices, shape (m, 2, 2)."""
-    turns = [LinearMap(_turn_name(angle), "turn", angle) for angle in range(_LEAST_TURN, 361 - _LEAST_TURN, _STEP)]
+    turns = [
+        LinearMap(_turn_name(angle), "turn", angle)
+        for angle in range(_LEAST_TURN, 361 - _LEAST_TURN, _STEP)
+    ]
     mirrors = [LinearMap(_mirror_name(angle), "mirror", angle) for angle in range(0, 360, _STEP)]
-    units = [LinearMap(f"in {unit}" if unit else "several times too fast", "unit", scale=scale, unit=unit) for scale, unit in _SCALES]
+    units = [
+        LinearMap(
+            f"in {unit}" if unit else "several times too fast", "unit", scale=scale, unit=unit
+        )
+        for scale, unit in _SCALES
+    ]
     maps = (*turns, *mirrors, *units)
     return maps, np.array([_matrix(each) for each in maps])
 
@@ -80,11 +92,16 @@ def _matrix(each: LinearMap) -> Array:
 
 
 def _turn_name(angle: int) -> str:
-    return f"turned by {angle if angle <= 180 else angle - 360:+d} degrees clockwise" + (", both signs wrong" if angle == 180 else "")
+    return f"turned by {angle if angle <= 180 else angle - 360:+d} degrees clockwise" + (
+        ", both signs wrong" if angle == 180 else ""
+    )
 
 
 def _mirror_name(angle: int) -> str:
-    return _MIRRORS.get(angle) or f"mirrored about the bearing {(90.0 - 0.5 * angle) % 180.0:g} degrees"
+    return (
+        _MIRRORS.get(angle)
+        or f"mirrored about the bearing {(90.0 - 0.5 * angle) % 180.0:g} degrees"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +138,13 @@ class Pair(NamedTuple):
         """Return the weighted products on which the likelihood ratio depends."""
         a, n, b, m, w = self
         return _Sums(
-            w, w * (a * a + n * n), w * (b * b + m * m), w * (a * b + n * m), w * (a * m - n * b), w * (a * b - n * m), w * (n * b + a * m)
+            w,
+            w * (a * a + n * n),
+            w * (b * b + m * m),
+            w * (a * b + n * m),
+            w * (a * m - n * b),
+            w * (a * b - n * m),
+            w * (n * b + a * m),
         )
 
 
@@ -156,9 +179,14 @@ class PairStatistics:
 
     def with_pair(self, pair: Pair) -> "PairStatistics":
         """Return the statistics with one more pair; the oldest is forgotten when there are many."""
-        pairs, sums = (*self.pairs, pair), _Sums(*map(sum, zip(self.sums, pair.products(), strict=True)))
+        pairs, sums = (
+            (*self.pairs, pair),
+            _Sums(*map(sum, zip(self.sums, pair.products(), strict=True))),
+        )
         if len(pairs) > _MOST_PAIRS:
-            sums = _Sums(*(total - part for total, part in zip(sums, pairs[0].products(), strict=True)))
+            sums = _Sums(
+                *(total - part for total, part in zip(sums, pairs[0].products(), strict=True))
+            )
             pairs = pairs[1:]
         return PairStatistics(self.floor, pairs, sums)
 
@@ -175,7 +203,10 @@ class PairStatistics:
     def gains(self) -> Array:
         """Return the log-likelihood ratio of each map to equality, shape (m,)."""
         scale = np.array([each.scale for each in linear_maps()[0]])
-        return np.asarray((self.sums.weight + 1.0) * np.log(self.ratios()) - 2.0 * self.sums.weight * np.log(scale))
+        return np.asarray(
+            (self.sums.weight + 1.0) * np.log(self.ratios())
+            - 2.0 * self.sums.weight * np.log(scale)
+        )
 
     def tell_directions(self, least_pairs: int) -> bool:
         """Return whether these pairs, which agree, would contradict each other if the first vectors were turned by a right angle.
@@ -184,27 +215,40 @@ class PairStatistics:
             least_pairs: Number of pairs before which nothing would be said.
         """
         ratio = (self.sums.first + self.sums.second + self.floor) / self._as_logged
-        return len(self.pairs) >= least_pairs and ratio >= _LEAST_RATIO and (self.sums.weight + 1.0) * math.log(ratio) >= LEAST_GAIN
+        return (
+            len(self.pairs) >= least_pairs
+            and ratio >= _LEAST_RATIO
+            and (self.sums.weight + 1.0) * math.log(ratio) >= LEAST_GAIN
+        )
 
     def best_gain(self) -> float:
         """Return the largest gain of any map, as if there were as many units as turns and mirrors: of many maps one fits by chance."""
         gains, units = self.gains(), np.array([each.kind == "unit" for each in linear_maps()[0]])
-        return float(max(gains[~units].max(), gains[units].max() + math.log((~units).sum() / units.sum())))
+        return float(
+            max(gains[~units].max(), gains[units].max() + math.log((~units).sum() / units.sum()))
+        )
 
     @property
     def _as_logged(self) -> float:
-        return max(self.sums.first + self.sums.second - 2.0 * self.sums.turn_cosine, 0.0) + self.floor
+        return (
+            max(self.sums.first + self.sums.second - 2.0 * self.sums.turn_cosine, 0.0) + self.floor
+        )
 
     def _may_be_explained(self, kinds: tuple[str, ...]) -> bool:
         """Return whether any map may halve the RMS difference: whether the best turn, mirror or scale does, which costs little to know."""
         sums = self.sums
-        best = max(math.hypot(sums.turn_cosine, sums.turn_sine), math.hypot(sums.mirror_cosine, sums.mirror_sine))
+        best = max(
+            math.hypot(sums.turn_cosine, sums.turn_sine),
+            math.hypot(sums.mirror_cosine, sums.mirror_sine),
+        )
         least = sums.first - 2.0 * best + sums.second
         if "unit" in kinds and sums.first > 0.0:
             least = min(least, sums.second - sums.turn_cosine**2 / sums.first)
         return self._as_logged >= _LEAST_RATIO * (max(least, 0.0) + self.floor)
 
-    def explanation(self, kinds: tuple[str, ...], least_pairs: int, least_gain: float = LEAST_GAIN) -> Explanation | None:
+    def explanation(
+        self, kinds: tuple[str, ...], least_pairs: int, least_gain: float = LEAST_GAIN
+    ) -> Explanation | None:
         """Return the best map of some kinds, when it explains the pairs much better than equality; else None.
 
         Args:
@@ -219,12 +263,20 @@ class PairStatistics:
         first, second, weight = values[:, :2], values[:, 2:4], values[:, 4]
         misfit = np.sum((first @ matrices.swapaxes(1, 2) - second) ** 2, axis=2)
         favoured = (misfit < np.sum((first - second) ** 2, axis=1)) @ weight / weight.sum()
-        allowed = np.array([each.kind in kinds for each in maps]) & (favoured >= _MAJORITY) & (self.ratios() >= _LEAST_RATIO)
+        allowed = (
+            np.array([each.kind in kinds for each in maps])
+            & (favoured >= _MAJORITY)
+            & (self.ratios() >= _LEAST_RATIO)
+        )
         best = float(np.max(gains, initial=-np.inf, where=allowed))
         if best < least_gain:
             return None
         alike = [k for k in np.flatnonzero(allowed) if gains[k] > best - _ALIKE]
         # turns before mirrors in the order of kinds asked for, and slips before any other
-        chosen = min(alike, key=lambda k: (not maps[k].is_slip, kinds.index(maps[k].kind), -gains[k]))
+        chosen = min(
+            alike, key=lambda k: (not maps[k].is_slip, kinds.index(maps[k].kind), -gains[k])
+        )
         others = tuple(maps[k] for k in alike if k != chosen and maps[k].is_slip)
-        return Explanation(maps[chosen], others, float(gains[chosen]), float(favoured[chosen]), len(self.pairs))
+        return Explanation(
+            maps[chosen], others, float(gains[chosen]), float(favoured[chosen]), len(self.pairs)
+        )

@@ -39,7 +39,10 @@ class Track:
         seconds = abs(vehicle.time_ns - last.time_ns) * 1e-9
         if seconds > _LONGEST:
             return False
-        if abs(vehicle.latitude - last.latitude) < _NEAR and abs(vehicle.longitude - last.longitude) < _NEAR:
+        if (
+            abs(vehicle.latitude - last.latitude) < _NEAR
+            and abs(vehicle.longitude - last.longitude) < _NEAR
+        ):
             return True
         apart = float(distance(last.longitude, last.latitude, vehicle.longitude, vehicle.latitude))
         return apart <= _FAR + _FASTEST * seconds
@@ -72,7 +75,12 @@ class SeparatePlaces:
 
     def found(self, vehicle: VehicleState, named: frozenset[str]) -> Finding | None:
         """Return that the positions are of two missions, if they are."""
-        if self.track is None or self.other is None or self.other.positions < _LEAST or findings.PLACES in named:
+        if (
+            self.track is None
+            or self.other is None
+            or self.other.positions < _LEAST
+            or findings.PLACES in named
+        ):
             return None
         one, other = _where(self.track.last), _where(self.other.last)
         return Finding(

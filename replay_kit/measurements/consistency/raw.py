@@ -16,7 +16,11 @@ from replay_kit.core.observation import NO_RAW_VALUES, RawValues
 _LEAST_CELLS, _LEAST_ZEROS = 5, 2
 # Pings with which one is compared, the pings judged together, and the share and the run of bad ones from which the instrument is named.
 _COMPARED, _WINDOW, _SHARE, _RUN = 16, 32, 0.25, 5
-_WORDS = {"zero": "all zero", "constant": "equal in all cells", "stale": "equal to an earlier ping's"}
+_WORDS = {
+    "zero": "all zero",
+    "constant": "equal in all cells",
+    "stale": "equal to an earlier ping's",
+}
 
 
 def raw_values(velocity: Array) -> RawValues:
@@ -31,7 +35,9 @@ def raw_values(velocity: Array) -> RawValues:
     zero = len(known) >= _LEAST_ZEROS and not known.any()
     if len(known) < _LEAST_CELLS and not zero:
         return NO_RAW_VALUES
-    kind: Literal["varied", "constant", "zero"] = "constant" if (known == known[0]).all() else "varied"
+    kind: Literal["varied", "constant", "zero"] = (
+        "constant" if (known == known[0]).all() else "varied"
+    )
     return RawValues("zero" if zero else kind, _digest(velocity))
 
 
@@ -58,10 +64,14 @@ class RawHistory:
         if not raw.digest:
             return self, ""
         # the same ping from two logs is a duplicate, which the estimator drops
-        stale = any(digest == raw.digest and other_ns != time_ns for other_ns, digest in self.digests)
+        stale = any(
+            digest == raw.digest and other_ns != time_ns for other_ns, digest in self.digests
+        )
         wrong = _WORDS.get(raw.kind, _WORDS["stale"] if stale else "")
         digests = (*self.digests, (time_ns, raw.digest))[-_COMPARED:]
-        return RawHistory(digests, (*self.latest, wrong)[-_WINDOW:], self.run + 1 if wrong else 0), wrong
+        return RawHistory(
+            digests, (*self.latest, wrong)[-_WINDOW:], self.run + 1 if wrong else 0
+        ), wrong
 
     @property
     def is_dead(self) -> bool:

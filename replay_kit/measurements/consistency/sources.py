@@ -109,33 +109,57 @@ class SourceStatistics:
             # neighbouring changes share a ping
             changes = _difference(relative, self.before[0]), _difference(self.before[1], platform)
             motion = motion.with_pair(Pair(*changes[0], *changes[1], 0.5))
-        return replace(self, pings=pings, last=ping, track=track, motion=motion, before=(relative, platform))
+        return replace(
+            self, pings=pings, last=ping, track=track, motion=motion, before=(relative, platform)
+        )
 
     def after_mean(self, mean: PathMean) -> "SourceStatistics":
         """Return the statistics after a mean current or a drift."""
         about_ns = int(_ABOUT_DRIFT * 1e9) if mean.kind == "drift" else 0
-        start_ns, end_ns = int(mean.path_time_ns[0]) - about_ns, int(mean.path_time_ns[-1]) + about_ns
+        start_ns, end_ns = (
+            int(mean.path_time_ns[0]) - about_ns,
+            int(mean.path_time_ns[-1]) + about_ns,
+        )
         pings = [ping for ping in self.pings if start_ns <= ping.time_ns <= end_ns]
         absolute = [ping for ping in pings if not ping.relative]
         if mean.kind == "drift":
             profiles = _mean([ping.velocity for ping in absolute]) if absolute else None
-            return self if profiles is None else replace(self, drift=self.drift.with_pair(Pair(*profiles, *mean.velocity, 0.5)))
+            return (
+                self
+                if profiles is None
+                else replace(self, drift=self.drift.with_pair(Pair(*profiles, *mean.velocity, 0.5)))
+            )
         current, vehicle, half_hours = self.current, self.vehicle, self.blocks
         if (along := mean_along(absolute, mean)) is not None:
             current = current.with_pair(Pair(*along, *mean.velocity))
             if ways := self._ways(absolute, mean):
-                platform, stated = _mean([way for _, way in ways]), _mean([ping.platform or way for block, way in ways for ping in block])
-                vehicle = vehicle.with_pair(Pair(*_difference(along, stated), *_difference(mean.velocity, platform)))
+                platform, stated = (
+                    _mean([way for _, way in ways]),
+                    _mean([ping.platform or way for block, way in ways for ping in block]),
+                )
+                vehicle = vehicle.with_pair(
+                    Pair(*_difference(along, stated), *_difference(mean.velocity, platform))
+                )
         for block, way in self._ways([ping for ping in pings if ping.relative], mean):
-            half_hours = half_hours.with_pair(Pair(*_mean([ping.velocity for ping in block]), *_difference(mean.velocity, way), 0.5))
+            half_hours = half_hours.with_pair(
+                Pair(
+                    *_mean([ping.velocity for ping in block]), *_difference(mean.velocity, way), 0.5
+                )
+            )
         return replace(self, current=current, vehicle=vehicle, blocks=half_hours)
 
-    def _ways(self, pings: Sequence[NearMean], mean: PathMean) -> list[tuple[list[NearMean], Vector]]:
+    def _ways(
+        self, pings: Sequence[NearMean], mean: PathMean
+    ) -> list[tuple[list[NearMean], Vector]]:
         """Return pings in blocks, each with the vehicle's velocity over ground."""
         found = [(block, track_velocity(block[0], block[-1])) for block in blocks(pings)]
         # without a current in the positions these are the way through water
         current = mean.velocity if self.through_water else (0.0, 0.0)
-        return [(block, (way[0] + current[0], way[1] + current[1])) for block, way in found if way is not None]
+        return [
+            (block, (way[0] + current[0], way[1] + current[1]))
+            for block, way in found
+            if way is not None
+        ]
 
 
 def mean_along(pings: Sequence[NearMean], mean: PathMean) -> Vector | None:
@@ -145,10 +169,16 @@ def mean_along(pings: Sequence[NearMean], mean: PathMean) -> Vector | None:
     ordered, start_ns = sorted(pings, key=lambda ping: ping.time_ns), int(mean.path_time_ns[0])
     seconds = [(ping.time_ns - start_ns) * 1e-9 for ping in ordered]
     columns = zip(*((ping.depth, *ping.velocity) for ping in ordered), strict=True)
-    depth, east, north = (np.interp((mean.path_time_ns - start_ns) * 1e-9, seconds, column) for column in columns)
+    depth, east, north = (
+        np.interp((mean.path_time_ns - start_ns) * 1e-9, seconds, column) for column in columns
+    )
     covered = np.where(np.abs(depth - mean.depth) <= _COVERED, mean.weight, 0.0)
     total = float(covered.sum())
-    return (float(east @ covered) / total, float(north @ covered) / total) if total >= _LEAST_COVERED else None
+    return (
+        (float(east @ covered) / total, float(north @ covered) / total)
+        if total >= _LEAST_COVERED
+        else None
+    )
 
 
 def blocks(pings: Sequence[NearMean]) -> list[list[NearMean]]:
@@ -184,4 +214,6 @@ def _difference(a: Vector, b: Vector) -> Vector:
 
 
 def _mean(vectors: Sequence[Vector]) -> Vector:
-    return sum(east for east, _ in vectors) / len(vectors), sum(north for _, north in vectors) / len(vectors)
+    return sum(east for east, _ in vectors) / len(vectors), sum(
+        north for _, north in vectors
+    ) / len(vectors)

@@ -44,7 +44,9 @@ class SpeedCounts:
             self.pings + 1,
             self.fast + fast,
             self.slow + slow,
-            self.impossible + (fast and measured > MOST_SPEED**2) + (slow and measured < _LEAST_SPEED**2),
+            self.impossible
+            + (fast and measured > MOST_SPEED**2)
+            + (slow and measured < _LEAST_SPEED**2),
             self.log_ratio + 0.5 * math.log(measured / typical),
         )
 
@@ -52,7 +54,11 @@ class SpeedCounts:
         """Return that the speeds are no current's, or else that they contradict the ensemble's, if they do."""
         if findings.UNIT in named or not self.contradict_ensemble:
             return None
-        words = f"{self.ratio:.3g} times as fast" if self.ratio > 1.0 else f"{1.0 / self.ratio:.3g} times as slow"
+        words = (
+            f"{self.ratio:.3g} times as fast"
+            if self.ratio > 1.0
+            else f"{1.0 / self.ratio:.3g} times as slow"
+        )
         evidence = f"{ping.source.topic}: {self.pings} pings are {words} as the ensemble's currents"
         if not self.is_odd:
             return findings.ensemble_contradicts(evidence, ping.time_ns)

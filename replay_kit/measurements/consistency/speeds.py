@@ -22,7 +22,10 @@ def odd_ensemble_speeds(velocity: Array) -> str:
     if not squared.any():
         # without a wet point, or at rest: another matter
         return ""
-    rms, fastest = math.sqrt(float(squared.mean())), math.sqrt(float(np.percentile(squared, _PERCENTILE)))
+    rms, fastest = (
+        math.sqrt(float(squared.mean())),
+        math.sqrt(float(np.percentile(squared, _PERCENTILE))),
+    )
     if _LEAST_RMS <= rms <= _MOST_RMS and fastest <= MOST_SPEED:
         return ""
     return f"RMS speed {rms:.3g} m/s, {_PERCENTILE:g} % below {fastest:.3g} m/s"

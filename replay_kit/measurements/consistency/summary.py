@@ -53,22 +53,39 @@ def summaries(pings: Sequence[Observation], ensemble: EnsembleSpeeds | None) -> 
         sizes.setdefault(ping.depth.size, []).append(i)
     for at in sizes.values():
         some = [pings[i] for i in at]
-        depth, velocity = np.array([ping.depth for ping in some]), np.array([ping.velocity for ping in some])
+        depth, velocity = (
+            np.array([ping.depth for ping in some]),
+            np.array([ping.velocity for ping in some]),
+        )
         reasons = np.array([ping.reasons for ping in some])
         repairable = (reasons & _NOT_REPAIRABLE) == 0
         for rows, bins in _alike(repairable & np.isfinite(velocity[..., 0] + velocity[..., 1])):
             means = _near_means(depth[np.ix_(rows, bins)], velocity[np.ix_(rows, bins)])
             near |= {at[i]: _near_mean(some[i], *mean) for i, mean in zip(rows, means, strict=True)}
         measured = np.isfinite(velocity[..., 0]) & ((reasons & _AT_SURFACE) == 0)
-        counts, over = np.count_nonzero(measured, axis=1), np.count_nonzero(measured & (depth < 0.0), axis=1)
-        above |= {at[i]: 2 * high > count for i, (count, high) in enumerate(zip(counts.tolist(), over.tolist(), strict=True)) if count}
+        counts, over = (
+            np.count_nonzero(measured, axis=1),
+            np.count_nonzero(measured & (depth < 0.0), axis=1),
+        )
+        above |= {
+            at[i]: 2 * high > count
+            for i, (count, high) in enumerate(zip(counts.tolist(), over.tolist(), strict=True))
+            if count
+        }
         if ensemble is None:
             continue
         absolute = np.array([math.isfinite(ping.common_std) for ping in some])
-        error_std, squared = np.array([ping.error_std for ping in some]), np.square(velocity).sum(axis=2)
+        error_std, squared = (
+            np.array([ping.error_std for ping in some]),
+            np.square(velocity).sum(axis=2),
+        )
         for rows, bins in _alike(repairable & np.isfinite(squared + error_std) & absolute[:, None]):
             cut = np.ix_(rows, bins)
-            speeds |= zip((at[i] for i in rows), _speeds(depth[cut], squared[cut], error_std[cut], ensemble), strict=True)
+            speeds |= zip(
+                (at[i] for i in rows),
+                _speeds(depth[cut], squared[cut], error_std[cut], ensemble),
+                strict=True,
+            )
     return [PingSummary(near.get(i), above.get(i), speeds.get(i)) for i in range(len(pings))]
 
 
@@ -96,10 +113,20 @@ def _near_means(depth: Array, velocity: Array) -> Iterator[tuple[float, list[flo
 def _near_mean(ping: Observation, depth: float, mean: list[float]) -> NearMean:
     east, north = mean
     relative = not math.isfinite(ping.common_std)
-    return NearMean(ping.time_ns, ping.longitude, ping.latitude, depth, (east, north), ping.platform_velocity, relative)
+    return NearMean(
+        ping.time_ns,
+        ping.longitude,
+        ping.latitude,
+        depth,
+        (east, north),
+        ping.platform_velocity,
+        relative,
+    )
 
 
-def _speeds(depth: Array, squared: Array, error_std: Array, ensemble: EnsembleSpeeds) -> Iterator[PingSpeed]:
+def _speeds(
+    depth: Array, squared: Array, error_std: Array, ensemble: EnsembleSpeeds
+) -> Iterator[PingSpeed]:
     """Yield the speeds of profiles of shape (s, k), and those of the ensemble at their depths."""
     typical = np.interp(depth, ensemble.levels, ensemble.mean_square).mean(axis=1)
     # the upper median, without the cost of NumPy's own

@@ -29,7 +29,10 @@ _ADVICE = {
     ("mirror", 90): "check which component comes first",
     ("mirror", 180): "check whether the first component grows to the west",
     ("mirror", 0): "check whether the second component grows to the south",
-    ("turn", 180): "check whether directions are where the current comes from, or velocities are the vehicle's through the water",
+    (
+        "turn",
+        180,
+    ): "check whether directions are where the current comes from, or velocities are the vehicle's through the water",
 }
 
 
@@ -71,7 +74,11 @@ def declination_of(message: Message) -> float:
         return math.nan
     if isinstance(stated, PingFrame):
         return declination_in(stated)
-    return number(stated.payload.get("magnetic_declination")) if isinstance(stated, StatedPing) else math.nan
+    return (
+        number(stated.payload.get("magnetic_declination"))
+        if isinstance(stated, StatedPing)
+        else math.nan
+    )
 
 
 def direction_faults(soundings: Sequence[Sounding]) -> list[Fault]:
@@ -81,19 +88,35 @@ def direction_faults(soundings: Sequence[Sounding]) -> list[Fault]:
         soundings: The log's profiles.
     """
     slips = [(each, matrix) for each, matrix in zip(*linear_maps(), strict=True) if each.is_slip]
-    faults = [Fault(each.name, _ADVICE[each.kind, each.angle], partial(_mapped, matrix)) for each, matrix in slips]
-    stated = [abs(sounding.declination) for sounding in soundings if math.isfinite(sounding.declination)]
+    faults = [
+        Fault(each.name, _ADVICE[each.kind, each.angle], partial(_mapped, matrix))
+        for each, matrix in slips
+    ]
+    stated = [
+        abs(sounding.declination) for sounding in soundings if math.isfinite(sounding.declination)
+    ]
     if stated and float(np.median(stated)) >= _LEAST_DECLINATION:
         faults += [
-            Fault("the declination was not applied", "check the compass' settings and declination_applied", partial(_turned, 1.0)),
-            Fault("the declination was applied twice", "check whether the instrument and the logger both apply it", partial(_turned, -1.0)),
+            Fault(
+                "the declination was not applied",
+                "check the compass' settings and declination_applied",
+                partial(_turned, 1.0),
+            ),
+            Fault(
+                "the declination was applied twice",
+                "check whether the instrument and the logger both apply it",
+                partial(_turned, -1.0),
+            ),
         ]
     return faults
 
 
 def depth_faults() -> list[Fault]:
     """Return the faults of the depth's sign: of the cells, of the instrument, and of where the instrument looks."""
-    name, advice = "the sign of depth is wrong", "check whether depths and z grow downwards, and whether the instrument looks up"
+    name, advice = (
+        "the sign of depth is wrong",
+        "check whether depths and z grow downwards, and whether the instrument looks up",
+    )
     return [
         Fault(name, advice, lambda sounding: _at(sounding, -sounding.observation.depth)),
         Fault(name, advice, lambda s: _at(s, s.observation.depth + 2.0 * _known(s.vehicle_depth))),
@@ -112,7 +135,10 @@ def _mapped(matrix: Array, sounding: Sounding) -> Observation:
 
 def _turned(turns: float, sounding: Sounding) -> Observation:
     declination = sounding.declination if math.isfinite(sounding.declination) else 0.0
-    return replace(sounding.observation, velocity=turned_clockwise(sounding.observation.velocity, turns * declination))
+    return replace(
+        sounding.observation,
+        velocity=turned_clockwise(sounding.observation.velocity, turns * declination),
+    )
 
 
 def turned_clockwise(velocity: Array, degrees: float) -> Array:

@@ -62,12 +62,22 @@ def extend(path: Path, position: VehicleState) -> Path:
     stretches = (*path.stretches, *_stretches(path.start, first, position))
     while len(stretches) > _MOST:
         stretches = _halved(stretches)
-    return Path(path.start, position, stretches, float(np.fmax(path.deepest, position.depth)), path.reckoned + 1)
+    return Path(
+        path.start,
+        position,
+        stretches,
+        float(np.fmax(path.deepest, position.depth)),
+        path.reckoned + 1,
+    )
 
 
 def at_depth(path: Path, depth: float) -> Path:
     """Return a path on which a depth was met; positions come less often than depths."""
-    return path if depth <= path.deepest else Path(path.start, path.last, path.stretches, depth, path.reckoned)
+    return (
+        path
+        if depth <= path.deepest
+        else Path(path.start, path.last, path.stretches, depth, path.reckoned)
+    )
 
 
 def path_mean(
@@ -101,7 +111,11 @@ def path_mean(
         projection, [_end_of(path).longitude, end.longitude], [_end_of(path).latitude, end.latitude]
     )
     share = since / ((end.time_ns - path.start.time_ns) * 1e-9)
-    longitude, latitude = to_geographic(projection, east + share * (end_east - reckoned_east), north + share * (end_north - reckoned_north))
+    longitude, latitude = to_geographic(
+        projection,
+        east + share * (end_east - reckoned_east),
+        north + share * (end_north - reckoned_north),
+    )
     return PathMean(
         time_ns=max(end.time_ns, end.source.time_ns),
         path_time_ns=path.start.time_ns + np.round(since * 1e9).astype(np.int64),
@@ -137,7 +151,10 @@ def _closed(path: Path, end: VehicleState) -> tuple[Stretch, ...]:
     """Return the stretches of a path up to a fix, before the path is moved to end there."""
     start, last = path.start, path.last
     if path.reckoned:
-        return (*path.stretches, *_stretches(start, last, replace(last, time_ns=end.time_ns, depth=max(end.depth, 0.0))))
+        return (
+            *path.stretches,
+            *_stretches(start, last, replace(last, time_ns=end.time_ns, depth=max(end.depth, 0.0))),
+        )
     total = (end.time_ns - start.time_ns) * 1e-9
     deepest = path.deepest if math.isfinite(path.deepest) else 0.0
     middles = (np.arange(_V_PIECES) + 0.5) / _V_PIECES
@@ -156,7 +173,9 @@ def _stretches(start: VehicleState, before: VehicleState, after: VehicleState) -
     wanted = max(abs(after.depth - before.depth) / _LONGEST_DEPTH, seconds / _LONGEST_S)
     pieces = max(math.ceil(min(wanted, _MOST_PIECES)), 1)
     since = (before.time_ns - start.time_ns) * 1e-9
-    west, east = (float(unwrap_longitude(place.longitude, start.longitude)) for place in (before, after))
+    west, east = (
+        float(unwrap_longitude(place.longitude, start.longitude)) for place in (before, after)
+    )
     middles = [(k + 0.5) / pieces for k in range(pieces)]
     return [
         (
@@ -173,7 +192,10 @@ def _stretches(start: VehicleState, before: VehicleState, after: VehicleState) -
 def _halved(stretches: Sequence[Stretch]) -> tuple[Stretch, ...]:
     """Return stretches merged in twos at their middles, weighted by their times; an odd last one stays."""
     merged = [
-        (a[0] + b[0], *((a[0] * x + b[0] * y) / (a[0] + b[0]) for x, y in zip(a[1:], b[1:], strict=True)))
+        (
+            a[0] + b[0],
+            *((a[0] * x + b[0] * y) / (a[0] + b[0]) for x, y in zip(a[1:], b[1:], strict=True)),
+        )
         for a, b in list(pairwise(stretches))[::2]
     ]
     return tuple(merged) if len(stretches) % 2 == 0 else (*merged, stretches[-1])  # type: ignore[arg-type]

@@ -11,7 +11,14 @@ import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Fix, PathMean, Source, VehicleState
-from replay_kit.measurements.current.dead_reckoning import Path, at_depth, begin, drift_velocity, extend, path_mean
+from replay_kit.measurements.current.dead_reckoning import (
+    Path,
+    at_depth,
+    begin,
+    drift_velocity,
+    extend,
+    path_mean,
+)
 from replay_kit.measurements.vehicle.dives import dive_begins
 
 # s; a stated fix this near in time to one of the log's is that fix
@@ -64,7 +71,9 @@ class Dives:
     computed_ns: int | None = None
 
 
-def stated_mean(dives: Dives, mean: MeanCurrent, dive: int, source: Source, config: MeasurementConfig) -> tuple[Dives, PathMean | str]:
+def stated_mean(
+    dives: Dives, mean: MeanCurrent, dive: int, source: Source, config: MeasurementConfig
+) -> tuple[Dives, PathMean | str]:
     """Return what is remembered after a stated mean current, and the current with its path, or why it is not used.
 
     Args:
@@ -77,13 +86,24 @@ def stated_mean(dives: Dives, mean: MeanCurrent, dive: int, source: Source, conf
     if not _believed(mean.velocity, config):
         return dives, "depth-averaged current: faster than measurements.max_speed"
     dives = replace(dives, stated=True)
-    if mean.end is not None and dives.computed_ns is not None and mean.end.time_ns <= dives.computed_ns + _SAME_FIX_NS:
+    if (
+        mean.end is not None
+        and dives.computed_ns is not None
+        and mean.end.time_ns <= dives.computed_ns + _SAME_FIX_NS
+    ):
         return dives, "depth-averaged current: computed from the dead reckoning before it came"
     found = _path_of(dives, mean, source)
     if found is None:
-        return dives, "depth-averaged current: neither its path nor its fixes with a depth are known"
+        return (
+            dives,
+            "depth-averaged current: neither its path nor its fixes with a depth are known",
+        )
     path, end = found
-    error = mean.error_std if math.isfinite(mean.error_std) else _error(path, end, config.dac_std, config)
+    error = (
+        mean.error_std
+        if math.isfinite(mean.error_std)
+        else _error(path, end, config.dac_std, config)
+    )
     done = None if dives.done is not None and dives.done[1].time_ns <= end.time_ns else dives.done
     whole = path_mean(path, replace(end, source=source), mean.velocity, error, "dac", dive)
     whole = replace(whole, beside_profiles=mean.inverted and config.use_inverted)
@@ -126,7 +146,9 @@ def record_position(
     velocity = drift_velocity(path, position)
     if not _believed(velocity, config):
         return after, []
-    mean = path_mean(path, position, velocity, _error(path, position, config.dac_std, config), "dac", dive)
+    mean = path_mean(
+        path, position, velocity, _error(path, position, config.dac_std, config), "dac", dive
+    )
     return replace(after, done=None, computed_ns=position.time_ns), [mean] if _is_path(mean) else []
 
 
@@ -135,7 +157,9 @@ def _on(dives: Dives, path: Path) -> Dives:
     return Dives(path, dives.done, dives.anchor, dives.stated, dives.computed_ns)
 
 
-def _drifted(dives: Dives, fix: VehicleState, dive: int, config: MeasurementConfig) -> tuple[Dives, list[PathMean]]:
+def _drifted(
+    dives: Dives, fix: VehicleState, dive: int, config: MeasurementConfig
+) -> tuple[Dives, list[PathMean]]:
     """Return what is remembered after a fix at the surface that ends no dive, and the drift to it."""
     anchor = dives.anchor
     too_long = anchor is not None and fix.time_ns - anchor.time_ns > config.position_max_age * 1e9
@@ -148,8 +172,12 @@ def _drifted(dives: Dives, fix: VehicleState, dive: int, config: MeasurementConf
     if not _believed(velocity, config):
         return replace(dives, path=path, anchor=fix), []
     first, last = (replace(place, depth=_DRIFT_DEPTH) for place in (anchor, fix))
-    adrift = extend(begin(first), replace(last, longitude=anchor.longitude, latitude=anchor.latitude))
-    mean = path_mean(adrift, last, velocity, _error(adrift, fix, config.drift_std, config), "drift", dive)
+    adrift = extend(
+        begin(first), replace(last, longitude=anchor.longitude, latitude=anchor.latitude)
+    )
+    mean = path_mean(
+        adrift, last, velocity, _error(adrift, fix, config.drift_std, config), "drift", dive
+    )
     return replace(dives, path=path, anchor=fix), [mean]
 
 
@@ -170,19 +198,32 @@ def _error(path: Path, end: VehicleState, own_std: float, config: MeasurementCon
 
 def _path_of(dives: Dives, mean: MeanCurrent, source: Source) -> tuple[Path, VehicleState] | None:
     """Return the path that a stated mean current belongs to, and the fix that ends it; None when neither is known."""
-    if dives.done is not None and _same(dives.done[0].start, mean.start) and _same(dives.done[1], mean.end):
+    if (
+        dives.done is not None
+        and _same(dives.done[0].start, mean.start)
+        and _same(dives.done[1], mean.end)
+    ):
         return dives.done
     start, end = mean.start, mean.end
     if start is None or end is None or end.time_ns <= start.time_ns:
         return None
     last = VehicleState(*end, 0.0, False, source)
     path = dives.path
-    if path is not None and _same(path.start, start) and path.last.time_ns <= end.time_ns and math.isfinite(path.deepest):
+    if (
+        path is not None
+        and _same(path.start, start)
+        and path.last.time_ns <= end.time_ns
+        and math.isfinite(path.deepest)
+    ):
         # the fix after the dive has not come yet
         return path, last
     deepest = mean.max_depth
     if not math.isfinite(deepest):
-        deepest = max((known.deepest for known in (path, dives.done and dives.done[0]) if known is not None), key=_finite, default=math.nan)
+        deepest = max(
+            (known.deepest for known in (path, dives.done and dives.done[0]) if known is not None),
+            key=_finite,
+            default=math.nan,
+        )
     if not math.isfinite(deepest):
         return None
     return replace(begin(VehicleState(*start, 0.0, False, source)), deepest=deepest), last

@@ -52,7 +52,9 @@ def _walk_list(items: Sequence[Any], path: tuple[str, ...]) -> Iterator[Leaf]:
         for inner in within[0].values():
             if len(inner.shape) < 2 and all(inner.path in found for found in within):
                 values = [value for found in within for value in found[inner.path].values]
-                yield _leaf((*path, "*", *inner.path.split(".")), (len(items), *inner.shape), values)
+                yield _leaf(
+                    (*path, "*", *inner.path.split(".")), (len(items), *inner.shape), values
+                )
     elif all(item is None or _is_number(item) for item in items):
         yield _leaf(path, (len(items),), items)
     elif all(item is None or _is_row(item) for item in items):
@@ -62,7 +64,13 @@ def _walk_list(items: Sequence[Any], path: tuple[str, ...]) -> Iterator[Leaf]:
 
 def _leaf(path: tuple[str, ...], shape: tuple[int, ...], values: Sequence[Any]) -> Leaf:
     names = [part for part in path if part != "*"]
-    return Leaf(".".join(path), names[-1].lower() if names else "", ".".join(path[:-1]), shape, tuple(number(v) for v in values))
+    return Leaf(
+        ".".join(path),
+        names[-1].lower() if names else "",
+        ".".join(path[:-1]),
+        shape,
+        tuple(number(v) for v in values),
+    )
 
 
 def _is_number(value: Any) -> bool:
@@ -70,4 +78,8 @@ def _is_number(value: Any) -> bool:
 
 
 def _is_row(value: Any) -> bool:
-    return isinstance(value, list | tuple) and len(value) > 0 and all(item is None or _is_number(item) for item in value)
+    return (
+        isinstance(value, list | tuple)
+        and len(value) > 0
+        and all(item is None or _is_number(item) for item in value)
+    )

@@ -21,14 +21,23 @@ _DEPTH = re.compile(r"(.*_)?depth(_?m)?")
 _PRESSURE = re.compile(r"(.*_)?(fluid_|water_|sea_)?press(ure)?(_?(pa|hpa|kpa|bar|mbar|dbar))?")
 _HEIGHT = re.compile(r"(.*_)?(alt|altitude|height|z)(_?m)?")
 # where something began, ended or should go, not where the vehicle is
-_ELSEWHERE = re.compile(r"(?<![A-Za-z])(?i:start|end|goal|home|target|waypoint|destination)(?![a-z])")
+_ELSEWHERE = re.compile(
+    r"(?<![A-Za-z])(?i:start|end|goal|home|target|waypoint|destination)(?![a-z])"
+)
 # of other vectors, a field or a rate, z is no height
 _PLACE = re.compile(r"|(.*_)?(pos|position|location|point|place|translation|pose|ned|enu)")
 #: MAVLink messages that carry numbers under names of the sender's own.
 NAMED = ("NAMED_VALUE_FLOAT", "NAMED_VALUE_INT", "DEBUG_VECT", "DEBUG_FLOAT_ARRAY")
 # of topics and names of arrays and vectors: these may be currents
 _CURRENT = re.compile(r"adcp|vel|cur|profil|water|flow|speed", re.IGNORECASE)
-_UNIT_IN_NAME = (("dbar", "dbar"), ("mbar", "hPa"), ("hpa", "hPa"), ("kpa", "kPa"), ("bar", "bar"), ("pa", "Pa"))
+_UNIT_IN_NAME = (
+    ("dbar", "dbar"),
+    ("mbar", "hPa"),
+    ("hpa", "hPa"),
+    ("kpa", "kPa"),
+    ("bar", "bar"),
+    ("pa", "Pa"),
+)
 # an absolute pressure near the surface is one atmosphere
 _ATMOSPHERE = (("Pa", 101_325.0), ("hPa", 1013.25), ("kPa", 101.325), ("bar", 1.01325))
 
@@ -44,17 +53,44 @@ def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | Non
     found, name = leaves(payload), payload.get("name")
     named = isinstance(name, str) and _carries_names(topic)
     found = [
-        _by_name(leaf, f"{topic} {name if named else ''}", str(name).lower()) if named or leaf.name == "data" else leaf for leaf in found
+        _by_name(leaf, f"{topic} {name if named else ''}", str(name).lower())
+        if named or leaf.name == "data"
+        else leaf
+        for leaf in found
     ]
-    for kind, guess in (("profile", _profile), ("velocity", _velocity), ("position", _position), ("depth", _only_depth)):
+    for kind, guess in (
+        ("profile", _profile),
+        ("velocity", _velocity),
+        ("position", _position),
+        ("depth", _only_depth),
+    ):
         lines = guess(found)
         if lines:
-            head = [f"# {json.dumps(topic, ensure_ascii=False)}: {len(found)} numbers in a {schema or 'message without a schema'}"]
+            head = [
+                f"# {json.dumps(topic, ensure_ascii=False)}: {len(found)} numbers in a {schema or 'message without a schema'}"
+            ]
             select = [f"name = {json.dumps(name, ensure_ascii=False)}"] if named else []
-            entry = ["[[measurements.map]]", f"topic = {json.dumps(topic, ensure_ascii=False)}", *select, f'kind = "{kind}"', *lines]
+            entry = [
+                "[[measurements.map]]",
+                f"topic = {json.dumps(topic, ensure_ascii=False)}",
+                *select,
+                f'kind = "{kind}"',
+                *lines,
+            ]
             # an entry all of whose fields are doubtful is doubtful as a whole
             doubtful = all(line.startswith("#") for line in lines)
-            return "\n".join([*head, *(f"# {line}" if doubtful and not line.startswith("#") else line for line in entry)]) + "\n"
+            return (
+                "\n".join(
+                    [
+                        *head,
+                        *(
+                            f"# {line}" if doubtful and not line.startswith("#") else line
+                            for line in entry
+                        ),
+                    ]
+                )
+                + "\n"
+            )
     return None
 
 
@@ -63,15 +99,25 @@ def _by_name(leaf: Leaf, label: str, name: str) -> Leaf:
     if leaf.path == "value":
         return replace(leaf, name=name)
     # an array of floats that is no ping of ours has no other use than a profile, whatever its name
-    of_current = _CURRENT.search(label) is not None or label.partition(" ")[0].endswith("/DEBUG_FLOAT_ARRAY")
+    of_current = _CURRENT.search(label) is not None or label.partition(" ")[0].endswith(
+        "/DEBUG_FLOAT_ARRAY"
+    )
     if leaf.path == "data" and of_current:
         return replace(leaf, name="velocity")
-    return replace(leaf, name={"x": "east", "y": "north"}[leaf.path]) if leaf.path in ("x", "y") and of_current else leaf
+    return (
+        replace(leaf, name={"x": "east", "y": "north"}[leaf.path])
+        if leaf.path in ("x", "y") and of_current
+        else leaf
+    )
 
 
 def sample_key(topic: str, payload: Mapping[str, Any]) -> str:
     """Return what a message is a sample of: its topic, and on topics that carry several things under names its name."""
-    return f"{topic}\n{payload['name']}" if _carries_names(topic) and isinstance(payload.get("name"), str) else topic
+    return (
+        f"{topic}\n{payload['name']}"
+        if _carries_names(topic) and isinstance(payload.get("name"), str)
+        else topic
+    )
 
 
 def _carries_names(topic: str) -> bool:
@@ -108,7 +154,10 @@ def suggestions(samples: Samples) -> str:
         "# Check every line, above all reference, frame and units, before you use it: replay-kit replay --config THIS.toml\n"
     )
     return (
-        "\n".join([head, *entries]) if entries else head + "# Nothing in the log looks like a position, a depth, a velocity or a profile.\n"
+        "\n".join([head, *entries])
+        if entries
+        else head
+        + "# Nothing in the log looks like a position, a depth, a velocity or a profile.\n"
     )
 
 
@@ -128,8 +177,24 @@ def _velocity(found: Sequence[Leaf]) -> list[str]:
     if depth is not None:
         return [*lines, *place, *_as_depth(depth)]
     if place and not place[0].startswith("#"):
-        return [*lines, *place, line("at_depth", 0.0, "NOT FOUND in the message: state the depth of the measurement, in m")]
-    return [*lines, *place, line("distance", 0.0, "NOT KNOWN: of the cell from the vehicle, in m; 0 measures at the vehicle")]
+        return [
+            *lines,
+            *place,
+            line(
+                "at_depth",
+                0.0,
+                "NOT FOUND in the message: state the depth of the measurement, in m",
+            ),
+        ]
+    return [
+        *lines,
+        *place,
+        line(
+            "distance",
+            0.0,
+            "NOT KNOWN: of the cell from the vehicle, in m; 0 measures at the vehicle",
+        ),
+    ]
 
 
 def _position(found: Sequence[Leaf]) -> list[str]:
@@ -143,15 +208,24 @@ def _position(found: Sequence[Leaf]) -> list[str]:
 def _place(scalars: Sequence[Leaf]) -> list[str]:
     """Return the lines of a position, commented out when there is none but of another time or purpose."""
     here = [leaf for leaf in scalars if not _ELSEWHERE.search(leaf.path)]
-    return _pair(here) or [f"# {text}: by its name not where the vehicle is" for text in _pair(scalars)]
+    return _pair(here) or [
+        f"# {text}: by its name not where the vehicle is" for text in _pair(scalars)
+    ]
 
 
 def _pair(scalars: Sequence[Leaf]) -> list[str]:
     for latitude in scalars:
         if _LATITUDE.fullmatch(latitude.name):
-            beside = (leaf for leaf in scalars if leaf.parent == latitude.parent and _LONGITUDE.fullmatch(leaf.name))
+            beside = (
+                leaf
+                for leaf in scalars
+                if leaf.parent == latitude.parent and _LONGITUDE.fullmatch(leaf.name)
+            )
             if (longitude := next(beside, None)) is not None:
-                pair = [line("longitude", longitude.path, "by its name"), line("latitude", latitude.path, "by its name")]
+                pair = [
+                    line("longitude", longitude.path, "by its name"),
+                    line("latitude", latitude.path, "by its name"),
+                ]
                 return [*pair, _angle_unit(longitude, latitude)]
     return []
 
@@ -161,7 +235,11 @@ def _angle_unit(longitude: Leaf, latitude: Leaf) -> str:
     if y > 90.0 or x > 360.0:
         return line("angle_unit", "degE7", f"{longitude.values[0]:g} is more than a turn")
     if "rad" in latitude.name or (y <= math.pi / 2.0 and 0.0 < x <= math.pi):
-        return line("angle_unit", "rad", f"the latitude is {latitude.values[0]:g}; write deg if these are degrees")
+        return line(
+            "angle_unit",
+            "rad",
+            f"the latitude is {latitude.values[0]:g}; write deg if these are degrees",
+        )
     return line("angle_unit", "deg", f"the latitude is {latitude.values[0]:g}")
 
 
@@ -172,7 +250,12 @@ def _only_depth(found: Sequence[Leaf]) -> list[str]:
 def _depth_lines(scalars: Sequence[Leaf]) -> list[str]:
     """Return the lines of a depth: a depth if there is one, else a pressure, else a height, which only a person can place."""
     for pattern, lines in ((_DEPTH, _as_depth), (_PRESSURE, _as_pressure), (_HEIGHT, _as_height)):
-        if (leaf := next((leaf for leaf in scalars if pattern.fullmatch(leaf.name) and _is_of_place(leaf)), None)) is not None:
+        if (
+            leaf := next(
+                (leaf for leaf in scalars if pattern.fullmatch(leaf.name) and _is_of_place(leaf)),
+                None,
+            )
+        ) is not None:
             return lines(leaf)
     return []
 
@@ -183,7 +266,9 @@ def _is_of_place(leaf: Leaf) -> bool:
 
 def _as_depth(leaf: Leaf) -> list[str]:
     up = leaf.values[0] < 0.0
-    why = f"{leaf.values[0]:g}: " + ("negative below the surface" if up else "positive below the surface")
+    why = f"{leaf.values[0]:g}: " + (
+        "negative below the surface" if up else "positive below the surface"
+    )
     return [
         line("depth", leaf.path, "by its name"),
         line("depth_unit", "m", "the usual one"),
@@ -194,15 +279,34 @@ def _as_depth(leaf: Leaf) -> list[str]:
 def _as_pressure(leaf: Leaf) -> list[str]:
     value = leaf.values[0]
     lines = [line("depth", leaf.path, "a pressure by its name")]
-    stated = next((unit for word, unit in _UNIT_IN_NAME if re.search(rf"_?{word}$", leaf.name)), None)
-    near = next((unit for unit, one in _ATMOSPHERE if stated in (None, unit) and 0.8 * one < value < 1.2 * one), None)
+    stated = next(
+        (unit for word, unit in _UNIT_IN_NAME if re.search(rf"_?{word}$", leaf.name)), None
+    )
+    near = next(
+        (
+            unit
+            for unit, one in _ATMOSPHERE
+            if stated in (None, unit) and 0.8 * one < value < 1.2 * one
+        ),
+        None,
+    )
     unit = stated or near or ("Pa" if value > 1e5 else "dbar")
     why = "in its name" if stated else "by its size; check it"
     absolute = near is not None or (unit == "Pa" and value > 1e5)
     lines.append(line("depth_unit", unit, f"{why}: {value:g}"))
-    return [*lines, line("depth_absolute", absolute, "whether the atmosphere is in it: check a value at the surface")]
+    return [
+        *lines,
+        line(
+            "depth_absolute",
+            absolute,
+            "whether the atmosphere is in it: check a value at the surface",
+        ),
+    ]
 
 
 def _as_height(leaf: Leaf) -> list[str]:
     why = f"{leaf.values[0]:g}: use it if it is counted from the sea surface, not from the sea floor or the ellipsoid"
-    return ["# " + line("depth", leaf.path, why), "# " + line("depth_positive", "up", "z and heights grow upwards")]
+    return [
+        "# " + line("depth", leaf.path, why),
+        "# " + line("depth_positive", "up", "z and heights grow upwards"),
+    ]

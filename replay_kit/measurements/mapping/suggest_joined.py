@@ -6,11 +6,17 @@ from collections.abc import Mapping
 from typing import Any
 
 from replay_kit.measurements.mapping.leaves import leaves
-from replay_kit.measurements.mapping.suggest_profile import NO_REFERENCE, geometry_lines, line, speed_lines
+from replay_kit.measurements.mapping.suggest_profile import (
+    NO_REFERENCE,
+    geometry_lines,
+    line,
+    speed_lines,
+)
 
 # of a name: what stands before the component, the component, the number of the cell
 _EAST = re.compile(
-    r"(?P<before>(?:.*_)?(?:cur|vel|adcp|v|c)?)(?P<east>east|e)(?P<cell>_?\d*)|(?P<other>(?:.*_)?)u(?P<number>_?\d*)", re.IGNORECASE
+    r"(?P<before>(?:.*_)?(?:cur|vel|adcp|v|c)?)(?P<east>east|e)(?P<cell>_?\d*)|(?P<other>(?:.*_)?)u(?P<number>_?\d*)",
+    re.IGNORECASE,
 )
 # s; components of one measurement are sent one after the other, a few milliseconds apart
 _WITHIN = 0.05
@@ -33,7 +39,9 @@ def component_pairs(samples: Samples, carries_names: Mapping[str, bool]) -> list
         if match is None:
             continue
         if match["east"] is not None:
-            partner = f"{match['before']}{'north' if match['east'] == 'east' else 'n'}{match['cell']}"
+            partner = (
+                f"{match['before']}{'north' if match['east'] == 'east' else 'n'}{match['cell']}"
+            )
         else:
             partner = f"{match['other']}v{match['number']}"
         other = named.get(f"{topic}\n{partner}")
@@ -63,7 +71,13 @@ def joined_entry(east: str, north: str, samples: Samples) -> str:
     if profile:
         found += [line("frame", "enu", "by its names"), *geometry_lines([], len(values) // 2)]
     else:
-        found.append(line("distance", 0.0, "NOT KNOWN: of the cell from the vehicle, in m; 0 measures at the vehicle"))
+        found.append(
+            line(
+                "distance",
+                0.0,
+                "NOT KNOWN: of the cell from the vehicle, in m; 0 measures at the vehicle",
+            )
+        )
     return "\n".join(found) + "\n"
 
 

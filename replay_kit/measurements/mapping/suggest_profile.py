@@ -7,13 +7,19 @@ from collections.abc import Sequence
 
 from replay_kit.measurements.mapping.leaves import Leaf
 
-_EAST = re.compile(r"(.*_)?(east|eastward|u|ve|vel_e|vel_east|east_vel|velocity_east|east_velocity)")
-_NORTH = re.compile(r"(.*_)?(north|northward|v|vn|vel_n|vel_north|north_vel|velocity_north|north_velocity)")
+_EAST = re.compile(
+    r"(.*_)?(east|eastward|u|ve|vel_e|vel_east|east_vel|velocity_east|east_velocity)"
+)
+_NORTH = re.compile(
+    r"(.*_)?(north|northward|v|vn|vel_n|vel_north|north_vel|velocity_north|north_velocity)"
+)
 _VELOCITY = re.compile(r"(.*_)?(vel|velocity|velocities|current|currents|vel_data|velocity_data)")
 _DEPTHS = re.compile(r"(.*_)?(cell_|bin_)?depths?")
 _DISTANCES = re.compile(r"(.*_)?(distances?|ranges?|cell_positions?)")
 _CELL_SIZE = re.compile(r"(.*_)?(cell|bin)_?(size|length|height|depth)")
-_FIRST_CELL = re.compile(r"(.*_)?(bin0_?distance|bin1_?distance|first_?(cell|bin)(_?distance)?)|(.*_)?blanking(_?distance)?")
+_FIRST_CELL = re.compile(
+    r"(.*_)?(bin0_?distance|bin1_?distance|first_?(cell|bin)(_?distance)?)|(.*_)?blanking(_?distance)?"
+)
 _COUNT = re.compile(r"(.*_)?(n|num|number_of|no_of)?_?(cells|bins)")
 # a flat list this short is one velocity, not a profile
 _SHORTEST_FLAT = 6
@@ -48,15 +54,31 @@ def _columns(found: Sequence[Leaf]) -> tuple[list[str], int, tuple[float, ...]] 
     lists = [leaf for leaf in found if len(leaf.shape) == 1]
     for east in lists:
         if _EAST.fullmatch(east.name):
-            beside = (leaf for leaf in lists if leaf.parent == east.parent and leaf.shape == east.shape and _NORTH.fullmatch(leaf.name))
+            beside = (
+                leaf
+                for leaf in lists
+                if leaf.parent == east.parent
+                and leaf.shape == east.shape
+                and _NORTH.fullmatch(leaf.name)
+            )
             if (north := next(beside, None)) is not None:
-                lines = [line("east", east.path, "by its name"), line("north", north.path, "by its name")]
+                lines = [
+                    line("east", east.path, "by its name"),
+                    line("north", north.path, "by its name"),
+                ]
                 return lines, east.shape[0], east.values + north.values
     return None
 
 
 def _matrix(found: Sequence[Leaf]) -> tuple[list[str], int, tuple[float, ...]] | None:
-    leaf = next((leaf for leaf in found if len(leaf.shape) == 2 and leaf.shape[1] >= 2 and _VELOCITY.fullmatch(leaf.name)), None)
+    leaf = next(
+        (
+            leaf
+            for leaf in found
+            if len(leaf.shape) == 2 and leaf.shape[1] >= 2 and _VELOCITY.fullmatch(leaf.name)
+        ),
+        None,
+    )
     if leaf is None:
         return None
     why = f"by its name: {leaf.shape[0]} cells of {leaf.shape[1]} numbers"
@@ -65,12 +87,32 @@ def _matrix(found: Sequence[Leaf]) -> tuple[list[str], int, tuple[float, ...]] |
 
 def _flat(found: Sequence[Leaf]) -> tuple[list[str], int, tuple[float, ...]] | None:
     for leaf in found:
-        if len(leaf.shape) == 1 and leaf.shape[0] >= _SHORTEST_FLAT and _VELOCITY.fullmatch(leaf.name):
-            counts = (int(c.values[0]) for c in found if c.shape == () and _COUNT.fullmatch(c.name) and c.values[0] >= 1.0)
-            n_cells = next((count for count in counts if leaf.shape[0] % count == 0 and leaf.shape[0] // count >= 2), 0)
-            components = leaf.shape[0] // n_cells if n_cells else (3 if leaf.shape[0] % 3 == 0 else 2)
+        if (
+            len(leaf.shape) == 1
+            and leaf.shape[0] >= _SHORTEST_FLAT
+            and _VELOCITY.fullmatch(leaf.name)
+        ):
+            counts = (
+                int(c.values[0])
+                for c in found
+                if c.shape == () and _COUNT.fullmatch(c.name) and c.values[0] >= 1.0
+            )
+            n_cells = next(
+                (
+                    count
+                    for count in counts
+                    if leaf.shape[0] % count == 0 and leaf.shape[0] // count >= 2
+                ),
+                0,
+            )
+            components = (
+                leaf.shape[0] // n_cells if n_cells else (3 if leaf.shape[0] % 3 == 0 else 2)
+            )
             why = "from the number of cells" if n_cells else "NOT KNOWN from the message"
-            lines = [line("velocity", leaf.path, f"by its name: {leaf.shape[0]} numbers"), line("components", components, why)]
+            lines = [
+                line("velocity", leaf.path, f"by its name: {leaf.shape[0]} numbers"),
+                line("components", components, why),
+            ]
             return lines, n_cells or leaf.shape[0] // components, leaf.values
     return None
 
@@ -79,28 +121,60 @@ def speed_lines(values: Sequence[float]) -> list[str]:
     """Return the lines of the unit of velocities, and of numbers that stand for none."""
     missing = sorted({value for value in values if value in _MISSING})
     known = [value for value in values if math.isfinite(value) and value not in _MISSING]
-    whole = bool(known) and all(value == int(value) for value in known) and any(value != 0.0 for value in known)
+    whole = (
+        bool(known)
+        and all(value == int(value) for value in known)
+        and any(value != 0.0 for value in known)
+    )
     fast = max((abs(value) for value in known), default=0.0)
     in_mm = whole or fast > _NO_MPS
-    lines = [line("speed_unit", "mm/s" if in_mm else "m/s", f"up to {fast:g}{', whole numbers' if whole else ''}; check it")]
+    lines = [
+        line(
+            "speed_unit",
+            "mm/s" if in_mm else "m/s",
+            f"up to {fast:g}{', whole numbers' if whole else ''}; check it",
+        )
+    ]
     return [*lines, line("missing", missing, "these stand for no velocity")] if missing else lines
 
 
 def geometry_lines(found: Sequence[Leaf], n_cells: int) -> list[str]:
     """Return the lines of where the cells of a profile are, by the numbers beside it."""
     for key, pattern in (("depths", _DEPTHS), ("distances", _DISTANCES)):
-        listed = next((leaf for leaf in found if leaf.shape == (n_cells,) and pattern.fullmatch(leaf.name)), None)
+        listed = next(
+            (leaf for leaf in found if leaf.shape == (n_cells,) and pattern.fullmatch(leaf.name)),
+            None,
+        )
         if listed is not None:
             lines = [line(key, listed.path, "by its name")]
             up = key == "depths" and min(listed.values) < 0.0
-            return [*lines, line("depth_positive", "up", f"{min(listed.values):g}: negative below the surface")] if up else lines
+            return (
+                [
+                    *lines,
+                    line(
+                        "depth_positive",
+                        "up",
+                        f"{min(listed.values):g}: negative below the surface",
+                    ),
+                ]
+                if up
+                else lines
+            )
     lines = []
     for key, pattern in (("cell_size", _CELL_SIZE), ("first_cell", _FIRST_CELL)):
-        leaf = next((leaf for leaf in found if leaf.shape == () and pattern.fullmatch(leaf.name)), None)
+        leaf = next(
+            (leaf for leaf in found if leaf.shape == () and pattern.fullmatch(leaf.name)), None
+        )
         if leaf is None:
             lines.append(line(key, 1.0, "NOT FOUND in the message: state the instrument's, in m"))
         elif "blanking" in leaf.name:
-            lines.append(line(key, leaf.path, f"{leaf.values[0]:g}; blanking ends where the first cell begins: state half a cell more"))
+            lines.append(
+                line(
+                    key,
+                    leaf.path,
+                    f"{leaf.values[0]:g}; blanking ends where the first cell begins: state half a cell more",
+                )
+            )
         else:
             lines.append(line(key, leaf.path, f"by its name: {leaf.values[0]:g} m"))
     return lines
@@ -112,9 +186,16 @@ def velocity_lines(scalars: Sequence[Leaf]) -> list[str]:
         twist = east.path.endswith("linear.x")
         if not (_EAST.fullmatch(east.name) or twist):
             continue
-        beside = (leaf for leaf in scalars if leaf.parent == east.parent and (leaf.name == "y" if twist else _NORTH.fullmatch(leaf.name)))
+        beside = (
+            leaf
+            for leaf in scalars
+            if leaf.parent == east.parent
+            and (leaf.name == "y" if twist else _NORTH.fullmatch(leaf.name))
+        )
         if (north := next(beside, None)) is not None:
-            why = "a twist's x: east only if its frame is east, north, up" if twist else "by its name"
+            why = (
+                "a twist's x: east only if its frame is east, north, up" if twist else "by its name"
+            )
             return [
                 line("reference", "unknown", NO_REFERENCE),
                 line("east", east.path, why),

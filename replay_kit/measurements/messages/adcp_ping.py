@@ -32,7 +32,16 @@ _REFERENCES: tuple[Reference, ...] = ("earth", "platform")
 _ORIENTATIONS: tuple[Look, ...] = ("down", "up")
 _CELL_FIELDS = ("amplitude", "correlation", "percent_good", "snr", "error_velocity")
 _NUMBERS = (
-    *("cell_size", "bin0_distance", "heading", "pitch", "roll", "magnetic_declination", "declination_applied", "bin_mapped"),
+    *(
+        "cell_size",
+        "bin0_distance",
+        "heading",
+        "pitch",
+        "roll",
+        "magnetic_declination",
+        "declination_applied",
+        "bin_mapped",
+    ),
     *("pressure", "transducer_depth", "correlation_depth"),
 )
 _CONVENTIONS = ("teledyne", "nortek")
@@ -60,9 +69,15 @@ def parse_ping(payload: Mapping[str, Any], reference: Reference | None = None) -
     velocity = fields.velocity_cells(payload, system == "earth")
     n = len(velocity)
     stated = {name: number(payload.get(name)) for name in _NUMBERS}
-    bottom, platform = (fields.part(payload.get(name)) for name in ("bottom_track", "platform_velocity"))
-    east, north, platform_std = (number((platform or {}).get(name)) for name in ("east", "north", "velocity_std"))
-    amplitude, correlation, percent_good, snr, error_velocity = (fields.by_cell(payload, name, n) for name in _CELL_FIELDS)
+    bottom, platform = (
+        fields.part(payload.get(name)) for name in ("bottom_track", "platform_velocity")
+    )
+    east, north, platform_std = (
+        number((platform or {}).get(name)) for name in ("east", "north", "velocity_std")
+    )
+    amplitude, correlation, percent_good, snr, error_velocity = (
+        fields.by_cell(payload, name, n) for name in _CELL_FIELDS
+    )
     convention = fields.word(payload.get("attitude_convention"), _CONVENTIONS)
     return AdcpPing(
         velocity=velocity,
@@ -77,10 +92,21 @@ def parse_ping(payload: Mapping[str, Any], reference: Reference | None = None) -
         bin_mapped=stated["bin_mapped"] == 1.0,
         bottom_track=None
         if bottom is None
-        else BottomTrack(numbers(bottom.get("velocity")), number(bottom.get("velocity_std")), numbers(bottom.get("distance"))),
-        platform_velocity=None if platform is None else PlatformVelocity(east, north, platform_std, str(platform.get("source", "stated"))),
+        else BottomTrack(
+            numbers(bottom.get("velocity")),
+            number(bottom.get("velocity_std")),
+            numbers(bottom.get("distance")),
+        ),
+        platform_velocity=None
+        if platform is None
+        else PlatformVelocity(east, north, platform_std, str(platform.get("source", "stated"))),
         quality=QualityFields(
-            amplitude, correlation, percent_good, snr, error_velocity, fields.number_or_numbers(payload.get("noise_floor"))
+            amplitude,
+            correlation,
+            percent_good,
+            snr,
+            error_velocity,
+            fields.number_or_numbers(payload.get("noise_floor")),
         ),
         pressure=stated["pressure"],
         transducer_depth=stated["transducer_depth"],
@@ -93,7 +119,9 @@ def parse_ping(payload: Mapping[str, Any], reference: Reference | None = None) -
     )
 
 
-def _attitude(payload: Mapping[str, Any], stated: Mapping[str, float], convention: str) -> InstrumentAttitude:
+def _attitude(
+    payload: Mapping[str, Any], stated: Mapping[str, float], convention: str
+) -> InstrumentAttitude:
     return InstrumentAttitude(
         stated["heading"],
         stated["pitch"],
@@ -110,7 +138,9 @@ def _distance(payload: Mapping[str, Any], stated: Mapping[str, float], n: int) -
     """Return how far the centres of n cells are from the transducer [m]: as ``cell_distances`` lists them, or evenly spaced."""
     if (listed := payload.get("cell_distances")) is not None:
         if not isinstance(listed, list | tuple) or len(listed) != n:
-            raise MeasurementError(f"ping: expected cell_distances to be {n} numbers [m], got {shorten(listed)}")
+            raise MeasurementError(
+                f"ping: expected cell_distances to be {n} numbers [m], got {shorten(listed)}"
+            )
         return numbers(listed)
     first, size = stated["bin0_distance"], stated["cell_size"]
     if not (size > 0.0 and math.isfinite(first)):

@@ -42,9 +42,14 @@ def rows(values: Sequence[Any]) -> Array:
         plain = np.empty(0)
     if plain.ndim == 2:
         return np.where(np.isfinite(plain), plain, np.nan)
-    found = [[number(item) for item in (row if isinstance(row, list | tuple) else [row])] for row in values]
+    found = [
+        [number(item) for item in (row if isinstance(row, list | tuple) else [row])]
+        for row in values
+    ]
     width = max(map(len, found), default=0)
-    return np.array([row + [np.nan] * (width - len(row)) for row in found], np.float64).reshape(len(found), width)
+    return np.array([row + [np.nan] * (width - len(row)) for row in found], np.float64).reshape(
+        len(found), width
+    )
 
 
 def whole_number(value: Any) -> int | None:
@@ -56,7 +61,11 @@ def whole_number(value: Any) -> int | None:
 
 def dive_number(value: Any) -> int | None:
     """Return the dive that a message states; None for what can be none."""
-    return value if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _LARGEST_DIVE else None
+    return (
+        value
+        if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _LARGEST_DIVE
+        else None
+    )
 
 
 def word(value: Any, known: Sequence[str]) -> str:
@@ -78,7 +87,9 @@ def known_word(payload: Mapping[str, Any], name: str, known: Sequence[str]) -> s
     """
     value = word(payload.get(name), known)
     if value not in known:
-        raise MeasurementError(f"ping: expected {name} to be one of {', '.join(known)}, got {value}; state it in the message")
+        raise MeasurementError(
+            f"ping: expected {name} to be one of {', '.join(known)}, got {value}; state it in the message"
+        )
     return value
 
 
@@ -100,11 +111,15 @@ def velocity_cells(payload: Mapping[str, Any], earth: bool) -> Array:
         )
     if _is_flat(raw, n_cells):
         if len(raw) % n_cells:
-            raise MeasurementError(f"ping: {len(raw)} flat velocities do not divide into {n_cells} cells")
+            raise MeasurementError(
+                f"ping: {len(raw)} flat velocities do not divide into {n_cells} cells"
+            )
         width = len(raw) // n_cells
         raw = [raw[i * width : (i + 1) * width] for i in range(n_cells)]
     if len(raw) != n_cells:
-        raise MeasurementError(f"ping: expected {n_cells} cells of east, north[, up], got {len(raw)} cells")
+        raise MeasurementError(
+            f"ping: expected {n_cells} cells of east, north[, up], got {len(raw)} cells"
+        )
     # most pings list as many components for each cell
     alike = set(map(type, raw)) == {list} and min(map(len, raw)) >= 2
     found = rows(raw if alike else [_components(cell, earth) for cell in raw])
@@ -126,7 +141,12 @@ def _components(cell: Any, earth: bool) -> Sequence[Any]:
     """Return the components of a cell: a list, a message with ``value`` or with ``east`` and ``north``, or null."""
     listed = cell
     if isinstance(cell, Mapping):
-        listed = cell.get("value", [cell["east"], cell["north"], cell.get("up")] if "east" in cell and "north" in cell else [])
+        listed = cell.get(
+            "value",
+            [cell["east"], cell["north"], cell.get("up")]
+            if "east" in cell and "north" in cell
+            else [],
+        )
     if isinstance(listed, list | tuple) and (len(listed) >= 2 or not earth):
         return listed
     # null, NaN or "NaN" in the place of a cell
@@ -137,7 +157,9 @@ def _components(cell: Any, earth: bool) -> Sequence[Any]:
 
 def number_or_numbers(value: Any) -> Array:
     """Return what may be one number or a list of them, shape (1,) or (n,); an empty list is one number that is not known."""
-    return numbers(value) if isinstance(value, list | tuple) and value else np.array([number(value)])
+    return (
+        numbers(value) if isinstance(value, list | tuple) and value else np.array([number(value)])
+    )
 
 
 def believed_std(value: Any, n: int) -> Array:
@@ -150,7 +172,9 @@ def believed_std(value: Any, n: int) -> Array:
         return _one_std(number(value), n)
     values = number_or_numbers(value)
     if values.size not in (1, n):
-        raise MeasurementError(f"ping: expected velocity_std to be a number or {n} numbers, got {values.size}")
+        raise MeasurementError(
+            f"ping: expected velocity_std to be a number or {n} numbers, got {values.size}"
+        )
     believed = np.where((values >= STD_BELIEVED[0]) & (values <= STD_BELIEVED[1]), values, np.nan)
     return np.full(n, believed[0]) if values.size == 1 else believed
 
@@ -183,7 +207,12 @@ def by_cell(payload: Mapping[str, Any], name: str, n: int) -> Array | str:
     except (TypeError, ValueError, OverflowError):
         # cells of different lengths, or something among them that is no number
         values = rows(raw)
-    if values.ndim > 2 or values.size == 0 or values.size % n or (values.ndim == 2 and len(values) != n):
+    if (
+        values.ndim > 2
+        or values.size == 0
+        or values.size % n
+        or (values.ndim == 2 and len(values) != n)
+    ):
         return f"{name} is not as long as the velocity"
     values = np.where(np.isfinite(values), values, np.nan).reshape(n, -1)
     return values if np.isfinite(values).any() else f"the ping has no {name}"

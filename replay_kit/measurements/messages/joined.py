@@ -34,7 +34,10 @@ class Component:
         """Return whether this one, which has its mapping, and one that waited are components of one velocity."""
         assert self.entry is not None, "it has just come"
         assert self.entry.join_within is not None, "only such mappings make components"
-        return self.name != other.name and abs(self.stamp_ns - other.stamp_ns) <= 1e9 * self.entry.join_within
+        return (
+            self.name != other.name
+            and abs(self.stamp_ns - other.stamp_ns) <= 1e9 * self.entry.join_within
+        )
 
 
 def component(message: Message, entry: ProfileMap | VelocityMap) -> Component:
@@ -46,9 +49,16 @@ def component(message: Message, entry: ProfileMap | VelocityMap) -> Component:
     payload = message.payload
     held = next((payload[key] for key in ("value", "data") if key in payload), None)
     if held is None:
-        raise MeasurementError(f"measurements.map: join_within: expected 'value' or 'data' in the message, it holds {', '.join(payload)}")
+        raise MeasurementError(
+            f"measurements.map: join_within: expected 'value' or 'data' in the message, it holds {', '.join(payload)}"
+        )
     boot_ms = number(payload.get("time_boot_ms"))
-    return Component(entry, str(payload["name"]), boot_ms * _NS_PER_MS if boot_ms == boot_ms else float(message.time_ns), held)
+    return Component(
+        entry,
+        str(payload["name"]),
+        boot_ms * _NS_PER_MS if boot_ms == boot_ms else float(message.time_ns),
+        held,
+    )
 
 
 def joined(part: Component, other: Component) -> StatedPing | str:
@@ -56,6 +66,9 @@ def joined(part: Component, other: Component) -> StatedPing | str:
     assert part.entry is not None, "it has just come"
     values: Mapping[str, Any] = {each.name: each.value for each in (part, other)}
     east, north = values[str(part.entry.east)], values[str(part.entry.north)]
-    found = mapped({"east": east, "north": north}, part.entry.model_copy(update={"east": "east", "north": "north"}))
+    found = mapped(
+        {"east": east, "north": north},
+        part.entry.model_copy(update={"east": "east", "north": "north"}),
+    )
     assert isinstance(found, StatedPing | str), "profiles and velocities are pings"
     return found

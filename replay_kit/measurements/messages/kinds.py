@@ -13,7 +13,13 @@ from typing import Any
 
 from replay_kit.core.message import Message
 from replay_kit.measurements.current.mean import MeanCurrent
-from replay_kit.measurements.messages import mavlink_ping, mavlink_vehicle, motion, position, profiles
+from replay_kit.measurements.messages import (
+    mavlink_ping,
+    mavlink_vehicle,
+    motion,
+    position,
+    profiles,
+)
 from replay_kit.measurements.messages.mean_current import depth_averaged_current
 from replay_kit.measurements.messages.position import Depth, Pose, Position, Pressure
 from replay_kit.measurements.messages.profiles import StatedPing
@@ -103,7 +109,11 @@ def _reader(schema: str, topic: str) -> Reader | str | None:
     """Return what reads a topic's messages, or why they cannot be used; None for a kind that is not known."""
     name = canonical(schema)
     package, _, kind = name.rpartition(".")
-    reader = _READERS.get(name) or _ANY_PACKAGE.get(kind) or (_IMC.get(kind) if package.lower() == "imc" else None)
+    reader = (
+        _READERS.get(name)
+        or _ANY_PACKAGE.get(kind)
+        or (_IMC.get(kind) if package.lower() == "imc" else None)
+    )
     if name in _POSES and _WISH.search(topic):
         return "by its topic's name a place to go to, not where the vehicle is"
     if reader is None and topic == _BLUEOS_COPY:

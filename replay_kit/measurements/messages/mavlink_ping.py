@@ -65,7 +65,9 @@ def ping_frame(message: Message) -> PingFrame | None:
         return None
     array_id, time_usec = (whole_number(payload.get(name)) for name in ("array_id", "time_usec"))
     if array_id is None or time_usec is None or not isinstance(payload.get("data"), list | tuple):
-        raise MeasurementError("frame of a ping: expected array_id and time_usec to be integers and data to be a list")
+        raise MeasurementError(
+            "frame of a ping: expected array_id and time_usec to be integers and data to be a list"
+        )
     return PingFrame((message.topic, array_id, time_usec), str(payload["name"]), payload["data"])
 
 
@@ -81,7 +83,9 @@ def assemble(frames: Mapping[str, PingFrame]) -> dict[str, Any]:
     """Return the ping's payload, as if it had come as JSON; what a frame is too short for is left for the ping's own checks."""
     payload = _configuration(frames["ADCP_CFG"].data)
     n_cells = max(whole_number(payload["n_cells"]) or 0, 0)
-    columns = [frames[part].data[:n_cells] for part in ("ADCP_E", "ADCP_N", "ADCP_U") if part in frames]
+    columns = [
+        frames[part].data[:n_cells] for part in ("ADCP_E", "ADCP_N", "ADCP_U") if part in frames
+    ]
     payload["n_cells"] = n_cells
     payload["velocity"] = [list(cell) for cell in zip(*columns, strict=False)]
     payload["velocity_std"] = list(frames["ADCP_STD"].data)[:n_cells]
@@ -95,4 +99,8 @@ def _configuration(data: Sequence[Any]) -> dict[str, Any]:
 
 def declination_in(frame: PingFrame) -> float:
     """Return the magnetic declination [degrees east] that a frame states; NaN when it is not the one that does."""
-    return number(_configuration(frame.data)["magnetic_declination"]) if frame.name == "ADCP_CFG" else math.nan
+    return (
+        number(_configuration(frame.data)["magnetic_declination"])
+        if frame.name == "ADCP_CFG"
+        else math.nan
+    )

@@ -13,7 +13,9 @@ from replay_kit.measurements.messages.fields import number
 from replay_kit.measurements.messages.position import Depth, Position, checked
 
 #: What a reader needs to decode for this module.
-NAMES = frozenset({"GPS_RAW_INT", "GLOBAL_POSITION_INT", "dataflash.GPS", "dataflash.POS", "dataflash.CTUN"})
+NAMES = frozenset(
+    {"GPS_RAW_INT", "GLOBAL_POSITION_INT", "dataflash.GPS", "dataflash.POS", "dataflash.CTUN"}
+)
 _FIX_3D = 3
 #: A position is measured while the last three-dimensional fix is no older than this [ns].
 _FIX_AGE_NS = 5_000_000_000
@@ -55,14 +57,20 @@ def global_position_int(message: Message) -> NavigationPosition | str:
     payload = message.payload
     longitude, latitude = number(payload.get("lon")) * 1e-7, number(payload.get("lat")) * 1e-7
     position = checked(longitude, latitude, -number(payload.get("relative_alt")) * 1e-3, False)
-    return position if isinstance(position, str) else NavigationPosition(_system(message.topic), position)
+    return (
+        position
+        if isinstance(position, str)
+        else NavigationPosition(_system(message.topic), position)
+    )
 
 
 def dataflash_gps(payload: Mapping[str, Any]) -> Position | str:
     """Return the first receiver's fix, or why there is none."""
     if number(payload.get("I", 0)) > 0:
         return "not the first GPS receiver"
-    return _no_fix(payload, "Status") or checked(payload.get("Lng"), payload.get("Lat"), math.nan, False)
+    return _no_fix(payload, "Status") or checked(
+        payload.get("Lng"), payload.get("Lat"), math.nan, False
+    )
 
 
 def dataflash_position(payload: Mapping[str, Any]) -> Position | str:
@@ -99,7 +107,9 @@ def _no_fix(payload: Mapping[str, Any], name: str) -> str:
 def system_of(message: Message) -> str | None:
     """Return the number of the MAVLink system whose position or depth a message states; None for any other message."""
     parts = message.topic.split("/")
-    return parts[1] if message.schema in NAMES and parts[0] == "mavlink" and len(parts) > 2 else None
+    return (
+        parts[1] if message.schema in NAMES and parts[0] == "mavlink" and len(parts) > 2 else None
+    )
 
 
 def _system(topic: str) -> str:

@@ -20,7 +20,9 @@ def depth_averaged_current(payload: Mapping[str, Any]) -> MeanCurrent | str:
     start, end = (_fix(payload.get(name)) for name in ("start_fix", "end_fix"))
     believed = std if STD_BELIEVED[0] <= std <= STD_BELIEVED[1] else math.nan
     dive, inverted = dive_number(payload.get("dive")), bool(payload.get("inverted_in"))
-    return MeanCurrent(velocity, believed, start, end, dive, number(payload.get("max_depth")), inverted)
+    return MeanCurrent(
+        velocity, believed, start, end, dive, number(payload.get("max_depth")), inverted
+    )
 
 
 def _fix(stated: Any) -> Fix | None:
@@ -29,6 +31,11 @@ def _fix(stated: Any) -> Fix | None:
         return None
     seconds, rest = (number(stated["time"].get(name)) for name in ("sec", "nsec"))
     longitude, latitude = number(stated.get("lon")), number(stated.get("lat"))
-    if not (0.0 <= seconds < 2**33 and 0.0 <= rest < 2 * _NS and math.isfinite(longitude) and abs(latitude) <= 90.0):
+    if not (
+        0.0 <= seconds < 2**33
+        and 0.0 <= rest < 2 * _NS
+        and math.isfinite(longitude)
+        and abs(latitude) <= 90.0
+    ):
         return None
     return Fix(int(seconds) * _NS + int(rest), longitude, latitude)

@@ -56,7 +56,11 @@ def dvl(payload: Mapping[str, Any]) -> Dvl | str:
     if not math.isfinite(forward + starboard + down) or not any((forward, starboard, down)):
         return "DVL: no velocity"
     covariance = payload.get("velocity_covar")
-    variances = [number(covariance[k]) for k in (0, 4)] if isinstance(covariance, list | tuple) and len(covariance) > 4 else []
+    variances = (
+        [number(covariance[k]) for k in (0, 4)]
+        if isinstance(covariance, list | tuple) and len(covariance) > 4
+        else []
+    )
     known = len(variances) == 2 and all(variance > 0.0 for variance in variances)
     return Dvl(mode, (forward, starboard, down), math.sqrt(sum(variances) / 2.0) if known else _STD)
 

@@ -84,7 +84,9 @@ def location_fix(payload: Mapping[str, Any]) -> Position | str:
     """
     extra = _metadata(payload.get("metadata"))
     dead_reckoned = str(extra.get("dead_reckoned", "")).strip().lower() in _TRUE
-    return checked(payload.get("longitude"), payload.get("latitude"), number(extra.get("depth")), dead_reckoned)
+    return checked(
+        payload.get("longitude"), payload.get("latitude"), number(extra.get("depth")), dead_reckoned
+    )
 
 
 def nav_sat_fix(payload: Mapping[str, Any]) -> Position | str:
@@ -103,7 +105,9 @@ def fluid_pressure(payload: Mapping[str, Any]) -> Pressure:
 def odometry(payload: Mapping[str, Any]) -> Pose | str:
     """Return the pose of a ``nav_msgs/Odometry`` or ``geometry_msgs/PoseWithCovarianceStamped``, or why there is none."""
     pose = payload.get("pose")
-    return _pose(payload, pose.get("pose") if isinstance(pose, Mapping) else None, "pose.pose.position")
+    return _pose(
+        payload, pose.get("pose") if isinstance(pose, Mapping) else None, "pose.pose.position"
+    )
 
 
 def pose_stamped(payload: Mapping[str, Any]) -> Pose | str:
@@ -120,7 +124,9 @@ def _pose(payload: Mapping[str, Any], pose: Any, where: str) -> Pose | str:
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
         return "position is not a number"
     header = payload.get("header")
-    frame = str(header.get("frame_id", "")).strip("/").lower() if isinstance(header, Mapping) else ""
+    frame = (
+        str(header.get("frame_id", "")).strip("/").lower() if isinstance(header, Mapping) else ""
+    )
     # REP-105 gives the name to the frame whose origin is the Earth's centre
     if frame == "earth":
         return "position in the frame 'earth', whose axes are not east, north and up"

@@ -25,7 +25,12 @@ _UINT16_WHOLE_METRES = (
 # of the coordinate systems of IMC: by number and by name, ours, and where in a cell east, north and up are, with their signs
 _ENU, _NED = ((0, 1.0), (1, 1.0), (2, 1.0)), ((1, 1.0), (0, 1.0), (2, -1.0))
 _IMC_SYSTEMS = {1: "XYZ", 2: "NED", 4: "BEAMS", 8: "ENU"}
-_IMC_COORDINATES = {"XYZ": ("instrument", None), "BEAMS": ("beam", None), "NED": ("earth", _NED), "ENU": ("earth", _ENU)}
+_IMC_COORDINATES = {
+    "XYZ": ("instrument", None),
+    "BEAMS": ("beam", None),
+    "NED": ("earth", _NED),
+    "ENU": ("earth", _ENU),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +75,10 @@ def ds_adcp(payload: Mapping[str, Any]) -> StatedPing | str:
             "cell_size": cell_size,
             "bin0_distance": payload.get("bin0_distance"),
             "beam_unit_vectors": directions,
-            "velocity": [read([_vector(item) for item in cell["velocity_bin_beam"]], directions) for cell in cells],
+            "velocity": [
+                read([_vector(item) for item in cell["velocity_bin_beam"]], directions)
+                for cell in cells
+            ],
         }
     )
 
@@ -103,7 +111,9 @@ def _nucleus(payload: Mapping[str, Any]) -> StatedPing | str:
             "cell_size": cell_size,
             # blanking ends where the first cell begins
             "bin0_distance": number(payload.get("blanking")) + 0.5 * cell_size,
-            "velocity": [values[i : i + _NUCLEUS_BEAMS] for i in range(0, len(values), _NUCLEUS_BEAMS)],
+            "velocity": [
+                values[i : i + _NUCLEUS_BEAMS] for i in range(0, len(values), _NUCLEUS_BEAMS)
+            ],
             "amplitude": _rows(payload.get("amplitude_data"), _NUCLEUS_BEAMS),
             "correlation": _rows(payload.get("correlation_data"), _NUCLEUS_BEAMS),
             "sound_speed": payload.get("sound_velocity"),
@@ -130,10 +140,16 @@ def _imc(payload: Mapping[str, Any]) -> StatedPing | str:
             "reference": "platform",
             "orientation": "down",
             "n_cells": len(cells),
-            "cell_distances": [abs(number(cell.get("cell_position"))) for cell in payload["profile"]],
+            "cell_distances": [
+                abs(number(cell.get("cell_position"))) for cell in payload["profile"]
+            ],
             "velocity": cells,
-            "amplitude": [[beam.get("amp") for beam in cell["beams"]] for cell in payload["profile"]],
-            "correlation": [[beam.get("cor") for beam in cell["beams"]] for cell in payload["profile"]],
+            "amplitude": [
+                [beam.get("amp") for beam in cell["beams"]] for cell in payload["profile"]
+            ],
+            "correlation": [
+                [beam.get("cor") for beam in cell["beams"]] for cell in payload["profile"]
+            ],
         }
     )
 
@@ -142,17 +158,28 @@ def _vector(value: Mapping[str, Any]) -> tuple[float, float, float]:
     return number(value.get("x")), number(value.get("y")), number(value.get("z"))
 
 
-def _first_vector(vectors: list[tuple[float, float, float]], _: list[tuple[float, float, float]]) -> list[float | None]:
+def _first_vector(
+    vectors: list[tuple[float, float, float]], _: list[tuple[float, float, float]]
+) -> list[float | None]:
     """Return a cell's only vector; zeros are no solution."""
     return list(vectors[0]) if vectors and any(vectors[0]) else [None, None, None]
 
 
-def _along_beams(vectors: list[tuple[float, float, float]], directions: list[tuple[float, float, float]]) -> list[float | None]:
+def _along_beams(
+    vectors: list[tuple[float, float, float]], directions: list[tuple[float, float, float]]
+) -> list[float | None]:
     """Return the velocity along each beam; zeros are no solution."""
     pairs = zip(vectors, directions, strict=True)
-    return [sum(v * d for v, d in zip(vector, unit, strict=True)) if any(vector) else None for vector, unit in pairs]
+    return [
+        sum(v * d for v, d in zip(vector, unit, strict=True)) if any(vector) else None
+        for vector, unit in pairs
+    ]
 
 
 def _rows(values: Any, width: int) -> list[list[Any]] | None:
     """Return a flat list cut into rows; None for what is no list."""
-    return [list(values[i : i + width]) for i in range(0, len(values), width)] if isinstance(values, list | tuple | bytes) else None
+    return (
+        [list(values[i : i + width]) for i in range(0, len(values), width)]
+        if isinstance(values, list | tuple | bytes)
+        else None
+    )

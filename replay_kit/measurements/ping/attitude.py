@@ -50,7 +50,11 @@ def attitude_of(orientation: Orientation) -> Attitude | None:
     tilt = math.degrees(math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x)))))
     roll = math.degrees(math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)))
     # about an axis to the left a positive turn lowers the nose, about one to the right it raises it
-    return Attitude(_compass(yaw), tilt, roll) if orientation.ned else Attitude(_compass(90.0 - yaw), -tilt, roll)
+    return (
+        Attitude(_compass(yaw), tilt, roll)
+        if orientation.ned
+        else Attitude(_compass(90.0 - yaw), -tilt, roll)
+    )
 
 
 def _compass(angle: float) -> float:
@@ -66,7 +70,9 @@ def attitude_within(orientation: tuple[int, Orientation] | None, time_ns: int) -
     return attitude_of(orientation[1])
 
 
-def with_attitude(ping: AdcpPing, orientation: tuple[int, Orientation] | None, time_ns: int) -> AdcpPing:
+def with_attitude(
+    ping: AdcpPing, orientation: tuple[int, Orientation] | None, time_ns: int
+) -> AdcpPing:
     """Return a ping with the attitude that it does not state, if another message stated one close enough in time.
 
     Its pitch is then an Euler angle, which Teledyne's correction of a tilt sensor must leave alone.
@@ -76,7 +82,16 @@ def with_attitude(ping: AdcpPing, orientation: tuple[int, Orientation] | None, t
         orientation: The last one before it, after its time [ns, UTC].
         time_ns: The ping's.
     """
-    if math.isfinite(ping.attitude.heading) or (attitude := attitude_within(orientation, time_ns)) is None:
+    if (
+        math.isfinite(ping.attitude.heading)
+        or (attitude := attitude_within(orientation, time_ns)) is None
+    ):
         return ping
-    own = replace(ping.attitude, heading=attitude.heading, pitch=attitude.pitch, roll=attitude.roll, euler_pitch=True)
+    own = replace(
+        ping.attitude,
+        heading=attitude.heading,
+        pitch=attitude.pitch,
+        roll=attitude.roll,
+        euler_pitch=True,
+    )
     return replace(ping, attitude=own)

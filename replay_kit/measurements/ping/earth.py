@@ -49,15 +49,28 @@ def earth_referenced(ping: AdcpPing, config: MeasurementConfig) -> AdcpPing:
     relative = ping.reference == "platform"
     moves = relative and (bottom is not None or stated is not None)
     # what is not used needs no turning, which may lack an attitude
-    if not moves and ((ping.coordinate_system == "earth" and declination == 0.0) or (relative and not config.use_relative)):
+    if not moves and (
+        (ping.coordinate_system == "earth" and declination == 0.0)
+        or (relative and not config.use_relative)
+    ):
         return ping
     if declination is None:
-        raise MeasurementError("heading is magnetic, declination unknown; state it in the ping or as measurements.magnetic_declination")
+        raise MeasurementError(
+            "heading is magnetic, declination unknown; state it in the ping or as measurements.magnetic_declination"
+        )
     axes = _axes(ping, declination)
     velocity, error_velocity = frames.to_earth(ping.velocity, axes)
     if moves and bottom is not None:
-        ((east, north, _),), std = -frames.to_earth(bottom.velocity[None], replace(axes, cells=None))[0], bottom.error_std
-        stated = PlatformVelocity(float(east), float(north), std if 0.0 < std <= config.max_speed else _BOTTOM_STD, "bottom_track")
+        ((east, north, _),), std = (
+            -frames.to_earth(bottom.velocity[None], replace(axes, cells=None))[0],
+            bottom.error_std,
+        )
+        stated = PlatformVelocity(
+            float(east),
+            float(north),
+            std if 0.0 < std <= config.max_speed else _BOTTOM_STD,
+            "bottom_track",
+        )
     if moves and stated is not None:
         velocity = velocity + np.array([stated.east, stated.north, 0.0])
     gain = frames.noise_gain(axes.vectors) if axes.along_beams and axes.vectors is not None else 1.0
@@ -70,11 +83,15 @@ def earth_referenced(ping: AdcpPing, config: MeasurementConfig) -> AdcpPing:
         platform_velocity=stated if moves else ping.platform_velocity,
         bin_mapped=axes.cells is not None or ping.bin_mapped,
         attitude=replace(ping.attitude, declination_applied=True),
-        quality=ping.quality if error_velocity is None else replace(ping.quality, error_velocity=error_velocity),
+        quality=ping.quality
+        if error_velocity is None
+        else replace(ping.quality, error_velocity=error_velocity),
     )
 
 
-def with_bottom_track(ping: AdcpPing, bottom: tuple[int, PlatformVelocity] | None, time_ns: int, max_speed: float) -> AdcpPing:
+def with_bottom_track(
+    ping: AdcpPing, bottom: tuple[int, PlatformVelocity] | None, time_ns: int, max_speed: float
+) -> AdcpPing:
     """Return a ping with the velocity that a DVL measured within three seconds of it, where it does not state one itself.
 
     Args:
@@ -89,7 +106,9 @@ def with_bottom_track(ping: AdcpPing, bottom: tuple[int, PlatformVelocity] | Non
     return ping if known else replace(ping, platform_velocity=bottom[1])
 
 
-def added_velocity(ping: AdcpPing, config: MeasurementConfig) -> tuple[tuple[float, float] | None, float]:
+def added_velocity(
+    ping: AdcpPing, config: MeasurementConfig
+) -> tuple[tuple[float, float] | None, float]:
     """Return what was added to a ping's velocities to make them absolute, true east and north [m/s], and its error [m/s].
 
     None and no error for a ping whose velocities came absolute and that does not say how; None and an infinite error for one whose
@@ -113,7 +132,11 @@ def _declination(ping: AdcpPing, config: MeasurementConfig) -> float | None:
     applied = ping.attitude.declination_applied
     if applied or (applied is None and ping.coordinate_system == "earth"):
         return 0.0
-    return ping.attitude.declination if np.isfinite(ping.attitude.declination) else config.magnetic_declination
+    return (
+        ping.attitude.declination
+        if np.isfinite(ping.attitude.declination)
+        else config.magnetic_declination
+    )
 
 
 def _axes(ping: AdcpPing, declination: float) -> frames.Axes:
@@ -124,7 +147,9 @@ def _axes(ping: AdcpPing, declination: float) -> frames.Axes:
     level = system == "ship" and attitude.tilt_applied
     pitch, roll = (0.0, 0.0) if level else (attitude.pitch, attitude.roll)
     if not np.isfinite(attitude.heading + pitch + roll):
-        raise MeasurementError(f"velocity in {system} coordinates, and heading, pitch or roll is not known")
+        raise MeasurementError(
+            f"velocity in {system} coordinates, and heading, pitch or roll is not known"
+        )
     heading = attitude.heading + declination
     if system != "ship" and attitude.convention not in _CONVENTIONS:
         raise MeasurementError(
@@ -136,7 +161,9 @@ def _axes(ping: AdcpPing, declination: float) -> frames.Axes:
     if system != "ship" and attitude.convention == "nortek":
         rotation = frames.nortek_rotation(heading, pitch, roll, ping.orientation == "down")
     else:
-        rotation = frames.teledyne_rotation(heading, pitch, roll, ping.orientation == "up" and not level, attitude.euler_pitch)
+        rotation = frames.teledyne_rotation(
+            heading, pitch, roll, ping.orientation == "up" and not level, attitude.euler_pitch
+        )
     return frames.Axes(rotation, along_beams, vectors, cells)
 
 
@@ -144,7 +171,9 @@ def _can_map(ping: AdcpPing) -> bool:
     """Return whether bins are still to be mapped and can be: from beams, or from axes with the error velocity beside them."""
     if ping.bin_mapped or ping.beam_vectors is None:
         return False
-    return ping.coordinate_system == "beam" or (ping.coordinate_system == "instrument" and ping.velocity.shape[1] == 4)
+    return ping.coordinate_system == "beam" or (
+        ping.coordinate_system == "instrument" and ping.velocity.shape[1] == 4
+    )
 
 
 def _even_cells(ping: AdcpPing) -> tuple[float, float]:
@@ -152,7 +181,9 @@ def _even_cells(ping: AdcpPing) -> tuple[float, float]:
     centres, steps = ping.distance, np.arange(ping.distance.size)
     if ping.cell_size > 0.0 and (centres == centres[0] + ping.cell_size * steps).all():
         return float(centres[0]), ping.cell_size
-    size = float(centres[-1] - centres[0]) / (centres.size - 1) if centres.size > 1 else ping.cell_size
+    size = (
+        float(centres[-1] - centres[0]) / (centres.size - 1) if centres.size > 1 else ping.cell_size
+    )
     if not (size > 0.0 and (np.abs(centres - centres[0] - size * steps) <= _UNEVEN * size).all()):
         raise MeasurementError(
             "ping: bins can be mapped to equal depths only where cell_distances are finite, growing and evenly spaced [m], "
@@ -166,14 +197,22 @@ def _found_bottom(ping: AdcpPing) -> BottomTrack | None:
     bottom, system = ping.bottom_track, ping.coordinate_system
     if bottom is None or bottom.velocity.size < 3:
         return None
-    needed = bottom.velocity if system == "beam" else bottom.velocity[: 2 if system in ("ship", "earth") else 3]
+    needed = (
+        bottom.velocity
+        if system == "beam"
+        else bottom.velocity[: 2 if system in ("ship", "earth") else 3]
+    )
     return bottom if np.isfinite(needed).sum() >= min(3, needed.size) else None
 
 
 def _stated_motion(ping: AdcpPing, max_speed: float) -> PlatformVelocity | None:
     """Return the platform's velocity that a ping states; None when it states none, or with an error above the fastest motion."""
     motion = ping.platform_velocity
-    if motion is None or not math.isfinite(motion.east + motion.north) or not 0.0 < motion.error_std <= max_speed:
+    if (
+        motion is None
+        or not math.isfinite(motion.east + motion.north)
+        or not 0.0 < motion.error_std <= max_speed
+    ):
         return None
     return motion
 
@@ -182,7 +221,9 @@ def _vectors(ping: AdcpPing) -> Array:
     """Return the beams' unit vectors, shape (b, 3), checked."""
     vectors = ping.beam_vectors
     if vectors is None or vectors.size == 0 or not np.isfinite(vectors).all():
-        raise MeasurementError("velocity in beam coordinates, and beam_unit_vectors does not hold three numbers a beam")
+        raise MeasurementError(
+            "velocity in beam coordinates, and beam_unit_vectors does not hold three numbers a beam"
+        )
     if not (np.abs(np.linalg.norm(vectors, axis=1) - 1.0) < _UNIT).all():
         raise MeasurementError("beam_unit_vectors: expected vectors of length 1")
     return vectors

@@ -48,7 +48,12 @@ def to_earth(velocity: Array, axes: Axes) -> tuple[Array, Array | None]:
     solved = vectors is not None and (axes.along_beams or axes.cells is not None)
     if vectors is not None and solved:
         beams = velocity if axes.along_beams else beams_of(velocity, vectors)
-        velocity = solve_beams(map_bins(beams, vertical_stretch(vectors, rotation), *axes.cells) if axes.cells else beams, vectors)
+        velocity = solve_beams(
+            map_bins(beams, vertical_stretch(vectors, rotation), *axes.cells)
+            if axes.cells
+            else beams,
+            vectors,
+        )
     if velocity.shape[1] == 4:
         error = np.where(solved & (velocity[:, 3:] == 0.0), np.nan, velocity[:, 3:])
     if (rotation[2] == (0.0, 0.0, 1.0)).all():
@@ -79,7 +84,9 @@ def solve_beams(beams: Array, vectors: Array) -> Array:
         if present.sum() < _LEAST_BEAMS or np.linalg.matrix_rank(vectors[present]) < 3:
             continue
         result[cells, :3] = beams[cells][:, present] @ np.linalg.pinv(vectors[present]).T
-        result[cells, 3] = beams[cells] @ error_weights(vectors) if present.all() and len(vectors) == 4 else 0.0
+        result[cells, 3] = (
+            beams[cells] @ error_weights(vectors) if present.all() and len(vectors) == 4 else 0.0
+        )
     return result
 
 
@@ -111,7 +118,9 @@ def beams_of(velocity: Array, vectors: Array) -> Array:
     return beams
 
 
-def teledyne_rotation(heading_deg: float, pitch_deg: float, roll_deg: float, up: bool = False, gimbal: bool = False) -> Array:
+def teledyne_rotation(
+    heading_deg: float, pitch_deg: float, roll_deg: float, up: bool = False, gimbal: bool = False
+) -> Array:
     """Return the matrix, shape (3, 3), from Teledyne's instrument axes to east, north, up.
 
     With pitch and roll 0 it turns ship axes (x starboard, y forward) too.
@@ -134,7 +143,9 @@ def teledyne_rotation(heading_deg: float, pitch_deg: float, roll_deg: float, up:
     if not gimbal:
         pitch = np.arctan(np.tan(pitch) * np.cos(roll))
     roll = roll + np.pi if up else roll
-    (ch, sh), (cp, sp), (cr, sr) = ((np.cos(angle), np.sin(angle)) for angle in (heading, pitch, roll))
+    (ch, sh), (cp, sp), (cr, sr) = (
+        (np.cos(angle), np.sin(angle)) for angle in (heading, pitch, roll)
+    )
     return np.array(
         [
             [ch * cr + sh * sp * sr, sh * cp, ch * sr - sh * sp * cr],
@@ -144,7 +155,9 @@ def teledyne_rotation(heading_deg: float, pitch_deg: float, roll_deg: float, up:
     )
 
 
-def nortek_rotation(heading_deg: float, pitch_deg: float, roll_deg: float, down: bool = False) -> Array:
+def nortek_rotation(
+    heading_deg: float, pitch_deg: float, roll_deg: float, down: bool = False
+) -> Array:
     """Return the matrix, shape (3, 3), from Nortek's instrument axes to east, north, up.
 
     Args:
@@ -156,8 +169,14 @@ def nortek_rotation(heading_deg: float, pitch_deg: float, roll_deg: float, down:
     References:
         Nortek, Integrators Guide, coordinate transformations: H P R with heading - 90 degrees.
     """
-    heading, pitch, roll = np.deg2rad(90.0 - heading_deg), np.deg2rad(pitch_deg), np.deg2rad(roll_deg)
-    (ch, sh), (cp, sp), (cr, sr) = ((np.cos(angle), np.sin(angle)) for angle in (heading, pitch, roll))
+    heading, pitch, roll = (
+        np.deg2rad(90.0 - heading_deg),
+        np.deg2rad(pitch_deg),
+        np.deg2rad(roll_deg),
+    )
+    (ch, sh), (cp, sp), (cr, sr) = (
+        (np.cos(angle), np.sin(angle)) for angle in (heading, pitch, roll)
+    )
     matrix = np.array(
         [
             [ch * cp, -ch * sp * sr - sh * cr, sh * sr - ch * cr * sp],
@@ -176,7 +195,14 @@ def vertical_stretch(vectors: Array, rotation: Array) -> Array:
         rotation: shape (3, 3), from the instrument's axes to east, north, up.
     """
     untilted = np.abs(vectors[:, 2])
-    return np.asarray(np.divide(np.abs(vectors @ rotation[2]), untilted, out=np.zeros(len(vectors)), where=untilted > 0.0))
+    return np.asarray(
+        np.divide(
+            np.abs(vectors @ rotation[2]),
+            untilted,
+            out=np.zeros(len(vectors)),
+            where=untilted > 0.0,
+        )
+    )
 
 
 def map_bins(beams: Array, stretch: Array, bin0_distance: float, cell_size: float) -> Array:

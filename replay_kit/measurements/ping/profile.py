@@ -11,7 +11,9 @@ from replay_kit.core.arrays import Array
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
 from replay_kit.measurements.vehicle.pressure import depths_of_pressures
 
-_NO_DEPTH = "ping: its instrument's depth is not a number, and no earlier message gives the vehicle's depth"
+_NO_DEPTH = (
+    "ping: its instrument's depth is not a number, and no earlier message gives the vehicle's depth"
+)
 _NO_DEPTH_OF_PRESSURE = "ping: no depth has the pressure it states [dbar]"
 
 
@@ -34,7 +36,9 @@ class Profiles:
     error_std: Array
 
 
-def profiles_of(pings: Sequence[AdcpPing], transducer_depths: Sequence[float], config: MeasurementConfig) -> Profiles:
+def profiles_of(
+    pings: Sequence[AdcpPing], transducer_depths: Sequence[float], config: MeasurementConfig
+) -> Profiles:
     """Return the profiles that earth-coordinates pings hold.
 
     Args:
@@ -49,10 +53,18 @@ def profiles_of(pings: Sequence[AdcpPing], transducer_depths: Sequence[float], c
     depth = np.where(np.isfinite(depth), depth, np.nan)
     stated = np.array([ping.velocity_std for ping in pings])
     velocity = np.array([ping.velocity[:, :2] for ping in pings])
-    return Profiles(depth, distance, transducer_depths, velocity, np.where(np.isfinite(stated), stated, config.velocity_std))
+    return Profiles(
+        depth,
+        distance,
+        transducer_depths,
+        velocity,
+        np.where(np.isfinite(stated), stated, config.velocity_std),
+    )
 
 
-def transducer_depths(pings: Sequence[AdcpPing], vehicle_depth: Sequence[float], latitude: Sequence[float]) -> list[float | str]:
+def transducer_depths(
+    pings: Sequence[AdcpPing], vehicle_depth: Sequence[float], latitude: Sequence[float]
+) -> list[float | str]:
     """Return the depths of transducers [m], or why one is not known.
 
     A transducer is at the depth of the ping's pressure, or at the vehicle's where it has none, plus ``transducer_depth``.
@@ -62,13 +74,17 @@ def transducer_depths(pings: Sequence[AdcpPing], vehicle_depth: Sequence[float],
         vehicle_depth: Of each [m], from other messages; used when the ping has no pressure. NaN when unknown.
         latitude: Of each [degrees north], for pressure to depth.
     """
-    by_pressure = depths_of_pressures(np.array([ping.pressure for ping in pings]), np.array(latitude)).tolist()
+    by_pressure = depths_of_pressures(
+        np.array([ping.pressure for ping in pings]), np.array(latitude)
+    ).tolist()
 
     def of(ping: AdcpPing, below: float, vehicle: float) -> float | str:
         stated = math.isfinite(ping.pressure)
         top = below if stated else vehicle
         if math.isfinite(top):
-            return float(top) + (ping.transducer_depth if math.isfinite(ping.transducer_depth) else 0.0)
+            return float(top) + (
+                ping.transducer_depth if math.isfinite(ping.transducer_depth) else 0.0
+            )
         return _NO_DEPTH_OF_PRESSURE if stated else _NO_DEPTH
 
     return [of(*one) for one in zip(pings, by_pressure, vehicle_depth, strict=True)]

@@ -18,7 +18,11 @@ from replay_kit.measurements.ping.profile import Profiles
 from replay_kit.measurements.quality import tests as quality
 from replay_kit.measurements.quality.tests import Checks, Flags, Limits, Values
 
-_FAIL, _MALFORMED, _MISSING = np.int8(Flag.FAIL), np.int32(Reason.MALFORMED), np.int32(Reason.MISSING)
+_FAIL, _MALFORMED, _MISSING = (
+    np.int8(Flag.FAIL),
+    np.int32(Reason.MALFORMED),
+    np.int32(Reason.MISSING),
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,13 +56,29 @@ def checks(tested: PingBlock, config: MeasurementConfig) -> tuple[Checks, ...]:
         tested: The pings.
         config: The limits.
     """
-    limits, pings, profiles, shape = config.quality.limits, tested.pings, tested.profiles, tested.shape
+    limits, pings, profiles, shape = (
+        config.quality.limits,
+        tested.pings,
+        tested.profiles,
+        tested.shape,
+    )
     nortek = "nortek_" if is_nortek(pings[0]) else ""
     # name, reason, numbers a bin or a beam, limits, whether these are the least that is good
     rows: tuple[tuple[str, Reason, Values, Limits | Sequence[Limits], bool], ...] = (
         ("above_surface", Reason.ABOVE_SURFACE, profiles.depth, (None, 0.0), True),
-        ("max_speed", Reason.GROSS_RANGE, np.abs(profiles.velocity).max(axis=2), (None, config.max_speed), False),
-        ("bottom", Reason.BELOW_BOTTOM, *_of_each([_bottom(ping, config) for ping in pings]), False),
+        (
+            "max_speed",
+            Reason.GROSS_RANGE,
+            np.abs(profiles.velocity).max(axis=2),
+            (None, config.max_speed),
+            False,
+        ),
+        (
+            "bottom",
+            Reason.BELOW_BOTTOM,
+            *_of_each([_bottom(ping, config) for ping in pings]),
+            False,
+        ),
         (
             f"{nortek}correlation",
             Reason.LOW_CORRELATION,
@@ -66,10 +86,28 @@ def checks(tested: PingBlock, config: MeasurementConfig) -> tuple[Checks, ...]:
             limits(f"{nortek}correlation"),
             True,
         ),
-        ("amplitude", Reason.LOW_AMPLITUDE, [ping.quality.amplitude for ping in pings], limits("amplitude"), True),
+        (
+            "amplitude",
+            Reason.LOW_AMPLITUDE,
+            [ping.quality.amplitude for ping in pings],
+            limits("amplitude"),
+            True,
+        ),
         ("snr", Reason.LOW_SNR, [_snr(ping) for ping in pings], limits("snr"), True),
-        ("percent_good", Reason.LOW_PERCENT_GOOD, [_percent_good(ping) for ping in pings], limits("percent_good"), True),
-        ("error_velocity", Reason.ERROR_VELOCITY, [_error_velocity(ping) for ping in pings], limits("error_velocity"), False),
+        (
+            "percent_good",
+            Reason.LOW_PERCENT_GOOD,
+            [_percent_good(ping) for ping in pings],
+            limits("percent_good"),
+            True,
+        ),
+        (
+            "error_velocity",
+            Reason.ERROR_VELOCITY,
+            [_error_velocity(ping) for ping in pings],
+            limits("error_velocity"),
+            False,
+        ),
         ("speed", Reason.HIGH_SPEED, _speed(tested), limits("speed"), False),
         ("tilt", Reason.TILT, _tilt(tested), limits("tilt"), False),
         ("sidelobe", Reason.SIDELOBE, *_of_each(_surface(tested, config)), False),
@@ -77,13 +115,24 @@ def checks(tested: PingBlock, config: MeasurementConfig) -> tuple[Checks, ...]:
     )
     found = [quality.check(shape, *row) for row in rows]
     # each bin against those around it that no other test failed
-    failed = np.any([check.flags == _FAIL for check in found if check.flags is not None], axis=0) | ~np.isfinite(profiles.depth)
+    failed = np.any(
+        [check.flags == _FAIL for check in found if check.flags is not None], axis=0
+    ) | ~np.isfinite(profiles.depth)
     velocity = np.where(failed[..., None], np.nan, profiles.velocity)
     floor = np.maximum(profiles.error_std, config.quality.outlier_floor)
     ratio = quality.outlyingness(velocity, floor, config.quality.outlier_window)
     known: list[bool] = np.asarray(np.isfinite(ratio).any(axis=1)).tolist()
-    outlier: Values = ratio if all(known) else [row if is_known else "too few bins" for row, is_known in zip(ratio, known, strict=True)]
-    return (*found, quality.check(shape, "outlier", Reason.OUTLIER, outlier, limits("outlier"), False))
+    outlier: Values = (
+        ratio
+        if all(known)
+        else [
+            row if is_known else "too few bins" for row, is_known in zip(ratio, known, strict=True)
+        ]
+    )
+    return (
+        *found,
+        quality.check(shape, "outlier", Reason.OUTLIER, outlier, limits("outlier"), False),
+    )
 
 
 def is_nortek(ping: AdcpPing) -> bool:
@@ -91,7 +140,9 @@ def is_nortek(ping: AdcpPing) -> bool:
     return ping.attitude.convention == "nortek"
 
 
-def flags_of(profiles: Profiles, found: Sequence[Checks], use_suspect: bool) -> tuple[Flags, NDArray[np.int32]]:
+def flags_of(
+    profiles: Profiles, found: Sequence[Checks], use_suspect: bool
+) -> tuple[Flags, NDArray[np.int32]]:
     """Return the flags and reasons of profiles' bins after all tests, shapes (s, n); a bin without a number is missing."""
     missing = np.where(np.isfinite(profiles.depth), np.int32(0), _MALFORMED)
     missing |= np.where(np.isfinite(profiles.velocity).all(axis=2), np.int32(0), _MISSING)
@@ -131,7 +182,11 @@ def _percent_good(ping: AdcpPing) -> Array | str:
     values = ping.quality.percent_good
     # of the makers whose instruments turn velocities only Teledyne writes four numbers
     turned = ping.measured_system != "beam" and ping.attitude.convention != "nortek"
-    return np.asarray(values[:, 0] + values[:, 3]) if turned and not isinstance(values, str) and values.shape[1] == 4 else values
+    return (
+        np.asarray(values[:, 0] + values[:, 3])
+        if turned and not isinstance(values, str) and values.shape[1] == 4
+        else values
+    )
 
 
 def _error_velocity(ping: AdcpPing) -> Array | str:
@@ -149,14 +204,19 @@ def _speed(tested: PingBlock) -> Values:
     relative = [ping.reference == "platform" for ping in tested.pings]
     if not any(relative):
         return np.asarray(speed)
-    return ["velocity is relative to the platform" if is_relative else row for row, is_relative in zip(speed, relative, strict=True)]
+    return [
+        "velocity is relative to the platform" if is_relative else row
+        for row, is_relative in zip(speed, relative, strict=True)
+    ]
 
 
 def tilt(pitch_deg: float, roll_deg: float) -> float:
     """Return the angle between an instrument's axis and the vertical [degrees], whichever way it looks; NaN when not known."""
     if not math.isfinite(pitch_deg + roll_deg):
         return math.nan
-    return math.degrees(math.acos(abs(math.cos(math.radians(pitch_deg)) * math.cos(math.radians(roll_deg)))))
+    return math.degrees(
+        math.acos(abs(math.cos(math.radians(pitch_deg)) * math.cos(math.radians(roll_deg))))
+    )
 
 
 def _tilt(tested: PingBlock) -> Values:
@@ -167,7 +227,10 @@ def _tilt(tested: PingBlock) -> Values:
         # how an instrument is mounted in a glider, level in the glide or not, no ping says
         return "a vehicle that dives leans to glide" if dive > 0 else angle
 
-    return _over_bins([of(ping, dive) for ping, dive in zip(tested.pings, tested.dive, strict=True)], tested.shape[1])
+    return _over_bins(
+        [of(ping, dive) for ping, dive in zip(tested.pings, tested.dive, strict=True)],
+        tested.shape[1],
+    )
 
 
 def _cosine(ping: AdcpPing, config: MeasurementConfig) -> float:
@@ -180,7 +243,9 @@ def _cosine(ping: AdcpPing, config: MeasurementConfig) -> float:
     return float(np.cos(np.deg2rad(config.quality.beam_angle)))
 
 
-def sidelobe(distance: Array, cell_size: float, boundary: float, cosine: float) -> tuple[Array, Limits]:
+def sidelobe(
+    distance: Array, cell_size: float, boundary: float, cosine: float
+) -> tuple[Array, Limits]:
     """Return how far bins reach towards the surface or the bottom, shape (n,) [m], and the limits: those in its side lobe fail.
 
     A beam's side lobe meets the boundary straight ahead before the beam itself does, so that the last part of the range,
@@ -192,7 +257,10 @@ def sidelobe(distance: Array, cell_size: float, boundary: float, cosine: float) 
         boundary: [m], vertical, from the transducer to the boundary.
         cosine: Of the angle between a beam and the instrument's axis.
     """
-    return distance + (0.5 * cell_size if np.isfinite(cell_size) else 0.0), (None, boundary * cosine)
+    return distance + (0.5 * cell_size if np.isfinite(cell_size) else 0.0), (
+        None,
+        boundary * cosine,
+    )
 
 
 def _sidelobe(ping: AdcpPing, boundary: float, config: MeasurementConfig) -> tuple[Array, Limits]:
@@ -214,7 +282,9 @@ def _surface(tested: PingBlock, config: MeasurementConfig) -> list[tuple[Array |
     if not config.quality.sidelobe:
         return [(quality.OFF, (None, np.nan))] * len(tested.pings)
     return [
-        ("the instrument looks down", (None, np.nan)) if ping.orientation == "down" else _sidelobe(ping, top, config)
+        ("the instrument looks down", (None, np.nan))
+        if ping.orientation == "down"
+        else _sidelobe(ping, top, config)
         for ping, top in zip(tested.pings, tested.profiles.transducer_depth, strict=True)
     ]
 
@@ -226,9 +296,21 @@ def _at_surface(tested: PingBlock, config: MeasurementConfig) -> tuple[Values, L
 
     def of(ping: AdcpPing, top: float, vehicle_depth: float, dive: int) -> float | str:
         if word == "off" or dive == 0 or ping.derived:
-            return quality.OFF if word == "off" else "made of many pings" if ping.derived else "no dive yet"
+            return (
+                quality.OFF
+                if word == "off"
+                else "made of many pings"
+                if ping.derived
+                else "no dive yet"
+            )
         # the depth of the vehicle may be an older one than the ping's own
         return float(np.fmax(vehicle_depth, top))
 
-    each = zip(tested.pings, tested.profiles.transducer_depth, tested.vehicle_depth, tested.dive, strict=True)
+    each = zip(
+        tested.pings,
+        tested.profiles.transducer_depth,
+        tested.vehicle_depth,
+        tested.dive,
+        strict=True,
+    )
     return _over_bins([of(*one) for one in each], tested.shape[1]), limits

@@ -80,7 +80,14 @@ class Checks:
 Values = Array | Sequence[Array | str]
 
 
-def check(shape: tuple[int, int], test: str, reason: Reason, values: Values, limits: Limits | Sequence[Limits], least: bool) -> Checks:
+def check(
+    shape: tuple[int, int],
+    test: str,
+    reason: Reason,
+    values: Values,
+    limits: Limits | Sequence[Limits],
+    least: bool,
+) -> Checks:
     """Return the results of a test, s pings of n bins; see ``graded``.
 
     Args:
@@ -106,7 +113,9 @@ def check(shape: tuple[int, int], test: str, reason: Reason, values: Values, lim
             rows.setdefault(value.shape, []).append(i)
     for alike in rows.values():
         own = limits if isinstance(limits, tuple) else _column([limits[i] for i in alike])
-        flags[alike] = graded(_of_bins(np.stack([np.asarray(values[i]) for i in alike])), own, least)
+        flags[alike] = graded(
+            _of_bins(np.stack([np.asarray(values[i]) for i in alike])), own, least
+        )
     return Checks(test, reason, n, flags, why_not)
 
 
@@ -117,7 +126,12 @@ def _of_bins(values: Array) -> Array:
 
 def _column(limits: Sequence[Limits]) -> tuple[Array | None, Array | None]:
     """Return limits that each ping has of its own, shapes (s, 1); a limit is None for all pings or for none."""
-    suspect, fail = (None if limits[0][k] is None else np.array([each[k] for each in limits], np.float64)[:, None] for k in range(2))
+    suspect, fail = (
+        None
+        if limits[0][k] is None
+        else np.array([each[k] for each in limits], np.float64)[:, None]
+        for k in range(2)
+    )
     return suspect, fail
 
 
@@ -196,12 +210,16 @@ def _median(values: Array, count: NDArray[np.intp]) -> Array:
     width = values.shape[-2]
     if np.all(count == width):
         return np.asarray(0.5 * (ordered[..., (width - 1) // 2, :] + ordered[..., width // 2, :]))
-    at = np.stack([np.maximum(count - 1, 0) // 2, np.minimum(count // 2, width - 1)], axis=-1)[..., None]
+    at = np.stack([np.maximum(count - 1, 0) // 2, np.minimum(count // 2, width - 1)], axis=-1)[
+        ..., None
+    ]
     pair = np.take_along_axis(ordered, at, axis=-2)
     return np.asarray(0.5 * (pair[..., 0, :] + pair[..., 1, :]))
 
 
-def rolled_up(tests: Sequence[Check] | Sequence[Checks], missing: NDArray[np.int32], use_suspect: bool) -> tuple[Flags, NDArray[np.int32]]:
+def rolled_up(
+    tests: Sequence[Check] | Sequence[Checks], missing: NDArray[np.int32], use_suspect: bool
+) -> tuple[Flags, NDArray[np.int32]]:
     """Return each bin's flag, the worst that a test gave, and the reasons of all tests that found it suspect or failed it.
 
     Args:

@@ -12,7 +12,9 @@ from replay_kit.measurements.steps.state import MeasurementState, Step
 _ALONE = "one component of a velocity without the other within join_within"
 
 
-def take_component(state: MeasurementState, part: Component, source: Source, config: MeasurementConfig) -> Step:
+def take_component(
+    state: MeasurementState, part: Component, source: Source, config: MeasurementConfig
+) -> Step:
     """Return the state after one component, and the events of the velocity that it completes."""
     assert part.entry is not None, "it has just come"
     key = (source.topic, str(part.entry.east), str(part.entry.north))
@@ -22,7 +24,11 @@ def take_component(state: MeasurementState, part: Component, source: Source, con
         after = replace(state, components=waiting | {key: replace(part, entry=None)})
         return after, [] if other is None else [Skipped(source.topic, _ALONE)]
     state, stated = replace(state, components=waiting), joined(part, other)
-    return (state, [Skipped(source.topic, stated)] * 2) if isinstance(stated, str) else take_stated_ping(state, stated, source, config, 2)
+    return (
+        (state, [Skipped(source.topic, stated)] * 2)
+        if isinstance(stated, str)
+        else take_stated_ping(state, stated, source, config, 2)
+    )
 
 
 def alone(state: MeasurementState) -> list[Event]:

@@ -18,11 +18,20 @@ def without(events: Sequence[Event], rules: Sequence[str]) -> list[Event]:
     for event in events:
         if not isinstance(event, Observation | PathMean):
             continue
-        applied = rules_for(rules, "profiles" if isinstance(event, Observation) else event.kind, event.dive)
+        applied = rules_for(
+            rules, "profiles" if isinstance(event, Observation) else event.kind, event.dive
+        )
         if not applied:
             continue
         kept = [other for other in kept if other is not event]
-        used = next((k for k, other in enumerate(kept) if isinstance(other, Used) and other.topic == event.source.topic), None)
+        used = next(
+            (
+                k
+                for k, other in enumerate(kept)
+                if isinstance(other, Used) and other.topic == event.source.topic
+            ),
+            None,
+        )
         if used is not None:
             kept[used] = Skipped(event.source.topic, left_out_reason(applied))
     return kept

@@ -11,7 +11,9 @@ from replay_kit.measurements.quality.ping import PingBlock, checks, flags_of, is
 from replay_kit.measurements.steps.position_matching import PlacedPing
 
 
-def observed(blocks: Sequence[Sequence[Event | PlacedPing]], config: MeasurementConfig) -> list[list[Event]]:
+def observed(
+    blocks: Sequence[Sequence[Event | PlacedPing]], config: MeasurementConfig
+) -> list[list[Event]]:
     """Return the events of messages, with those of each ping in its place.
 
     These are that its messages were used, with the tests' results, and the observation; or that they were skipped.
@@ -22,9 +24,13 @@ def observed(blocks: Sequence[Sequence[Event | PlacedPing]], config: Measurement
     """
     placed = [event for events in blocks for event in events if isinstance(event, PlacedPing)]
     if not placed:
-        return [[event for event in events if not isinstance(event, PlacedPing)] for events in blocks]
+        return [
+            [event for event in events if not isinstance(event, PlacedPing)] for events in blocks
+        ]
     pings = [each.waiting.ping for each in placed]
-    tops = transducer_depths(pings, [each.vehicle_depth for each in placed], [each.position[1] for each in placed])
+    tops = transducer_depths(
+        pings, [each.vehicle_depth for each in placed], [each.position[1] for each in placed]
+    )
     alike: dict[tuple[int, bool], list[int]] = {}
     for i, (ping, top) in enumerate(zip(pings, tops, strict=True)):
         if not isinstance(top, str):
@@ -35,16 +41,34 @@ def observed(blocks: Sequence[Sequence[Event | PlacedPing]], config: Measurement
         if isinstance(top, str)
     }
     for at in alike.values():
-        made |= zip(at, _together([placed[i] for i in at], [float(tops[i]) for i in at], config), strict=True)
+        made |= zip(
+            at,
+            _together([placed[i] for i in at], [float(tops[i]) for i in at], config),
+            strict=True,
+        )
     in_order = iter([made[i] for i in range(len(placed))])
-    return [[event for given in events for event in (next(in_order) if isinstance(given, PlacedPing) else (given,))] for events in blocks]
+    return [
+        [
+            event
+            for given in events
+            for event in (next(in_order) if isinstance(given, PlacedPing) else (given,))
+        ]
+        for events in blocks
+    ]
 
 
-def _together(placed: Sequence[PlacedPing], tops: Sequence[float], config: MeasurementConfig) -> Iterator[list[Event]]:
+def _together(
+    placed: Sequence[PlacedPing], tops: Sequence[float], config: MeasurementConfig
+) -> Iterator[list[Event]]:
     """Yield the events of pings of as many cells and of one convention."""
     pings = [each.waiting.ping for each in placed]
     profiles = profiles_of(pings, tops, config)
-    tested = PingBlock(pings, profiles, [each.waiting.depth for each in placed], [each.waiting.dive for each in placed])
+    tested = PingBlock(
+        pings,
+        profiles,
+        [each.waiting.depth for each in placed],
+        [each.waiting.dive for each in placed],
+    )
     found = checks(tested, config)
     flags, reasons = flags_of(profiles, found, config.quality.use_suspect)
     for i, each in enumerate(placed):

@@ -18,20 +18,34 @@ from replay_kit.measurements.messages.profiles import StatedPing
 from replay_kit.measurements.ping.adcp_ping import AdcpPing, PlatformVelocity
 from replay_kit.measurements.ping.attitude import attitude_within, with_attitude
 from replay_kit.measurements.ping.earth import earth_referenced, with_bottom_track
-from replay_kit.measurements.steps.position_matching import RELATIVE, PlacedPing, WaitingPing, add, is_unwanted, observe, refuse
+from replay_kit.measurements.steps.position_matching import (
+    RELATIVE,
+    PlacedPing,
+    WaitingPing,
+    add,
+    is_unwanted,
+    observe,
+    refuse,
+)
 from replay_kit.measurements.steps.state import MeasurementState, Step, at_depth
 from replay_kit.measurements.vehicle.pressure import depth_of_pressure
 from replay_kit.measurements.vehicle.vessel_velocity import waits_until
 
 # Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
 _OPEN_PINGS = 8
-_UNITS: Mapping[str | None, float] = MappingProxyType({"cm/s": 0.01, "mm/s": 0.001, "knots": 1852.0 / 3600.0})
+_UNITS: Mapping[str | None, float] = MappingProxyType(
+    {"cm/s": 0.01, "mm/s": 0.001, "knots": 1852.0 / 3600.0}
+)
 _INCOMPLETE = "part of an incomplete ping"
-_ALSO_INVERTED = "its dive's computed profile has it; measurements.use_inverted = false uses this instead"
+_ALSO_INVERTED = (
+    "its dive's computed profile has it; measurements.use_inverted = false uses this instead"
+)
 _INVERTED = "computed from the dive's pings and mean current, which are used instead (measurements.use_inverted)"
 _NO_ATTITUDE = "DVL: no attitude within a second"
 _NO_DECLINATION = "DVL: whether its heading is true or magnetic is not known; state measurements.magnetic_declination, 0 for a true one"
-_NO_LAYER = "DVL: water track, known layer's depth it does not say; state measurements.water_track_distance"
+_NO_LAYER = (
+    "DVL: water track, known layer's depth it does not say; state measurements.water_track_distance"
+)
 _NO_BOTTOM = "DVL: water track without a bottom track, which says nothing of the current"
 
 
@@ -42,18 +56,33 @@ def duplicate_reason(payload: Mapping[str, Any], config: MeasurementConfig) -> s
     return _INVERTED if payload.get("computed_from") else ""
 
 
-def take_stated_ping(state: MeasurementState, stated: StatedPing, source: Source, config: MeasurementConfig, n_messages: int = 1) -> Step:
+def take_stated_ping(
+    state: MeasurementState,
+    stated: StatedPing,
+    source: Source,
+    config: MeasurementConfig,
+    n_messages: int = 1,
+) -> Step:
     """Return the state after the messages, mostly one, that carry a profile, and the events."""
     if stated.place is None:
         return _take_payload(state, stated.payload, source, n_messages, config)
     # where a mooring measured tells nothing of the vehicle: its ping is taken as if nothing else were known, and in no dive
-    place = VehicleState(source.time_ns, stated.place.longitude, stated.place.latitude, stated.place.depth, False, source)
+    place = VehicleState(
+        source.time_ns,
+        stated.place.longitude,
+        stated.place.latitude,
+        stated.place.depth,
+        False,
+        source,
+    )
     alone = MeasurementState(fix=place, depth=place.depth)
     _, events = _take_payload(alone, {**stated.payload, "dive": 0}, source, n_messages, config)
     return state, events
 
 
-def take_ping_frame(state: MeasurementState, frame: PingFrame, source: Source, config: MeasurementConfig) -> Step:
+def take_ping_frame(
+    state: MeasurementState, frame: PingFrame, source: Source, config: MeasurementConfig
+) -> Step:
     """Return the state after a MAVLink frame, and the events of the ping that it completes."""
     pings = dict(state.frames)
     if frame.name in pings.get(frame.key, {}):
@@ -61,7 +90,9 @@ def take_ping_frame(state: MeasurementState, frame: PingFrame, source: Source, c
     pings[frame.key] = {**pings.get(frame.key, {}), frame.name: frame}
     if is_complete(pings[frame.key]):
         frames = pings.pop(frame.key)
-        return _take_payload(replace(state, frames=pings), assemble(frames), source, len(frames), config)
+        return _take_payload(
+            replace(state, frames=pings), assemble(frames), source, len(frames), config
+        )
     events: list[Event | PlacedPing] = []
     if len(pings) > _OPEN_PINGS:
         oldest = next(iter(pings))
@@ -74,7 +105,9 @@ def incomplete(frames: Mapping[Key, Mapping[str, PingFrame]]) -> list[Event | Pl
     return [Skipped(topic, _INCOMPLETE) for (topic, _, _), parts in frames.items() for _ in parts]
 
 
-def take_dvl(state: MeasurementState, stated: Dvl, source: Source, config: MeasurementConfig) -> Step:
+def take_dvl(
+    state: MeasurementState, stated: Dvl, source: Source, config: MeasurementConfig
+) -> Step:
     """Keep a bottom track for pings that lack one; a water track beside it is the current at one depth."""
     attitude = attitude_within(state.orientation, source.time_ns)
     if attitude is None or config.magnetic_declination is None:
@@ -86,7 +119,10 @@ def take_dvl(state: MeasurementState, stated: Dvl, source: Source, config: Measu
     if config.water_track_distance is None:
         return state, [Skipped(source.topic, _NO_LAYER)]
     ping = parse_ping(water_track(east, north, stated.error_std, config.water_track_distance))
-    if with_bottom_track(ping, state.bottom, source.time_ns, config.max_speed).platform_velocity is None:
+    if (
+        with_bottom_track(ping, state.bottom, source.time_ns, config.max_speed).platform_velocity
+        is None
+    ):
         return state, [Skipped(source.topic, _NO_BOTTOM)]
     return resolve_ping(state, ping, source, 1, config)
 
@@ -101,15 +137,33 @@ def in_metres_per_second(ping: AdcpPing, unit: str | None) -> AdcpPing:
     return ping if unit in (None, "m/s") else replace(ping, velocity=ping.velocity * _UNITS[unit])
 
 
-def _take_payload(state: MeasurementState, payload: Mapping[str, Any], source: Source, n_messages: int, config: MeasurementConfig) -> Step:
+def _take_payload(
+    state: MeasurementState,
+    payload: Mapping[str, Any],
+    source: Source,
+    n_messages: int,
+    config: MeasurementConfig,
+) -> Step:
     try:
         ping = in_metres_per_second(parse_ping(payload, config.reference), config.velocity_unit)
-        return resolve_ping(state, with_attitude(ping, state.orientation, source.time_ns), source, n_messages, config)
+        return resolve_ping(
+            state,
+            with_attitude(ping, state.orientation, source.time_ns),
+            source,
+            n_messages,
+            config,
+        )
     except MeasurementError as error:
         return state, [Skipped(source.topic, str(error))] * n_messages
 
 
-def resolve_ping(state: MeasurementState, ping: AdcpPing, source: Source, n_messages: int, config: MeasurementConfig) -> Step:
+def resolve_ping(
+    state: MeasurementState,
+    ping: AdcpPing,
+    source: Source,
+    n_messages: int,
+    config: MeasurementConfig,
+) -> Step:
     """Take in a whole ping, which gives as many ``Used`` or ``Skipped`` as messages carried it.
 
     A vessel's ping that does not state its motion waits for the fixes after it, too.
@@ -121,11 +175,17 @@ def resolve_ping(state: MeasurementState, ping: AdcpPing, source: Source, n_mess
     ping = with_bottom_track(ping, state.bottom, source.time_ns, config.max_speed)
     ping = earth_referenced(ping, config)
     absolute = ping.reference == "earth"
-    until_ns = source.time_ns if absolute or state.submerged else waits_until(source.time_ns, state.track)
+    until_ns = (
+        source.time_ns if absolute or state.submerged else waits_until(source.time_ns, state.track)
+    )
     if until_ns == source.time_ns and is_unwanted(ping, config):
-        return state, refuse(WaitingPing(ping, source, state.depth, 0, n_messages, until_ns, raw), RELATIVE)
+        return state, refuse(
+            WaitingPing(ping, source, state.depth, 0, n_messages, until_ns, raw), RELATIVE
+        )
     last_depth = state.depth
-    if not math.isfinite(state.depth) and math.isfinite(depth := depth_of_pressure(ping.pressure, state.latitude)):
+    if not math.isfinite(state.depth) and math.isfinite(
+        depth := depth_of_pressure(ping.pressure, state.latitude)
+    ):
         # a log known only depth is the ping's own pressure still has dives
         state = replace(at_depth(state, depth, config), depth=float("nan"))
     dive = state.dive if ping.dive is None else ping.dive

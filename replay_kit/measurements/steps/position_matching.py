@@ -53,7 +53,11 @@ class WaitingPing:
 
     def longest_wait(self, config: MeasurementConfig) -> float:
         """Return how long it waits for a position [s]."""
-        return max(config.position_max_gap, config.position_max_age) if self.in_dive else config.position_max_age
+        return (
+            max(config.position_max_gap, config.position_max_age)
+            if self.in_dive
+            else config.position_max_age
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,17 +87,23 @@ def add(waiting: tuple[WaitingPing, ...], ping: WaitingPing) -> tuple[WaitingPin
     return (*waiting[:at], ping, *waiting[at:])
 
 
-def split(waiting: tuple[WaitingPing, ...], time_ns: int) -> tuple[tuple[WaitingPing, ...], tuple[WaitingPing, ...]]:
+def split(
+    waiting: tuple[WaitingPing, ...], time_ns: int
+) -> tuple[tuple[WaitingPing, ...], tuple[WaitingPing, ...]]:
     """Return the pings before a time, and the others."""
     at = bisect_left(waiting, time_ns, key=_time)
     return waiting[:at], waiting[at:]
 
 
-def ready(waiting: tuple[WaitingPing, ...], now_ns: int) -> tuple[tuple[WaitingPing, ...], tuple[WaitingPing, ...]]:
+def ready(
+    waiting: tuple[WaitingPing, ...], now_ns: int
+) -> tuple[tuple[WaitingPing, ...], tuple[WaitingPing, ...]]:
     """Return the pings that wait no longer than a time, and the others."""
     if not waiting or waiting[0].source.time_ns > now_ns:
         return (), waiting
-    return tuple(ping for ping in waiting if ping.until_ns <= now_ns), tuple(ping for ping in waiting if ping.until_ns > now_ns)
+    return tuple(ping for ping in waiting if ping.until_ns <= now_ns), tuple(
+        ping for ping in waiting if ping.until_ns > now_ns
+    )
 
 
 def is_unwanted(ping: AdcpPing, config: MeasurementConfig) -> bool:
@@ -102,7 +112,11 @@ def is_unwanted(ping: AdcpPing, config: MeasurementConfig) -> bool:
 
 
 def place(
-    ping: WaitingPing, before: VehicleState | None, after: VehicleState | None, track: Fixes, config: MeasurementConfig
+    ping: WaitingPing,
+    before: VehicleState | None,
+    after: VehicleState | None,
+    track: Fixes,
+    config: MeasurementConfig,
 ) -> list[Event | PlacedPing]:
     """Return the events of a ping that waits no longer.
 
@@ -117,7 +131,11 @@ def place(
     if ping.until_ns == time_ns:
         return observe(ping, before, after, config)
     motion = vessel_velocity(time_ns, track)
-    absolute = ping.ping if motion is None else earth_referenced(replace(ping.ping, platform_velocity=motion), config)
+    absolute = (
+        ping.ping
+        if motion is None
+        else earth_referenced(replace(ping.ping, platform_velocity=motion), config)
+    )
     if is_unwanted(absolute, config):
         return refuse(ping, RELATIVE)
     # the ping was passed by positions while it waited
@@ -126,7 +144,10 @@ def place(
 
 
 def observe(
-    waiting: WaitingPing, before: VehicleState | None, after: VehicleState | None, config: MeasurementConfig
+    waiting: WaitingPing,
+    before: VehicleState | None,
+    after: VehicleState | None,
+    config: MeasurementConfig,
 ) -> list[Event | PlacedPing]:
     """Return the ping with its place, when its neighbouring positions are known, or why it is not used.
 
@@ -150,7 +171,10 @@ def refuse(ping: WaitingPing, reason: str) -> list[Event | PlacedPing]:
 
 
 def _place(
-    waiting: WaitingPing, before: VehicleState | None, after: VehicleState | None, config: MeasurementConfig
+    waiting: WaitingPing,
+    before: VehicleState | None,
+    after: VehicleState | None,
+    config: MeasurementConfig,
 ) -> tuple[tuple[float, float] | None, float]:
     """Return longitude and latitude of a ping, or None, and the standard deviation of a place that lies far from both positions [m]."""
     time_ns = waiting.source.time_ns
@@ -160,10 +184,14 @@ def _place(
     gap_s, since_s = (after.time_ns - before.time_ns) * 1e-9, (time_ns - before.time_ns) * 1e-9
     if gap_s > config.position_max_gap:
         return None, 0.0
-    return _interpolate(time_ns, before, after, math.inf), _SPEED_STD * since_s * (1.0 - since_s / gap_s)
+    return _interpolate(time_ns, before, after, math.inf), _SPEED_STD * since_s * (
+        1.0 - since_s / gap_s
+    )
 
 
-def _interpolate(time_ns: int, before: VehicleState | None, after: VehicleState | None, max_age_s: float) -> tuple[float, float] | None:
+def _interpolate(
+    time_ns: int, before: VehicleState | None, after: VehicleState | None, max_age_s: float
+) -> tuple[float, float] | None:
     """Return longitude and latitude at a time, or None when neither neighbour is near enough in time."""
     known = [fix for fix in (before, after) if fix is not None]
     if not known or min(abs(fix.time_ns - time_ns) for fix in known) > max_age_s * 1e9:

@@ -65,7 +65,10 @@ Step = tuple[MeasurementState, list[Event | PlacedPing]]
 
 def at_depth(state: MeasurementState, depth: float, config: MeasurementConfig) -> MeasurementState:
     """Return the state with a depth noted; see ``is_submerged`` for where dives begin and end."""
-    submerged, dives = is_submerged(depth, config.surface_depth, state.submerged), record_depth(state.dives, depth)
+    submerged, dives = (
+        is_submerged(depth, config.surface_depth, state.submerged),
+        record_depth(state.dives, depth),
+    )
     if depth == state.depth and submerged == state.submerged and dives is state.dives:
         return state
     begun = submerged and not state.submerged

@@ -32,5 +32,7 @@ def depth_of_pressure(pressure_dbar: float, latitude: float | None) -> float:
         TEOS-10, through gsw, for standard salinity and 0 degrees Celsius.
     """
     with np.errstate(all="ignore"):
-        depth = float(-gsw.z_from_p(pressure_dbar, _LATITUDE_ASSUMED if latitude is None else latitude))
+        depth = float(
+            -gsw.z_from_p(pressure_dbar, _LATITUDE_ASSUMED if latitude is None else latitude)
+        )
     return depth if np.isfinite(depth) else float("nan")

@@ -57,7 +57,9 @@ class Segments:
         return int(np.count_nonzero(self.sample_class == sample_class))
 
 
-def segments(time_ns: NDArray[np.int64], depth: Array, surface_depth: float, leg: float, gap: float) -> Segments:
+def segments(
+    time_ns: NDArray[np.int64], depth: Array, surface_depth: float, leg: float, gap: float
+) -> Segments:
     """Return the dives, yos and profiles of a track.
 
     ``is_submerged`` is the rule for where a dive begins and ends. A sample without a depth, or not
@@ -94,10 +96,17 @@ def segments(time_ns: NDArray[np.int64], depth: Array, surface_depth: float, leg
             if came_down and way < 0:
                 apogees.append(sound[part[first]])
             came_down = way > 0
-            yo[inside], profile[inside], direction[inside], sample_class[inside] = n_yos, n_profiles, way, SegmentClass.LEG
+            yo[inside], profile[inside], direction[inside], sample_class[inside] = (
+                n_yos,
+                n_profiles,
+                way,
+                SegmentClass.LEG,
+            )
     dives = np.zeros(n, np.int32)
     dives[sound] = dive
-    return Segments(dives, yo, profile, direction, sample_class, sound[surfacings], np.array(apogees, np.intp))
+    return Segments(
+        dives, yo, profile, direction, sample_class, sound[surfacings], np.array(apogees, np.intp)
+    )
 
 
 def _dives(depth: Array, surface_depth: float) -> tuple[Numbers, NDArray[np.intp]]:

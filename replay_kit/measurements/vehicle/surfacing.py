@@ -41,7 +41,11 @@ def detect_surfacing(
         below = event.depth > surface_depth
         # a position without a depth says nothing of the dive
         unknown = math.isnan(event.depth)
-        submerged = state.submerged if unknown else is_submerged(event.depth, surface_depth, state.submerged)
+        submerged = (
+            state.submerged
+            if unknown
+            else is_submerged(event.depth, surface_depth, state.submerged)
+        )
         if event.dead_reckoned or below:
             # a dive ends with a fix; a position that was computed may come up before it
             return replace(state, submerged=submerged or state.submerged), None

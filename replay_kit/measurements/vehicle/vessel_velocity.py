@@ -56,17 +56,23 @@ def vessel_velocity(time_ns: int, track: Fixes) -> PlatformVelocity | None:
     # about the nearest fix the local axes are true east and north
     centre = min(near, key=lambda fix: abs(fix.time_ns - time_ns))
     longitude, latitude = zip(*((fix.longitude, fix.latitude) for fix in near), strict=True)
-    place = np.column_stack(to_local(Projection(centre.longitude, centre.latitude), longitude, latitude))
+    place = np.column_stack(
+        to_local(Projection(centre.longitude, centre.latitude), longitude, latitude)
+    )
     since = np.array([fix.time_ns - time_ns for fix in near]) * 1e-9
     since -= since.mean()
     spread = float(since @ since)
     slope = since @ place / spread
     residual = place - place.mean(axis=0) - np.outer(since, slope)
     scatter = math.sqrt(np.sum(residual**2) / (2 * (len(near) - 2)))
-    return PlatformVelocity(float(slope[0]), float(slope[1]), max(scatter, _FIX_ERROR) / math.sqrt(spread), "gps")
+    return PlatformVelocity(
+        float(slope[0]), float(slope[1]), max(scatter, _FIX_ERROR) / math.sqrt(spread), "gps"
+    )
 
 
-def fixes_around(track: Sequence[VehicleState], time_ns: int) -> tuple[VehicleState | None, VehicleState | None]:
+def fixes_around(
+    track: Sequence[VehicleState], time_ns: int
+) -> tuple[VehicleState | None, VehicleState | None]:
     """Return the last fix up to a time, and the first after it."""
     at = bisect_right(track, time_ns, key=_time)
     return (track[at - 1] if at else None), (track[at] if at < len(track) else None)

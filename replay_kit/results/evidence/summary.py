@@ -36,7 +36,11 @@ def referee_json(name: str, evidence: Evidence, rivals: Sequence[Rival]) -> dict
         rivals: The others, one at least.
     """
     units = "dives" if evidence.by_dive else "hours"
-    return {"ensemble": name, "units": units, "against": [_against(evidence, rival) for rival in rivals]}
+    return {
+        "ensemble": name,
+        "units": units,
+        "against": [_against(evidence, rival) for rival in rivals],
+    }
 
 
 def _against(evidence: Evidence, rival: Rival) -> dict[str, Any]:

@@ -17,7 +17,9 @@ from replay_kit.results.views.contents import Contents
 ENDINGS = (".nc", ".csv", ".kml", ".geojson")
 
 
-def export(contents: Contents, path: Path, places: Sequence[At] = (), table: str | None = None) -> dict[str, int]:
+def export(
+    contents: Contents, path: Path, places: Sequence[At] = (), table: str | None = None
+) -> dict[str, int]:
     """Write tables of a result to a file, and return the number of rows of each table written.
 
     A CSV file has one table; NetCDF has all that have rows; KML and GeoJSON have the track, places, surfacings, and the last
@@ -34,7 +36,9 @@ def export(contents: Contents, path: Path, places: Sequence[At] = (), table: str
     """
     ending = path.suffix.lower()
     if ending not in ENDINGS:
-        raise ConfigError(f"{path}: expected a name that ends in one of {', '.join(ENDINGS)}, got '{path.suffix}'; choose another name")
+        raise ConfigError(
+            f"{path}: expected a name that ends in one of {', '.join(ENDINGS)}, got '{path.suffix}'; choose another name"
+        )
     if table is not None and table not in TABLES:
         raise ConfigError(f"table: expected one of {', '.join(TABLES)}, got '{table}'")
     if table is None and ending == ".csv":
@@ -43,7 +47,9 @@ def export(contents: Contents, path: Path, places: Sequence[At] = (), table: str
         raise ConfigError("series: expected one or more places, got none; give --at LON,LAT,DEPTH")
     shown = list(TABLES) if ending == ".nc" else list(FEATURES)
     if table is not None and ending in (".kml", ".geojson") and table not in FEATURES:
-        raise ConfigError(f"table: expected one of {', '.join(FEATURES)} in {ending}, got '{table}'; .nc and .csv hold the others")
+        raise ConfigError(
+            f"table: expected one of {', '.join(FEATURES)} in {ending}, got '{table}'; .nc and .csv hold the others"
+        )
     names = shown if table is None else [table]
     tables = {name: TABLES[name](contents, places) for name in names}
     if ending == ".nc":
@@ -59,6 +65,8 @@ def _text(tables: dict[str, pd.DataFrame], ending: str, contents: Contents) -> s
         (rows,) = tables.values()
         texts = rows.select_dtypes(exclude=["number", "bool", "datetime"])
         rows = rows.assign(**{name: column.map(csv_cell) for name, column in texts.items()})
-        return str(rows.to_csv(index=False, date_format="%Y-%m-%dT%H:%M:%S.%fZ", lineterminator="\n"))
+        return str(
+            rows.to_csv(index=False, date_format="%Y-%m-%dT%H:%M:%S.%fZ", lineterminator="\n")
+        )
     features = features_of(tables, contents.projection, contents.last_plan)
     return geojson_text(features) if ending == ".geojson" else kml_text(features)

@@ -25,14 +25,28 @@ _STYLES: Mapping[str, Mapping[str, Any]] = {
     "place": {"marker-color": _GREY, "marker-size": "small"},
     "predicted": {"marker-color": _ORANGE, "marker-size": "small"},
     "actual": {"marker-color": _BLUE, "marker-size": "small"},
-    "ellipse": {"stroke": _ORANGE, "stroke-width": 1, "stroke-opacity": 1.0, "fill": _ORANGE, "fill-opacity": 0.15},
-    "no_go": {"stroke": _PURPLE, "stroke-width": 2, "stroke-opacity": 1.0, "fill": _PURPLE, "fill-opacity": 0.25},
+    "ellipse": {
+        "stroke": _ORANGE,
+        "stroke-width": 1,
+        "stroke-opacity": 1.0,
+        "fill": _ORANGE,
+        "fill-opacity": 0.15,
+    },
+    "no_go": {
+        "stroke": _PURPLE,
+        "stroke-width": 2,
+        "stroke-opacity": 1.0,
+        "fill": _PURPLE,
+        "fill-opacity": 0.25,
+    },
 }
 _STYLE_KEYS = frozenset(key for style in _STYLES.values() for key in style)
 _DIGITS = 7
 
 
-def features_of(tables: Mapping[str, pd.DataFrame], projection: Projection, plan: LastPlan | None = None) -> list[dict[str, Any]]:
+def features_of(
+    tables: Mapping[str, pd.DataFrame], projection: Projection, plan: LastPlan | None = None
+) -> list[dict[str, Any]]:
     """Return features after RFC 7946: the track, the last current at each place, surfacings with their ellipses, the last plan.
 
     With the last plan come the ellipses of its surfacings and the areas that it keeps out of. Longitudes are continuous across the
@@ -49,41 +63,87 @@ def features_of(tables: Mapping[str, pd.DataFrame], projection: Projection, plan
         rows = rows[rows["plan"] == rows["plan"].max()] if name == "plans" and len(rows) else rows
         if len(rows):
             kept = rows.iloc[thinned(len(rows), _POINTS)]
-            about: dict[str, Any] = {"name": label, "begin": _time(rows["time"].iloc[0]), "end": _time(rows["time"].iloc[-1])}
+            about: dict[str, Any] = {
+                "name": label,
+                "begin": _time(rows["time"].iloc[0]),
+                "end": _time(rows["time"].iloc[-1]),
+            }
             about |= _outcome(plan) if name == "plans" and plan is not None else {}
-            line = _feature("LineString", _line(kept["longitude"], kept["latitude"], projection), about, _STYLES[name])
+            line = _feature(
+                "LineString",
+                _line(kept["longitude"], kept["latitude"], projection),
+                about,
+                _STYLES[name],
+            )
             features.append({**line, "when": [_time(time) for time in kept["time"]]})
     features += _around_plan(plan, projection) if plan is not None and "plans" in tables else []
     series = tables.get("series", pd.DataFrame())
     for number, rows in series.groupby("place") if len(series) else ():
         last = rows.iloc[-1]
-        about = {"name": f"place {number}", "time": _time(last["time"]), "depth_m": float(last["depth"])}
-        about |= {f"{key}_m_s": _number(last[key]) for key in ("u", "v", "u_standard_error", "v_standard_error")}
-        features.append(_feature("Point", _line([last["longitude"]], [last["latitude"]], projection)[0], about, _STYLES["place"]))
+        about = {
+            "name": f"place {number}",
+            "time": _time(last["time"]),
+            "depth_m": float(last["depth"]),
+        }
+        about |= {
+            f"{key}_m_s": _number(last[key])
+            for key in ("u", "v", "u_standard_error", "v_standard_error")
+        }
+        features.append(
+            _feature(
+                "Point",
+                _line([last["longitude"]], [last["latitude"]], projection)[0],
+                about,
+                _STYLES["place"],
+            )
+        )
     surfacings = tables.get("surfacings", pd.DataFrame())
     for row in surfacings.itertuples() if len(surfacings) else ():
         for kind in ("predicted", "actual"):
-            at = _line([getattr(row, f"{kind}_longitude")], [getattr(row, f"{kind}_latitude")], projection)[0]
-            about = {"name": f"surfacing, {kind}", "time": _time(row.time), "distance_m": _number(row.distance)}
+            at = _line(
+                [getattr(row, f"{kind}_longitude")], [getattr(row, f"{kind}_latitude")], projection
+            )[0]
+            about = {
+                "name": f"surfacing, {kind}",
+                "time": _time(row.time),
+                "distance_m": _number(row.distance),
+            }
             features.append(_feature("Point", at, about, _STYLES[kind]))
     for outline in outlines_of(surfacings, projection):
         ring = _line(*to_geographic(projection, outline[:, 0], outline[:, 1]), projection)
-        features.append(_feature("Polygon", [ring], {"name": "90 % ellipse of a surfacing"}, _STYLES["ellipse"]))
+        features.append(
+            _feature("Polygon", [ring], {"name": "90 % ellipse of a surfacing"}, _STYLES["ellipse"])
+        )
     return features
 
 
 def _outcome(plan: LastPlan) -> dict[str, Any]:
     """Return the figures of a plan; those that the result does not hold are left out."""
     odds = plan.odds or {}
-    known = {"energy_j": plan.energy, "battery_j": plan.battery, "samples": odds.get("n_samples"), "reached_share": odds.get("reached")}
-    return {"status": str(plan.row["status"]), **{name: value for name, value in known.items() if value is not None}}
+    known = {
+        "energy_j": plan.energy,
+        "battery_j": plan.battery,
+        "samples": odds.get("n_samples"),
+        "reached_share": odds.get("reached"),
+    }
+    return {
+        "status": str(plan.row["status"]),
+        **{name: value for name, value in known.items() if value is not None},
+    }
 
 
 def _around_plan(plan: LastPlan, projection: Projection) -> list[dict[str, Any]]:
     features = []
     for number, outline in enumerate(plan.ellipses, start=1):
         ring = _line(*to_geographic(projection, outline[:, 0], outline[:, 1]), projection)
-        features.append(_feature("Polygon", [ring], {"name": f"90 % ellipse of planned surfacing {number}"}, _STYLES["ellipse"]))
+        features.append(
+            _feature(
+                "Polygon",
+                [ring],
+                {"name": f"90 % ellipse of planned surfacing {number}"},
+                _STYLES["ellipse"],
+            )
+        )
     for area in plan.areas:
         longitude, latitude = np.array([*area.corners, area.corners[0]]).T
         ring = _line(longitude, latitude, projection)
@@ -94,8 +154,13 @@ def _around_plan(plan: LastPlan, projection: Projection) -> list[dict[str, Any]]
 
 def geojson_text(features: list[dict[str, Any]]) -> str:
     """Return features as GeoJSON, with colours and widths in the properties of Mapbox's simplestyle 1.1."""
-    plain = [{key: value for key, value in feature.items() if key != "when"} for feature in features]
-    return json.dumps({"type": "FeatureCollection", "features": plain}, indent=1, allow_nan=False) + "\n"
+    plain = [
+        {key: value for key, value in feature.items() if key != "when"} for feature in features
+    ]
+    return (
+        json.dumps({"type": "FeatureCollection", "features": plain}, indent=1, allow_nan=False)
+        + "\n"
+    )
 
 
 def kml_text(features: list[dict[str, Any]]) -> str:
@@ -119,10 +184,17 @@ def _placemark(feature: dict[str, Any]) -> str:
     head = f"<name>{escape(about['name'])}</name>{_time_kml(about)}{_style_kml(about)}<ExtendedData>{data}</ExtendedData>"
     if "when" in feature:
         track = "".join(f"<when>{time}</when>" for time in feature["when"])
-        track += "".join(f"<gx:coord>{longitude:.7f} {latitude:.7f} 0</gx:coord>" for longitude, latitude in places)
+        track += "".join(
+            f"<gx:coord>{longitude:.7f} {latitude:.7f} 0</gx:coord>"
+            for longitude, latitude in places
+        )
         return f"<Placemark>{head}<gx:Track>{track}</gx:Track></Placemark>\n"
     shape = f"<coordinates>{' '.join(f'{longitude:.7f},{latitude:.7f}' for longitude, latitude in places)}</coordinates>"
-    shape = f"<outerBoundaryIs><LinearRing>{shape}</LinearRing></outerBoundaryIs>" if kind == "Polygon" else shape
+    shape = (
+        f"<outerBoundaryIs><LinearRing>{shape}</LinearRing></outerBoundaryIs>"
+        if kind == "Polygon"
+        else shape
+    )
     return f"<Placemark>{head}<{kind}>{shape}</{kind}></Placemark>\n"
 
 
@@ -141,12 +213,20 @@ def _style_kml(about: Mapping[str, Any]) -> str:
     if "marker-color" in about:
         return f"<Style><IconStyle>{color('marker-color', 1.0)}</IconStyle></Style>"
     line = f"<LineStyle>{color('stroke', 1.0)}<width>{about['stroke-width']}</width></LineStyle>"
-    fill = f"<PolyStyle>{color('fill', about['fill-opacity'])}</PolyStyle>" if "fill" in about else ""
+    fill = (
+        f"<PolyStyle>{color('fill', about['fill-opacity'])}</PolyStyle>" if "fill" in about else ""
+    )
     return f"<Style>{line}{fill}</Style>"
 
 
-def _feature(kind: str, coordinates: Any, about: dict[str, Any], style: Mapping[str, Any]) -> dict[str, Any]:
-    return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": {**about, **style}}
+def _feature(
+    kind: str, coordinates: Any, about: dict[str, Any], style: Mapping[str, Any]
+) -> dict[str, Any]:
+    return {
+        "type": "Feature",
+        "geometry": {"type": kind, "coordinates": coordinates},
+        "properties": {**about, **style},
+    }
 
 
 def _line(longitude: Any, latitude: Any, projection: Projection) -> list[list[float]]:

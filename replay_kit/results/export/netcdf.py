@@ -7,7 +7,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from pandas.api.types import is_bool_dtype, is_datetime64_any_dtype, is_integer_dtype, is_numeric_dtype
+from pandas.api.types import (
+    is_bool_dtype,
+    is_datetime64_any_dtype,
+    is_integer_dtype,
+    is_numeric_dtype,
+)
 
 from replay_kit.core.flow.lossless import CF_TIME, CONVENTIONS, write_dataset
 from replay_kit.core.flow.netcdf import ATTRIBUTES
@@ -31,7 +36,12 @@ _UNITS = (
     ("nis", {"units": "1"}),
 )
 _COORDINATES = ("time", "latitude", "longitude", "depth")
-_COMPONENTS = {"u": "eastward", "v": "northward", "dac_eastward": "eastward", "dac_northward": "northward"}
+_COMPONENTS = {
+    "u": "eastward",
+    "v": "northward",
+    "dac_eastward": "eastward",
+    "dac_northward": "northward",
+}
 
 
 def write_netcdf(tables: Mapping[str, pd.DataFrame], projection: Projection, path: Path) -> None:
@@ -49,9 +59,17 @@ def write_netcdf(tables: Mapping[str, pd.DataFrame], projection: Projection, pat
     encoding: dict[str, dict[str, object]] = {}
     for name, variable in dataset.variables.items():
         if variable.dtype.kind == "M":
-            encoding[str(name)] = {**CF_TIME, "dtype": "float64", "_FillValue": None if _whole(variable) else np.nan}
+            encoding[str(name)] = {
+                **CF_TIME,
+                "dtype": "float64",
+                "_FillValue": None if _whole(variable) else np.nan,
+            }
         elif variable.dtype.kind == "f" and variable.ndim:
-            encoding[str(name)] = {"zlib": True, "complevel": 4, "_FillValue": None if _whole(variable) else np.nan}
+            encoding[str(name)] = {
+                "zlib": True,
+                "complevel": 4,
+                "_FillValue": None if _whole(variable) else np.nan,
+            }
         else:
             encoding[str(name)] = {"_FillValue": None}
     write_dataset(dataset, path, encoding)
@@ -74,7 +92,11 @@ def to_dataset(tables: Mapping[str, pd.DataFrame], projection: Projection) -> xr
             continue
         coordinates = [f"{table}_{name}" for name in _COORDINATES if name in rows]
         for column in rows:
-            dataset[f"{table}_{column}"] = (table, _values(rows[column]), _attributes(table, str(column)))
+            dataset[f"{table}_{column}"] = (
+                table,
+                _values(rows[column]),
+                _attributes(table, str(column)),
+            )
         dataset = dataset.set_coords(coordinates)
     return dataset
 
@@ -100,9 +122,15 @@ def _values(column: pd.Series) -> Any:
 def _attributes(table: str, column: str) -> dict[str, Any]:
     attrs: dict[str, Any] = {"long_name": f"{column.replace('_', ' ')} ({table})"}
     if column in _COORDINATES or (column in ATTRIBUTES and column != "estimate_time"):
-        return attrs | {key: value for key, value in ATTRIBUTES[column].items() if key != "long_name"}
+        return attrs | {
+            key: value for key, value in ATTRIBUTES[column].items() if key != "long_name"
+        }
     component, _, kind = column.rpartition("_")
-    if component in _COMPONENTS and kind in ("measured", "estimated") and not column.startswith("dac"):
+    if (
+        component in _COMPONENTS
+        and kind in ("measured", "estimated")
+        and not column.startswith("dac")
+    ):
         attrs["standard_name"] = f"{_COMPONENTS[component]}_sea_water_velocity"
     for end, name in (("_longitude", "longitude"), ("_latitude", "latitude"), ("_depth", "depth")):
         if column.endswith(end):

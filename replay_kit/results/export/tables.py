@@ -59,12 +59,19 @@ def section_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
         "depth": bins.depth,
         "distance": distance,
     }
-    for name, values in (("measured", bins.estimated + bins.residual), ("estimated", bins.estimated), ("residual", bins.residual)):
+    for name, values in (
+        ("measured", bins.estimated + bins.residual),
+        ("estimated", bins.estimated),
+        ("residual", bins.residual),
+    ):
         turned = rotate_to_geographic(projection, longitude, latitude, values[:, 0], values[:, 1])
         table |= {f"u_{name}": turned[0], f"v_{name}": turned[1]}
     if contents.estimate is not None:
         found = contents.estimate.velocity_at(longitude, latitude, bins.depth)
-        table |= {"u_standard_error": found.u_standard_error, "v_standard_error": found.v_standard_error}
+        table |= {
+            "u_standard_error": found.u_standard_error,
+            "v_standard_error": found.v_standard_error,
+        }
     return pd.DataFrame(table)
 
 
@@ -77,8 +84,13 @@ def dives_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
     east, north, _ = track.at(means.time_ns)
     longitude, latitude = to_geographic(contents.projection, east, north)
     columns = {"dive": means.dive, "longitude": longitude, "latitude": latitude}
-    for name, values in (("measured", means.estimated + means.residual), ("estimated", means.estimated)):
-        turned = rotate_to_geographic(contents.projection, longitude, latitude, values[:, 0], values[:, 1])
+    for name, values in (
+        ("measured", means.estimated + means.residual),
+        ("estimated", means.estimated),
+    ):
+        turned = rotate_to_geographic(
+            contents.projection, longitude, latitude, values[:, 0], values[:, 1]
+        )
         columns |= {f"dac_eastward_{name}": turned[0], f"dac_northward_{name}": turned[1]}
     return table.merge(pd.DataFrame(columns), on="dive", how="outer")
 

@@ -27,8 +27,16 @@ def layout_of(topics: Iterable[str]) -> dict[str, Any]:
         "3D!scene": _scene(has, "u_standard_error", _ERROR),
         "Plot!innovations": _innovations(),
         "Plot!vehicle": _at_vehicle(),
-        "RosOut!log": {"topicToRender": "/log", "minLogLevel": 1, "searchTerms": [], "foxglovePanelTitle": "Log"},
-        "Table!consistency": {"topicPath": "/flow/consistency.findings", "foxglovePanelTitle": "Contradictions"},
+        "RosOut!log": {
+            "topicToRender": "/log",
+            "minLogLevel": 1,
+            "searchTerms": [],
+            "foxglovePanelTitle": "Log",
+        },
+        "Table!consistency": {
+            "topicPath": "/flow/consistency.findings",
+            "foxglovePanelTitle": "Contradictions",
+        },
     }
     pictures = _split("map!track", "3D!scene", "row", 42)
     plots = _split("Plot!innovations", "Plot!vehicle", "row", 50)
@@ -50,7 +58,9 @@ def layout_text(layout: Mapping[str, Any]) -> str:
 def require_topics(topics: Sequence[str], name: str) -> None:
     """Raise LogError when a file has none of the topics of a result."""
     if not any(topic.startswith(("/flow/", "/plan/")) for topic in topics):
-        raise LogError(f"{name}: expected a result of replay-kit replay, it has no topic /flow/ or /plan/; give a result")
+        raise LogError(
+            f"{name}: expected a result of replay-kit replay, it has no topic /flow/ or /plan/; give a result"
+        )
 
 
 def _split(first: Any, second: Any, direction: str, percentage: int) -> dict[str, Any]:
@@ -58,29 +68,79 @@ def _split(first: Any, second: Any, direction: str, percentage: int) -> dict[str
 
 
 def _map(has: frozenset[str]) -> dict[str, Any]:
-    colors = {topic: color for topic, color in zip(("/vehicle/fix", "/plan/geojson"), _COLORS, strict=False) if topic in has}
+    colors = {
+        topic: color
+        for topic, color in zip(("/vehicle/fix", "/plan/geojson"), _COLORS, strict=False)
+        if topic in has
+    }
     follow = "/vehicle/fix" if "/vehicle/fix" in has else ""
-    return {"layer": "map", "followTopic": follow, "topicColors": colors, "zoomLevel": 9, "disabledTopics": [], "foxglovePanelTitle": "Map"}
+    return {
+        "layer": "map",
+        "followTopic": follow,
+        "topicColors": colors,
+        "zoomLevel": 9,
+        "disabledTopics": [],
+        "foxglovePanelTitle": "Map",
+    }
 
 
 def _scene(has: frozenset[str], field: str, most: float) -> dict[str, Any]:
     """Return the 3D panel: of the slices the shallowest is shown, the others can be switched on."""
-    grids = sorted((topic for topic in has if _DEPTH.fullmatch(topic)), key=lambda topic: float(topic[len(_GRID) : -1]))
-    shown = {"colorMode": "colormap", "colorMap": "turbo", "colorField": field, "minValue": 0.0, "maxValue": most, "frameLocked": True}
-    topics: dict[str, dict[str, Any]] = {topic: {"visible": k == 0, **shown} for k, topic in enumerate(grids)}
+    grids = sorted(
+        (topic for topic in has if _DEPTH.fullmatch(topic)),
+        key=lambda topic: float(topic[len(_GRID) : -1]),
+    )
+    shown = {
+        "colorMode": "colormap",
+        "colorMap": "turbo",
+        "colorField": field,
+        "minValue": 0.0,
+        "maxValue": most,
+        "frameLocked": True,
+    }
+    topics: dict[str, dict[str, Any]] = {
+        topic: {"visible": k == 0, **shown} for k, topic in enumerate(grids)
+    }
     arrows = [topic.replace("/grid/", "/arrows/") for topic in grids]
     topics |= {topic: {"visible": k == 0} for k, topic in enumerate(arrows) if topic in has}
     if "/plan/path" in has:
-        topics["/plan/path"] = {"visible": True, "type": "line", "lineWidth": 300.0, "gradient": [_COLORS[1], _COLORS[1]]}
+        topics["/plan/path"] = {
+            "visible": True,
+            "type": "line",
+            "lineWidth": 300.0,
+            "gradient": [_COLORS[1], _COLORS[1]],
+        }
     if "/plan/seabed" in has:
-        topics["/plan/seabed"] = {**shown, "visible": False, "colorField": "depth", "maxValue": 5000.0}
-    camera = {"distance": 150_000.0, "perspective": True, "phi": 40.0, "thetaOffset": 0.0, "target": [0, 0, 0], "targetOffset": [0, 0, 0]}
+        topics["/plan/seabed"] = {
+            **shown,
+            "visible": False,
+            "colorField": "depth",
+            "maxValue": 5000.0,
+        }
+    camera = {
+        "distance": 150_000.0,
+        "perspective": True,
+        "phi": 40.0,
+        "thetaOffset": 0.0,
+        "target": [0, 0, 0],
+        "targetOffset": [0, 0, 0],
+    }
     return {
-        "cameraState": {**camera, "targetOrientation": [0, 0, 0, 1], "fovy": 45, "near": 10.0, "far": 5_000_000.0},
+        "cameraState": {
+            **camera,
+            "targetOrientation": [0, 0, 0, 1],
+            "fovy": 45,
+            "near": 10.0,
+            "far": 5_000_000.0,
+        },
         "followMode": "follow-none",
         "followTf": "map",
         "scene": {"transforms": {"axisScale": 3000.0, "labelSize": 0.1, "showLabel": True}},
-        "transforms": {"frame:vehicle": {"visible": True}, "frame:map": {"visible": False}, "frame:earth": {"visible": False}},
+        "transforms": {
+            "frame:vehicle": {"visible": True},
+            "frame:map": {"visible": False},
+            "frame:earth": {"visible": False},
+        },
         "topics": topics,
         "layers": {},
         "publish": {},
@@ -90,20 +150,50 @@ def _scene(has: frozenset[str], field: str, most: float) -> dict[str, Any]:
 
 
 def _innovations() -> dict[str, Any]:
-    fields = ("innovation_east[:]", "innovation_north[:]", "innovation_std_east[:]", "innovation_std_north[:]")
-    return _plot("Innovations and their expected standard deviations [m/s]", [("/flow/innovation", field) for field in fields], lines=False)
+    fields = (
+        "innovation_east[:]",
+        "innovation_north[:]",
+        "innovation_std_east[:]",
+        "innovation_std_north[:]",
+    )
+    return _plot(
+        "Innovations and their expected standard deviations [m/s]",
+        [("/flow/innovation", field) for field in fields],
+        lines=False,
+    )
 
 
 def _at_vehicle() -> dict[str, Any]:
     fields = ("east", "north", "east_standard_error", "north_standard_error")
-    return _plot("Estimate at the vehicle [m/s]", [("/flow/at_vehicle", field) for field in fields], lines=True)
+    return _plot(
+        "Estimate at the vehicle [m/s]",
+        [("/flow/at_vehicle", field) for field in fields],
+        lines=True,
+    )
 
 
 def _plot(title: str, paths: Sequence[tuple[str, str]], lines: bool) -> dict[str, Any]:
     rows = [
-        {"value": f"{topic}.{field}", "enabled": True, "timestampMethod": "receiveTime", "label": field, "color": color, "showLine": lines}
+        {
+            "value": f"{topic}.{field}",
+            "enabled": True,
+            "timestampMethod": "receiveTime",
+            "label": field,
+            "color": color,
+            "showLine": lines,
+        }
         for (topic, field), color in zip(paths, _COLORS, strict=True)
     ]
-    legend = {"showLegend": True, "legendDisplay": "floating", "showPlotValuesInLegend": True, "sidebarDimension": 240}
-    axes = {"showXAxisLabels": True, "showYAxisLabels": True, "isSynced": True, "xAxisVal": "timestamp"}
+    legend = {
+        "showLegend": True,
+        "legendDisplay": "floating",
+        "showPlotValuesInLegend": True,
+        "sidebarDimension": 240,
+    }
+    axes = {
+        "showXAxisLabels": True,
+        "showYAxisLabels": True,
+        "isSynced": True,
+        "xAxisVal": "timestamp",
+    }
     return {"paths": rows, **legend, **axes, "foxglovePanelTitle": title}

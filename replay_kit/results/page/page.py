@@ -23,10 +23,18 @@ def page_html(title: str, sections: list[Section]) -> str:
         "title": escape(title),
         "version": escape(__version__),
         "css": _text("page.css"),
-        "links": "".join(f'<li><a href="#{section.key}">{escape(section.title)}</a></li>' for section in sections),
+        "links": "".join(
+            f'<li><a href="#{section.key}">{escape(section.title)}</a></li>' for section in sections
+        ),
         "sections": "\n".join(map(_section_html, sections)),
-        "figures": _packed(json.dumps([_figure_data(figure) for figure in figures], separators=(",", ":"), allow_nan=False).encode()),
-        "plotly": b64encode(files("replay_kit.results.page").joinpath("plotly-cartesian.min.js.gz").read_bytes()).decode(),
+        "figures": _packed(
+            json.dumps(
+                [_figure_data(figure) for figure in figures], separators=(",", ":"), allow_nan=False
+            ).encode()
+        ),
+        "plotly": b64encode(
+            files("replay_kit.results.page").joinpath("plotly-cartesian.min.js.gz").read_bytes()
+        ).decode(),
         "js": "".join(_text(name) for name in ("flight.js", "waypoint.js", "page.js")),
     }
     page = _text("page.html")
@@ -51,12 +59,18 @@ def _section_html(section: Section) -> str:
 
 
 def _figure_html(figure: Figure) -> str:
-    controls = "".join(_control_html(figure.key, number, control) for number, control in enumerate(figure.controls))
+    controls = "".join(
+        _control_html(figure.key, number, control) for number, control in enumerate(figure.controls)
+    )
     buttons = "".join(
         f'<button type="button" data-figure="{figure.key}" data-table="{escape(name)}">Data: {escape(name)} (CSV)</button>'
         for name in figure.tables
     )
-    readout = f'<p class="readout" aria-live="polite">{escape(figure.readout)}</p>' if figure.readout else ""
+    readout = (
+        f'<p class="readout" aria-live="polite">{escape(figure.readout)}</p>'
+        if figure.readout
+        else ""
+    )
     return (
         f'<figure id="{figure.key}"><h3>{escape(figure.title)}</h3><div class="controls">{controls}</div>{readout}{_shown_html(figure)}'
         f'<figcaption>{figure.caption}</figcaption><div class="data">{buttons}</div></figure>'

@@ -94,7 +94,12 @@ def column(values: ArrayLike, digits: int = _DIGITS) -> list[float | None]:
 
 def times(time_ns: NDArray[np.int64]) -> list[str]:
     """Return times [ns, UTC] as plotly reads them, to the second."""
-    return [str(each).replace("T", " ") for each in np.asarray(time_ns, dtype=np.int64).astype("datetime64[ns]").astype("datetime64[s]")]
+    return [
+        str(each).replace("T", " ")
+        for each in np.asarray(time_ns, dtype=np.int64)
+        .astype("datetime64[ns]")
+        .astype("datetime64[s]")
+    ]
 
 
 def pack(values: NDArray[np.float64], scale: float) -> dict[str, Any]:
@@ -106,8 +111,14 @@ def pack(values: NDArray[np.float64], scale: float) -> dict[str, Any]:
     """
     from base64 import b64encode
 
-    whole = np.where(np.isfinite(values), np.clip(np.rint(np.nan_to_num(values) / scale), -32767, 32767), -32768)
-    return {"scale": scale, "shape": list(values.shape), "data": b64encode(whole.astype("<i2").tobytes()).decode()}
+    whole = np.where(
+        np.isfinite(values), np.clip(np.rint(np.nan_to_num(values) / scale), -32767, 32767), -32768
+    )
+    return {
+        "scale": scale,
+        "shape": list(values.shape),
+        "data": b64encode(whole.astype("<i2").tobytes()).decode(),
+    }
 
 
 def number(key: str, value: float | int | None, text: str) -> str:

@@ -27,16 +27,37 @@ def dive_panels(contents: Contents, at: At | None) -> Panels:
         why = "The result holds no mean current of a dive: its vehicle does not dive, or the log has none that was used."
         return Panels([missing("Depth-averaged currents of dives", why)], 1, notes)
     if not np.isfinite(means.estimated).any():
-        notes.append("The result holds no estimate: measured minus estimated is shown, which it holds for each dive.")
+        notes.append(
+            "The result holds no estimate: measured minus estimated is shown, which it holds for each dive."
+        )
         titles = [f"measured minus estimated, {name}" for name in _COMPONENTS]
-        return Panels([Panel(title, partial(_differences, means, k), 0.55) for k, title in enumerate(titles)], 2, notes)
-    panels = [Panel(f"dives' mean current, {name}", partial(_through_time, means, k), 0.85) for k, name in enumerate(_COMPONENTS)]
+        return Panels(
+            [Panel(title, partial(_differences, means, k), 0.55) for k, title in enumerate(titles)],
+            2,
+            notes,
+        )
+    panels = [
+        Panel(f"dives' mean current, {name}", partial(_through_time, means, k), 0.85)
+        for k, name in enumerate(_COMPONENTS)
+    ]
     return Panels([*panels, Panel("all dives", partial(_scatter, means), 0.85)], 3, notes)
 
 
 def _through_time(means: MeanCurrents, k: int, axes: Axes) -> None:
-    times, measured = means.time_ns.astype("datetime64[ns]"), means.estimated[:, k] + means.residual[:, k]
-    axes.errorbar(times, measured, means.standard_error[:, k], fmt="o", color=SECOND, markersize=2.5, elinewidth=0.6, label="measured")
+    times, measured = (
+        means.time_ns.astype("datetime64[ns]"),
+        means.estimated[:, k] + means.residual[:, k],
+    )
+    axes.errorbar(
+        times,
+        measured,
+        means.standard_error[:, k],
+        fmt="o",
+        color=SECOND,
+        markersize=2.5,
+        elinewidth=0.6,
+        label="measured",
+    )
     axes.plot(times, means.estimated[:, k], "s-", color=FIRST, markersize=2.0, label="estimated")
     axes.axhline(0.0, color=SOFT, linewidth=0.5)
     axes.set_ylabel("m s$^{-1}$", labelpad=1.0)
@@ -45,7 +66,13 @@ def _through_time(means: MeanCurrents, k: int, axes: Axes) -> None:
 
 
 def _differences(means: MeanCurrents, k: int, axes: Axes) -> None:
-    axes.plot(means.time_ns.astype("datetime64[ns]"), means.residual[:, k], "o", color=SECOND, markersize=2.5)
+    axes.plot(
+        means.time_ns.astype("datetime64[ns]"),
+        means.residual[:, k],
+        "o",
+        color=SECOND,
+        markersize=2.5,
+    )
     axes.axhline(0.0, color=SOFT, linewidth=0.5)
     axes.set_ylabel("m s$^{-1}$", labelpad=1.0)
     date_axis(axes, 4)
@@ -54,7 +81,15 @@ def _differences(means: MeanCurrents, k: int, axes: Axes) -> None:
 def _scatter(means: MeanCurrents, axes: Axes) -> None:
     measured = means.estimated + means.residual
     for k, marker, color in ((0, "o", FIRST), (1, "^", SECOND)):
-        axes.plot(means.estimated[:, k], measured[:, k], marker, color=color, markersize=3.0, alpha=0.8, label=_COMPONENTS[k])
+        axes.plot(
+            means.estimated[:, k],
+            measured[:, k],
+            marker,
+            color=color,
+            markersize=3.0,
+            alpha=0.8,
+            label=_COMPONENTS[k],
+        )
     both = np.concatenate([means.estimated, measured])
     ends = (float(np.nanmin(both)), float(np.nanmax(both)))
     axes.plot(ends, ends, color=INK, linewidth=0.6, label="1 : 1")

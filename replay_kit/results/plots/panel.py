@@ -53,7 +53,9 @@ def missing(title: str, why: str) -> Panel:
 
     def draw(axes: Axes) -> None:
         axes.set(xticks=[], yticks=[])
-        axes.text(0.5, 0.5, fill(why, 34), transform=axes.transAxes, ha="center", va="center", color=SOFT)
+        axes.text(
+            0.5, 0.5, fill(why, 34), transform=axes.transAxes, ha="center", va="center", color=SOFT
+        )
 
     return Panel(title, draw, 0.45)
 

@@ -7,7 +7,16 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from replay_kit.core.geodesy import to_local
-from replay_kit.results.plots.current_map import At, degrees, draw_hazards, draw_speed, draw_surfacings, frame, legend, slices_at
+from replay_kit.results.plots.current_map import (
+    At,
+    degrees,
+    draw_hazards,
+    draw_speed,
+    draw_surfacings,
+    frame,
+    legend,
+    slices_at,
+)
 from replay_kit.results.plots.panel import Panel, Panels, missing
 from replay_kit.results.plots.style import FIRST, FOURTH, INK, LAND
 from replay_kit.results.report.sections.last_plan import profile_floor
@@ -26,8 +35,19 @@ def plan_panels(contents: Contents, at: At | None) -> Panels:
     """
     plan, notes = contents.last_plan, list(contents.notes)
     if plan is None:
-        why = (contents.summary.get("plan") or {}).get("message", "no goal was given, or none was due")
-        return Panels([missing("Plan", f"The result holds no plan: {why}; replay-kit plan makes one on this estimate.")], 1, notes)
+        why = (contents.summary.get("plan") or {}).get(
+            "message", "no goal was given, or none was due"
+        )
+        return Panels(
+            [
+                missing(
+                    "Plan",
+                    f"The result holds no plan: {why}; replay-kit plan makes one on this estimate.",
+                )
+            ],
+            1,
+            notes,
+        )
     if not len(plan.track):
         notes.append(f"The last plan has no track: {plan.row['message']}.")
     else:
@@ -43,7 +63,11 @@ def _figures_in_words(plan: LastPlan) -> list[str]:
     """Return energy, odds and bottom of a plan, as far as the result holds them."""
     out, odds = [], plan.odds
     if plan.energy is not None:
-        share = "" if plan.battery is None else f", {100.0 * plan.energy / plan.battery:.1f} % of {plan.battery / 1e6:g} MJ"
+        share = (
+            ""
+            if plan.battery is None
+            else f", {100.0 * plan.energy / plan.battery:.1f} % of {plan.battery / 1e6:g} MJ"
+        )
         out.append(f"Energy {plan.energy / 1e3:,.0f} kJ{share}.")
     if odds is not None:
         out.append(
@@ -55,25 +79,43 @@ def _figures_in_words(plan: LastPlan) -> list[str]:
 
 def _in_words(plan: Any) -> str:
     steer = f"heading {plan['heading_deg']:.0f}° true, glide angle {plan['glide_angle_deg']:.1f}°, {plan['duration'] / 3600.0:.1f} h"
-    return f"{str(plan.name)[:16]} UTC: {steer}, misses the goal by {plan['closest_approach']:.0f} m."
+    return (
+        f"{str(plan.name)[:16]} UTC: {steer}, misses the goal by {plan['closest_approach']:.0f} m."
+    )
 
 
 def _map(contents: Contents, plan: LastPlan, at: At | None, axes: Axes) -> None:
     slices, row = slices_at(contents, at), plan.row
-    ends = [to_local(contents.projection, row[f"{name}_longitude"], row[f"{name}_latitude"]) for name in ("start", "goal")]
-    east, north = (np.append(values, [end[k] for end in ends]) for k, values in enumerate((plan.east, plan.north)))
+    ends = [
+        to_local(contents.projection, row[f"{name}_longitude"], row[f"{name}_latitude"])
+        for name in ("start", "goal")
+    ]
+    east, north = (
+        np.append(values, [end[k] for end in ends])
+        for k, values in enumerate((plan.east, plan.north))
+    )
     reach = 0.65 * max(float(np.ptp(east)), float(np.ptp(north)), 2e3)
     if slices is not None:
         draw_speed(contents, slices, axes, 2.0 * reach)
-    corners = [0.5 * (values.min() + values.max()) + np.array([-reach, reach]) for values in (east, north)]
+    corners = [
+        0.5 * (values.min() + values.max()) + np.array([-reach, reach]) for values in (east, north)
+    ]
     around = degrees(contents, *np.meshgrid(*corners))
     axes.set(xlim=(around[0].min(), around[0].max()), ylim=(around[1].min(), around[1].max()))
     draw_hazards(contents, axes)
     x, y = degrees(contents, plan.east, plan.north)
     axes.plot(x, y, **_HALO)
     axes.plot(x, y, color=FIRST, linewidth=1.3, label="plan")
-    for end, marker, size, name in zip(ends, ("o", "*"), (5.0, 9.0), ("start", "goal"), strict=True):
-        look: Any = {"color": FOURTH, "markeredgecolor": INK, "markeredgewidth": 0.6, "markersize": size, "linestyle": "none"}
+    for end, marker, size, name in zip(
+        ends, ("o", "*"), (5.0, 9.0), ("start", "goal"), strict=True
+    ):
+        look: Any = {
+            "color": FOURTH,
+            "markeredgecolor": INK,
+            "markeredgewidth": 0.6,
+            "markersize": size,
+            "linestyle": "none",
+        }
         axes.plot(*degrees(contents, *end), marker, label=name, **look)
     draw_surfacings(contents, axes)
     axes.set(xlim=(around[0].min(), around[0].max()), ylim=(around[1].min(), around[1].max()))

@@ -61,7 +61,9 @@ class Plots:
         """Prepare the figures of a result; nothing is read yet."""
         self._contents = Contents(result)
 
-    def map(self, ax: Axes | None = None, *, panel: int = 0, at: At | None = None, columns: int = 2) -> Figure:
+    def map(
+        self, ax: Axes | None = None, *, panel: int = 0, at: At | None = None, columns: int = 2
+    ) -> Figure:
         """Return the current and its standard error at a depth, with the track."""
         return self._figure("map", ax, panel, at, columns)
 
@@ -69,7 +71,9 @@ class Plots:
         """Return measured, estimated, difference and standard error along the track, each eastward and northward."""
         return self._figure("section", ax, panel, None, columns)
 
-    def series(self, ax: Axes | None = None, *, panel: int = 0, at: At | None = None, columns: int = 2) -> Figure:
+    def series(
+        self, ax: Axes | None = None, *, panel: int = 0, at: At | None = None, columns: int = 2
+    ) -> Figure:
         """Return both components of the current at a place through time."""
         return self._figure("series", ax, panel, at, columns)
 
@@ -81,16 +85,22 @@ class Plots:
         """Return the innovations against their stated errors."""
         return self._figure("trust", ax, panel, None, columns)
 
-    def plan(self, ax: Axes | None = None, *, panel: int = 0, at: At | None = None, columns: int = 2) -> Figure:
+    def plan(
+        self, ax: Axes | None = None, *, panel: int = 0, at: At | None = None, columns: int = 2
+    ) -> Figure:
         """Return the last plan on a map, and its depth."""
         return self._figure("plan", ax, panel, at, columns)
 
-    def _figure(self, kind: str, ax: Axes | None, panel: int, at: At | None, columns: int) -> Figure:
+    def _figure(
+        self, kind: str, ax: Axes | None, panel: int, at: At | None, columns: int
+    ) -> Figure:
         if ax is None:
             return drawn(self._contents, kind, at, columns)
         panels = KINDS[kind](self._contents, at).panels
         if not 0 <= panel < len(panels):
-            raise ConfigError(f"panel: expected 0 to {len(panels) - 1}, got {panel}; {kind} has {len(panels)} here")
+            raise ConfigError(
+                f"panel: expected 0 to {len(panels) - 1}, got {panel}; {kind} has {len(panels)} here"
+            )
         panels[panel].draw(ax)
         ax.set_title(panels[panel].title)
         figure = ax.get_figure(root=True)

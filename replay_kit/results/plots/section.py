@@ -5,13 +5,25 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.dates import DAILY, HOURLY, MINUTELY, MONTHLY, SECONDLY, AutoDateLocator, ConciseDateFormatter
+from matplotlib.dates import (
+    DAILY,
+    HOURLY,
+    MINUTELY,
+    MONTHLY,
+    SECONDLY,
+    AutoDateLocator,
+    ConciseDateFormatter,
+)
 
 from replay_kit.core.arrays import Array
 from replay_kit.results.plots.current_map import At
 from replay_kit.results.plots.panel import Panel, Panels, missing
 from replay_kit.results.plots.style import LAND, colorbar, colormap
-from replay_kit.results.report.sections.sections_along_track import gridded, limits_of, quantities_of
+from replay_kit.results.report.sections.sections_along_track import (
+    gridded,
+    limits_of,
+    quantities_of,
+)
 from replay_kit.results.views.contents import Contents
 
 _COMPONENTS = ("eastward", "northward")
@@ -31,19 +43,34 @@ def section_panels(contents: Contents, at: At | None) -> Panels:
         why = "The result holds no profile that was used, and no estimate along its track."
         return Panels([missing("Section along the track", why)], 1, notes)
     if not contents.bins.time_ns.size:
-        notes.append("No profile of the current was used: the section shows the estimate along the track alone.")
+        notes.append(
+            "No profile of the current was used: the section shows the estimate along the track alone."
+        )
     time_ns, depths, values = gridded(bins)
     if not np.isfinite(bins.estimated).any():
-        notes.append("The result holds no estimate: the section shows measured minus estimated alone, which it holds for each bin.")
+        notes.append(
+            "The result holds no estimate: the section shows measured minus estimated alone, which it holds for each bin."
+        )
     if bins.left_out:
-        notes.append(f"{bins.left_out} of {bins.left_out + bins.profiles} profiles are left out, evenly spread.")
-    edges = (_time_edges(time_ns.size, int(bins.time_ns.min()), int(bins.time_ns.max())), _depth_edges(depths))
+        notes.append(
+            f"{bins.left_out} of {bins.left_out + bins.profiles} profiles are left out, evenly spread."
+        )
+    edges = (
+        _time_edges(time_ns.size, int(bins.time_ns.min()), int(bins.time_ns.max())),
+        _depth_edges(depths),
+    )
     names, _ = quantities_of(bins)
     if np.isfinite(bins.replayed).any():
-        notes.append("The result is smoothed: its estimate knows the measurements after each time too.")
+        notes.append(
+            "The result is smoothed: its estimate knows the measurements after each time too."
+        )
     limits = limits_of(names, values)
     panels = [
-        Panel(f"{row}, {_COMPONENTS[component]}", partial(_panel, edges, values[k, component], limits[k], row == "standard error"), 0.42)
+        Panel(
+            f"{row}, {_COMPONENTS[component]}",
+            partial(_panel, edges, values[k, component], limits[k], row == "standard error"),
+            0.42,
+        )
         for k, row in enumerate(names)
         if np.isfinite(values[k]).any()
         for component in range(2)
@@ -51,7 +78,9 @@ def section_panels(contents: Contents, at: At | None) -> Panels:
     return Panels(panels, 2, notes)
 
 
-def _panel(edges: tuple[Any, Array], values: Array, limit: float, is_error: bool, axes: Axes) -> None:
+def _panel(
+    edges: tuple[Any, Array], values: Array, limit: float, is_error: bool, axes: Axes
+) -> None:
     axes.set_facecolor(LAND)
     mesh = axes.pcolormesh(
         edges[0],

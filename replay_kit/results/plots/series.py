@@ -26,17 +26,25 @@ def series_panels(contents: Contents, at: At | None) -> Panels:
         depth = typical_depth(slices, contents.result.innovations["depth"].to_numpy(np.float64))
         at = (float(track.longitude[-1]), float(track.latitude[-1]), depth)
     if slices is None or at is None:
-        what = "no published current" if slices is None else "no position, and no place was asked for"
+        what = (
+            "no published current" if slices is None else "no position, and no place was asked for"
+        )
         return Panels([missing("Current at a place", f"The result holds {what}.")], 1, notes)
     series = series_at(slices, contents.projection, at)
     if not np.isfinite(series.u).any():
         why = f"{place_text(at[0], at[1])} at {at[2]:g} m is on land, below the bottom, or outside the region of the estimate."
         return Panels([missing("Current at a place", why)], 1, notes)
     if series.depth != at[2]:
-        notes.append(f"The depth asked for is {at[2]:g} m; the nearest published one is {series.depth:g} m.")
+        notes.append(
+            f"The depth asked for is {at[2]:g} m; the nearest published one is {series.depth:g} m."
+        )
     where = f"{place_text(at[0], at[1])}, {series.depth:g} m"
     panels = [
-        Panel(f"{name} current, {where}", partial(_panel, series, key, f"{letter} [m s$^{{-1}}$]"), 0.5)
+        Panel(
+            f"{name} current, {where}",
+            partial(_panel, series, key, f"{letter} [m s$^{{-1}}$]"),
+            0.5,
+        )
         for name, key, letter in (("eastward", "u", "$u$"), ("northward", "v", "$v$"))
     ]
     if series.time_ns.size == 1:
@@ -48,7 +56,15 @@ def _panel(series: Series, key: str, label: str, axes: Axes) -> None:
     times, values = series.time_ns.astype("datetime64[ns]"), getattr(series, key)
     errors = getattr(series, f"{key}_standard_error")
     if np.isfinite(errors).any():
-        axes.fill_between(times, values - errors, values + errors, color=FIRST, alpha=0.22, linewidth=0.0, label="one standard error")
+        axes.fill_between(
+            times,
+            values - errors,
+            values + errors,
+            color=FIRST,
+            alpha=0.22,
+            linewidth=0.0,
+            label="one standard error",
+        )
     if times.size == 1:
         axes.errorbar(times, values, np.nan_to_num(errors), color=FIRST, capsize=3.0)
     axes.plot(times, values, "o-", color=FIRST, markersize=2.5, label="estimate")

@@ -14,7 +14,15 @@ from replay_kit.results.page.colors import scale
 #: Width of a figure over one and over two columns of a page [inches].
 WIDTHS = {1: 3.35, 2: 6.9}
 #: Colours of lines and marks (Okabe and Ito, 2008), which differ in lightness too.
-FIRST, SECOND, THIRD, FOURTH, INK, SOFT, LAND = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#111820", "#7f8890", "#c9c5bd"
+FIRST, SECOND, THIRD, FOURTH, INK, SOFT, LAND = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#111820",
+    "#7f8890",
+    "#c9c5bd",
+)
 #: Forms of a figure's file.
 ENDINGS = (".png", ".svg", ".pdf")
 
@@ -39,12 +47,18 @@ _STYLE: Any = {
     "pdf.fonttype": 42,
 }
 # what would state when a figure was made, so that the same result gives the same bytes
-_NO_DATES: dict[str, dict[str, None]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
+_NO_DATES: dict[str, dict[str, None]] = {
+    "svg": {"Date": None},
+    "pdf": {"CreationDate": None},
+    "png": {},
+}
 
 
 def colormap(name: str) -> LinearSegmentedColormap:
     """Return one of cmocean's colour maps: ``speed``, ``balance``, ``amp`` or ``thermal``."""
-    return LinearSegmentedColormap.from_list(name, [(float(at), str(color)) for at, color in scale(name)])
+    return LinearSegmentedColormap.from_list(
+        name, [(float(at), str(color)) for at, color in scale(name)]
+    )
 
 
 def colorbar(axes: Axes, mesh: Any, label: str, extend: str = "neither") -> None:
@@ -56,7 +70,9 @@ def colorbar(axes: Axes, mesh: Any, label: str, extend: str = "neither") -> None
         label: With the unit.
         extend: Ends beyond which there are values: ``neither``, ``max`` or ``both``.
     """
-    axes.figure.colorbar(mesh, cax=axes.inset_axes((1.03, 0.0, 0.03, 1.0)), label=label, extend=extend)
+    axes.figure.colorbar(
+        mesh, cax=axes.inset_axes((1.03, 0.0, 0.03, 1.0)), label=label, extend=extend
+    )
 
 
 def styled(make: Callable[[], Figure]) -> Figure:

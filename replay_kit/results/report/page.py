@@ -18,7 +18,9 @@ _LISTED = (
     "again:again_section",
 )
 #: The sections in that order; each is a pure function of the opened result.
-SECTIONS: tuple[Callable[[Contents], Section], ...] = tuple(resolve_name(f"{__package__}.sections.{name}") for name in _LISTED)
+SECTIONS: tuple[Callable[[Contents], Section], ...] = tuple(
+    resolve_name(f"{__package__}.sections.{name}") for name in _LISTED
+)
 
 
 def report_html(result: ResultFile, notes: tuple[str, ...] = ()) -> str:

@@ -42,7 +42,11 @@ def alarms_of(held: Held, now_ns: int) -> tuple[Alarm, ...]:
         held: What it holds.
         now_ns: The present time [ns, UTC].
     """
-    return tuple(alarm for find in (_overdue, _outside, _contradictions, _bad_plan, _ended) for alarm in find(held, now_ns))
+    return tuple(
+        alarm
+        for find in (_overdue, _outside, _contradictions, _bad_plan, _ended)
+        for alarm in find(held, now_ns)
+    )
 
 
 def _overdue(held: Held, now_ns: int) -> Iterator[Alarm]:
@@ -54,7 +58,11 @@ def _overdue(held: Held, now_ns: int) -> Iterator[Alarm]:
 
 
 def _outside(held: Held, now_ns: int) -> Iterator[Alarm]:
-    if held.outcomes and not held.outcomes[-1].inside_ellipse and math.isfinite(held.outcomes[-1].ellipse_major):
+    if (
+        held.outcomes
+        and not held.outcomes[-1].inside_ellipse
+        and math.isfinite(held.outcomes[-1].ellipse_major)
+    ):
         one, since = held.outcomes[-1], held.outcomes[-1].timestamp.ToNanoseconds()
         text = f"the vehicle surfaced {one.distance / 1e3:.1f} km toward {one.direction_deg:.0f} degrees of the predicted place"
         yield Alarm("outside its ellipse", f"{text}, outside its 90 % ellipse", since, str(since))
@@ -62,15 +70,30 @@ def _outside(held: Held, now_ns: int) -> Iterator[Alarm]:
 
 def _contradictions(held: Held, now_ns: int) -> Iterator[Alarm]:
     for one in held.summary.get("consistency", ()):
-        yield Alarm("consistency", f"{one['name']}: {one['evidence']}; {one['set']}", held.last_ns, one["name"])
+        yield Alarm(
+            "consistency",
+            f"{one['name']}: {one['evidence']}; {one['set']}",
+            held.last_ns,
+            one["name"],
+        )
 
 
 def _bad_plan(held: Held, now_ns: int) -> Iterator[Alarm]:
     if held.plans and (plan := held.plans[-1]).status in _BAD_PLANS:
-        yield Alarm("plan", f"the plan is {plan.status}: {plan.message}", plan.timestamp.ToNanoseconds(), plan.status)
+        yield Alarm(
+            "plan",
+            f"the plan is {plan.status}: {plan.message}",
+            plan.timestamp.ToNanoseconds(),
+            plan.status,
+        )
 
 
 def _ended(held: Held, now_ns: int) -> Iterator[Alarm]:
     times = figures.forecast_times(held)
     if times is not None and times[2] and now_ns > times[1]:
-        yield Alarm("forecast ended", f"the forecast ended at {time_text(times[1])}; give a newer one", times[1], str(times[1]))
+        yield Alarm(
+            "forecast ended",
+            f"the forecast ended at {time_text(times[1])}; give a newer one",
+            times[1],
+            str(times[1]),
+        )

@@ -23,13 +23,18 @@ def command_text(plan: Any, leg: Mapping[str, float]) -> str:
         plan: ``replay_kit.Plan``.
         leg: That is flown next; empty for a glide.
     """
-    heading, angle = leg.get("heading_deg", plan.heading_deg), leg.get("glide_angle_deg", plan.glide_angle_deg)
+    heading, angle = (
+        leg.get("heading_deg", plan.heading_deg),
+        leg.get("glide_angle_deg", plan.glide_angle_deg),
+    )
     if not math.isfinite(heading):
         return "no command: the plan failed"
     words = f"{heading:.0f}° true, glide angle {angle:.0f}°"
     if not leg:
         return f"{words}, {plan.speed:.2f} m/s through water"
-    return f"{words}, to {leg['depth_m']:.0f} m; for {place_text(leg['longitude'], leg['latitude'])}"
+    return (
+        f"{words}, to {leg['depth_m']:.0f} m; for {place_text(leg['longitude'], leg['latitude'])}"
+    )
 
 
 def change_of(held: Held) -> tuple[str, ...]:
@@ -37,20 +42,31 @@ def change_of(held: Held) -> tuple[str, ...]:
     if len(held.plans) < 2:
         return ()
     before, now = held.plans
-    old, new = _heading(before, now.timestamp.ToNanoseconds()), _heading(now, now.timestamp.ToNanoseconds())
+    old, new = (
+        _heading(before, now.timestamp.ToNanoseconds()),
+        _heading(now, now.timestamp.ToNanoseconds()),
+    )
     if not (math.isfinite(old) and math.isfinite(new)):
         turned = f"was {before.status}, is {now.status}"
     else:
         turn = (new - old + 180.0) % 360.0 - 180.0
-        turned = "unchanged" if abs(turn) < _SMALL_TURN else f"was {old:.0f}°: {abs(turn):.0f}° to the {'right' if turn > 0.0 else 'left'}"
+        turned = (
+            "unchanged"
+            if abs(turn) < _SMALL_TURN
+            else f"was {old:.0f}°: {abs(turn):.0f}° to the {'right' if turn > 0.0 else 'left'}"
+        )
     reasons = list(_reasons(held, before, now))
     if turned == "unchanged" and not reasons:
         return ("unchanged since the plan before",)
-    return (f"{turned}; because {', '.join(reasons) if reasons else 'the estimate changed a little'}",)
+    return (
+        f"{turned}; because {', '.join(reasons) if reasons else 'the estimate changed a little'}",
+    )
 
 
 def _reasons(held: Held, before: Any, now: Any) -> Iterator[str]:
-    moved = float(distance(before.goal.longitude, before.goal.latitude, now.goal.longitude, now.goal.latitude))
+    moved = float(
+        distance(before.goal.longitude, before.goal.latitude, now.goal.longitude, now.goal.latitude)
+    )
     if moved > 1.0:
         yield f"the goal moved {moved / 1e3:.1f} km"
     if before.status != now.status:
@@ -62,7 +78,11 @@ def _reasons(held: Held, before: Any, now: Any) -> Iterator[str]:
         when = f"{abs(one.delay) / 60.0:.0f} min {'late' if one.delay >= 0.0 else 'early'}"
         yield f"it surfaced {one.distance / 1e3:.1f} km toward {one.direction_deg:.0f}° of the prediction, {when}"
     found = figures.dive_current(held)
-    if found is not None and found.time_ns >= since and found.difference > _SURPRISE * found.expected:
+    if (
+        found is not None
+        and found.time_ns >= since
+        and found.difference > _SURPRISE * found.expected
+    ):
         yield f"the current differed {100.0 * found.difference:.0f} cm/s from the estimate"
 
 

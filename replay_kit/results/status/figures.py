@@ -125,7 +125,9 @@ def dive_current(held: Held) -> DiveCurrent | None:
     """Return the current of the last dive beside what the estimate had said; None without a measurement."""
     if not held.dive:
         return None
-    means = [one for one in held.dive if one.HasField("mean_current") and one.mean_current.kind == "dac"]
+    means = [
+        one for one in held.dive if one.HasField("mean_current") and one.mean_current.kind == "dac"
+    ]
     if means:
         one = means[-1]
         mean, at = one.mean_current, held.fixes[-1] if held.fixes else None
@@ -133,12 +135,30 @@ def dive_current(held: Held) -> DiveCurrent | None:
         predicted = _true(held.projection, at, mean.predicted_east, mean.predicted_north)
         known = math.isfinite(predicted.speed)
         apart = math.hypot(measured.east - predicted.east, measured.north - predicted.north)
-        return DiveCurrent(one.timestamp.ToNanoseconds(), one.dive, measured, predicted if known else None, apart, _expected([one]))
-    values = [value for one in held.dive for part in (one.innovation_east, one.innovation_north) for value in part]
+        return DiveCurrent(
+            one.timestamp.ToNanoseconds(),
+            one.dive,
+            measured,
+            predicted if known else None,
+            apart,
+            _expected([one]),
+        )
+    values = [
+        value
+        for one in held.dive
+        for part in (one.innovation_east, one.innovation_north)
+        for value in part
+    ]
     known_values = [value for value in values if math.isfinite(value)]
-    rms = math.sqrt(sum(value**2 for value in known_values) / len(known_values)) if known_values else math.nan
+    rms = (
+        math.sqrt(sum(value**2 for value in known_values) / len(known_values))
+        if known_values
+        else math.nan
+    )
     last = held.dive[-1]
-    return DiveCurrent(last.timestamp.ToNanoseconds(), last.dive, None, None, rms, _expected(held.dive))
+    return DiveCurrent(
+        last.timestamp.ToNanoseconds(), last.dive, None, None, rms, _expected(held.dive)
+    )
 
 
 def _true(projection: Projection, at: Fix | None, east: float, north: float) -> Current:
@@ -150,7 +170,12 @@ def _true(projection: Projection, at: Fix | None, east: float, north: float) -> 
 
 
 def _expected(measurements: Sequence[Any]) -> float:
-    values = [value for one in measurements for part in (one.innovation_std_east, one.innovation_std_north) for value in part]
+    values = [
+        value
+        for one in measurements
+        for part in (one.innovation_std_east, one.innovation_std_north)
+        for value in part
+    ]
     known = [value for value in values if math.isfinite(value)]
     return math.sqrt(sum(value**2 for value in known) / len(known)) if known else math.nan
 

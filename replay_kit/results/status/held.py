@@ -81,25 +81,53 @@ def read_held(path: Path) -> Held:
     try:
         with path.open("rb") as file:
             reader = make_reader(file)
-            metadata = {record.name: dict(record.metadata) for record in reader.iter_metadata() if record.name != "replay_kit.digest"}
-            attached = {record.name: record.data for record in reader.iter_attachments() if record.name in (_CONFIG, _SUMMARY)}
+            metadata = {
+                record.name: dict(record.metadata)
+                for record in reader.iter_metadata()
+                if record.name != "replay_kit.digest"
+            }
+            attached = {
+                record.name: record.data
+                for record in reader.iter_attachments()
+                if record.name in (_CONFIG, _SUMMARY)
+            }
             summary = reader.get_summary()
-        if "frame map" not in metadata or "contract" not in metadata or summary is None or summary.statistics is None:
-            raise LogError(f"{path}: an MCAP file, but no result of replay-kit replay; give a result")
-        schemas = {channel.topic: summary.schemas.get(channel.schema_id) for channel in summary.channels.values()}
+        if (
+            "frame map" not in metadata
+            or "contract" not in metadata
+            or summary is None
+            or summary.statistics is None
+        ):
+            raise LogError(
+                f"{path}: an MCAP file, but no result of replay-kit replay; give a result"
+            )
+        schemas = {
+            channel.topic: summary.schemas.get(channel.schema_id)
+            for channel in summary.channels.values()
+        }
         fixes, reckoned = _positions(path, schemas.get("/vehicle/fix"))
         plans, outcomes = (_last(path, topic, name, most) for topic, name, most in _OF_PLANS)
         dive = _last_dive(path)
     except OSError as error:
-        raise LogError(f"{path}: cannot read the result: {error.strerror}; check the path") from error
+        raise LogError(
+            f"{path}: cannot read the result: {error.strerror}; check the path"
+        ) from error
     except (McapError, ValueError, struct.error) as error:
-        raise LogError(f"{path}: expected a complete result of replay-kit replay: {error!r}; the run may not have finished") from error
+        raise LogError(
+            f"{path}: expected a complete result of replay-kit replay: {error!r}; the run may not have finished"
+        ) from error
     frame = metadata["frame map"]
-    known = [*(fix.time_ns for fix in fixes), *(one.timestamp.ToNanoseconds() for one in (*outcomes, *dive))]
+    known = [
+        *(fix.time_ns for fix in fixes),
+        *(one.timestamp.ToNanoseconds() for one in (*outcomes, *dive)),
+    ]
     return Held(
         name=path.name,
         first_ns=summary.statistics.message_start_time,
-        last_ns=max([*known, *([reckoned.time_ns] if reckoned else [])], default=summary.statistics.message_end_time),
+        last_ns=max(
+            [*known, *([reckoned.time_ns] if reckoned else [])],
+            default=summary.statistics.message_end_time,
+        ),
         metadata=metadata,
         settings=tomllib.loads(attached.get(_CONFIG, b"").decode()),
         summary=json.loads(attached.get(_SUMMARY, b"{}")),
@@ -144,7 +172,11 @@ def _positions(path: Path, schema: Any) -> tuple[list[Fix], Fix | None]:
     read = [*read_messages(path, "/vehicle/fix")]
 
     def measured(rows: Sequence[tuple[int, bytes]]) -> Iterator[Fix]:
-        return (fix for fix in (_fix(time_ns, decoder(data)) for time_ns, data in rows) if not fix.reckoned)
+        return (
+            fix
+            for fix in (_fix(time_ns, decoder(data)) for time_ns, data in rows)
+            if not fix.reckoned
+        )
 
     last = next(measured(read[::-1]), None)
     if last is None:
@@ -152,7 +184,11 @@ def _positions(path: Path, schema: Any) -> tuple[list[Fix], Fix | None]:
     before = next(measured([row for row in read if row[0] <= last.time_ns - _DAY_NS][::-1]), None)
     first = next(measured(read))
     end = _fix(read[-1][0], decoder(read[-1][1]))
-    return [first, *([before] if before is not None else []), last], end if end.reckoned and end.time_ns > last.time_ns else None
+    return [
+        first,
+        *([before] if before is not None else []),
+        last,
+    ], end if end.reckoned and end.time_ns > last.time_ns else None
 
 
 def _fix(time_ns: int, message: Any) -> Fix:

@@ -21,7 +21,9 @@ def status_page(status: Status, refresh_s: int = 60) -> str:
         "title": escape(status.name),
         "now": escape(time_text(status.now_ns)),
         "iso": escape(time_text(status.now_ns).replace(" ", "T")),
-        "alarms": "".join(f"<li><b>{escape(alarm.kind)}</b> {escape(alarm.text)}</li>" for alarm in status.alarms),
+        "alarms": "".join(
+            f"<li><b>{escape(alarm.kind)}</b> {escape(alarm.text)}</li>" for alarm in status.alarms
+        ),
         "lines": "\n".join(_line_html(status, line) for line in status.lines),
     }
     for name, text in parts.items():

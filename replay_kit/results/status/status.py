@@ -64,14 +64,34 @@ def status_of(held: Held, now_ns: int | None = None) -> Status:
     now = held.last_ns if now_ns is None else now_ns
     alarms = alarms_of(held, now)
     kinds = {alarm.kind for alarm in alarms}
-    made = (_where(held), _rate(held), _current(held), _surfacing(held, now), _command(held), _odds(held), _forecast(held, now), _fit(held))
+    made = (
+        _where(held),
+        _rate(held),
+        _current(held),
+        _surfacing(held, now),
+        _command(held),
+        _odds(held),
+        _forecast(held, now),
+        _fit(held),
+    )
     lines = [
-        Line(line.key, line.label, line.text, line.time_ns, not kinds.isdisjoint(_ALARMS.get(line.key, ())))
+        Line(
+            line.key,
+            line.label,
+            line.text,
+            line.time_ns,
+            not kinds.isdisjoint(_ALARMS.get(line.key, ())),
+        )
         for line, _ in made
         if line.text
     ]
     numbers = {line.key: values for line, values in made if values}
-    about = {"result": held.name, "now": time_text(now), "last": time_text(held.last_ns), "alarms": [alarm.record() for alarm in alarms]}
+    about = {
+        "result": held.name,
+        "now": time_text(now),
+        "last": time_text(held.last_ns),
+        "alarms": [alarm.record() for alarm in alarms],
+    }
     return Status(held.name, now, tuple(lines), alarms, {**about, **numbers})
 
 
@@ -89,7 +109,11 @@ def _where(held: Held) -> _Answer:
     if not held.fixes:
         return Line("position", "Position", ("no measured position",)), {}
     fix, error = held.fixes[-1], held.settings.get("measurements", {}).get("fix_std")
-    text = [f"{place_text(fix.longitude, fix.latitude)}" + (f" ± {error:g} m" if error else "") + f", since {time_text(fix.time_ns)}"]
+    text = [
+        f"{place_text(fix.longitude, fix.latitude)}"
+        + (f" ± {error:g} m" if error else "")
+        + f", since {time_text(fix.time_ns)}"
+    ]
     values: dict[str, Any] = {
         "longitude": fix.longitude,
         "latitude": fix.latitude,
@@ -98,8 +122,14 @@ def _where(held: Held) -> _Answer:
     }
     if held.reckoned is not None:
         at = held.reckoned
-        text.append(f"dead reckoned {place_text(at.longitude, at.latitude)} at {time_text(at.time_ns)}")
-        values["dead_reckoned"] = {"longitude": at.longitude, "latitude": at.latitude, "time": time_text(at.time_ns)}
+        text.append(
+            f"dead reckoned {place_text(at.longitude, at.latitude)} at {time_text(at.time_ns)}"
+        )
+        values["dead_reckoned"] = {
+            "longitude": at.longitude,
+            "latitude": at.latitude,
+            "time": time_text(at.time_ns),
+        }
     if held.dive and held.dive[-1].dive:
         text.append(f"after dive {held.dive[-1].dive}")
         values["dive"] = held.dive[-1].dive
@@ -115,10 +145,15 @@ def _rate(held: Held) -> _Answer:
     left = figures.far(held.fixes[-1], goal) / 1e3
     text = [f"{left:.1f} km to the goal {place_text(goal[0], goal[1])}, {goal[2]:g} m"]
     # over a long time the fixes' errors are far below the digit that is shown
-    text += [f"{rate.km_a_day:+.1f} ± {max(rate.error, 0.01):.1g} km a day over {_days(rate.days)}" for rate in rates]
+    text += [
+        f"{rate.km_a_day:+.1f} ± {max(rate.error, 0.01):.1g} km a day over {_days(rate.days)}"
+        for rate in rates
+    ]
     values = {
         "to_goal_km": left,
-        "km_a_day": [{"days": rate.days, "km_a_day": rate.km_a_day, "error": rate.error} for rate in rates],
+        "km_a_day": [
+            {"days": rate.days, "km_a_day": rate.km_a_day, "error": rate.error} for rate in rates
+        ],
     }
     return Line("made_good", "Made good", tuple(text), held.fixes[-1].time_ns), values
 
@@ -133,14 +168,22 @@ def _current(held: Held) -> _Answer:
         "difference_m_s": _finite(found.difference),
         "expected_m_s": _finite(found.expected),
     }
-    expected = f"{100.0 * found.expected:.1f} cm/s expected a component" if math.isfinite(found.expected) else "expected unknown"
+    expected = (
+        f"{100.0 * found.expected:.1f} cm/s expected a component"
+        if math.isfinite(found.expected)
+        else "expected unknown"
+    )
     if found.measured is None:
-        text = [f"no mean current in the last dive; profiles differ {100.0 * found.difference:.1f} cm/s RMS from the estimate ({expected})"]
+        text = [
+            f"no mean current in the last dive; profiles differ {100.0 * found.difference:.1f} cm/s RMS from the estimate ({expected})"
+        ]
         return Line("current", "Current", tuple(text), found.time_ns), values
     text = [f"dive {found.dive} measured {_current_text(found.measured)}"]
     values["measured"] = {"east": found.measured.east, "north": found.measured.north}
     if found.predicted is not None:
-        text.append(f"estimate had said {_current_text(found.predicted)}; apart {100.0 * found.difference:.1f} cm/s ({expected})")
+        text.append(
+            f"estimate had said {_current_text(found.predicted)}; apart {100.0 * found.difference:.1f} cm/s ({expected})"
+        )
         values["predicted"] = {"east": found.predicted.east, "north": found.predicted.north}
     return Line("current", "Current", tuple(text), found.time_ns), values
 
@@ -152,10 +195,23 @@ def _surfacing(held: Held, now_ns: int) -> _Answer:
         text.append("the plan has no surfacing ahead")
     if held.outcomes:
         one = held.outcomes[-1]
-        inside = "inside" if one.inside_ellipse else "outside" if math.isfinite(one.ellipse_major) else ""
+        inside = (
+            "inside"
+            if one.inside_ellipse
+            else "outside"
+            if math.isfinite(one.ellipse_major)
+            else ""
+        )
         side = f", {inside} its ellipse" if inside else ""
-        text.append(f"the last was {one.distance / 1e3:.1f} km toward {one.direction_deg:.0f}° and {_late(one.delay)}{side}")
-        values["last"] = {"distance_m": one.distance, "direction_deg": one.direction_deg, "delay_s": one.delay, "inside": inside}
+        text.append(
+            f"the last was {one.distance / 1e3:.1f} km toward {one.direction_deg:.0f}° and {_late(one.delay)}{side}"
+        )
+        values["last"] = {
+            "distance_m": one.distance,
+            "direction_deg": one.direction_deg,
+            "delay_s": one.delay,
+            "inside": inside,
+        }
     if found := held.summary.get("expected_surfacings"):
         text += surfacings_sentences(found)
         values["expected"] = {
@@ -164,14 +220,24 @@ def _surfacing(held: Held, now_ns: int) -> _Answer:
             "count": found["count"],
             "next": found["next"],
         }
-    return Line("surfacing", "Surfacing", tuple(text), following.planned_ns if following else None), values
+    return Line(
+        "surfacing", "Surfacing", tuple(text), following.planned_ns if following else None
+    ), values
 
 
-def _next_surfacing(following: figures.NextSurfacing, now_ns: int) -> tuple[list[str], dict[str, Any]]:
+def _next_surfacing(
+    following: figures.NextSurfacing, now_ns: int
+) -> tuple[list[str], dict[str, Any]]:
     """Return the next surfacing in words and as figures."""
     leg, late = following.leg, following.late_s(now_ns)
-    when = f"OVERDUE by {_hours(late)}" if late else f"in {_hours(max(0.0, (following.time_ns - now_ns) / _SECOND))}"
-    text = [f"{time_text(following.time_ns)} ({when}; overdue after {_hours(following.margin_s)} more)"]
+    when = (
+        f"OVERDUE by {_hours(late)}"
+        if late
+        else f"in {_hours(max(0.0, (following.time_ns - now_ns) / _SECOND))}"
+    )
+    text = [
+        f"{time_text(following.time_ns)} ({when}; overdue after {_hours(following.margin_s)} more)"
+    ]
     place = place_text(leg["longitude"], leg["latitude"])
     ellipse = {name: leg.get(f"ellipse_{name}") for name in ("major_m", "minor_m", "bearing_deg")}
     if "ellipse_major_m" in leg:
@@ -179,7 +245,12 @@ def _next_surfacing(following: figures.NextSurfacing, now_ns: int) -> tuple[list
         text.append(f"at {place}; 90 % ellipse {axes} km along {leg['ellipse_bearing_deg']:.0f}°")
     else:
         text.append(f"at {place}; no ellipse without samples of the estimate (planner.samples)")
-    values = {"time": time_text(following.time_ns), "late_s": late, "longitude": leg["longitude"], "latitude": leg["latitude"]}
+    values = {
+        "time": time_text(following.time_ns),
+        "late_s": late,
+        "longitude": leg["longitude"],
+        "latitude": leg["latitude"],
+    }
     return text, {"next": {**values, **ellipse}}
 
 
@@ -204,22 +275,35 @@ def _odds(held: Held) -> _Answer:
         return Line("odds", "Odds", ()), {}
     plan = held.plans[-1]
     text, values = (
-        [f"plan {plan.status}: arrives after {plan.duration / 3600.0:.1f} h, {plan.closest_approach:.0f} m off"],
+        [
+            f"plan {plan.status}: arrives after {plan.duration / 3600.0:.1f} h, {plan.closest_approach:.0f} m off"
+        ],
         {"status": plan.status},
     )
     if plan.status == "failed" or not math.isfinite(plan.duration):
         text = [f"plan {plan.status}: {plan.message}"]
     if plan.HasField("odds") and plan.odds.n_samples:
         odds = plan.odds
-        error = math.sqrt(max(odds.reached * (1.0 - odds.reached), 0.25 / odds.n_samples) / odds.n_samples)
+        error = math.sqrt(
+            max(odds.reached * (1.0 - odds.reached), 0.25 / odds.n_samples) / odds.n_samples
+        )
         text.append(
             f"{100.0 * odds.reached:.0f} ± {100.0 * error:.0f} % of {odds.n_samples} samples arrive, {100.0 * odds.safe:.0f} % safe"
         )
-        values |= {"reached": odds.reached, "error": error, "safe": odds.safe, "samples": odds.n_samples}
+        values |= {
+            "reached": odds.reached,
+            "error": error,
+            "safe": odds.safe,
+            "samples": odds.n_samples,
+        }
     else:
         text.append("odds unknown without samples (planner.samples)")
     if math.isfinite(plan.energy) and plan.energy > 0.0:
-        share = f" of {plan.battery / 1e3:.0f} kJ" if math.isfinite(plan.battery) and plan.battery > 0.0 else ""
+        share = (
+            f" of {plan.battery / 1e3:.0f} kJ"
+            if math.isfinite(plan.battery) and plan.battery > 0.0
+            else ""
+        )
         text.append(f"energy {plan.energy / 1e3:.0f} kJ{share}")
         values |= {"energy_j": plan.energy, "battery_j": _finite(plan.battery)}
     return Line("odds", "Odds", tuple(text), plan.timestamp.ToNanoseconds()), values
@@ -230,21 +314,36 @@ def _forecast(held: Held, now_ns: int) -> _Answer:
     if times is None:
         return Line("forecast", "Forecast", ("states no time: its age is unknown",)), {}
     first, last, evolves = times
-    values = {"first": time_text(first), "last": time_text(last), "age_s": (now_ns - first) / _SECOND}
+    values = {
+        "first": time_text(first),
+        "last": time_text(last),
+        "age_s": (now_ns - first) / _SECOND,
+    }
     if not evolves:
-        return Line("forecast", "Forecast", (f"of {time_text(first)}, held constant",), first), values
+        return Line(
+            "forecast", "Forecast", (f"of {time_text(first)}, held constant",), first
+        ), values
     ahead = (last - now_ns) / _SECOND
     ends = f"ends in {_hours(ahead)}" if ahead >= 0.0 else f"ENDED {_hours(-ahead)} ago"
-    return Line("forecast", "Forecast", (f"{time_text(first)} to {time_text(last)}; {ends}",), first), values
+    return Line(
+        "forecast", "Forecast", (f"{time_text(first)} to {time_text(last)}; {ends}",), first
+    ), values
 
 
 def _fit(held: Held) -> _Answer:
     found: Sequence[Mapping[str, Any]] = held.summary.get("consistency", ())
-    text = [f"{_WORDS.get(one['severity'], 'contradiction')}: {one['name']}, {one['evidence']}; {one['set']}" for one in found]
+    text = [
+        f"{_WORDS.get(one['severity'], 'contradiction')}: {one['name']}, {one['evidence']}; {one['set']}"
+        for one in found
+    ]
     if not held.summary:
         text.append("no verdict: the run did not finish, or an earlier version made the result")
     text += list(held.summary.get("verdict", ()))
-    values = {"findings": list(found), "verdict": list(held.summary.get("verdict", ())), "nis_per_dof": held.summary.get("nis_per_dof")}
+    values = {
+        "findings": list(found),
+        "verdict": list(held.summary.get("verdict", ())),
+        "nis_per_dof": held.summary.get("nis_per_dof"),
+    }
     return Line("fit", "Fit", tuple(text), held.last_ns), values
 
 

@@ -15,7 +15,13 @@ def age_text(seconds: float) -> str:
     far = abs(seconds)
     if far < 60.0:
         return "now"
-    text = f"{far / 60.0:.0f} min" if far < 7200.0 else f"{far / 3600.0:.1f} h" if far < 172_800.0 else f"{far / 86_400.0:.1f} d"
+    text = (
+        f"{far / 60.0:.0f} min"
+        if far < 7200.0
+        else f"{far / 3600.0:.1f} h"
+        if far < 172_800.0
+        else f"{far / 86_400.0:.1f} d"
+    )
     return text if seconds > 0.0 else f"in {text}"
 
 
@@ -45,4 +51,10 @@ def status_text(status: Status, width: int = 80) -> str:
 
 
 def _wrapped(head: str, text: str, width: int, indent: int) -> list[str]:
-    return textwrap.wrap(text, max(width, 40), initial_indent=head, subsequent_indent=" " * indent, break_on_hyphens=False) or [head]
+    return textwrap.wrap(
+        text,
+        max(width, 40),
+        initial_indent=head,
+        subsequent_indent=" " * indent,
+        break_on_hyphens=False,
+    ) or [head]

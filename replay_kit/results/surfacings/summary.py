@@ -17,7 +17,9 @@ from replay_kit.core.surfacing import Ellipse
 _KINDS = ("first", "second", "later")
 
 
-def surfacings_json(outcomes: Sequence[DiveOutcome], following: DiveForecast | None) -> dict[str, Any]:
+def surfacings_json(
+    outcomes: Sequence[DiveOutcome], following: DiveForecast | None
+) -> dict[str, Any]:
     """Return the figures of expected surfacings for JSON.
 
     Args:
@@ -50,8 +52,15 @@ def _figures(outcomes: Sequence[DiveOutcome]) -> dict[str, Any]:
         "distance_rms_m": float(np.sqrt(np.mean(np.square(distances)))),
         "radius_90_mean_m": float(np.mean([one.forecast.radius for one in outcomes])),
         "log_score": float(np.mean([one.log_score for one in outcomes])),
-        "log_score_gain": float(np.mean([one.log_score - one.persistent_log_score for one in beside])) if beside else None,
-        "radius_ratio": _ratio([one.forecast.radius for one in beside], [one.forecast.persistent_radius for one in beside]),
+        "log_score_gain": float(
+            np.mean([one.log_score - one.persistent_log_score for one in beside])
+        )
+        if beside
+        else None,
+        "radius_ratio": _ratio(
+            [one.forecast.radius for one in beside],
+            [one.forecast.persistent_radius for one in beside],
+        ),
     }
 
 

@@ -31,7 +31,11 @@ def _from(each: Sequence[Mapping[str, Any]]) -> str:
     bases = {one.get("basis") for one in each}
     if "estimate" in bases:
         return "the displacements of the dives before each and the current of the estimate, without mean currents"
-    return "the displacements of the dives before each, without mean currents" if "displacements" in bases else "the dives before each"
+    return (
+        "the displacements of the dives before each, without mean currents"
+        if "displacements" in bases
+        else "the dives before each"
+    )
 
 
 def _beside(figures: Mapping[str, Any], each: Sequence[Mapping[str, Any]]) -> str:

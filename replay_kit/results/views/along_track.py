@@ -78,8 +78,13 @@ class EstimateHistory:
     @cached_property
     def _weights(self) -> tuple[NDArray[np.int64], Array]:
         """Times [ns, UTC], shape (n,), and weights, shape (n, rZ)."""
-        read = [(time_ns, decode("FlowEstimate", data)) for time_ns, data in read_messages(self._path, "/flow/estimate")]
-        return np.array([time for time, _ in read], dtype=np.int64), np.array([value.weights for _, value in read])
+        read = [
+            (time_ns, decode("FlowEstimate", data))
+            for time_ns, data in read_messages(self._path, "/flow/estimate")
+        ]
+        return np.array([time for time, _ in read], dtype=np.int64), np.array(
+            [value.weights for _, value in read]
+        )
 
     def after(self, time_ns: int) -> FlowEstimate | None:
         """Return the mean of the estimate after the measurements up to a time [ns, UTC]; None when it is not known."""
@@ -115,20 +120,35 @@ def mean_current_topics(observations: pd.DataFrame, bins: pd.DataFrame) -> list[
         bins: ``ResultFile.innovations``.
     """
     # what the measurement itself says, in results of version 4 on
-    if (stated := np.isfinite(observations["mean_current_measured_east"].to_numpy(np.float64))).any():
+    if (
+        stated := np.isfinite(observations["mean_current_measured_east"].to_numpy(np.float64))
+    ).any():
         return list(dict.fromkeys(observations["source_topic"].to_numpy()[stated]))
-    sizes = bins.groupby("observation").size().reindex(range(len(observations)), fill_value=0).to_numpy()
+    sizes = (
+        bins.groupby("observation")
+        .size()
+        .reindex(range(len(observations)), fill_value=0)
+        .to_numpy()
+    )
     topics = []
     for topic in dict.fromkeys(observations["source_topic"]):
         here = (observations["source_topic"] == topic).to_numpy()
         dives = observations["dive"].to_numpy()[here]
-        if (sizes[here] == 1).all() and (dives > 0).all() and len(set(dives.tolist())) == len(dives):
+        if (
+            (sizes[here] == 1).all()
+            and (dives > 0).all()
+            and len(set(dives.tolist())) == len(dives)
+        ):
             topics.append(topic)
     return topics
 
 
 def bins_along_track(
-    result: ResultFile, track: Track, history: EstimateHistory, estimate: FlowEstimate | None, most: int
+    result: ResultFile,
+    track: Track,
+    history: EstimateHistory,
+    estimate: FlowEstimate | None,
+    most: int,
 ) -> BinsAlongTrack:
     """Return the used bins of the profiles of a result along its track.
 
@@ -143,10 +163,15 @@ def bins_along_track(
     means = set(mean_current_topics(observations, bins))
     wanted = np.flatnonzero((observations["dof"] > 0) & ~observations["source_topic"].isin(means))
     kept = wanted[thinned(wanted.size, most)]
-    used = bins[bins["observation"].isin(kept) & np.isfinite(bins["residual_east"].to_numpy(np.float64))]
+    used = bins[
+        bins["observation"].isin(kept) & np.isfinite(bins["residual_east"].to_numpy(np.float64))
+    ]
     time_ns = used.index.to_numpy().astype("datetime64[ns]").astype(np.int64)
     east, north, distance = track.at(time_ns)
-    depth, residual = used["depth"].to_numpy(np.float64), used[["residual_east", "residual_north"]].to_numpy(np.float64)
+    depth, residual = (
+        used["depth"].to_numpy(np.float64),
+        used[["residual_east", "residual_north"]].to_numpy(np.float64),
+    )
     estimated, error = np.full((2, depth.size, 2), np.nan)
     for time, here in _by_time(time_ns):
         flow = history.after(time)
@@ -155,11 +180,27 @@ def bins_along_track(
     if estimate is not None and estimate.n_modes and depth.size and np.isfinite(east).all():
         error = estimate.standard_error(east, north, depth)
     # measured minus the residual before smoothing
-    replayed = estimated + residual - used[["replayed_residual_east", "replayed_residual_north"]].to_numpy(np.float64)
-    return BinsAlongTrack(time_ns, distance, depth, estimated, residual, replayed, error, kept.size, wanted.size - kept.size)
+    replayed = (
+        estimated
+        + residual
+        - used[["replayed_residual_east", "replayed_residual_north"]].to_numpy(np.float64)
+    )
+    return BinsAlongTrack(
+        time_ns,
+        distance,
+        depth,
+        estimated,
+        residual,
+        replayed,
+        error,
+        kept.size,
+        wanted.size - kept.size,
+    )
 
 
-def estimate_along_track(track: Track, history: EstimateHistory, estimate: FlowEstimate) -> BinsAlongTrack:
+def estimate_along_track(
+    track: Track, history: EstimateHistory, estimate: FlowEstimate
+) -> BinsAlongTrack:
     """Return the estimate along a track without profiles, down to the deepest position, as bins without a measurement.
 
     A track that nowhere comes into the region of the estimate has none.
@@ -169,8 +210,12 @@ def estimate_along_track(track: Track, history: EstimateHistory, estimate: FlowE
         history: Of the estimate.
         estimate: The last estimate.
     """
-    deepest = min(float(np.nanmax(track.depth, initial=estimate.levels[0])), float(estimate.levels[-1]))
-    times = np.unique(np.linspace(track.time_ns[0], track.time_ns[-1], _SECTION[0]).astype(np.int64))
+    deepest = min(
+        float(np.nanmax(track.depth, initial=estimate.levels[0])), float(estimate.levels[-1])
+    )
+    times = np.unique(
+        np.linspace(track.time_ns[0], track.time_ns[-1], _SECTION[0]).astype(np.int64)
+    )
     depths = deepest * (np.arange(_SECTION[1]) + 0.5) / _SECTION[1]
     time_ns, depth = np.repeat(times, depths.size), np.tile(depths, times.size)
     east, north, distance = track.at(time_ns)
@@ -180,12 +225,23 @@ def estimate_along_track(track: Track, history: EstimateHistory, estimate: FlowE
         flow = history.after(time)
         if flow is not None:
             estimated[here] = flow.velocity(east[here], north[here], depth[here])
-    error = estimate.standard_error(east, north, depth) if estimate.n_modes else np.full(estimated.shape, np.nan)
+    error = (
+        estimate.standard_error(east, north, depth)
+        if estimate.n_modes
+        else np.full(estimated.shape, np.nan)
+    )
     if estimate.n_modes:
         # the flow is 0 far outside its region and on land, which is no estimate
         estimated[np.isnan(error)] = np.nan
     if not (np.isfinite(estimated).any() or np.isfinite(error).any()):
-        time_ns, distance, depth, estimated, error, times = time_ns[:0], distance[:0], depth[:0], estimated[:0], error[:0], times[:0]
+        time_ns, distance, depth, estimated, error, times = (
+            time_ns[:0],
+            distance[:0],
+            depth[:0],
+            estimated[:0],
+            error[:0],
+            times[:0],
+        )
     none = np.full(estimated.shape, np.nan)
     return BinsAlongTrack(time_ns, distance, depth, estimated, none, none, error, times.size, 0)
 
@@ -193,13 +249,20 @@ def estimate_along_track(track: Track, history: EstimateHistory, estimate: FlowE
 def mean_currents(result: ResultFile, track: Track, history: EstimateHistory) -> MeanCurrents:
     """Return the mean currents of the dives of a result beside the mean through time of its estimate over the positions of each dive."""
     observations, bins = result.observations, result.innovations
-    of_dive = observations["source_topic"].isin(mean_current_topics(observations, bins)) & (observations["mean_current_kind"] != "drift")
+    of_dive = observations["source_topic"].isin(mean_current_topics(observations, bins)) & (
+        observations["mean_current_kind"] != "drift"
+    )
     rows = np.flatnonzero(of_dive & (observations["dof"] > 0))
     values = bins.set_index("observation").loc[rows]
     dive = observations["dive"].to_numpy(np.int64)[rows]
     end = observations.index.to_numpy().astype("datetime64[ns]").astype(np.int64)[rows]
-    residual, error = (values[[f"{name}_east", f"{name}_north"]].to_numpy(np.float64) for name in ("residual", "innovation_std"))
-    measured = observations[["mean_current_measured_east", "mean_current_measured_north"]].to_numpy(np.float64)[rows]
+    residual, error = (
+        values[[f"{name}_east", f"{name}_north"]].to_numpy(np.float64)
+        for name in ("residual", "innovation_std")
+    )
+    measured = observations[["mean_current_measured_east", "mean_current_measured_north"]].to_numpy(
+        np.float64
+    )[rows]
     if np.isfinite(measured).all():
         return MeanCurrents(end, dive, measured - residual, residual, error)
     begin = np.concatenate([track.time_ns[:1], end[:-1]]) if track.time_ns.size else end
@@ -210,7 +273,9 @@ def mean_currents(result: ResultFile, track: Track, history: EstimateHistory) ->
         if flow is not None and here.any():
             # by the time about each position, as the measurement is a mean through time
             weight = _time_about(track.time_ns[here])
-            estimated[row] = weight @ flow.velocity(track.east[here], track.north[here], track.depth[here])
+            estimated[row] = weight @ flow.velocity(
+                track.east[here], track.north[here], track.depth[here]
+            )
     return MeanCurrents(end, dive, estimated, residual, error)
 
 

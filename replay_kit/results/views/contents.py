@@ -96,7 +96,9 @@ class Contents:
     @cached_property
     def bins(self) -> BinsAlongTrack:
         """Bins used along the track."""
-        return bins_along_track(self.result, self.track, self.history, self.estimate, PROFILES_SHOWN)
+        return bins_along_track(
+            self.result, self.track, self.history, self.estimate, PROFILES_SHOWN
+        )
 
     @cached_property
     def section(self) -> BinsAlongTrack:
@@ -124,5 +126,9 @@ class Contents:
     def span_ns(self) -> tuple[int, int] | None:
         """Times of the first and the last fix or measurement [ns, UTC]; None without any."""
         tables = (self.result.fixes, self.result.observations)
-        each = [table.index.to_numpy().astype("datetime64[ns]").astype(np.int64) for table in tables if len(table)]
+        each = [
+            table.index.to_numpy().astype("datetime64[ns]").astype(np.int64)
+            for table in tables
+            if len(table)
+        ]
         return (int(min(map(np.min, each))), int(max(map(np.max, each)))) if each else None

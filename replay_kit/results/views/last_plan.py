@@ -51,7 +51,12 @@ class LastPlan:
     @property
     def along(self) -> Array:
         """Distance along the track [m], shape (n,)."""
-        return np.concatenate([np.zeros(min(1, self.east.size)), np.cumsum(np.hypot(np.diff(self.east), np.diff(self.north)))])
+        return np.concatenate(
+            [
+                np.zeros(min(1, self.east.size)),
+                np.cumsum(np.hypot(np.diff(self.east), np.diff(self.north))),
+            ]
+        )
 
     @property
     def bottom(self) -> Array | None:
@@ -73,7 +78,14 @@ class LastPlan:
     def odds(self) -> Mapping[str, float] | None:
         """Figures of its flights through samples: ``n_samples``, shares and misses [m]; None without samples."""
         count = _known(self.row["odds_n_samples"])
-        return None if count is None else {"n_samples": int(count), **{name: float(self.row[f"odds_{name}"]) for name in _ODDS}}
+        return (
+            None
+            if count is None
+            else {
+                "n_samples": int(count),
+                **{name: float(self.row[f"odds_{name}"]) for name in _ODDS},
+            }
+        )
 
 
 def last_plan(result: ResultFile, projection: Projection) -> LastPlan | None:
@@ -89,29 +101,47 @@ def last_plan(result: ResultFile, projection: Projection) -> LastPlan | None:
     track = tracks[tracks["plan"] == len(result.plans) - 1]
     east, north = to_local(projection, track["longitude"], track["latitude"])
     with result.path.open("rb") as file:
-        *_, (_, _, _, drawn) = make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(topics="/plan/geojson")
+        *_, (_, _, _, drawn) = make_reader(
+            file, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages(topics="/plan/geojson")
     statistics = plan_statistics(result)
     legs = plan_legs(statistics)
     ellipses = [ellipse.outline(projection) for ellipse in planned_ellipses(legs)]
-    return LastPlan(result.plans.iloc[-1], track, east, north, statistics, legs, ellipses, _areas(json.loads(drawn.geojson)))
+    return LastPlan(
+        result.plans.iloc[-1],
+        track,
+        east,
+        north,
+        statistics,
+        legs,
+        ellipses,
+        _areas(json.loads(drawn.geojson)),
+    )
 
 
 def published_seabed(path: Path) -> Seabed | None:
     """Return the bottom around the region that a result holds; None without one."""
     with path.open("rb") as file:
-        for _, _, _, value in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(topics="/plan/seabed"):
+        for _, _, _, value in make_reader(
+            file, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages(topics="/plan/seabed"):
             east, north, fields = grid_cells(value)
             return Seabed(east, north, fields["depth"])
     return None
 
 
 def _areas(geojson: Mapping[str, Any]) -> list[Area]:
-    features = [feature for feature in geojson["features"] if feature["properties"].get("kind") == "no_go"]
+    features = [
+        feature for feature in geojson["features"] if feature["properties"].get("kind") == "no_go"
+    ]
     return [
         Area(
             feature["properties"]["name"],
             feature["properties"]["surface_only"],
-            tuple((longitude, latitude) for longitude, latitude in feature["geometry"]["coordinates"][0][:-1]),
+            tuple(
+                (longitude, latitude)
+                for longitude, latitude in feature["geometry"]["coordinates"][0][:-1]
+            ),
         )
         for feature in features
     ]

@@ -39,8 +39,16 @@ def read_record(path: Path) -> RunRecord:
     """Return what a result MCAP states of its run."""
     with path.open("rb") as file:
         reader = make_reader(file)
-        metadata = {record.name: dict(record.metadata) for record in reader.iter_metadata() if record.name != "replay_kit.digest"}
-        attached = {record.name: record.data for record in reader.iter_attachments() if record.name in (CONFIG_NAME, SUMMARY_NAME)}
+        metadata = {
+            record.name: dict(record.metadata)
+            for record in reader.iter_metadata()
+            if record.name != "replay_kit.digest"
+        }
+        attached = {
+            record.name: record.data
+            for record in reader.iter_attachments()
+            if record.name in (CONFIG_NAME, SUMMARY_NAME)
+        }
     summary = json.loads(attached[SUMMARY_NAME]) if SUMMARY_NAME in attached else None
     return RunRecord(metadata, attached.get(CONFIG_NAME, b"").decode(), summary)
 
@@ -56,16 +64,24 @@ def read_planned_legs(path: Path) -> tuple[Mapping[str, str], Mapping[str, str]]
         legs, begun = metadata["legs"], metadata["mission"]
         int(begun["start_time_ns"])
     except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror}; check the file and its permissions") from error
+        raise LogError(
+            f"{path}: cannot be read: {error.strerror}; check the file and its permissions"
+        ) from error
     except DAMAGED as error:
         why = f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
-        raise LogError(f"{path}: expected a plan of this version's replay-kit plan -o, but {why}; plan it again") from error
+        raise LogError(
+            f"{path}: expected a plan of this version's replay-kit plan -o, but {why}; plan it again"
+        ) from error
     return legs, begun
 
 
 def bathymetry_name(record: RunRecord) -> str:
     """Return the name of the bathymetry's file; what it is in words for a result that does not name it."""
-    return record.metadata.get("replay_kit.inputs", {}).get("bathymetry", "the bathymetry").partition(" sha256:")[0]
+    return (
+        record.metadata.get("replay_kit.inputs", {})
+        .get("bathymetry", "the bathymetry")
+        .partition(" sha256:")[0]
+    )
 
 
 def changed_settings(config_toml: str) -> list[tuple[str, Any, Any]]:
@@ -76,7 +92,11 @@ def changed_settings(config_toml: str) -> list[tuple[str, Any, Any]]:
     defaults, changed = RunConfig().model_dump(mode="json"), []
     for section, values in tomllib.loads(with_current_keys(config_toml)).items():
         known = defaults.get(section, {})
-        changed += [(f"{section}.{key}", value, known.get(key)) for key, value in values.items() if known.get(key) != value]
+        changed += [
+            (f"{section}.{key}", value, known.get(key))
+            for key, value in values.items()
+            if known.get(key) != value
+        ]
     return changed
 
 
@@ -91,7 +111,9 @@ def summary_of(result: ResultFile, record: RunRecord) -> Mapping[str, Any]:
 
     if record.summary is None:
         return _from_tables(result)
-    truth = record.summary.get("truth") if result.summary is None else to_json(result.summary)["truth"]
+    truth = (
+        record.summary.get("truth") if result.summary is None else to_json(result.summary)["truth"]
+    )
     return {**record.summary, "truth": truth}
 
 
@@ -111,8 +133,14 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 def _bins_rejected(result: ResultFile) -> dict[str, int]:
     """Return the number of bins not used by reason, in the order of the reasons; a bin can have several."""
     bins = result.innovations
-    reasons = bins["reasons"].to_numpy(np.int64)[~np.isin(bins["flags"].to_numpy(np.int64), [Flag.GOOD, Flag.SUSPECT])]
-    counts = {str(reason.name).lower(): int(np.count_nonzero(reasons & int(reason))) for reason in Reason if reason}
+    reasons = bins["reasons"].to_numpy(np.int64)[
+        ~np.isin(bins["flags"].to_numpy(np.int64), [Flag.GOOD, Flag.SUSPECT])
+    ]
+    counts = {
+        str(reason.name).lower(): int(np.count_nonzero(reasons & int(reason)))
+        for reason in Reason
+        if reason
+    }
     return {name: count for name, count in counts.items() if count}
 
 
@@ -137,7 +165,11 @@ def _last_plan(result: ResultFile) -> dict[str, Any] | None:
             if np.isfinite(plan[name])
         }
         | {f"{name}_j": float(plan[name]) for name in ("energy", "battery") if plan[name] > 0.0}
-        | ({"odds": plan.filter(like="odds_").rename(lambda name: name[5:]).to_dict()} if plan["odds_n_samples"] > 0 else {})
+        | (
+            {"odds": plan.filter(like="odds_").rename(lambda name: name[5:]).to_dict()}
+            if plan["odds_n_samples"] > 0
+            else {}
+        )
     )
 
 
@@ -170,6 +202,10 @@ def _from_tables(result: ResultFile) -> dict[str, Any]:
         },
         "by_dive": dives,
         "plan": _last_plan(result),
-        "rms_innovation": {"before": rms("rms_innovation"), "after": rms("rms_residual"), "prior": rms("rms_prior_innovation")},
+        "rms_innovation": {
+            "before": rms("rms_innovation"),
+            "after": rms("rms_residual"),
+            "prior": rms("rms_prior_innovation"),
+        },
         "nis_per_dof": float(used["nis"].sum()) / dof if dof else None,
     }

@@ -34,7 +34,9 @@ class Series:
     v_standard_error: Array
 
 
-def series_at(slices: CurrentSlices, projection: Projection, place: tuple[float, float, float]) -> Series:
+def series_at(
+    slices: CurrentSlices, projection: Projection, place: tuple[float, float, float]
+) -> Series:
     """Return the current at a place through time, of the grid cell that holds it at the nearest published depth.
 
     Args:
@@ -45,13 +47,18 @@ def series_at(slices: CurrentSlices, projection: Projection, place: tuple[float,
     longitude, latitude, depth = place
     east, north = (float(value) for value in to_local(projection, longitude, latitude))
     level = int(np.argmin(np.abs(slices.depths - depth)))
-    i, j = (int(np.argmin(np.abs(axis - value))) for axis, value in ((slices.east, east), (slices.north, north)))
+    i, j = (
+        int(np.argmin(np.abs(axis - value)))
+        for axis, value in ((slices.east, east), (slices.north, north))
+    )
     values = slices.fields[level, :, :, j, i].copy()
     cell = (slices.east[1] - slices.east[0], slices.north[1] - slices.north[0])
     if abs(slices.east[i] - east) > 0.5 * cell[0] or abs(slices.north[j] - north) > 0.5 * cell[1]:
         values[:] = np.nan
     u, v = rotate_to_geographic(projection, longitude, latitude, values[:, 0], values[:, 1])
-    return Series(place, float(slices.depths[level]), slices.time_ns, u, v, values[:, 2], values[:, 3])
+    return Series(
+        place, float(slices.depths[level]), slices.time_ns, u, v, values[:, 2], values[:, 3]
+    )
 
 
 def typical_depth(slices: CurrentSlices | None, depths: Array) -> float:
@@ -65,4 +72,6 @@ def typical_depth(slices: CurrentSlices | None, depths: Array) -> float:
     middle = float(np.median(known)) if known.size else 0.0
     if slices is None:
         return middle
-    return float(slices.depths[max(int(np.searchsorted(slices.depths, middle, side="right")) - 1, 0)])
+    return float(
+        slices.depths[max(int(np.searchsorted(slices.depths, middle, side="right")) - 1, 0)]
+    )

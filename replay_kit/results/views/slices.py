@@ -51,22 +51,34 @@ def published_slices(path: Path, most_values: int = 1_600_000) -> CurrentSlices 
     if not times or not depths:
         return None
     east, north, first = next(_read(path, [f"{_FOLDER}{depths[0]:g}m"], {times[0]}))[2:]
-    kept = [times[k] for k in thinned(len(times), max(1, most_values // (first.size * len(depths))))]
+    kept = [
+        times[k] for k in thinned(len(times), max(1, most_values // (first.size * len(depths))))
+    ]
     fields = np.full((len(depths), len(kept), *first.shape), np.nan)
-    for time_ns, depth, _, _, values in _read(path, [f"{_FOLDER}{depth:g}m" for depth in depths], set(kept)):
+    for time_ns, depth, _, _, values in _read(
+        path, [f"{_FOLDER}{depth:g}m" for depth in depths], set(kept)
+    ):
         fields[depths.index(depth), kept.index(time_ns)] = values
-    return CurrentSlices(np.array(depths), np.array(kept), east, north, fields, len(times) - len(kept))
+    return CurrentSlices(
+        np.array(depths), np.array(kept), east, north, fields, len(times) - len(kept)
+    )
 
 
 def slices_of(flow: FlowEstimate, depths: Array) -> CurrentSlices:
     """Return an estimate at its own time on slices at depths [m]."""
     each: list[Slice] = [depth_slice(flow, float(depth)) for depth in depths]
     fields = np.stack([_fields_of(value) for value in each])[:, None]
-    return CurrentSlices(np.asarray(depths), np.array([flow.time_ns or 0]), each[0].east, each[0].north, fields)
+    return CurrentSlices(
+        np.asarray(depths), np.array([flow.time_ns or 0]), each[0].east, each[0].north, fields
+    )
 
 
 def _fields_of(value: Slice) -> Array:
-    error = np.full_like(value.velocity, np.nan) if value.standard_error is None else value.standard_error
+    error = (
+        np.full_like(value.velocity, np.nan)
+        if value.standard_error is None
+        else value.standard_error
+    )
     return np.moveaxis(np.concatenate([value.velocity, error], axis=-1), -1, 0)
 
 
@@ -74,12 +86,24 @@ def _index(path: Path) -> tuple[list[int], list[float]]:
     """Return the times and the depths of the slices, both increasing."""
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
-        topics = [] if summary is None else [c.topic for c in summary.channels.values() if c.topic.startswith(_FOLDER)]
-        times = {message.log_time for _, _, message in make_reader(file).iter_messages(topics=topics)} if topics else set()
-    return sorted(times), sorted(float(topic.removeprefix(_FOLDER).removesuffix("m")) for topic in topics)
+        topics = (
+            []
+            if summary is None
+            else [c.topic for c in summary.channels.values() if c.topic.startswith(_FOLDER)]
+        )
+        times = (
+            {message.log_time for _, _, message in make_reader(file).iter_messages(topics=topics)}
+            if topics
+            else set()
+        )
+    return sorted(times), sorted(
+        float(topic.removeprefix(_FOLDER).removesuffix("m")) for topic in topics
+    )
 
 
-def _read(path: Path, topics: list[str], times: set[int]) -> Iterator[tuple[int, float, Array, Array, Array]]:
+def _read(
+    path: Path, topics: list[str], times: set[int]
+) -> Iterator[tuple[int, float, Array, Array, Array]]:
     """Yield time [ns], depth [m], cell centres [m] and fields, shape (4, J, I), of the slices of some times."""
     with path.open("rb") as file:
         reader = make_reader(file)
@@ -93,4 +117,10 @@ def _read(path: Path, topics: list[str], times: set[int]) -> Iterator[tuple[int,
             east, north, found = grid_cells(value)
             unknown = np.full((north.size, east.size), np.nan)
             fields = np.stack([found.get(name, unknown) for name in KEPT])
-            yield message.log_time, float(channel.topic.removeprefix(_FOLDER).removesuffix("m")), east, north, fields
+            yield (
+                message.log_time,
+                float(channel.topic.removeprefix(_FOLDER).removesuffix("m")),
+                east,
+                north,
+                fields,
+            )

@@ -108,11 +108,20 @@ def gridded_currents(flow: FlowEstimate, depths: Array, samples: int, seed: int)
     """
     flows = [flow.mean_flow(), *(flow.sample(samples, seed) if samples else ())]
     each = [[depth_slice(one, float(depth)) for depth in depths] for one in flows]
-    velocity = np.stack([np.stack([np.moveaxis(value.velocity, -1, 0) for value in slices]) for slices in each])
-    return GriddedCurrents(np.asarray(depths, dtype=np.float64), each[0][0].east, each[0][0].north, np.nan_to_num(velocity))
+    velocity = np.stack(
+        [np.stack([np.moveaxis(value.velocity, -1, 0) for value in slices]) for slices in each]
+    )
+    return GriddedCurrents(
+        np.asarray(depths, dtype=np.float64),
+        each[0][0].east,
+        each[0][0].north,
+        np.nan_to_num(velocity),
+    )
 
 
-def fly_to_waypoints(currents: GriddedCurrents, flow: int, dives: Dives, start: Array, waypoints: Sequence[Array]) -> Arrival:
+def fly_to_waypoints(
+    currents: GriddedCurrents, flow: int, dives: Dives, start: Array, waypoints: Sequence[Array]
+) -> Arrival:
     """Return how a glider arrives that steers for waypoints one after another.
 
     Args:
@@ -122,7 +131,11 @@ def fly_to_waypoints(currents: GriddedCurrents, flow: int, dives: Dives, start: 
         start: shape (2,) [m], at the surface.
         waypoints: Each shape (2,) [m].
     """
-    place, time, surfacings = np.asarray(start, dtype=np.float64), 0.0, [np.asarray(start, dtype=np.float64)]
+    place, time, surfacings = (
+        np.asarray(start, dtype=np.float64),
+        0.0,
+        [np.asarray(start, dtype=np.float64)],
+    )
     depths = np.linspace(0.0, dives.depth, STEPS + 1)
     expected = np.mean([currents.at(0, place, depth) for depth in depths], axis=0)
     for waypoint in waypoints:
@@ -157,7 +170,14 @@ def _steer(dives: Dives, ahead: Array, expected: Array) -> tuple[Array, float]:
     return forward * direction + across * left, min(max(share, LEAST_DIVE), 1.0)
 
 
-def _dive(currents: GriddedCurrents, flow: int, place: Array, through: Array, depth: float, duration: float) -> Array:
+def _dive(
+    currents: GriddedCurrents,
+    flow: int,
+    place: Array,
+    through: Array,
+    depth: float,
+    duration: float,
+) -> Array:
     """Return where a dive and its climb end, by the midpoint rule."""
     step = duration / STEPS
     for at in _middles():

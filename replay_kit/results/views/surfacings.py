@@ -16,8 +16,18 @@ def outlines_of(surfacings: Any, projection: Projection) -> list[Array]:
         surfacings: ``Result.surfacings``.
         projection: The local frame.
     """
-    rows = surfacings[np.isfinite(surfacings["ellipse_major"].astype(float))] if len(surfacings) else surfacings
+    rows = (
+        surfacings[np.isfinite(surfacings["ellipse_major"].astype(float))]
+        if len(surfacings)
+        else surfacings
+    )
     return [
-        Ellipse(row.ellipse_longitude, row.ellipse_latitude, row.ellipse_major, row.ellipse_minor, row.ellipse_bearing).outline(projection)
+        Ellipse(
+            row.ellipse_longitude,
+            row.ellipse_latitude,
+            row.ellipse_major,
+            row.ellipse_minor,
+            row.ellipse_bearing,
+        ).outline(projection)
         for row in rows.itertuples()
     ]

@@ -42,7 +42,9 @@ class Track:
             return nothing, nothing, nothing
         # of differences, as nanoseconds since 1970 exceed what a float64 holds
         seconds, asked = (self.time_ns - self.time_ns[0]) / 1e9, (time_ns - self.time_ns[0]) / 1e9
-        east, north, distance = (np.interp(asked, seconds, values) for values in (self.east, self.north, self.distance))
+        east, north, distance = (
+            np.interp(asked, seconds, values) for values in (self.east, self.north, self.distance)
+        )
         return east, north, distance
 
 
@@ -55,7 +57,10 @@ def track_of(fixes: pd.DataFrame, projection: Projection) -> Track:
     """
     order = np.argsort(fixes.index.to_numpy(), kind="stable")
     table = fixes.iloc[order]
-    longitude, latitude = table["longitude"].to_numpy(np.float64), table["latitude"].to_numpy(np.float64)
+    longitude, latitude = (
+        table["longitude"].to_numpy(np.float64),
+        table["latitude"].to_numpy(np.float64),
+    )
     east, north = to_local(projection, longitude, latitude)
     steps = np.hypot(np.diff(east), np.diff(north))
     distance = np.concatenate([np.zeros(min(1, east.size)), np.cumsum(steps)])

@@ -36,7 +36,10 @@ def calibration(bins: pd.DataFrame) -> Calibration:
     Args:
         bins: ``Result.innovations``.
     """
-    parts = [(bins[f"innovation_{axis}"] / bins[f"innovation_std_{axis}"]).to_numpy(np.float64) for axis in ("east", "north")]
+    parts = [
+        (bins[f"innovation_{axis}"] / bins[f"innovation_std_{axis}"]).to_numpy(np.float64)
+        for axis in ("east", "north")
+    ]
     values = np.concatenate(parts)
     known = np.isfinite(values)
     values = values if known.all() else values[known]

@@ -34,7 +34,9 @@ class Alteration:
 AS_GIVEN = Alteration()
 
 
-def altered_cases(ensemble: Ensemble, each: Iterable[Case], alteration: Alteration) -> Iterator[Case]:
+def altered_cases(
+    ensemble: Ensemble, each: Iterable[Case], alteration: Alteration
+) -> Iterator[Case]:
     """Yield cases after an alteration.
 
     Args:
@@ -51,8 +53,14 @@ def altered_cases(ensemble: Ensemble, each: Iterable[Case], alteration: Alterati
     mean = ensemble.velocity.mean(axis=0)
     of_members, of_truth = ((factor - 1.0) * mean for factor in alteration.mean_factors)
     for case in each:
-        kept = [member for member in range(0, ensemble.n_members, alteration.every) if member != case.member]
+        kept = [
+            member
+            for member in range(0, ensemble.n_members, alteration.every)
+            if member != case.member
+        ]
         if len(kept) < 2:
-            raise ConfigError(f"--every: expected a number that leaves at least 2 members, got {alteration.every}: {len(kept)} is left")
+            raise ConfigError(
+                f"--every: expected a number that leaves at least 2 members, got {alteration.every}: {len(kept)} is left"
+            )
         left = replace(ensemble, velocity=ensemble.velocity[kept] + of_members, members=())
         yield Case(case.member, replace(case.truth, velocity=case.truth.velocity + of_truth), left)

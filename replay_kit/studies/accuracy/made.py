@@ -59,11 +59,15 @@ def read_sources(ensemble: Paths, archive: Paths, config: ForecastConfig) -> Sou
     Raises:
         ForecastError: The files cannot be read.
     """
-    fields = read_ensemble(archive, config.model_copy(update={"lead": None, "reference_time": None}))
+    fields = read_ensemble(
+        archive, config.model_copy(update={"lead": None, "reference_time": None})
+    )
     if config.lead is None:
         return Sources((), (), fields)
     # only the differences between leads matter
-    series = read_series(ensemble, config.model_copy(update={"lead": None, "reference_time": str(_TIME)}))
+    series = read_series(
+        ensemble, config.model_copy(update={"lead": None, "reference_time": str(_TIME)})
+    )
     times = [np.datetime64(part.time_ns or 0, "ns") for part in series]
     return Sources(series[1:], tuple(time - times[0] for time in times[1:]), fields)
 
@@ -98,20 +102,33 @@ def made_cases(ensemble: Ensemble, case: Case, sources: Sources) -> Iterator[tup
     with tempfile.TemporaryDirectory() as name:
         folder, grid = Path(name), case.truth.grid
         for age, field in zip(ages, lags, strict=True):
-            _write(folder / f"started_{_TIME - age}.nc".replace(":", ""), grid, [field], [_TIME], _TIME - age)
+            _write(
+                folder / f"started_{_TIME - age}.nc".replace(":", ""),
+                grid,
+                [field],
+                [_TIME],
+                _TIME - age,
+            )
         lagged = read_ensemble(folder, ForecastConfig(members="lags"))
         years = _TIME - np.arange(len(fields), -1, -1) * _YEAR
         _write(folder / "archive.nc", grid, [*fields, lags[0]], years)
-        of_season = read_ensemble(folder / "archive.nc", ForecastConfig(members="times:15d", time=str(_TIME)))
+        of_season = read_ensemble(
+            folder / "archive.nc", ForecastConfig(members="times:15d", time=str(_TIME))
+        )
     for kind, made in zip(KINDS[1:], (lagged, of_season), strict=True):
         yield kind, Case(case.member, case.truth, made)
 
 
-def _lags(ensemble: Ensemble, truth: int, sources: Sources) -> tuple[list[Array], list[np.timedelta64]]:
+def _lags(
+    ensemble: Ensemble, truth: int, sources: Sources
+) -> tuple[list[Array], list[np.timedelta64]]:
     """Return forecasts of the truth's time, the newest first, and how much earlier than the newest each was started."""
     order = np.roll(np.arange(ensemble.n_members), -truth - ensemble.n_members // 2)
     newest, *others = (int(member) for member in order if member != truth)
-    later = [at.velocity[member] - at.velocity[newest] for at, member in zip(sources.leads, others, strict=False)]
+    later = [
+        at.velocity[member] - at.velocity[newest]
+        for at, member in zip(sources.leads, others, strict=False)
+    ]
     fields = [ensemble.velocity[newest] + difference for difference in (0.0, *later)]
     return fields, [np.timedelta64(0, "ns"), *sources.ages][: len(fields)]
 
@@ -124,7 +141,9 @@ def _write(
     started: np.datetime64 | None = None,
 ) -> None:
     """Write fields of some times, shape (2, Z, J, I) each, as a CF file of one forecast or of a long run."""
-    u, v = rotate_to_geographic(grid.projection, grid.longitude, grid.latitude, *np.stack(fields, axis=1))
+    u, v = rotate_to_geographic(
+        grid.projection, grid.longitude, grid.latitude, *np.stack(fields, axis=1)
+    )
     dims, space = ("time", "depth", "y", "x"), ("y", "x")
     ds = xr.Dataset(
         {

@@ -46,7 +46,9 @@ _CHARTS = (
 def write_accuracy(out: Path, result: AccuracyResult) -> None:
     """Write ``FILES`` into a folder that exists, each whole or not at all; of an unfinished study all but the page."""
     page = {} if result.unfinished else {PAGE: accuracy_page(result)}
-    write_files(out, {"accuracy.csv": to_csv(result), "accuracy.json": json_text(to_json(result)), **page})
+    write_files(
+        out, {"accuracy.csv": to_csv(result), "accuracy.json": json_text(to_json(result)), **page}
+    )
 
 
 def accuracy_page(result: AccuracyResult) -> str:
@@ -57,11 +59,19 @@ def accuracy_page(result: AccuracyResult) -> str:
         for key, title, field, axis, level, caption in _CHARTS
         if (series := _series(rows, field))
     ]
-    lost = [f"{row.method} after {row.pings} pings has no figures: {row.failed}." for row in rows if row.failed]
-    answer = words_html([_conditions(result, rows)]) + list_html([_best(rows, pings) for pings in _counts(rows)])
+    lost = [
+        f"{row.method} after {row.pings} pings has no figures: {row.failed}."
+        for row in rows
+        if row.failed
+    ]
+    answer = words_html([_conditions(result, rows)]) + list_html(
+        [_best(rows, pings) for pings in _counts(rows)]
+    )
     sections = [
         Section("answer", "In words", answer, missing=lost),
-        Section("errors", "Errors and calibration", figures=[chart_figure(chart) for chart in charts]),
+        Section(
+            "errors", "Errors and calibration", figures=[chart_figure(chart) for chart in charts]
+        ),
         Section("table", "Every figure", tables_html([row_table(result)])),
     ]
     return study_page("Estimation methods compared", sections, to_json(result))
@@ -74,13 +84,20 @@ def _series(rows: Sequence[AccuracyRow], field: str) -> tuple[Series, ...]:
         if (value := getattr(row, field)) == value:
             by_method.setdefault(row.method, []).append(row)
     return tuple(
-        Series(LABELS.get(method, method), [row.pings for row in of_method], [getattr(row, field) for row in of_method])
+        Series(
+            LABELS.get(method, method),
+            [row.pings for row in of_method],
+            [getattr(row, field) for row in of_method],
+        )
         for method, of_method in by_method.items()
     )
 
 
 def _conditions(result: AccuracyResult, rows: Sequence[AccuracyRow]) -> str:
-    methods, seeds = len({row.method for row in rows}), max((len(row.rel_error_by_seed) for row in rows), default=0)
+    methods, seeds = (
+        len({row.method for row in rows}),
+        max((len(row.rel_error_by_seed) for row in rows), default=0),
+    )
     truth = "each member in turn" if result.truth == "all" else f"`{result.truth}`"
     return (
         f"{methods} methods estimate a truth, {truth}, from the same pings at random places with {result.noise:g} m/s of noise. Errors are "
@@ -93,11 +110,18 @@ def _counts(rows: Sequence[AccuracyRow]) -> list[int]:
 
 
 def _best(rows: Sequence[AccuracyRow], pings: int) -> str:
-    measured = sorted((row for row in rows if row.pings == pings and not row.failed), key=lambda row: row.rel_error)
+    measured = sorted(
+        (row for row in rows if row.pings == pings and not row.failed),
+        key=lambda row: row.rel_error,
+    )
     if not measured:
         return f"After {pings} pings no method has an estimate."
     best, mean = measured[0], next((row for row in measured if row.method == "ensemble_mean"), None)
-    beside = f"; the ensemble mean, which uses no ping: {number(mean.rel_error)}" if mean is not None and mean is not best else ""
+    beside = (
+        f"; the ensemble mean, which uses no ping: {number(mean.rel_error)}"
+        if mean is not None and mean is not best
+        else ""
+    )
     return (
         f"After {pings} pings *{escape(LABELS.get(best.method, best.method))}* errs least: {number(best.rel_error)} of the truth's RMS "
         f"speed, {number(100.0 * best.rmse, 1)} cm/s{beside}."

@@ -10,18 +10,41 @@ from replay_kit.studies.reports.tables import Cell, Table, named_columns
 from replay_kit.studies.reports.write import answer_of, number, print_tables
 from replay_kit.studies.reports.write import to_csv as table_to_csv
 
-_COLUMNS = ("truth", "method", "pings", "rel. error", "RMSE", "bound", "NIS/dof", "cov. 50", "cov. 90", "CRPS")
+_COLUMNS = (
+    "truth",
+    "method",
+    "pings",
+    "rel. error",
+    "RMSE",
+    "bound",
+    "NIS/dof",
+    "cov. 50",
+    "cov. 90",
+    "CRPS",
+)
 
 
 def to_json(result: AccuracyResult) -> dict[str, Any]:
     """Return the JSON object of ``--json``; undefined figures are null."""
-    figures = {field.name: getattr(result, field.name) for field in fields(result) if field.name != "rows"}
-    return answer_of({"unfinished": result.unfinished, "results": [_row_json(row) for row in result.rows], **figures}, "numpy", "scipy")
+    figures = {
+        field.name: getattr(result, field.name) for field in fields(result) if field.name != "rows"
+    }
+    return answer_of(
+        {
+            "unfinished": result.unfinished,
+            "results": [_row_json(row) for row in result.rows],
+            **figures,
+        },
+        "numpy",
+        "scipy",
+    )
 
 
 def to_csv(result: AccuracyResult) -> str:
     """Return the rows as CSV with their fields' names; undefined figures are empty, lists have spaces between their numbers."""
-    return table_to_csv(named_columns("accuracy", "All figures", [asdict(row) for row in result.rows]))
+    return table_to_csv(
+        named_columns("accuracy", "All figures", [asdict(row) for row in result.rows])
+    )
 
 
 def row_table(result: AccuracyResult) -> Table:
@@ -46,9 +69,19 @@ def print_accuracy(result: AccuracyResult, console: Console) -> None:
     print_tables(console, [row_table(result)])
     for row in result.rows:
         if row.failed:
-            console.print(f"{row.method} after {row.pings} pings: {row.failed}", soft_wrap=True, markup=False)
+            console.print(
+                f"{row.method} after {row.pings} pings: {row.failed}", soft_wrap=True, markup=False
+            )
 
 
 def _row_json(row: AccuracyRow) -> dict[str, Any]:
-    left_out = {name for name, absent in (("truth", row.truth is None), ("members", not row.members), ("failed", not row.failed)) if absent}
+    left_out = {
+        name
+        for name, absent in (
+            ("truth", row.truth is None),
+            ("members", not row.members),
+            ("failed", not row.failed),
+        )
+        if absent
+    }
     return {name: value for name, value in asdict(row).items() if name not in left_out}

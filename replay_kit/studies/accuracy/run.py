@@ -20,7 +20,12 @@ from replay_kit.estimator import Estimator
 from replay_kit.studies.accuracy.altered import AS_GIVEN, Alteration, altered_cases
 from replay_kit.studies.accuracy.made import KINDS, Sources, made_cases
 from replay_kit.studies.accuracy.methods import METHODS, build_method
-from replay_kit.studies.jobs.checks import check_counts, check_names, check_not_negative, check_positive
+from replay_kit.studies.jobs.checks import (
+    check_counts,
+    check_names,
+    check_not_negative,
+    check_positive,
+)
 from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Advance, Progress, reason_of
 from replay_kit.studies.scoring.scores import Score, bound, score
 from replay_kit.studies.twins.field import build_field
@@ -161,28 +166,45 @@ def run_accuracy(
 
     def result(unfinished: bool) -> AccuracyResult:
         name = str(job.leave_out) if in_turn else each[0].truth.source
-        return AccuracyResult(tuple(rows), ensemble.source, name, config.modes, job.noise, unfinished)
+        return AccuracyResult(
+            tuple(rows), ensemble.source, name, config.modes, job.noise, unfinished
+        )
 
     each_survey = _surveys(ensemble, each, job, sources)
-    calls, parts = tee((method, survey, config, job.pings, advance) for survey in each_survey for method in job.methods)
-    for number, (of_method, (method, survey, *_)) in enumerate(zip(each_call(_run_method, calls), parts, strict=True), start=1):
+    calls, parts = tee(
+        (method, survey, config, job.pings, advance)
+        for survey in each_survey
+        for method in job.methods
+    )
+    for number, (of_method, (method, survey, *_)) in enumerate(
+        zip(each_call(_run_method, calls), parts, strict=True), start=1
+    ):
         advance.reach(number * job.seeds * job.pings[-1], f"{survey.case.truth.source} {method}")
-        rows += [replace(row, truth=survey.case.member if in_turn else None, members=survey.kind) for row in of_method]
+        rows += [
+            replace(row, truth=survey.case.member if in_turn else None, members=survey.kind)
+            for row in of_method
+        ]
         yield result(True)
     if in_turn:
         rows += _means(rows)
     yield result(False)
 
 
-def _surveys(ensemble: Ensemble, each: Sequence[Case], job: AccuracyJob, sources: Sources | None) -> Iterator[_Survey]:
+def _surveys(
+    ensemble: Ensemble, each: Sequence[Case], job: AccuracyJob, sources: Sources | None
+) -> Iterator[_Survey]:
     for case in each:
         field, at = build_field(case.truth), scored_points(case.ensemble.grid, case.truth)
-        profiles = tuple(random_observations(field, job.pings[-1], job.noise, seed) for seed in range(job.seeds))
+        profiles = tuple(
+            random_observations(field, job.pings[-1], job.noise, seed) for seed in range(job.seeds)
+        )
         for kind, known in made_cases(ensemble, case, sources) if sources else [("", case)]:
             yield _Survey(known, kind, at, profiles)
 
 
-def _run_method(method: str, survey: _Survey, config: EstimatorConfig, pings: Sequence[int], advance: Advance) -> list[AccuracyRow]:
+def _run_method(
+    method: str, survey: _Survey, config: EstimatorConfig, pings: Sequence[int], advance: Advance
+) -> list[AccuracyRow]:
     """Return one row for each number of pings; where a seed failed before it, one that states why."""
     failed = ""
     by_seed: list[list[tuple[Score, float]]] = [[] for _ in survey.profiles]
@@ -201,34 +223,61 @@ def _run_method(method: str, survey: _Survey, config: EstimatorConfig, pings: Se
             failed = failed or f"seed {seed}: {reason_of(error)}"
     whole = min(len(scores) for scores in by_seed)
     return [
-        _row(method, n, least, [scores[k] for scores in by_seed]) if k < whole else AccuracyRow(method, n, failed=failed)
+        _row(method, n, least, [scores[k] for scores in by_seed])
+        if k < whole
+        else AccuracyRow(method, n, failed=failed)
         for k, n in enumerate(pings)
     ]
 
 
 def _run_seed(
-    estimator: Estimator[Any], observations: Sequence[Observation], counts: Sequence[int], at: ScoredPoints
+    estimator: Estimator[Any],
+    observations: Sequence[Observation],
+    counts: Sequence[int],
+    at: ScoredPoints,
 ) -> Iterator[tuple[Score, float] | None]:
     """Yield after each ping None, or at the counts the score and the NIS per degree of freedom so far."""
     nis, dof = 0.0, 0
-    for n, (state, innovation) in enumerate(estimator.steps(estimator.initial(), observations), start=1):
+    for n, (state, innovation) in enumerate(
+        estimator.steps(estimator.initial(), observations), start=1
+    ):
         if innovation.accepted:
             nis, dof = nis + innovation.nis, dof + innovation.dof
-        yield (score(estimator.flow(state), at), nis / dof if dof else math.nan) if n in counts else None
+        yield (
+            (score(estimator.flow(state), at), nis / dof if dof else math.nan)
+            if n in counts
+            else None
+        )
 
 
-def _row(method: str, pings: int, least: float, by_seed: Sequence[tuple[Score, float]]) -> AccuracyRow:
+def _row(
+    method: str, pings: int, least: float, by_seed: Sequence[tuple[Score, float]]
+) -> AccuracyRow:
     scores, nis = zip(*by_seed, strict=True)
-    means: dict[str, Any] = {field.name: float(np.mean([getattr(of_seed, field.name) for of_seed in scores])) for field in fields(Score)}
+    means: dict[str, Any] = {
+        field.name: float(np.mean([getattr(of_seed, field.name) for of_seed in scores]))
+        for field in fields(Score)
+    }
     errors = tuple(of_seed.rel_error for of_seed in scores)
-    return AccuracyRow(method, pings, rel_error_by_seed=errors, bound=least, nis_per_dof=float(np.mean(nis)), **means)
+    return AccuracyRow(
+        method,
+        pings,
+        rel_error_by_seed=errors,
+        bound=least,
+        nis_per_dof=float(np.mean(nis)),
+        **means,
+    )
 
 
 def _means(rows: Sequence[AccuracyRow]) -> list[AccuracyRow]:
     """Return the means over truths, seed by seed where there is one figure for each seed."""
     out = []
-    for members, method, pings in dict.fromkeys((row.members, row.method, row.pings) for row in rows):
-        alike = [row for row in rows if (row.members, row.method, row.pings) == (members, method, pings)]
+    for members, method, pings in dict.fromkeys(
+        (row.members, row.method, row.pings) for row in rows
+    ):
+        alike = [
+            row for row in rows if (row.members, row.method, row.pings) == (members, method, pings)
+        ]
         mean = AccuracyRow(method, pings, truth="mean", members=members)
         lost = [row for row in alike if row.failed]
         if lost:
@@ -236,7 +285,11 @@ def _means(rows: Sequence[AccuracyRow]) -> list[AccuracyRow]:
             failed = f"failed on {len(lost)} of {len(alike)} truths, first on member {lost[0].truth}: {lost[0].failed}"
             out.append(replace(mean, failed=failed))
             continue
-        figures: dict[str, Any] = {name: float(np.mean([getattr(row, name) for row in alike])) for name in FIGURES}
-        by_seed = tuple(float(value) for value in np.mean([row.rel_error_by_seed for row in alike], axis=0))
+        figures: dict[str, Any] = {
+            name: float(np.mean([getattr(row, name) for row in alike])) for name in FIGURES
+        }
+        by_seed = tuple(
+            float(value) for value in np.mean([row.rel_error_by_seed for row in alike], axis=0)
+        )
         out.append(replace(mean, rel_error_by_seed=by_seed, **figures))
     return out

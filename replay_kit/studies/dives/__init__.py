@@ -5,4 +5,13 @@ from replay_kit.studies.dives.read import Dive, read_dives
 from replay_kit.studies.dives.report import print_dives, to_json
 from replay_kit.studies.dives.run import DivesResult, run_dives
 
-__all__ = ["FILES", "Dive", "DivesResult", "print_dives", "read_dives", "run_dives", "to_json", "write_dives"]
+__all__ = [
+    "FILES",
+    "Dive",
+    "DivesResult",
+    "print_dives",
+    "read_dives",
+    "run_dives",
+    "to_json",
+    "write_dives",
+]

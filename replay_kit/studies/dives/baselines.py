@@ -27,7 +27,9 @@ class Column:
 
     def at(self, depth: Array) -> Array:
         """Return the current at depths, shape (n, 2): linear between those known, the nearest beyond."""
-        return np.column_stack([np.interp(depth, self.depth, component) for component in self.velocity.T])
+        return np.column_stack(
+            [np.interp(depth, self.depth, component) for component in self.velocity.T]
+        )
 
 
 def column(profiles: Sequence[Observation]) -> Column | None:
@@ -35,8 +37,12 @@ def column(profiles: Sequence[Observation]) -> Column | None:
     bins = [usable(profile.flags) for profile in profiles]
     if not any(used.any() for used in bins):
         return None
-    depth = np.concatenate([profile.depth[used] for profile, used in zip(profiles, bins, strict=True)])
-    velocity = np.concatenate([profile.velocity[used] for profile, used in zip(profiles, bins, strict=True)])
+    depth = np.concatenate(
+        [profile.depth[used] for profile, used in zip(profiles, bins, strict=True)]
+    )
+    velocity = np.concatenate(
+        [profile.velocity[used] for profile, used in zip(profiles, bins, strict=True)]
+    )
     apart = np.concatenate([np.diff(np.sort(profile.depth)) for profile in profiles])
     width = float(np.median(apart[apart > 0.0])) if np.any(apart > 0.0) else 1.0
     cell = np.round((depth - depth.min()) / width).astype(np.int64)
@@ -63,8 +69,12 @@ def baseline_profiles(before: Sequence[Dive], depth: Array) -> dict[str, Array]:
     }
     columns = {name: column(given) for name, given in profiles.items()}
     predicted = {name: known.at(depth) for name, known in columns.items() if known is not None}
-    means = {name: zero + mean for name, mean in baseline_means(before).items() if name != "mean_so_far"}
-    return {name: (means | predicted)[name] for name in PROFILE_BASELINES if name in means | predicted}
+    means = {
+        name: zero + mean for name, mean in baseline_means(before).items() if name != "mean_so_far"
+    }
+    return {
+        name: (means | predicted)[name] for name in PROFILE_BASELINES if name in means | predicted
+    }
 
 
 def baseline_means(before: Sequence[Dive]) -> dict[str, Array]:

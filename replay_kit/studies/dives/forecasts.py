@@ -14,7 +14,12 @@ from replay_kit.estimator.next_dive.profiles import Bins, ColumnModel, ColumnSta
 from replay_kit.estimator.update.screening import local_mean
 from replay_kit.studies.dives.predict import Expected
 from replay_kit.studies.dives.read import Dive
-from replay_kit.workflows.replay.dive_forecasts import ForecastState, backgrounds_of, forecast_mean, with_profile
+from replay_kit.workflows.replay.dive_forecasts import (
+    ForecastState,
+    backgrounds_of,
+    forecast_mean,
+    with_profile,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,13 +62,25 @@ class DiveForecasts:
 
 def before_dives(dives: Sequence[Dive]) -> NextDive:
     """Return what is known before the first of some dives."""
-    deepest = max((float(profile.depth.max()) for dive in dives for profile in dive.profiles if profile.depth.size), default=0.0)
+    deepest = max(
+        (
+            float(profile.depth.max())
+            for dive in dives
+            for profile in dive.profiles
+            if profile.depth.size
+        ),
+        default=0.0,
+    )
     model = ColumnModel.default(deepest, 1)
     return NextDive(model, model.initial(), ForecastState())
 
 
 def after_dive(
-    before: NextDive, estimator: EvolvingEstimator, state: EvolvingState, dive: Dive, usable: Sequence[tuple[Observation, Expected]]
+    before: NextDive,
+    estimator: EvolvingEstimator,
+    state: EvolvingState,
+    dive: Dive,
+    usable: Sequence[tuple[Observation, Expected]],
 ) -> tuple[NextDive, DiveForecasts]:
     """Return what is known after a dive, and what was expected of it.
 
@@ -91,7 +108,11 @@ def after_dive(
 
 def _bins(estimator: EvolvingEstimator, profile: Observation, found: Expected) -> Bins:
     projection = estimator.basis.grid.projection
-    velocity = np.column_stack(rotate_to_local(projection, profile.longitude, profile.latitude, *profile.velocity[found.used].T))
+    velocity = np.column_stack(
+        rotate_to_local(
+            projection, profile.longitude, profile.latitude, *profile.velocity[found.used].T
+        )
+    )
     return Bins(profile.depth[found.used], velocity, (velocity - found.error)[None])
 
 

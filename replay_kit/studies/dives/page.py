@@ -4,7 +4,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from replay_kit.results.page import Section
-from replay_kit.studies.dives.report import TITLES, dive_table, rmse_of, sentences_of, to_csv, to_json
+from replay_kit.studies.dives.report import (
+    TITLES,
+    dive_table,
+    rmse_of,
+    sentences_of,
+    to_csv,
+    to_json,
+)
 from replay_kit.studies.dives.run import DivePrediction, DivesResult
 from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure
 from replay_kit.studies.reports.page import PAGE, list_html, study_page, tables_html, words_html
@@ -18,14 +25,23 @@ _NAMES = {"profiles": "profiles of the current", "mean": "depth-averaged current
 def write_dives(out: Path, result: DivesResult) -> None:
     """Write ``FILES`` into a folder that exists, each whole or not at all; of unfinished predictions all but the page."""
     page = {} if result.unfinished else {PAGE: dives_page(result)}
-    write_files(out, {"dives.csv": to_csv(result), "dives.json": json_text(to_json(result)), **page})
+    write_files(
+        out, {"dives.csv": to_csv(result), "dives.json": json_text(to_json(result)), **page}
+    )
 
 
 def dives_page(result: DivesResult) -> str:
     """Return the page of all dives predicted."""
     kinds = [kind for kind in TITLES if result.rmse(kind)]
-    sentences = [*(_best(result, kind) for kind in kinds), *(f"{each}." for each in sentences_of(result))]
-    lost = [f"No dive after the first has {_NAMES[kind]} to compare with." for kind in TITLES if kind not in kinds]
+    sentences = [
+        *(_best(result, kind) for kind in kinds),
+        *(f"{each}." for each in sentences_of(result)),
+    ]
+    lost = [
+        f"No dive after the first has {_NAMES[kind]} to compare with."
+        for kind in TITLES
+        if kind not in kinds
+    ]
     figures = [chart_figure(_errors(result, kind)) for kind in kinds]
     surfaced = [dive for dive in result.dives if dive.surfacing is not None]
     if surfaced:
@@ -35,8 +51,15 @@ def dives_page(result: DivesResult) -> str:
         "the dives alone: the last one, or a mean of all."
     )
     sections = [
-        Section("answer", "In words", words_html([conditions]) + list_html(sentences), missing=lost),
-        Section("dives", "Dive by dive", tables_html([dive_table(result, kind) for kind in kinds]), figures),
+        Section(
+            "answer", "In words", words_html([conditions]) + list_html(sentences), missing=lost
+        ),
+        Section(
+            "dives",
+            "Dive by dive",
+            tables_html([dive_table(result, kind) for kind in kinds]),
+            figures,
+        ),
     ]
     answer = to_json(result)
     options = {name: answer[name] for name in ("ensemble", "fitted", "oscillators", "versions")}
@@ -58,9 +81,14 @@ def _errors(result: DivesResult, kind: str) -> Chart:
     for dive in result.dives[1:]:
         for method, rmse in rmse_of(dive, kind).items():
             by_method[method].append((dive.number, 100.0 * rmse))
-    series = tuple(Series(method.replace("_", " "), [x for x, _ in each], [y for _, y in each]) for method, each in by_method.items())
+    series = tuple(
+        Series(method.replace("_", " "), [x for x, _ in each], [y for _, y in each])
+        for method, each in by_method.items()
+    )
     caption = "Lower is better. Where the estimate lies below the others, what it learned from earlier dives helped to predict this one."
-    return Chart(f"errors-{kind}", TITLES[kind], caption, (_DIVES, Axis("RMS error [cm/s]")), series)
+    return Chart(
+        f"errors-{kind}", TITLES[kind], caption, (_DIVES, Axis("RMS error [cm/s]")), series
+    )
 
 
 def _surfacings(dives: Sequence[DivePrediction]) -> Chart:
@@ -68,8 +96,18 @@ def _surfacings(dives: Sequence[DivePrediction]) -> Chart:
     numbers = [number for number, _ in found]
     series = (
         Series("distance from the fix", numbers, [one.distance for _, one in found]),
-        Series("longer half axis of the ellipse", numbers, [one.forecast.outer.major for _, one in found]),
+        Series(
+            "longer half axis of the ellipse",
+            numbers,
+            [one.forecast.outer.major for _, one in found],
+        ),
         Series("shorter half axis", numbers, [one.forecast.outer.minor for _, one in found]),
     )
     caption = "How far off the dive surfaced from where the estimate expected it, beside the ellipse's half axes (90 %)."
-    return Chart("surfacings", "Predicted and real surfacings", caption, (_DIVES, Axis("distance [m]")), series)
+    return Chart(
+        "surfacings",
+        "Predicted and real surfacings",
+        caption,
+        (_DIVES, Axis("distance [m]")),
+        series,
+    )

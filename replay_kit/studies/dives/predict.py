@@ -36,7 +36,9 @@ class Expected:
     dof: int
 
 
-def expect(estimator: EvolvingEstimator, state: EvolvingState, observation: Measurement) -> Expected | None:
+def expect(
+    estimator: EvolvingEstimator, state: EvolvingState, observation: Measurement
+) -> Expected | None:
     """Return an observation against a state's prediction of it; None where none of its bins can be used."""
     # without gate and inflation the prediction is compared as it is
     candidate = replace(estimator, gating=None).candidate(state, observation)
@@ -47,7 +49,14 @@ def expect(estimator: EvolvingEstimator, state: EvolvingState, observation: Meas
     error = seen.residual(predicted.mean)
     cov = bin_covariance(seen, predicted.cov)
     std = np.sqrt(np.diag(cov)).reshape(2, -1).T
-    return Expected(candidate.screened.used, error, std, cov, predicted.normalised_square(rows - predicted.mean)[0] + residual, seen.dof)
+    return Expected(
+        candidate.screened.used,
+        error,
+        std,
+        cov,
+        predicted.normalised_square(rows - predicted.mean)[0] + residual,
+        seen.dof,
+    )
 
 
 def bin_covariance(seen: LinearObservation, cov: Array) -> Array:
@@ -67,11 +76,15 @@ def conditional(error: Array, cov: Array, known: NDArray[np.bool_]) -> tuple[Arr
     """
     factor = scipy.linalg.cho_factor(cov[np.ix_(known, known)], lower=True)
     cross = cov[np.ix_(~known, known)]
-    variance = np.diag(cov)[~known] - np.einsum("ij,ji->i", cross, scipy.linalg.cho_solve(factor, cross.T))
+    variance = np.diag(cov)[~known] - np.einsum(
+        "ij,ji->i", cross, scipy.linalg.cho_solve(factor, cross.T)
+    )
     return error[~known] - cross @ scipy.linalg.cho_solve(factor, error[known]), np.sqrt(variance)
 
 
-def withheld(estimator: EvolvingEstimator, state: EvolvingState, profiles: Sequence[Observation]) -> Iterator[tuple[Array, Array]]:
+def withheld(
+    estimator: EvolvingEstimator, state: EvolvingState, profiles: Sequence[Observation]
+) -> Iterator[tuple[Array, Array]]:
     """Yield, for each profile of a dive, error and standard deviation of every fourth bin, from its other bins and the profiles before.
 
     The bins' own errors and what the basis cannot show are in both: a bin's error may go with its neighbours'.

@@ -52,10 +52,25 @@ def read_dives(logs: Sequence[Path], config: RunConfig) -> tuple[Dive, ...]:
         MeasurementError: There are fewer than two dives, or nothing in them to predict.
     """
     # decoding takes longer than interpreting
-    messages = list(merge(open_readers(logs, config), config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns))
-    given = [event for event in _events(messages, config) if isinstance(event, Measurement) and not _beside_profiles(event)]
+    messages = list(
+        merge(
+            open_readers(logs, config),
+            config.logs.reorder_window,
+            config.logs.start_ns,
+            config.logs.end_ns,
+        )
+    )
+    given = [
+        event
+        for event in _events(messages, config)
+        if isinstance(event, Measurement) and not _beside_profiles(event)
+    ]
     inverted, sources = (_events(messages, _using(config, inverted=use)) for use in (True, False))
-    profiles = [event for event in inverted if isinstance(event, Observation) and np.isfinite(event.common_std)]
+    profiles = [
+        event
+        for event in inverted
+        if isinstance(event, Observation) and np.isfinite(event.common_std)
+    ]
     means, fixes = [], []
     for event in sources:
         if isinstance(event, PathMean) and event.kind == "dac":
@@ -76,7 +91,9 @@ def read_dives(logs: Sequence[Path], config: RunConfig) -> tuple[Dive, ...]:
     )
     if len(dives) < 2:
         names = ", ".join(str(path) for path in logs)
-        raise MeasurementError(f"{names}: expected at least two dives with profiles or mean currents, got {len(dives)}; give more logs")
+        raise MeasurementError(
+            f"{names}: expected at least two dives with profiles or mean currents, got {len(dives)}; give more logs"
+        )
     return dives
 
 
@@ -96,7 +113,9 @@ def _events(messages: Iterable[Message], config: RunConfig) -> Iterator[Event]:
     return chain.from_iterable(events_of(messages, config.measurements, config.logs.system))
 
 
-def _about(mean: PathMean, fixes: Sequence[VehicleState]) -> tuple[VehicleState, VehicleState] | None:
+def _about(
+    mean: PathMean, fixes: Sequence[VehicleState]
+) -> tuple[VehicleState, VehicleState] | None:
     """Return the last fix before a path and the first after it."""
     before = [fix for fix in fixes if fix.time_ns <= mean.path_time_ns[0]]
     after = [fix for fix in fixes if fix.time_ns >= mean.path_time_ns[-1]]

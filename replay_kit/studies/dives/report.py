@@ -14,7 +14,10 @@ from replay_kit.studies.reports.write import answer_of, number, print_tables
 from replay_kit.studies.reports.write import to_csv as table_to_csv
 from replay_kit.workflows.replay.scoring import rms_length
 
-TITLES = {"profiles": "RMS length of the error of profiles", "mean": "RMS length of the error of depth-averaged currents"}
+TITLES = {
+    "profiles": "RMS length of the error of profiles",
+    "mean": "RMS length of the error of depth-averaged currents",
+}
 
 
 def print_dives(result: DivesResult, console: Console) -> None:
@@ -29,7 +32,10 @@ def sentences_of(result: DivesResult) -> list[str]:
     out = []
     if np.isfinite(result.nis_per_dof):
         covered = result.coverages().values()
-        next_dive, held = (", ".join(f"{value:.0%} of {share:.0%}" for share, value in shares.items()) for shares in covered)
+        next_dive, held = (
+            ", ".join(f"{value:.0%} of {share:.0%}" for share, value in shares.items())
+            for shares in covered
+        )
         out = [
             f"Next dives: NIS per degree of freedom {result.nis_per_dof:.2f}; bins inside their intervals: {next_dive}",
             f"Bins withheld from a dive, given its others, inside their intervals: {held}",
@@ -38,7 +44,9 @@ def sentences_of(result: DivesResult) -> list[str]:
     if surfacings is not None:
         out.append(f"Surfacings: {'; '.join(surfacings_sentences(surfacings))}")
     if result.fitted:
-        words = ", ".join(f"{name} {value:g}" for name, value in asdict(result.dives[-1].settings).items())
+        words = ", ".join(
+            f"{name} {value:g}" for name, value in asdict(result.dives[-1].settings).items()
+        )
         out.append(f"Fitted to the dives before the last: {words}")
     return out
 
@@ -57,7 +65,12 @@ def dive_table(result: DivesResult, kind: str) -> Table:
         (dive, *(number(100.0 * rmse[method], 1) if method in rmse else "" for method in overall))
         for dive, rmse in [*by_dive, ("all", overall)]
     )
-    return Table(kind, f"{TITLES[kind]}, cm/s", ("dive", *(method.replace("_", " ") for method in overall)), rows)
+    return Table(
+        kind,
+        f"{TITLES[kind]}, cm/s",
+        ("dive", *(method.replace("_", " ") for method in overall)),
+        rows,
+    )
 
 
 def rmse_of(dive: DivePrediction, kind: str) -> dict[str, float]:
@@ -67,8 +80,15 @@ def rmse_of(dive: DivePrediction, kind: str) -> dict[str, float]:
 
 def to_csv(result: DivesResult) -> str:
     """Return the errors as CSV: a row for each dive, kind and method [m/s]."""
-    rows = [(dive.number, kind, method, rmse) for dive in result.dives for kind in TITLES for method, rmse in rmse_of(dive, kind).items()]
-    return table_to_csv(Table("dives", "All errors", ("dive", "kind", "method", "rmse"), tuple(rows)))
+    rows = [
+        (dive.number, kind, method, rmse)
+        for dive in result.dives
+        for kind in TITLES
+        for method, rmse in rmse_of(dive, kind).items()
+    ]
+    return table_to_csv(
+        Table("dives", "All errors", ("dive", "kind", "method", "rmse"), tuple(rows))
+    )
 
 
 def to_json(result: DivesResult) -> dict[str, Any]:
@@ -76,7 +96,10 @@ def to_json(result: DivesResult) -> dict[str, Any]:
     answer = {
         "rmse": {kind: result.rmse(kind) for kind in TITLES},
         "nis_per_dof": result.nis_per_dof,
-        "coverage": {name: {f"{share:g}": value for share, value in shares.items()} for name, shares in result.coverages().items()},
+        "coverage": {
+            name: {f"{share:g}": value for share, value in shares.items()}
+            for name, shares in result.coverages().items()
+        },
         "surfacings": surfacings_of(result),
         "dives": [_dive_json(dive) for dive in result.dives],
         "ensemble": result.ensemble,

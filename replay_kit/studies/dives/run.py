@@ -16,7 +16,13 @@ from replay_kit.core.observation import Measurement, Observation
 from replay_kit.core.tasks import each_call
 from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
 from replay_kit.estimator.evolving.dive_error import by_dive, new_dive
-from replay_kit.estimator.evolving.fit_log import LogSettings, fit_to_log, fitted_estimator, initial_settings, with_errors
+from replay_kit.estimator.evolving.fit_log import (
+    LogSettings,
+    fit_to_log,
+    fitted_estimator,
+    initial_settings,
+    with_errors,
+)
 from replay_kit.estimator.evolving.likelihood import observed_subspace_estimator
 from replay_kit.studies.dives.baselines import baseline_means, baseline_profiles
 from replay_kit.studies.dives.forecasts import DiveForecasts, after_dive, before_dives
@@ -82,7 +88,12 @@ class DivesResult:
         """
         of_dives = [dive.errors[kind] for dive in self.dives[1:]]
         methods = {method: None for errors in of_dives for method in errors}
-        return {method: rms_length(np.concatenate([errors[method] for errors in of_dives if method in errors])) for method in methods}
+        return {
+            method: rms_length(
+                np.concatenate([errors[method] for errors in of_dives if method in errors])
+            )
+            for method in methods
+        }
 
     @property
     def nis_per_dof(self) -> float:
@@ -94,18 +105,32 @@ class DivesResult:
         """Return which shares of next dives' bins, and of withheld bins, lie in the intervals that should hold a share of them."""
         after = self.dives[1:]
         kinds = {
-            "next_dive": [(dive.errors["profiles"]["estimate"].ravel(), dive.std.ravel()) for dive in after if dive.errors["profiles"]],
+            "next_dive": [
+                (dive.errors["profiles"]["estimate"].ravel(), dive.std.ravel())
+                for dive in after
+                if dive.errors["profiles"]
+            ],
             "withheld": [(dive.withheld, dive.withheld_std) for dive in after],
         }
         out = {}
         for name, parts in kinds.items():
-            error, std = (np.concatenate([part[k] for part in parts]) if parts else np.empty(0) for k in range(2))
-            out[name] = {share: coverage(error, std, share) if error.size else math.nan for share in SHARES}
+            error, std = (
+                np.concatenate([part[k] for part in parts]) if parts else np.empty(0)
+                for k in range(2)
+            )
+            out[name] = {
+                share: coverage(error, std, share) if error.size else math.nan for share in SHARES
+            }
         return out
 
 
 def run_dives(
-    estimator: EvolvingEstimator, dives: Sequence[Dive], config: RunConfig, fit: bool, source: str, progress: Progress | None = None
+    estimator: EvolvingEstimator,
+    dives: Sequence[Dive],
+    config: RunConfig,
+    fit: bool,
+    source: str,
+    progress: Progress | None = None,
 ) -> Iterator[DivesResult]:
     """Yield the dives predicted so far, each from the dives before it, after each dive; the last result has them all.
 
@@ -120,7 +145,9 @@ def run_dives(
     Raises:
         MeasurementError: Nothing of the dives lies in the ensemble's region.
     """
-    small = observed_subspace_estimator(estimator, [event for dive in dives for event in _all_of(dive)])
+    small = observed_subspace_estimator(
+        estimator, [event for dive in dives for event in _all_of(dive)]
+    )
     # with --fit nothing is gated: the likelihood counts every observation with the errors of the settings
     small, done = replace(small, gating=None) if fit else small, list[DivePrediction]()
     for prediction in each_call(_predicted, _each_before(small, dives, config.time, fit, progress)):
@@ -136,8 +163,14 @@ def run_dives(
 
 
 def _each_before(
-    small: EvolvingEstimator, dives: Sequence[Dive], config: TimeConfig, fit: bool, progress: Progress | None
-) -> Iterator[tuple[EvolvingEstimator, EvolvingState, Sequence[Dive], Dive, LogSettings, DiveForecasts]]:
+    small: EvolvingEstimator,
+    dives: Sequence[Dive],
+    config: TimeConfig,
+    fit: bool,
+    progress: Progress | None,
+) -> Iterator[
+    tuple[EvolvingEstimator, EvolvingState, Sequence[Dive], Dive, LogSettings, DiveForecasts]
+]:
     """Yield what each dive is predicted from: estimator, state and dives before it, and the settings; one follows from the other."""
     settings = initial_settings(small, config)
     changed = fitted_estimator(small, config, settings)
@@ -152,7 +185,9 @@ def _each_before(
             state = _after(changed, changed.initial(), before, settings)
         elif k:
             state = _after(changed, state, dives[k - 1].given, settings)
-        known, forecasts = after_dive(known, changed, state, dive, _usable(changed, state, dive, settings))
+        known, forecasts = after_dive(
+            known, changed, state, dive, _usable(changed, state, dive, settings)
+        )
         yield changed, state, dives[:k], dive, settings, forecasts
 
 
@@ -163,7 +198,9 @@ def _all_of(dive: Dive) -> Iterator[Measurement]:
         yield dive.mean
 
 
-def _usable(estimator: EvolvingEstimator, state: EvolvingState, dive: Dive, settings: LogSettings) -> list[tuple[Observation, Expected]]:
+def _usable(
+    estimator: EvolvingEstimator, state: EvolvingState, dive: Dive, settings: LogSettings
+) -> list[tuple[Observation, Expected]]:
     """Return the profiles of a dive that have a usable bin, with the filter's predictions."""
     expected = [(profile, expect(estimator, state, profile)) for profile in _own(dive, settings)]
     return [(profile, found) for profile, found in expected if found is not None]
@@ -191,8 +228,12 @@ def _predicted(
         number=dive.number,
         settings=settings,
         errors={
-            "profiles": _profile_errors(estimator, earlier, usable, forecasts.error) if earlier and usable else {},
-            "mean": _mean_errors(estimator, earlier, dive, (mean, forecasts)) if earlier and mean is not None else {},
+            "profiles": _profile_errors(estimator, earlier, usable, forecasts.error)
+            if earlier and usable
+            else {},
+            "mean": _mean_errors(estimator, earlier, dive, (mean, forecasts))
+            if earlier and mean is not None
+            else {},
         },
         std=forecasts.std,
         nis=sum(found.nis for _, found in usable),
@@ -203,21 +244,37 @@ def _predicted(
     )
 
 
-def _after(estimator: EvolvingEstimator, state: EvolvingState, observations: Sequence[Measurement], settings: LogSettings) -> EvolvingState:
+def _after(
+    estimator: EvolvingEstimator,
+    state: EvolvingState,
+    observations: Sequence[Measurement],
+    settings: LogSettings,
+) -> EvolvingState:
     """Return the state after observations, at the beginning of another dive."""
     for is_new, observation in by_dive(observations):
-        state, _ = estimator.step(new_dive(estimator, state) if is_new else state, with_errors(observation, settings))
+        state, _ = estimator.step(
+            new_dive(estimator, state) if is_new else state, with_errors(observation, settings)
+        )
     return new_dive(estimator, state)
 
 
 def _profile_errors(
-    estimator: EvolvingEstimator, earlier: Sequence[Dive], usable: Sequence[tuple[Observation, Expected]], expected: Array
+    estimator: EvolvingEstimator,
+    earlier: Sequence[Dive],
+    usable: Sequence[tuple[Observation, Expected]],
+    expected: Array,
 ) -> dict[str, Array]:
     """Return the errors of the estimate, of the filter alone, of the ensemble, and of the baselines."""
-    errors: dict[str, list[Array]] = {"estimate": [expected], "filter_alone": [], "ensemble_mean": []}
+    errors: dict[str, list[Array]] = {
+        "estimate": [expected],
+        "filter_alone": [],
+        "ensemble_mean": [],
+    }
     for profile, found in usable:
         errors["filter_alone"].append(found.error)
-        errors["ensemble_mean"].append(estimator.innovation(estimator.initial(), profile)[found.used])
+        errors["ensemble_mean"].append(
+            estimator.innovation(estimator.initial(), profile)[found.used]
+        )
         depth, velocity = profile.depth[found.used], profile.velocity[found.used]
         for name, predicted in baseline_profiles(earlier, depth).items():
             errors.setdefault(name, []).append(velocity - predicted)
@@ -225,11 +282,17 @@ def _profile_errors(
 
 
 def _mean_errors(
-    estimator: EvolvingEstimator, earlier: Sequence[Dive], dive: Dive, found: tuple[Expected, DiveForecasts]
+    estimator: EvolvingEstimator,
+    earlier: Sequence[Dive],
+    dive: Dive,
+    found: tuple[Expected, DiveForecasts],
 ) -> dict[str, Array]:
     """Return the errors of the dive's mean current, method by method; without fixes the estimate is the filter alone."""
     assert dive.mean is not None
     alone, expected = found[0].error, found[1].mean_error
     errors = {"estimate": alone if expected is None else expected, "filter_alone": alone}
     errors |= {"ensemble_mean": estimator.innovation(estimator.initial(), dive.mean)}
-    return errors | {name: np.array([dive.mean.velocity]) - predicted for name, predicted in baseline_means(earlier).items()}
+    return errors | {
+        name: np.array([dive.mean.velocity]) - predicted
+        for name, predicted in baseline_means(earlier).items()
+    }

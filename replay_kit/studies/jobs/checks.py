@@ -15,7 +15,9 @@ def check_names(option: str, chosen: Sequence[str], known: Collection[str]) -> N
         known: All there are.
     """
     if not chosen or not set(chosen) <= set(known) or len(set(chosen)) < len(chosen):
-        raise ConfigError(f"{option}: expected some of {', '.join(known)}, each once, got {', '.join(chosen) or 'none'}")
+        raise ConfigError(
+            f"{option}: expected some of {', '.join(known)}, each once, got {', '.join(chosen) or 'none'}"
+        )
 
 
 def check_positive(**options: float) -> None:
@@ -35,4 +37,6 @@ def check_not_negative(**options: float) -> None:
 def check_counts(pings: Sequence[int]) -> None:
     """Raise ConfigError unless the numbers of pings at which estimates are scored increase from at least 1."""
     if not pings or min(pings) < 1 or list(pings) != sorted(set(pings)):
-        raise ConfigError(f"--pings: expected increasing numbers of at least 1, got {', '.join(map(str, pings)) or 'none'}")
+        raise ConfigError(
+            f"--pings: expected increasing numbers of at least 1, got {', '.join(map(str, pings)) or 'none'}"
+        )

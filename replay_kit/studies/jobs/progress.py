@@ -10,7 +10,13 @@ Progress = Callable[[int, int, str], None]
 
 #: A matrix that cannot be factorised, and inputs that one method or study cannot use. A wrong option (``ConfigError``) concerns the
 #: whole run, and any other error is a bug: neither is kept as a result.
-EXPECTED_FAILURES = (np.linalg.LinAlgError, EstimatorError, ForecastError, MeasurementError, PlanError)
+EXPECTED_FAILURES = (
+    np.linalg.LinAlgError,
+    EstimatorError,
+    ForecastError,
+    MeasurementError,
+    PlanError,
+)
 
 
 def reason_of(error: Exception) -> str:

@@ -30,7 +30,9 @@ def biases(scene: Scene) -> list[Figure]:
     sound = measurements(flight, Faults("platform", KNOWN_STD))
     biased = measurements(flight, Faults("platform", KNOWN_STD, HEADING_DEG, SCALE))
     time = scene.config.time.model_copy(update={"biases": ("heading", "scale")})
-    estimating = build_evolving(scene.case.forecasts, scene.config.estimator, time, scene.config.gating)
+    estimating = build_evolving(
+        scene.case.forecasts, scene.config.estimator, time, scene.config.gating
+    )
     clean = scene.errors("sound", scene.own, sound)
     figures = [
         Figure("sound, without bias states", RMSE, clean.mean()),
@@ -46,7 +48,11 @@ def biases(scene: Scene) -> list[Figure]:
         figures += [
             *error_figures(method, followed.mean(), "the sound one's", clean.mean(), most),
             *followed.nis(method),
-            *(_named(method, followed, planted=True) if estimator is scene.own else _found(method, estimating, followed, given is biased)),
+            *(
+                _named(method, followed, planted=True)
+                if estimator is scene.own
+                else _found(method, estimating, followed, given is biased)
+            ),
         ]
     return figures
 
@@ -65,14 +71,24 @@ def _named(method: str, followed: Followed[float], planted: bool) -> list[Figure
     for name in PLANTED:
         unit, factor = _UNIT[name]
         least, most = (1.0, np.nan) if planted else (np.nan, 0.0)
-        figures.append(Figure(method, f"{name} is named", float(name in significant), at_least=least, at_most=most))
+        figures.append(
+            Figure(
+                method, f"{name} is named", float(name in significant), at_least=least, at_most=most
+            )
+        )
         if name in significant:
-            figures.append(Figure(method, f"{name} as named [{unit}]", factor * significant[name][0]))
-    figures.append(Figure(method, "shear is named, wrongly", float("shear" in significant), at_most=0.0))
+            figures.append(
+                Figure(method, f"{name} as named [{unit}]", factor * significant[name][0])
+            )
+    figures.append(
+        Figure(method, "shear is named, wrongly", float("shear" in significant), at_most=0.0)
+    )
     return figures
 
 
-def _found(method: str, estimator: EvolvingEstimator, followed: Followed[float], planted: bool) -> list[Figure]:
+def _found(
+    method: str, estimator: EvolvingEstimator, followed: Followed[float], planted: bool
+) -> list[Figure]:
     """Return each estimated bias, in standard deviations from zero, and its error."""
     figures = []
     for name, (mean, std) in estimator.biases(followed.state).items():
@@ -82,7 +98,13 @@ def _found(method: str, estimator: EvolvingEstimator, followed: Followed[float],
         figures += [
             Figure(method, f"{name} [{unit}]", factor * mean),
             Figure(method, f"{name}, standard deviation [{unit}]", factor * std),
-            Figure(method, f"{name} over its standard deviation", mean / std, at_least=least, at_most=most),
+            Figure(
+                method,
+                f"{name} over its standard deviation",
+                mean / std,
+                at_least=least,
+                at_most=most,
+            ),
             Figure(method, f"{name}, error over its standard deviation", (mean - true) / std),
         ]
     return figures

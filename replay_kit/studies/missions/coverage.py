@@ -33,7 +33,13 @@ def coverage(scene: Scene) -> list[Figure]:
         near = _near(scene.case.at.points, places[pinged_ns <= time_ns])
         hits = _hits(scene, flow, time_ns, near, "now")
         if scene.case.changes and time_ns + ahead_ns <= last_ns:
-            hits |= _hits(scene, flow.at(time_ns + ahead_ns), time_ns + ahead_ns, near, f"{AHEAD_DAYS:g} days ahead")
+            hits |= _hits(
+                scene,
+                flow.at(time_ns + ahead_ns),
+                time_ns + ahead_ns,
+                near,
+                f"{AHEAD_DAYS:g} days ahead",
+            )
         return hits
 
     followed = follow(scene.own, measurements(scene.flight), scene.job.evaluations, evaluate)
@@ -42,7 +48,9 @@ def coverage(scene: Scene) -> list[Figure]:
         where, when, share = key
         hits, trials = np.sum([hits[key] for hits in followed.values if key in hits], axis=0)
         name = f"share inside {100 * share:g} % intervals"
-        figures.append(Figure(f"{where} places, {when}", name, float(hits), float(trials), *REQUIRED[share]))
+        figures.append(
+            Figure(f"{where} places, {when}", name, float(hits), float(trials), *REQUIRED[share])
+        )
     return figures
 
 
@@ -52,7 +60,9 @@ def _near(points: Array, pinged: Array) -> NDArray[np.bool_]:
     return np.asarray(distance <= OBSERVED_M, dtype=np.bool_)
 
 
-def _hits(scene: Scene, flow: FlowEstimate, time_ns: int, near: NDArray[np.bool_], when: str) -> _Hits:
+def _hits(
+    scene: Scene, flow: FlowEstimate, time_ns: int, near: NDArray[np.bool_], when: str
+) -> _Hits:
     place = scene.case.at.place
     error = np.abs(flow.velocity(*place) - scene.case.at_time(scene.case.truth, time_ns))
     std = flow.standard_error(*place)

@@ -10,7 +10,14 @@ from replay_kit.core.observation import Measurement
 from replay_kit.measurements import observations
 from replay_kit.studies.twins.adcp import SOUND, Faults
 from replay_kit.studies.twins.field import Field
-from replay_kit.studies.twins.glider import STEP_S, SURFACE_STEPS, GliderLimits, Schedule, dive_steps, mission
+from replay_kit.studies.twins.glider import (
+    STEP_S,
+    SURFACE_STEPS,
+    GliderLimits,
+    Schedule,
+    dive_steps,
+    mission,
+)
 from replay_kit.studies.twins.messages import Flight, measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, NS_PER_S, Mission
 
@@ -59,8 +66,17 @@ def fly_pings(field: Field, pings: int, days: float, noise: float, seed: int) ->
     """
     steps = int(pinging_seconds(field, days) / pings / STEP_S)
     if steps < 1:
-        raise ConfigError(f"--pings: {pings} pings, {STEP_S} s apart at least, take longer than {days:g} days or the truth's time")
-    return _flown(field, noise, seed, lambda rng: mission(field, pings, _start_ns(field), rng, schedule=Schedule(steps, to_the_end=True)))
+        raise ConfigError(
+            f"--pings: {pings} pings, {STEP_S} s apart at least, take longer than {days:g} days or the truth's time"
+        )
+    return _flown(
+        field,
+        noise,
+        seed,
+        lambda rng: mission(
+            field, pings, _start_ns(field), rng, schedule=Schedule(steps, to_the_end=True)
+        ),
+    )
 
 
 def pinging_seconds(field: Field, days: float) -> float:
@@ -89,14 +105,23 @@ def fly_dives(field: Field, dives: int, noise: float, limits: GliderLimits, seed
     if field.time_ns.size > 1:
         start_ns = int(field.time_ns[-1]) - int(seconds) * NS_PER_S
         if start_ns < field.time_ns[0]:
-            raise ConfigError(f"--dives: {dives} dives take {seconds / _DAY_S:.1f} days, longer than the truth's time")
+            raise ConfigError(
+                f"--dives: {dives} dives take {seconds / _DAY_S:.1f} days, longer than the truth's time"
+            )
     steps = 5
     # the last ping is in the last dive
     pings = int((seconds - 0.5 * dive_seconds(field, limits)) / (steps * STEP_S))
-    return _flown(field, noise, seed, lambda rng: mission(field, pings, start_ns, rng, limits, Schedule(steps, to_the_end=True)))
+    return _flown(
+        field,
+        noise,
+        seed,
+        lambda rng: mission(field, pings, start_ns, rng, limits, Schedule(steps, to_the_end=True)),
+    )
 
 
-def measurements(flight: Flight, faults: Faults = SOUND, *, pings: bool = True, mean_currents: bool = False) -> tuple[Measurement, ...]:
+def measurements(
+    flight: Flight, faults: Faults = SOUND, *, pings: bool = True, mean_currents: bool = False
+) -> tuple[Measurement, ...]:
     """Return what an estimator is given of a mission.
 
     Args:
@@ -105,14 +130,21 @@ def measurements(flight: Flight, faults: Faults = SOUND, *, pings: bool = True, 
         pings: Whether its pings are logged.
         mean_currents: Whether the dives' mean currents are used.
     """
-    return tuple(observations(flight.messages(faults, pings=pings), MeasurementConfig(without=() if mean_currents else ("dac",))))
+    return tuple(
+        observations(
+            flight.messages(faults, pings=pings),
+            MeasurementConfig(without=() if mean_currents else ("dac",)),
+        )
+    )
 
 
 def _start_ns(field: Field) -> int:
     return int(field.time_ns[0]) or EPOCH_NS
 
 
-def _flown(field: Field, noise: float, seed: int, fly: Callable[[np.random.Generator], Mission]) -> Flight:
+def _flown(
+    field: Field, noise: float, seed: int, fly: Callable[[np.random.Generator], Mission]
+) -> Flight:
     """Return a mission with what its instrument measures, both from one stream of random numbers."""
     rng = np.random.default_rng(seed)
     return measured_on(fly(rng), field, noise, rng, seed)

@@ -38,7 +38,10 @@ class Followed(Generic[Value]):
 
     def not_accepted(self, but: frozenset[int] = frozenset()) -> int:
         """Return how many measurements were rejected or downweighted, without those of some times [ns, UTC]."""
-        return sum(innovation.decision != "accepted" and innovation.time_ns not in but for innovation in self.innovations)
+        return sum(
+            innovation.decision != "accepted" and innovation.time_ns not in but
+            for innovation in self.innovations
+        )
 
     def nis(self, method: str, required: bool = False) -> list[Figure]:
         """Return how the innovations compare with their expected distribution.
@@ -51,11 +54,22 @@ class Followed(Generic[Value]):
             required: Whether the band is a limit of the first.
         """
         nis, dof = np.array([(innovation.nis, innovation.dof) for innovation in self.innovations]).T
-        low, high = (float(chdtri(dof.sum(), 1.0 - end) / dof.sum()) for end in _BAND) if required else (np.nan, np.nan)
+        low, high = (
+            (float(chdtri(dof.sum(), 1.0 - end) / dof.sum()) for end in _BAND)
+            if required
+            else (np.nan, np.nan)
+        )
         inside = (nis >= chdtri(dof, 1.0 - _BAND[0])) & (nis <= chdtri(dof, 1.0 - _BAND[1]))
         return [
-            Figure(method, "NIS per degree of freedom", float(nis.sum()), float(dof.sum()), low, high),
-            Figure(method, "measurements inside their 95 % band", float(inside.sum()), float(inside.size)),
+            Figure(
+                method, "NIS per degree of freedom", float(nis.sum()), float(dof.sum()), low, high
+            ),
+            Figure(
+                method,
+                "measurements inside their 95 % band",
+                float(inside.sum()),
+                float(inside.size),
+            ),
         ]
 
 
@@ -92,7 +106,9 @@ def follow(
             innovations.append(innovation)
         if number in when:
             # a measurement that was not used leaves the state at an earlier time
-            values.append(evaluate(estimator.flow(state).at(measurement.time_ns), measurement.time_ns))
+            values.append(
+                evaluate(estimator.flow(state).at(measurement.time_ns), measurement.time_ns)
+            )
     return Followed(tuple(values), tuple(innovations), state)
 
 

@@ -35,8 +35,12 @@ def relative(scene: Scene) -> list[Figure]:
         ("unknown platform velocity, with mean currents", Faults("platform"), True, _OVER_ABSOLUTE),
         ("platform velocity to 2 cm/s", known, False, _OVER_ABSOLUTE_KNOWN),
     ):
-        followed = scene.errors(method, scene.own, measurements(scene.flight, faults, mean_currents=mean_currents))
-        figures += error_figures(method, followed.mean(), "that of absolute profiles", absolute.mean(), most) + followed.nis(method)
+        followed = scene.errors(
+            method, scene.own, measurements(scene.flight, faults, mean_currents=mean_currents)
+        )
+        figures += error_figures(
+            method, followed.mean(), "that of absolute profiles", absolute.mean(), most
+        ) + followed.nis(method)
     return figures
 
 
@@ -47,19 +51,35 @@ def outliers(scene: Scene) -> list[Figure]:
     clean = scene.errors("without outliers", scene.own, sound)
     figures = [
         Figure("without outliers", RMSE, clean.mean()),
-        Figure("without outliers", "pings rejected or softened", clean.not_accepted(), len(clean.innovations)),
+        Figure(
+            "without outliers",
+            "pings rejected or softened",
+            clean.not_accepted(),
+            len(clean.innovations),
+        ),
     ]
     for gate in _GATES:
         method = f"with outliers, gate {gate}"
         gating = scene.config.gating.model_copy(update={"gate": gate})
-        followed = scene.errors(method, own_estimator(scene.case, scene.config.model_copy(update={"gating": gating})), spoilt)
+        followed = scene.errors(
+            method,
+            own_estimator(scene.case, scene.config.model_copy(update={"gating": gating})),
+            spoilt,
+        )
         most = _OVER_CLEAN if gate == scene.config.gating.gate else np.nan
-        figures += error_figures(method, followed.mean(), "that without outliers", clean.mean(), most)
+        figures += error_figures(
+            method, followed.mean(), "that without outliers", clean.mean(), most
+        )
         if gate == "reject":
             caught = followed.not_accepted() - followed.not_accepted(wrong)
             figures += [
                 Figure(method, "outliers rejected or softened", caught, len(wrong)),
-                Figure(method, "sound pings rejected or softened", followed.not_accepted(wrong), len(followed.innovations) - len(wrong)),
+                Figure(
+                    method,
+                    "sound pings rejected or softened",
+                    followed.not_accepted(wrong),
+                    len(followed.innovations) - len(wrong),
+                ),
             ]
     return figures
 
@@ -67,18 +87,32 @@ def outliers(scene: Scene) -> list[Figure]:
 def _moved(sound: Sequence[Measurement], spoilt: Sequence[Measurement]) -> frozenset[int]:
     """Return the times [ns, UTC] of the pings that are outliers."""
     velocity = {of.time_ns: of.velocity for of in sound if isinstance(of, Observation)}
-    pairs = [(of.time_ns, of.velocity - velocity[of.time_ns]) for of in spoilt if isinstance(of, Observation)]
-    return frozenset(time_ns for time_ns, off in pairs if (np.hypot(off[:, 0], off[:, 1]) > 0.5 * OUTLIER).any())
+    pairs = [
+        (of.time_ns, of.velocity - velocity[of.time_ns])
+        for of in spoilt
+        if isinstance(of, Observation)
+    ]
+    return frozenset(
+        time_ns for time_ns, off in pairs if (np.hypot(off[:, 0], off[:, 1]) > 0.5 * OUTLIER).any()
+    )
 
 
 def mean_currents_alone(scene: Scene) -> list[Figure]:
     """Return the figures of some dives of the mission, and of a mission of dives only for each depth; the error is that after the last."""
     dives = scene.job.dives
-    missions = {f"{dives} dives spread over the mission": _spread(measurements(scene.flight, pings=False, mean_currents=True), dives)}
+    missions = {
+        f"{dives} dives spread over the mission": _spread(
+            measurements(scene.flight, pings=False, mean_currents=True), dives
+        )
+    }
     for depth in DEPTHS:
-        fly = partial(fly_dives, scene.flight.field, dives, scene.job.noise, GliderLimits(max_depth=depth))
+        fly = partial(
+            fly_dives, scene.flight.field, dives, scene.job.noise, GliderLimits(max_depth=depth)
+        )
         flight = staying(fly, scene.flight.seed)
-        missions[f"{dives} dives to {depth:g} m, one after the other"] = measurements(flight, pings=False, mean_currents=True)[:dives]
+        missions[f"{dives} dives to {depth:g} m, one after the other"] = measurements(
+            flight, pings=False, mean_currents=True
+        )[:dives]
     figures = []
     for method, given in missions.items():
         followed = scene.errors(method, scene.own, given, evaluations=1)
@@ -93,5 +127,9 @@ def mean_currents_alone(scene: Scene) -> list[Figure]:
 
 def _spread(given: Sequence[Measurement], count: int) -> tuple[Measurement, ...]:
     """Return some of the mean currents, evenly spread, the last among them; all where there are fewer."""
-    wanted = np.round(np.linspace(len(given) / count, len(given), count)).astype(int) - 1 if count < len(given) else range(len(given))
+    wanted = (
+        np.round(np.linspace(len(given) / count, len(given), count)).astype(int) - 1
+        if count < len(given)
+        else range(len(given))
+    )
     return tuple(given[k] for k in wanted)

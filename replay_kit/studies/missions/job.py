@@ -35,7 +35,12 @@ class MissionJob:
     def check(self) -> None:
         """Raise ConfigError when an option is wrong."""
         check_names("--study", self.studies, STUDIES)
-        check_positive(**{name: getattr(self, name) for name in ("pings", "dives", "seeds", "evaluations", "days", "noise")})
+        check_positive(
+            **{
+                name: getattr(self, name)
+                for name in ("pings", "dives", "seeds", "evaluations", "days", "noise")
+            }
+        )
 
     def members(self, n_members: int) -> tuple[int, ...]:
         """Return the positions of the members left out in turn.

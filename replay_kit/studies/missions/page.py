@@ -27,12 +27,21 @@ _CAPTION = "Dots are single missions, the diamond is all of them together, bars 
 def write_missions(out: Path, result: MissionResult) -> None:
     """Write ``FILES`` into a folder that exists, each whole or not at all; of unfinished studies all but the page."""
     page = {} if result.unfinished else {PAGE: missions_page(result)}
-    write_files(out, {"missions.csv": to_csv(result), "missions.json": json_text(to_json(result)), **page})
+    write_files(
+        out, {"missions.csv": to_csv(result), "missions.json": json_text(to_json(result)), **page}
+    )
 
 
 def missions_page(result: MissionResult) -> str:
     """Return the page of finished studies: a section each."""
-    sections = [Section("answer", "In words", _answer(result), missing=[f"Left out: {why}." for why in result.lost])]
+    sections = [
+        Section(
+            "answer",
+            "In words",
+            _answer(result),
+            missing=[f"Left out: {why}." for why in result.lost],
+        )
+    ]
     sections += [_section(result, study) for study in result.job.studies]
     return study_page("The estimator on simulated missions", sections, to_json(result))
 
@@ -60,18 +69,39 @@ def _section(result: MissionResult, study: str) -> Section:
         by_unit.setdefault(found[1] if found else "1", []).append(row)
     figures = [chart_figure(_chart(study, unit, alike)) for unit, alike in by_unit.items()]
     missing = () if rows else ("No mission of this study is left.",)
-    return Section(study, _TITLES[study], tables_html([study_table(result, study)]), figures, missing)
+    return Section(
+        study, _TITLES[study], tables_html([study_table(result, study)]), figures, missing
+    )
 
 
 def _chart(study: str, unit: str, rows: Sequence[MissionRow]) -> Chart:
     labels = tuple(f"{row.method}: {row.figure.partition(' [')[0]}" for row in rows)
     missions = [(value, k) for k, row in enumerate(rows) for value in row.by_mission]
-    limits = [(limit, k) for k, row in enumerate(rows) for limit in (row.at_least, row.at_most) if limit == limit]
+    limits = [
+        (limit, k)
+        for k, row in enumerate(rows)
+        for limit in (row.at_least, row.at_most)
+        if limit == limit
+    ]
     whole = [(row.value, k) for k, row in enumerate(rows)]
-    parts = (("each mission", missions, "circle-open"), ("all missions", whole, "diamond"), ("limit", limits, "line-ns"))
-    series = tuple(Series(name, [x for x, _ in each], [y for _, y in each], "markers", symbol) for name, each, symbol in parts if each)
+    parts = (
+        ("each mission", missions, "circle-open"),
+        ("all missions", whole, "diamond"),
+        ("limit", limits, "line-ns"),
+    )
+    series = tuple(
+        Series(name, [x for x, _ in each], [y for _, y in each], "markers", symbol)
+        for name, each, symbol in parts
+        if each
+    )
     key, title = (
         f"{study}-{re.sub('[^a-z0-9]+', '-', unit)}",
         f"{_TITLES[study]}: figures in {unit}" if unit != "1" else f"{_TITLES[study]}: ratios",
     )
-    return Chart(key, title, _CAPTION, (Axis(f"value [{unit}]"), Axis("figure [name]", labels=labels)), series)
+    return Chart(
+        key,
+        title,
+        _CAPTION,
+        (Axis(f"value [{unit}]"), Axis("figure [name]", labels=labels)),
+        series,
+    )

@@ -20,7 +20,14 @@ def to_json(result: MissionResult) -> dict[str, Any]:
 def to_csv(result: MissionResult) -> str:
     """Return the rows as CSV with their fields' names; undefined figures are empty, lists have spaces between their numbers."""
     columns = tuple(field.name for field in fields(MissionRow))
-    return table_to_csv(Table("missions", "All figures", columns, tuple(tuple(asdict(row).values()) for row in result.rows)))
+    return table_to_csv(
+        Table(
+            "missions",
+            "All figures",
+            columns,
+            tuple(tuple(asdict(row).values()) for row in result.rows),
+        )
+    )
 
 
 def print_missions(result: MissionResult, console: Console) -> None:
@@ -35,7 +42,14 @@ def study_table(result: MissionResult, study: str) -> Table:
     times = f" of {result.times} times" if result.times > 1 else ""
     missions = f"{result.job.seeds} missions each, {result.job.pings} pings of {result.job.noise:g} m/s noise"
     rows = tuple(
-        (row.method, row.figure, row.value, limits_text(row.at_least, row.at_most), met_text(row.met), row.by_mission)
+        (
+            row.method,
+            row.figure,
+            row.value,
+            limits_text(row.at_least, row.at_most),
+            met_text(row.met),
+            row.by_mission,
+        )
         for row in result.rows
         if row.study == study
     )

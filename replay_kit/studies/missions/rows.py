@@ -57,7 +57,9 @@ class MissionRow:
     by_mission: tuple[float, ...]
 
 
-def error_figures(method: str, error: float, over: str, reference: float, at_most: float = NAN) -> list[Figure]:
+def error_figures(
+    method: str, error: float, over: str, reference: float, at_most: float = NAN
+) -> list[Figure]:
     """Return an error, and its ratio to a reference.
 
     Args:
@@ -67,7 +69,10 @@ def error_figures(method: str, error: float, over: str, reference: float, at_mos
         reference: Its RMSE [m/s].
         at_most: Upper limit of the ratio; NaN for none.
     """
-    return [Figure(method, RMSE, error), Figure(method, f"RMSE over {over}", error, reference, at_most=at_most)]
+    return [
+        Figure(method, RMSE, error),
+        Figure(method, f"RMSE over {over}", error, reference, at_most=at_most),
+    ]
 
 
 def over_missions(study: str, missions: Sequence[Sequence[Figure]]) -> tuple[MissionRow, ...]:
@@ -87,7 +92,10 @@ def over_missions(study: str, missions: Sequence[Sequence[Figure]]) -> tuple[Mis
 def _row(study: str, figures: Sequence[Figure]) -> MissionRow:
     first = figures[0]
     value = _over(sum(figure.part for figure in figures), sum(figure.whole for figure in figures))
-    low, high = (float(np.mean(limits)) for limits in zip(*((figure.at_least, figure.at_most) for figure in figures), strict=True))
+    low, high = (
+        float(np.mean(limits))
+        for limits in zip(*((figure.at_least, figure.at_most) for figure in figures), strict=True)
+    )
     met = is_within(value, low, high) if math.isfinite(low) or math.isfinite(high) else None
     by_mission = tuple(_over(figure.part, figure.whole) for figure in figures)
     return MissionRow(study, first.method, first.name, value, low, high, met, by_mission)

@@ -81,11 +81,15 @@ def run_missions(
 
     def result(unfinished: bool) -> MissionResult:
         rows = tuple(row for study in job.studies for row in over_missions(study, by_study[study]))
-        return MissionResult(rows, series[0].source, members, len(series), job, tuple(lost), unfinished)
+        return MissionResult(
+            rows, series[0].source, members, len(series), job, tuple(lost), unfinished
+        )
 
     each = [(member, seed) for member in members for seed in range(job.seeds)]
     calls = ((series, *mission, (config, job), advance) for mission in each)
-    for number, ((member, seed), found) in enumerate(zip(each, each_call(_run_mission, calls), strict=True), start=1):
+    for number, ((member, seed), found) in enumerate(
+        zip(each, each_call(_run_mission, calls), strict=True), start=1
+    ):
         advance.reach(number * len(job.studies), f"member {member}")
         for study, figures in found.items():
             if isinstance(figures, str):
@@ -100,7 +104,11 @@ def run_missions(
 
 
 def _run_mission(
-    series: Sequence[Ensemble], member: int, seed: int, options: tuple[RunConfig, MissionJob], advance: Advance
+    series: Sequence[Ensemble],
+    member: int,
+    seed: int,
+    options: tuple[RunConfig, MissionJob],
+    advance: Advance,
 ) -> dict[str, list[Figure] | str]:
     """Return the figures of each study on one mission; of one that is lost, why."""
     (config, job), case = options, withhold(series, member)
@@ -110,8 +118,12 @@ def _run_mission(
     for study in job.studies:
         what = f"member {member}, {study}"
         try:
-            flight = flight or staying(partial(fly_pings, field, job.pings, job.days, job.noise), 100 * member + seed)
-            found[study] = _STUDIES[study](Scene(case, flight, own, config, job, partial(_report, advance, what)))
+            flight = flight or staying(
+                partial(fly_pings, field, job.pings, job.days, job.noise), 100 * member + seed
+            )
+            found[study] = _STUDIES[study](
+                Scene(case, flight, own, config, job, partial(_report, advance, what))
+            )
         except ForecastError as error:
             found[study] = str(error)
         advance(what)

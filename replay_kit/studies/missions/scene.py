@@ -70,7 +70,9 @@ class Withheld:
 
     def mean_rmse(self, times_ns: Sequence[int]) -> float:
         """Return the ensemble mean's error [m/s], the mean over times."""
-        return float(np.mean([self.rmse(self.at_time(self.mean, time_ns), time_ns) for time_ns in times_ns]))
+        return float(
+            np.mean([self.rmse(self.at_time(self.mean, time_ns), time_ns) for time_ns in times_ns])
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,11 +96,18 @@ class Scene:
     report: Callable[[str], None]
 
     def errors(
-        self, what: str, estimator: Estimator[Any], given: Sequence[Measurement], evaluations: int | None = None, inflation: float = 1.0
+        self,
+        what: str,
+        estimator: Estimator[Any],
+        given: Sequence[Measurement],
+        evaluations: int | None = None,
+        inflation: float = 1.0,
     ) -> Followed[float]:
         """Return an estimator's errors on the way through a mission, and its innovations; its covariance may grow by a factor a day."""
         self.report(what)
-        return follow(estimator, given, evaluations or self.job.evaluations, self.case.flow_rmse, inflation)
+        return follow(
+            estimator, given, evaluations or self.job.evaluations, self.case.flow_rmse, inflation
+        )
 
 
 def withhold(series: Sequence[Ensemble], member: int) -> Withheld:
@@ -116,7 +125,15 @@ def withhold(series: Sequence[Ensemble], member: int) -> Withheld:
     truth = np.stack([case.truth.velocity[0][:, *at.index].T for case in cases])
     mean = np.stack([case.ensemble.velocity.mean(axis=0)[:, *at.index].T for case in cases])
     times_ns = np.array([forecast.time_ns or 0 for forecast in series], dtype=np.int64)
-    return Withheld(member, tuple(case.truth for case in cases), tuple(case.ensemble for case in cases), at, truth, mean, times_ns)
+    return Withheld(
+        member,
+        tuple(case.truth for case in cases),
+        tuple(case.ensemble for case in cases),
+        at,
+        truth,
+        mean,
+        times_ns,
+    )
 
 
 def own_estimator(case: Withheld, config: RunConfig) -> Estimator[Any]:
@@ -130,10 +147,14 @@ def own_estimator(case: Withheld, config: RunConfig) -> Estimator[Any]:
         raise ConfigError(
             f"missions: expected the project's own estimator, got {name}, preset {preset}; leave them out of the configuration"
         )
-    return build(Forecasts(case.forecasts, case.forecasts[0], goes_through_time(case, config)), config, None)
+    return build(
+        Forecasts(case.forecasts, case.forecasts[0], goes_through_time(case, config)), config, None
+    )
 
 
 def goes_through_time(case: Withheld, config: RunConfig) -> bool:
     """Return whether a replay of a forecast goes through time."""
     scale = config.time.scale
-    return bool(config.time.oscillators or config.time.biases) or (case.changes if scale == "auto" else scale != "static")
+    return bool(config.time.oscillators or config.time.biases) or (
+        case.changes if scale == "auto" else scale != "static"
+    )

@@ -4,4 +4,13 @@ from replay_kit.studies.paper.page import FILES, write_paper
 from replay_kit.studies.paper.report import print_paper, to_json
 from replay_kit.studies.paper.run import PaperJob, PaperTables, Shown, run_paper
 
-__all__ = ["FILES", "PaperJob", "PaperTables", "Shown", "print_paper", "run_paper", "to_json", "write_paper"]
+__all__ = [
+    "FILES",
+    "PaperJob",
+    "PaperTables",
+    "Shown",
+    "print_paper",
+    "run_paper",
+    "to_json",
+    "write_paper",
+]

@@ -44,9 +44,16 @@ def depth_kernel(levels: Array, length: float) -> DepthKernel:
     matrix = depth_weights(functions, levels, levels)
     depths = np.linspace(levels[0], levels[-1], 1001)
     # least squares, because the matrix may be singular to machine precision
-    share = depth_weights(functions, depths, levels) @ np.linalg.lstsq(matrix, np.ones(levels.size))[0]
+    share = (
+        depth_weights(functions, depths, levels) @ np.linalg.lstsq(matrix, np.ones(levels.size))[0]
+    )
     least, largest = int(np.argmin(share)), int(np.argmax(share))
-    figures = (float(share[least]), float(depths[least]), float(share[largest]), float(depths[largest]))
+    figures = (
+        float(share[least]),
+        float(depths[least]),
+        float(share[largest]),
+        float(depths[largest]),
+    )
     return DepthKernel(length, float(np.linalg.cond(matrix)), *figures)
 
 
@@ -61,7 +68,9 @@ def coherence(flow: FlowEstimate, depth: float, steps: int = 50) -> float:
     east, north = flow.nodes.T
     layers = depth * (np.arange(steps) + 0.5) / steps
     whole = np.mean(np.sum(flow.velocity(east[:, None], north[:, None], layers) ** 2, axis=-1))
-    average = np.mean(np.sum(average_over_depth(flow, depth).velocity(east, north, 0.0) ** 2, axis=-1))
+    average = np.mean(
+        np.sum(average_over_depth(flow, depth).velocity(east, north, 0.0) ** 2, axis=-1)
+    )
     return float(average / whole)
 
 
@@ -74,5 +83,8 @@ def level_correlation(ensemble: Ensemble) -> tuple[float, float]:
     slices = ensemble_slices(ensemble)
     anomalies = slices - slices.mean(axis=0)
     pairs = zip(np.moveaxis(anomalies, 1, 0)[:-1], np.moveaxis(anomalies, 1, 0)[1:], strict=True)
-    of_pairs = [float(np.sum(upper * lower) / np.sqrt(np.sum(upper**2) * np.sum(lower**2))) for upper, lower in pairs]
+    of_pairs = [
+        float(np.sum(upper * lower) / np.sqrt(np.sum(upper**2) * np.sum(lower**2)))
+        for upper, lower in pairs
+    ]
     return min(of_pairs, default=1.0), max(of_pairs, default=1.0)

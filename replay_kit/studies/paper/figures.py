@@ -47,7 +47,10 @@ def draw(tables: PaperTables, shown: Shown) -> Iterator[tuple[str, Drawn]]:
 
 def _bases(shown: Shown) -> dict[str, Basis]:
     """Return the bases of those 2.5D methods that can be built, with as many modes as are shown and all singular values."""
-    ensemble, config = shown.case.ensemble, shown.config.model_copy(update={"modes": max(_MODES_SHOWN)})
+    ensemble, config = (
+        shown.case.ensemble,
+        shown.config.model_copy(update={"modes": max(_MODES_SHOWN)}),
+    )
     bases = {}
     for method in methods_with_modes(ensemble.grid):
         try:
@@ -65,8 +68,17 @@ def _singular_values(bases: dict[str, Basis]) -> Figure:
         values = basis.singular_values
         kept = values[values > _ROUNDING * values[0]]
         label = f"{LABELS[method]} (largest {kept[0]:.3g})"
-        axes.semilogy(np.arange(1, kept.size + 1), kept / kept[0], color=FLOW_STYLES[method].colour, label=label)
-    axes.set(title="Singular values: of latents (paper), of velocities in m/s (default)", xlabel="mode", ylabel="singular value / largest")
+        axes.semilogy(
+            np.arange(1, kept.size + 1),
+            kept / kept[0],
+            color=FLOW_STYLES[method].colour,
+            label=label,
+        )
+    axes.set(
+        title="Singular values: of latents (paper), of velocities in m/s (default)",
+        xlabel="mode",
+        ylabel="singular value / largest",
+    )
     axes.grid(alpha=0.3)
     axes.legend()
     return figure
@@ -95,7 +107,9 @@ def _modes_3d(bases: dict[str, Basis]) -> Figure:
     for k, (method, basis) in enumerate(bases.items(), start=1):
         levels = basis.grid.levels
         level = int(np.argmin(np.abs(levels - 0.35 * levels[-1])))
-        above, here, below = (float(levels[np.clip(level + step, 0, levels.size - 1)]) for step in (-1, 0, 1))
+        above, here, below = (
+            float(levels[np.clip(level + step, 0, levels.size - 1)]) for step in (-1, 0, 1)
+        )
         depths = np.unique([(above + here) / 2.0, here, (here + below) / 2.0])
         shares = depth_weights(basis.depth_functions, depths, levels)[:, level]
         ends = (above, below) if above < below else (0.5 * here, 1.5 * here)
@@ -103,8 +117,15 @@ def _modes_3d(bases: dict[str, Basis]) -> Figure:
         mode = _mode(basis, 1)
         for depth, share in zip(depths[::-1], shares[::-1], strict=True):
             slice_3d(axes, basis.grid, share * mode, float(depth), colours)
-        axes.set_title(f"{LABELS[method]}: mode 1 of level {metres(here)} m\nat {', '.join(map(metres, depths))} m")
-    figure.colorbar(ScalarMappable(norm=colours, cmap="viridis"), ax=figure.axes, label="speed / largest of the mode", shrink=0.6)
+        axes.set_title(
+            f"{LABELS[method]}: mode 1 of level {metres(here)} m\nat {', '.join(map(metres, depths))} m"
+        )
+    figure.colorbar(
+        ScalarMappable(norm=colours, cmap="viridis"),
+        ax=figure.axes,
+        label="speed / largest of the mode",
+        shrink=0.6,
+    )
     return figure
 
 
@@ -125,14 +146,29 @@ def _sparse(tables: PaperTables) -> Figure:
         modes = "" if rows[0].modes is None else f", {rows[0].modes} modes"
         style = FLOW_STYLES[method]
         errors = [row.rel_error for row in rows]
-        axes.loglog([row.pings for row in rows], errors, style.line, color=style.colour, marker=style.marker, label=style.label + modes)
+        axes.loglog(
+            [row.pings for row in rows],
+            errors,
+            style.line,
+            color=style.colour,
+            marker=style.marker,
+            label=style.label + modes,
+        )
     counts = sorted({row.pings for row in tables.sparse})
     axes.set_xticks(counts, [str(n) for n in counts])
     axes.minorticks_off()
     errors = [row.rel_error for row in tables.sparse if np.isfinite(row.rel_error)]
-    ticks = [value for value in (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0) if min(errors) / 2 <= value <= 2 * max(errors)]
+    ticks = [
+        value
+        for value in (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+        if min(errors) / 2 <= value <= 2 * max(errors)
+    ]
     axes.set_yticks(ticks, [f"{value:g}" for value in ticks])
-    axes.set(title="Error of the estimates on the way through Table II", xlabel="pings", ylabel="RMSE / RMS speed of the truth")
+    axes.set(
+        title="Error of the estimates on the way through Table II",
+        xlabel="pings",
+        ylabel="RMSE / RMS speed of the truth",
+    )
     axes.grid(alpha=0.3)
     figure.legend(loc="outside lower center", ncols=2)
     return figure

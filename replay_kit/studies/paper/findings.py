@@ -48,7 +48,9 @@ def glides(tables: PaperTables) -> str:
     ranked = sorted((row for row in tables.table3 if not row.note), key=lambda row: row.median)
     average = next(row for row in ranked if row.flow == AVERAGED)
     others = [row for row in ranked if row.flow not in (TRUTH, AVERAGED)]
-    listed = ", ".join(f"{LABELS[row.flow]} {number(row.median, 0)} m ({row.within_250})" for row in others)
+    listed = ", ".join(
+        f"{LABELS[row.flow]} {number(row.median, 0)} m ({row.within_250})" for row in others
+    )
     better = [LABELS[row.flow] for row in others if row.median < average.median]
     compared = f"Better than it: {', '.join(better)}." if better else "No estimate does better."
     near = f"{average.within_250} of {average.pairs} within 250 m"
@@ -63,17 +65,34 @@ def glides(tables: PaperTables) -> str:
 
 
 def _against_mean(rows: Sequence[SparseRow]) -> str:
-    mean, default = ({row.pings: row.rel_error for row in rows if row.method == method} for method in ("ensemble_mean", "default"))
+    mean, default = (
+        {row.pings: row.rel_error for row in rows if row.method == method}
+        for method in ("ensemble_mean", "default")
+    )
     to_mean, to_default = [], []
     for method in ("paper", "paper_cells", "default"):
         of_method = [row for row in rows if row.method == method]
         if not of_method:
             continue
         worse = [row for row in of_method if not row.rel_error < mean[row.pings]]
-        listed = ", ".join(f"{row.pings} pings ({number(row.rel_error)} against {number(mean[row.pings])})" for row in worse)
-        to_mean.append(f"{LABELS[method]}: " + (f"worse than the ensemble mean at {listed}" if worse else "better than the ensemble mean"))
+        listed = ", ".join(
+            f"{row.pings} pings ({number(row.rel_error)} against {number(mean[row.pings])})"
+            for row in worse
+        )
+        to_mean.append(
+            f"{LABELS[method]}: "
+            + (
+                f"worse than the ensemble mean at {listed}"
+                if worse
+                else "better than the ensemble mean"
+            )
+        )
         times = [row.rel_error / default[row.pings] for row in of_method]
-        to_default += [f"{LABELS[method]} {number(min(times), 1)} to {number(max(times), 1)} times"] if method != "default" else []
+        to_default += (
+            [f"{LABELS[method]} {number(min(times), 1)} to {number(max(times), 1)} times"]
+            if method != "default"
+            else []
+        )
     return f"{'; '.join(to_mean)}. Error over that of {LABELS['default']} at the same count: {', '.join(to_default)}."
 
 
@@ -82,7 +101,9 @@ def _ordering(rows: Sequence[ErrorRow]) -> str:
     for row in rows:
         if row.rung:
             bounds.setdefault(row.method, []).append(f"{number(row.bound, 4)} m/s with {row.modes}")
-    listed = "; ".join(f"{LABELS[method]}: {', '.join(of_method)}" for method, of_method in bounds.items())
+    listed = "; ".join(
+        f"{LABELS[method]}: {', '.join(of_method)}" for method, of_method in bounds.items()
+    )
     return (
         "*Order of the modes.* Latents are velocities divided by the kernel's eigenvalues, in depth and in the horizontal, so their SVD "
         "puts first the components that the smallest eigenvalues amplify; the SVD of velocities orders by the flow. The least RMSE "
@@ -93,7 +114,11 @@ def _ordering(rows: Sequence[ErrorRow]) -> str:
 def _nearer_spans(rows: Sequence[ErrorRow]) -> str:
     """Return where the paper's modes span the truth better than as many of the default's, so that their order explains no error."""
     default = {row.modes: row.bound for row in rows if row.rung and row.method == "default"}
-    nearer = [str(row.modes) for row in rows if row.rung and row.method == "paper" and row.bound < default.get(row.modes, 0.0)]
+    nearer = [
+        str(row.modes)
+        for row in rows
+        if row.rung and row.method == "paper" and row.bound < default.get(row.modes, 0.0)
+    ]
     if not nearer:
         return ""
     return f" With {', '.join(nearer)} modes {LABELS['paper']} is the nearer to this truth: there the order explains no error."

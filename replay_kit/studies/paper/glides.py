@@ -31,7 +31,10 @@ class Glides:
 
 
 def run_glides(
-    flows: Mapping[str, FlowEstimate | None], truth: FlowEstimate, pairs: tuple[Pair, ...], advance: Advance
+    flows: Mapping[str, FlowEstimate | None],
+    truth: FlowEstimate,
+    pairs: tuple[Pair, ...],
+    advance: Advance,
 ) -> tuple[Glides, ...]:
     """Return how close to the targets the plans on each flow pass, in the flows' order.
 
@@ -42,7 +45,10 @@ def run_glides(
         advance: Counts plans as steps.
     """
     before, found = advance.done, list[Glides]()
-    calls = ((name, flow, truth, pairs, partial(advance, f"Table III {name}")) for name, flow in flows.items())
+    calls = (
+        (name, flow, truth, pairs, partial(advance, f"Table III {name}"))
+        for name, flow in flows.items()
+    )
     for glides in each_call(_glides_on, calls):
         found.append(glides)
         advance.reach(before + len(found) * len(pairs), "Table III")
@@ -50,7 +56,11 @@ def run_glides(
 
 
 def _glides_on(
-    name: str, flow: FlowEstimate | None, truth: FlowEstimate, pairs: tuple[Pair, ...], advance: Callable[[int], None]
+    name: str,
+    flow: FlowEstimate | None,
+    truth: FlowEstimate,
+    pairs: tuple[Pair, ...],
+    advance: Callable[[int], None],
 ) -> Glides:
     if flow is None:
         advance(len(pairs))
@@ -63,5 +73,11 @@ def _glides_on(
         distances.append(distance)
         advance(1)
     seconds = time.perf_counter() - began
-    row = GlideRow(name, len(pairs), **miss_figures(np.array(distances)), seconds=seconds, closest_approach=tuple(distances))
+    row = GlideRow(
+        name,
+        len(pairs),
+        **miss_figures(np.array(distances)),
+        seconds=seconds,
+        closest_approach=tuple(distances),
+    )
     return Glides(row, tuple(tracks))

@@ -8,7 +8,13 @@ from replay_kit.studies.paper.report import FIGURES, rows_to_csv, text_tables, t
 from replay_kit.studies.paper.run import PaperTables, Shown
 from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure, misses_chart
 from replay_kit.studies.reports.flows import LABELS
-from replay_kit.studies.reports.page import PAGE, picture_figures, study_page, tables_html, words_html
+from replay_kit.studies.reports.page import (
+    PAGE,
+    picture_figures,
+    study_page,
+    tables_html,
+    words_html,
+)
 from replay_kit.studies.reports.pictures import Drawn
 from replay_kit.studies.reports.write import json_text, write_files
 

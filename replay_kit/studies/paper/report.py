@@ -28,7 +28,9 @@ FIGURES = {
 
 def to_json(tables: PaperTables) -> dict[str, Any]:
     """Return the JSON object of ``paper.json`` and ``--json``; undefined figures are null."""
-    return answer_of({**asdict(tables), "figures": FIGURES}, "numpy", "scipy", "casadi", "matplotlib")
+    return answer_of(
+        {**asdict(tables), "figures": FIGURES}, "numpy", "scipy", "casadi", "matplotlib"
+    )
 
 
 def print_paper(tables: PaperTables, console: Console) -> None:
@@ -52,7 +54,10 @@ def to_markdown(tables: PaperTables) -> str:
         *("## Errors", table1, table2),
         *("## Sparse logs: where `paper` has larger errors, and why", sparse, where, *why),
         *("## Glides", table3, findings.glides(tables)),
-        *("## Figures", *(f"![{caption}]({name}.png)\n\n*{caption}.*" for name, caption in FIGURES.items())),
+        *(
+            "## Figures",
+            *(f"![{caption}]({name}.png)\n\n*{caption}.*" for name, caption in FIGURES.items()),
+        ),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -67,7 +72,11 @@ def text_tables(tables: PaperTables) -> tuple[Table, ...]:
     return (
         named_columns("table1", ideal, _error_cells(tables.table1, several)),
         named_columns("table2", noisy, _error_cells(tables.table2, several)),
-        named_columns("sparse", f"Relative error on the way through the pings of Table II{over}", _sparse_cells(tables.sparse)),
+        named_columns(
+            "sparse",
+            f"Relative error on the way through the pings of Table II{over}",
+            _sparse_cells(tables.sparse),
+        ),
         named_columns("table3", glides, [_glide_cells(row) for row in tables.table3]),
     )
 
@@ -77,12 +86,21 @@ def _error_cells(rows: Sequence[ErrorRow], several: bool) -> list[dict[str, str 
     return [
         {
             "estimator": LABELS[row.method],
-            "modes": f"{row.modes} ({_RUNGS[row.rung]})" if row.modes is not None and row.rung in _RUNGS else row.modes,
+            "modes": f"{row.modes} ({_RUNGS[row.rung]})"
+            if row.modes is not None and row.rung in _RUNGS
+            else row.modes,
             "elements in H": row.elements,
             "rel. error": number(row.rel_error),
             "RMSE [m/s]": number(row.rmse, 4),
             "bound [m/s]": number(row.bound, 4),
-            **({"worst rel. error": number(row.rel_error_worst), "worst RMSE [m/s]": number(row.rmse_worst, 4)} if several else {}),
+            **(
+                {
+                    "worst rel. error": number(row.rel_error_worst),
+                    "worst RMSE [m/s]": number(row.rmse_worst, 4),
+                }
+                if several
+                else {}
+            ),
             "time [s]": number(row.seconds, 1),
             **({"note": row.note} if noted else {}),
         }

@@ -103,7 +103,9 @@ def over_truths(tables: Sequence[Sequence[ErrorRow]]) -> tuple[ErrorRow, ...]:
     Args:
         tables: One for each truth.
     """
-    return tuple(_over_truths(alike) for alike in _alike(tables, lambda row: (row.method, row.rung)))
+    return tuple(
+        _over_truths(alike) for alike in _alike(tables, lambda row: (row.method, row.rung))
+    )
 
 
 def sparse_over_truths(tables: Sequence[Sequence[SparseRow]]) -> tuple[SparseRow, ...]:
@@ -122,7 +124,9 @@ def sparse_over_truths(tables: Sequence[Sequence[SparseRow]]) -> tuple[SparseRow
     )
 
 
-def _alike(tables: Sequence[Sequence[_Row]], key: Callable[[_Row], Hashable]) -> Iterable[list[_Row]]:
+def _alike(
+    tables: Sequence[Sequence[_Row]], key: Callable[[_Row], Hashable]
+) -> Iterable[list[_Row]]:
     """Return the rows of all tables that have the same key, key by key."""
     groups: dict[Hashable, list[_Row]] = {}
     for row in chain.from_iterable(tables):
@@ -135,7 +139,10 @@ def _over_truths(alike: Sequence[ErrorRow]) -> ErrorRow:
         return alike[0]
     failed = [row.note for row in alike if row.note]
     measured = [row for row in alike if not row.note] or alike
-    medians: dict[str, Any] = {name: float(np.median([getattr(row, name) for row in measured])) for name in ("rel_error", "rmse", "bound")}
+    medians: dict[str, Any] = {
+        name: float(np.median([getattr(row, name) for row in measured]))
+        for name in ("rel_error", "rmse", "bound")
+    }
     return replace(
         alike[0],
         **medians,

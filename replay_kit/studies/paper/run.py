@@ -14,13 +14,28 @@ from replay_kit.estimator import embed_member
 from replay_kit.estimator.baselines import average_over_depth
 from replay_kit.studies.jobs.checks import check_counts, check_not_negative, check_positive
 from replay_kit.studies.jobs.progress import Advance, Progress
-from replay_kit.studies.paper.diagnostics import DepthKernel, coherence, depth_kernel, level_correlation
+from replay_kit.studies.paper.diagnostics import (
+    DepthKernel,
+    coherence,
+    depth_kernel,
+    level_correlation,
+)
 from replay_kit.studies.paper.glides import Glides, run_glides
-from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow, over_truths, sparse_over_truths
+from replay_kit.studies.paper.rows import (
+    ErrorRow,
+    GlideRow,
+    SparseRow,
+    over_truths,
+    sparse_over_truths,
+)
 from replay_kit.studies.paper.tables import Survey, run_table, rungs, sparse_rows
 from replay_kit.studies.reports.flows import AVERAGED, TRUTH
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.profiles import IDEAL_ERROR_STD, grid_observations, random_observations
+from replay_kit.studies.twins.profiles import (
+    IDEAL_ERROR_STD,
+    grid_observations,
+    random_observations,
+)
 from replay_kit.studies.twins.reachable import Pair, draw_pairs
 from replay_kit.studies.twins.truths import Case, cases, most_distant
 
@@ -136,7 +151,11 @@ class _OfCase:
 
 
 def run_paper(
-    ensemble: Ensemble, truth: Ensemble | None, config: EstimatorConfig, job: PaperJob, progress: Progress | None = None
+    ensemble: Ensemble,
+    truth: Ensemble | None,
+    config: EstimatorConfig,
+    job: PaperJob,
+    progress: Progress | None = None,
 ) -> Iterator[tuple[PaperTables, Shown]]:
     """Yield the study's tables, and what its figures show: those so far after each truth's Tables I and II, then the whole ones.
 
@@ -162,11 +181,20 @@ def run_paper(
     pairs = draw_pairs(build_field(case.truth), truth_flow, case.ensemble.grid, job.pairs, job.seed)
     shown = Shown(case, truth_flow, (), pairs, (), config)
     advance = Advance(_total(each, job), progress)
-    tables, done, planned = _without_tables(shown, ensemble, job), list[_OfCase](), dict[str, FlowEstimate | None]()
-    for k, of_case in enumerate(each_call(_run_case, ((case, config, job, advance) for case in each))):
+    tables, done, planned = (
+        _without_tables(shown, ensemble, job),
+        list[_OfCase](),
+        dict[str, FlowEstimate | None](),
+    )
+    for k, of_case in enumerate(
+        each_call(_run_case, ((case, config, job, advance) for case in each))
+    ):
         advance.reach(sum(_steps(case, job) for case in each[: k + 1]), each[k].truth.source)
         if k == shown_at:
-            planned, shown = dict(of_case.planned), replace(shown, observations=of_case.observations)
+            planned, shown = (
+                dict(of_case.planned),
+                replace(shown, observations=of_case.observations),
+            )
         # only the shown truth's profiles and estimates are needed later
         done.append(replace(of_case, planned={}, observations=()))
         tables = replace(
@@ -179,10 +207,22 @@ def run_paper(
         )
         yield tables, shown
     measured = time.perf_counter()
-    flows = {TRUTH: truth_flow, AVERAGED: average_over_depth(truth_flow, pairs[0].target.depth), **planned}
+    flows = {
+        TRUTH: truth_flow,
+        AVERAGED: average_over_depth(truth_flow, pairs[0].target.depth),
+        **planned,
+    }
     shown = replace(shown, glides=run_glides(flows, truth_flow, pairs, advance))
     seconds = {**tables.seconds, "glides": time.perf_counter() - measured}
-    yield replace(tables, table3=tuple(glides.row for glides in shown.glides), seconds=seconds, unfinished=False), shown
+    yield (
+        replace(
+            tables,
+            table3=tuple(glides.row for glides in shown.glides),
+            seconds=seconds,
+            unfinished=False,
+        ),
+        shown,
+    )
 
 
 def _total(each: list[Case], job: PaperJob) -> int:
@@ -193,13 +233,18 @@ def _total(each: list[Case], job: PaperJob) -> int:
 
 
 def _steps(case: Case, job: PaperJob) -> int:
-    return len(rungs(case.ensemble, job.most_modes)) * (int(case.truth.grid.wet[0].sum()) + job.pings[-1])
+    return len(rungs(case.ensemble, job.most_modes)) * (
+        int(case.truth.grid.wet[0].sum()) + job.pings[-1]
+    )
 
 
 def _run_case(case: Case, config: EstimatorConfig, job: PaperJob, advance: Advance) -> _OfCase:
     ideal = Survey("Table I", grid_observations(case.truth), IDEAL_ERROR_STD)
     noisy = Survey(
-        "Table II", random_observations(build_field(case.truth), job.pings[-1], NOISE, job.seed), config.paper_error_std, job.pings
+        "Table II",
+        random_observations(build_field(case.truth), job.pings[-1], NOISE, job.seed),
+        config.paper_error_std,
+        job.pings,
     )
     table1 = tuple(run.row for run in run_table(case, ideal, config, job.most_modes, advance))
     rows, planned = [], {}
@@ -210,7 +255,13 @@ def _run_case(case: Case, config: EstimatorConfig, job: PaperJob, advance: Advan
         if run.row.method not in planned and few_enough:
             planned[run.row.method] = run
     sparse = sparse_rows(list(planned.values()), noisy)
-    return _OfCase(table1, tuple(rows), sparse, {name: run.flow for name, run in planned.items()}, noisy.observations)
+    return _OfCase(
+        table1,
+        tuple(rows),
+        sparse,
+        {name: run.flow for name, run in planned.items()},
+        noisy.observations,
+    )
 
 
 def _without_tables(shown: Shown, ensemble: Ensemble, job: PaperJob) -> PaperTables:

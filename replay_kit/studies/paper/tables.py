@@ -92,11 +92,22 @@ def rungs(ensemble: Ensemble, most_modes: int | None) -> tuple[Rung, ...]:
     below = sorted(((n, name) for name, n in fewer.items() if n < most), reverse=True)
     first = Rung("", "full" if most_modes is None else str(most_modes), most_modes)
     ladder = (first, *(Rung("", name, n) for n, name in below))
-    reduced = (replace(rung, method=method) for method in methods_with_modes(ensemble.grid) for rung in ladder)
-    return (Rung("naive3d", "", None), *reduced, Rung("nearest", "", None), Rung("ensemble_mean", "", None))
+    reduced = (
+        replace(rung, method=method)
+        for method in methods_with_modes(ensemble.grid)
+        for rung in ladder
+    )
+    return (
+        Rung("naive3d", "", None),
+        *reduced,
+        Rung("nearest", "", None),
+        Rung("ensemble_mean", "", None),
+    )
 
 
-def run_table(case: Case, survey: Survey, config: EstimatorConfig, most_modes: int | None, advance: Advance) -> Iterator[Run]:
+def run_table(
+    case: Case, survey: Survey, config: EstimatorConfig, most_modes: int | None, advance: Advance
+) -> Iterator[Run]:
     """Yield the rows of a table.
 
     Args:
@@ -134,14 +145,23 @@ def sparse_rows(runs: Sequence[Run], survey: Survey) -> tuple[SparseRow, ...]:
     )
 
 
-def _run(rung: Rung, case: Case, survey: Survey, config: EstimatorConfig, at: ScoredPoints, advance: Callable[[int], None]) -> Run:
+def _run(
+    rung: Rung,
+    case: Case,
+    survey: Survey,
+    config: EstimatorConfig,
+    at: ScoredPoints,
+    advance: Callable[[int], None],
+) -> Run:
     """Return a row's run; a numerical failure is the row's note."""
     began, done = time.perf_counter(), 0
     modes = elements = None
     least, errors = np.nan, []
     try:
         if rung.method == "ensemble_mean":
-            mean = replace(case.ensemble, velocity=case.ensemble.velocity.mean(axis=0, keepdims=True))
+            mean = replace(
+                case.ensemble, velocity=case.ensemble.velocity.mean(axis=0, keepdims=True)
+            )
             flow = embed_member(mean, 0, config)
             least = _rmse(flow, at)
             errors = [least] * len(survey.counts)
@@ -161,19 +181,37 @@ def _run(rung: Rung, case: Case, survey: Survey, config: EstimatorConfig, at: Sc
         note = "" if np.isfinite(rmse) else "the estimate is not a number"
     except ValueError as error:
         # NumPy's LinAlgError is one, and so is SciPy's refusal of numbers that are not finite
-        rmse, note = np.nan, f"failed at profile {done + 1}: {error}" if done else f"cannot be built: {error}"
+        rmse, note = (
+            np.nan,
+            f"failed at profile {done + 1}: {error}" if done else f"cannot be built: {error}",
+        )
     advance(len(survey.observations) - done)
     speed = rms_length(at.velocity)
     relative = rmse / speed
     seconds = time.perf_counter() - began
-    row = ErrorRow(rung.method, rung.name, modes, elements, relative, rmse, least, relative, rmse, (relative,), seconds, note)
+    row = ErrorRow(
+        rung.method,
+        rung.name,
+        modes,
+        elements,
+        relative,
+        rmse,
+        least,
+        relative,
+        rmse,
+        (relative,),
+        seconds,
+        note,
+    )
     on_the_way = [*errors, *[np.nan] * (len(survey.counts) - len(errors))]
     return Run(row, flow if not note else None, tuple(error / speed for error in on_the_way))
 
 
 def _config(rung: Rung, config: EstimatorConfig, survey: Survey) -> EstimatorConfig:
     # the naive basis takes its error model from the preset, and the paper's is the one it was compared under
-    return config.model_copy(update={"preset": "paper", "modes": rung.modes, "paper_error_std": survey.paper_error_std})
+    return config.model_copy(
+        update={"preset": "paper", "modes": rung.modes, "paper_error_std": survey.paper_error_std}
+    )
 
 
 def _rmse(flow: FlowEstimate, at: ScoredPoints) -> float:

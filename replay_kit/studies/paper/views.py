@@ -33,7 +33,9 @@ def velocity_at(flow: FlowEstimate, east: Array, north: Array) -> Array:
     """Return a flow's velocity at the surface at points of its local frame [m], any shape; NaN on land and outside the grid."""
     grid = flow.grid
     velocity = flow.velocity(east, north, 0.0)
-    nearest = cKDTree(np.column_stack([grid.east.ravel(), grid.north.ravel()])).query(np.stack([east, north], axis=-1))[1]
+    nearest = cKDTree(np.column_stack([grid.east.ravel(), grid.north.ravel()])).query(
+        np.stack([east, north], axis=-1)
+    )[1]
     velocity[~(inside_grid(grid, east, north) & grid.wet[0].ravel()[nearest])] = np.nan
     return velocity
 
@@ -48,10 +50,25 @@ def from_above(axes: Axes, grid: Grid, velocity: Array, largest: float) -> QuadM
         largest: Speed at the end of the colours, in the velocity's unit.
     """
     east, north = grid.east / 1e3, grid.north / 1e3
-    mesh = axes.pcolormesh(east, north, np.hypot(*np.moveaxis(velocity, -1, 0)), cmap="viridis", vmin=0.0, vmax=largest, shading="nearest")
+    mesh = axes.pcolormesh(
+        east,
+        north,
+        np.hypot(*np.moveaxis(velocity, -1, 0)),
+        cmap="viridis",
+        vmin=0.0,
+        vmax=largest,
+        shading="nearest",
+    )
     part = _thinned(grid, _ARROWS)
     style: Any = {"color": "white", "edgecolor": "black", "linewidth": 0.3, "width": 0.005}
-    axes.quiver(east[part], north[part], *np.moveaxis(velocity[part], -1, 0), scale=0.8 * largest * _ARROWS, scale_units="width", **style)
+    axes.quiver(
+        east[part],
+        north[part],
+        *np.moveaxis(velocity[part], -1, 0),
+        scale=0.8 * largest * _ARROWS,
+        scale_units="width",
+        **style,
+    )
     axes.set_aspect("equal")
     return mesh
 
@@ -66,7 +83,12 @@ def shape_of(grid: Grid) -> float:
     return float(np.clip(np.ptp(grid.north) / np.ptp(grid.east), 0.4, 1.5))
 
 
-def in_3d(figure: Figure | SubFigure, position: tuple[int, int, int], grid: Grid, depths: tuple[float, float]) -> Any:
+def in_3d(
+    figure: Figure | SubFigure,
+    position: tuple[int, int, int],
+    grid: Grid,
+    depths: tuple[float, float],
+) -> Any:
     """Return 3D axes of a region, depth downwards; what is drawn later lies above what was drawn before.
 
     Args:
@@ -77,18 +99,25 @@ def in_3d(figure: Figure | SubFigure, position: tuple[int, int, int], grid: Grid
     """
     # matplotlib's 3D axes come without types
     axes: Any = figure.add_subplot(*position, projection="3d", computed_zorder=False)
-    east, north = ((float(side.min()) / 1e3, float(side.max()) / 1e3) for side in (grid.east, grid.north))
+    east, north = (
+        (float(side.min()) / 1e3, float(side.max()) / 1e3) for side in (grid.east, grid.north)
+    )
     set_box(axes, east, north, depths)
     return axes
 
 
-def set_box(axes: Any, east: tuple[float, float], north: tuple[float, float], depths: tuple[float, float]) -> None:
+def set_box(
+    axes: Any, east: tuple[float, float], north: tuple[float, float], depths: tuple[float, float]
+) -> None:
     """Set the limits [km, km, m], the names and the shape of 3D axes."""
     axes.set(xlim=east, ylim=north, zlim=depths[::-1], xlabel=EAST, ylabel=NORTH, zlabel=DEPTH)
     width, height = east[1] - east[0], north[1] - north[0]
     longer = max(width, height)
     # a region much longer in one direction would leave no room for the labels of its short side; a deep view would push them out
-    axes.set_box_aspect((max(width / longer, 0.5), max(height / longer, 0.5), 0.8), zoom=1.0 if width >= 0.9 * height else 0.85)
+    axes.set_box_aspect(
+        (max(width / longer, 0.5), max(height / longer, 0.5), 0.8),
+        zoom=1.0 if width >= 0.9 * height else 0.85,
+    )
     axes.view_init(elev=22.0, azim=-62.0)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.labelpad = 9.0
@@ -109,14 +138,18 @@ def slice_3d(axes: Any, grid: Grid, velocity: Array, depth: float, colours: Norm
     steps = np.linspace(0.0, float(colours.vmax or 1.0), 21)
     order = 2.0 + len(axes.collections)
     style: Any = {"cmap": "viridis", "norm": colours, "alpha": 0.85, "zorder": order}
-    axes.contourf(east, north, np.ma.masked_invalid(speed), levels=steps, zdir="z", offset=depth, **style)
+    axes.contourf(
+        east, north, np.ma.masked_invalid(speed), levels=steps, zdir="z", offset=depth, **style
+    )
     part = _thinned(grid, _ARROWS_3D)
     u, v = (component[part].ravel() for component in np.moveaxis(velocity, -1, 0))
     drawn = np.isfinite(u) & np.isfinite(v)
     tail = np.column_stack([east[part].ravel(), north[part].ravel(), np.full(u.size, depth)])[drawn]
     longest = 1.6 * max(float(np.ptp(east)), float(np.ptp(north))) / _ARROWS_3D
     along = np.column_stack([u, v])[drawn] * longest / steps[-1]
-    axes.add_collection3d(Line3DCollection(_strokes(tail, along), colors="white", linewidths=1.0, zorder=order))
+    axes.add_collection3d(
+        Line3DCollection(_strokes(tail, along), colors="white", linewidths=1.0, zorder=order)
+    )
 
 
 def _thinned(grid: Grid, arrows: int) -> tuple[slice, slice]:

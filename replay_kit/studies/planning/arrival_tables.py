@@ -51,10 +51,18 @@ def tables_of(study: str, title: str, arrivals: Sequence[Arrival]) -> tuple[Tabl
     by_truth = []
     for member, flow in product(dict.fromkeys(one.member for one in arrivals), flows):
         alike = [one for one in arrivals if (one.member, one.flow) == (member, flow)]
-        figures = {"relative error": alike[0].rel_error, "cases": len(alike), "median [m]": float(np.median([one.miss for one in alike]))}
+        figures = {
+            "relative error": alike[0].rel_error,
+            "cases": len(alike),
+            "median [m]": float(np.median([one.miss for one in alike])),
+        }
         by_truth.append({"truth": member, "planned on": LABELS[flow], **figures})
     return (
-        named_columns(study, title, [_summary(flow, [one for one in arrivals if one.flow == flow]) for flow in flows]),
+        named_columns(
+            study,
+            title,
+            [_summary(flow, [one for one in arrivals if one.flow == flow]) for flow in flows],
+        ),
         named_columns(f"{study}_by_truth", "Each truth", by_truth, shown=False),
         named_columns(f"{study}_cases", "Each plan", [_case(one) for one in arrivals], shown=False),
     )
@@ -101,7 +109,13 @@ def order_of(arrivals: Sequence[Arrival]) -> tuple[Criterion, ...]:
 
 def _criterion(arrivals: Sequence[Arrival], above: str, below: str) -> Criterion:
     ratio, low, high = _ratio(arrivals, above, below)
-    return Criterion(f"median on the {LABELS[above]} over that on the {LABELS[below]}", ratio, at_most=1.0, low=low, high=high)
+    return Criterion(
+        f"median on the {LABELS[above]} over that on the {LABELS[below]}",
+        ratio,
+        at_most=1.0,
+        low=low,
+        high=high,
+    )
 
 
 def _ratio(arrivals: Sequence[Arrival], above: str, below: str) -> tuple[float, float, float]:
@@ -132,7 +146,10 @@ def place_of_average(arrivals: Sequence[Arrival], coherence: float, once: bool) 
         once: Whether each depth is passed once, as by a glide, or many times, as by dives.
     """
     ratio, low, high = _ratio(arrivals, AVERAGED, "default")
-    average, default = (np.median([one.rel_error for one in arrivals if one.flow == flow]) for flow in (AVERAGED, "default"))
+    average, default = (
+        np.median([one.rel_error for one in arrivals if one.flow == flow])
+        for flow in (AVERAGED, "default")
+    )
     why = (
         "A glide at one vertical speed spends the same time at every depth, so the average gives the whole drift of a current that does "
         "not change along the path. It does not resolve that the glide meets the upper current in one place and the lower one in another."

@@ -11,7 +11,13 @@ from planners.mission.flights import fly_mission
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.plan import Plan
 from replay_kit.studies.paper.diagnostics import coherence
-from replay_kit.studies.planning.arrival_tables import Arrival, order_of, place_of_average, place_of_mean, tables_of
+from replay_kit.studies.planning.arrival_tables import (
+    Arrival,
+    order_of,
+    place_of_average,
+    place_of_mean,
+    tables_of,
+)
 from replay_kit.studies.planning.flights import draw_missions
 from replay_kit.studies.planning.job import StudyReport
 from replay_kit.studies.planning.pictures import draw_misses
@@ -40,7 +46,9 @@ def glides(world: World) -> StudyReport:
     def fly(truth: FlowEstimate, plan: Plan, pair: Pair) -> Outcome:
         return plan.status, plan.closest_approach, planners.fly(truth, plan)[2]
 
-    arrivals, coherent = _arrivals(world, "glides", draw, lambda flow, pair: planners.plan(flow, pair.start, pair.target), fly)
+    arrivals, coherent = _arrivals(
+        world, "glides", draw, lambda flow, pair: planners.plan(flow, pair.start, pair.target), fly
+    )
     depth = min(TARGET_DEPTH, arrivals[0].goal.depth)
     title = f"Closest approach to a target at {depth:g} m of a glide of constant velocity, planned on each flow, flown in the truth"
     return _report("glides", ("Glides of constant velocity", title), arrivals, coherent)
@@ -55,11 +63,17 @@ def missions(world: World) -> StudyReport:
         return draw_missions(withheld, withheld.truth, count, depth, job.legs, job.seed)
 
     def plan(flow: FlowEstimate, pair: Pair) -> planners.MissionPlan:
-        return planners.plan_mission(flow, planners.MissionRequest(pair.start, (pair.target,), glider, settings))
+        return planners.plan_mission(
+            flow, planners.MissionRequest(pair.start, (pair.target,), glider, settings)
+        )
 
     def fly(truth: FlowEstimate, mission: planners.MissionPlan, pair: Pair) -> Outcome:
         if len(mission.headings_deg):
-            return mission.status, float(mission.closest_approach[-1]), float(fly_mission(truth, mission).miss[0, -1])
+            return (
+                mission.status,
+                float(mission.closest_approach[-1]),
+                float(fly_mission(truth, mission).miss[0, -1]),
+            )
         # a plan that failed stays at its start
         return mission.status, NAN, pair.distance
 
@@ -78,7 +92,9 @@ def _arrivals(
 ) -> tuple[list[Arrival], float]:
     """Return each plan's arrival in its truth, and the mean coherence in depth of the truths."""
     arrivals, coherent = [], []
-    for _, (of_truth, of_depth) in world.each_truth(partial(_of_truth, study, draw, plan, fly), world.job.pairs, len(FLOWS)):
+    for _, (of_truth, of_depth) in world.each_truth(
+        partial(_of_truth, study, draw, plan, fly), world.job.pairs, len(FLOWS)
+    ):
         arrivals += of_truth
         coherent.append(of_depth)
     return arrivals, float(np.mean(coherent))
@@ -103,12 +119,25 @@ def _of_truth(
             world.advance(f"{study}, truth {withheld.member}, {LABELS[name]}")
             made, seconds = timed(partial(plan, flow, pair))
             outcome = fly(withheld.truth, made, pair)
-            arrivals.append(Arrival(name, withheld.member, pair.start, pair.target, *outcome, error, seconds))
+            arrivals.append(
+                Arrival(name, withheld.member, pair.start, pair.target, *outcome, error, seconds)
+            )
     return arrivals, coherence(withheld.truth, depth)
 
 
-def _report(study: str, titles: tuple[str, str], arrivals: list[Arrival], coherent: float) -> StudyReport:
+def _report(
+    study: str, titles: tuple[str, str], arrivals: list[Arrival], coherent: float
+) -> StudyReport:
     """Return the report of a study with the titles of its section and of its table."""
     findings = place_of_average(arrivals, coherent, once=study == "glides"), place_of_mean(arrivals)
-    picture = Picture(f"{study}_misses", _CAPTION, (11.0, 4.6), partial(draw_misses, tuple(arrivals)))
-    return StudyReport(study, titles[0], tables_of(study, titles[1], arrivals), order_of(arrivals), findings, (picture,))
+    picture = Picture(
+        f"{study}_misses", _CAPTION, (11.0, 4.6), partial(draw_misses, tuple(arrivals))
+    )
+    return StudyReport(
+        study,
+        titles[0],
+        tables_of(study, titles[1], arrivals),
+        order_of(arrivals),
+        findings,
+        (picture,),
+    )

@@ -17,7 +17,17 @@ from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.tasks import each_call
 from replay_kit.studies.missions.scene import withhold
 from replay_kit.studies.planning.job import PlanningJob, StudyReport
-from replay_kit.studies.planning.voyages import Crossing, Sea, Voyage, follow_plan, frozen, given_up, head_at_goal, replan, sea_of
+from replay_kit.studies.planning.voyages import (
+    Crossing,
+    Sea,
+    Voyage,
+    follow_plan,
+    frozen,
+    given_up,
+    head_at_goal,
+    replan,
+    sea_of,
+)
 from replay_kit.studies.planning.world import ANGLES, World
 from replay_kit.studies.reports.tables import NAN, Cell, Criterion, named_columns
 from replay_kit.studies.twins.reachable import SPEED, place_at
@@ -33,7 +43,9 @@ _BEGINS = 0.3
 # Arrivals are the same within this share: a passage is sought between points of the track.
 _SAME = 1e-3
 _HEADING = "A sea that changes"
-_TITLE = "Missions of days in a sea that changes; arrivals within 1.5 km over the earliest in the truth"
+_TITLE = (
+    "Missions of days in a sea that changes; arrivals within 1.5 km over the earliest in the truth"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +91,13 @@ class Sailed:
             "earliest [h]": self.earliest / 3600.0 if self.reachable else NAN,
             "changing truth followed: miss [m]": self.perfect,
             "held truth followed: miss [m]": self.held,
-            **{f"{name}: over the earliest": time / self.earliest if np.isfinite(time) else NAN for name, time in ways.items()},
-            "in the estimate: replanned over the habit": self.known / self.known_habit if np.isfinite(self.known_habit) else NAN,
+            **{
+                f"{name}: over the earliest": time / self.earliest if np.isfinite(time) else NAN
+                for name, time in ways.items()
+            },
+            "in the estimate: replanned over the habit": self.known / self.known_habit
+            if np.isfinite(self.known_habit)
+            else NAN,
             "plans": self.plans,
         }
 
@@ -91,16 +108,23 @@ def changing(world: World) -> StudyReport:
     Raises:
         ConfigError: The truth is no member of the ensemble, or the forecast has one time only.
     """
-    members = tuple(withheld.case.member for withheld in world.truths if withheld.case.member is not None)
+    members = tuple(
+        withheld.case.member for withheld in world.truths if withheld.case.member is not None
+    )
     if len(members) < len(world.truths):
-        raise ConfigError("--truth: the study changing leaves members out in turn; leave it out of --study")
+        raise ConfigError(
+            "--truth: the study changing leaves members out in turn; leave it out of --study"
+        )
     if len(world.series) < 2:
         raise ConfigError(
             f"--study changing: expected a forecast of several dated times, got {world.ensemble.source} of one; give a file with leads or "
             "times, with --reference-time where the file states none"
         )
     chosen = [members[k % len(members)] for k in range(world.job.crossings)]
-    calls = ((world.series, world.truths[0].config, world.job, member, world.job.seed + k) for k, member in enumerate(chosen))
+    calls = (
+        (world.series, world.truths[0].config, world.job, member, world.job.seed + k)
+        for k, member in enumerate(chosen)
+    )
     rows = []
     for row in each_call(sail, calls):
         rows.append(row)
@@ -108,7 +132,9 @@ def changing(world: World) -> StudyReport:
     return report_of(rows)
 
 
-def sail(series: Sequence[Ensemble], config: EstimatorConfig, job: PlanningJob, member: int, seed: int) -> Sailed:
+def sail(
+    series: Sequence[Ensemble], config: EstimatorConfig, job: PlanningJob, member: int, seed: int
+) -> Sailed:
     """Return one mission in the truth of a member, flown in all ways."""
     case, rng = withhold(series, member), np.random.default_rng((seed, member))
     start_ns = int(case.times_ns[0] + _BEGINS * (case.times_ns[-1] - case.times_ns[0]))
@@ -119,10 +145,20 @@ def sail(series: Sequence[Ensemble], config: EstimatorConfig, job: PlanningJob, 
         _drawn(grid, rng, job.crossing),
         MissionSettings(depth=min(_DEPTH, float(grid.levels[-1])), max_duration=_LONGEST),
     )
-    crossing = Crossing(place_at(grid, here), place_at(grid, there), start_ns, Glider(SPEED, None, *ANGLES), settings)
+    crossing = Crossing(
+        place_at(grid, here),
+        place_at(grid, there),
+        start_ns,
+        Glider(SPEED, None, *ANGLES),
+        settings,
+    )
     request = crossing.request(crossing.start, start_ns)
     in_truth = plan_mission(truth, request)
-    best = follow_plan(truth, crossing, in_truth) if len(in_truth.headings_deg) else Voyage(inf, 0, inf, 0)
+    best = (
+        follow_plan(truth, crossing, in_truth)
+        if len(in_truth.headings_deg)
+        else Voyage(inf, 0, inf, 0)
+    )
     row = Sailed(member, float(np.linalg.norm(there - here)), best.arrival, best.closest)
     if not row.reachable:
         return row
@@ -153,16 +189,29 @@ def end_miss(truth: Sea, plan: MissionPlan) -> float:
     return float(fly_mission([truth], plan).miss[0, -1]) if len(plan.headings_deg) else NAN
 
 
-def _drawn(grid: Grid, rng: np.random.Generator, distance: tuple[float, float]) -> tuple[Array, Array]:
+def _drawn(
+    grid: Grid, rng: np.random.Generator, distance: tuple[float, float]
+) -> tuple[Array, Array]:
     """Return a start and a goal, shape (2,) [m], inside the region's edge and so far apart."""
     low, high = (np.array([f(grid.east), f(grid.north)]) for f in (np.min, np.max))
     for _ in range(_DRAWS):
-        start, course, far = rng.uniform(low, high), rng.uniform(0.0, 2.0 * np.pi), rng.uniform(*distance)
+        start, course, far = (
+            rng.uniform(low, high),
+            rng.uniform(0.0, 2.0 * np.pi),
+            rng.uniform(*distance),
+        )
         ends = np.stack([start, start + far * np.array([np.sin(course), np.cos(course)])])
-        around = np.concatenate([ends + _MARGIN * np.array(side) for side in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))])
+        around = np.concatenate(
+            [
+                ends + _MARGIN * np.array(side)
+                for side in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
+            ]
+        )
         if np.all(inside_grid(grid, *around.T)):
             return ends[0], ends[1]
-    raise ConfigError(f"--study changing: no start and goal {distance[0] / 1e3:g} km apart lie inside the region; give a larger region")
+    raise ConfigError(
+        f"--study changing: no start and goal {distance[0] / 1e3:g} km apart lie inside the region; give a larger region"
+    )
 
 
 def report_of(rows: Sequence[Sailed]) -> StudyReport:
@@ -170,14 +219,40 @@ def report_of(rows: Sequence[Sailed]) -> StudyReport:
     table = named_columns(NAME, _TITLE, [row.cells for row in rows])
     reachable = [row for row in rows if row.reachable]
     if not reachable:
-        return StudyReport(NAME, _HEADING, (table,), (), (f"None of {len(rows)} goals is within reach in the truth.",))
+        return StudyReport(
+            NAME,
+            _HEADING,
+            (table,),
+            (),
+            (f"None of {len(rows)} goals is within reach in the truth.",),
+        )
     found = figures(reachable)
     criteria = (
-        Criterion("share of the reachable goals at which replanned missions arrive", found["arrive"], at_least=_ARRIVE),
-        Criterion("their arrival over the earliest in the truth, median", found["over_earliest"], at_most=_EARLIEST),
-        Criterion("miss of a plan in a perfect changing current, largest [m]", found["perfect"], at_most=_PERFECT),
-        Criterion("missions later than the habit, in the estimate itself", found["later_known"], at_most=0.0),
-        Criterion("share of the missions later than the habit by more than 1 %, in the truth", found["later"], at_most=_LATER),
+        Criterion(
+            "share of the reachable goals at which replanned missions arrive",
+            found["arrive"],
+            at_least=_ARRIVE,
+        ),
+        Criterion(
+            "their arrival over the earliest in the truth, median",
+            found["over_earliest"],
+            at_most=_EARLIEST,
+        ),
+        Criterion(
+            "miss of a plan in a perfect changing current, largest [m]",
+            found["perfect"],
+            at_most=_PERFECT,
+        ),
+        Criterion(
+            "missions later than the habit, in the estimate itself",
+            found["later_known"],
+            at_most=0.0,
+        ),
+        Criterion(
+            "share of the missions later than the habit by more than 1 %, in the truth",
+            found["later"],
+            at_most=_LATER,
+        ),
     )
     findings = (
         f"{len(reachable)} of {len(rows)} goals are within reach of a glider that knows the truth as it changes. Replanned on the mean of "
@@ -191,14 +266,23 @@ def report_of(rows: Sequence[Sailed]) -> StudyReport:
 
 def figures(rows: Sequence[Sailed]) -> dict[str, float]:
     """Return the figures over missions whose goals are within reach."""
-    earliest, replanned, habit = (np.array([getattr(row, name) for row in rows]) for name in ("earliest", "replanned", "habit"))
-    known, known_habit = (np.array([getattr(row, name) for row in rows]) for name in ("known", "known_habit"))
+    earliest, replanned, habit = (
+        np.array([getattr(row, name) for row in rows])
+        for name in ("earliest", "replanned", "habit")
+    )
+    known, known_habit = (
+        np.array([getattr(row, name) for row in rows]) for name in ("known", "known_habit")
+    )
     arrived, at_home = np.isfinite(replanned), np.isfinite(habit)
     return {
         "arrive": float(np.mean(arrived)),
-        "over_earliest": float(np.median((replanned / earliest)[arrived])) if arrived.any() else NAN,
+        "over_earliest": float(np.median((replanned / earliest)[arrived]))
+        if arrived.any()
+        else NAN,
         "habit_arrive": float(np.mean(at_home)),
-        "habit_over_earliest": float(np.median((habit / earliest)[at_home])) if at_home.any() else NAN,
+        "habit_over_earliest": float(np.median((habit / earliest)[at_home]))
+        if at_home.any()
+        else NAN,
         "perfect": float(np.max([row.perfect for row in rows])),
         "perfect_median": float(np.median([row.perfect for row in rows])),
         "held_median": float(np.nanmedian([row.held for row in rows])),

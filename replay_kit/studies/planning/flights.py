@@ -31,10 +31,14 @@ def fly_plan(flow: FlowEstimate, mission: planners.MissionPlan, depth: float) ->
     # a compass holds headings of true north, which turns along a leg
     halfway = to_geographic(projection, *(0.5 * (local[1:] + local[:-1])).T)
     headings = np.deg2rad(mission.headings_deg) + grid_bearing_of_true_north(projection, *halfway)
-    return fly_dives(flow, local[:1], headings[None], np.deg2rad(mission.glide_angles_deg)[None], depth)[:, 0]
+    return fly_dives(
+        flow, local[:1], headings[None], np.deg2rad(mission.glide_angles_deg)[None], depth
+    )[:, 0]
 
 
-def draw_missions(withheld: Withheld, flow: FlowEstimate, count: int, depth: float, legs: int, seed: int) -> tuple[Pair, ...]:
+def draw_missions(
+    withheld: Withheld, flow: FlowEstimate, count: int, depth: float, legs: int, seed: int
+) -> tuple[Pair, ...]:
     """Return starts and goals at the surface, each goal the end of a mission of random headings flown in a current.
 
     The mission keeps to water that is as deep as its dives, in the grids of the current and of the forecast.
@@ -55,11 +59,17 @@ def draw_missions(withheld: Withheld, flow: FlowEstimate, count: int, depth: flo
 
     def fly() -> Array:
         start = random_places(withheld.field, count, rng)
-        headings = rng.uniform(0.0, 2.0 * np.pi, (count, 1)) + _SCATTER * rng.standard_normal((count, legs))
-        return fly_dives(flow, start, headings, np.deg2rad(rng.uniform(*_DRAWN_ANGLES, (count, legs))), depth)
+        headings = rng.uniform(0.0, 2.0 * np.pi, (count, 1)) + _SCATTER * rng.standard_normal(
+            (count, legs)
+        )
+        return fly_dives(
+            flow, start, headings, np.deg2rad(rng.uniform(*_DRAWN_ANGLES, (count, legs))), depth
+        )
 
     grids = flow.grid, withheld.case.ensemble.grid
-    return draw_reachable(fly, grids, count, f"missions of {legs} dives to {depth:g} m", 0.0, water_depth=depth)
+    return draw_reachable(
+        fly, grids, count, f"missions of {legs} dives to {depth:g} m", 0.0, water_depth=depth
+    )
 
 
 def corners_of(grid: Grid, polygon: Polygon) -> Array:
@@ -75,7 +85,9 @@ def polygon_of(grid: Grid, corners: Array) -> Polygon:
 
 def ends_of(grid: Grid, pair: Pair) -> Array:
     """Return start and goal in a grid's local frame, shape (2, 2) [m]."""
-    return corners_of(grid, tuple((end.longitude, end.latitude) for end in (pair.start, pair.target)))
+    return corners_of(
+        grid, tuple((end.longitude, end.latitude) for end in (pair.start, pair.target))
+    )
 
 
 def winds_around(corners: Array, points: Array) -> NDArray[np.bool_]:
@@ -94,7 +106,9 @@ def winds_around(corners: Array, points: Array) -> NDArray[np.bool_]:
 
 def densely(track: Array, spacing: float = _SPACING) -> Array:
     """Return a path, shape (n, d) [m], with points between so that none are farther apart than a spacing [m]."""
-    pieces = np.maximum(np.ceil(np.linalg.norm(np.diff(track, axis=0), axis=1) / spacing).astype(int), 1)
+    pieces = np.maximum(
+        np.ceil(np.linalg.norm(np.diff(track, axis=0), axis=1) / spacing).astype(int), 1
+    )
     number = np.concatenate([[0.0], *(i + np.arange(1, n + 1) / n for i, n in enumerate(pieces))])
     return np.column_stack([np.interp(number, np.arange(len(track)), values) for values in track.T])
 

@@ -50,7 +50,9 @@ def infeasible(world: World) -> StudyReport:
         return planners.plan(flow, start, goal)
 
     def mission(flow: FlowEstimate, start: Place, goal: Place) -> planners.MissionPlan:
-        return planners.plan_mission(flow, planners.MissionRequest(start, (goal,), world.glider, settings))
+        return planners.plan_mission(
+            flow, planners.MissionRequest(start, (goal,), world.glider, settings)
+        )
 
     rows = []
     for case in cases(flow, world.truths[0].config.nugget):
@@ -58,14 +60,33 @@ def infeasible(world: World) -> StudyReport:
             world.advance(f"infeasible, {case.name}, {kind}")
             made, reason, seconds = attempted(partial(plan, case.flow, case.start, case.goal))
             status = "refused" if made is None else made.status
-            rows.append((case.name, kind, status, status != "reached" and any(word in reason for word in case.words), seconds, reason))
+            rows.append(
+                (
+                    case.name,
+                    kind,
+                    status,
+                    status != "reached" and any(word in reason for word in case.words),
+                    seconds,
+                    reason,
+                )
+            )
     columns = ("problem", "kind of plan", "status", "reason named", "seconds", "reason")
     unnamed, longest = sum(not row[3] for row in rows), max(row[4] for row in rows)
     return StudyReport(
         NAME,
         "Problems without a solution",
-        (Table(NAME, "How they end; the times include building the planner's graphs", columns, tuple(rows)),),
-        (Criterion("cases that end without a named reason", unnamed, at_most=0), Criterion("longest [s]", longest, at_most=_SECONDS)),
+        (
+            Table(
+                NAME,
+                "How they end; the times include building the planner's graphs",
+                columns,
+                tuple(rows),
+            ),
+        ),
+        (
+            Criterion("cases that end without a named reason", unnamed, at_most=0),
+            Criterion("longest [s]", longest, at_most=_SECONDS),
+        ),
     )
 
 
@@ -88,9 +109,23 @@ def cases(flow: FlowEstimate, nugget: float) -> tuple[Impossible, ...]:
     return (
         Impossible("goal on land", with_land(flow, away == 0, nugget), here, there, ("land",)),
         _against_current(flow, middle, nugget),
-        Impossible("goal below the deepest level", flow, here, place_at(grid, middle, deepest + 100.0), ("deep",)),
-        Impossible("goal outside of the region", flow, here, place_at(grid, edge, 0.0), ("outside",)),
-        Impossible("goal boxed in by land", with_land(flow, away == 2, nugget), here, there, ("land", "constraint")),
+        Impossible(
+            "goal below the deepest level",
+            flow,
+            here,
+            place_at(grid, middle, deepest + 100.0),
+            ("deep",),
+        ),
+        Impossible(
+            "goal outside of the region", flow, here, place_at(grid, edge, 0.0), ("outside",)
+        ),
+        Impossible(
+            "goal boxed in by land",
+            with_land(flow, away == 2, nugget),
+            here,
+            there,
+            ("land", "constraint"),
+        ),
     )
 
 
@@ -98,6 +133,15 @@ def _against_current(flow: FlowEstimate, start: Array, nugget: float) -> Impossi
     """Return a problem in a current that is too fast everywhere, with the goal upstream: in an eddy it could be reached by going round."""
     count = len(flow.nodes)
     uniform = np.repeat([_TIMES * SPEED, 0.0], count)[:, None] * np.ones(flow.levels.size)
-    grid, fast = flow.grid, replace(flow.mean_flow(), latent=embed(flow.horizontal, flow.nodes, uniform, nugget))
+    grid, fast = (
+        flow.grid,
+        replace(flow.mean_flow(), latent=embed(flow.horizontal, flow.nodes, uniform, nugget)),
+    )
     goal = start - np.array([_UPSTREAM, 0.0])
-    return Impossible("current faster than the vehicle", fast, place_at(grid, start, 0.0), place_at(grid, goal, 0.0), ("current",))
+    return Impossible(
+        "current faster than the vehicle",
+        fast,
+        place_at(grid, start, 0.0),
+        place_at(grid, goal, 0.0),
+        ("current",),
+    )

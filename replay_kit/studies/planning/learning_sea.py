@@ -98,7 +98,9 @@ def _left_out(
     if given is not None:
         points = given(truth.grid)
         places = points[:, 0] + 1j * points[:, 1]
-        for after, _ in estimator.steps(state, profiles_of(build_field(*case.truths), places, np.zeros(len(points)), 0, rng)):
+        for after, _ in estimator.steps(
+            state, profiles_of(build_field(*case.truths), places, np.zeros(len(points)), 0, rng)
+        ):
             state = after
     return estimator.flow(state), truth, rng.standard_normal((1, PROFILES * 20, 2))
 
@@ -106,10 +108,17 @@ def _left_out(
 def _sea(scene: Scene, truth: FlowEstimate) -> Sea:
     weights = shares_of_levels(truth, DEPTH, 0.0)
     times = np.zeros(1)
-    return Sea(scene.known, times, mean_currents(scene.known, times), currents_of(truth, [(truth.latent @ weights)[None]], times))
+    return Sea(
+        scene.known,
+        times,
+        mean_currents(scene.known, times),
+        currents_of(truth, [(truth.latent @ weights)[None]], times),
+    )
 
 
-def map_twin(ensemble: Ensemble, config: RunConfig, member: int, seed: int, half_known: bool) -> MapTwin:
+def map_twin(
+    ensemble: Ensemble, config: RunConfig, member: int, seed: int, half_known: bool
+) -> MapTwin:
     """Return one twin of a map.
 
     Raises:
@@ -123,13 +132,25 @@ def map_twin(ensemble: Ensemble, config: RunConfig, member: int, seed: int, half
 
     flow, truth, noise = _left_out(ensemble, config, member, of_half if half_known else None)
     settings = LearnSettings(depth=DEPTH, dives=DIVES, error=ERROR, seed=seed)
-    request = LearnRequest(place_at(ensemble.grid, start), (), Glider(SPEED), settings, profiles=PROFILES)
+    request = LearnRequest(
+        place_at(ensemble.grid, start), (), Glider(SPEED), settings, profiles=PROFILES
+    )
     scene = scene_of(flow, request, None)
-    box = np.stack(np.meshgrid(np.linspace(-HALF[0], HALF[0], 11), np.linspace(-HALF[1], HALF[1], 8)), axis=-1).reshape(-1, 2) + centre
+    box = (
+        np.stack(
+            np.meshgrid(np.linspace(-HALF[0], HALF[0], 11), np.linspace(-HALF[1], HALF[1], 8)),
+            axis=-1,
+        ).reshape(-1, 2)
+        + centre
+    )
     times: Array = scene.leg_time * np.arange(PROFILES + 1, dtype=np.float64)
     mapping = Mapping(scene.known, scene.mean, box, (0,), scene.start, times, scene.speed, ERROR**2)
     survey, predicted, mower, _, _ = choose_map(scene, mapping)
-    sea, mowers, loops = _sea(scene, truth), lawn_mowers(mapping), random_waypoints(mapping, rng, _RANDOM)
+    sea, mowers, loops = (
+        _sea(scene, truth),
+        lawn_mowers(mapping),
+        random_waypoints(mapping, rng, _RANDOM),
+    )
     noise = noise[:, :PROFILES]
 
     def error(of: Survey | None) -> float:
@@ -160,7 +181,12 @@ def detour_twin(ensemble: Ensemble, config: RunConfig, member: int, seed: int) -
     late = 0.0
     for _ in range(_DRAWS):
         start, goal = _pair(ensemble.grid, rng)
-        request = LearnRequest(place_at(ensemble.grid, start), (place_at(ensemble.grid, goal),), Glider(SPEED), settings)
+        request = LearnRequest(
+            place_at(ensemble.grid, start),
+            (place_at(ensemble.grid, goal),),
+            Glider(SPEED),
+            settings,
+        )
         scene = scene_of(flow, request, None)
         voyage, sea = voyage_of(scene), _sea(scene, truth)
         late = voyage.most * voyage.leg_time
@@ -171,9 +197,15 @@ def detour_twin(ensemble: Ensemble, config: RunConfig, member: int, seed: int) -
     else:
         raise ForecastError("no goal within reach of the truth was found; give a larger region")
     evidence = compare(scene, voyage)
-    detour = float(fly_voyage(sea, voyage, noise, evidence.via)[0]) if evidence.via != voyage.start else straight
+    detour = (
+        float(fly_voyage(sea, voyage, noise, evidence.via)[0])
+        if evidence.via != voyage.start
+        else straight
+    )
     offered = detour if evidence.pays else straight
-    return DetourTwin(member, straight / 3600.0, offered / 3600.0, detour / 3600.0, evidence.gain, evidence.pays)
+    return DetourTwin(
+        member, straight / 3600.0, offered / 3600.0, detour / 3600.0, evidence.gain, evidence.pays
+    )
 
 
 def _box_drawn(grid: Grid, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -181,7 +213,9 @@ def _box_drawn(grid: Grid, rng: np.random.Generator) -> tuple[Array, Array]:
     low, high = (np.array([pick(grid.east), pick(grid.north)]) for pick in (np.min, np.max))
     for _ in range(_DRAWS):
         centre = rng.uniform(low, high)
-        corners = centre + np.array([[i * (HALF[0] + _EDGE), j * (HALF[1] + _EDGE)] for i in (-1, 1) for j in (-1, 1)])
+        corners = centre + np.array(
+            [[i * (HALF[0] + _EDGE), j * (HALF[1] + _EDGE)] for i in (-1, 1) for j in (-1, 1)]
+        )
         if np.all(inside_grid(grid, *corners.T)):
             return centre, centre + np.array([-HALF[0], rng.uniform(-HALF[1], HALF[1])])
     raise ForecastError("the region holds no box of 140 by 100 km; give a larger region")
@@ -191,9 +225,18 @@ def _pair(grid: Grid, rng: np.random.Generator) -> tuple[Array, Array]:
     """Return a start and a goal within the region, shape (2,) [m]."""
     low, high = (np.array([pick(grid.east), pick(grid.north)]) for pick in (np.min, np.max))
     for _ in range(_DRAWS):
-        start, turn, far = rng.uniform(low, high), rng.uniform(0.0, 2.0 * np.pi), rng.uniform(*_DISTANCE)
+        start, turn, far = (
+            rng.uniform(low, high),
+            rng.uniform(0.0, 2.0 * np.pi),
+            rng.uniform(*_DISTANCE),
+        )
         ends = np.stack([start, start + far * np.array([np.cos(turn), np.sin(turn)])])
-        around = np.concatenate([ends + _EDGE * np.array(side) for side in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))])
+        around = np.concatenate(
+            [
+                ends + _EDGE * np.array(side)
+                for side in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
+            ]
+        )
         if np.all(inside_grid(grid, *around.T)):
             return ends[0], ends[1]
     raise ForecastError("the region holds no mission of 60 km; give a larger region")

@@ -14,7 +14,14 @@ from replay_kit.core.plan import Place
 from replay_kit.measurements import observations
 from replay_kit.studies.twins.field import Field
 from replay_kit.studies.twins.messages import measured_on
-from replay_kit.studies.twins.vehicle import NS_PER_MS, Mission, Pings, Track, advected, dead_reckoned
+from replay_kit.studies.twins.vehicle import (
+    NS_PER_MS,
+    Mission,
+    Pings,
+    Track,
+    advected,
+    dead_reckoned,
+)
 from replay_kit.workflows.planning import MissionPlanner
 from replay_kit.workflows.replay.planner import PlanResult
 
@@ -83,13 +90,19 @@ def plan_legs(
     limited = replace(planner, settings=replace(planner.settings, max_legs=most_legs))
     planned = limited.plan(flow, *way, start_time_ns, None if warm is None else warm.planned)
     mission = planned.memory
-    drifts = np.append(np.full(max(len(mission.yo_depths) - 1, 0), mission.settings.surface_time), 0.0)
+    drifts = np.append(
+        np.full(max(len(mission.yo_depths) - 1, 0), mission.settings.surface_time), 0.0
+    )
     speeds = (mission.vehicle.speeds(np, angle) for angle in np.deg2rad(mission.glide_angles_deg))
     legs = tuple(
         Leg(float(heading), float(along), float(down), depths, float(drift))
-        for heading, (along, down), depths, drift in zip(mission.headings_deg, speeds, mission.yo_depths, drifts, strict=False)
+        for heading, (along, down), depths, drift in zip(
+            mission.headings_deg, speeds, mission.yo_depths, drifts, strict=False
+        )
     )
-    ends = tuple(Place(float(longitude), float(latitude), 0.0) for longitude, latitude in mission.surfacings)
+    ends = tuple(
+        Place(float(longitude), float(latitude), 0.0) for longitude, latitude in mission.surfacings
+    )
     return PlannedLegs(legs, ends, float(mission.closest_approach[-1]), planned)
 
 
@@ -105,10 +118,16 @@ def fly_leg(field: Field, place: Array, start_ns: int, leg: Leg) -> Track:
     Raises:
         ForecastError: The current carried the glider out of the truth's water.
     """
-    through_water = leg.along * np.array([np.sin(np.deg2rad(leg.heading_deg)), np.cos(np.deg2rad(leg.heading_deg))])
+    through_water = leg.along * np.array(
+        [np.sin(np.deg2rad(leg.heading_deg)), np.cos(np.deg2rad(leg.heading_deg))]
+    )
     # a compass holds a heading of true north, which turns along the leg
     halfway = place + 0.5 * through_water * float(np.sum(np.abs(np.diff(leg.depths)))) / leg.down
-    through_water = np.array(rotate_to_local(field.grid.projection, *to_geographic(field.grid.projection, *halfway), *through_water))
+    through_water = np.array(
+        rotate_to_local(
+            field.grid.projection, *to_geographic(field.grid.projection, *halfway), *through_water
+        )
+    )
     depth, seconds = [leg.depths[0]], [0.0]
     for begin, end in pairwise(leg.depths):
         duration = abs(end - begin) / leg.down
@@ -121,7 +140,9 @@ def fly_leg(field: Field, place: Array, start_ns: int, leg: Leg) -> Track:
     return advected(field, place, start_ns, np.array(seconds), np.array(depth), through_water)
 
 
-def measured(field: Field, flight: Track, noise: float, rng: np.random.Generator) -> tuple[Measurement, ...]:
+def measured(
+    field: Field, flight: Track, noise: float, rng: np.random.Generator
+) -> tuple[Measurement, ...]:
     """Return what an estimator is given of a leg at its end: a profile every ten minutes, and the leg's mean current.
 
     They go through the messages that a glider logs; between its fixes the positions are dead-reckoned as a shore station does.
@@ -133,13 +154,19 @@ def measured(field: Field, flight: Track, noise: float, rng: np.random.Generator
         rng: Of the noise.
     """
     seconds = np.arange(_PING_S / 2.0, float(flight.seconds[flight.surfaced]), _PING_S)
-    east, north, depth = (np.interp(seconds, flight.seconds, values) for values in (*flight.place.T, flight.depth))
+    east, north, depth = (
+        np.interp(seconds, flight.seconds, values) for values in (*flight.place.T, flight.depth)
+    )
     sinks = np.interp(seconds, flight.seconds[1:], np.diff(flight.depth)) > 0.0
     heading = np.mod(np.rad2deg(np.arctan2(*flight.through_water)), 360.0)
     times = flight.start_ns + np.round(seconds * 1e3).astype(np.int64) * NS_PER_MS
-    pings = Pings(times, east, north, depth, np.full(seconds.size, heading), np.where(sinks, -20.0, 20.0))
+    pings = Pings(
+        times, east, north, depth, np.full(seconds.size, heading), np.where(sinks, -20.0, 20.0)
+    )
     dive, reckoned = dead_reckoned(field, 1, flight, times, depth)
-    flown = measured_on(Mission(pings, (dive.start, *reckoned, dive.end), (dive,)), field, noise, rng)
+    flown = measured_on(
+        Mission(pings, (dive.start, *reckoned, dive.end), (dive,)), field, noise, rng
+    )
     return tuple(observations(flown.messages(), MeasurementConfig()))
 
 

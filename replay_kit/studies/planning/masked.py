@@ -18,7 +18,9 @@ from replay_kit.studies.reports.tables import NAN, Cell, Criterion, Picture, Tab
 NAME = "masked"
 _CLEAN = ("reached", "unreachable")
 _SHOWN = 6
-_CAPTION = "Some of the missions, from dot to star: land grey, areas orange, arrows the current at 250 m"
+_CAPTION = (
+    "Some of the missions, from dot to star: land grey, areas orange, arrows the current at 250 m"
+)
 # Three times what most goals take; missions against the current would take minutes to plan.
 _MOST_LEGS = 40
 
@@ -67,7 +69,17 @@ class _Row:
 
 
 _COLUMNS = (
-    *("truth", "case", "status", "blocked", "distance [m]", "legs", "miss [m]", "path crosses", "recomputed path crosses"),
+    *(
+        "truth",
+        "case",
+        "status",
+        "blocked",
+        "distance [m]",
+        "legs",
+        "miss [m]",
+        "path crosses",
+        "recomputed path crosses",
+    ),
     *("ends apart [m]", "seconds", "message"),
 )
 
@@ -78,9 +90,19 @@ def masked(world: World) -> StudyReport:
     views: list[tuple[Masked, Array, str]] = []
     for _, found in world.each_truth(_of_truth, world.job.masks):
         rows += [row for _, row, _ in found]
-        views += [(case, track, row.status) for case, row, track in found if case.blocked and track is not None]
+        views += [
+            (case, track, row.status)
+            for case, row, track in found
+            if case.blocked and track is not None
+        ]
     views = views[:_SHOWN]
-    every = Table("masked_cases", "Each case", _COLUMNS, tuple(tuple(asdict(row).values()) for row in rows), shown=False)
+    every = Table(
+        "masked_cases",
+        "Each case",
+        _COLUMNS,
+        tuple(tuple(asdict(row).values()) for row in rows),
+        shown=False,
+    )
     return StudyReport(
         NAME,
         "Missions among islands and areas drawn at random",
@@ -108,11 +130,15 @@ def _planned(world: World, case: Masked, number: tuple[int, int]) -> tuple[_Row,
     areas = tuple(planners.NoGo(area, f"area {k + 1}") for k, area in enumerate(case.areas))
     row = partial(_Row, *number, blocked=case.blocked, distance=case.pair.distance)
 
-    request = planners.MissionRequest(case.pair.start, (case.pair.target,), world.glider, settings, areas)
+    request = planners.MissionRequest(
+        case.pair.start, (case.pair.target,), world.glider, settings, areas
+    )
     plan, message, seconds = attempted(partial(planners.plan_mission, case.flow, request))
     legs = 0 if plan is None else len(plan.headings_deg)
     if plan is None or not legs:
-        return row(status="refused" if plan is None else plan.status, seconds=seconds, message=message), None
+        return row(
+            status="refused" if plan is None else plan.status, seconds=seconds, message=message
+        ), None
     recomputed = fly_plan(case.flow, plan, world.depth)
     figures: dict[str, Any] = {
         "miss": float(plan.closest_approach[-1]),
@@ -120,7 +146,9 @@ def _planned(world: World, case: Masked, number: tuple[int, int]) -> tuple[_Row,
         "recomputed_crosses": crossed(case.flow.grid, case.areas, recomputed) or "",
         "apart": float(np.linalg.norm(recomputed[-1] - plan.track[-1])),
     }
-    return row(status=plan.status, legs=legs, seconds=seconds, message=message, **figures), plan.track
+    return row(
+        status=plan.status, legs=legs, seconds=seconds, message=message, **figures
+    ), plan.track
 
 
 def _counts(rows: list[_Row]) -> Table:
@@ -145,8 +173,16 @@ def _criteria(rows: list[_Row]) -> tuple[Criterion, ...]:
     clean = [row for row in rows if row.clean]
     apart = max((row.apart for row in clean), default=NAN)
     return (
-        Criterion("crossings of paths reported as clear, planned or recomputed", sum(row.crossing for row in clean), at_most=0),
-        Criterion("largest distance between the ends of a planned and its recomputed path [m]", apart, at_most=50.0),
+        Criterion(
+            "crossings of paths reported as clear, planned or recomputed",
+            sum(row.crossing for row in clean),
+            at_most=0,
+        ),
+        Criterion(
+            "largest distance between the ends of a planned and its recomputed path [m]",
+            apart,
+            at_most=50.0,
+        ),
     )
 
 

@@ -53,10 +53,18 @@ def with_land(flow: FlowEstimate, dry: NDArray[np.bool_], nugget: float) -> Flow
     left = flow.horizontal.velocity(grid.nodes, flow.latent).reshape(2 * len(grid.nodes), -1)
     functions = flow.horizontal.at_nodes(grid.nodes)
     latent = embed(functions, grid.nodes, left, nugget)
-    return replace(flow.mean_flow(), grid=grid, horizontal=functions, latent=latent, modes=np.empty((len(latent), 0)))
+    return replace(
+        flow.mean_flow(),
+        grid=grid,
+        horizontal=functions,
+        latent=latent,
+        modes=np.empty((len(latent), 0)),
+    )
 
 
-def draw_masked(flow: FlowEstimate, depth: float, nugget: float, rng: np.random.Generator) -> Masked:
+def draw_masked(
+    flow: FlowEstimate, depth: float, nugget: float, rng: np.random.Generator
+) -> Masked:
     """Return an estimate with islands and areas, and start and goal of a mission on two sides of one of them.
 
     Args:
@@ -72,14 +80,20 @@ def draw_masked(flow: FlowEstimate, depth: float, nugget: float, rng: np.random.
     areas = tuple(_area(masked.grid, rng) for _ in range(rng.integers(*_AREAS)))
     start, goal = _ends(masked.grid, areas, depth, rng)
     blocked = crossed(masked.grid, areas, np.vstack([start, goal])) is not None
-    return Masked(masked, areas, Pair(place_at(masked.grid, start), place_at(masked.grid, goal)), blocked)
+    return Masked(
+        masked, areas, Pair(place_at(masked.grid, start), place_at(masked.grid, goal)), blocked
+    )
 
 
 def _islands(grid: Grid, rng: np.random.Generator) -> NDArray[np.bool_]:
     row, column = np.indices(grid.east.shape)
     dry = np.zeros(grid.east.shape, dtype=bool)
     for _ in range(rng.integers(*_ISLANDS)):
-        at, turn, radii = rng.uniform(0.0, grid.east.shape), rng.uniform(0.0, np.pi), rng.uniform(*_ISLAND_RADII, 2)
+        at, turn, radii = (
+            rng.uniform(0.0, grid.east.shape),
+            rng.uniform(0.0, np.pi),
+            rng.uniform(*_ISLAND_RADII, 2),
+        )
         y, x = row - at[0], column - at[1]
         along, across = np.cos(turn) * x + np.sin(turn) * y, np.cos(turn) * y - np.sin(turn) * x
         dry |= (along / radii[0]) ** 2 + (across / radii[1]) ** 2 <= 1.0
@@ -95,19 +109,33 @@ def _area(grid: Grid, rng: np.random.Generator) -> Polygon:
     """Return a star-shaped polygon."""
     bearings = np.sort(rng.uniform(0.0, 2.0 * np.pi, rng.integers(*_CORNERS)))
     radii, centre = rng.uniform(*_AREA_RADII, bearings.size), _inside(grid, rng)
-    return polygon_of(grid, centre + radii[:, None] * np.column_stack([np.sin(bearings), np.cos(bearings)]))
+    return polygon_of(
+        grid, centre + radii[:, None] * np.column_stack([np.sin(bearings), np.cos(bearings)])
+    )
 
 
-def _ends(grid: Grid, areas: tuple[Polygon, ...], depth: float, rng: np.random.Generator) -> tuple[Array, Array]:
+def _ends(
+    grid: Grid, areas: tuple[Polygon, ...], depth: float, rng: np.random.Generator
+) -> tuple[Array, Array]:
     """Return two places, shape (3,) [m] each, at the dives' depth, that are clear all around, on two sides of an island or an area."""
     around = _CLEAR * np.array([(np.sin(b), np.cos(b)) for b in np.linspace(0.0, 2.0 * np.pi, 9)])
     land = ~grid.wet[0]
-    hazards = np.vstack([np.column_stack([grid.east[land], grid.north[land]]), *(corners_of(grid, area).mean(axis=0) for area in areas)])
+    hazards = np.vstack(
+        [
+            np.column_stack([grid.east[land], grid.north[land]]),
+            *(corners_of(grid, area).mean(axis=0) for area in areas),
+        ]
+    )
     for _ in range(_MAX_DRAWS):
         bearing, away = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(*_AWAY, 2)
-        centre, way = hazards[rng.integers(len(hazards))], np.array([np.sin(bearing), np.cos(bearing)])
+        centre, way = (
+            hazards[rng.integers(len(hazards))],
+            np.array([np.sin(bearing), np.cos(bearing)]),
+        )
         ends = centre - away[0] * way, centre + away[1] * way
         circles = [np.column_stack([end + around, np.full(len(around), depth)]) for end in ends]
         if all(crossed(grid, areas, circle) is None for circle in circles):
             return np.append(ends[0], depth), np.append(ends[1], depth)
-    raise ForecastError("islands and areas leave hardly any place to go between; use a larger region")
+    raise ForecastError(
+        "islands and areas leave hardly any place to go between; use a larger region"
+    )

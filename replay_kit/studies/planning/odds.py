@@ -21,7 +21,9 @@ _FRESH, _TRUTH = 0.87, 0.8
 _SURFACE_TIME = 600.0
 # Added to the seed of the samples that a plan is judged by.
 _OTHER_SEED = 1_000_003
-_TITLE = "Missions with headings corrected at each surfacing: share that arrives within the tolerance"
+_TITLE = (
+    "Missions with headings corrected at each surfacing: share that arrives within the tolerance"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +56,13 @@ def odds(world: World) -> StudyReport:
             continue
         flow = withheld.estimate()
         # a planner knows only the estimate, so its goals are drawn as reachable there
-        pairs = draw_missions(withheld, flow.mean_flow(), count, world.depth, world.job.legs, world.job.seed)
-        judging, fresh = flow.sample(JUDGING, world.job.seed), flow.sample(world.job.fresh, world.job.seed + _OTHER_SEED)
+        pairs = draw_missions(
+            withheld, flow.mean_flow(), count, world.depth, world.job.legs, world.job.seed
+        )
+        judging, fresh = (
+            flow.sample(JUDGING, world.job.seed),
+            flow.sample(world.job.fresh, world.job.seed + _OTHER_SEED),
+        )
         for pair in pairs:
             world.advance(f"odds, truth {withheld.member}")
             made.append(_judged(world, withheld, (flow, judging, fresh), pair))
@@ -63,7 +70,10 @@ def odds(world: World) -> StudyReport:
 
 
 def _judged(
-    world: World, withheld: Withheld, known: tuple[FlowEstimate, tuple[FlowEstimate, ...], tuple[FlowEstimate, ...]], pair: Pair
+    world: World,
+    withheld: Withheld,
+    known: tuple[FlowEstimate, tuple[FlowEstimate, ...], tuple[FlowEstimate, ...]],
+    pair: Pair,
 ) -> _Judged:
     """Return a mission planned and judged on (estimate, samples, fresh samples), flown in fresh ones and the truth where it is reached."""
     flow, judging, fresh = known
@@ -72,18 +82,28 @@ def _judged(
     plan = planners.plan_mission(flow, request)
     if len(plan.headings_deg) == 0:
         return _Judged(withheld.member, plan.status, NAN, NAN, NAN, settings.tolerance)
-    judged = planners.with_odds(plan, stated := planners.mission_odds(flow, judging, plan, request), ARRIVING, ACCEPTED_RISK)
+    judged = planners.with_odds(
+        plan, stated := planners.mission_odds(flow, judging, plan, request), ARRIVING, ACCEPTED_RISK
+    )
     share, miss = NAN, NAN
     if judged.status == "reached":
         share = planners.mission_odds(flow, fresh, plan, request).corrected.reached
-        miss = planners.fly_scenarios(flow, (as_sample(flow, withheld.truth),), plan, pilot=planners.Pilot()).miss_median
-    return _Judged(withheld.member, judged.status, stated.corrected.reached, share, miss, settings.tolerance)
+        miss = planners.fly_scenarios(
+            flow, (as_sample(flow, withheld.truth),), plan, pilot=planners.Pilot()
+        ).miss_median
+    return _Judged(
+        withheld.member, judged.status, stated.corrected.reached, share, miss, settings.tolerance
+    )
 
 
 def as_sample(flow: FlowEstimate, truth: FlowEstimate) -> FlowEstimate:
     """Return a truth as a sample of an estimate on the same nodes, whose kernel differs from the truth's in its speed alone."""
     # latent velocities have the kernel's variance, the coefficients of a lattice are those of the stream function itself
-    scale = truth.horizontal.kernel.speed / flow.horizontal.kernel.speed if isinstance(truth.horizontal, NodeKernel) else 1.0
+    scale = (
+        truth.horizontal.kernel.speed / flow.horizontal.kernel.speed
+        if isinstance(truth.horizontal, NodeKernel)
+        else 1.0
+    )
     return replace(flow.mean_flow(), latent=truth.latent * scale**2)
 
 
@@ -93,10 +113,21 @@ def _report(world: World, made: list[_Judged]) -> StudyReport:
     if not reached:
         words = f"None of {len(made)} missions is called reached: {ARRIVING:.0%} of {JUDGING} samples do not arrive in any."
         return StudyReport(NAME, "Odds of missions", tables, (), (words,))
-    fresh, arrived = np.array([one.fresh for one in reached]), np.array([one.miss <= one.tolerance for one in reached])
+    fresh, arrived = (
+        np.array([one.fresh for one in reached]),
+        np.array([one.miss <= one.tolerance for one in reached]),
+    )
     criteria = (
-        Criterion("share of fresh samples that arrives, mean over the plans called reached", float(fresh.mean()), at_least=_FRESH),
-        Criterion("share of the plans called reached that arrives in the withheld truth", float(arrived.mean()), at_least=_TRUTH),
+        Criterion(
+            "share of fresh samples that arrives, mean over the plans called reached",
+            float(fresh.mean()),
+            at_least=_FRESH,
+        ),
+        Criterion(
+            "share of the plans called reached that arrives in the withheld truth",
+            float(arrived.mean()),
+            at_least=_TRUTH,
+        ),
     )
     stated = float(np.mean([one.stated for one in reached]))
     findings = (

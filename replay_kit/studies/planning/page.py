@@ -7,24 +7,45 @@ from replay_kit.results.page import Figure, Section
 from replay_kit.studies.planning.job import PlanningResult, StudyReport
 from replay_kit.studies.planning.report import all_tables, conditions, to_json, to_markdown
 from replay_kit.studies.reports.charts import chart_figure, misses_chart
-from replay_kit.studies.reports.page import PAGE, list_html, picture_figures, study_page, tables_html, words_html
+from replay_kit.studies.reports.page import (
+    PAGE,
+    list_html,
+    picture_figures,
+    study_page,
+    tables_html,
+    words_html,
+)
 from replay_kit.studies.reports.pictures import Drawn, drawn
 from replay_kit.studies.reports.write import json_text, limits_text, to_csv, to_text, write_files
 
 
 def replaced_files(out: Path, studies: tuple[str, ...]) -> list[Path]:
     """Return the files in a folder that a run of some studies would replace."""
-    patterns = [PAGE, "report.md", "planning.json", *(f"{study}*.{ending}" for study in studies for ending in ("csv", "png"))]
+    patterns = [
+        PAGE,
+        "report.md",
+        "planning.json",
+        *(f"{study}*.{ending}" for study in studies for ending in ("csv", "png")),
+    ]
     return sorted(path for pattern in patterns for path in out.glob(pattern))
 
 
 def write_planning(out: Path, result: PlanningResult) -> None:
     """Write everything into a folder that exists, each file whole or not at all; existing ones are replaced."""
-    pictures = {picture.name: drawn(picture) for report in result.reports for picture in report.pictures}
+    pictures = {
+        picture.name: drawn(picture) for report in result.reports for picture in report.pictures
+    }
     for report in result.reports:
         write_files(out, {f"{table.name}.csv": to_csv(table) for table in report.tables})
     write_files(out, {f"{name}.png": picture.files["png"] for name, picture in pictures.items()})
-    write_files(out, {"planning.json": json_text(to_json(result)), "report.md": to_markdown(result), PAGE: planning_page(result, pictures)})
+    write_files(
+        out,
+        {
+            "planning.json": json_text(to_json(result)),
+            "report.md": to_markdown(result),
+            PAGE: planning_page(result, pictures),
+        },
+    )
 
 
 def planning_page(result: PlanningResult, pictures: dict[str, Drawn]) -> str:
@@ -35,10 +56,23 @@ def planning_page(result: PlanningResult, pictures: dict[str, Drawn]) -> str:
         pictures: Of all of them, by name.
     """
     done = {report.study for report in result.reports}
-    missing = [f"Not done when this was written: {study}." for study in result.job.studies if study not in done]
-    sections = [Section("answer", "In words", words_html([conditions(result)]) + _met(result.reports), missing=missing)]
+    missing = [
+        f"Not done when this was written: {study}."
+        for study in result.job.studies
+        if study not in done
+    ]
+    sections = [
+        Section(
+            "answer",
+            "In words",
+            words_html([conditions(result)]) + _met(result.reports),
+            missing=missing,
+        )
+    ]
     sections += [_section(report, pictures) for report in result.reports]
-    return study_page("Plans flown in truths that the estimates do not know", sections, to_json(result))
+    return study_page(
+        "Plans flown in truths that the estimates do not know", sections, to_json(result)
+    )
 
 
 def _met(reports: Sequence[StudyReport]) -> str:
@@ -56,8 +90,19 @@ def _met(reports: Sequence[StudyReport]) -> str:
 
 def _section(report: StudyReport, pictures: dict[str, Drawn]) -> Section:
     missing = (f"The study failed: {report.failed}.",) if report.failed else ()
-    figures = (*_misses(report), *picture_figures([(each.name, each.caption, pictures[each.name]) for each in report.pictures]))
-    return Section(report.study, report.title, words_html(report.findings) + tables_html(all_tables(report)), figures, missing)
+    figures = (
+        *_misses(report),
+        *picture_figures(
+            [(each.name, each.caption, pictures[each.name]) for each in report.pictures]
+        ),
+    )
+    return Section(
+        report.study,
+        report.title,
+        words_html(report.findings) + tables_html(all_tables(report)),
+        figures,
+        missing,
+    )
 
 
 def _misses(report: StudyReport) -> tuple[Figure, ...]:
@@ -66,6 +111,14 @@ def _misses(report: StudyReport) -> tuple[Figure, ...]:
         if {"planned on", "miss [m]"} <= set(table.columns):
             misses: dict[str, list[float]] = {}
             for row, miss in zip(table.rows, table.column("miss [m]"), strict=True):
-                misses.setdefault(str(row[table.columns.index("planned on")]), []).append(float(miss))
-            return (chart_figure(misses_chart(f"{report.study}-distribution", f"{report.title}: miss distances", misses)),)
+                misses.setdefault(str(row[table.columns.index("planned on")]), []).append(
+                    float(miss)
+                )
+            return (
+                chart_figure(
+                    misses_chart(
+                        f"{report.study}-distribution", f"{report.title}: miss distances", misses
+                    )
+                ),
+            )
     return ()

@@ -44,19 +44,39 @@ def draw_misses(arrivals: Sequence[Arrival], figure: Any) -> None:
         of_flow = {"color": style.colour, "label": style.label}
         alike = [one for one in arrivals if one.flow == flow]
         misses = np.sort(np.maximum([one.miss for one in alike], _LEAST_MISS))
-        left.step(np.append(misses[:1], misses), np.arange(misses.size + 1) / misses.size, where="post", **of_flow)
-        of_truth = [[one for one in alike if one.member == member] for member in dict.fromkeys(one.member for one in alike)]
+        left.step(
+            np.append(misses[:1], misses),
+            np.arange(misses.size + 1) / misses.size,
+            where="post",
+            **of_flow,
+        )
+        of_truth = [
+            [one for one in alike if one.member == member]
+            for member in dict.fromkeys(one.member for one in alike)
+        ]
         errors = [max(of[0].rel_error, _LEAST_ERROR) for of in of_truth]
         medians = [max(float(np.median([one.miss for one in of])), _LEAST_MISS) for of in of_truth]
         right.scatter(errors, medians, s=28, marker=style.marker, **of_flow)
-    left.set(xscale="log", xlabel="miss distance in the truth [m]", ylabel="share of the plans", ylim=(0.0, 1.0))
-    right.set(xscale="log", yscale="log", xlabel="relative error of the flow", ylabel="median miss distance of a truth [m]")
+    left.set(
+        xscale="log",
+        xlabel="miss distance in the truth [m]",
+        ylabel="share of the plans",
+        ylim=(0.0, 1.0),
+    )
+    right.set(
+        xscale="log",
+        yscale="log",
+        xlabel="relative error of the flow",
+        ylabel="median miss distance of a truth [m]",
+    )
     # within one decade the labels of its parts would overlap
     right.set_xlim(min(right.get_xlim()[0], 1e-2), max(right.get_xlim()[1], 1.5))
     for axes in (left, right):
         axes.grid(alpha=0.3)
         axes.tick_params(which="minor", labelbottom=False)
-    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=10)
+    figure.legend(
+        *left.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=10
+    )
 
 
 def draw_masked_cases(cases: Sequence[tuple[Masked, Array, str]], figure: Any) -> None:
@@ -69,7 +89,13 @@ def draw_masked_cases(cases: Sequence[tuple[Masked, Array, str]], figure: Any) -
     for axes, (case, track, status) in zip(panels, cases, strict=False):
         grid, ends = case.flow.grid, ends_of(case.flow.grid, case.pair)
         axes.pcolormesh(
-            grid.east / 1e3, grid.north / 1e3, np.where(grid.wet[0], np.nan, 1.0), cmap="Greys", vmin=0.0, vmax=2.0, shading="nearest"
+            grid.east / 1e3,
+            grid.north / 1e3,
+            np.where(grid.wet[0], np.nan, 1.0),
+            cmap="Greys",
+            vmin=0.0,
+            vmax=2.0,
+            shading="nearest",
         )
         for area in case.areas:
             axes.fill(*(corners_of(grid, area) / 1e3).T, color=VERMILION, alpha=0.5, linewidth=0.0)
@@ -88,11 +114,19 @@ def draw_scenarios(view: ScenarioView, figure: Any) -> None:
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     for axes, places, share, title in zip(panels, view.places, view.shares, titles, strict=True):
         axes.fill(*(view.corners / 1e3).T, color=VERMILION, alpha=0.4, linewidth=0.0)
-        axes.plot(*(np.moveaxis(places, 0, -1).transpose(1, 0, 2) / 1e3), color=BLUE, linewidth=0.5, alpha=0.3)
+        axes.plot(
+            *(np.moveaxis(places, 0, -1).transpose(1, 0, 2) / 1e3),
+            color=BLUE,
+            linewidth=0.5,
+            alpha=0.3,
+        )
         _mark(axes, view.ends)
         _current(axes, view.flow)
         axes.set(title=f"{title}: {share:.0%} enter the area", xlabel=EAST, ylabel=NORTH)
-    _around(panels[0], np.concatenate([view.corners, *(places.reshape(-1, 2) for places in view.places)]) / 1e3)
+    _around(
+        panels[0],
+        np.concatenate([view.corners, *(places.reshape(-1, 2) for places in view.places)]) / 1e3,
+    )
     for axes in panels:
         axes.set_aspect("equal")
 
@@ -108,7 +142,14 @@ def _current(axes: Any, flow: FlowEstimate) -> None:
     wet = grid.wet[0]
     velocity = flow.velocity(grid.east[wet], grid.north[wet], 250.0)
     axes.quiver(
-        grid.east[wet] / 1e3, grid.north[wet] / 1e3, *velocity.T, color="0.6", angles="xy", scale_units="xy", scale=0.03, width=0.004
+        grid.east[wet] / 1e3,
+        grid.north[wet] / 1e3,
+        *velocity.T,
+        color="0.6",
+        angles="xy",
+        scale_units="xy",
+        scale=0.03,
+        width=0.004,
     )
 
 
@@ -123,12 +164,24 @@ def _around(axes: Any, points: Array) -> None:
 def draw_ways(misses: Mapping[str, Array], figure: Any) -> None:
     """Draw, for each kind of survey, the share of the stretches that end within a distance [km] of their goals."""
     axes = figure.subplots()
-    styles = ((GREY, ":"), (BLACK, "--"), (VERMILION, "-."), (BLUE, "-"), (BLUE, ":"), (VERMILION, ":"))
+    styles = (
+        (GREY, ":"),
+        (BLACK, "--"),
+        (VERMILION, "-."),
+        (BLUE, "-"),
+        (BLUE, ":"),
+        (VERMILION, ":"),
+    )
     for (way, values), (color, line) in zip(misses.items(), styles, strict=False):
         share = np.arange(1, values.size + 1) / values.size
         axes.step(np.sort(values), share, where="post", color=color, linestyle=line, label=way)
     axes.axhline(0.9, color=GREY, linewidth=0.8)
-    axes.set(xlabel="distance from the goal [km]", ylabel="share of the stretches", ylim=(0.0, 1.02), xlim=(0.0, None))
+    axes.set(
+        xlabel="distance from the goal [km]",
+        ylabel="share of the stretches",
+        ylim=(0.0, 1.02),
+        xlim=(0.0, None),
+    )
     axes.legend(frameon=False)
     axes.grid(alpha=0.3)
 
@@ -142,6 +195,11 @@ def draw_replanned(misses: Array, near: float, figure: Any) -> None:
     axes.plot(ends, ends, color=BLACK, linewidth=1.0)
     axes.axhline(near, color=GREY, linestyle="--", linewidth=1.0)
     axes.set(
-        xscale="log", yscale="log", xlabel="miss distance, single plan [m]", ylabel="miss distance, replanned [m]", xlim=ends, ylim=ends
+        xscale="log",
+        yscale="log",
+        xlabel="miss distance, single plan [m]",
+        ylabel="miss distance, replanned [m]",
+        xlim=ends,
+        ylim=ends,
     )
     axes.grid(alpha=0.3)

@@ -19,7 +19,9 @@ NAME = "replanning"
 #: Arrival times are compared between missions that arrive this near [m].
 NEAR = 500.0
 _MEDIAN, _NINETY = 0.3, 0.7
-_TITLE = "Twin missions: a single plan made without a measurement, and replanned with those of each leg"
+_TITLE = (
+    "Twin missions: a single plan made without a measurement, and replanned with those of each leg"
+)
 
 
 def replanning(world: World) -> StudyReport:
@@ -28,16 +30,27 @@ def replanning(world: World) -> StudyReport:
     Raises:
         ConfigError: The truth is no member of the ensemble.
     """
-    members = tuple(withheld.case.member for withheld in world.truths if withheld.case.member is not None)
+    members = tuple(
+        withheld.case.member for withheld in world.truths if withheld.case.member is not None
+    )
     if len(members) < len(world.truths):
-        raise ConfigError("--truth: the study replanning leaves members out in turn; leave it out of --study")
-    config, planner = RunConfig(estimator=world.truths[0].config), MissionPlanner.of(PlannerConfig(kind="mission", depth=world.depth))
+        raise ConfigError(
+            "--truth: the study replanning leaves members out in turn; leave it out of --study"
+        )
+    config, planner = (
+        RunConfig(estimator=world.truths[0].config),
+        MissionPlanner.of(PlannerConfig(kind="mission", depth=world.depth)),
+    )
     rows = run_replanning((world.ensemble,), config, world.job, members, planner, world.advance)
     found = summarise(rows)
     caption = f"Each mission's miss distance with a single plan and replanned; dashed: {NEAR:g} m"
     misses = np.array([(row.single.miss, row.replanned.miss) for row in rows])
     criteria = (
-        Criterion("miss distance over that of the single plan, median over the missions", found["ratio_median"], at_most=_MEDIAN),
+        Criterion(
+            "miss distance over that of the single plan, median over the missions",
+            found["ratio_median"],
+            at_most=_MEDIAN,
+        ),
         Criterion("the same, nine of ten missions at most", found["ratio_90"], at_most=_NINETY),
     )
     return StudyReport(
@@ -71,13 +84,28 @@ def summarise(rows: Sequence[ReplanRow]) -> dict[str, float]:
     """
     single, replanned = np.array([(row.single.miss, row.replanned.miss) for row in rows]).T
     closest = np.array([row.replanned.closest / row.single.closest for row in rows])
-    both = [row.replanned.duration / row.single.duration for row in rows if max(row.single.miss, row.replanned.miss) <= NEAR]
-    figures = {"single": single, "replanned": replanned, "ratio": replanned / single, "closest_ratio": closest}
+    both = [
+        row.replanned.duration / row.single.duration
+        for row in rows
+        if max(row.single.miss, row.replanned.miss) <= NEAR
+    ]
+    figures = {
+        "single": single,
+        "replanned": replanned,
+        "ratio": replanned / single,
+        "closest_ratio": closest,
+    }
     return {
         **{f"{name}_median": float(np.median(values)) for name, values in figures.items()},
         # the least value that nine of ten do not exceed: one of them, without interpolation
-        **{f"{name}_90": float(np.quantile(values, 0.9, method="inverted_cdf")) for name, values in figures.items()},
-        **{f"{name}_near": float(np.mean(figures[name] <= NEAR)) for name in ("single", "replanned")},
+        **{
+            f"{name}_90": float(np.quantile(values, 0.9, method="inverted_cdf"))
+            for name, values in figures.items()
+        },
+        **{
+            f"{name}_near": float(np.mean(figures[name] <= NEAR))
+            for name in ("single", "replanned")
+        },
         "both_near": len(both),
         "time_ratio_median": float(np.median(both)) if both else NAN,
     }

@@ -71,7 +71,13 @@ def run_planning(
         ConfigError: An option is wrong.
     """
     job.check(STUDIES)
-    world = build_world(ensemble, truth, config, job, Advance(sum(STUDIES[name].steps(job) for name in job.studies), progress))
+    world = build_world(
+        ensemble,
+        truth,
+        config,
+        job,
+        Advance(sum(STUDIES[name].steps(job) for name in job.studies), progress),
+    )
     world = replace(world, series=series)
     reports: list[StudyReport] = []
     seconds: dict[str, float] = {}
@@ -79,7 +85,16 @@ def run_planning(
     levels = tuple(float(level) for level in ensemble.grid.levels)
 
     def result() -> PlanningResult:
-        return PlanningResult(tuple(reports), ensemble.source, truths, ensemble.n_members, levels, config.modes, job, dict(seconds))
+        return PlanningResult(
+            tuple(reports),
+            ensemble.source,
+            truths,
+            ensemble.n_members,
+            levels,
+            config.modes,
+            job,
+            dict(seconds),
+        )
 
     yield result()
     for name in job.studies:
@@ -88,6 +103,10 @@ def run_planning(
             reports.append(STUDIES[name].run(world))
         except EXPECTED_FAILURES as error:
             why = reason_of(error)
-            reports.append(StudyReport(name, name.capitalize(), (), findings=(f"The study failed: {why}",), failed=why))
+            reports.append(
+                StudyReport(
+                    name, name.capitalize(), (), findings=(f"The study failed: {why}",), failed=why
+                )
+            )
         seconds[name] = time.perf_counter() - began
         yield result()

@@ -10,7 +10,14 @@ import planners
 from planners.mission.flights import fly_mission
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.studies.planning.flights import Polygon, corners_of, draw_missions, ends_of, polygon_of, winds_around
+from replay_kit.studies.planning.flights import (
+    Polygon,
+    corners_of,
+    draw_missions,
+    ends_of,
+    polygon_of,
+    winds_around,
+)
 from replay_kit.studies.planning.job import StudyReport
 from replay_kit.studies.planning.pictures import ScenarioView, draw_scenarios
 from replay_kit.studies.planning.world import Withheld, World, timed
@@ -41,13 +48,25 @@ class _Case:
         """Return the deterministic plan, made on the estimate alone."""
         return planners.plan_mission(self.flow, self._request(areas))
 
-    def plan_scenarios(self, allowed: float, *areas: planners.NoGo) -> tuple[planners.MissionPlan, float]:
+    def plan_scenarios(
+        self, allowed: float, *areas: planners.NoGo
+    ) -> tuple[planners.MissionPlan, float]:
         """Return the plan for the samples, and the seconds it took."""
-        (plan, _), seconds = timed(partial(planners.plan_scenarios, self.flow, self.samples, self._request(areas), allowed=allowed))
+        (plan, _), seconds = timed(
+            partial(
+                planners.plan_scenarios,
+                self.flow,
+                self.samples,
+                self._request(areas),
+                allowed=allowed,
+            )
+        )
         return plan, seconds
 
     def _request(self, areas: tuple[planners.NoGo, ...]) -> planners.MissionRequest:
-        return planners.MissionRequest(self.pair.start, (self.pair.target,), no_go=areas, **self.how)
+        return planners.MissionRequest(
+            self.pair.start, (self.pair.target,), no_go=areas, **self.how
+        )
 
     def miss(self, plan: planners.MissionPlan) -> float:
         """Return the 90th percentile of the miss distances of a plan in the fresh samples [m]."""
@@ -63,7 +82,11 @@ def scenarios(world: World) -> StudyReport:
             beside.append({"truth": withheld.member, **row})
             views.append(view)
     tables = (
-        named_columns("scenarios_open", "No areas: 90th percentile of the miss distances in fresh samples", free),
+        named_columns(
+            "scenarios_open",
+            "No areas: 90th percentile of the miss distances in fresh samples",
+            free,
+        ),
         named_columns("scenarios_area", "An area downstream of the path", beside),
     )
     caption = (
@@ -73,33 +96,46 @@ def scenarios(world: World) -> StudyReport:
     worst = max(views, key=lambda view: view.shares[0])
     picture = Picture("scenarios_area", caption, (11.0, 5.0), partial(draw_scenarios, worst))
     title = "Missions planned for samples of the estimate"
-    return StudyReport(NAME, title, tables, _criteria(world, *tables), (_findings(world),), (picture,))
+    return StudyReport(
+        NAME, title, tables, _criteria(world, *tables), (_findings(world),), (picture,)
+    )
 
 
-def _of_truth(world: World, count: int) -> list[tuple[dict[str, Cell], dict[str, Cell], ScenarioView]]:
+def _of_truth(
+    world: World, count: int
+) -> list[tuple[dict[str, Cell], dict[str, Cell], ScenarioView]]:
     """Return the figures of missions in the one truth of a world without areas and past one, and what to draw of these."""
     (withheld,), found = world.truths, []
     for case in _cases(world, withheld, count):
         world.advance(f"scenarios, truth {withheld.member}")
         plain = case.plan()
-        found.append((_compared(world, case, plain), *_past(world, case, area_downstream(case.flow, plain))))
+        found.append(
+            (_compared(world, case, plain), *_past(world, case, area_downstream(case.flow, plain)))
+        )
     return found
 
 
 def _cases(world: World, withheld: Withheld, count: int) -> list[_Case]:
     job, flow = world.job, withheld.estimate()
-    how = {"vehicle": world.glider, "settings": planners.MissionSettings(depth=world.depth, legs=job.legs)}
+    how = {
+        "vehicle": world.glider,
+        "settings": planners.MissionSettings(depth=world.depth, legs=job.legs),
+    }
     # a planner knows only the estimate, so its goals are drawn as reachable there
     pairs = draw_missions(withheld, flow.mean_flow(), count, world.depth, job.legs, job.seed)
     samples = flow.sample(job.samples + job.fresh, job.seed)
-    return [_Case(flow, samples[: job.samples], samples[job.samples :], pair, how) for pair in pairs]
+    return [
+        _Case(flow, samples[: job.samples], samples[job.samples :], pair, how) for pair in pairs
+    ]
 
 
 def _compared(world: World, case: _Case, plain: planners.MissionPlan) -> dict[str, Cell]:
     """Return the figures of a mission without areas: the deterministic plan, the scenario plan, the former corrected by a pilot."""
     plan, seconds = case.plan_scenarios(world.job.allowed)
     deterministic, robust = case.miss(plain), case.miss(plan)
-    corrected = float(planners.fly_scenarios(case.flow, case.fresh, plain, pilot=planners.Pilot()).miss_90_percent)
+    corrected = float(
+        planners.fly_scenarios(case.flow, case.fresh, plain, pilot=planners.Pilot()).miss_90_percent
+    )
     return {
         "deterministic: 90 % miss by [m]": deterministic,
         "scenarios: 90 % miss by [m]": robust,
@@ -128,7 +164,9 @@ def _past(world: World, case: _Case, area: Polygon) -> tuple[dict[str, Cell], Sc
         "seconds": seconds,
     }
     places = tuple(flights.place[:: max(len(flights.place) // 100, 1)] for flights in flown)
-    return row, ScenarioView(case.flow, corners, ends_of(case.flow.grid, case.pair), places, tuple(shares))
+    return row, ScenarioView(
+        case.flow, corners, ends_of(case.flow.grid, case.pair), places, tuple(shares)
+    )
 
 
 def entering(corners: Array, place: Array) -> Array:
@@ -141,7 +179,9 @@ def entering(corners: Array, place: Array) -> Array:
     shares = np.arange(_FINER)[:, None] / _FINER
     between = place[:, :-1, None] * (1.0 - shares) + place[:, 1:, None] * shares
     points = np.concatenate([between.reshape(len(place), -1, 2), place[:, -1:]], axis=1)
-    return np.asarray(winds_around(corners, points.reshape(-1, 2)).reshape(len(place), -1).any(axis=1))
+    return np.asarray(
+        winds_around(corners, points.reshape(-1, 2)).reshape(len(place), -1).any(axis=1)
+    )
 
 
 def area_downstream(flow: FlowEstimate, plan: planners.MissionPlan) -> Polygon:
@@ -158,8 +198,15 @@ def area_downstream(flow: FlowEstimate, plan: planners.MissionPlan) -> Polygon:
     middle = track[begin : end + 1]
     along = (middle[-1] - middle[0]) / np.linalg.norm(middle[-1] - middle[0])
     across = np.array([along[1], -along[0]])
-    across *= 1.0 if float(np.mean(flow.velocity(*plan.track[begin : end + 1].T) @ across)) >= 0.0 else -1.0
-    near, reach = float(np.max((middle - middle[0]) @ across)) - _OVERLAP, float(np.linalg.norm(middle[-1] - middle[0]))
+    across *= (
+        1.0
+        if float(np.mean(flow.velocity(*plan.track[begin : end + 1].T) @ across)) >= 0.0
+        else -1.0
+    )
+    near, reach = (
+        float(np.max((middle - middle[0]) @ across)) - _OVERLAP,
+        float(np.linalg.norm(middle[-1] - middle[0])),
+    )
     out = _OUT
     while True:
         sides = ((0.0, near), (reach, near), (reach, near + out), (0.0, near + out))
@@ -170,14 +217,32 @@ def area_downstream(flow: FlowEstimate, plan: planners.MissionPlan) -> Polygon:
 
 
 def _criteria(world: World, free: Table, beside: Table) -> tuple[Criterion, ...]:
-    quantile, share = "90th percentile of the miss over the deterministic plan's", f"share in the area, {world.job.allowed:.0%} allowed"
+    quantile, share = (
+        "90th percentile of the miss over the deterministic plan's",
+        f"share in the area, {world.job.allowed:.0%} allowed",
+    )
     duration = f"seconds for a scenario plan of {world.job.samples} samples and {world.job.legs} dives, median"
     corrected = "corrected at each surfacing, median over the missions"
     seconds = np.concatenate([free.column("seconds"), beside.column("seconds")])
     limited = (
-        (f"{quantile}, median over the missions", "the same, worst mission", free.column("ratio of scenarios"), _RATIO),
-        (f"the same, {corrected}", "corrected at each surfacing, worst mission", free.column("ratio of corrected"), _CORRECTED),
-        (f"{share}, median over the missions", "the same, worst mission", beside.column("scenarios: share in the area"), _KEPT),
+        (
+            f"{quantile}, median over the missions",
+            "the same, worst mission",
+            free.column("ratio of scenarios"),
+            _RATIO,
+        ),
+        (
+            f"the same, {corrected}",
+            "corrected at each surfacing, worst mission",
+            free.column("ratio of corrected"),
+            _CORRECTED,
+        ),
+        (
+            f"{share}, median over the missions",
+            "the same, worst mission",
+            beside.column("scenarios: share in the area"),
+            _KEPT,
+        ),
     )
     least = float(beside.column("deterministic: share in the area").min())
     return (
@@ -186,7 +251,11 @@ def _criteria(world: World, free: Table, beside: Table) -> tuple[Criterion, ...]
             for median, worst, values, most in limited
             for what, of in ((median, np.median), (worst, np.max))
         ),
-        Criterion("share in the area under the deterministic plan, least of the missions", least, at_least=_KEPT),
+        Criterion(
+            "share in the area under the deterministic plan, least of the missions",
+            least,
+            at_least=_KEPT,
+        ),
         Criterion(duration, float(np.median(seconds)), at_most=_SECONDS),
     )
 

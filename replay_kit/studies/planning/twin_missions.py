@@ -20,7 +20,14 @@ from replay_kit.estimator import Estimator
 from replay_kit.studies.jobs.progress import Advance
 from replay_kit.studies.missions.scene import own_estimator, withhold
 from replay_kit.studies.planning.job import PlanningJob
-from replay_kit.studies.planning.legs import Leg, PlannedLegs, distance_to, fly_leg, measured, plan_legs
+from replay_kit.studies.planning.legs import (
+    Leg,
+    PlannedLegs,
+    distance_to,
+    fly_leg,
+    measured,
+    plan_legs,
+)
 from replay_kit.studies.twins.field import Field, build_field
 from replay_kit.studies.twins.reachable import place_at
 from replay_kit.studies.twins.vehicle import EPOCH_NS, NS_PER_S, Track, random_places
@@ -118,7 +125,13 @@ class _Way:
 
     def outcome(self, ended: str) -> Outcome:
         """Return the outcome of a mission that ends here."""
-        return Outcome(self.misses[-1], min(self.misses), (self.time_ns - self.start_ns) / NS_PER_S, len(self.misses) - 1, ended)
+        return Outcome(
+            self.misses[-1],
+            min(self.misses),
+            (self.time_ns - self.start_ns) / NS_PER_S,
+            len(self.misses) - 1,
+            ended,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,14 +144,28 @@ class _Twin:
     planner: MissionPlanner
     rng: np.random.Generator
 
-    def plan(self, state: Any, way: _Way, most_legs: int, warm: PlannedLegs | None = None) -> PlannedLegs:
+    def plan(
+        self, state: Any, way: _Way, most_legs: int, warm: PlannedLegs | None = None
+    ) -> PlannedLegs:
         """Return the plan on an estimate from where a glider is."""
         places = place_at(way.field.grid, way.place), way.goal
-        return plan_legs(self.planner, flow_at(self.estimator, state, way.time_ns), places, way.time_ns, most_legs, warm)
+        return plan_legs(
+            self.planner,
+            flow_at(self.estimator, state, way.time_ns),
+            places,
+            way.time_ns,
+            most_legs,
+            warm,
+        )
 
 
 def run_replanning(
-    series: Sequence[Ensemble], config: RunConfig, job: PlanningJob, members: Sequence[int], planner: MissionPlanner, advance: Advance
+    series: Sequence[Ensemble],
+    config: RunConfig,
+    job: PlanningJob,
+    members: Sequence[int],
+    planner: MissionPlanner,
+    advance: Advance,
 ) -> tuple[ReplanRow, ...]:
     """Return the twin missions.
 
@@ -156,14 +183,21 @@ def run_replanning(
         PlanError: The planner cannot plan at a mission's start.
     """
     chosen, rows = [members[k % len(members)] for k in range(job.replans)], []
-    calls = ((series, (config, job, planner), member, job.seed + k) for k, member in enumerate(chosen))
+    calls = (
+        (series, (config, job, planner), member, job.seed + k) for k, member in enumerate(chosen)
+    )
     for k, row in enumerate(each_call(_replanned, calls)):
         rows.append(row)
         advance(f"replanning, mission {k}, member {row.member}")
     return tuple(rows)
 
 
-def _replanned(series: Sequence[Ensemble], options: tuple[RunConfig, PlanningJob, MissionPlanner], member: int, seed: int) -> ReplanRow:
+def _replanned(
+    series: Sequence[Ensemble],
+    options: tuple[RunConfig, PlanningJob, MissionPlanner],
+    member: int,
+    seed: int,
+) -> ReplanRow:
     """Return one twin mission."""
     config, job, planner = options
     case = withhold(series, member)
@@ -175,7 +209,9 @@ def _replanned(series: Sequence[Ensemble], options: tuple[RunConfig, PlanningJob
     way = _Way(field, goal, start_ns, start, start_ns, (distance_to(field, start, goal),))
     first = twin.plan(twin.estimator.initial(), way, job.most_legs)
     replanned, errors = _fly_replanned(twin, way, first)
-    return ReplanRow(member, seed, way.misses[0], truth_duration, _fly_single(way, first), replanned, errors)
+    return ReplanRow(
+        member, seed, way.misses[0], truth_duration, _fly_single(way, first), replanned, errors
+    )
 
 
 def _fly_single(way: _Way, planned: PlannedLegs) -> Outcome:
@@ -188,7 +224,9 @@ def _fly_single(way: _Way, planned: PlannedLegs) -> Outcome:
     return way.outcome("plan ended")
 
 
-def _fly_replanned(twin: _Twin, way: _Way, planned: PlannedLegs) -> tuple[Outcome, tuple[float, ...]]:
+def _fly_replanned(
+    twin: _Twin, way: _Way, planned: PlannedLegs
+) -> tuple[Outcome, tuple[float, ...]]:
     """Return the outcome of replanning at each surfacing, and the error of each leg's predicted end [m].
 
     The mission ends at the goal, or where its legs are used up, or where no plan leads any nearer to the goal.
@@ -202,7 +240,9 @@ def _fly_replanned(twin: _Twin, way: _Way, planned: PlannedLegs) -> tuple[Outcom
             errors.append(distance_to(way.field, way.place, planned.ends[0]))
             if way.misses[-1] <= TOLERANCE:
                 return way.outcome("arrived"), tuple(errors)
-            for step in twin.estimator.steps(state, measured(way.field, flight, twin.job.noise, twin.rng)):
+            for step in twin.estimator.steps(
+                state, measured(way.field, flight, twin.job.noise, twin.rng)
+            ):
                 state = step[0]
             planned = twin.plan(state, way, max(1, twin.job.most_legs - len(errors)), planned)
         except (ForecastError, PlanError) as error:
@@ -210,7 +250,9 @@ def _fly_replanned(twin: _Twin, way: _Way, planned: PlannedLegs) -> tuple[Outcom
     return way.outcome("legs used up"), tuple(errors)
 
 
-def _drawn(field: Field, job: PlanningJob, start_ns: int, rng: np.random.Generator) -> tuple[Array, Place, float]:
+def _drawn(
+    field: Field, job: PlanningJob, start_ns: int, rng: np.random.Generator
+) -> tuple[Array, Place, float]:
     """Return a start, shape (2,) [m], a goal, and the time [s] from one to the other in the truth, leg by leg at random headings."""
     depth = min(job.depth, float(field.grid.levels[-1]))
     for _ in range(_MAX_DRAWS):
@@ -221,7 +263,12 @@ def _drawn(field: Field, job: PlanningJob, start_ns: int, rng: np.random.Generat
             for _ in range(job.legs):
                 angle = np.deg2rad(rng.uniform(*_ANGLES))
                 speeds = _SPEED * float(np.cos(angle)), _SPEED * float(np.sin(angle))
-                flight = fly_leg(field, place, now, Leg(course + rng.uniform(-_TURNS, _TURNS), *speeds, (0.0, depth, 0.0)))
+                flight = fly_leg(
+                    field,
+                    place,
+                    now,
+                    Leg(course + rng.uniform(-_TURNS, _TURNS), *speeds, (0.0, depth, 0.0)),
+                )
                 place, now = flight.place[-1], flight.end_ns
                 _require_room(field, place)
         except ForecastError:

@@ -73,22 +73,35 @@ class Crossing:
 
     def request(self, place: Place, time_ns: int) -> MissionRequest:
         """Return what is asked of the planner from a place and time on."""
-        return MissionRequest(place, (self.goal,), self.vehicle, self.settings, start_time_ns=time_ns)
+        return MissionRequest(
+            place, (self.goal,), self.vehicle, self.settings, start_time_ns=time_ns
+        )
 
 
 def sea_of(series: Sequence[Ensemble], config: EstimatorConfig) -> Sea:
     """Return the mean of an ensemble's members at each of its times as flows; of a truth, an ensemble of one, the truth."""
     # one amplitude of the kernel for all, so that truths and means share their functions
     common = config.model_copy(update={"speed": 1.0})
-    means = (replace(one, velocity=one.velocity.mean(axis=0, keepdims=True), members=()) for one in series)
+    means = (
+        replace(one, velocity=one.velocity.mean(axis=0, keepdims=True), members=())
+        for one in series
+    )
     return tuple(embed_member(mean, 0, common) for mean in means)
 
 
 def frozen(sea: Sea, time_ns: int) -> FlowEstimate:
     """Return the current of a time [ns, UTC], as one that does not change."""
     times = np.array([float((flow.time_ns or 0) - (sea[0].time_ns or 0)) for flow in sea])
-    weights = [np.interp(float(time_ns - (sea[0].time_ns or 0)), times, one) for one in np.eye(len(sea))]
-    return replace(sea[0], latent=np.asarray(sum(weight * flow.latent for weight, flow in zip(weights, sea, strict=True))), time_ns=time_ns)
+    weights = [
+        np.interp(float(time_ns - (sea[0].time_ns or 0)), times, one) for one in np.eye(len(sea))
+    ]
+    return replace(
+        sea[0],
+        latent=np.asarray(
+            sum(weight * flow.latent for weight, flow in zip(weights, sea, strict=True))
+        ),
+        time_ns=time_ns,
+    )
 
 
 def follow_plan(truth: Sea, crossing: Crossing, plan: MissionPlan) -> Voyage:
@@ -111,7 +124,10 @@ def with_error(known: Sea, uniform: Array, error: Array, now_ns: int) -> Sea:
     begins = replace(begins, latent=begins.latent + (uniform @ error)[:, None])
     between = [flow for flow in known if now_ns < (flow.time_ns or 0) < fades]
     shares = [1.0 - ((flow.time_ns or 0) - now_ns) / (_FADES * NS_PER_S) for flow in between]
-    moved = [replace(flow, latent=flow.latent + s * (uniform @ error)[:, None]) for flow, s in zip(between, shares, strict=True)]
+    moved = [
+        replace(flow, latent=flow.latent + s * (uniform @ error)[:, None])
+        for flow, s in zip(between, shares, strict=True)
+    ]
     return (begins, *moved, later, *(flow for flow in known if (flow.time_ns or 0) > fades))
 
 
@@ -140,7 +156,11 @@ def replan(truth: Sea, known: Sea, crossing: Crossing, first: MissionPlan, limit
         error, now = error + off / (ends - now), ends
         now_ns = crossing.start_ns + round(now * NS_PER_S)
         try:
-            plan = plan_mission(with_error(known, uniform, error, now_ns), crossing.request(place, now_ns), warm=plan)
+            plan = plan_mission(
+                with_error(known, uniform, error, now_ns),
+                crossing.request(place, now_ns),
+                warm=plan,
+            )
         except PlanError:
             # the current has carried it to where no mission may begin
             break
@@ -159,11 +179,19 @@ def head_at_goal(truth: Sea, crossing: Crossing, like: MissionPlan, limit: float
     """
     projection, leg = truth[0].grid.projection, first_legs(like, 1, truth[0].grid.projection)
     place, now, closest, legs = crossing.start, 0.0, inf, 0
-    settings, down = crossing.settings, float(crossing.vehicle.speeds(np, crossing.vehicle.angles[0])[1])
+    settings, down = (
+        crossing.settings,
+        float(crossing.vehicle.speeds(np, crossing.vehicle.angles[0])[1]),
+    )
     turns = (0.0, *(settings.depth, 0.0) * settings.yos)
     duration = 2.0 * settings.yos * settings.depth / down
-    while now < limit and bool(inside_grid(truth[0].grid, *to_local(projection, place.longitude, place.latitude))):
-        here, there = (np.array(to_local(projection, one.longitude, one.latitude)) for one in (place, crossing.goal))
+    while now < limit and bool(
+        inside_grid(truth[0].grid, *to_local(projection, place.longitude, place.latitude))
+    ):
+        here, there = (
+            np.array(to_local(projection, one.longitude, one.latitude))
+            for one in (place, crossing.goal)
+        )
         turn = float(grid_bearing_of_true_north(projection, place.longitude, place.latitude))
         heading = np.mod(np.rad2deg(np.arctan2(*(there - here)) - turn), 360.0)
         leg = replace(
@@ -183,7 +211,9 @@ def head_at_goal(truth: Sea, crossing: Crossing, like: MissionPlan, limit: float
     return Voyage(inf, legs, closest, 0)
 
 
-def _fly(truth: Sea, crossing: Crossing, plan: MissionPlan, began: float) -> tuple[float, float, float, Place]:
+def _fly(
+    truth: Sea, crossing: Crossing, plan: MissionPlan, began: float
+) -> tuple[float, float, float, Place]:
     """Return when legs first pass the goal (inf: never), how near they come [m], when they end and where; times since the start [s]."""
     flown = fly_mission([truth], plan)
     goal = np.array(to_local(flown.projection, crossing.goal.longitude, crossing.goal.latitude))
@@ -192,14 +222,21 @@ def _fly(truth: Sea, crossing: Crossing, plan: MissionPlan, began: float) -> tup
     within = np.flatnonzero(off <= PASSED)
     longitude, latitude = to_geographic(flown.projection, *flown.place[0, -1])
     passed = began + float(time[within[0]]) if within.size else inf
-    return passed, float(off.min()), began + float(flown.time[-1]), Place(float(longitude), float(latitude), 0.0)
+    return (
+        passed,
+        float(off.min()),
+        began + float(flown.time[-1]),
+        Place(float(longitude), float(latitude), 0.0),
+    )
 
 
 def _finer(values: Array) -> Array:
     """Return values with points between them, linear."""
     at = np.linspace(0.0, len(values) - 1.0, _FINE * (len(values) - 1) + 1)
     flat = values.reshape(len(values), -1)
-    return np.column_stack([np.interp(at, np.arange(len(values)), column) for column in flat.T]).reshape(len(at), *values.shape[1:])
+    return np.column_stack(
+        [np.interp(at, np.arange(len(values)), column) for column in flat.T]
+    ).reshape(len(at), *values.shape[1:])
 
 
 def given_up(earliest: float) -> float:

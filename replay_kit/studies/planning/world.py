@@ -89,7 +89,11 @@ class Withheld:
 
     def flows(self, depth: float) -> dict[str, FlowEstimate]:
         """Return everything to plan on, for what goes down to a depth [m]."""
-        return {TRUTH: self.truth, AVERAGED: average_over_depth(self.truth, depth), **self.estimated}
+        return {
+            TRUTH: self.truth,
+            AVERAGED: average_over_depth(self.truth, depth),
+            **self.estimated,
+        }
 
     @cached_property
     def at(self) -> ScoredPoints:
@@ -100,7 +104,9 @@ class Withheld:
         """Return a flow's RMS error over the truth's RMS speed, at the grid points down to a depth [m]."""
         kept = self.at.depth <= depth
         east, north, down = (values[kept] for values in self.at.place)
-        return rms_length(flow.velocity(east, north, down) - self.at.velocity[kept]) / rms_length(self.at.velocity[kept])
+        return rms_length(flow.velocity(east, north, down) - self.at.velocity[kept]) / rms_length(
+            self.at.velocity[kept]
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,7 +131,9 @@ class World:
         """Return the number of cases of each truth when a count is spread over the truths as evenly as possible."""
         return tuple(len(part) for part in np.array_split(np.arange(count), len(self.truths)))
 
-    def each_truth(self, function: Callable[["World", int], _Made], count: int, steps: int = 1) -> Iterator[tuple[Withheld, _Made]]:
+    def each_truth(
+        self, function: Callable[["World", int], _Made], count: int, steps: int = 1
+    ) -> Iterator[tuple[Withheld, _Made]]:
         """Yield each truth that has a share of cases, and what a function makes of it.
 
         Args:
@@ -133,8 +141,14 @@ class World:
             count: Of the cases of all truths.
             steps: Of a case.
         """
-        given = [(truth, share) for truth, share in zip(self.truths, self.shares(count), strict=True) if share]
-        made = each_call(function, ((replace(self, truths=(truth,)), share) for truth, share in given))
+        given = [
+            (truth, share)
+            for truth, share in zip(self.truths, self.shares(count), strict=True)
+            if share
+        ]
+        made = each_call(
+            function, ((replace(self, truths=(truth,)), share) for truth, share in given)
+        )
         for truth, share in given:
             before = self.advance.done
             found = next(made)
@@ -168,7 +182,13 @@ def attempted(make: Callable[[], _Planned]) -> tuple[_Planned | None, str, float
     return made, made.message, time.perf_counter() - began
 
 
-def build_world(ensemble: Ensemble, truth: Ensemble | None, config: EstimatorConfig, job: PlanningJob, advance: Advance) -> World:
+def build_world(
+    ensemble: Ensemble,
+    truth: Ensemble | None,
+    config: EstimatorConfig,
+    job: PlanningJob,
+    advance: Advance,
+) -> World:
     """Return the world of an ensemble; estimates are made when they are first asked for.
 
     Args:
@@ -184,5 +204,9 @@ def build_world(ensemble: Ensemble, truth: Ensemble | None, config: EstimatorCon
     if truth is not None and job.leave_out is not None:
         raise ConfigError("planning: expected one of --truth and --leave-out")
     members = job.members(ensemble.n_members)
-    cases = [leave_out(ensemble, member) for member in members] if truth is None else [Case(None, truth, ensemble)]
+    cases = (
+        [leave_out(ensemble, member) for member in members]
+        if truth is None
+        else [Case(None, truth, ensemble)]
+    )
     return World(ensemble, tuple(Withheld(case, config, job) for case in cases), job, advance)

@@ -33,7 +33,11 @@ def _marked(text: str) -> str:
 def tables_html(tables: Sequence[Table]) -> str:
     """Return those tables that are shown as HTML."""
     return "".join(
-        table_html(table.columns, [[_cell(to_text(cell)) for cell in row] for row in table.rows], table.title)
+        table_html(
+            table.columns,
+            [[_cell(to_text(cell)) for cell in row] for row in table.rows],
+            table.title,
+        )
         for table in tables
         if table.shown and table.rows
     )
@@ -50,13 +54,26 @@ def picture_figures(pictures: Sequence[tuple[str, str, Drawn]]) -> tuple[Figure,
     Args:
         pictures: Of each the name of its file, its caption, and itself.
     """
-    return tuple(_picture_figure(name, caption, picture) for name, caption, picture in pictures if picture.data)
+    return tuple(
+        _picture_figure(name, caption, picture)
+        for name, caption, picture in pictures
+        if picture.data
+    )
 
 
 def _picture_figure(name: str, caption: str, picture: Drawn) -> Figure:
     title = re.split(r"[,:;]", caption, maxsplit=1)[0]
     image = f"data:image/png;base64,{b64encode(picture.files['png']).decode()}"
-    return Figure(name.replace("_", "-"), title, f"{escape(caption)}.", f"{caption}.", {"drawn": picture.data}, (), {}, image=image)
+    return Figure(
+        name.replace("_", "-"),
+        title,
+        f"{escape(caption)}.",
+        f"{caption}.",
+        {"drawn": picture.data},
+        (),
+        {},
+        image=image,
+    )
 
 
 def study_page(title: str, sections: Sequence[Section], answer: Mapping[str, Any]) -> str:
@@ -73,15 +90,28 @@ def study_page(title: str, sections: Sequence[Section], answer: Mapping[str, Any
 def _again(answer: Mapping[str, Any]) -> Section:
     job = answer.get("job", {})
     shown = {**{name: value for name, value in answer.items() if _is_setting(value)}, **job}
-    options = [[escape(name.replace("_", " ")), escape(_option(value))] for name, value in plain(shown).items()]
+    options = [
+        [escape(name.replace("_", " ")), escape(_option(value))]
+        for name, value in plain(shown).items()
+    ]
     versions = [[escape(name), escape(version)] for name, version in answer["versions"].items()]
-    html = table_html(("what", "value"), options, "Inputs and options") + table_html(("package", "version"), versions, "Versions")
+    html = table_html(("what", "value"), options, "Inputs and options") + table_html(
+        ("package", "version"), versions, "Versions"
+    )
     return Section("again", "Make it again", html)
 
 
 def _is_setting(value: Any) -> bool:
-    return isinstance(value, str | int | float) or (isinstance(value, list) and len(value) > 0 and not isinstance(value[0], dict | list))
+    return isinstance(value, str | int | float) or (
+        isinstance(value, list) and len(value) > 0 and not isinstance(value[0], dict | list)
+    )
 
 
 def _option(value: Any) -> str:
-    return ", ".join(map(to_text, value)) if isinstance(value, list) else "none" if value is None else to_text(value)
+    return (
+        ", ".join(map(to_text, value))
+        if isinstance(value, list)
+        else "none"
+        if value is None
+        else to_text(value)
+    )

@@ -63,12 +63,19 @@ def saved(make: Callable[[], Any], *endings: str) -> Drawn:
         for ending in endings:
             content = io.BytesIO()
             # an SVG states when it was made unless asked not to
-            figure.savefig(content, format=ending, metadata={"Date": None} if ending == "svg" else {})
+            figure.savefig(
+                content, format=ending, metadata={"Date": None} if ending == "svg" else {}
+            )
             files[ending] = content.getvalue()
     # the cells of a colour bar are no data
     rows = [row for axes in figure.axes if axes.get_label() != "<colorbar>" for row in _rows(axes)]
     return Drawn(
-        files, {name: [row[k] for row in rows] for k, name in enumerate(_COLUMNS) if any(row[k] not in ("", None) for row in rows)}
+        files,
+        {
+            name: [row[k] for row in rows]
+            for k, name in enumerate(_COLUMNS)
+            if any(row[k] not in ("", None) for row in rows)
+        },
     )
 
 
@@ -89,13 +96,32 @@ def _rows(axes: Any) -> Iterator[tuple[Any, ...]]:
                 yield (panel, label, *_numbers(np.array([x, y])), None, None, None, None)
         elif kind == "QuadMesh":
             corners = each.get_coordinates()
-            centres = (corners[:-1, :-1] + corners[1:, :-1] + corners[:-1, 1:] + corners[1:, 1:]).reshape(-1, 2) / 4.0
+            centres = (
+                corners[:-1, :-1] + corners[1:, :-1] + corners[:-1, 1:] + corners[1:, 1:]
+            ).reshape(-1, 2) / 4.0
             values = np.ma.filled(np.ma.masked_invalid(each.get_array()), np.nan).ravel()
-            for (x, y), value in zip(centres[np.isfinite(values)], values[np.isfinite(values)], strict=True):
-                yield (panel, "colours", *_numbers(np.array([x, y])), None, *_numbers(np.array([value])), None, None)
+            for (x, y), value in zip(
+                centres[np.isfinite(values)], values[np.isfinite(values)], strict=True
+            ):
+                yield (
+                    panel,
+                    "colours",
+                    *_numbers(np.array([x, y])),
+                    None,
+                    *_numbers(np.array([value])),
+                    None,
+                    None,
+                )
         elif kind == "Quiver":
             for x, y, u, v in np.ma.column_stack([each.X, each.Y, each.U, each.V]).filled(np.nan):
-                yield (panel, "arrows", *_numbers(np.array([x, y])), None, None, *_numbers(np.array([u, v])))
+                yield (
+                    panel,
+                    "arrows",
+                    *_numbers(np.array([x, y])),
+                    None,
+                    None,
+                    *_numbers(np.array([u, v])),
+                )
 
 
 def _numbers(values: Array) -> list[float | None]:

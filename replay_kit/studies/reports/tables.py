@@ -37,7 +37,9 @@ class Table:
         return np.array([row[self.columns.index(name)] for row in self.rows], dtype=np.float64)
 
 
-def named_columns(name: str, title: str, rows: Sequence[Mapping[str, Cell]], shown: bool = True) -> Table:
+def named_columns(
+    name: str, title: str, rows: Sequence[Mapping[str, Cell]], shown: bool = True
+) -> Table:
     """Return the table of at least one row, each a cell for each column by its name."""
     return Table(name, title, tuple(rows[0]), tuple(tuple(row.values()) for row in rows), shown)
 

@@ -30,7 +30,11 @@ def plain(value: Any) -> Any:
 def answer_of(figures: Mapping[str, Any], *packages: str) -> dict[str, Any]:
     """Return figures for JSON, with the versions of this package and of others; ``unfinished`` is left out where it does not hold."""
     versions = {"replay-kit": __version__, **{name: version(name) for name in packages}}
-    return {name: plain(value) for name, value in {**figures, "versions": versions}.items() if name != "unfinished" or value}
+    return {
+        name: plain(value)
+        for name, value in {**figures, "versions": versions}.items()
+        if name != "unfinished" or value
+    }
 
 
 def json_text(answer: Mapping[str, Any]) -> str:
@@ -44,14 +48,25 @@ def to_csv(table: Table) -> str:
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(map(csv_cell, table.columns))
     for row in table.rows:
-        writer.writerow([" ".join(map(str, cell)) if isinstance(cell, list) else csv_cell(cell) for cell in plain(row)])
+        writer.writerow(
+            [
+                " ".join(map(str, cell)) if isinstance(cell, list) else csv_cell(cell)
+                for cell in plain(row)
+            ]
+        )
     return out.getvalue()
 
 
 def markdown(table: Table) -> str:
     """Return a table in Markdown, its title above it."""
-    lines = (table.columns, ["---"] * len(table.columns), *(map(to_text, row) for row in table.rows))
-    return "\n".join([f"**{table.title}**", "", *("| " + " | ".join(cells) + " |" for cells in lines)])
+    lines = (
+        table.columns,
+        ["---"] * len(table.columns),
+        *(map(to_text, row) for row in table.rows),
+    )
+    return "\n".join(
+        [f"**{table.title}**", "", *("| " + " | ".join(cells) + " |" for cells in lines)]
+    )
 
 
 def print_tables(console: Console, tables: Sequence[Table]) -> None:
@@ -71,7 +86,9 @@ def to_text(cell: Cell) -> str:
     if isinstance(cell, tuple):
         return " ".join(map(to_text, cell))
     if isinstance(cell, float):
-        return number(cell, 0) if abs(cell) >= 1e3 else f"{cell:.4g}" if math.isfinite(cell) else "-"
+        return (
+            number(cell, 0) if abs(cell) >= 1e3 else f"{cell:.4g}" if math.isfinite(cell) else "-"
+        )
     return "-" if cell is None else str(cell)
 
 
@@ -84,7 +101,13 @@ def limits_text(at_least: float, at_most: float) -> str:
     """Return the limits of a figure for people; empty when both are NaN."""
     if math.isfinite(at_least) and math.isfinite(at_most):
         return f"{to_text(at_least)} to {to_text(at_most)}"
-    return f">= {to_text(at_least)}" if math.isfinite(at_least) else f"<= {to_text(at_most)}" if math.isfinite(at_most) else ""
+    return (
+        f">= {to_text(at_least)}"
+        if math.isfinite(at_least)
+        else f"<= {to_text(at_most)}"
+        if math.isfinite(at_most)
+        else ""
+    )
 
 
 def met_text(met: bool | None) -> str:
@@ -104,7 +127,13 @@ def criteria_table(title: str, criteria: Sequence[Criterion]) -> Table:
         )
         for one in criteria
     )
-    return Table("criteria", title, ("figure", "value", "90 % interval", "required", ""), rows, shown=bool(rows))
+    return Table(
+        "criteria",
+        title,
+        ("figure", "value", "90 % interval", "required", ""),
+        rows,
+        shown=bool(rows),
+    )
 
 
 def write_files(out: Path, contents: Mapping[str, str | bytes]) -> None:

@@ -43,7 +43,13 @@ def score(flow: FlowEstimate, at: ScoredPoints) -> Score:
     if flow.n_modes == 0:
         return Score(rmse, relative, np.nan, np.nan, float(np.mean(np.abs(error))))
     std = flow.standard_error(*at.place)
-    return Score(rmse, relative, coverage(error, std, 0.5), coverage(error, std, 0.9), float(np.mean(crps_gaussian(error, std))))
+    return Score(
+        rmse,
+        relative,
+        coverage(error, std, 0.5),
+        coverage(error, std, 0.9),
+        float(np.mean(crps_gaussian(error, std))),
+    )
 
 
 def bound(estimator: Estimator[Any], at: ScoredPoints) -> float:
@@ -69,7 +75,14 @@ def miss_figures(misses: Array) -> dict[str, Any]:
     low, high = bootstrap_median(misses)
     lower, median, upper = (float(quartile) for quartile in np.quantile(misses, [0.25, 0.5, 0.75]))
     near = int(np.sum(misses <= NEAR))
-    return {"median": median, "median_low": low, "median_high": high, "lower_quartile": lower, "upper_quartile": upper, "within_250": near}
+    return {
+        "median": median,
+        "median_low": low,
+        "median_high": high,
+        "lower_quartile": lower,
+        "upper_quartile": upper,
+        "within_250": near,
+    }
 
 
 def bootstrap_ratio(values: Array, others: Array) -> tuple[float, float]:
@@ -79,4 +92,7 @@ def bootstrap_ratio(values: Array, others: Array) -> tuple[float, float]:
         values: shape (n,), above the line.
         others: shape (n,), below it.
     """
-    return bootstrap_interval(lambda drawn: np.median(values[drawn], axis=1) / np.median(others[drawn], axis=1), values.size)
+    return bootstrap_interval(
+        lambda drawn: np.median(values[drawn], axis=1) / np.median(others[drawn], axis=1),
+        values.size,
+    )

@@ -50,9 +50,20 @@ def measure(field: Field, pings: Pings, settings: AdcpSettings, rng: np.random.G
             another's water.
     """
     below = settings.bin0_distance + settings.cell_size * np.arange(settings.n_cells)
-    velocity = field.velocity(pings.east[:, None], pings.north[:, None], pings.depth[:, None] + below, pings.time_ns[:, None])
+    velocity = field.velocity(
+        pings.east[:, None],
+        pings.north[:, None],
+        pings.depth[:, None] + below,
+        pings.time_ns[:, None],
+    )
     longitude, latitude = to_geographic(field.grid.projection, pings.east, pings.north)
-    east, north = rotate_to_geographic(field.grid.projection, longitude[:, None], latitude[:, None], velocity[..., 0], velocity[..., 1])
+    east, north = rotate_to_geographic(
+        field.grid.projection,
+        longitude[:, None],
+        latitude[:, None],
+        velocity[..., 0],
+        velocity[..., 1],
+    )
     noise = rng.standard_normal(velocity.shape)
     return np.stack([east, north], axis=-1) + settings.noise * noise
 
@@ -77,9 +88,17 @@ class Faults:
 
     def check(self) -> None:
         """Raise ConfigError when a number is none that can be simulated."""
-        if self.platform_std is not None and (self.reference != "platform" or not 0.0 < self.platform_std < np.inf):
-            raise ConfigError(f"twin: a platform's velocity goes with reference platform and an error above 0, got {self.platform_std}")
-        if not (np.isfinite(self.heading_bias_deg) and np.isfinite(self.scale_error) and 0.0 <= self.outliers <= 1.0):
+        if self.platform_std is not None and (
+            self.reference != "platform" or not 0.0 < self.platform_std < np.inf
+        ):
+            raise ConfigError(
+                f"twin: a platform's velocity goes with reference platform and an error above 0, got {self.platform_std}"
+            )
+        if not (
+            np.isfinite(self.heading_bias_deg)
+            and np.isfinite(self.scale_error)
+            and 0.0 <= self.outliers <= 1.0
+        ):
             raise ConfigError(
                 "twin: expected a finite heading bias and scale error and outliers of 0 to 1, "
                 f"got {self.heading_bias_deg}, {self.scale_error} and {self.outliers}"
@@ -90,7 +109,9 @@ class Faults:
 SOUND = Faults()
 
 
-def as_logged(velocity: Array, pings: Pings, projection: Projection, faults: Faults, seed: int) -> tuple[Array, Array | None]:
+def as_logged(
+    velocity: Array, pings: Pings, projection: Projection, faults: Faults, seed: int
+) -> tuple[Array, Array | None]:
     """Return velocities as the instrument logs them, and the platform's velocity that it states, shape (n, 2), or None.
 
     Args:
@@ -104,7 +125,11 @@ def as_logged(velocity: Array, pings: Pings, projection: Projection, faults: Fau
         return velocity, None
     assert pings.velocity is not None, "missions know how their vehicle moves"
     longitude, latitude = to_geographic(projection, pings.east, pings.north)
-    platform = np.column_stack(rotate_to_geographic(projection, longitude, latitude, pings.velocity[:, 0], pings.velocity[:, 1]))
+    platform = np.column_stack(
+        rotate_to_geographic(
+            projection, longitude, latitude, pings.velocity[:, 0], pings.velocity[:, 1]
+        )
+    )
     bias = np.deg2rad(faults.heading_bias_deg)
     clockwise = np.array([[np.cos(bias), -np.sin(bias)], [np.sin(bias), np.cos(bias)]])
     logged = (1.0 + faults.scale_error) * (velocity - platform[:, None]) @ clockwise

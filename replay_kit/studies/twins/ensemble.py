@@ -85,21 +85,35 @@ def synthesize(seed: int = 0, n_members: int = 40) -> tuple[xr.Dataset, xr.Datas
         ConfigError: Fewer than two members, or a negative seed.
     """
     if n_members < 2 or seed < 0:
-        raise ConfigError(f"synthetic ensemble: expected at least 2 members and a seed >= 0, got {n_members} and {seed}")
+        raise ConfigError(
+            f"synthetic ensemble: expected at least 2 members and a seed >= 0, got {n_members} and {seed}"
+        )
     rng = np.random.default_rng(seed)
     eddies, jet = _draw_common_eddies(rng), _draw_jet(rng)
     longitude, latitude = np.meshgrid(LONGITUDES, LATITUDES)
     east, north = to_local(CENTRE, longitude, latitude)
     members = []
     for _ in range(n_members + 1):
-        own = _draw_eddies(rng.uniform(-1.0, 1.0, (_OWN_EDDIES, 2)), rng.choice([-1.0, 1.0], _OWN_EDDIES) * 0.16, rng)
-        u, v = velocity((_perturbed(eddies, rng), own), _perturbed_jet(jet, rng), east, north, LEVELS[:, None, None])
+        own = _draw_eddies(
+            rng.uniform(-1.0, 1.0, (_OWN_EDDIES, 2)),
+            rng.choice([-1.0, 1.0], _OWN_EDDIES) * 0.16,
+            rng,
+        )
+        u, v = velocity(
+            (_perturbed(eddies, rng), own),
+            _perturbed_jet(jet, rng),
+            east,
+            north,
+            LEVELS[:, None, None],
+        )
         members.append(rotate_to_geographic(CENTRE, longitude, latitude, u, v))
     values = np.array(members)
     return _dataset(values[1:], seed, "ensemble"), _dataset(values[0], seed, "truth")
 
 
-def velocity(groups: tuple[Eddies, ...], jet: Jet, east: Array, north: Array, depth: Array) -> tuple[Array, Array]:
+def velocity(
+    groups: tuple[Eddies, ...], jet: Jet, east: Array, north: Array, depth: Array
+) -> tuple[Array, Array]:
     """Return local east and north velocity [m/s]: u = dpsi/dy, v = -dpsi/dx of the stream function, differentiated by hand.
 
     An eddy is psi = -speed radius exp(1/2 - r^2 / (2 radius^2)), the jet psi = speed width tanh((y - axis(x)) / width); each
@@ -118,9 +132,13 @@ def velocity(groups: tuple[Eddies, ...], jet: Jet, east: Array, north: Array, de
     u = profile
     v = profile * jet.amplitude * k * np.cos(k * east + jet.phase)
     for eddies in groups:
-        for centre, tilt, radius, speed, decay in zip(eddies.centre, eddies.tilt, eddies.radius, eddies.speed, eddies.decay, strict=True):
+        for centre, tilt, radius, speed, decay in zip(
+            eddies.centre, eddies.tilt, eddies.radius, eddies.speed, eddies.decay, strict=True
+        ):
             dx, dy = east - centre[0] - tilt[0] * depth, north - centre[1] - tilt[1] * depth
-            swirl = speed / radius * np.exp(0.5 - (dx**2 + dy**2) / (2.0 * radius**2) - depth / decay)
+            swirl = (
+                speed / radius * np.exp(0.5 - (dx**2 + dy**2) / (2.0 * radius**2) - depth / decay)
+            )
             u = u - swirl * dy
             v = v + swirl * dx
     return u, v
@@ -145,23 +163,49 @@ def write_ensemble(
     """
     check_paths([], [ensemble, truth], overwrite)
     pair = synthesize(seed, n_members)
-    packed: dict[str, object] = {"dtype": "int16", "scale_factor": _SCALE_FACTOR, "_FillValue": np.int16(-32768)}
+    packed: dict[str, object] = {
+        "dtype": "int16",
+        "scale_factor": _SCALE_FACTOR,
+        "_FillValue": np.int16(-32768),
+    }
     plain: dict[str, object] = {"dtype": "float64", "_FillValue": None}
-    time: dict[str, object] = {"dtype": "int32", "units": "hours since 1970-01-01 00:00:00", "calendar": "standard", "_FillValue": None}
+    time: dict[str, object] = {
+        "dtype": "int32",
+        "units": "hours since 1970-01-01 00:00:00",
+        "calendar": "standard",
+        "_FillValue": None,
+    }
     for path, dataset in ((ensemble, pair[0]), (truth, pair[1])):
-        encoding = {"uo": packed, "vo": packed, "time": time, "depth": plain, "latitude": plain, "longitude": plain}
+        encoding = {
+            "uo": packed,
+            "vo": packed,
+            "time": time,
+            "depth": plain,
+            "latitude": plain,
+            "longitude": plain,
+        }
         with atomic_file(path) as file:
-            file.write(bytes(dataset.to_netcdf(None, format="NETCDF3_64BIT", engine="scipy", encoding=encoding)))
+            file.write(
+                bytes(
+                    dataset.to_netcdf(
+                        None, format="NETCDF3_64BIT", engine="scipy", encoding=encoding
+                    )
+                )
+            )
     return pair
 
 
 def _draw_common_eddies(rng: np.random.Generator) -> Eddies:
     """Return eddies about a lattice, neighbours turning opposite ways, so that no draw piles them up in one place."""
     column, row = (grid.ravel() for grid in np.meshgrid(np.arange(_COLUMNS), np.arange(_ROWS)))
-    lattice = np.column_stack([(2.0 * column + 1.0) / _COLUMNS - 1.0, (2.0 * row + 1.0) / _ROWS - 1.0])
+    lattice = np.column_stack(
+        [(2.0 * column + 1.0) / _COLUMNS - 1.0, (2.0 * row + 1.0) / _ROWS - 1.0]
+    )
     spacing = np.array([2.0 / _COLUMNS, 2.0 / _ROWS])
     turn = np.where((column + row) % 2 == 0, 1.0, -1.0) * rng.choice([-1.0, 1.0])
-    return _draw_eddies(lattice + rng.uniform(-0.35, 0.35, lattice.shape) * spacing, 0.42 * turn, rng)
+    return _draw_eddies(
+        lattice + rng.uniform(-0.35, 0.35, lattice.shape) * spacing, 0.42 * turn, rng
+    )
 
 
 def _draw_eddies(place: Array, speed: Array, rng: np.random.Generator) -> Eddies:
@@ -215,20 +259,44 @@ def _perturbed_jet(jet: Jet, rng: np.random.Generator) -> Jet:
 
 def _dataset(values: Array, seed: int, what: str) -> xr.Dataset:
     """Return a CF dataset of values, shape ([members,] 2, Z, J, I)."""
-    dims = ("depth", "latitude", "longitude") if values.ndim == 4 else ("member", "depth", "latitude", "longitude")
+    dims = (
+        ("depth", "latitude", "longitude")
+        if values.ndim == 4
+        else ("member", "depth", "latitude", "longitude")
+    )
     names = (("uo", "eastward"), ("vo", "northward"))
     variables = {
-        name: (dims, np.take(values, axis, axis=-4), {"standard_name": f"{direction}_sea_water_velocity", "units": "m s-1"})
+        name: (
+            dims,
+            np.take(values, axis, axis=-4),
+            {"standard_name": f"{direction}_sea_water_velocity", "units": "m s-1"},
+        )
         for axis, (name, direction) in enumerate(names)
     }
     coordinates = {
-        "depth": ("depth", LEVELS, {"standard_name": "depth", "units": "m", "positive": "down", "axis": "Z"}),
-        "latitude": ("latitude", LATITUDES, {"standard_name": "latitude", "units": "degrees_north", "axis": "Y"}),
-        "longitude": ("longitude", LONGITUDES, {"standard_name": "longitude", "units": "degrees_east", "axis": "X"}),
+        "depth": (
+            "depth",
+            LEVELS,
+            {"standard_name": "depth", "units": "m", "positive": "down", "axis": "Z"},
+        ),
+        "latitude": (
+            "latitude",
+            LATITUDES,
+            {"standard_name": "latitude", "units": "degrees_north", "axis": "Y"},
+        ),
+        "longitude": (
+            "longitude",
+            LONGITUDES,
+            {"standard_name": "longitude", "units": "degrees_east", "axis": "X"},
+        ),
         "time": ((), TIME, {"standard_name": "time"}),
     }
     if values.ndim == 5:
-        coordinates["member"] = ("member", np.arange(len(values), dtype=np.int32), {"standard_name": "realization", "units": "1"})
+        coordinates["member"] = (
+            "member",
+            np.arange(len(values), dtype=np.int32),
+            {"standard_name": "realization", "units": "1"},
+        )
     attributes = {
         "Conventions": "CF-1.8",
         "title": f"synthetic {what}: eddies and a meandering jet",

@@ -41,7 +41,9 @@ class Field:
     place_spline: NdBSpline
     nodes: cKDTree
 
-    def velocity(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, time_ns: ArrayLike = 0) -> Array:
+    def velocity(
+        self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, time_ns: ArrayLike = 0
+    ) -> Array:
         """Return the current along the local axes, shape (..., 2) [m/s].
 
         Above the first level it is that of the first level. It is NaN below the last level, outside the grid, and in a cell
@@ -56,7 +58,11 @@ class Field:
         Raises:
             ForecastError: A time lies outside the truth's.
         """
-        east, north, depth = np.broadcast_arrays(np.asarray(east, np.float64), np.asarray(north, np.float64), np.asarray(depth, np.float64))
+        east, north, depth = np.broadcast_arrays(
+            np.asarray(east, np.float64),
+            np.asarray(north, np.float64),
+            np.asarray(depth, np.float64),
+        )
         shape = east.shape
         places = np.stack([east.ravel(), north.ravel(), depth.ravel()])
         times = np.broadcast_to(np.asarray(time_ns, np.int64), shape).ravel()
@@ -67,7 +73,9 @@ class Field:
             values[part] = self._velocity(at_east, at_north, at_depth, times[part])
         return values.reshape(*shape, 2)
 
-    def _velocity(self, east: Array, north: Array, depth: Array, time_ns: NDArray[np.int64]) -> Array:
+    def _velocity(
+        self, east: Array, north: Array, depth: Array, time_ns: NDArray[np.int64]
+    ) -> Array:
         """Return ``velocity`` of places, shape (n, 2)."""
         j, i, inside = grid_indices(self, east, north)
         levels = self.grid.levels
@@ -84,9 +92,16 @@ class Field:
         if len(self.velocity_splines) == 1:
             return np.asarray(self.velocity_splines[0](index))
         if time_ns.min() < self.time_ns[0] or time_ns.max() > self.time_ns[-1]:
-            first, last = (np.datetime_as_string(np.datetime64(int(t), "ns"), unit="s") for t in self.time_ns[[0, -1]])
-            raise ForecastError(f"the truth changes from {first}Z to {last}Z, and the mission goes beyond; take fewer or closer pings")
-        before = np.clip(np.searchsorted(self.time_ns, time_ns, side="right") - 1, 0, self.time_ns.size - 2)
+            first, last = (
+                np.datetime_as_string(np.datetime64(int(t), "ns"), unit="s")
+                for t in self.time_ns[[0, -1]]
+            )
+            raise ForecastError(
+                f"the truth changes from {first}Z to {last}Z, and the mission goes beyond; take fewer or closer pings"
+            )
+        before = np.clip(
+            np.searchsorted(self.time_ns, time_ns, side="right") - 1, 0, self.time_ns.size - 2
+        )
         share = (time_ns - self.time_ns[before]) / (self.time_ns[before + 1] - self.time_ns[before])
         values = np.zeros((len(index), 2))
         for k in np.unique(before).tolist():
@@ -108,19 +123,32 @@ def build_field(truth: Ensemble, *later: Ensemble) -> Field:
     """
     times = tuple(0 if each.time_ns is None else each.time_ns for each in (truth, *later))
     if any(after <= before for before, after in pairwise(times)):
-        raise ForecastError(f"{truth.source}: a truth of several times needs times that grow, got {', '.join(map(str, times))}")
+        raise ForecastError(
+            f"{truth.source}: a truth of several times needs times that grow, got {', '.join(map(str, times))}"
+        )
     for each in (truth, *later):
         if each.n_members != 1:
-            raise ForecastError(f"{each.source}: a truth is one member, got {each.n_members}; choose one with FILE#MEMBER")
-    grid = replace(truth.grid, wet=np.logical_and.reduce([each.grid.wet for each in (truth, *later)]))
+            raise ForecastError(
+                f"{each.source}: a truth is one member, got {each.n_members}; choose one with FILE#MEMBER"
+            )
+    grid = replace(
+        truth.grid, wet=np.logical_and.reduce([each.grid.wet for each in (truth, *later)])
+    )
     if not grid.wet.any():
-        raise ForecastError(f"{truth.source}: no wet point to sample; give a truth with water in it")
+        raise ForecastError(
+            f"{truth.source}: no wet point to sample; give a truth with water in it"
+        )
     rows, columns = (np.arange(n, dtype=np.float64) for n in grid.east.shape)
     axes = (grid.levels, rows, columns)
-    splines = tuple(_tensor_spline(axes, np.moveaxis(_without_land(each.velocity[0], grid.wet), 0, -1)) for each in (truth, *later))
+    splines = tuple(
+        _tensor_spline(axes, np.moveaxis(_without_land(each.velocity[0], grid.wet), 0, -1))
+        for each in (truth, *later)
+    )
     places = np.stack([grid.east, grid.north], axis=-1)
     nodes = cKDTree(places.reshape(-1, 2))
-    return Field(grid, splines, np.array(times, np.int64), _tensor_spline((rows, columns), places), nodes)
+    return Field(
+        grid, splines, np.array(times, np.int64), _tensor_spline((rows, columns), places), nodes
+    )
 
 
 def grid_indices(field: Field, east: Array, north: Array) -> tuple[Array, Array, NDArray[np.bool_]]:

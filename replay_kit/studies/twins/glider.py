@@ -9,7 +9,16 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
 from replay_kit.core.observation import VehicleState
 from replay_kit.studies.twins.field import Field, grid_indices
-from replay_kit.studies.twins.vehicle import NS_PER_S, Dive, Mission, Pings, Track, advected, dead_reckoned, log_position
+from replay_kit.studies.twins.vehicle import (
+    NS_PER_S,
+    Dive,
+    Mission,
+    Pings,
+    Track,
+    advected,
+    dead_reckoned,
+    log_position,
+)
 
 STEP_S = 120
 _STEP_NS = STEP_S * NS_PER_S
@@ -84,12 +93,20 @@ def mission(
         aim, target = _aim(field, place, target)
         tracks.append(_dive(field, place, tracks[-1].end_ns, aim, limits))
         tracks.append(_surface(field, tracks[-1].place[-1], tracks[-1].end_ns))
-    return _logged(field, tracks, start_ns + np.arange(pings) * schedule.ping_steps * _STEP_NS, limits, schedule.to_the_end)
+    return _logged(
+        field,
+        tracks,
+        start_ns + np.arange(pings) * schedule.ping_steps * _STEP_NS,
+        limits,
+        schedule.to_the_end,
+    )
 
 
 def _place_of(field: Field, fraction: Array) -> Array:
     rows, columns = field.grid.east.shape
-    return np.asarray(field.place_spline(fraction * [rows - 1.0, columns - 1.0]), dtype=np.float64).reshape(2)
+    return np.asarray(
+        field.place_spline(fraction * [rows - 1.0, columns - 1.0]), dtype=np.float64
+    ).reshape(2)
 
 
 def _aim(field: Field, place: Array, target: int) -> tuple[Array, int]:
@@ -111,24 +128,48 @@ def _dive(field: Field, place: Array, start_ns: int, aim: Array, limits: GliderL
     bottom = min(limits.max_depth, float(field.grid.levels[-1]))
     down = np.linspace(0.0, bottom, dive_steps(field, limits) // 2 + 1)
     towards = (aim - place) / np.hypot(*(aim - place))
-    return _carried(field, place, start_ns, np.concatenate([down, down[-2::-1]]), limits.speed * np.cos(angle) * towards)
+    return _carried(
+        field,
+        place,
+        start_ns,
+        np.concatenate([down, down[-2::-1]]),
+        limits.speed * np.cos(angle) * towards,
+    )
 
 
 def dive_steps(field: Field, limits: GliderLimits) -> int:
     """Return how long a dive takes [steps of 120 s], half of them down and half up."""
     bottom = min(limits.max_depth, float(field.grid.levels[-1]))
-    return 2 * max(1, round(bottom / (limits.speed * float(np.sin(np.deg2rad(limits.glide_angle_deg))) * STEP_S)))
+    return 2 * max(
+        1,
+        round(bottom / (limits.speed * float(np.sin(np.deg2rad(limits.glide_angle_deg))) * STEP_S)),
+    )
 
 
 def _surface(field: Field, place: Array, start_ns: int) -> Track:
     return _carried(field, place, start_ns, np.zeros(SURFACE_STEPS + 1), np.zeros(2))
 
 
-def _carried(field: Field, place: Array, start_ns: int, depth: Array, through_water: Array) -> Track:
-    return advected(field, place, start_ns, STEP_S * np.arange(depth.size, dtype=np.float64), depth, through_water)
+def _carried(
+    field: Field, place: Array, start_ns: int, depth: Array, through_water: Array
+) -> Track:
+    return advected(
+        field,
+        place,
+        start_ns,
+        STEP_S * np.arange(depth.size, dtype=np.float64),
+        depth,
+        through_water,
+    )
 
 
-def _logged(field: Field, tracks: list[Track], pings_ns: NDArray[np.int64], limits: GliderLimits, to_the_end: bool) -> Mission:
+def _logged(
+    field: Field,
+    tracks: list[Track],
+    pings_ns: NDArray[np.int64],
+    limits: GliderLimits,
+    to_the_end: bool,
+) -> Mission:
     """Return what is logged of dives and stays at the surface."""
     start_ns = tracks[0].start_ns
     end_ns = tracks[-1].end_ns if to_the_end else int(pings_ns[-1])
@@ -137,22 +178,41 @@ def _logged(field: Field, tracks: list[Track], pings_ns: NDArray[np.int64], limi
     dives: list[Dive] = []
     parts: list[tuple[Array, ...]] = []
     for track in tracks:
-        steps = [times_ns[(times_ns >= track.start_ns) & (times_ns < track.end_ns)] for times_ns in (pings_ns, logged_ns)]
+        steps = [
+            times_ns[(times_ns >= track.start_ns) & (times_ns < track.end_ns)]
+            for times_ns in (pings_ns, logged_ns)
+        ]
         pinged, logged = ((times_ns - track.start_ns) // _STEP_NS for times_ns in steps)
         deepest = int(np.argmax(track.depth))
         if deepest:
             under = logged[logged > 0]
-            dive, reckoned = dead_reckoned(field, len(dives) + 1, track, track.start_ns + under * _STEP_NS, track.depth[under])
+            dive, reckoned = dead_reckoned(
+                field, len(dives) + 1, track, track.start_ns + under * _STEP_NS, track.depth[under]
+            )
             dives.append(dive)
         else:
             # the first and the last moment at the surface are fixes, and so is each ping there
             moments = sorted({0, SURFACE_STEPS, *logged.tolist()})
             reckoned = [log_position(field, track.time_ns(k), track.place[k]) for k in moments]
         positions.update((position.time_ns, position) for position in reckoned)
-        pitch = np.where(pinged <= deepest, -limits.glide_angle_deg, limits.glide_angle_deg) if deepest else np.zeros(pinged.size)
+        pitch = (
+            np.where(pinged <= deepest, -limits.glide_angle_deg, limits.glide_angle_deg)
+            if deepest
+            else np.zeros(pinged.size)
+        )
         through_water = np.tile(track.through_water, (pinged.size, 1))
-        parts.append((track.place[pinged], track.depth[pinged], _heading(field, track)[pinged], pitch, through_water))
-    place, depth, heading, pitch, through_water = (np.concatenate(column) for column in zip(*parts, strict=True))
+        parts.append(
+            (
+                track.place[pinged],
+                track.depth[pinged],
+                _heading(field, track)[pinged],
+                pitch,
+                through_water,
+            )
+        )
+    place, depth, heading, pitch, through_water = (
+        np.concatenate(column) for column in zip(*parts, strict=True)
+    )
     over_ground = through_water + field.velocity(place[:, 0], place[:, 1], depth, pings_ns)
     pings = Pings(pings_ns, place[:, 0], place[:, 1], depth, heading, pitch, over_ground)
     return Mission(pings, tuple(positions[t] for t in sorted(positions)), tuple(dives))

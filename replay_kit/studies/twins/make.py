@@ -53,7 +53,9 @@ class Twin:
     def check(self, out: Path) -> None:
         """Raise ConfigError when a number is none that can be simulated, or does not fit the vehicle or the log."""
         if self.vehicle not in get_args(Vehicle):
-            raise ConfigError(f"vehicle: expected {' or '.join(get_args(Vehicle))}, got '{self.vehicle}'")
+            raise ConfigError(
+                f"vehicle: expected {' or '.join(get_args(Vehicle))}, got '{self.vehicle}'"
+            )
         if self.pings < 1 or not (np.isfinite(self.noise) and self.noise >= 0.0) or self.seed < 0:
             raise ConfigError(
                 f"twin: expected pings >= 1, noise >= 0 and seed >= 0, got pings {self.pings}, noise {self.noise}, seed {self.seed}"
@@ -61,11 +63,19 @@ class Twin:
         self.faults.check()
         steps = self.interval_s / STEP_S
         if not (steps >= 1.0 and steps.is_integer()):
-            raise ConfigError(f"twin: expected an interval of {STEP_S} s times a whole number, got {self.interval_s:g}")
+            raise ConfigError(
+                f"twin: expected an interval of {STEP_S} s times a whole number, got {self.interval_s:g}"
+            )
         if self.vehicle != "glider" and (self.dac_only or self.interval_s != self.plain.interval_s):
-            raise ConfigError(f"twin: mean currents alone and an interval between pings are a glider's, got vehicle '{self.vehicle}'")
-        if out.suffix.lower() == ".tlog" and (self.dac_only or self.faults.platform_std is not None):
-            raise ConfigError(f"{out}: a telemetry log holds neither mean currents nor a platform's velocity; choose .mcap")
+            raise ConfigError(
+                f"twin: mean currents alone and an interval between pings are a glider's, got vehicle '{self.vehicle}'"
+            )
+        if out.suffix.lower() == ".tlog" and (
+            self.dac_only or self.faults.platform_std is not None
+        ):
+            raise ConfigError(
+                f"{out}: a telemetry log holds neither mean currents nor a platform's velocity; choose .mcap"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +93,9 @@ class TwinSummary:
     duration: float
 
 
-def make_twin(truth: Ensemble | Sequence[Ensemble], twin: Twin, out: Path, overwrite: bool = False) -> TwinSummary:
+def make_twin(
+    truth: Ensemble | Sequence[Ensemble], twin: Twin, out: Path, overwrite: bool = False
+) -> TwinSummary:
     """Write the log of a vehicle that measured a truth, and return what is in it; the same arguments give the same bytes.
 
     Args:
@@ -98,16 +110,27 @@ def make_twin(truth: Ensemble | Sequence[Ensemble], twin: Twin, out: Path, overw
     """
     writer = _WRITERS.get(out.suffix.lower())
     if writer is None:
-        raise ConfigError(f"{out}: a twin's log is .mcap or .tlog, got '{out.suffix}'; choose one of these endings")
+        raise ConfigError(
+            f"{out}: a twin's log is .mcap or .tlog, got '{out.suffix}'; choose one of these endings"
+        )
     check_paths([], [out], overwrite)
     twin.check(out)
     rng = np.random.default_rng(twin.seed)
     truths = (truth,) if isinstance(truth, Ensemble) else tuple(truth)
     field = build_field(*truths)
     mission = _fly(field, twin, EPOCH_NS if truths[0].time_ns is None else truths[0].time_ns, rng)
-    writer(out, measured_on(mission, field, twin.noise, rng, twin.seed).messages(twin.faults, pings=not twin.dac_only))
+    writer(
+        out,
+        measured_on(mission, field, twin.noise, rng, twin.seed).messages(
+            twin.faults, pings=not twin.dac_only
+        ),
+    )
     times_ns = mission.pings.time_ns
-    return TwinSummary(0 if twin.dac_only else twin.pings, len(mission.dives), float(times_ns[-1] - times_ns[0]) / 1e9)
+    return TwinSummary(
+        0 if twin.dac_only else twin.pings,
+        len(mission.dives),
+        float(times_ns[-1] - times_ns[0]) / 1e9,
+    )
 
 
 def _fly(field: Field, twin: Twin, start_ns: int, rng: np.random.Generator) -> Mission:

@@ -48,9 +48,25 @@ class Flight:
         """
         entries: list[tuple[int, int, str, str, dict[str, Any]]] = []
         for position in self.mission.positions:
-            entries.append((position.time_ns, 0, position.source.topic, "foxglove.LocationFix", _location_fix(position)))
+            entries.append(
+                (
+                    position.time_ns,
+                    0,
+                    position.source.topic,
+                    "foxglove.LocationFix",
+                    _location_fix(position),
+                )
+            )
         for dive in self.mission.dives:
-            entries.append((dive.end.time_ns, 1, "/dac", "replay_kit.DepthAveragedCurrent", _depth_averaged_current(dive)))
+            entries.append(
+                (
+                    dive.end.time_ns,
+                    1,
+                    "/dac",
+                    "replay_kit.DepthAveragedCurrent",
+                    _depth_averaged_current(dive),
+                )
+            )
         entries += self._pings(faults) if pings else []
         entries.sort(key=lambda entry: entry[:2])
         for ordinal, (time_ns, _, topic, schema, payload) in enumerate(entries):
@@ -58,10 +74,14 @@ class Flight:
 
     def _pings(self, faults: Faults) -> Iterator[tuple[int, int, str, str, dict[str, Any]]]:
         """Yield the pings as the instrument logs them, with their times and their order among messages of one time."""
-        velocity, platform = as_logged(self.measured, self.mission.pings, self.field.grid.projection, faults, self.seed)
+        velocity, platform = as_logged(
+            self.measured, self.mission.pings, self.field.grid.projection, faults, self.seed
+        )
         latitudes = {position.time_ns: position.latitude for position in self.mission.positions}
         for number, time_ns in enumerate(self.mission.pings.time_ns.tolist()):
-            ping = _adcp_ping(self.mission.pings, number, self.settings, velocity[number], latitudes[time_ns])
+            ping = _adcp_ping(
+                self.mission.pings, number, self.settings, velocity[number], latitudes[time_ns]
+            )
             ping["reference"] = faults.reference
             if platform is not None:
                 east, north = np.round(platform[number], 4).tolist()
@@ -70,7 +90,9 @@ class Flight:
             yield time_ns, 2, "/adcp", "replay_kit.AdcpPing", ping
 
 
-def measured_on(mission: Mission, field: Field, noise: float, rng: np.random.Generator, seed: int = 0) -> Flight:
+def measured_on(
+    mission: Mission, field: Field, noise: float, rng: np.random.Generator, seed: int = 0
+) -> Flight:
     """Return a mission with what its instrument measures.
 
     Args:
@@ -105,7 +127,10 @@ def _location_fix(position: VehicleState) -> dict[str, Any]:
 
 
 def _depth_averaged_current(dive: Dive) -> dict[str, Any]:
-    fixes = ({"time": _stamp(fix.time_ns), "lon": fix.longitude, "lat": fix.latitude} for fix in (dive.start, dive.end))
+    fixes = (
+        {"time": _stamp(fix.time_ns), "lon": fix.longitude, "lat": fix.latitude}
+        for fix in (dive.start, dive.end)
+    )
     return {
         "stamp": _stamp(dive.end.time_ns),
         "dive": dive.number,
@@ -118,10 +143,17 @@ def _depth_averaged_current(dive: Dive) -> dict[str, Any]:
     }
 
 
-def _adcp_ping(pings: Pings, number: int, settings: AdcpSettings, velocity: Array, latitude: float) -> dict[str, Any]:
-    pressure = float(gsw.p_from_z(-pings.depth[number], latitude)) if pings.depth[number] > 0.0 else 0.0
+def _adcp_ping(
+    pings: Pings, number: int, settings: AdcpSettings, velocity: Array, latitude: float
+) -> dict[str, Any]:
+    pressure = (
+        float(gsw.p_from_z(-pings.depth[number], latitude)) if pings.depth[number] > 0.0 else 0.0
+    )
     # a tenth of the millimetre per second that instruments resolve, so that the numbers stay short
-    cells = [[*(_number(component) for component in cell), None] for cell in np.round(velocity, 4).tolist()]
+    cells = [
+        [*(_number(component) for component in cell), None]
+        for cell in np.round(velocity, 4).tolist()
+    ]
     return {
         "stamp": _stamp(int(pings.time_ns[number])),
         "frame_id": "adcp",

@@ -15,7 +15,9 @@ IDEAL_ERROR_STD = 0.01
 _INTERVAL_NS = 60_000_000_000
 
 
-def random_observations(field: Field, pings: int, noise: float, seed: int) -> tuple[Observation, ...]:
+def random_observations(
+    field: Field, pings: int, noise: float, seed: int
+) -> tuple[Observation, ...]:
     """Return profiles, 22 bins of 32 m from 16 m each, at places uniformly random over the truth's wet surface.
 
     Args:
@@ -32,8 +34,12 @@ def random_observations(field: Field, pings: int, noise: float, seed: int) -> tu
     settings = AdcpSettings(noise=noise)
     time_ns = EPOCH_NS + _INTERVAL_NS * np.arange(pings)
     nothing = np.zeros(pings)
-    velocity = measure(field, Pings(time_ns, places[:, 0], places[:, 1], nothing, nothing, nothing), settings, rng)
-    depth = settings.bin0_distance + settings.cell_size * np.arange(settings.n_cells, dtype=np.float64)
+    velocity = measure(
+        field, Pings(time_ns, places[:, 0], places[:, 1], nothing, nothing, nothing), settings, rng
+    )
+    depth = settings.bin0_distance + settings.cell_size * np.arange(
+        settings.n_cells, dtype=np.float64
+    )
     longitude, latitude = to_geographic(field.grid.projection, places[:, 0], places[:, 1])
     error_std = noise if noise > 0.0 else IDEAL_ERROR_STD
     return _observations((longitude, latitude), depth, velocity, error_std)
@@ -50,10 +56,14 @@ def grid_observations(truth: Ensemble) -> tuple[Observation, ...]:
     longitude, latitude = grid.longitude[j, i], grid.latitude[j, i]
     u, v = truth.velocity[0][:, :, j, i]
     velocity = np.stack(rotate_to_geographic(grid.projection, longitude, latitude, u, v), axis=-1)
-    return _observations((longitude, latitude), grid.levels, np.moveaxis(velocity, 1, 0), IDEAL_ERROR_STD)
+    return _observations(
+        (longitude, latitude), grid.levels, np.moveaxis(velocity, 1, 0), IDEAL_ERROR_STD
+    )
 
 
-def _observations(places: tuple[Array, Array], depth: Array, velocity: Array, error_std: float) -> tuple[Observation, ...]:
+def _observations(
+    places: tuple[Array, Array], depth: Array, velocity: Array, error_std: float
+) -> tuple[Observation, ...]:
     """Return profiles, one a minute, at longitudes and latitudes, of velocities of shape (n, depths, 2) that are NaN where missing."""
     missing = np.asarray(~np.isfinite(velocity).all(axis=2))
     return tuple(

@@ -34,10 +34,19 @@ class Pair:
     @property
     def distance(self) -> float:
         """From the start to the target, horizontal [m]."""
-        return float(distance(self.start.longitude, self.start.latitude, self.target.longitude, self.target.latitude))
+        return float(
+            distance(
+                self.start.longitude,
+                self.start.latitude,
+                self.target.longitude,
+                self.target.latitude,
+            )
+        )
 
 
-def draw_pairs(field: Field, flow: FlowEstimate, grid: Grid, count: int, seed: int) -> tuple[Pair, ...]:
+def draw_pairs(
+    field: Field, flow: FlowEstimate, grid: Grid, count: int, seed: int
+) -> tuple[Pair, ...]:
     """Return starts and targets, each target the end of a random glide flown in the truth that stays in the water.
 
     Targets are at the paper's depth, or at the deepest level that both grids have.
@@ -53,24 +62,41 @@ def draw_pairs(field: Field, flow: FlowEstimate, grid: Grid, count: int, seed: i
         ForecastError: Hardly any glide stays in the water, or there is no level below the surface.
     """
     # a stream of its own: with the pings' the starts would be at pinged places
-    rng, depth = np.random.default_rng((seed, 1)), min(TARGET_DEPTH, float(flow.grid.levels[-1]), float(grid.levels[-1]))
+    rng, depth = (
+        np.random.default_rng((seed, 1)),
+        min(TARGET_DEPTH, float(flow.grid.levels[-1]), float(grid.levels[-1])),
+    )
     if not depth > 0.0:
-        raise ForecastError(f"a glide needs levels below the surface, but the deepest is at {depth:g} m; choose others with --levels")
+        raise ForecastError(
+            f"a glide needs levels below the surface, but the deepest is at {depth:g} m; choose others with --levels"
+        )
 
     def fly() -> Array:
         start = random_places(field, count, rng)
-        heading, duration = rng.uniform(0.0, 2.0 * np.pi, count), rng.uniform(*_TIME_TO_DEPTH, count)
+        heading, duration = (
+            rng.uniform(0.0, 2.0 * np.pi, count),
+            rng.uniform(*_TIME_TO_DEPTH, count),
+        )
         down = depth / duration
         along = np.sqrt(SPEED**2 - down**2)
         through_water = np.column_stack([along * np.sin(heading), along * np.cos(heading), down])
-        return fly_steadily(flow, np.column_stack([start, np.zeros(count)]), through_water, duration, _STEPS)
+        return fly_steadily(
+            flow, np.column_stack([start, np.zeros(count)]), through_water, duration, _STEPS
+        )
 
-    what = f"glides of {_TIME_TO_DEPTH[0] / 3600:g} to {_TIME_TO_DEPTH[1] / 3600:g} h to {depth:g} m"
+    what = (
+        f"glides of {_TIME_TO_DEPTH[0] / 3600:g} to {_TIME_TO_DEPTH[1] / 3600:g} h to {depth:g} m"
+    )
     return draw_reachable(fly, (flow.grid, grid), count, what, depth)
 
 
 def draw_reachable(
-    fly: Callable[[], Array], grids: tuple[Grid, ...], count: int, what: str, target_depth: float, water_depth: float | None = None
+    fly: Callable[[], Array],
+    grids: tuple[Grid, ...],
+    count: int,
+    what: str,
+    target_depth: float,
+    water_depth: float | None = None,
 ) -> tuple[Pair, ...]:
     """Return starts and targets of random flights that stay in the water of all grids.
 
@@ -90,17 +116,24 @@ def draw_reachable(
         paths = fly()
         longitude, latitude = to_geographic(grids[0].projection, paths[..., 0], paths[..., 1])
         depth = paths[..., 2] if water_depth is None else np.full(longitude.shape, water_depth)
-        kept = np.flatnonzero(np.all([in_water(grid, longitude, latitude, depth) for grid in grids], axis=0))
+        kept = np.flatnonzero(
+            np.all([in_water(grid, longitude, latitude, depth) for grid in grids], axis=0)
+        )
         starts, targets = (
-            [Place(float(longitude[end, k]), float(latitude[end, k]), at) for k in kept] for end, at in ((0, 0.0), (-1, target_depth))
+            [Place(float(longitude[end, k]), float(latitude[end, k]), at) for k in kept]
+            for end, at in ((0, 0.0), (-1, target_depth))
         )
         pairs += map(Pair, starts, targets)
         if len(pairs) >= count:
             return tuple(pairs[:count])
-    raise ForecastError(f"found {len(pairs)} of {count} {what} that stay in the truth's water; use a larger region or shorter missions")
+    raise ForecastError(
+        f"found {len(pairs)} of {count} {what} that stay in the truth's water; use a larger region or shorter missions"
+    )
 
 
-def fly_steadily(flow: FlowEstimate, start: Array, through_water: Array, duration: Array, steps: int) -> Array:
+def fly_steadily(
+    flow: FlowEstimate, start: Array, through_water: Array, duration: Array, steps: int
+) -> Array:
     """Return the paths of constant velocities through water, shape (steps + 1, n, 3) [m]: RK4, all at once.
 
     Args:
@@ -112,7 +145,9 @@ def fly_steadily(flow: FlowEstimate, start: Array, through_water: Array, duratio
     """
 
     def over_ground(position: Array) -> Array:
-        return np.column_stack([through_water[:, :2] + flow.velocity(*position.T), through_water[:, 2]])
+        return np.column_stack(
+            [through_water[:, :2] + flow.velocity(*position.T), through_water[:, 2]]
+        )
 
     path = [start]
     for _ in range(steps):
@@ -120,7 +155,9 @@ def fly_steadily(flow: FlowEstimate, start: Array, through_water: Array, duratio
     return np.array(path)
 
 
-def fly_dives(flow: FlowEstimate, start: Array, headings: Array, angles: Array, depth: float, steps: int = 20) -> Array:
+def fly_dives(
+    flow: FlowEstimate, start: Array, headings: Array, angles: Array, depth: float, steps: int = 20
+) -> Array:
     """Return the paths of missions of one dive a leg in a current, shape (2 L steps + 1, n, 3) [m]: all at once, constant speed.
 
     Args:
@@ -135,8 +172,12 @@ def fly_dives(flow: FlowEstimate, start: Array, headings: Array, angles: Array, 
     for heading, angle in zip(headings.T, angles.T, strict=True):
         along, down = SPEED * np.cos(angle), SPEED * np.sin(angle)
         for vertical in (down, -down):
-            through_water = np.column_stack([along * np.sin(heading), along * np.cos(heading), vertical])
-            path = np.concatenate([path, fly_steadily(flow, path[-1], through_water, depth / down, steps)[1:]])
+            through_water = np.column_stack(
+                [along * np.sin(heading), along * np.cos(heading), vertical]
+            )
+            path = np.concatenate(
+                [path, fly_steadily(flow, path[-1], through_water, depth / down, steps)[1:]]
+            )
     return path
 
 
@@ -152,7 +193,9 @@ def _rk4(rate: Callable[[Array], Array], position: Array, step: Array) -> Array:
 def in_water(grid: Grid, longitude: Array, latitude: Array, depth: Array) -> NDArray[np.bool_]:
     """Return which paths, shape (steps, n), stay inside a grid's outline and over its wet points all along, shape (n,)."""
     east, north = to_local(grid.projection, longitude, latitude)
-    nearest = cKDTree(np.column_stack([grid.east.ravel(), grid.north.ravel()])).query(np.stack([east, north], axis=-1))[1]
+    nearest = cKDTree(np.column_stack([grid.east.ravel(), grid.north.ravel()])).query(
+        np.stack([east, north], axis=-1)
+    )[1]
     level = np.clip(np.searchsorted(grid.levels, depth, side="right") - 1, 0, grid.levels.size - 1)
     wet = grid.wet.reshape(grid.levels.size, -1)[level, nearest]
     return np.asarray(np.all(wet & inside_grid(grid, east, north), axis=0))

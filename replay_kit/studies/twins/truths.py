@@ -35,9 +35,16 @@ def leave_out(ensemble: Ensemble, member: int) -> Case:
             f"--leave-out: expected 0 to {ensemble.n_members - 1}, got {member}; the ensemble has {ensemble.n_members} members"
         )
     if ensemble.n_members < 3:
-        raise ConfigError(f"--leave-out: an ensemble of at least 3 members is needed, got {ensemble.n_members}")
+        raise ConfigError(
+            f"--leave-out: an ensemble of at least 3 members is needed, got {ensemble.n_members}"
+        )
     left = np.delete(ensemble.velocity, member, axis=0)
-    truth = Ensemble(ensemble.grid, ensemble.velocity[member : member + 1], ensemble.time_ns, f"{ensemble.source}#{member}")
+    truth = Ensemble(
+        ensemble.grid,
+        ensemble.velocity[member : member + 1],
+        ensemble.time_ns,
+        f"{ensemble.source}#{member}",
+    )
     return Case(member, truth, replace(ensemble, velocity=left, members=()))
 
 
@@ -51,7 +58,9 @@ def members_named(text: str, n_members: int) -> tuple[int, ...]:
         return tuple(range(n_members))
     names = [name.strip() for name in text.split(",")]
     if not all(name.isdecimal() for name in names) or len(set(names)) < len(names):
-        raise ConfigError(f"--leave-out: expected positions from 0 with commas between them, each once, all or most-distant, got '{text}'")
+        raise ConfigError(
+            f"--leave-out: expected positions from 0 with commas between them, each once, all or most-distant, got '{text}'"
+        )
     return tuple(int(name) for name in names)
 
 
@@ -80,4 +89,6 @@ def cases(ensemble: Ensemble, truth: Ensemble | None, which: str | None) -> Iter
     elif which == "most-distant":
         yield leave_out(ensemble, most_distant(ensemble))
     elif which is not None:
-        yield from (leave_out(ensemble, member) for member in members_named(which, ensemble.n_members))
+        yield from (
+            leave_out(ensemble, member) for member in members_named(which, ensemble.n_members)
+        )

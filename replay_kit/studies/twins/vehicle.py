@@ -107,7 +107,9 @@ class Track:
         return self.start_ns + round(float(self.seconds[point]) * 1e3) * NS_PER_MS
 
 
-def log_position(field: Field, time_ns: int, place: Array, depth: float = 0.0, dead_reckoned: bool = False) -> VehicleState:
+def log_position(
+    field: Field, time_ns: int, place: Array, depth: float = 0.0, dead_reckoned: bool = False
+) -> VehicleState:
     """Return a position as it is logged: to 1e-7 degree and millimetres of depth, the resolution that MAVLink carries.
 
     Args:
@@ -117,14 +119,24 @@ def log_position(field: Field, time_ns: int, place: Array, depth: float = 0.0, d
         depth: [m].
         dead_reckoned: True when computed, not measured.
     """
-    longitude, latitude = (round(float(degrees), 7) for degrees in to_geographic(field.grid.projection, place[0], place[1]))
+    longitude, latitude = (
+        round(float(degrees), 7)
+        for degrees in to_geographic(field.grid.projection, place[0], place[1])
+    )
     source = Source(0, "/vehicle/position" if dead_reckoned else "/vehicle/fix", 0, int(time_ns))
     return VehicleState(
-        source.time_ns, round(float(longitude), 7), round(float(latitude), 7), round(float(depth), 3), dead_reckoned, source
+        source.time_ns,
+        round(float(longitude), 7),
+        round(float(latitude), 7),
+        round(float(depth), 3),
+        dead_reckoned,
+        source,
     )
 
 
-def advected(field: Field, place: Array, start_ns: int, seconds: Array, depth: Array, through_water: Array) -> Track:
+def advected(
+    field: Field, place: Array, start_ns: int, seconds: Array, depth: Array, through_water: Array
+) -> Track:
     """Return the track of a vehicle in a truth, by the midpoint rule.
 
     Args:
@@ -141,11 +153,15 @@ def advected(field: Field, place: Array, start_ns: int, seconds: Array, depth: A
     track = Track(start_ns, seconds, np.empty((len(seconds), 2)), depth, through_water)
     track.place[0] = place
     surfaced = track.surfaced
-    for k, ((before, after), (upper, lower)) in enumerate(zip(pairwise(seconds.tolist()), pairwise(depth.tolist()), strict=True)):
+    for k, ((before, after), (upper, lower)) in enumerate(
+        zip(pairwise(seconds.tolist()), pairwise(depth.tolist()), strict=True)
+    ):
         own = through_water if k < surfaced else np.zeros(2)
         here, step, now = track.place[k], after - before, start_ns + int(before * NS_PER_S)
         middle = here + 0.5 * step * (own + field.velocity(here[0], here[1], upper, now))
-        at_middle = field.velocity(middle[0], middle[1], 0.5 * (upper + lower), now + int(0.5 * step * NS_PER_S))
+        at_middle = field.velocity(
+            middle[0], middle[1], 0.5 * (upper + lower), now + int(0.5 * step * NS_PER_S)
+        )
         track.place[k + 1] = here + step * (own + at_middle)
         if not np.isfinite(track.place[k + 1]).all():
             longitude, latitude = to_geographic(field.grid.projection, here[0], here[1])
@@ -156,7 +172,9 @@ def advected(field: Field, place: Array, start_ns: int, seconds: Array, depth: A
     return track
 
 
-def dead_reckoned(field: Field, number: int, track: Track, time_ns: NDArray[np.int64], depth: Array) -> tuple[Dive, list[VehicleState]]:
+def dead_reckoned(
+    field: Field, number: int, track: Track, time_ns: NDArray[np.int64], depth: Array
+) -> tuple[Dive, list[VehicleState]]:
     """Return a dive with its depth-averaged current, and positions as a shore station reckons them after the dive.
 
     Through-water motion plus the depth-averaged current ends at the fix after the dive, so that positions lie evenly between the fixes.
@@ -172,7 +190,9 @@ def dead_reckoned(field: Field, number: int, track: Track, time_ns: NDArray[np.i
     begin, end = (log_position(field, track.time_ns(k), track.place[k]) for k in points)
     way = track.place[points[1]] - track.place[0]
     current = way / float(track.seconds[points[1]]) - track.through_water
-    true = rotate_to_geographic(field.grid.projection, begin.longitude, begin.latitude, current[0], current[1])
+    true = rotate_to_geographic(
+        field.grid.projection, begin.longitude, begin.latitude, current[0], current[1]
+    )
     shares = (time_ns - begin.time_ns) / (end.time_ns - begin.time_ns)
     positions = [
         log_position(field, at_ns, track.place[0] + share * way, down, True)
@@ -181,7 +201,9 @@ def dead_reckoned(field: Field, number: int, track: Track, time_ns: NDArray[np.i
     return Dive(number, begin, end, (float(true[0]), float(true[1]))), positions
 
 
-def survey(field: Field, pings: int, start_ns: int, rng: np.random.Generator, speed: float = 5.0) -> Mission:
+def survey(
+    field: Field, pings: int, start_ns: int, rng: np.random.Generator, speed: float = 5.0
+) -> Mission:
     """Return a vessel's survey: places uniformly random over the wet surface, visited nearest first, one ping at each.
 
     Args:
@@ -202,9 +224,13 @@ def survey(field: Field, pings: int, start_ns: int, rng: np.random.Generator, sp
     course = heading_deg(d_east, d_north)
     heading = np.append(course, course[-1:]) if pings > 1 else np.zeros(1)
     surface = np.zeros(pings)
-    over_ground = speed * np.column_stack([np.sin(np.deg2rad(heading)), np.cos(np.deg2rad(heading))])
+    over_ground = speed * np.column_stack(
+        [np.sin(np.deg2rad(heading)), np.cos(np.deg2rad(heading))]
+    )
     track = Pings(time_ns, places[:, 0], places[:, 1], surface, heading, surface, over_ground)
-    positions = tuple(log_position(field, t, place) for t, place in zip(time_ns.tolist(), places, strict=True))
+    positions = tuple(
+        log_position(field, t, place) for t, place in zip(time_ns.tolist(), places, strict=True)
+    )
     return Mission(track, positions, ())
 
 
@@ -215,11 +241,15 @@ def random_places(field: Field, count: int, rng: np.random.Generator) -> Array:
     kept = np.empty((0, 2))
     for _ in range(_MAX_DRAWS):
         drawn = rng.uniform(low, high, size=(count, 2))
-        wet = np.isfinite(field.velocity(drawn[:, 0], drawn[:, 1], 0.0, field.time_ns[0])).all(axis=1)
+        wet = np.isfinite(field.velocity(drawn[:, 0], drawn[:, 1], 0.0, field.time_ns[0])).all(
+            axis=1
+        )
         kept = np.concatenate([kept, drawn[wet]])[:count]
         if len(kept) == count:
             return kept
-    raise ForecastError(f"found {len(kept)} of {count} places on the truth's wet surface; use a truth with more water")
+    raise ForecastError(
+        f"found {len(kept)} of {count} places on the truth's wet surface; use a truth with more water"
+    )
 
 
 def _nearest_first(places: Array) -> Array:

@@ -63,7 +63,9 @@ class Cluster:
         answers: dict[str, Any] = self._client.run(function, *arguments, on_error="return")
         return answers
 
-    def starmap(self, function: Callable[..., Any], rows: Iterable[tuple[Any, ...]]) -> Iterator[Any]:
+    def starmap(
+        self, function: Callable[..., Any], rows: Iterable[tuple[Any, ...]]
+    ) -> Iterator[Any]:
         """Yield the values of calls in their order, as ``itertools.starmap``.
 
         Raises:
@@ -80,7 +82,9 @@ class Cluster:
                     raise error
                 yield value
 
-    def completed(self, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]]) -> Iterator[tuple[int, Any, Exception | None]]:
+    def completed(
+        self, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]]
+    ) -> Iterator[tuple[int, Any, Exception | None]]:
         """Yield the position of each call, its value, and the error that it ended with, as soon as it is made.
 
         Raises:
@@ -91,7 +95,10 @@ class Cluster:
         left, deaths = dict(enumerate(calls)), Counter[int]()
         while left:
             held: dict[int, Any] = {}
-            futures = {self._submit(function, arguments, held): number for number, arguments in left.items()}
+            futures = {
+                self._submit(function, arguments, held): number
+                for number, arguments in left.items()
+            }
             for future in as_completed(list(futures), loop=self._client.loop):
                 number = futures.pop(future)
                 value, error = _outcome(future)
@@ -109,7 +116,9 @@ class Cluster:
         """Disconnect."""
         self._client.close(timeout=5)
 
-    def _submit(self, function: Callable[..., Any], arguments: tuple[Any, ...], held: dict[int, Any]) -> Any:
+    def _submit(
+        self, function: Callable[..., Any], arguments: tuple[Any, ...], held: dict[int, Any]
+    ) -> Any:
         """Return the future of a call; large arguments are values that the scheduler has, so that a worker's death does not lose them."""
         given = []
         for argument in arguments:
@@ -140,10 +149,17 @@ def open_cluster(scheduler: str | None, workers: int | None) -> Iterator[Cluster
         import dask
         import distributed  # noqa: F401
     except ImportError as error:
-        raise ConfigError("many processes need Dask's distributed; pip install 'replay-kit[fleet]'") from error
+        raise ConfigError(
+            "many processes need Dask's distributed; pip install 'replay-kit[fleet]'"
+        ) from error
     # what the library says of workers that come and go is said here in words of our own
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    with dask.config.set({"distributed.comm.timeouts.connect": TIMEOUT_S, "distributed.admin.large-graph-warning-threshold": "1GB"}):
+    with dask.config.set(
+        {
+            "distributed.comm.timeouts.connect": TIMEOUT_S,
+            "distributed.admin.large-graph-warning-threshold": "1GB",
+        }
+    ):
         if scheduler is None:
             with _local(workers or _cores()) as address:
                 yield from _used(Cluster(address))
@@ -189,12 +205,16 @@ def _connected(address: str) -> Any:
     try:
         client = Client(address, timeout=TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise UnreachableError(f"{address}: the scheduler does not answer in {TIMEOUT_S:g} s; is it running, the address right?") from error
+        raise UnreachableError(
+            f"{address}: the scheduler does not answer in {TIMEOUT_S:g} s; is it running, the address right?"
+        ) from error
     try:
         client.wait_for_workers(1, timeout=TIMEOUT_S)
     except TimeoutError as error:
         client.close()
-        raise UnreachableError(f"{address}: the scheduler has no worker in {TIMEOUT_S:g} s; begin: dask worker {address}") from error
+        raise UnreachableError(
+            f"{address}: the scheduler has no worker in {TIMEOUT_S:g} s; begin: dask worker {address}"
+        ) from error
     return client
 
 
@@ -209,7 +229,9 @@ def _outcome(future: Any) -> tuple[Any, Exception | None]:
 def _is_large(argument: Any) -> bool:
     import dask.sizeof
 
-    return not isinstance(argument, str | int | float | None) and dask.sizeof.sizeof(argument) > _KEPT
+    return (
+        not isinstance(argument, str | int | float | None) and dask.sizeof.sizeof(argument) > _KEPT
+    )
 
 
 def _alone(function: Callable[..., Any], *arguments: Any) -> Any:

@@ -25,7 +25,13 @@ from replay_kit.workflows.replay.inputs import forecasts_of
 from replay_kit.workflows.replay.look_ahead import open_readers
 
 #: Of the set-up: nodes a level, seconds, memory [MB]; 8 levels, 50 members, 300 modes (``python -m tests.benchmarks size``).
-SET_UP = ((527, 2.4, 102.0), (900, 3.5, 124.0), (3600, 6.2, 255.0), (14_400, 27.1, 772.0), (57_600, 136.1, 3311.0))
+SET_UP = (
+    (527, 2.4, 102.0),
+    (900, 3.5, 124.0),
+    (3600, 6.2, 255.0),
+    (14_400, 27.1, 772.0),
+    (57_600, 136.1, 3311.0),
+)
 #: For each value of a component beyond those 8 levels and 50 members [s], from 120 x 120 x 30 x 50 and 240 x 240 x 50 x 95.
 VALUE_S = 6e-7
 #: For reading, checking, updating with and writing one profile [s]: 450 of the sample survey, and 8 ms with 2,400 weights.
@@ -68,10 +74,19 @@ def expected_of(mission: Mission) -> Expected | Outcome:
 def _expected(mission: Mission) -> Expected:
     job, config = mission.job, mission.config
     ensemble = forecasts_of(job, config).ensemble
-    messages = merge(open_readers(job.logs, config), config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns)
-    profiles = sum(isinstance(found, Observation) for found in observations(messages, config.measurements))
+    messages = merge(
+        open_readers(job.logs, config),
+        config.logs.reorder_window,
+        config.logs.start_ns,
+        config.logs.end_ns,
+    )
+    profiles = sum(
+        isinstance(found, Observation) for found in observations(messages, config.measurements)
+    )
     if not profiles and "dac" in config.measurements.without:
-        raise MeasurementError(f"{job.logs[0]}: the log gives no profile; replay-kit info says what is in it")
+        raise MeasurementError(
+            f"{job.logs[0]}: the log gives no profile; replay-kit info says what is in it"
+        )
     nodes, levels = math.prod(ensemble.grid.east.shape), int(ensemble.grid.levels.size)
     set_up_s, memory = (grown(nodes, [(size, row[k]) for size, *row in SET_UP]) for k in range(2))
     values = nodes * max(levels * ensemble.n_members - 8 * 50, 0)
@@ -107,13 +122,19 @@ def in_all_s(each: Sequence[Expected], workers: int) -> float:
     return max(free)
 
 
-def expected_fleet(missions: Sequence[Mission], cluster: Cluster) -> tuple[list[Expected], list[Outcome]]:
+def expected_fleet(
+    missions: Sequence[Mission], cluster: Cluster
+) -> tuple[list[Expected], list[Outcome]]:
     """Return what the missions that can be replayed will take, and why others cannot; computed by the workers, which so read the data."""
     answers = list(cluster.starmap(expected_of, ((mission,) for mission in missions)))
-    return [one for one in answers if isinstance(one, Expected)], [one for one in answers if isinstance(one, Outcome)]
+    return [one for one in answers if isinstance(one, Expected)], [
+        one for one in answers if isinstance(one, Outcome)
+    ]
 
 
-def expected_json(each: Sequence[Expected], failed: Sequence[Outcome], workers: int) -> Mapping[str, Any]:
+def expected_json(
+    each: Sequence[Expected], failed: Sequence[Outcome], workers: int
+) -> Mapping[str, Any]:
     """Return the JSON object of ``--json``."""
     return {
         "status": "dry run",
@@ -126,11 +147,21 @@ def expected_json(each: Sequence[Expected], failed: Sequence[Outcome], workers: 
     }
 
 
-def print_expected(each: Sequence[Expected], failed: Sequence[Outcome], workers: int, console: Console) -> None:
+def print_expected(
+    each: Sequence[Expected], failed: Sequence[Outcome], workers: int, console: Console
+) -> None:
     """Print what missions will take, and why others cannot be replayed."""
     columns = ("mission", "profiles", "nodes", "levels", "set-up [s]", "replay [s]", "memory [MB]")
     rows = [
-        (o.mission, str(o.profiles), str(o.nodes), str(o.levels), f"{o.set_up_s:.1f}", f"{o.replay_s:.1f}", f"{o.memory_mb:.0f}")
+        (
+            o.mission,
+            str(o.profiles),
+            str(o.nodes),
+            str(o.levels),
+            f"{o.set_up_s:.1f}",
+            f"{o.replay_s:.1f}",
+            f"{o.memory_mb:.0f}",
+        )
         for o in each
     ]
     print_table(console, "Expected", columns, rows)

@@ -53,10 +53,16 @@ class Mission:
         """
         job, bathymetry = self.job, self.config.planner.bathymetry_path
         logs = [file for path in job.logs for file in logs_in(path)]
-        return (*logs, *ensemble_files(job.ensemble), *filter(None, (truth_path(job.truth), bathymetry)))
+        return (
+            *logs,
+            *ensemble_files(job.ensemble),
+            *filter(None, (truth_path(job.truth), bathymetry)),
+        )
 
 
-def missions_of(table: FleetTable, folder: Path, config: Path | None, out: Path) -> tuple[Mission, ...]:
+def missions_of(
+    table: FleetTable, folder: Path, config: Path | None, out: Path
+) -> tuple[Mission, ...]:
     """Return the missions of a table.
 
     Args:
@@ -77,13 +83,17 @@ def missions_of(table: FleetTable, folder: Path, config: Path | None, out: Path)
         try:
             settings = _config(entry, folder, config)
         except ConfigError as error:
-            raise ConfigError(f"mission {entry.name or (entry.logs or entry.each or ('',))[0]}: {error}") from error
+            raise ConfigError(
+                f"mission {entry.name or (entry.logs or entry.each or ('',))[0]}: {error}"
+            ) from error
         for name, logs in _logs(entry, folder):
             mission = Mission(name, _job(entry, name, logs, folder, out), settings)
             # file systems that ignore case would have one file for both
             if (other := names.get(name.casefold())) is not None:
                 first, second = (str(each.job.logs[0]) for each in (other, mission))
-                raise ConfigError(f"{name}: two missions have this name, those of {first} and {second}; give one of them another name")
+                raise ConfigError(
+                    f"{name}: two missions have this name, those of {first} and {second}; give one of them another name"
+                )
             names[name.casefold()] = mission
             missions.append(mission)
     return tuple(missions)
@@ -111,17 +121,27 @@ def check_missions(missions: Sequence[Mission], overwrite: bool, resume: bool) -
             wrong.append(f"{mission.name}: {error}")
     if wrong:
         more = f"; and {len(wrong) - 10} more" if len(wrong) > 10 else ""
-        raise ConfigError(f"{len(wrong)} of {len(missions)} missions cannot begin: {'; '.join(wrong[:10])}{more}")
+        raise ConfigError(
+            f"{len(wrong)} of {len(missions)} missions cannot begin: {'; '.join(wrong[:10])}{more}"
+        )
 
 
 def _completed(entry: MissionEntry, common: MissionEntry) -> MissionEntry:
     """Return an entry with what all have where it states nothing."""
-    filled = {name: getattr(common, name) for name in type(entry).model_fields if getattr(entry, name) is None}
-    return entry.model_copy(update={**filled, "settings": laid_over(common.settings, entry.settings)})
+    filled = {
+        name: getattr(common, name)
+        for name in type(entry).model_fields
+        if getattr(entry, name) is None
+    }
+    return entry.model_copy(
+        update={**filled, "settings": laid_over(common.settings, entry.settings)}
+    )
 
 
 def _config(entry: MissionEntry, folder: Path, config: Path | None) -> RunConfig:
-    settings = load_config(config if entry.config is None else folder / entry.config, entry.settings)
+    settings = load_config(
+        config if entry.config is None else folder / entry.config, entry.settings
+    )
     bathymetry = settings.planner.bathymetry_path
     # workers may be in another folder
     return settings if bathymetry is None else with_bathymetry(settings, bathymetry.absolute())
@@ -135,14 +155,20 @@ def _logs(entry: MissionEntry, folder: Path) -> Iterator[tuple[str, tuple[Path, 
     for pattern in entry.each or ():
         found = sorted(glob.glob(str((folder / pattern).absolute())))
         if not found:
-            raise LogError(f"{pattern}: no log has such a name in {folder.absolute()}; correct the pattern")
+            raise LogError(
+                f"{pattern}: no log has such a name in {folder.absolute()}; correct the pattern"
+            )
         for path in map(Path, found):
             yield path.stem, (path,)
 
 
-def _job(entry: MissionEntry, name: str, logs: tuple[Path, ...], folder: Path, out: Path) -> ReplayJob:
+def _job(
+    entry: MissionEntry, name: str, logs: tuple[Path, ...], folder: Path, out: Path
+) -> ReplayJob:
     if entry.ensemble is None:
-        raise ConfigError(f"{name}: no ensemble is given; name it in [all], in the mission, or with --ensemble")
+        raise ConfigError(
+            f"{name}: no ensemble is given; name it in [all], in the mission, or with --ensemble"
+        )
     truth = None
     if entry.truth is not None:
         path, mark, member = entry.truth.partition("#")

@@ -48,7 +48,9 @@ class Outcome:
     exit_code: int = 0
 
 
-def run_fleet(missions: Sequence[Mission], cluster: Cluster, overwrite: bool, progress: Progress = silent) -> Iterator[tuple[Outcome, ...]]:
+def run_fleet(
+    missions: Sequence[Mission], cluster: Cluster, overwrite: bool, progress: Progress = silent
+) -> Iterator[tuple[Outcome, ...]]:
     """Yield the outcomes so far, in the order of the missions, after each mission; a mission that fails does not stop the others.
 
     Args:
@@ -68,10 +70,16 @@ def run_fleet(missions: Sequence[Mission], cluster: Cluster, overwrite: bool, pr
     done: dict[int, Outcome] = {}
     progress(0, len(missions), "missions")
     try:
-        for number, outcome, error in cluster.completed(run_mission, [(mission,) for mission in missions]):
+        for number, outcome, error in cluster.completed(
+            run_mission, [(mission,) for mission in missions]
+        ):
             name = missions[number].name
             done[number] = outcome if error is None else failure(name, error)
-            progress(len(done), len(missions), f"missions: {name} {'failed' if done[number].failed else 'done'}")
+            progress(
+                len(done),
+                len(missions),
+                f"missions: {name} {'failed' if done[number].failed else 'done'}",
+            )
             yield tuple(done[k] for k in sorted(done))
     finally:
         shutil.rmtree(out / _UNFINISHED, ignore_errors=True)
@@ -99,7 +107,13 @@ def _run(mission: Mission, made: Path, identity: str) -> Outcome:
     digest = file_hash(made)
     os.replace(made, mission.result)
     answer = to_json(summary) | {"seconds_in_all": time.perf_counter() - began}
-    record = {"result": mission.result.name, "sha256": digest, "inputs_sha256": identity, "replay_kit": __version__, **answer}
+    record = {
+        "result": mission.result.name,
+        "sha256": digest,
+        "inputs_sha256": identity,
+        "replay_kit": __version__,
+        **answer,
+    }
     with atomic_file(made.with_suffix(".json")) as file:
         file.write((json.dumps(record, indent=1, allow_nan=False) + "\n").encode())
     # after the result: a record says that the result is complete
@@ -111,7 +125,13 @@ def _identity(mission: Mission) -> str:
     """Return the SHA-256 of all that a result depends on: inputs, goal, settings, versions."""
     job = mission.job
     files = [(path.name, file_hash(path)) for path in mission.files]
-    text = [files, str(job.goal), str(job.truth).rpartition("/")[2], run_settings_toml(mission.config), package_versions()]
+    text = [
+        files,
+        str(job.goal),
+        str(job.truth).rpartition("/")[2],
+        run_settings_toml(mission.config),
+        package_versions(),
+    ]
     return hashlib.sha256(json.dumps(text).encode()).hexdigest()
 
 
@@ -120,7 +140,11 @@ def _kept(mission: Mission, identity: str) -> Outcome | None:
     try:
         record = json.loads(mission.record.read_bytes())
         same = record["inputs_sha256"] == identity and record["sha256"] == file_hash(mission.result)
-        return Outcome(mission.name, record, record["sha256"], True, exit_code=record["exit_code"]) if same else None
+        return (
+            Outcome(mission.name, record, record["sha256"], True, exit_code=record["exit_code"])
+            if same
+            else None
+        )
     except (OSError, ValueError, LookupError, TypeError):
         # no record, or none of this program: the mission is run
         return None
@@ -130,4 +154,6 @@ def failure(name: str, error: Exception) -> Outcome:
     """Return the outcome of a mission that ended with an error."""
     own = isinstance(error, ReplayKitError)
     words = str(error) if own else f"{type(error).__name__}: {error}"
-    return Outcome(name, failed=words, exit_code=error.exit_code if isinstance(error, ReplayKitError) else 1)
+    return Outcome(
+        name, failed=words, exit_code=error.exit_code if isinstance(error, ReplayKitError) else 1
+    )

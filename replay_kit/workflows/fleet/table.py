@@ -27,7 +27,9 @@ def exit_code(outcomes: Sequence[Outcome]) -> int:
 def row_of(outcome: Outcome) -> dict[str, Any]:
     """Return the figures of a mission by their columns; those that it has not are None."""
     answer = outcome.answer
-    rms, used, truth = (answer.get(name) or {} for name in ("rms_innovation", "observations", "truth"))
+    rms, used, truth = (
+        answer.get(name) or {} for name in ("rms_innovation", "observations", "truth")
+    )
     return {
         "mission": outcome.name,
         "status": answer.get("status", "failed"),
@@ -40,7 +42,9 @@ def row_of(outcome: Outcome) -> dict[str, Any]:
         "nis_per_dof": answer.get("nis_per_dof"),
         "truth_rmse_m_s": truth.get("rmse"),
         "truth_ensemble_mean_rmse_m_s": truth.get("ensemble_mean_rmse"),
-        "contradictions": " ".join(sorted({finding["name"] for finding in answer.get("consistency", ())})),
+        "contradictions": " ".join(
+            sorted({finding["name"] for finding in answer.get("consistency", ())})
+        ),
         "plan": (answer.get("plan") or {}).get("status"),
         "seconds": answer.get("seconds_in_all"),
         "sha256": outcome.sha256,
@@ -63,16 +67,40 @@ def fleet_json(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Return the JSON object of ``--json``."""
     failed = [outcome.name for outcome in outcomes if outcome.failed]
     code = exit_code(outcomes)
-    return {"status": "failed" if failed else "done", "exit_code": code, "failed": failed, "missions": [row_of(each) for each in outcomes]}
+    return {
+        "status": "failed" if failed else "done",
+        "exit_code": code,
+        "failed": failed,
+        "missions": [row_of(each) for each in outcomes],
+    }
 
 
 def print_fleet(outcomes: Sequence[Outcome], console: Console) -> None:
     """Print the table, and below it why missions failed."""
-    columns = ("mission", "status", "profiles", "dives", "ensemble alone", "before", "after [cm/s]", "NIS/dof", "contradictions", "s")
+    columns = (
+        "mission",
+        "status",
+        "profiles",
+        "dives",
+        "ensemble alone",
+        "before",
+        "after [cm/s]",
+        "NIS/dof",
+        "contradictions",
+        "s",
+    )
     print_table(console, "Missions", columns, [_cells(row_of(outcome)) for outcome in outcomes])
-    kept, failed = sum(outcome.kept for outcome in outcomes), [outcome for outcome in outcomes if outcome.failed]
+    kept, failed = (
+        sum(outcome.kept for outcome in outcomes),
+        [outcome for outcome in outcomes if outcome.failed],
+    )
     ran = len(outcomes) - kept - len(failed)
-    print_lines(console, [f"{len(outcomes)} missions: {ran} replayed, {kept} were there already, {len(failed)} failed"])
+    print_lines(
+        console,
+        [
+            f"{len(outcomes)} missions: {ran} replayed, {kept} were there already, {len(failed)} failed"
+        ],
+    )
     print_lines(console, [f"FAILED: {outcome.name}: {outcome.failed}" for outcome in failed])
 
 

@@ -30,14 +30,22 @@ def check_workers(cluster: Cluster, files: Iterable[Path], out: Path | None = No
             token.unlink(missing_ok=True)
     for worker, answer in answers.items():
         if isinstance(answer, BaseException):
-            raise ConfigError(f"{worker}: the worker cannot run replay-kit: {answer!r}; install the same version there")
+            raise ConfigError(
+                f"{worker}: the worker cannot run replay-kit: {answer!r}; install the same version there"
+            )
         versions, missing, shared = answer
         if others := _differences(package_versions(), versions):
-            raise ConfigError(f"{worker}: the worker has other versions, which change the bytes of results: {others}; install these")
+            raise ConfigError(
+                f"{worker}: the worker has other versions, which change the bytes of results: {others}; install these"
+            )
         if missing:
-            raise ConfigError(f"{worker}: the worker sees another file as {missing[0]}, or none; put the data where all see it")
+            raise ConfigError(
+                f"{worker}: the worker sees another file as {missing[0]}, or none; put the data where all see it"
+            )
         if not shared:
-            raise ConfigError(f"{worker}: the worker cannot write to {out}; choose a folder on a disk that all workers share")
+            raise ConfigError(
+                f"{worker}: the worker cannot write to {out}; choose a folder on a disk that all workers share"
+            )
 
 
 @contextmanager
@@ -59,7 +67,9 @@ def calls_made_by(scheduler: str | None, workers: int | None) -> Iterator[Cluste
 
 def _state(sizes: Mapping[str, int], token: str | None) -> tuple[dict[str, str], list[str], bool]:
     """Return a worker's versions, which files it does not see as they are, and whether it can write beside a file that it sees."""
-    missing = [name for name, size in sizes.items() if not Path(name).exists() or _size(Path(name)) != size]
+    missing = [
+        name for name, size in sizes.items() if not Path(name).exists() or _size(Path(name)) != size
+    ]
     return package_versions(), missing, token is None or _is_writable(Path(token))
 
 
@@ -81,5 +91,7 @@ def _size(path: Path) -> int:
 
 def _differences(here: Mapping[str, str], there: Mapping[str, str]) -> str:
     return ", ".join(
-        f"{name} {there.get(name, 'missing')} (here {version})" for name, version in here.items() if there.get(name) != version
+        f"{name} {there.get(name, 'missing')} (here {version})"
+        for name, version in here.items()
+        if there.get(name) != version
     )

@@ -8,7 +8,13 @@ from pathlib import Path
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.atomic import part_of
-from replay_kit.core.errors import ConfigError, LogError, MeasurementError, PlanError, ReplayKitError
+from replay_kit.core.errors import (
+    ConfigError,
+    LogError,
+    MeasurementError,
+    PlanError,
+    ReplayKitError,
+)
 from replay_kit.core.plan import Place
 from replay_kit.core.text import count_text, place_text
 from replay_kit.core.unchanged import Stamp, stamps_of
@@ -38,7 +44,11 @@ _UNUSABLE = (LogError, MeasurementError, PlanError, ConfigError)
 
 
 def follow(
-    job: ReplayJob, config: RunConfig, planner_of: PlannerFactory, options: FollowOptions, clock: Clock | None = None
+    job: ReplayJob,
+    config: RunConfig,
+    planner_of: PlannerFactory,
+    options: FollowOptions,
+    clock: Clock | None = None,
 ) -> ReplaySummary | None:
     """Follow logs until nothing new has come for a while, and return the last summary; None when there was nothing to replay.
 
@@ -70,25 +80,44 @@ def _planned_at_surfacings(config: RunConfig) -> RunConfig:
     """Return the settings with a plan at each surfacing, unless they say when."""
     if "when" in config.planner.model_fields_set:
         return config
-    return config.model_copy(update={"planner": config.planner.model_copy(update={"when": "surfacing"})})
+    return config.model_copy(
+        update={"planner": config.planner.model_copy(update={"when": "surfacing"})}
+    )
 
 
 class Follower:
     """A mission that is followed: mutable, as it goes from look to look."""
 
-    def __init__(self, job: ReplayJob, config: RunConfig, planner_of: PlannerFactory, options: FollowOptions, clock: Clock) -> None:
+    def __init__(
+        self,
+        job: ReplayJob,
+        config: RunConfig,
+        planner_of: PlannerFactory,
+        options: FollowOptions,
+        clock: Clock,
+    ) -> None:
         """Begin with what is remembered; arguments as of ``follow``."""
         try:
             options.states.mkdir(exist_ok=True)
         except OSError as error:
-            raise ConfigError(f"{options.states}: expected a folder that can be made: {error.strerror}; choose another") from error
+            raise ConfigError(
+                f"{options.states}: expected a folder that can be made: {error.strerror}; choose another"
+            ) from error
         assert job.out is not None
-        self._job, self._config, self._planner_of, self._options, self._clock = job, config, planner_of, options, clock
+        self._job, self._config, self._planner_of, self._options, self._clock = (
+            job,
+            config,
+            planner_of,
+            options,
+            clock,
+        )
         self._out = job.out
         self._memory = remembered.read_memory(options.states)
         self._good = set(self._memory.used)
         self._forecast: tuple[dict[Path, Stamp], Forecasts, object] | None = None
-        self._held: Held | None = read_held(self._out) if self._good and self._out.is_file() else None
+        self._held: Held | None = (
+            read_held(self._out) if self._good and self._out.is_file() else None
+        )
         self._summary: ReplaySummary | None = None
         self._shown: Status | None = None
         self._due = False
@@ -104,7 +133,11 @@ class Follower:
             limit = self._options.until_idle_s
             if limit is not None and self._clock.idle_s() - idle_since >= limit:
                 return self._summary
-            self._clock.wait(self._options.interval_s if limit is None else min(self._options.interval_s, max(limit, 0.01)))
+            self._clock.wait(
+                self._options.interval_s
+                if limit is None
+                else min(self._options.interval_s, max(limit, 0.01))
+            )
 
     def poll(self, always: bool = False) -> bool:
         """Look once, and return whether anything was new.
@@ -123,10 +156,20 @@ class Follower:
 
     def _look_at_files(self) -> bool:
         """Examine what changed, and return whether the files that are used are others than before."""
-        own = [self._out, self._options.states, self._options.status, *filter(None, [self._options.report, self._options.goal_file])]
+        own = [
+            self._out,
+            self._options.states,
+            self._options.status,
+            *filter(None, [self._options.report, self._options.goal_file]),
+        ]
         own += [path for path in (self._job.netcdf, self._job.save_estimate) if path is not None]
-        own += [*ensemble_files(self._job.ensemble), *self._out.parent.glob(f"{self._out.stem}.forecast*.mcap")]
-        watched = Watched(self._job.logs, tuple(own), self._config.logs, self._clock, self._options.interval_s)
+        own += [
+            *ensemble_files(self._job.ensemble),
+            *self._out.parent.glob(f"{self._out.stem}.forecast*.mcap"),
+        ]
+        watched = Watched(
+            self._job.logs, tuple(own), self._config.logs, self._clock, self._options.interval_s
+        )
         sources, said, changed = look_again(watched, self._memory.sources)
         self._remember(sources=sources)
         for text in said:
@@ -147,9 +190,13 @@ class Follower:
         if goal is None:
             return False
         before = self._memory.goals
-        self._remember(goals=with_goal(before, goal, self._held.last_ns if self._held is not None else 0))
+        self._remember(
+            goals=with_goal(before, goal, self._held.last_ns if self._held is not None else 0)
+        )
         if before and before[-1][1] != goal:
-            self._say(f"the goal moved to {place_text(goal.longitude, goal.latitude)}, {goal.depth:g} m")
+            self._say(
+                f"the goal moved to {place_text(goal.longitude, goal.latitude)}, {goal.depth:g} m"
+            )
             return True
         return False
 
@@ -157,7 +204,10 @@ class Follower:
         """Replay the files that are used; those that are new and make it fail are set aside."""
         began, used, self._due = self._clock.idle_s(), self._memory.used, False
         # those that grow may change, up to what is read of them
-        whole = [*(path for path in used if path.suffix.lower() not in STREAMS), *ensemble_files(self._job.ensemble)]
+        whole = [
+            *(path for path in used if path.suffix.lower() not in STREAMS),
+            *ensemble_files(self._job.ensemble),
+        ]
         stamps = stamps_of(whole)
         try:
             self._run(used)
@@ -175,7 +225,9 @@ class Follower:
             return
         assert self._summary is not None
         took, dives = self._clock.idle_s() - began, count_text(len(self._summary.by_dive), "dive")
-        self._options.tell(f"{count_text(len(self._memory.used), 'file')}, {dives} replayed in {took:.1f} s: {self._out}")
+        self._options.tell(
+            f"{count_text(len(self._memory.used), 'file')}, {dives} replayed in {took:.1f} s: {self._out}"
+        )
 
     def _without_new(self, used: tuple[Path, ...], error: ReplayKitError) -> None:
         """Replay without the new files with which a replay failed, one by one; the first files of a mission are waited for instead."""
@@ -189,15 +241,30 @@ class Follower:
                 self._run(kept)
             except _UNUSABLE as reason:
                 source = self._memory.sources[path]
-                self._remember(sources={**self._memory.sources, path: replace(source, aside=f"makes the replay fail: {reason}")})
+                self._remember(
+                    sources={
+                        **self._memory.sources,
+                        path: replace(source, aside=f"makes the replay fail: {reason}"),
+                    }
+                )
                 self._say(f"{path.name} not used: it makes the replay fail: {reason}")
 
     def _run(self, used: tuple[Path, ...]) -> None:
         """Replay some files, and read what the result holds."""
-        job = replace(self._job, logs=used, overwrite=True, goal=self._memory.goals[0][1] if self._memory.goals else None)
+        job = replace(
+            self._job,
+            logs=used,
+            overwrite=True,
+            goal=self._memory.goals[0][1] if self._memory.goals else None,
+        )
         forecasts = self._forecasts(job)
-        record = {f"{number:03d}": self._without_folders(text) for number, text in enumerate(self._memory.said)}
-        job = replace(job, following=Following(self._options.states, record, self._memory.goals[1:]))
+        record = {
+            f"{number:03d}": self._without_folders(text)
+            for number, text in enumerate(self._memory.said)
+        }
+        job = replace(
+            job, following=Following(self._options.states, record, self._memory.goals[1:])
+        )
         summary, _ = replay(job, self._config, self._planner_of, forecasts=forecasts)
         self._summary, self._held = summary, read_held(self._out)
         self._good |= set(used)
@@ -206,21 +273,33 @@ class Follower:
 
     def _without_folders(self, text: str) -> str:
         """Return a text with files by their names: the folder that the inputs are in changes no byte of a result."""
-        for path in (*self._memory.sources, *ensemble_files(self._job.ensemble), *filter(None, [self._options.goal_file])):
+        for path in (
+            *self._memory.sources,
+            *ensemble_files(self._job.ensemble),
+            *filter(None, [self._options.goal_file]),
+        ):
             text = text.replace(str(path), path.name)
         return text
 
     def _forecasts(self, job: ReplayJob) -> Forecasts:
         """Return the forecast, read anew when its files or the beginning of the logs changed."""
         stamps, ahead = stamps_of(ensemble_files(job.ensemble)), look_ahead(job.logs, self._config)
-        if self._forecast is not None and self._forecast[0] == stamps and self._forecast[2] == ahead:
+        if (
+            self._forecast is not None
+            and self._forecast[0] == stamps
+            and self._forecast[2] == ahead
+        ):
             return self._forecast[1]
         try:
-            found = read_forecasts(job.ensemble, self._config, ahead[1], ahead[0], self._region(job, ahead[1]))
+            found = read_forecasts(
+                job.ensemble, self._config, ahead[1], ahead[0], self._region(job, ahead[1])
+            )
         except ReplayKitError as error:
             if self._forecast is None or self._forecast[2] != ahead:
                 raise
-            self._say(f"the newer forecast cannot be used, and the one before stays: {error}", once=True)
+            self._say(
+                f"the newer forecast cannot be used, and the one before stays: {error}", once=True
+            )
             return self._forecast[1]
         name = ", ".join(named_hash(path) for path in ensemble_files(job.ensemble))
         if self._memory.forecast and self._memory.forecast != name:
@@ -250,7 +329,9 @@ class Follower:
                 shutil.copyfile(self._out, target)
             self._remember(archives=number)
             kept = f"; the result with the one before is kept as {target.name}"
-        self._say(f"a newer forecast: {name}, before it {self._memory.forecast}; all measurements so far go into it too{kept}")
+        self._say(
+            f"a newer forecast: {name}, before it {self._memory.forecast}; all measurements so far go into it too{kept}"
+        )
 
     def _answer(self, held: Held) -> None:
         """Write the status page, and give the alarms that are new."""
@@ -263,7 +344,9 @@ class Follower:
         self._remember(given=standing(status, self._memory.given))
         for alarm in new_alarms(status, self._memory.given):
             self._options.tell(f"ALARM: {alarm.kind}: {alarm.text}")
-            if self._options.command and (failure := notify(self._options.command, alarm_line(alarm, status))):
+            if self._options.command and (
+                failure := notify(self._options.command, alarm_line(alarm, status))
+            ):
                 self._options.tell(failure)
                 continue
             self._remember(given=(*self._memory.given, key_of(alarm)))

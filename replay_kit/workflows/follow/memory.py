@@ -49,13 +49,25 @@ def read_memory(folder: Path) -> Memory:
     try:
         held: dict[str, Any] = json.loads((folder / _NAME).read_text(encoding="utf-8"))
         sources = [
-            Source(Path(one["path"]), tuple(one["stamp"]), one["sha256"], one["mission"], one["first_ns"], one["aside"])
+            Source(
+                Path(one["path"]),
+                tuple(one["stamp"]),
+                one["sha256"],
+                one["mission"],
+                one["first_ns"],
+                one["aside"],
+            )
             for one in held["sources"]
         ]
         goals = tuple((int(since), Place(*place)) for since, place in held["goals"])
         texts = tuple(map(str, held["said"])), tuple(map(str, held["given"]))
         return Memory(
-            {source.path: source for source in sources}, goals, *texts, str(held["forecast"]), int(held["archives"]), str(held["region"])
+            {source.path: source for source in sources},
+            goals,
+            *texts,
+            str(held["forecast"]),
+            int(held["archives"]),
+            str(held["region"]),
         )
     except (OSError, ValueError, KeyError, TypeError):
         return Memory()
@@ -74,8 +86,15 @@ def write_memory(folder: Path, memory: Memory) -> None:
         }
         for source in memory.sources.values()
     ]
-    goals = [[since, [place.longitude, place.latitude, place.depth]] for since, place in memory.goals]
-    held: dict[str, Any] = {"sources": sources, "goals": goals, "said": list(memory.said[-_SAID:]), "given": list(memory.given)}
+    goals = [
+        [since, [place.longitude, place.latitude, place.depth]] for since, place in memory.goals
+    ]
+    held: dict[str, Any] = {
+        "sources": sources,
+        "goals": goals,
+        "said": list(memory.said[-_SAID:]),
+        "given": list(memory.given),
+    }
     held |= {"forecast": memory.forecast, "archives": memory.archives, "region": memory.region}
     with atomic_file(folder / _NAME) as file:
         file.write(json.dumps(held, indent=1).encode())

@@ -30,15 +30,31 @@ def standing(status: Status, given: Sequence[str]) -> tuple[str, ...]:
 
 def alarm_line(alarm: Alarm, status: Status) -> str:
     """Return an alarm as a JSON line, with the position and what to steer."""
-    figures: dict[str, Any] = {key: status.figures[key] for key in ("result", "now", "position", "command") if key in status.figures}
+    figures: dict[str, Any] = {
+        key: status.figures[key]
+        for key in ("result", "now", "position", "command")
+        if key in status.figures
+    }
     return json.dumps({**alarm.record(), **figures}, allow_nan=False) + "\n"
 
 
 def notify(command: str, line: str) -> str:
     """Run a command of the shell with a line on its standard input, and return what went wrong; empty when nothing did."""
     try:
-        done = subprocess.run(command, shell=True, input=line, text=True, capture_output=True, timeout=_PATIENCE, check=False)
+        done = subprocess.run(
+            command,
+            shell=True,
+            input=line,
+            text=True,
+            capture_output=True,
+            timeout=_PATIENCE,
+            check=False,
+        )
     except (OSError, subprocess.TimeoutExpired) as error:
         return f"--notify: the command did not end well: {error}"
     words = done.stderr.strip().splitlines()
-    return f"--notify: the command ended with {done.returncode}{': ' + words[-1] if words else ''}" if done.returncode else ""
+    return (
+        f"--notify: the command ended with {done.returncode}{': ' + words[-1] if words else ''}"
+        if done.returncode
+        else ""
+    )

@@ -52,20 +52,36 @@ def look(paths: Iterable[Path], own: Iterable[Path]) -> dict[Path, Stamp]:
     written = {path.resolve() for path in own}
     found: list[Path] = []
     for path in paths:
-        held = [part for part in path.iterdir() if not part.name.startswith(".") and part.suffix != ".part"] if path.is_dir() else [path]
+        held = (
+            [
+                part
+                for part in path.iterdir()
+                if not part.name.startswith(".") and part.suffix != ".part"
+            ]
+            if path.is_dir()
+            else [path]
+        )
         found += sorted((part for part in held if part.resolve() not in written), key=order)
     return stamps_of(dict.fromkeys(found))
 
 
 def order(path: Path) -> tuple[bool, list[int], str]:
     """Return what orders the files of a folder, as in a replay of it: gliders' by the numbers in their names, then the others by name."""
-    glider = path.suffix.lower() in (".nc", ".nc4", ".cdf", ".gz") or ".gli" in path.name or ".pld1" in path.name
+    glider = (
+        path.suffix.lower() in (".nc", ".nc4", ".cdf", ".gz")
+        or ".gli" in path.name
+        or ".pld1" in path.name
+    )
     return not glider, [*map(int, re.findall(r"\d+", path.name))] if glider else [], path.name
 
 
 def settled(before: Mapping[Path, Stamp], now: Mapping[Path, Stamp]) -> dict[Path, Stamp]:
     """Return the files of the second of two looks that are whole: unchanged between them, or of a kind that grows."""
-    return {path: stamp for path, stamp in now.items() if before.get(path) == stamp or path.suffix.lower() in STREAMS}
+    return {
+        path: stamp
+        for path, stamp in now.items()
+        if before.get(path) == stamp or path.suffix.lower() in STREAMS
+    }
 
 
 def examine(path: Path, stamp: Stamp, config: LogConfig) -> Source:
@@ -105,12 +121,22 @@ def judged(known: Mapping[Path, Source], found: Source, now_ns: int) -> Source:
         return replace(found, aside=f"has the same bytes as {same.path.name}, and counts once")
     missions = {source.mission for source in others if source.mission}
     if found.mission and missions and found.mission not in missions:
-        return replace(found, aside=f"is of {found.mission}, not of {', '.join(sorted(missions))}; follow it with a command of its own")
+        return replace(
+            found,
+            aside=f"is of {found.mission}, not of {', '.join(sorted(missions))}; follow it with a command of its own",
+        )
     times = [source.first_ns for source in others if source.first_ns is not None]
     far = bool(times) and not min(times) - _FAR_NS <= found.first_ns <= max(times) + _FAR_NS
     if found.first_ns > now_ns + _AHEAD_NS or far:
-        than = "the present" if found.first_ns > now_ns + _AHEAD_NS else f"the others, from {time_text(min(times))}"
-        return replace(found, aside=f"begins at {time_text(found.first_ns)}, far from {than}: its clock was wrong; correct it to use it")
+        than = (
+            "the present"
+            if found.first_ns > now_ns + _AHEAD_NS
+            else f"the others, from {time_text(min(times))}"
+        )
+        return replace(
+            found,
+            aside=f"begins at {time_text(found.first_ns)}, far from {than}: its clock was wrong; correct it to use it",
+        )
     return found
 
 
@@ -123,16 +149,33 @@ def change_words(before: Source | None, now: Source, known: Mapping[Path, Source
         known: The other files, as they were at the look before: those that have been replayed.
     """
     if now.aside:
-        return "" if before is not None and before.aside == now.aside else f"not used: it {now.aside}"
+        return (
+            "" if before is not None and before.aside == now.aside else f"not used: it {now.aside}"
+        )
     if before is None or before.aside:
-        times = [source.first_ns for source in known.values() if source.first_ns is not None and not source.aside]
+        times = [
+            source.first_ns
+            for source in known.values()
+            if source.first_ns is not None and not source.aside
+        ]
         late = now.first_ns is not None and bool(times) and now.first_ns < max(times)
-        return f"new{', older than what was replayed: the replay goes back before it' if late else ''}"
+        return (
+            f"new{', older than what was replayed: the replay goes back before it' if late else ''}"
+        )
     if now.sha256 == before.sha256:
         return ""
-    if now.stamp[2] > before.stamp[2] and _sha256_or_none(now.path, before.stamp[2]) == before.sha256:
+    if (
+        now.stamp[2] > before.stamp[2]
+        and _sha256_or_none(now.path, before.stamp[2]) == before.sha256
+    ):
         return f"grew from {before.stamp[2]} to {now.stamp[2]} bytes"
-    how = "shrank" if now.stamp[2] < before.stamp[2] else "was replaced" if now.stamp[:2] != before.stamp[:2] else "was written anew"
+    how = (
+        "shrank"
+        if now.stamp[2] < before.stamp[2]
+        else "was replaced"
+        if now.stamp[:2] != before.stamp[:2]
+        else "was written anew"
+    )
     return f"{how}: the replay goes back before what changed in it"
 
 
@@ -146,9 +189,15 @@ def mission_words(before: Mapping[Path, Source], now: Mapping[Path, Source]) -> 
     followed, left = _missions(now, aside=False), _missions(now, aside=True)
     if not followed or not left.keys() - followed.keys() - _missions(before, aside=True).keys():
         return []
-    others = " and ".join(f"{mission} ({pattern(paths)})" for mission, paths in left.items() if mission not in followed)
+    others = " and ".join(
+        f"{mission} ({pattern(paths)})"
+        for mission, paths in left.items()
+        if mission not in followed
+    )
     held = ", ".join(f"{mission} ({pattern(paths)})" for mission, paths in followed.items())
-    return [f"follows {held}, whose files came first, and leaves out {others}: to follow that, give it a folder and a result of its own"]
+    return [
+        f"follows {held}, whose files came first, and leaves out {others}: to follow that, give it a folder and a result of its own"
+    ]
 
 
 def _missions(sources: Mapping[Path, Source], aside: bool) -> dict[str, list[Path]]:

@@ -7,7 +7,15 @@ from pathlib import Path
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.text import some_text
-from replay_kit.workflows.follow.sources import Source, change_words, examine, judged, look, mission_words, settled
+from replay_kit.workflows.follow.sources import (
+    Source,
+    change_words,
+    examine,
+    judged,
+    look,
+    mission_words,
+    settled,
+)
 
 # Between the two looks that a file must not change between, at most [s].
 _SETTLING = 1.0
@@ -47,7 +55,9 @@ class Watched:
     interval_s: float
 
 
-def look_again(watched: Watched, known: Mapping[Path, Source]) -> tuple[dict[Path, Source], list[str], bool]:
+def look_again(
+    watched: Watched, known: Mapping[Path, Source]
+) -> tuple[dict[Path, Source], list[str], bool]:
     """Return the files as they are now, what is to be said of them, and whether the messages of a replay may be others than before.
 
     A file that comes whole is taken when it is the same at two looks; until then it is what it was.
@@ -60,13 +70,21 @@ def look_again(watched: Watched, known: Mapping[Path, Source]) -> tuple[dict[Pat
     there = now
     if any(path not in known or known[path].stamp != stamp for path, stamp in now.items()):
         watched.clock.wait(min(watched.interval_s, _SETTLING))
-        stamps = {path: source.stamp for path, source in known.items()} | settled(now, look(watched.paths, watched.own))
+        stamps = {path: source.stamp for path, source in known.items()} | settled(
+            now, look(watched.paths, watched.own)
+        )
         there = {path: stamps[path] for path in now if path in stamps}
     gone = [source for path, source in known.items() if path not in now]
     replayed = {path: source for path, source in known.items() if path in now}
     sources = dict(replayed)
     lost = [source.path.name for source in gone if not source.aside]
-    said = [f"{some_text(lost)}: no longer there, and left out: the replay goes back before what they held"] if lost else []
+    said = (
+        [
+            f"{some_text(lost)}: no longer there, and left out: the replay goes back before what they held"
+        ]
+        if lost
+        else []
+    )
     changed = bool(lost)
     for path, stamp in there.items():
         before = sources.get(path)
@@ -74,7 +92,9 @@ def look_again(watched: Watched, known: Mapping[Path, Source]) -> tuple[dict[Pat
         if before is not None and before.stamp == stamp and not (lost and before.aside):
             continue
         found = judged(sources, examine(path, stamp, watched.logs), watched.clock.now_ns())
-        words = change_words(before, found, {other: source for other, source in replayed.items() if other != path})
+        words = change_words(
+            before, found, {other: source for other, source in replayed.items() if other != path}
+        )
         said += [f"{path.name} {words}"] if words else []
         changed |= bool(words) and (not found.aside or (before is not None and not before.aside))
         sources[path] = found

@@ -23,10 +23,16 @@ def ensemble_json(found: Description) -> dict[str, Any]:
         "members": [] if ensemble is None else list(ensemble.members),
         "velocities": list(found.names),
         "arrangement": found.arrangement,
-        "axes": None if check is None else {"read_along": check.axes, "because": check.why, "largest_angle_degrees": check.angle},
+        "axes": None
+        if check is None
+        else {"read_along": check.axes, "because": check.why, "largest_angle_degrees": check.angle},
         "axes_check": None
         if check is None
-        else {"residual": check.residual, "geostrophic_phase_degrees": check.phase, "contradicted": check.contradicted},
+        else {
+            "residual": check.residual,
+            "geostrophic_phase_degrees": check.phase,
+            "contradicted": check.contradicted,
+        },
         "time": None if ensemble is None else _time(ensemble),
         "grid": None if ensemble is None else list(ensemble.grid.longitude.shape),
         "levels": [] if ensemble is None else ensemble.grid.levels.tolist(),
@@ -44,8 +50,14 @@ def print_ensemble(found: Description, console: Console) -> None:
     if ensemble is not None and check is not None:
         grid = ensemble.grid
         table.add_row("velocities", f"{found.names[0]}, {found.names[1]}: {found.arrangement}")
-        table.add_row("axes", f"{_AXES[check.axes]} ({check.why}); grid turned by up to {check.angle:.1f} degrees; {check.figures}")
-        table.add_row("members", f"{ensemble.n_members} by --members {found.rule}" if found.rule else "one field")
+        table.add_row(
+            "axes",
+            f"{_AXES[check.axes]} ({check.why}); grid turned by up to {check.angle:.1f} degrees; {check.figures}",
+        )
+        table.add_row(
+            "members",
+            f"{ensemble.n_members} by --members {found.rule}" if found.rule else "one field",
+        )
         for label in _shortened(ensemble.members):
             table.add_row("", label)
         table.add_row("time", _time(ensemble) or "none stated")
@@ -66,7 +78,11 @@ _AXES = {"grid": "along the grid, turned to true east and north", "true": "true 
 
 
 def _time(ensemble: Ensemble) -> str | None:
-    return None if ensemble.time_ns is None else f"{np.datetime_as_string(np.datetime64(ensemble.time_ns, 'ns'), unit='s')}Z"
+    return (
+        None
+        if ensemble.time_ns is None
+        else f"{np.datetime_as_string(np.datetime64(ensemble.time_ns, 'ns'), unit='s')}Z"
+    )
 
 
 def _shortened(labels: tuple[str, ...]) -> list[str]:

@@ -32,9 +32,19 @@ from replay_kit.logs import merge
 from replay_kit.measurements import events_of
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds, odd_ensemble_speeds
+from replay_kit.measurements.consistency.speeds import (
+    EnsembleSpeeds,
+    ensemble_speeds,
+    odd_ensemble_speeds,
+)
 from replay_kit.measurements.consistency.summary import REPAIRABLE
-from replay_kit.measurements.consistency.usual_faults import Fault, Sounding, declination_of, depth_faults, direction_faults
+from replay_kit.measurements.consistency.usual_faults import (
+    Fault,
+    Sounding,
+    declination_of,
+    depth_faults,
+    direction_faults,
+)
 from replay_kit.workflows.replay.look_ahead import look_ahead, open_readers
 from replay_kit.workflows.replay.region import find_region
 
@@ -93,18 +103,28 @@ def check_logs(logs: Sequence[Path], ensemble: Paths, config: RunConfig) -> Impo
     with threadpool_limits(limits=config.output.threads):
         place_at, near_ns = look_ahead(logs, config)
         region = find_region(logs, ensemble, config, near_ns, None, may_follow=False)
-        part = config.forecast if region is None else config.forecast.model_copy(update={"region": region.region})
+        part = (
+            config.forecast
+            if region is None
+            else config.forecast.model_copy(update={"region": region.region})
+        )
         forecast = read_ensemble(ensemble, part, near_ns=near_ns, place_at=place_at)
         evidence = odd_ensemble_speeds(forecast.velocity)
         speeds = None if evidence else ensemble_speeds(forecast.grid.levels, forecast.velocity)
         settings = config.logs
-        messages = merge(open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns)
+        messages = merge(
+            open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns
+        )
         found, state = soundings(messages, config.measurements, speeds)
         if evidence:
             wrong = findings.ensemble_unit(evidence, forecast.source)
-            return ImportCheck(0, (wrong, *state.findings), note="the log was not compared with the ensemble")
+            return ImportCheck(
+                0, (wrong, *state.findings), note="the log was not compared with the ensemble"
+            )
         if any(finding.name in _GROSS for finding in state.findings):
-            return ImportCheck(0, state.findings, note="the directions were not compared with the ensemble")
+            return ImportCheck(
+                0, state.findings, note="the directions were not compared with the ensemble"
+            )
         compared = check_import(found, build_estimator(forecast, config.estimator))
         return replace(compared, findings=state.findings + compared.findings)
 
@@ -140,7 +160,9 @@ def soundings(
         if isinstance(event, VehicleState):
             depth = event.depth
         elif isinstance(event, Observation):
-            found.append(Sounding(event, declinations[event.source.input, event.source.topic], depth))
+            found.append(
+                Sounding(event, declinations[event.source.input, event.source.topic], depth)
+            )
     return found, state
 
 
@@ -153,9 +175,13 @@ def check_import(found: Sequence[Sounding], estimator: ReducedBasisEstimator) ->
     """
     inside = [sounding for sounding in found if _usable(sounding.observation, estimator).size]
     if len(inside) < _LEAST_PROFILES:
-        return ImportCheck(0, (), note=f"fewer than {_LEAST_PROFILES} profiles lie in the ensemble's water")
+        return ImportCheck(
+            0, (), note=f"fewer than {_LEAST_PROFILES} profiles lie in the ensemble's water"
+        )
     widened = [_widened(sounding, estimator) for sounding in _spread(inside, _MOST_PROFILES)]
-    trials = _trials_of_directions(widened, estimator) + _trials_of_depths(_spread(widened, _MOST_FOR_DEPTHS), estimator)
+    trials = _trials_of_directions(widened, estimator) + _trials_of_depths(
+        _spread(widened, _MOST_FOR_DEPTHS), estimator
+    )
     best = max(trials, key=lambda trial: trial.log_ratio)
     # where the ensemble misfits the log even with the likeliest fault undone, all gains count for less in proportion
     ranked = sorted(trials, key=lambda trial: -trial.log_ratio)
@@ -164,7 +190,11 @@ def check_import(found: Sequence[Sounding], estimator: ReducedBasisEstimator) ->
         gains.setdefault(trial.fault.name, (trial.log_ratio / max(1.0, best.misfit), trial.fault))
     least = max(_LEAST_GAIN, gains[best.fault.name][0] - _ALIKE)
     named = tuple(_warning(fault, gain) for gain, fault in gains.values() if gain >= least)
-    undetermined = () if named else tuple(name for name, (gain, _) in reversed(gains.items()) if gain > -_LEAST_GAIN)
+    undetermined = (
+        ()
+        if named
+        else tuple(name for name, (gain, _) in reversed(gains.items()) if gain > -_LEAST_GAIN)
+    )
     return ImportCheck(min(len(inside), _MOST_PROFILES), named, undetermined, _blind_spot(inside))
 
 
@@ -180,7 +210,9 @@ def _spread(found: Sequence[Sounding], most: int) -> Sequence[Sounding]:
 def _blind_spot(chosen: Sequence[Sounding]) -> str:
     if any(math.isfinite(sounding.declination) for sounding in chosen):
         return ""
-    return "the log states no magnetic declination, so that a missing or doubled one was not examined"
+    return (
+        "the log states no magnetic declination, so that a missing or doubled one was not examined"
+    )
 
 
 def _widened(sounding: Sounding, estimator: ReducedBasisEstimator) -> Sounding:
@@ -190,15 +222,24 @@ def _widened(sounding: Sounding, estimator: ReducedBasisEstimator) -> Sounding:
     good[_usable(observation, estimator)] = Flag.GOOD
     _, innovation = estimator.step(estimator.initial(), replace(observation, flags=good))
     factor = math.sqrt(innovation.error_inflation)
-    return replace(sounding, observation=replace(observation, error_std=factor * observation.error_std))
+    return replace(
+        sounding, observation=replace(observation, error_std=factor * observation.error_std)
+    )
 
 
-def _trials_of_directions(chosen: Sequence[Sounding], estimator: ReducedBasisEstimator) -> list[_Trial]:
+def _trials_of_directions(
+    chosen: Sequence[Sounding], estimator: ReducedBasisEstimator
+) -> list[_Trial]:
     """Return what undoing each fault of directions gains."""
     as_is = [sounding.observation for sounding in chosen]
-    prediction = predict_jointly(estimator, as_is, [_usable(observation, estimator) for observation in as_is])
+    prediction = predict_jointly(
+        estimator, as_is, [_usable(observation, estimator) for observation in as_is]
+    )
     logged = prediction.of(as_is)
-    return [_trial(fault, logged, prediction.of([fault.undo(sounding) for sounding in chosen])) for fault in direction_faults(chosen)]
+    return [
+        _trial(fault, logged, prediction.of([fault.undo(sounding) for sounding in chosen]))
+        for fault in direction_faults(chosen)
+    ]
 
 
 def _trials_of_depths(chosen: Sequence[Sounding], estimator: ReducedBasisEstimator) -> list[_Trial]:
@@ -207,11 +248,25 @@ def _trials_of_depths(chosen: Sequence[Sounding], estimator: ReducedBasisEstimat
     as_is = [sounding.observation for sounding in chosen]
     for fault in depth_faults():
         undone = [fault.undo(sounding) for sounding in chosen]
-        if max(float(np.nanmax(np.abs(b.depth - a.depth), initial=0.0)) for a, b in zip(as_is, undone, strict=True)) < _LEAST_SHIFT:
+        if (
+            max(
+                float(np.nanmax(np.abs(b.depth - a.depth), initial=0.0))
+                for a, b in zip(as_is, undone, strict=True)
+            )
+            < _LEAST_SHIFT
+        ):
             continue
-        bins = [np.intersect1d(_usable(a, estimator), _usable(b, estimator)) for a, b in zip(as_is, undone, strict=True)]
-        if sum(used.size for used in bins) >= _LEAST_SHARE * sum(_usable(observation, estimator).size for observation in as_is):
-            logged, other = (predict_jointly(estimator, profiles, bins).of(profiles) for profiles in (as_is, undone))
+        bins = [
+            np.intersect1d(_usable(a, estimator), _usable(b, estimator))
+            for a, b in zip(as_is, undone, strict=True)
+        ]
+        if sum(used.size for used in bins) >= _LEAST_SHARE * sum(
+            _usable(observation, estimator).size for observation in as_is
+        ):
+            logged, other = (
+                predict_jointly(estimator, profiles, bins).of(profiles)
+                for profiles in (as_is, undone)
+            )
             found.append(_trial(fault, logged, other))
     return found
 
@@ -223,8 +278,15 @@ def _trial(fault: Fault, logged: Likelihood, undone: Likelihood) -> _Trial:
 def _usable(observation: Observation, estimator: ReducedBasisEstimator) -> NDArray[np.intp]:
     """Return the bins in the ensemble's water that are good, or bad only in a way that a fault could have made them."""
     repairable = (observation.reasons & ~np.int32(_POSSIBLE)) == 0
-    possible = (usable(observation.flags) | repairable) & np.isfinite(observation.velocity).all(axis=1) & (observation.depth >= 0.0)
-    flags, _ = screen(replace(observation, flags=np.where(possible, Flag.GOOD, Flag.FAIL).astype(np.int8)), estimator.basis.grid)
+    possible = (
+        (usable(observation.flags) | repairable)
+        & np.isfinite(observation.velocity).all(axis=1)
+        & (observation.depth >= 0.0)
+    )
+    flags, _ = screen(
+        replace(observation, flags=np.where(possible, Flag.GOOD, Flag.FAIL).astype(np.int8)),
+        estimator.basis.grid,
+    )
     return np.flatnonzero(flags == Flag.GOOD)
 
 
@@ -243,8 +305,14 @@ def print_import_check(found: ImportCheck, console: Console) -> None:
     for finding in found.findings:
         console.print(finding_line(finding), soft_wrap=True)
     if found.profiles and not found.findings:
-        console.print(f"Import check: {found.profiles} profiles look sound against the ensemble", soft_wrap=True)
+        console.print(
+            f"Import check: {found.profiles} profiles look sound against the ensemble",
+            soft_wrap=True,
+        )
     if found.undetermined:
-        console.print(f"Import check: the profiles do not determine whether {', or '.join(found.undetermined)}", soft_wrap=True)
+        console.print(
+            f"Import check: the profiles do not determine whether {', or '.join(found.undetermined)}",
+            soft_wrap=True,
+        )
     if found.note:
         console.print(f"Import check: {found.note}", soft_wrap=True)

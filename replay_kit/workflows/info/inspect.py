@@ -52,8 +52,14 @@ class LogContent:
             case Observation():
                 good = event.depth[usable(event.flags)]
                 shallowest, deepest = self.depths or (np.inf, -np.inf)
-                depths = (min(shallowest, float(good.min())), max(deepest, float(good.max()))) if good.size else self.depths
-                return replace(self, profiles=self.profiles + 1, bins=self.bins + good.size, depths=depths)
+                depths = (
+                    (min(shallowest, float(good.min())), max(deepest, float(good.max())))
+                    if good.size
+                    else self.depths
+                )
+                return replace(
+                    self, profiles=self.profiles + 1, bins=self.bins + good.size, depths=depths
+                )
             case PathMean():
                 return replace(self, mean_currents=self.mean_currents + 1)
             case VehicleState():
@@ -115,7 +121,11 @@ class LogInfo:
         """Topics of unknown types in which something looks usable, and as what."""
         found = {}
         for key, entry in suggested_entries({} if self.is_result else self.unknown).items():
-            kinds = [line.rpartition("= ")[2].strip('"') for line in entry.splitlines() if line.lstrip("# ").startswith("kind = ")]
+            kinds = [
+                line.rpartition("= ")[2].strip('"')
+                for line in entry.splitlines()
+                if line.lstrip("# ").startswith("kind = ")
+            ]
             found[key.replace("\n", ", name ")] = kinds[0]
         return found
 
@@ -133,7 +143,9 @@ class LogInfo:
         return "nothing yet: neither positions nor profiles of the current"
 
 
-def inspect_logs(paths: Sequence[Path], config: RunConfig, progress: Progress = silent, full: bool = False) -> list[LogInfo]:
+def inspect_logs(
+    paths: Sequence[Path], config: RunConfig, progress: Progress = silent, full: bool = False
+) -> list[LogInfo]:
     """Return what each log holds; of a large log with an index the index and the first messages are read.
 
     Args:
@@ -155,8 +167,14 @@ def _advance(progress: Progress, before: int, logs: int, log: LogFile) -> None:
     progress(before + log.share_read(), logs, f"reading: {log.path}")
 
 
-def _inspect(log: LogFile, config: RunConfig, full: bool, advance: Callable[[], None] = lambda: None) -> LogInfo:
-    state, content, order = initial_state(config.logs.system), LogContent(), Order(config.logs.reorder_window)
+def _inspect(
+    log: LogFile, config: RunConfig, full: bool, advance: Callable[[], None] = lambda: None
+) -> LogInfo:
+    state, content, order = (
+        initial_state(config.logs.system),
+        LogContent(),
+        Order(config.logs.reorder_window),
+    )
     not_used: Counter[tuple[str, str]] = Counter()
     decoded: Counter[str] = Counter()
     unknown: dict[str, tuple[str, Mapping[str, Any]]] = {}
@@ -178,8 +196,13 @@ def _inspect(log: LogFile, config: RunConfig, full: bool, advance: Callable[[], 
             decoded.update(message.topic for message in block.messages)
             for message in block.messages:
                 state, events = interpret(state, message, config.measurements)
-                if count(events) and (not message.topic.startswith("mavlink/") or message.topic.endswith(NAMED)):
-                    unknown[sample_key(message.topic, message.payload)] = (message.schema, message.payload)
+                if count(events) and (
+                    not message.topic.startswith("mavlink/") or message.topic.endswith(NAMED)
+                ):
+                    unknown[sample_key(message.topic, message.payload)] = (
+                        message.schema,
+                        message.payload,
+                    )
             advance()
         order.finish()
         count(finish(state, config.measurements))
@@ -187,7 +210,16 @@ def _inspect(log: LogFile, config: RunConfig, full: bool, advance: Callable[[], 
         report, topics = reading.completed(log.report(), order.topics)
     if reading.overview is None:
         count_alike(not_used, report, decoded)
-    return LogInfo(report, dict(sorted(topics.items())), content, state.dive, by_topic(not_used), unknown, reading.sampled, log.files)
+    return LogInfo(
+        report,
+        dict(sorted(topics.items())),
+        content,
+        state.dive,
+        by_topic(not_used),
+        unknown,
+        reading.sampled,
+        log.files,
+    )
 
 
 def by_topic(counts: Mapping[tuple[str, str], int]) -> dict[str, dict[str, int]]:

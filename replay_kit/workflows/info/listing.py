@@ -12,8 +12,22 @@ from rich.console import Console
 from replay_kit.logs.glider.missions import pattern
 from replay_kit.logs.shared.notes import gather
 from replay_kit.measurements import NOT_A_KIND
-from replay_kit.results.losses import loss_json, loss_words, unchecked_lines, undecodable_json, undecodable_lines
-from replay_kit.results.text import coded, folded, iso, not_used_lines, print_lines, print_table, short_times
+from replay_kit.results.losses import (
+    loss_json,
+    loss_words,
+    unchecked_lines,
+    undecodable_json,
+    undecodable_lines,
+)
+from replay_kit.results.text import (
+    coded,
+    folded,
+    iso,
+    not_used_lines,
+    print_lines,
+    print_table,
+    short_times,
+)
 from replay_kit.workflows.info.inspect import LogInfo
 from replay_kit.workflows.info.order import TopicInfo
 from replay_kit.workflows.info.reading import late_and_gaps, topic_json
@@ -25,7 +39,10 @@ def info_json(info: LogInfo) -> dict[str, Any]:
     return {
         "file": info.report.path,
         "format": info.report.format,
-        "read": {"whole": whole, "messages": sum(info.report.read.values()) if info.sampled is None else info.sampled},
+        "read": {
+            "whole": whole,
+            "messages": sum(info.report.read.values()) if info.sampled is None else info.sampled,
+        },
         "mission": info.report.mission,
         "use": info.use,
         "missing": info.missing,
@@ -48,8 +65,16 @@ def info_json(info: LogInfo) -> dict[str, Any]:
 
 def _span(topics: Mapping[str, TopicInfo]) -> str:
     """Return the time span of a log's topics in words; empty when no message has a time."""
-    spans = [(topic.first_ns, topic.last_ns) for topic in topics.values() if topic.first_ns is not None and topic.last_ns is not None]
-    return f", {iso(min(first for first, _ in spans))} to {iso(max(last for _, last in spans))}" if spans else ""
+    spans = [
+        (topic.first_ns, topic.last_ns)
+        for topic in topics.values()
+        if topic.first_ns is not None and topic.last_ns is not None
+    ]
+    return (
+        f", {iso(min(first for first, _ in spans))} to {iso(max(last for _, last in spans))}"
+        if spans
+        else ""
+    )
 
 
 def _content_lines(log: LogInfo) -> Iterator[str]:
@@ -74,27 +99,47 @@ def _content_lines(log: LogInfo) -> Iterator[str]:
 def print_infos(logs: Sequence[LogInfo], console: Console, verbose: bool = False) -> None:
     """Print what logs hold, and the notes that several of them have once after the last, unless whole lists are asked for."""
     notes = gather(note for log in logs for note in log.report.notes)
-    shared = {} if verbose else {note: found for note, found in notes.items() if len(found) > 1 and len(logs) > 1}
+    shared = (
+        {}
+        if verbose
+        else {note: found for note, found in notes.items() if len(found) > 1 and len(logs) > 1}
+    )
     said = set(chain.from_iterable(shared.values()))
     for log in logs:
         alone = tuple(note for note in log.report.notes if note not in said)
         print_info(replace(log, report=replace(log.report, notes=alone)), console, verbose)
-    print_lines(console, (f"Note, of {len(found)} of the {len(logs)} logs: {note}" for note, found in shared.items()))
+    print_lines(
+        console,
+        (
+            f"Note, of {len(found)} of the {len(logs)} logs: {note}"
+            for note, found in shared.items()
+        ),
+    )
 
 
 def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
     """Print what a log holds; topics that differ in a number alone share a row unless whole tables are asked for."""
     report, topics = log.report, log.topics
-    times = short_times([topic.first_ns for topic in topics.values()] + [topic.last_ns for topic in topics.values()])
+    times = short_times(
+        [topic.first_ns for topic in topics.values()] + [topic.last_ns for topic in topics.values()]
+    )
     cells = zip(topics.items(), times[: len(topics)], times[len(topics) :], strict=True)
-    rows = ((name, topic.schema, str(topic.messages), first, last) for (name, topic), first, last in cells)
+    rows = (
+        (name, topic.schema, str(topic.messages), first, last)
+        for (name, topic), first, last in cells
+    )
     columns = ("topic", "schema", "messages", "first", "last")
-    print_table(console, f"{report.path} ({report.format}){_span(topics)}", columns, folded(rows, verbose))
+    print_table(
+        console, f"{report.path} ({report.format}){_span(topics)}", columns, folded(rows, verbose)
+    )
     if report.mission:
         console.print(f"Mission: {report.mission}")
     print_lines(console, _content_lines(log))
     print_lines(console, late_and_gaps(topics))
-    known = {topic: {why: count for why, count in reasons.items() if why != NOT_A_KIND} for topic, reasons in log.not_used.items()}
+    known = {
+        topic: {why: count for why, count in reasons.items() if why != NOT_A_KIND}
+        for topic, reasons in log.not_used.items()
+    }
     print_lines(console, not_used_lines(known, verbose))
     print_lines(console, undecodable_lines(report.undecodable))
     print_lines(console, unchecked_lines(report))
@@ -103,13 +148,31 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
     if log.missing:
         print_lines(console, [f"Missing for a replay: {log.missing}"])
     mappable = log.mappable
-    print_lines(console, (f"Unknown type: {topic} looks like a {kind}" for topic, kind in mappable.items()))
-    others = 0 if log.is_result else len(log.unknown) - len(mappable) - sum(" and " in topic.rpartition(", name ")[2] for topic in mappable)
+    print_lines(
+        console, (f"Unknown type: {topic} looks like a {kind}" for topic, kind in mappable.items())
+    )
+    others = (
+        0
+        if log.is_result
+        else len(log.unknown)
+        - len(mappable)
+        - sum(" and " in topic.rpartition(", name ")[2] for topic in mappable)
+    )
     if others:
-        print_lines(console, [f"Unknown type: {others} more topics, in which nothing looks like a position, a depth or a velocity"])
+        print_lines(
+            console,
+            [
+                f"Unknown type: {others} more topics, in which nothing looks like a position, a depth or a velocity"
+            ],
+        )
 
 
-def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Sequence[Path] = (), options: Sequence[str] = ()) -> list[str]:
+def next_command(
+    logs: Sequence[LogInfo],
+    paths: Sequence[Path],
+    ensemble: Sequence[Path] = (),
+    options: Sequence[str] = (),
+) -> list[str]:
     """Return what to type next: a line with the command, and for some a line of what to do then; names in them may hold ends of lines.
 
     Args:
@@ -123,10 +186,15 @@ def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Seque
         if log.report.mission:
             missions.setdefault(log.report.mission, []).extend(log.files)
     if len(missions) > 1:
-        first, *others = (f"{shlex.quote(str(files[0].parent))}/{pattern(files)}" for files in missions.values())
+        first, *others = (
+            f"{shlex.quote(str(files[0].parent))}/{pattern(files)}" for files in missions.values()
+        )
         rest = f"The logs are of {len(missions)} missions, of which this is one; the others: {', '.join(others)}"
         return [f"Next: replay-kit info {first}", rest]
-    given, forecast = (" ".join(shlex.quote(str(path)) for path in files) for files in (paths, ensemble or [Path("FORECAST.nc")]))
+    given, forecast = (
+        " ".join(shlex.quote(str(path)) for path in files)
+        for files in (paths, ensemble or [Path("FORECAST.nc")])
+    )
     contents = [log.content for log in logs]
     if any(content.bins or content.mean_currents for content in contents):
         settings = "".join(f"{shlex.quote(word)} " for word in options)
@@ -134,5 +202,11 @@ def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Seque
     if any(log.is_result for log in logs):
         return [f"Next: replay-kit report {given}"]
     if any(log.mappable for log in logs):
-        return [f"Next: replay-kit info {given} --suggest map.toml", f"Correct map.toml, then: replay-kit info {given} --config map.toml"]
-    return [f"Next: replay-kit info {given} ANOTHER_LOG", "ANOTHER_LOG is the log of this mission that has what is missing"]
+        return [
+            f"Next: replay-kit info {given} --suggest map.toml",
+            f"Correct map.toml, then: replay-kit info {given} --config map.toml",
+        ]
+    return [
+        f"Next: replay-kit info {given} ANOTHER_LOG",
+        "ANOTHER_LOG is the log of this mission that has what is missing",
+    ]

@@ -40,7 +40,12 @@ class TopicInfo:
     @property
     def has_gap(self) -> bool:
         """Whether the longest gap stands out."""
-        if self.gap_ns is None or self.first_ns is None or self.last_ns is None or self.messages < 2:
+        if (
+            self.gap_ns is None
+            or self.first_ns is None
+            or self.last_ns is None
+            or self.messages < 2
+        ):
             return False
         mean_ns = (self.last_ns - self.first_ns) / (self.messages - 1)
         return self.gap_ns >= max(_TIMES_MEAN * mean_ns, _LEAST_GAP_NS)
@@ -57,7 +62,9 @@ class TopicInfo:
         newest = np.maximum.accumulate(np.append(before, time_ns))
         steps = np.diff(newest)
         longest = int(np.argmax(steps))
-        first_ns = int(time_ns.min()) if self.first_ns is None else min(self.first_ns, int(time_ns.min()))
+        first_ns = (
+            int(time_ns.min()) if self.first_ns is None else min(self.first_ns, int(time_ns.min()))
+        )
         late += self.late or 0
         found = replace(self, schema=schema, first_ns=first_ns, last_ns=int(newest[-1]), late=late)
         if int(steps[longest]) > (self.gap_ns or 0):
@@ -90,7 +97,9 @@ class Order:
         if not block.kind.size:
             return
         since = self._settling.steady_since()
-        if since is not None and np.all(np.abs(np.diff(block.time_ns, prepend=np.int64(since))) <= FAR_NS):
+        if since is not None and np.all(
+            np.abs(np.diff(block.time_ns, prepend=np.int64(since))) <= FAR_NS
+        ):
             self._settling.go_on(int(block.time_ns[-1]))
             self._add(block.kinds, block.kind, block.time_ns)
             return
@@ -107,7 +116,9 @@ class Order:
             if time_ns is not None:
                 self._add((kind,), np.zeros(1, np.intp), np.array([time_ns], np.int64))
 
-    def _add(self, kinds: tuple[tuple[str, str], ...], kind: NDArray[np.intp], time_ns: NDArray[np.int64]) -> None:
+    def _add(
+        self, kinds: tuple[tuple[str, str], ...], kind: NDArray[np.intp], time_ns: NDArray[np.int64]
+    ) -> None:
         """Take messages by their kinds and times."""
         late = self._late(time_ns)
         by_kind = np.argsort(kind, kind="stable")
@@ -115,7 +126,9 @@ class Order:
         for (topic, schema), rows in zip(kinds, np.split(by_kind, ends[:-1]), strict=True):
             if rows.size:
                 known = self._topics.get(topic, TopicInfo())
-                self._topics[topic] = known.extended(schema, time_ns[rows], int(np.count_nonzero(late[rows])))
+                self._topics[topic] = known.extended(
+                    schema, time_ns[rows], int(np.count_nonzero(late[rows]))
+                )
 
     def _late(self, time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return which messages ``merge`` would leave out: older than one that it has let go, as all have that are a window old."""
@@ -126,7 +139,10 @@ class Order:
             let_go = held < newest[-1] - self._window_ns
             self._held = held[~let_go]
             if np.any(let_go):
-                self._yielded = max(int(held[let_go].max()), self._yielded if self._yielded is not None else -(2**63))
+                self._yielded = max(
+                    int(held[let_go].max()),
+                    self._yielded if self._yielded is not None else -(2**63),
+                )
             return np.zeros(time_ns.size, np.bool_)
         return self._late_one_by_one(time_ns)
 

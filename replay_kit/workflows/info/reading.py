@@ -40,7 +40,9 @@ class Reading:
         """Number of messages read; None when all are."""
         return None if self.overview is None else len(self.overview.first)
 
-    def completed(self, report: LogReport, topics: Mapping[str, TopicInfo]) -> tuple[LogReport, dict[str, TopicInfo]]:
+    def completed(
+        self, report: LogReport, topics: Mapping[str, TopicInfo]
+    ) -> tuple[LogReport, dict[str, TopicInfo]]:
         """Return the reader's report, and the topics with their number of messages, all by the index where that was read.
 
         Args:
@@ -48,15 +50,26 @@ class Reading:
             topics: Of the messages read.
         """
         if self.overview is None:
-            counted = {name: replace(topics.get(name, TopicInfo()), messages=number) for name, number in report.read.items()}
-            return (replace(report, notes=(*report.notes, self.note)) if self.note else report), {**topics, **counted}
+            counted = {
+                name: replace(topics.get(name, TopicInfo()), messages=number)
+                for name, number in report.read.items()
+            }
+            return (replace(report, notes=(*report.notes, self.note)) if self.note else report), {
+                **topics,
+                **counted,
+            }
         known = self.overview.topics
-        undecodable = {topic: (known[topic].messages, why) for topic, why in self.overview.undecodable.items()}
+        undecodable = {
+            topic: (known[topic].messages, why) for topic, why in self.overview.undecodable.items()
+        }
         report = replace(
-            report, read={name: topic.messages for name, topic in known.items()}, undecodable={**report.undecodable, **undecodable}
+            report,
+            read={name: topic.messages for name, topic in known.items()},
+            undecodable={**report.undecodable, **undecodable},
         )
         return report, {
-            name: TopicInfo(topic.schema, topic.messages, topic.first_ns, topic.last_ns, None, None) for name, topic in known.items()
+            name: TopicInfo(topic.schema, topic.messages, topic.first_ns, topic.last_ns, None, None)
+            for name, topic in known.items()
         }
 
 
@@ -74,7 +87,10 @@ def read_log(log: LogFile, full: bool, config: MeasurementConfig) -> Reading:
     overview = "" if full else log.overview()
     if isinstance(overview, Overview):
         return Reading([block_of(list(overview.first))], overview)
-    return Reading(log.blocks(partial(_may_state, config)), note=f"all of it was read: {overview}" if overview else "")
+    return Reading(
+        log.blocks(partial(_may_state, config)),
+        note=f"all of it was read: {overview}" if overview else "",
+    )
 
 
 def _may_state(config: MeasurementConfig, topic: str, schema: str) -> bool:
@@ -83,7 +99,9 @@ def _may_state(config: MeasurementConfig, topic: str, schema: str) -> bool:
     return mapped or topic.rpartition("/")[2] in NAMED or may_state(schema, topic)
 
 
-def count_alike(not_used: Counter[tuple[str, str]], report: LogReport, decoded: Mapping[str, int]) -> None:
+def count_alike(
+    not_used: Counter[tuple[str, str]], report: LogReport, decoded: Mapping[str, int]
+) -> None:
     """Add to each reason the messages that were not decoded because those of their topic and schema are all alike.
 
     Args:
@@ -118,7 +136,14 @@ def late_and_gaps(topics: Mapping[str, TopicInfo]) -> Iterator[str]:
     if late:
         which = ", ".join(f"{count} x {name}" for name, count in late.items())
         yield f"Late, by more than the reorder window, so that a replay leaves them out: {which}"
-    gaps = sorted(((topic.gap_ns or 0, name, topic.gap_from_ns or 0) for name, topic in topics.items() if topic.has_gap), reverse=True)
+    gaps = sorted(
+        (
+            (topic.gap_ns or 0, name, topic.gap_from_ns or 0)
+            for name, topic in topics.items()
+            if topic.has_gap
+        ),
+        reverse=True,
+    )
     for gap_ns, name, since_ns in gaps[:_MOST_GAPS]:
         yield f"Gap: {name} has no message for {gap_ns * 1e-9:.0f} s from {iso_time(since_ns, 's')}"
     if len(gaps) > _MOST_GAPS:

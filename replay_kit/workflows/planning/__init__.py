@@ -15,4 +15,6 @@ if TYPE_CHECKING:
 __all__ = ["GlidePlanner", "MissionPlanner", "planner_of"]
 
 # what is asked for is checked without the planners, which take seconds to load
-__getattr__ = on_demand(globals(), dict.fromkeys(("GlidePlanner", "MissionPlanner", "planner_of"), "adapters"))
+__getattr__ = on_demand(
+    globals(), dict.fromkeys(("GlidePlanner", "MissionPlanner", "planner_of"), "adapters")
+)

@@ -41,7 +41,9 @@ def planner_of(config: PlannerConfig, region: Grid) -> Planner:
         ForecastError: The bathymetry is unusable.
         PlanError: The vehicle's numbers are such that nothing glides.
     """
-    bound: GlidePlanner | MissionPlanner = MissionPlanner.of(config) if config.kind == "mission" else GlidePlanner.of(config)
+    bound: GlidePlanner | MissionPlanner = (
+        MissionPlanner.of(config) if config.kind == "mission" else GlidePlanner.of(config)
+    )
     if config.bathymetry_path is None:
         return bound
     bottom = read_bathymetry(config.bathymetry_path, region)
@@ -50,7 +52,11 @@ def planner_of(config: PlannerConfig, region: Grid) -> Planner:
 
 def over_bottom(plan: Plan, bathymetry: planners.Bathymetry | None, projection: Projection) -> Plan:
     """Return a plan with the depth of the bottom under its track; unchanged without a bathymetry."""
-    return plan if bathymetry is None else replace(plan, bottom=depth_along(bathymetry, projection, plan.track))
+    return (
+        plan
+        if bathymetry is None
+        else replace(plan, bottom=depth_along(bathymetry, projection, plan.track))
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,11 +85,23 @@ class GlidePlanner:
         )
         return cls(settings)
 
-    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: PlanResult | None) -> PlanResult:
+    def plan(
+        self,
+        flow: FlowEstimate,
+        start: Place,
+        goal: Place,
+        start_time_ns: int,
+        warm: PlanResult | None,
+    ) -> PlanResult:
         """Return the best glide found from start towards goal."""
         before = None if warm is None else warm.plan
         made = planners.plan(
-            flow, start, goal, settings=replace(self.settings, bathymetry=self.bathymetry), start_time_ns=start_time_ns, warm=before
+            flow,
+            start,
+            goal,
+            settings=replace(self.settings, bathymetry=self.bathymetry),
+            start_time_ns=start_time_ns,
+            warm=before,
         )
         return PlanResult(over_bottom(made, self.bathymetry, flow.grid.projection))
 
@@ -138,25 +156,47 @@ class MissionPlanner:
             margin=config.margin,
             clearance=config.clearance,
         )
-        glider = planners.Glider(config.speed, None, config.min_angle, config.max_angle, max_depth=config.depth_limit)
+        glider = planners.Glider(
+            config.speed, None, config.min_angle, config.max_angle, max_depth=config.depth_limit
+        )
         return cls(glider, settings, config.flow_step, config.samples, config.seed)
 
-    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: PlanResult | None) -> PlanResult:
+    def plan(
+        self,
+        flow: FlowEstimate,
+        start: Place,
+        goal: Place,
+        start_time_ns: int,
+        warm: PlanResult | None,
+    ) -> PlanResult:
         """Return the best mission found from start to goal, begun at once; its memory is the mission."""
         before = None if warm is None else warm.memory
         settings = self.settings
         if before is not None and settings.legs is not None:
-            settings = replace(settings, legs=max(1, len(before.headings_deg) - before.legs_flown(start_time_ns)))
+            settings = replace(
+                settings, legs=max(1, len(before.headings_deg) - before.legs_flown(start_time_ns))
+            )
         request = planners.MissionRequest(
-            start, (goal,), vehicle=self.vehicle, settings=settings, bathymetry=self.bathymetry, start_time_ns=start_time_ns
+            start,
+            (goal,),
+            vehicle=self.vehicle,
+            settings=settings,
+            bathymetry=self.bathymetry,
+            start_time_ns=start_time_ns,
         )
         known, seconds = KnownCurrent((flow,), self.flow_step), self.span(start, (goal,))
         currents = known.flow(start_time_ns, seconds)
         mission = planners.plan_mission(currents, request, warm=before)
-        drawn = known.samples(start_time_ns, seconds, self.samples if len(mission.headings_deg) else 0, self.seed)
+        drawn = known.samples(
+            start_time_ns, seconds, self.samples if len(mission.headings_deg) else 0, self.seed
+        )
         odds = planners.mission_odds(currents, drawn, mission, request) if drawn else None
-        judged = mission if odds is None else planners.with_odds(mission, odds, ARRIVING, ACCEPTED_RISK)
-        made = over_bottom(as_glide(judged, flow.grid.projection, odds), self.bathymetry, flow.grid.projection)
+        judged = (
+            mission if odds is None else planners.with_odds(mission, odds, ARRIVING, ACCEPTED_RISK)
+        )
+        made = over_bottom(
+            as_glide(judged, flow.grid.projection, odds), self.bathymetry, flow.grid.projection
+        )
         return PlanResult(made, _next_surfacing(flow.grid.projection, mission, drawn), mission)
 
     def check(self, flow: FlowEstimate, goal: Place) -> None:
@@ -179,16 +219,25 @@ class MissionPlanner:
         """Return for how long a mission may need the current [s]: some times the way through still water, at most its longest duration."""
         along = float(self.vehicle.speeds(np, self.vehicle.angles[0])[0])
         places = [start, *goals]
-        way = sum(float(distance(a.longitude, a.latitude, b.longitude, b.latitude)) for a, b in pairwise(places))
+        way = sum(
+            float(distance(a.longitude, a.latitude, b.longitude, b.latitude))
+            for a, b in pairwise(places)
+        )
         return min(_AHEAD * way / along, self.settings.max_duration)
 
 
-def _next_surfacing(projection: Projection, mission: planners.MissionPlan, drawn: Sequence[Sample]) -> Surfacing | None:
+def _next_surfacing(
+    projection: Projection, mission: planners.MissionPlan, drawn: Sequence[Sample]
+) -> Surfacing | None:
     """Return where the first leg ends at the surface, with an ellipse where there are samples; None when no leg does."""
     if len(mission.headings_deg) == 0 or mission.yo_depths[0][-1] > 0.0:
         return None
     first = first_legs(mission, 1, projection)
     (longitude, latitude), seconds = first.surfacings[0], float(first.surfacing_times[0])
     time_ns = mission.start_time_ns + round(seconds * 1e9)
-    ellipse = Ellipse(*surfacing_ellipses(fly_mission(drawn, first), first)[0].tolist()) if drawn else None
+    ellipse = (
+        Ellipse(*surfacing_ellipses(fly_mission(drawn, first), first)[0].tolist())
+        if drawn
+        else None
+    )
     return Surfacing(time_ns, float(longitude), float(latitude), ellipse)

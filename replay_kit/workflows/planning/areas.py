@@ -22,7 +22,8 @@ def read_areas(path: Path) -> tuple[NoGo, ...]:
         PlanError: It is not GeoJSON, or holds a geometry that is not a polygon.
     """
     return tuple(
-        NoGo(tuple((float(corner[0]), float(corner[1])) for corner in rings[0]), name, below) for name, below, rings in _polygons(path)
+        NoGo(tuple((float(corner[0]), float(corner[1])) for corner in rings[0]), name, below)
+        for name, below, rings in _polygons(path)
     )
 
 
@@ -36,11 +37,15 @@ def area_notes(path: Path, grid: Grid) -> tuple[str, ...]:
     for name, _, rings in _polygons(path):
         corners = np.array([[float(corner[0]), float(corner[1])] for corner in rings[0]])
         if not np.array_equal(corners[0], corners[-1]):
-            notes.append(f"{name}: its outline is open; it is closed from the last corner to the first")
+            notes.append(
+                f"{name}: its outline is open; it is closed from the last corner to the first"
+            )
         if len(rings) > 1:
             notes.append(f"{name}: its {len(rings) - 1} holes count as part of the area")
         if len(corners) > 3 and not shapely.is_valid(shapely.Polygon(corners)):
-            notes.append(f"{name}: its outline crosses itself; what it winds around an odd number of times is forbidden")
+            notes.append(
+                f"{name}: its outline crosses itself; what it winds around an odd number of times is forbidden"
+            )
         if not _overlaps(corners, grid):
             if _overlaps(corners[:, ::-1], grid):
                 raise PlanError(
@@ -69,10 +74,17 @@ def _polygons(path: Path) -> list[tuple[str, bool, Sequence[Any]]]:
         polygons = []
         for k, feature in enumerate(features):
             properties, geometry = feature.get("properties") or {}, feature["geometry"]
-            parts = {"Polygon": [geometry["coordinates"]], "MultiPolygon": geometry["coordinates"]}[geometry["type"]]
-            name, surface_only = str(properties.get("name", f"no-go area {k + 1}")), properties.get("surface_only") or False
+            parts = {"Polygon": [geometry["coordinates"]], "MultiPolygon": geometry["coordinates"]}[
+                geometry["type"]
+            ]
+            name, surface_only = (
+                str(properties.get("name", f"no-go area {k + 1}")),
+                properties.get("surface_only") or False,
+            )
             if surface_only not in (True, False):
-                raise ValueError(f"surface_only of {name} is {surface_only!r}, neither true nor false")
+                raise ValueError(
+                    f"surface_only of {name} is {surface_only!r}, neither true nor false"
+                )
             for part in parts:
                 # anything but pairs of numbers is found here
                 [(float(corner[0]), float(corner[1])) for corner in part[0]]
@@ -82,5 +94,7 @@ def _polygons(path: Path) -> list[tuple[str, bool, Sequence[Any]]]:
     except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
         # not its repr: that of bytes which are not text holds the whole file
         what = f"{type(error).__name__}: {error}"
-        raise PlanError(f"{path}: expected GeoJSON features that are polygons of longitude and latitude: {what}") from error
+        raise PlanError(
+            f"{path}: expected GeoJSON features that are polygons of longitude and latitude: {what}"
+        ) from error
     return polygons

@@ -28,11 +28,33 @@ _DEPTHS = (
     "h",
 )
 # Of the world's grids (GEBCO: elevation; ETOPO: z, Band1), positive up.
-_HEIGHTS = ("height_above_mean_sea_level", "height_above_geoid", "surface_altitude", "elevation", "altitude", "z", "topo", "band1")
-_LONGITUDES, _LATITUDES = ("longitude", "lon", "nav_lon", "lon_rho", "x"), ("latitude", "lat", "nav_lat", "lat_rho", "y")
+_HEIGHTS = (
+    "height_above_mean_sea_level",
+    "height_above_geoid",
+    "surface_altitude",
+    "elevation",
+    "altitude",
+    "z",
+    "topo",
+    "band1",
+)
+_LONGITUDES, _LATITUDES = (
+    ("longitude", "lon", "nav_lon", "lon_rho", "x"),
+    ("latitude", "lat", "nav_lat", "lat_rho", "y"),
+)
 # Points kept beyond the ends of a region.
 _BEYOND = 2
-_UNITS = {"m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "km": 1e3, "kilometer": 1e3, "kilometre": 1e3, "cm": 1e-2}
+_UNITS = {
+    "m": 1.0,
+    "meter": 1.0,
+    "meters": 1.0,
+    "metre": 1.0,
+    "metres": 1.0,
+    "km": 1e3,
+    "kilometer": 1e3,
+    "kilometre": 1e3,
+    "cm": 1e-2,
+}
 
 
 def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
@@ -57,12 +79,20 @@ def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
 
 def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
     variable, up = _depth_variable(path, dataset)
-    axes = [axis for axis in (_axis(dataset, variable, names) for names in (_LONGITUDES, _LATITUDES)) if axis is not None]
+    axes = [
+        axis
+        for axis in (_axis(dataset, variable, names) for names in (_LONGITUDES, _LATITUDES))
+        if axis is not None
+    ]
     if len(axes) < 2:
         raise _nothing_found(path, dataset)
     cut = _window(axes[0], axes[1], region)
     # the cut is what is read
-    dataset, variable, axes = dataset.isel(cut), variable.isel(cut), [axis.isel(cut, missing_dims="ignore") for axis in axes]
+    dataset, variable, axes = (
+        dataset.isel(cut),
+        variable.isel(cut),
+        [axis.isel(cut, missing_dims="ignore") for axis in axes],
+    )
     values = np.asarray(variable, dtype=np.float64) * _scale(path, variable) * (-1.0 if up else 1.0)
     if "mask_rho" in dataset and dataset["mask_rho"].dims == variable.dims:
         values = np.where(np.asarray(dataset["mask_rho"]) > 0.5, values, np.nan)
@@ -85,22 +115,35 @@ def _window(longitude: xr.DataArray, latitude: xr.DataArray, region: Grid) -> di
     """Return what to keep of each dimension: the points in a region, and two beyond."""
     x = unwrap_longitude(longitude.to_numpy(), float(region.longitude.mean()))
     y = np.asarray(latitude, dtype=np.float64)
-    ends = [(float(values.min()), float(values.max())) for values in (region.longitude, region.latitude)]
+    ends = [
+        (float(values.min()), float(values.max())) for values in (region.longitude, region.latitude)
+    ]
     if longitude.ndim == 1:
-        return {axis.dims[0]: _between(values, *end) for axis, values, end in zip((longitude, latitude), (x, y), ends, strict=True)}
+        return {
+            axis.dims[0]: _between(values, *end)
+            for axis, values, end in zip((longitude, latitude), (x, y), ends, strict=True)
+        }
     inside = np.ones(longitude.shape, dtype=bool)
-    for values, (least, most) in zip((x, y.T if latitude.dims != longitude.dims else y), ends, strict=True):
+    for values, (least, most) in zip(
+        (x, y.T if latitude.dims != longitude.dims else y), ends, strict=True
+    ):
         inside &= (values >= least) & (values <= most)
     if not inside.any():
         return {}
     each = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
-    return {name: slice(max(at[0] - _BEYOND, 0), at[-1] + 1 + _BEYOND) for name, at in zip(longitude.dims, each, strict=True)}
+    return {
+        name: slice(max(at[0] - _BEYOND, 0), at[-1] + 1 + _BEYOND)
+        for name, at in zip(longitude.dims, each, strict=True)
+    }
 
 
 def _between(values: Array, least: float, most: float) -> Any:
     """Return the positions of the values between two, and of two beyond on each side, in their order; a slice where they are in a row."""
     order = np.argsort(values, kind="stable")
-    first, last = int(np.searchsorted(values[order], least)), int(np.searchsorted(values[order], most, side="right"))
+    first, last = (
+        int(np.searchsorted(values[order], least)),
+        int(np.searchsorted(values[order], most, side="right")),
+    )
     first = min(max(first - _BEYOND, 0), max(values.size - 2, 0))
     kept = order[first : max(last + _BEYOND, first + 2)]
     low, high = int(kept.min()), int(kept.max())
@@ -112,11 +155,18 @@ def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
     """Return what about a bathymetry a user of it in a region should know: gaps, cells wider than the forecast's, water not covered."""
     east, north = to_local(grid.projection, bathymetry.longitude, bathymetry.latitude)
     known, notes = np.isfinite(east) & np.isfinite(north), list[str]()
-    inside = known & inside_grid(grid, np.where(known, east, np.inf), np.where(known, north, np.inf))
+    inside = known & inside_grid(
+        grid, np.where(known, east, np.inf), np.where(known, north, np.inf)
+    )
     gaps = int(np.sum(inside & np.isnan(bathymetry.depth)))
     if gaps:
-        notes.append(f"the bathymetry has no depth at {gaps} of its {int(inside.sum())} points in the region; they count as land")
-    spacing, cells = (np.median(np.hypot(np.diff(x, axis=1), np.diff(y, axis=1))) for x, y in ((east, north), (grid.east, grid.north)))
+        notes.append(
+            f"the bathymetry has no depth at {gaps} of its {int(inside.sum())} points in the region; they count as land"
+        )
+    spacing, cells = (
+        np.median(np.hypot(np.diff(x, axis=1), np.diff(y, axis=1)))
+        for x, y in ((east, north), (grid.east, grid.north))
+    )
     if spacing > 1.05 * cells:
         notes.append(
             f"the bathymetry's points are {spacing / 1e3:.1f} km apart, wider than the forecast's, {cells / 1e3:.1f} km; between four of "
@@ -124,7 +174,10 @@ def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
         )
     west = unwrap_longitude(grid.longitude, float(bathymetry.longitude.mean()))
     covered = (bathymetry.longitude, west), (bathymetry.latitude, grid.latitude)
-    if any(theirs.min() < ours.min() - 1e-9 or theirs.max() > ours.max() + 1e-9 for ours, theirs in covered):
+    if any(
+        theirs.min() < ours.min() - 1e-9 or theirs.max() > ours.max() + 1e-9
+        for ours, theirs in covered
+    ):
         notes.append("the bathymetry does not cover all of the region; missions keep inside of it")
     return tuple(notes)
 
@@ -135,25 +188,35 @@ def _depth_variable(path: Path, dataset: xr.Dataset) -> tuple[xr.DataArray, bool
     for wanted in (*_DEPTHS, *_HEIGHTS):
         for name, variable in planes.items():
             if wanted in (str(variable.attrs.get("standard_name", "")).lower(), str(name).lower()):
-                positive = str(variable.attrs.get("positive", "up" if wanted in _HEIGHTS else "down")).lower()
+                positive = str(
+                    variable.attrs.get("positive", "up" if wanted in _HEIGHTS else "down")
+                ).lower()
                 if positive not in ("up", "down"):
-                    raise ForecastError(f"{path}: {name} has the attribute positive = {positive!r}; expected up or down")
+                    raise ForecastError(
+                        f"{path}: {name} has the attribute positive = {positive!r}; expected up or down"
+                    )
                 return variable, positive == "up"
     raise _nothing_found(path, dataset)
 
 
 def _nothing_found(path: Path, dataset: xr.Dataset) -> ForecastError:
     found = ", ".join(map(str, dataset.variables))
-    return ForecastError(f"{path}: expected one of {', '.join((*_DEPTHS, *_HEIGHTS))} on longitude and latitude, found {found}")
+    return ForecastError(
+        f"{path}: expected one of {', '.join((*_DEPTHS, *_HEIGHTS))} on longitude and latitude, found {found}"
+    )
 
 
-def _axis(dataset: xr.Dataset, variable: xr.DataArray, names: tuple[str, ...]) -> xr.DataArray | None:
+def _axis(
+    dataset: xr.Dataset, variable: xr.DataArray, names: tuple[str, ...]
+) -> xr.DataArray | None:
     """Return the longitudes or latitudes of a variable; x and y only where they are degrees."""
     for wanted in names:
         for name in dataset.variables:
             axis = dataset[name]
             called = wanted in (str(axis.attrs.get("standard_name", "")).lower(), str(name).lower())
-            degrees = len(wanted) > 1 or str(axis.attrs.get("units", "")).lower().startswith("degree")
+            degrees = len(wanted) > 1 or str(axis.attrs.get("units", "")).lower().startswith(
+                "degree"
+            )
             if called and degrees and axis.ndim > 0 and set(axis.dims) <= set(variable.dims):
                 return axis
     return None
@@ -163,5 +226,7 @@ def _scale(path: Path, variable: xr.DataArray) -> float:
     """Return the metres of a variable's unit."""
     unit = str(variable.attrs.get("units", "m")).strip().lower()
     if unit not in _UNITS:
-        raise ForecastError(f"{path}: {variable.name} is in {unit!r}; expected metres, or one of {', '.join(_UNITS)}")
+        raise ForecastError(
+            f"{path}: {variable.name} is in {unit!r}; expected metres, or one of {', '.join(_UNITS)}"
+        )
     return _UNITS[unit]

@@ -53,10 +53,20 @@ class KnownCurrent:
     def process(self) -> ProcessModel | None:
         """How the only estimate changes; None where it does not, or there are several."""
         later = self.first.later
-        if len(self.estimates) > 1 or not isinstance(later, Evolution) or self.first.time_ns is None:
+        if (
+            len(self.estimates) > 1
+            or not isinstance(later, Evolution)
+            or self.first.time_ns is None
+        ):
             return None
         known = later.trimmed().process
-        return known if known.times_ns.size > 1 or np.isfinite(known.scales).any() or later.oscillation is not None else None
+        return (
+            known
+            if known.times_ns.size > 1
+            or np.isfinite(known.scales).any()
+            or later.oscillation is not None
+            else None
+        )
 
     @cached_property
     def changes(self) -> bool:
@@ -64,7 +74,12 @@ class KnownCurrent:
         first = self.first
         if is_noticed(self.local):
             return True
-        if len(self.estimates) > 1 or isinstance(first.later, Evolution) or first.later is None or first.time_ns is None:
+        if (
+            len(self.estimates) > 1
+            or isinstance(first.later, Evolution)
+            or first.later is None
+            or first.time_ns is None
+        ):
             return len(self.estimates) > 1 or self.process is not None
         after = first.at(first.time_ns + round(self.flow_step * _NS))
         return not np.array_equal(after.latent, first.latent)
@@ -74,12 +89,20 @@ class KnownCurrent:
         """Time of the last thing that a forecast says [ns, UTC]; None where one time alone is known."""
         if len(self.estimates) > 1:
             return self.estimates[-1].time_ns
-        return int(self.process.times_ns[-1]) if self.process is not None and self.process.times_ns.size > 1 else None
+        return (
+            int(self.process.times_ns[-1])
+            if self.process is not None and self.process.times_ns.size > 1
+            else None
+        )
 
     @property
     def local(self) -> LocalCurrent | None:
         """The current beside the only estimate, as the dives so far show it."""
-        return self.first.local if len(self.estimates) == 1 and self.first.time_ns is not None else None
+        return (
+            self.first.local
+            if len(self.estimates) == 1 and self.first.time_ns is not None
+            else None
+        )
 
     def flow(self, begin_ns: int, seconds: float) -> Flow:
         """Return the current as planners take it: one flow that does not change, or flows for increasing times.
@@ -98,8 +121,16 @@ class KnownCurrent:
             slow = [replace(self.first, time_ns=time) for time in times]
         else:
             # a step may begin before the estimate: what is known is then that of its time, in the forecast of the step's beginning
-            slow = [later.flow(self.first, time) if time < now and isinstance(later, Evolution) else self.first.at(time) for time in times]
-        return [replace(flow, latent=flow.latent + self._beside(time)) for flow, time in zip(slow, times, strict=True)]
+            slow = [
+                later.flow(self.first, time)
+                if time < now and isinstance(later, Evolution)
+                else self.first.at(time)
+                for time in times
+            ]
+        return [
+            replace(flow, latent=flow.latent + self._beside(time))
+            for flow, time in zip(slow, times, strict=True)
+        ]
 
     def samples(self, begin_ns: int, seconds: float, count: int, seed: int) -> Sequence[Sample]:
         """Return samples of the current: of an estimate that changes drawn through time, of others drawn once.
@@ -115,31 +146,51 @@ class KnownCurrent:
         if count == 0:
             return ()
         drawn = self._samples(begin_ns, seconds, count, seed)
-        return drawn if self.local is None else with_courses(drawn, self.local, begin_ns, seconds, seed)
+        return (
+            drawn
+            if self.local is None
+            else with_courses(drawn, self.local, begin_ns, seconds, seed)
+        )
 
     def _samples(self, begin_ns: int, seconds: float, count: int, seed: int) -> Sequence[Flow]:
         """Return samples of the estimate and what ``flow`` adds to it."""
         times = _times(self.process, self._step, begin_ns, seconds)
         if self.process is None:
             added = self._beside(times[0])
-            return [replace(one, latent=one.latent + added) for one in self.first.sample(count, seed)]
+            return [
+                replace(one, latent=one.latent + added) for one in self.first.sample(count, seed)
+            ]
         now = self.first.time_ns or begin_ns
         times = [max(time_ns, now) for time_ns in times]
         drawn = sample_through(self.first, times, count, seed)
         if self.oscillation is None and not is_noticed(self.local):
             return drawn
         more = [self._beside(time) for time in times]
-        return [[replace(flow, latent=flow.latent + one) for flow, one in zip(through, more, strict=True)] for through in drawn]
+        return [
+            [
+                replace(flow, latent=flow.latent + one)
+                for flow, one in zip(through, more, strict=True)
+            ]
+            for through in drawn
+        ]
 
     @property
     def oscillation(self) -> Oscillation | None:
         """What oscillates beside the slow current of the only estimate."""
-        return self.first.later.oscillation if len(self.estimates) == 1 and isinstance(self.first.later, Evolution) else None
+        return (
+            self.first.later.oscillation
+            if len(self.estimates) == 1 and isinstance(self.first.later, Evolution)
+            else None
+        )
 
     @property
     def _step(self) -> float:
         """Longest time between flows [s]: between an oscillation's, linear, its amplitude errs by 8 % at most."""
-        return self.flow_step if self.oscillation is None else min(self.flow_step, self.oscillation.shortest_period / _A_PERIOD)
+        return (
+            self.flow_step
+            if self.oscillation is None
+            else min(self.flow_step, self.oscillation.shortest_period / _A_PERIOD)
+        )
 
     @cached_property
     def _uniform(self) -> Array:
@@ -147,7 +198,9 @@ class KnownCurrent:
 
     def _beside(self, time_ns: int) -> Array | float:
         """Return the latent values of what flows beside the slow current at a time [ns, UTC], shape (M, Z) or (M, 1); 0 without."""
-        added = 0.0 if self.oscillation is None else self._uniform @ self.oscillation.velocity(time_ns)
+        added = (
+            0.0 if self.oscillation is None else self._uniform @ self.oscillation.velocity(time_ns)
+        )
         if self.local is None or not is_noticed(self.local):
             return added
         return added + self._uniform @ self.local.velocity(time_ns)[:, None]
@@ -173,7 +226,9 @@ class KnownCurrent:
         over = (end_ns - max(last, begin_ns)) / 3.6e12
         if over <= 0.0:
             return ()
-        return (f"the forecast ends at {time_text(last)}, {over:.1f} h before the mission does: from there the current is held",)
+        return (
+            f"the forecast ends at {time_text(last)}, {over:.1f} h before the mission does: from there the current is held",
+        )
 
     def _beyond(self, begin_ns: int, end_ns: int) -> str:
         """Return how far a mission [ns, UTC] lies from the one time that is known, where that is a guess."""
@@ -187,7 +242,11 @@ class KnownCurrent:
 
     def _of_one_time(self) -> str:
         hours = self.hours_known
-        when = "a time that is not stated" if self.first.time_ns is None else time_text(self.first.time_ns)
+        when = (
+            "a time that is not stated"
+            if self.first.time_ns is None
+            else time_text(self.first.time_ns)
+        )
         if self.process is not None:
             return (
                 f"the forecast has one time, {when}: the estimate returns to it at the ensemble's rate of change, at which the samples "
@@ -244,10 +303,17 @@ def known_current(files: Sequence[tuple[Path, FlowEstimate]], flow_step: float) 
 
 def uniform_currents(flow: FlowEstimate) -> Array:
     """Return the latent values of uniform currents of 1 m/s towards local east and north, shape (M, 2), of a flow's functions."""
-    return embed(flow.horizontal, flow.nodes, np.repeat(np.eye(2), len(flow.nodes), axis=0), EstimatorConfig().nugget)
+    return embed(
+        flow.horizontal,
+        flow.nodes,
+        np.repeat(np.eye(2), len(flow.nodes), axis=0),
+        EstimatorConfig().nugget,
+    )
 
 
-def _times(process: ProcessModel | None, flow_step: float, begin_ns: int, seconds: float) -> list[int]:
+def _times(
+    process: ProcessModel | None, flow_step: float, begin_ns: int, seconds: float
+) -> list[int]:
     """Return times [ns, UTC] that cover a mission, evenly spaced, among them those of the forecast where these are: there it bends.
 
     Args:
@@ -268,6 +334,12 @@ def _vorticity(flow: FlowEstimate) -> Array:
     """Return dv/dx - du/dy at the nodes at each level, shape (N, Z) [1/s]."""
     kernel, (east, north) = flow.horizontal.kernel, (values[:, None] for values in flow.nodes.T)
     dx, dy = _STENCIL * kernel.length_east, _STENCIL * kernel.length_north
-    along = flow.velocity(east + dx, north, flow.levels)[..., 1] - flow.velocity(east - dx, north, flow.levels)[..., 1]
-    across = flow.velocity(east, north + dy, flow.levels)[..., 0] - flow.velocity(east, north - dy, flow.levels)[..., 0]
+    along = (
+        flow.velocity(east + dx, north, flow.levels)[..., 1]
+        - flow.velocity(east - dx, north, flow.levels)[..., 1]
+    )
+    across = (
+        flow.velocity(east, north + dy, flow.levels)[..., 0]
+        - flow.velocity(east, north - dy, flow.levels)[..., 0]
+    )
     return np.asarray(along / (2.0 * dx) - across / (2.0 * dy))

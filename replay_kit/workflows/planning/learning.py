@@ -90,7 +90,9 @@ def make_learning(job: LearnJob, config: PlannerConfig) -> Learnt:
     if seconds is None and known.ends_ns is not None:
         notes += known.notes(begin_ns, begin_ns + round(plan.duration * 1e9))
     notes += _too_sure(known, plan.duration) + local_notes(known.local, begin_ns, left_out=True)
-    return Learnt(replace(plan, notes=(*plan.notes, *notes)), flow.grid.projection, areas, bottom, flow.grid)
+    return Learnt(
+        replace(plan, notes=(*plan.notes, *notes)), flow.grid.projection, areas, bottom, flow.grid
+    )
 
 
 def _planned(job: LearnJob, flow: FlowEstimate, request: LearnRequest) -> LearnPlan:
@@ -124,7 +126,9 @@ def _seconds(job: LearnJob) -> float | None:
     return None if job.blind is None else 3600.0 * ((job.survey or _SURVEY_H) + job.blind)
 
 
-def _check_horizon(known: KnownCurrent, begin_ns: int, seconds: float | None, job: LearnJob) -> None:
+def _check_horizon(
+    known: KnownCurrent, begin_ns: int, seconds: float | None, job: LearnJob
+) -> None:
     """Raise PlanError where survey and stretch outlast the forecast."""
     last = known.ends_ns
     if last is None or seconds is None or begin_ns + seconds * 1e9 <= last:
@@ -141,7 +145,11 @@ def _too_sure(known: KnownCurrent, duration: float) -> tuple[str, ...]:
     hours = duration / 3600.0
     if known.process is not None:
         return ()
-    lasts = f"for some {known.hours_known:.0f} h" if np.isfinite(known.hours_known) else "for a time that is not known"
+    lasts = (
+        f"for some {known.hours_known:.0f} h"
+        if np.isfinite(known.hours_known)
+        else "for a time that is not known"
+    )
     return (
         f"the estimate does not change with time and holds {lasts}, the plan takes {hours:.0f} h: where the sea changes all errors stated "
         "here are too small, two days later by several times; use the estimate of a replay through a forecast of several times",

@@ -25,7 +25,18 @@ from replay_kit.workflows.planning.record import plan_metadata
 from replay_kit.workflows.planning.seabed import seabed_of
 from replay_kit.workflows.replay.provenance import run_settings_toml
 
-_COLUMNS = ("leg", "heading_deg", "glide_angle_deg", "pitch_deg", "depth_m", "speed", "surfacing_s", "longitude", "latitude", "blind")
+_COLUMNS = (
+    "leg",
+    "heading_deg",
+    "glide_angle_deg",
+    "pitch_deg",
+    "depth_m",
+    "speed",
+    "surfacing_s",
+    "longitude",
+    "latitude",
+    "blind",
+)
 
 
 def print_learning(learnt: Learnt, console: Console) -> None:
@@ -44,9 +55,16 @@ def print_learning(learnt: Learnt, console: Console) -> None:
     )
     if plan.objective == "mission":
         columns = (*columns[:4], "arrives", "")
-    print_table(console, "Candidates", columns, [_candidate_cells(row) for row in candidate_rows(plan)])
+    print_table(
+        console, "Candidates", columns, [_candidate_cells(row) for row in candidate_rows(plan)]
+    )
     heads = "leg", "heading", "speed [m/s]", "after [h]", "UTC", "surfacing at", ""
-    print_table(console, None, heads, [_leg_cells(row, plan.request.start_time_ns) for row in legs_table(plan)])
+    print_table(
+        console,
+        None,
+        heads,
+        [_leg_cells(row, plan.request.start_time_ns) for row in legs_table(plan)],
+    )
 
 
 def _number(value: float | None) -> str:
@@ -56,14 +74,29 @@ def _number(value: float | None) -> str:
 def _candidate_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     interval = "-" if row["low"] is None else f"{_number(row['low'])} to {_number(row['high'])}"
     within = "-" if row["within"] is None else f"{100.0 * row['within']:.0f} %"
-    return row["name"], _number(row["predicted"]), _number(row["found"]), interval, within, "planned" if row["chosen"] else ""
+    return (
+        row["name"],
+        _number(row["predicted"]),
+        _number(row["found"]),
+        interval,
+        within,
+        "planned" if row["chosen"] else "",
+    )
 
 
 def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:
     when = time_text(start_ns + round(row["surfacing_s"] * 1e9)) if start_ns else "-"
     where = f"{row['longitude']:.4f}, {row['latitude']:.4f}"
     kind = "without fixes" if row["blind"] else ""
-    return str(row["leg"]), f"{row['heading_deg']:.1f}", f"{row['speed']:.2f}", f"{row['surfacing_s'] / 3600.0:.2f}", when, where, kind
+    return (
+        str(row["leg"]),
+        f"{row['heading_deg']:.1f}",
+        f"{row['speed']:.2f}",
+        f"{row['surfacing_s'] / 3600.0:.2f}",
+        when,
+        where,
+        kind,
+    )
 
 
 def legs_table(plan: LearnPlan) -> list[dict[str, Any]]:
@@ -92,7 +125,12 @@ def candidate_rows(plan: LearnPlan) -> list[dict[str, Any]]:
     """Return the candidates, one row each, with null for what is not known."""
     names = ("predicted", "found", "low", "high", "within")
     return [
-        {"name": one.name, **{name: _finite(getattr(one, name)) for name in names}, "chosen": one.chosen, "unit": plan.unit}
+        {
+            "name": one.name,
+            **{name: _finite(getattr(one, name)) for name in names},
+            "chosen": one.chosen,
+            "unit": plan.unit,
+        }
         for one in plan.candidates
     ]
 
@@ -108,7 +146,11 @@ def learning_json(learnt: Learnt) -> dict[str, Any]:
         "status": plan.status,
         "message": plan.message,
         "objective": plan.objective,
-        "start": [plan.request.start.longitude, plan.request.start.latitude, plan.request.start.depth],
+        "start": [
+            plan.request.start.longitude,
+            plan.request.start.latitude,
+            plan.request.start.depth,
+        ],
         "goal": [plan.goal.longitude, plan.goal.latitude, plan.goal.depth],
         "start_time": time_text(plan.request.start_time_ns) if plan.request.start_time_ns else None,
         "duration_s": plan.duration,
@@ -135,7 +177,12 @@ def learning_geojson(learnt: Learnt) -> str:
     plan = learnt.plan
     longitude, latitude = to_geographic(learnt.projection, plan.track[:, 0], plan.track[:, 1])
     line = {"type": "LineString", "coordinates": np.column_stack([longitude, latitude]).tolist()}
-    about = {"status": plan.status, "message": plan.message, "objective": plan.objective, "duration_s": plan.duration}
+    about = {
+        "status": plan.status,
+        "message": plan.message,
+        "objective": plan.objective,
+        "duration_s": plan.duration,
+    }
     features = [{"type": "Feature", "geometry": line, "properties": about}]
     for row in legs_table(plan):
         point = {"type": "Point", "coordinates": [row["longitude"], row["latitude"]]}
@@ -152,7 +199,14 @@ def learning_csv(learnt: Learnt) -> str:
     return text.getvalue()
 
 
-def write_learning(path: Path, overwrite: bool, learnt: Learnt, job: LearnJob, options: Mapping[str, object], config: RunConfig) -> None:
+def write_learning(
+    path: Path,
+    overwrite: bool,
+    learnt: Learnt,
+    job: LearnJob,
+    options: Mapping[str, object],
+    config: RunConfig,
+) -> None:
     """Write a plan that learns as a result MCAP of its own.
 
     Args:
@@ -168,17 +222,34 @@ def write_learning(path: Path, overwrite: bool, learnt: Learnt, job: LearnJob, o
         ReplayKitError: It could not be written whole.
     """
     plan, asked = learnt.plan, learnt.plan.request
-    start = {"start_time_ns": asked.start_time_ns, "longitude": asked.start.longitude, "latitude": asked.start.latitude}
+    start = {
+        "start_time_ns": asked.start_time_ns,
+        "longitude": asked.start.longitude,
+        "latitude": asked.start.latitude,
+    }
     about = {
         **plan_metadata(job, options),
-        "mission": {"status": plan.status, "message": plan.message, **{name: str(value) for name, value in start.items()}},
+        "mission": {
+            "status": plan.status,
+            "message": plan.message,
+            **{name: str(value) for name, value in start.items()},
+        },
         "legs": {str(row["leg"]): json.dumps(row) for row in legs_table(plan)},
-        "learning": {name: json.dumps(value) for name, value in learning_json(learnt).items() if name not in ("legs", "message")},
+        "learning": {
+            name: json.dumps(value)
+            for name, value in learning_json(learnt).items()
+            if name not in ("legs", "message")
+        },
     }
     used = {"kind": "mission", "depth": asked.settings.depth, "samples": asked.settings.samples}
     made = config.planner.model_copy(update=used)
     with ResultWriter(path, overwrite) as writer:
-        writer.start(learnt.projection, asked.start_time_ns, about, run_settings_toml(config.model_copy(update={"planner": made})))
+        writer.start(
+            learnt.projection,
+            asked.start_time_ns,
+            about,
+            run_settings_toml(config.model_copy(update={"planner": made})),
+        )
         if learnt.bathymetry is not None:
             writer.seabed(asked.start_time_ns, seabed_of(learnt.bathymetry, learnt.region))
         writer.plan(_published(learnt), learnt.projection)
@@ -208,7 +279,9 @@ def _published(learnt: Learnt) -> Plan:
         message=plan.message,
         statistics={**plan.figures, **{f"leg_{row['leg']:03d}": json.dumps(row) for row in rows}},
         energy=nan,
-        areas=tuple(Area(area.name, area.surface_only, _open_ring(area.polygon)) for area in learnt.no_go),
+        areas=tuple(
+            Area(area.name, area.surface_only, _open_ring(area.polygon)) for area in learnt.no_go
+        ),
     )
     return over_bottom(made, learnt.bathymetry, learnt.projection)
 

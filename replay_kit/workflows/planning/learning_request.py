@@ -56,13 +56,34 @@ class LearnJob:
         """
         maps, blind = self.objective == "map", self.blind is not None or bool(self.then)
         refusals = (
-            (len(self.flows) > 1, "--objective learn and map: expected one estimate; how errors of several files relate is not known"),
-            (not maps and (self.box or self.profiles), "--box and --profiles: expected --objective map beside them"),
-            (maps and (blind or self.survey or self.goals), "--objective map: expected no --goal, --then, --blind and --survey"),
-            (maps and not (self.box and self.profiles), "--objective map: expected --box W,S,E,N[,DEPTHS] and --profiles N"),
-            (blind and not (self.blind is not None and self.then), "--then and --blind: expected both: where to, and for how many hours"),
-            (blind and bool(self.goals), "--goal and --then: expected one of them; the stretch without fixes ends at --then"),
-            (not maps and not blind and self.survey is not None, "--survey: expected --then and --blind beside it"),
+            (
+                len(self.flows) > 1,
+                "--objective learn and map: expected one estimate; how errors of several files relate is not known",
+            ),
+            (
+                not maps and (self.box or self.profiles),
+                "--box and --profiles: expected --objective map beside them",
+            ),
+            (
+                maps and (blind or self.survey or self.goals),
+                "--objective map: expected no --goal, --then, --blind and --survey",
+            ),
+            (
+                maps and not (self.box and self.profiles),
+                "--objective map: expected --box W,S,E,N[,DEPTHS] and --profiles N",
+            ),
+            (
+                blind and not (self.blind is not None and self.then),
+                "--then and --blind: expected both: where to, and for how many hours",
+            ),
+            (
+                blind and bool(self.goals),
+                "--goal and --then: expected one of them; the stretch without fixes ends at --then",
+            ),
+            (
+                not maps and not blind and self.survey is not None,
+                "--survey: expected --then and --blind beside it",
+            ),
             (
                 not maps and not blind and not self.goals,
                 "--objective learn: expected --then and --blind, or --goal for a mission with fixes",

@@ -20,7 +20,9 @@ def is_noticed(local: LocalCurrent | None) -> bool:
     return local is not None and float(np.hypot(*local.velocity(local.time_ns))) > _NOTICED
 
 
-def with_courses(samples: Sequence[Flow], local: LocalCurrent, begin_ns: int, seconds: float, seed: int) -> list[LocalSample]:
+def with_courses(
+    samples: Sequence[Flow], local: LocalCurrent, begin_ns: int, seconds: float, seed: int
+) -> list[LocalSample]:
     """Return samples with a course each of the current beside the estimate: what it differs by from the one that plans reckon with.
 
     Args:
@@ -31,13 +33,21 @@ def with_courses(samples: Sequence[Flow], local: LocalCurrent, begin_ns: int, se
         seed: Of the draws.
     """
     step = float(local.scale.min()) / _A_SCALE
-    times = begin_ns + np.round(1e9 * step * np.arange(1 + max(ceil(seconds / step), 1))).astype(np.int64)
-    reckoned = [local.velocity(time) if is_noticed(local) else np.zeros(2) for time in times.tolist()]
+    times = begin_ns + np.round(1e9 * step * np.arange(1 + max(ceil(seconds / step), 1))).astype(
+        np.int64
+    )
+    reckoned = [
+        local.velocity(time) if is_noticed(local) else np.zeros(2) for time in times.tolist()
+    ]
     courses = local.sample(times.tolist(), len(samples), seed) - np.array(reckoned)
-    return [LocalSample(sample, times, course) for sample, course in zip(samples, courses, strict=True)]
+    return [
+        LocalSample(sample, times, course) for sample, course in zip(samples, courses, strict=True)
+    ]
 
 
-def local_notes(local: LocalCurrent | None, begin_ns: int, left_out: bool = False) -> tuple[str, ...]:
+def local_notes(
+    local: LocalCurrent | None, begin_ns: int, left_out: bool = False
+) -> tuple[str, ...]:
     """Return what the dives so far found beside the estimate; nothing where it is little.
 
     Args:

@@ -67,7 +67,9 @@ class Departure:
     def of(cls, plan: MissionPlan, reached: float | None) -> "Departure":
         """Return the departure of a mission, with the share of the samples that arrive."""
         count, miss = len(plan.headings_deg), float(plan.closest_approach[-1])
-        return cls(plan.start_time_ns, plan.status, plan.duration, plan.energy, count, miss, reached)
+        return cls(
+            plan.start_time_ns, plan.status, plan.duration, plan.energy, count, miss, reached
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,27 +126,53 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
     count = _sample_count(known.first, config)
     job.check_samples(count)
     request = _request(job, config, known)
-    grid, notes = known.first.grid, () if job.no_go is None else area_notes(job.no_go, known.first.grid)
+    grid, notes = (
+        known.first.grid,
+        () if job.no_go is None else area_notes(job.no_go, known.first.grid),
+    )
     if request.bathymetry is not None:
         notes += bathymetry_notes(request.bathymetry, grid)
     begin_ns, seconds = request.start_time_ns, _seconds(job, config, request)
-    flow, drawn = known.flow(begin_ns, seconds), known.samples(begin_ns, seconds, count, config.seed)
+    flow, drawn = (
+        known.flow(begin_ns, seconds),
+        known.samples(begin_ns, seconds, count, config.seed),
+    )
     made, compared = _planned(job, request, flow, drawn)
     if compared:
         request = replace(request, start_time_ns=made.start_time_ns)
     few = None
     if job.waypoints and len(made.headings_deg):
-        few = waypoints_of(flow, made, job.waypoint_tolerance, no_go=request.no_go, bathymetry=request.bathymetry)
-    notes += known.notes(made.start_time_ns, made.start_time_ns + round(made.duration * 1e9)) + local_notes(known.local, made.start_time_ns)
+        few = waypoints_of(
+            flow, made, job.waypoint_tolerance, no_go=request.no_go, bathymetry=request.bathymetry
+        )
+    notes += known.notes(
+        made.start_time_ns, made.start_time_ns + round(made.duration * 1e9)
+    ) + local_notes(known.local, made.start_time_ns)
     if count == 0 and known.first.n_modes == 0:
-        made = replace(made, message=f"{made.message}; the estimate states no uncertainty: how likely that is is not known")
-    planned = PlannedMission(made, grid.projection, None, None, few, notes, request.no_go, request.bathymetry, grid, count)
+        made = replace(
+            made,
+            message=f"{made.message}; the estimate states no uncertainty: how likely that is is not known",
+        )
+    planned = PlannedMission(
+        made,
+        grid.projection,
+        None,
+        None,
+        few,
+        notes,
+        request.no_go,
+        request.bathymetry,
+        grid,
+        count,
+    )
     if not drawn or len(made.headings_deg) == 0:
         return replace(planned, departures=tuple(Departure.of(plan, None) for plan in compared))
     announce("flying the samples")
     judged, odds = _judged(job, request, (flow, drawn), made)
     departures = tuple(_departure(job, request, (flow, drawn), plan) for plan in compared)
-    return replace(planned, plan=judged, odds=odds, samples=_figures(odds, job), departures=departures)
+    return replace(
+        planned, plan=judged, odds=odds, samples=_figures(odds, job), departures=departures
+    )
 
 
 def _request(job: PlanJob, config: PlannerConfig, known: KnownCurrent) -> MissionRequest:
@@ -152,7 +180,10 @@ def _request(job: PlanJob, config: PlannerConfig, known: KnownCurrent) -> Missio
     vehicle, settings = mission_settings(config, job.kind.objective, job.spline)
     settings = replace(settings, time_limit=inf if job.time_limit is None else job.time_limit)
     begin_ns = (job.departures_ns or (job.start_time_ns or known.first.time_ns or 0,))[0]
-    for name, time_ns in (("--start-time", job.start_time_ns), *(("--depart", one) for one in job.departures_ns)):
+    for name, time_ns in (
+        ("--start-time", job.start_time_ns),
+        *(("--depart", one) for one in job.departures_ns),
+    ):
         if time_ns is not None:
             known.check_time(name, time_ns)
     if job.departures_ns and not known.changes:
@@ -172,7 +203,9 @@ def _request(job: PlanJob, config: PlannerConfig, known: KnownCurrent) -> Missio
         vehicle=vehicle,
         settings=settings,
         no_go=() if job.no_go is None else read_areas(job.no_go),
-        bathymetry=None if job.bathymetry is None else read_bathymetry(job.bathymetry, known.first.grid),
+        bathymetry=None
+        if job.bathymetry is None
+        else read_bathymetry(job.bathymetry, known.first.grid),
         start_time_ns=begin_ns,
     )
 
@@ -183,15 +216,23 @@ def _seconds(job: PlanJob, config: PlannerConfig, request: MissionRequest) -> fl
         return job.kind.stay.duration
     bound = replace(MissionPlanner.of(config), settings=request.settings)
     between = (job.departures_ns[-1] - job.departures_ns[0]) / 1e9 if job.departures_ns else 0.0
-    return min(between + bound.span(job.start, job.goals), inf if job.horizon is None else job.horizon)
+    return min(
+        between + bound.span(job.start, job.goals), inf if job.horizon is None else job.horizon
+    )
 
 
-def _planned(job: PlanJob, request: MissionRequest, flow: Flow, drawn: Sequence[Sample]) -> tuple[MissionPlan, tuple[MissionPlan, ...]]:
+def _planned(
+    job: PlanJob, request: MissionRequest, flow: Flow, drawn: Sequence[Sample]
+) -> tuple[MissionPlan, tuple[MissionPlan, ...]]:
     """Return the mission, and the plans of all departures where several are compared."""
     if job.departures_ns:
         plans = plan_departures(flow, request, job.departures_ns)
         return plans[best_departure(plans)], plans
-    made = job.kind.plan(flow, request) if job.risk is None else plan_scenarios(flow, drawn, request, allowed=job.risk, pilot=Pilot())[0]
+    made = (
+        job.kind.plan(flow, request)
+        if job.risk is None
+        else plan_scenarios(flow, drawn, request, allowed=job.risk, pilot=Pilot())[0]
+    )
     if job.horizon is None:
         return made, ()
     first = flow if isinstance(flow, FlowEstimate) else flow[0]
@@ -199,16 +240,26 @@ def _planned(job: PlanJob, request: MissionRequest, flow: Flow, drawn: Sequence[
 
 
 def _judged(
-    job: PlanJob, request: MissionRequest, currents: tuple[Flow, Sequence[Sample]], made: MissionPlan
+    job: PlanJob,
+    request: MissionRequest,
+    currents: tuple[Flow, Sequence[Sample]],
+    made: MissionPlan,
 ) -> tuple[MissionPlan, MissionOdds]:
     """Return a mission with its odds in its status and message, and the odds; one that was cut is to come to where it was cut."""
     flown = to_its_end(made) if made.status == "partial" else made
     asked = replace(request, goals=flown.goals, start_time_ns=made.start_time_ns)
-    odds = mission_odds(*currents, flown, asked, None if job.kind.mooring is None else job.kind.stay)
+    odds = mission_odds(
+        *currents, flown, asked, None if job.kind.mooring is None else job.kind.stay
+    )
     return with_odds(made, odds, job.arrive, job.accepted_risk), odds
 
 
-def _departure(job: PlanJob, request: MissionRequest, currents: tuple[Flow, Sequence[Sample]], made: MissionPlan) -> Departure:
+def _departure(
+    job: PlanJob,
+    request: MissionRequest,
+    currents: tuple[Flow, Sequence[Sample]],
+    made: MissionPlan,
+) -> Departure:
     """Return the row of one departure, with its odds."""
     if len(made.headings_deg) == 0:
         return Departure.of(made, None)
@@ -240,7 +291,9 @@ def _figures(odds: MissionOdds, job: PlanJob) -> dict[str, Any]:
     }
 
 
-def mission_settings(config: PlannerConfig, objective: str | None, spline: int) -> tuple[Glider, MissionSettings]:
+def mission_settings(
+    config: PlannerConfig, objective: str | None, spline: int
+) -> tuple[Glider, MissionSettings]:
     """Return the vehicle and the settings of a configuration, with what only a mission planned by itself has.
 
     Args:
@@ -254,6 +307,12 @@ def mission_settings(config: PlannerConfig, objective: str | None, spline: int) 
     """
     bound = MissionPlanner.of(config)
     # a plan by itself may be longer than those of a replay, unless that is configured
-    longest = config.max_duration if "max_duration" in config.model_fields_set else MissionSettings().max_duration
+    longest = (
+        config.max_duration
+        if "max_duration" in config.model_fields_set
+        else MissionSettings().max_duration
+    )
     aim = bound.settings.objective if objective is None else objective_of(objective)
-    return bound.vehicle, replace(bound.settings, objective=aim, spline=spline, max_duration=longest)
+    return bound.vehicle, replace(
+        bound.settings, objective=aim, spline=spline, max_duration=longest
+    )

@@ -42,7 +42,9 @@ def print_mission(planned: PlannedMission, console: Console, battery: float | No
         console.print(f"note: {note}", soft_wrap=True)
     if len(made.headings_deg) == 0:
         return
-    console.print(f"{made.duration / 3600.0:.2f} h, {energy_text(made.energy, battery)}, {len(made.headings_deg)} legs")
+    console.print(
+        f"{made.duration / 3600.0:.2f} h, {energy_text(made.energy, battery)}, {len(made.headings_deg)} legs"
+    )
     if planned.waypoints is not None:
         console.print(planned.waypoints.message, soft_wrap=True)
     if figures is not None:
@@ -53,14 +55,37 @@ def print_mission(planned: PlannedMission, console: Console, battery: float | No
             f"headings held 90 % within {figures['miss_90_percent_held_m']:.0f} m",
             soft_wrap=True,
         )
-    columns = "leg", "heading", "glide angle", "pitch", "depth [m]", "after [h]", "UTC", "surfacing at"
-    print_table(console, None, columns, (_leg_cells(row, made.start_time_ns) for row in legs_table(made, None)))
+    columns = (
+        "leg",
+        "heading",
+        "glide angle",
+        "pitch",
+        "depth [m]",
+        "after [h]",
+        "UTC",
+        "surfacing at",
+    )
+    print_table(
+        console,
+        None,
+        columns,
+        (_leg_cells(row, made.start_time_ns) for row in legs_table(made, None)),
+    )
 
 
 def _print_departures(planned: PlannedMission, console: Console) -> None:
     """Print the departures that were compared, the one that is planned marked."""
     rows = departures_table(planned)
-    columns = "departure", "status", "arrival", "hours", "energy [kJ]", "legs", *(("arrive",) if planned.samples is not None else ()), ""
+    columns = (
+        "departure",
+        "status",
+        "arrival",
+        "hours",
+        "energy [kJ]",
+        "legs",
+        *(("arrive",) if planned.samples is not None else ()),
+        "",
+    )
     print_table(console, "Departures compared", columns, (_departure_cells(row) for row in rows))
 
 
@@ -89,7 +114,9 @@ def departures_table(planned: PlannedMission) -> list[dict[str, Any]]:
     first = min(arriving, key=lambda one: one.start_time_ns + one.duration * 1e9, default=None)
     rows = []
     for one in planned.departures:
-        arrival = time_text(one.start_time_ns + round(one.duration * 1e9)) if one in arriving else None
+        arrival = (
+            time_text(one.start_time_ns + round(one.duration * 1e9)) if one in arriving else None
+        )
         best = ["planned"] if one.start_time_ns == planned.plan.start_time_ns else []
         rows.append(
             {
@@ -111,7 +138,14 @@ def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:
     angles = (f"{row[name]:.1f}" for name in ("heading_deg", "glide_angle_deg", "pitch_deg"))
     where = f"{row['longitude']:.4f}, {row['latitude']:.4f}"
     when = time_text(start_ns + round(row["surfacing_s"] * 1e9)) if start_ns else "-"
-    return f"{row['leg']:.0f}", *angles, f"{row['depth_m']:.0f}", f"{row['surfacing_s'] / 3600.0:.2f}", when, where
+    return (
+        f"{row['leg']:.0f}",
+        *angles,
+        f"{row['depth_m']:.0f}",
+        f"{row['surfacing_s'] / 3600.0:.2f}",
+        when,
+        where,
+    )
 
 
 def energy_text(energy: float, battery: float | None) -> str:
@@ -120,7 +154,9 @@ def energy_text(energy: float, battery: float | None) -> str:
     if battery is None:
         return text
     share = energy / (battery * 1e6)
-    return f"{text}, {100.0 * share:.1f} % of {battery:g} MJ" + (": more than the battery holds" if share > 1.0 else "")
+    return f"{text}, {100.0 * share:.1f} % of {battery:g} MJ" + (
+        ": more than the battery holds" if share > 1.0 else ""
+    )
 
 
 def unsafe_reason(planned: PlannedMission, job: PlanJob) -> str | None:
@@ -130,18 +166,31 @@ def unsafe_reason(planned: PlannedMission, job: PlanJob) -> str | None:
         return "the waypoints are not safe"
     if planned.waypoints is not None and made.status == "unsafe":
         return "waypoints of a plan that is not safe"
-    if job.risk is None or figures is None or (made.status != "unsafe" and 1.0 - figures["safe"] <= job.risk + 1e-9):
+    if (
+        job.risk is None
+        or figures is None
+        or (made.status != "unsafe" and 1.0 - figures["safe"] <= job.risk + 1e-9)
+    ):
         return None
-    drivers = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in sorted(figures["violations"].items(), key=lambda one: -one[1]))
+    drivers = ", ".join(
+        f"{name} {100.0 * share:.0f} %"
+        for name, share in sorted(figures["violations"].items(), key=lambda one: -one[1])
+    )
     least, asked = 100.0 * (1.0 - figures["safe"]), 100.0 * job.risk
-    return f"the risk of {asked:g} % cannot be kept: the least found is {least:.0f} %" + (f", from {drivers}" if drivers else "")
+    return f"the risk of {asked:g} % cannot be kept: the least found is {least:.0f} %" + (
+        f", from {drivers}" if drivers else ""
+    )
 
 
 def mission_json(planned: PlannedMission) -> dict[str, Any]:
     """Return a mission for ``--json``: the planners' figures, ``samples`` and ``waypoints``, null where there are none."""
     few = None if planned.waypoints is None else waypoint_json(planned.waypoints)
     more = {"samples": planned.samples, "waypoints": few, "notes": list(planned.notes)}
-    return {**to_json(planned.plan, planned.ellipses), **more, "departures": departures_table(planned)}
+    return {
+        **to_json(planned.plan, planned.ellipses),
+        **more,
+        "departures": departures_table(planned),
+    }
 
 
 def mission_geojson(planned: PlannedMission) -> str:
@@ -161,7 +210,12 @@ def waypoint_file(waypoints: Waypoints, path: Path) -> str:
 
 
 def write_mission(
-    path: Path, overwrite: bool, planned: PlannedMission, job: PlanJob, options: Mapping[str, object], config: RunConfig
+    path: Path,
+    overwrite: bool,
+    planned: PlannedMission,
+    job: PlanJob,
+    options: Mapping[str, object],
+    config: RunConfig,
 ) -> None:
     """Write a mission as a result MCAP of its own.
 
@@ -181,9 +235,16 @@ def write_mission(
     legs = {str(row["leg"]): json.dumps(row) for row in legs_table(mission, planned.ellipses)}
     about = {**plan_metadata(job, options), "mission": _about(mission), "legs": legs}
     if planned.departures:
-        about["departures"] = {row["departure"]: json.dumps(row) for row in departures_table(planned)}
+        about["departures"] = {
+            row["departure"]: json.dumps(row) for row in departures_table(planned)
+        }
     with ResultWriter(path, overwrite) as writer:
-        writer.start(planned.projection, mission.start_time_ns, about, run_settings_toml(_effective_config(config, job, planned)))
+        writer.start(
+            planned.projection,
+            mission.start_time_ns,
+            about,
+            run_settings_toml(_effective_config(config, job, planned)),
+        )
         if planned.bathymetry is not None:
             writer.seabed(mission.start_time_ns, seabed_of(planned.bathymetry, planned.region))
         writer.plan(_published(planned, job.battery), planned.projection)
@@ -192,14 +253,28 @@ def write_mission(
 
 def _about(mission: MissionPlan) -> dict[str, str]:
     """Return what the legs begin with, as text."""
-    start = {"start_time_ns": mission.start_time_ns, "longitude": mission.start.longitude, "latitude": mission.start.latitude}
-    return {"status": mission.status, "message": mission.message, **{name: str(value) for name, value in start.items()}}
+    start = {
+        "start_time_ns": mission.start_time_ns,
+        "longitude": mission.start.longitude,
+        "latitude": mission.start.latitude,
+    }
+    return {
+        "status": mission.status,
+        "message": mission.message,
+        **{name: str(value) for name, value in start.items()},
+    }
 
 
 def _published(planned: PlannedMission, battery: float | None) -> Plan:
     """Return a mission as results hold it, with the bottom under it, the areas and the battery [MJ]."""
-    made = over_bottom(as_glide(planned.plan, planned.projection, planned.odds), planned.bathymetry, planned.projection)
-    areas = tuple(Area(area.name, area.surface_only, _open_ring(area.polygon)) for area in planned.no_go)
+    made = over_bottom(
+        as_glide(planned.plan, planned.projection, planned.odds),
+        planned.bathymetry,
+        planned.projection,
+    )
+    areas = tuple(
+        Area(area.name, area.surface_only, _open_ring(area.polygon)) for area in planned.no_go
+    )
     return replace(made, areas=areas, battery=nan if battery is None else battery * 1e6)
 
 

@@ -48,7 +48,9 @@ class MissionKind:
     @property
     def cross_track_weight(self) -> float | None:
         """Cross-track penalty of a line [h per h and km]; None when no line is followed."""
-        return (_LINE_WEIGHT if self.line_weight is None else self.line_weight) if self.line else None
+        return (
+            (_LINE_WEIGHT if self.line_weight is None else self.line_weight) if self.line else None
+        )
 
     @property
     def stay(self) -> "Mooring":
@@ -72,12 +74,27 @@ class MissionKind:
         """
         moored, lined = self.mooring is not None, self.line
         refusals = (
-            (self.surfacings_only and not moored, "--surfacings-only: expected --mooring beside it; only a mooring counts surfacings"),
-            (self.line_weight is not None and not lined, "--line-weight: expected --line beside it"),
-            (self.objective is not None and moored, "--objective: a mooring has none but to stay near its place; leave it out"),
+            (
+                self.surfacings_only and not moored,
+                "--surfacings-only: expected --mooring beside it; only a mooring counts surfacings",
+            ),
+            (
+                self.line_weight is not None and not lined,
+                "--line-weight: expected --line beside it",
+            ),
+            (
+                self.objective is not None and moored,
+                "--objective: a mooring has none but to stay near its place; leave it out",
+            ),
             (moored and lined, "--mooring and --line: a mission is one or the other"),
-            ((moored or lined) and (n_goals > 1 or risk is not None), "--mooring and --line: expected one --goal and no --risk"),
-            (waypoints and moored, "--waypoints: a mooring has none on its way; give the glider the mooring's place"),
+            (
+                (moored or lined) and (n_goals > 1 or risk is not None),
+                "--mooring and --line: expected one --goal and no --risk",
+            ),
+            (
+                waypoints and moored,
+                "--waypoints: a mooring has none on its way; give the glider the mooring's place",
+            ),
         )
         for refused, message in refusals:
             if refused:
@@ -156,20 +173,42 @@ class PlanJob:
             raise ConfigError("--waypoint-tolerance: expected --waypoints beside it")
         if not 0.0 <= self.arrive <= 1.0:
             raise ConfigError(f"--arrive: expected a share from 0 to 1, got {self.arrive:g}")
-        for name, value in (("--time-limit", self.time_limit), ("--battery", self.battery), ("--horizon", self.horizon)):
+        for name, value in (
+            ("--time-limit", self.time_limit),
+            ("--battery", self.battery),
+            ("--horizon", self.horizon),
+        ):
             if value is not None and not 0.0 < value < inf:
                 raise ConfigError(f"{name}: expected a number above 0, got {value:g}")
         self.kind.check(len(self.goals), self.risk, self.waypoints)
         self._check_times()
 
     def _check_times(self) -> None:
-        moored_or_lined, compares = self.kind.mooring is not None or self.kind.line, bool(self.departures_ns)
+        moored_or_lined, compares = (
+            self.kind.mooring is not None or self.kind.line,
+            bool(self.departures_ns),
+        )
         refusals = (
-            (compares and self.start_time_ns is not None, "--depart and --start-time: expected one of them; leave out the other"),
-            (compares and self.risk is not None, "--depart and --risk: compare departures first, then plan the best with --start-time"),
-            (compares and self.horizon is not None, "--depart and --horizon: departures are compared by whole missions; leave out one"),
-            (moored_or_lined and (compares or self.horizon is not None), "--mooring and --line: expected no --depart and no --horizon"),
-            (self.horizon is not None and self.waypoints, "--horizon: expected no --waypoints; they lead to the goal"),
+            (
+                compares and self.start_time_ns is not None,
+                "--depart and --start-time: expected one of them; leave out the other",
+            ),
+            (
+                compares and self.risk is not None,
+                "--depart and --risk: compare departures first, then plan the best with --start-time",
+            ),
+            (
+                compares and self.horizon is not None,
+                "--depart and --horizon: departures are compared by whole missions; leave out one",
+            ),
+            (
+                moored_or_lined and (compares or self.horizon is not None),
+                "--mooring and --line: expected no --depart and no --horizon",
+            ),
+            (
+                self.horizon is not None and self.waypoints,
+                "--horizon: expected no --waypoints; they lead to the goal",
+            ),
         )
         for refused, message in refusals:
             if refused:
@@ -185,7 +224,9 @@ class PlanJob:
             ConfigError: The risk is not a share, or comes without samples.
         """
         if self.risk is not None and not (0.0 <= self.risk < 1.0 and count > 0):
-            raise ConfigError(f"--risk: expected a share from 0 to below 1 and --samples, got {self.risk:g} and {count}")
+            raise ConfigError(
+                f"--risk: expected a share from 0 to below 1 and --samples, got {self.risk:g} and {count}"
+            )
 
 
 def objective_of(text: str) -> "ObjectiveName | Weights":
@@ -206,7 +247,9 @@ def objective_of(text: str) -> "ObjectiveName | Weights":
         return Weights(**weights)
     except (TypeError, ValueError, PlanError) as error:
         known = ", ".join(get_args(ObjectiveName))
-        raise ConfigError(f"--objective: expected one of {known}, or weights time=A,energy=B,closest=C, got {text!r}") from error
+        raise ConfigError(
+            f"--objective: expected one of {known}, or weights time=A,energy=B,closest=C, got {text!r}"
+        ) from error
 
 
 def departures_of(text: str) -> tuple[int, ...]:
@@ -217,7 +260,9 @@ def departures_of(text: str) -> tuple[int, ...]:
     """
     parts = [part.strip() for part in text.split(",")]
     if len(parts) != 3:
-        raise ConfigError(f"--depart: expected T0,T1,STEP as in 2026-05-01T00:00Z,2026-05-03T00:00Z,12h, got '{text}'")
+        raise ConfigError(
+            f"--depart: expected T0,T1,STEP as in 2026-05-01T00:00Z,2026-05-03T00:00Z,12h, got '{text}'"
+        )
     try:
         first, last = (parse_time(part) for part in parts[:2])
         step = parse_duration(parts[2])
@@ -225,12 +270,18 @@ def departures_of(text: str) -> tuple[int, ...]:
         raise ConfigError(f"--depart: {error}") from error
     step_ns = round(step * 1e9)
     if step_ns <= 0:
-        raise ConfigError(f"--depart: expected a step above 0, got '{parts[2]}'; write one such as 6h")
+        raise ConfigError(
+            f"--depart: expected a step above 0, got '{parts[2]}'; write one such as 6h"
+        )
     if last < first:
-        raise ConfigError(f"--depart: expected the first departure before the last, got '{parts[0]}' and '{parts[1]}'; swap them")
+        raise ConfigError(
+            f"--depart: expected the first departure before the last, got '{parts[0]}' and '{parts[1]}'; swap them"
+        )
     count = (last - first) // step_ns + 1
     if count > _MOST_DEPARTURES:
-        raise ConfigError(f"--depart: expected at most {_MOST_DEPARTURES} departures, got {count}; choose a longer step")
+        raise ConfigError(
+            f"--depart: expected at most {_MOST_DEPARTURES} departures, got {count}; choose a longer step"
+        )
     return tuple(first + k * step_ns for k in range(count))
 
 
@@ -245,7 +296,9 @@ def horizon_of(text: str) -> float:
     except ConfigError as error:
         raise ConfigError(f"--horizon: {error}") from error
     if seconds <= 0.0:
-        raise ConfigError(f"--horizon: expected a duration above 0, got '{text}'; write one such as 72h")
+        raise ConfigError(
+            f"--horizon: expected a duration above 0, got '{text}'; write one such as 72h"
+        )
     return seconds
 
 

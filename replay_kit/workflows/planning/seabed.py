@@ -53,8 +53,21 @@ def _depth_at(bathymetry: Bathymetry, projection: Projection, east: Array, north
 
 def _around(points: Array, wanted: Array) -> tuple[NDArray[np.intp], ...]:
     """Return the rows and columns of points, shape (J, I, 2) [m], around those wanted, shape (n, 2) [m]; thinned where too many."""
-    beyond = 2.0 * max(float(np.nanmax(np.linalg.norm(np.diff(points, axis=axis), axis=-1))) for axis in (0, 1))
-    inside = np.all((points >= wanted.min(axis=0) - beyond) & (points <= wanted.max(axis=0) + beyond), axis=-1)
+    beyond = 2.0 * max(
+        float(np.nanmax(np.linalg.norm(np.diff(points, axis=axis), axis=-1))) for axis in (0, 1)
+    )
+    inside = np.all(
+        (points >= wanted.min(axis=0) - beyond) & (points <= wanted.max(axis=0) + beyond), axis=-1
+    )
     inside |= not inside.any()
     each = [np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0)]
-    return np.ix_(*(np.unique(np.rint(np.linspace(at[0], at[-1], min(at[-1] - at[0] + 1, _POINTS))).astype(np.intp)) for at in each))
+    return np.ix_(
+        *(
+            np.unique(
+                np.rint(np.linspace(at[0], at[-1], min(at[-1] - at[0] + 1, _POINTS))).astype(
+                    np.intp
+                )
+            )
+            for at in each
+        )
+    )

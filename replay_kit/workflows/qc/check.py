@@ -15,7 +15,15 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import LogReport, Message
 from replay_kit.core.observation import Flag, Observation, Reason, usable
 from replay_kit.logs import merge
-from replay_kit.measurements import NOT_A_KIND, MeasurementState, Skipped, Used, finish, initial_state, interpret
+from replay_kit.measurements import (
+    NOT_A_KIND,
+    MeasurementState,
+    Skipped,
+    Used,
+    finish,
+    initial_state,
+    interpret,
+)
 from replay_kit.measurements.messages.fields import number
 from replay_kit.measurements.messages.profiles import PING_SCHEMA
 from replay_kit.measurements.quality.tests import Check
@@ -62,7 +70,9 @@ class TestCount:
             self.evaluated + flags.total() - skipped,
             self.suspect + flags[Flag.SUSPECT],
             self.failed + flags[Flag.FAIL],
-            {**self.not_evaluated, why: self.not_evaluated.get(why, 0) + skipped} if skipped else self.not_evaluated,
+            {**self.not_evaluated, why: self.not_evaluated.get(why, 0) + skipped}
+            if skipped
+            else self.not_evaluated,
         )
 
 
@@ -94,7 +104,10 @@ class TopicQuality:
     def extended(self, checks: Sequence[Check], observation: Observation) -> "TopicQuality":
         """Return the counts with a ping added, save that ``lost`` stays."""
         present = observation.flags != Flag.MISSING
-        tests = {check.test: self.tests.get(check.test, TestCount(check.reason)).extended(check, present) for check in checks}
+        tests = {
+            check.test: self.tests.get(check.test, TestCount(check.reason)).extended(check, present)
+            for check in checks
+        }
         flags = Counter(self.flags) + Counter(observation.flags.tolist())
         return replace(self, pings=self.pings + 1, flags=flags, tests={**self.tests, **tests})
 
@@ -129,7 +142,9 @@ class QualityReport:
         return 4 if self.late or any(log.losses for log in self.logs) else 0
 
 
-def check_quality(logs: Sequence[Path], config: RunConfig, on_message: Callable[[int], None] | None = None) -> QualityReport:
+def check_quality(
+    logs: Sequence[Path], config: RunConfig, on_message: Callable[[int], None] | None = None
+) -> QualityReport:
     """Return the results of each test on the pings of one mission's logs, which are read to their end.
 
     Args:
@@ -154,25 +169,47 @@ def check_quality(logs: Sequence[Path], config: RunConfig, on_message: Callable[
             topic = observation.source.topic
             topics[topic] = topics.get(topic, TopicQuality()).extended(checks, observation)
             lost[topic] += _lost(observation)
-        not_used.update((e.topic, e.reason) for e in events if isinstance(e, Skipped) and e.reason != NOT_A_KIND)
+        not_used.update(
+            (e.topic, e.reason) for e in events if isinstance(e, Skipped) and e.reason != NOT_A_KIND
+        )
 
     for message in merged:
         state, events = interpret(state, message, settings)
         depth = _depth(message, state)
         # many messages come between two depths
-        if np.isfinite(depth) and (not samples or depth != samples[-1][1] or message.time_ns - samples[-1][0] >= _REPEATED_NS):
+        if np.isfinite(depth) and (
+            not samples
+            or depth != samples[-1][1]
+            or message.time_ns - samples[-1][0] >= _REPEATED_NS
+        ):
             samples.append((message.time_ns, depth))
         count(events)
         if on_message is not None:
             on_message(message.time_ns)
     count(finish(state, settings))
     if not topics:
-        raise MeasurementError(_nothing(logs, [reader.report() for reader in readers], by_topic(not_used)))
-    time_ns, depths = np.array([time for time, _ in samples], np.int64), np.array([depth for _, depth in samples])
-    track = segments(time_ns, depths, settings.surface_depth, settings.quality.leg, settings.quality.gap)
+        raise MeasurementError(
+            _nothing(logs, [reader.report() for reader in readers], by_topic(not_used))
+        )
+    time_ns, depths = (
+        np.array([time for time, _ in samples], np.int64),
+        np.array([depth for _, depth in samples]),
+    )
+    track = segments(
+        time_ns, depths, settings.surface_depth, settings.quality.leg, settings.quality.gap
+    )
     quality = {topic: replace(topics[topic], lost=tuple(lost[topic])) for topic in sorted(topics)}
     reports = tuple(reader.report() for reader in readers)
-    return QualityReport(reports, settings, quality, by_topic(not_used), track, time_ns, depths, sum(merged.late.values()))
+    return QualityReport(
+        reports,
+        settings,
+        quality,
+        by_topic(not_used),
+        track,
+        time_ns,
+        depths,
+        sum(merged.late.values()),
+    )
 
 
 def _depth(message: Message, state: MeasurementState) -> float:
@@ -197,12 +234,25 @@ def _lost(observation: Observation) -> list[LostPing]:
     if usable(observation.flags).any():
         return []
     source = observation.source
-    return [LostPing(source.time_ns, source.input, source.position, Reason(int(np.bitwise_or.reduce(observation.reasons))))]
+    return [
+        LostPing(
+            source.time_ns,
+            source.input,
+            source.position,
+            Reason(int(np.bitwise_or.reduce(observation.reasons))),
+        )
+    ]
 
 
-def _nothing(logs: Sequence[Path], reports: Sequence[LogReport], not_used: Mapping[str, Mapping[str, int]]) -> str:
+def _nothing(
+    logs: Sequence[Path], reports: Sequence[LogReport], not_used: Mapping[str, Mapping[str, int]]
+) -> str:
     names = ", ".join(map(str, logs))
     if any("/dac" in report.read for report in reports):
         return f"{names}: expected ADCP pings whose bins can be tested, got mean currents alone, which a replay uses as they are"
-    why = "; ".join(f"{count} x {topic}: {reason}" for topic, reasons in not_used.items() for reason, count in reasons.items())
+    why = "; ".join(
+        f"{count} x {topic}: {reason}"
+        for topic, reasons in not_used.items()
+        for reason, count in reasons.items()
+    )
     return f"{names}: expected ADCP pings whose bins can be tested, got none; not used: {why or 'nothing that could be a ping'}"

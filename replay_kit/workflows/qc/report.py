@@ -33,7 +33,10 @@ def limits_of(test: str, settings: MeasurementConfig) -> tuple[str, str]:
         "max_speed": ("", f"component > {settings.max_speed:g} m/s"),
         "bottom": ("", edge),
         "sidelobe": ("", edge if quality.sidelobe else ""),
-        "at_surface": (surface if quality.at_surface == "suspect" else "", surface if quality.at_surface == "fail" else ""),
+        "at_surface": (
+            surface if quality.at_surface == "suspect" else "",
+            surface if quality.at_surface == "fail" else "",
+        ),
     }
     return special[test] if test in special else quality.limits_in_words(test)
 
@@ -49,11 +52,15 @@ def quality_json(report: QualityReport) -> dict[str, Any]:
         "exit_code": report.exit_code,
         "logs": [log.path for log in report.logs],
         "settings": report.settings.model_dump(mode="json", exclude={"map"}),
-        "topics": [_topic_json(name, topic, report.settings) for name, topic in report.topics.items()],
+        "topics": [
+            _topic_json(name, topic, report.settings) for name, topic in report.topics.items()
+        ],
         "not_used": {topic: coded(reasons) for topic, reasons in report.not_used.items()},
         "track": _track_json(report),
         "late": report.late,
-        "losses": [{"file": log.path, **loss_json(loss)} for log in report.logs for loss in log.losses],
+        "losses": [
+            {"file": log.path, **loss_json(loss)} for log in report.logs for loss in log.losses
+        ],
     }
 
 
@@ -64,7 +71,12 @@ def _topic_json(name: str, topic: TopicQuality, settings: MeasurementConfig) -> 
         "bins": {flag.name.lower(): topic.flags.get(flag, 0) for flag in Flag},
         "tests": [_test_json(test, count, settings) for test, count in topic.tests.items()],
         "pings_lost": [
-            {"time": iso(ping.time_ns), "input": ping.input, "position": ping.position, "reasons": names_of(ping.reasons)}
+            {
+                "time": iso(ping.time_ns),
+                "input": ping.input,
+                "position": ping.position,
+                "reasons": names_of(ping.reasons),
+            }
             for ping in topic.lost
         ],
     }
@@ -107,7 +119,10 @@ def _track_json(report: QualityReport) -> dict[str, Any]:
         "depths": len(report.depth),
         **_numbers(report),
         "profiles": legs,
-        "apogees": [{"time": iso(int(report.time_ns[k])), "depth": float(report.depth[k])} for k in track.apogees],
+        "apogees": [
+            {"time": iso(int(report.time_ns[k])), "depth": float(report.depth[k])}
+            for k in track.apogees
+        ],
         "surfacings": [iso(int(report.time_ns[k])) for k in track.surfacings],
         "in_no_profile": {what.name.lower(): track.count(what) for what in _WHAT},
     }
@@ -115,7 +130,11 @@ def _track_json(report: QualityReport) -> dict[str, Any]:
 
 def _numbers(report: QualityReport) -> dict[str, int]:
     track = report.track
-    return {"dives": int(track.dive.max(initial=0)), "yos": int(track.yo.max(initial=0)), "legs": int(track.profile.max(initial=0))}
+    return {
+        "dives": int(track.dive.max(initial=0)),
+        "yos": int(track.yo.max(initial=0)),
+        "legs": int(track.profile.max(initial=0)),
+    }
 
 
 def print_quality(report: QualityReport, console: Console) -> None:
@@ -132,24 +151,44 @@ def print_quality(report: QualityReport, console: Console) -> None:
     for log in report.logs:
         print_lines(console, loss_lines(log))
     if report.late:
-        console.print(f"LOST: {report.late} messages came later than the reorder window allows; widen logs.reorder_window", soft_wrap=True)
+        console.print(
+            f"LOST: {report.late} messages came later than the reorder window allows; widen logs.reorder_window",
+            soft_wrap=True,
+        )
 
 
-def _print_topic(name: str, topic: TopicQuality, settings: MeasurementConfig, console: Console) -> None:
+def _print_topic(
+    name: str, topic: TopicQuality, settings: MeasurementConfig, console: Console
+) -> None:
     columns = ("test", "suspect when", "fails when", "tested", "suspect", "failed")
     rows = (
-        (test, *limits_of(test, settings), *(str(number) for number in (count.evaluated, count.suspect, count.failed)))
+        (
+            test,
+            *limits_of(test, settings),
+            *(str(number) for number in (count.evaluated, count.suspect, count.failed)),
+        )
         for test, count in topic.tests.items()
     )
     print_table(console, f"{name}: {topic.pings} pings; number of bins of each test", columns, rows)
-    skipped = ((test, _counts(count.not_evaluated)) for test, count in topic.tests.items() if count.not_evaluated)
+    skipped = (
+        (test, _counts(count.not_evaluated))
+        for test, count in topic.tests.items()
+        if count.not_evaluated
+    )
     print_lines(console, (f"Not tested: {test}: {why}" for test, why in skipped))
     use = "used" if settings.quality.use_suspect else "not used, as quality.use_suspect is false"
-    good, suspect, failed, missing = (topic.flags.get(flag, 0) for flag in (Flag.GOOD, Flag.SUSPECT, Flag.FAIL, Flag.MISSING))
-    console.print(f"Bins: {good} good, {suspect} suspect ({use}), {failed} failed, {missing} missing", soft_wrap=True)
+    good, suspect, failed, missing = (
+        topic.flags.get(flag, 0) for flag in (Flag.GOOD, Flag.SUSPECT, Flag.FAIL, Flag.MISSING)
+    )
+    console.print(
+        f"Bins: {good} good, {suspect} suspect ({use}), {failed} failed, {missing} missing",
+        soft_wrap=True,
+    )
     lines = [f"Pings that lose every bin: {len(topic.lost)}"] if topic.lost else []
     for ping in topic.lost[:_LOST_SHOWN]:
-        lines.append(f"  {iso(ping.time_ns)} (log {ping.input}, position {ping.position}): {', '.join(names_of(ping.reasons))}")
+        lines.append(
+            f"  {iso(ping.time_ns)} (log {ping.input}, position {ping.position}): {', '.join(names_of(ping.reasons))}"
+        )
     if len(topic.lost) > _LOST_SHOWN:
         lines.append(f"  and {len(topic.lost) - _LOST_SHOWN} more, all in --json")
     print_lines(console, lines)

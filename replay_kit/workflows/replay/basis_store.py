@@ -61,10 +61,20 @@ def _identity(forecasts: Forecasts, config: RunConfig, job: ReplayJob) -> str:
     """Return the SHA-256 of what an estimator is built from: files, settings, the part of the forecast that is used, versions."""
     settings = config.model_dump(mode="json", include=_SECTIONS)
     files = [file_hash(path) for path in ensemble_files(job.ensemble)]
-    depth = job.goal.depth if job.goal is not None and config.estimator.name == "depth_average" else None
-    text = json.dumps([settings, files, depth, config.output.threads, forecasts.evolves, package_versions()], sort_keys=True)
+    depth = (
+        job.goal.depth
+        if job.goal is not None and config.estimator.name == "depth_average"
+        else None
+    )
+    text = json.dumps(
+        [settings, files, depth, config.output.threads, forecasts.evolves, package_versions()],
+        sort_keys=True,
+    )
     digest = hashlib.sha256(text.encode())
-    dump([(forecast.grid, forecast.time_ns, forecast.members) for forecast in forecasts.series], part := io.BytesIO())
+    dump(
+        [(forecast.grid, forecast.time_ns, forecast.members) for forecast in forecasts.series],
+        part := io.BytesIO(),
+    )
     digest.update(part.getvalue())
     return digest.hexdigest()
 
@@ -106,7 +116,9 @@ def _read(path: Path) -> Estimator[Any]:
     # pickle states no end to what it raises on bytes that are not its own
     except Exception as error:
         words = " ".join(str(error).split())[:200]
-        raise LogError(f"{path}: the basis kept there cannot be used: {type(error).__name__}: {words}; delete the file") from error
+        raise LogError(
+            f"{path}: the basis kept there cannot be used: {type(error).__name__}: {words}; delete the file"
+        ) from error
     return estimator
 
 

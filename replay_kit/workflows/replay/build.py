@@ -95,19 +95,32 @@ def read_forecasts(
         ConfigError: An estimator that knows no time is asked for what needs it, or one that fits no spread for that.
     """
     own = config.estimator.name == _OWN and config.estimator.preset == "default"
-    asked = config.time.scale not in ("auto", "static") or bool(config.time.oscillators or config.time.biases)
+    asked = config.time.scale not in ("auto", "static") or bool(
+        config.time.oscillators or config.time.biases
+    )
     if (asked or config.time.window not in ("auto", 0.0)) and not own:
-        what = config.estimator.name if config.estimator.name != _OWN else f"preset {config.estimator.preset}"
+        what = (
+            config.estimator.name
+            if config.estimator.name != _OWN
+            else f"preset {config.estimator.preset}"
+        )
         raise ConfigError(
             f"{what} is static and takes each profile alone: it has no time.scale, oscillators, biases or window; leave them out, or the "
             "estimator's name"
         )
-    part = config.forecast if region is None else config.forecast.model_copy(update={"region": region.region})
+    part = (
+        config.forecast
+        if region is None
+        else config.forecast.model_copy(update={"region": region.region})
+    )
     if own and (asked or config.time.scale == "auto"):
         series = _warned(read_series(path, part, near_ns=near_ns, place_at=place_at))
         evolves = asked or len(series) > 1
     else:
-        series, evolves = _warned((read_ensemble(path, part, near_ns=near_ns, place_at=place_at),)), False
+        series, evolves = (
+            _warned((read_ensemble(path, part, near_ns=near_ns, place_at=place_at),)),
+            False,
+        )
     if part.region is not None:
         _check_width(series[0])
     of_region = () if region is None else (region.note,)
@@ -119,13 +132,23 @@ def read_forecasts(
     if region is not None and region.follows:
         # terrain-following levels would be those of each window's own deepest column
         levels = tuple(float(level) for level in first.grid.levels)
-        read = partial(_read_window, path, part.model_copy(update={"levels": levels}), near_ns, first.grid.projection)
+        read = partial(
+            _read_window,
+            path,
+            part.model_copy(update={"levels": levels}),
+            near_ns,
+            first.grid.projection,
+        )
     return replace(forecasts, ensemble=first, near_ns=near_ns, region=region, read=read)
 
 
-def _read_window(path: Paths, config: ForecastConfig, near_ns: int | None, frame: Projection, region: Region) -> Ensemble:
+def _read_window(
+    path: Paths, config: ForecastConfig, near_ns: int | None, frame: Projection, region: Region
+) -> Ensemble:
     """Return a window of a forecast in a local frame."""
-    return in_frame(read_ensemble(path, config.model_copy(update={"region": region}), near_ns=near_ns), frame)
+    return in_frame(
+        read_ensemble(path, config.model_copy(update={"region": region}), near_ns=near_ns), frame
+    )
 
 
 def _check_width(ensemble: Ensemble) -> None:
@@ -149,14 +172,24 @@ def _unfitted_spread(config: RunConfig, evolves: bool, made_from: str) -> tuple[
     takes_numbers = name in (_OWN, "depth_average")
     if takes_numbers and preset == "default" and not evolves:
         return ()
-    what = "an estimate through time" if evolves else f"the preset {preset}" if takes_numbers else f"the estimator {name}"
+    what = (
+        "an estimate through time"
+        if evolves
+        else f"the preset {preset}"
+        if takes_numbers
+        else f"the estimator {name}"
+    )
     if spread == "fit" or (isinstance(spread, float) and not takes_numbers):
         expected = "as_given or a number" if takes_numbers else "as_given"
         instead = "leave it out" + (', or set time.scale = "static"' if evolves else "")
-        raise ConfigError(f"estimator.spread: expected {expected} with {what}, got {spread}; {instead}")
+        raise ConfigError(
+            f"estimator.spread: expected {expected} with {what}, got {spread}; {instead}"
+        )
     if not made_from or spread is not None:
         return ()
-    return (f"the spread of members made of {made_from} is taken for their error: {what} does not fit it",)
+    return (
+        f"the spread of members made of {made_from} is taken for their error: {what} does not fit it",
+    )
 
 
 def _warned(series: tuple[Ensemble, ...]) -> tuple[Ensemble, ...]:
@@ -179,10 +212,18 @@ def build(forecasts: Forecasts, config: RunConfig, goal_depth: float | None) -> 
         ConfigError: The estimator's name is unknown.
     """
     if forecasts.region is not None and forecasts.read is not None:
-        return with_window(_windowed(forecasts, forecasts.region, forecasts.read, config), config.time.window)
+        return with_window(
+            _windowed(forecasts, forecasts.region, forecasts.read, config), config.time.window
+        )
     if forecasts.evolves:
-        return with_window(build_evolving(forecasts.series, config.estimator, config.time, config.gating), config.time.window)
-    return with_window(build_named(forecasts.ensemble, config.estimator, goal_depth, config.gating), config.time.window)
+        return with_window(
+            build_evolving(forecasts.series, config.estimator, config.time, config.gating),
+            config.time.window,
+        )
+    return with_window(
+        build_named(forecasts.ensemble, config.estimator, goal_depth, config.gating),
+        config.time.window,
+    )
 
 
 def with_window(estimator: Estimator[Any], window: float | Literal["auto"]) -> Estimator[Any]:
@@ -192,11 +233,15 @@ def with_window(estimator: Estimator[Any], window: float | Literal["auto"]) -> E
         return estimator
     # Any: those that have a grouping are dataclasses
     grouped: Any = estimator
-    changed: Estimator[Any] = replace(grouped, grouping=grouping.by_hand(window) if window > 0.0 else None)
+    changed: Estimator[Any] = replace(
+        grouped, grouping=grouping.by_hand(window) if window > 0.0 else None
+    )
     return changed
 
 
-def _windowed(forecasts: Forecasts, found: FoundRegion, read: Callable[[Region], Ensemble], config: RunConfig) -> WindowedEstimator:
+def _windowed(
+    forecasts: Forecasts, found: FoundRegion, read: Callable[[Region], Ensemble], config: RunConfig
+) -> WindowedEstimator:
     """Return the estimator of windows that follow the vehicle; the latest two are kept."""
 
     @lru_cache(maxsize=2)
@@ -205,7 +250,9 @@ def _windowed(forecasts: Forecasts, found: FoundRegion, read: Callable[[Region],
         return build_estimator(ensemble, config.estimator, config.gating)
 
     grouping = estimator_of(found.region).grouping
-    return WindowedEstimator(found.region, found.margin, found.bounds, estimator_of, config.gating, grouping)
+    return WindowedEstimator(
+        found.region, found.margin, found.bounds, estimator_of, config.gating, grouping
+    )
 
 
 def flow_at(estimator: Estimator[Any], state: Any, time_ns: int) -> FlowEstimate:

@@ -28,7 +28,15 @@ from replay_kit.workflows.replay.values import check_opcodes, dump, load
 # Bytes of the run's identity, and of the SHA-256 of what follows it.
 _IDENTITY, _DIGEST = 64, 32
 # What stages raise on a state whose parts are of other kinds or sizes.
-_FOREIGN_STATE = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, MemoryError, RecursionError)
+_FOREIGN_STATE = (
+    TypeError,
+    ValueError,
+    LookupError,
+    AttributeError,
+    ArithmeticError,
+    MemoryError,
+    RecursionError,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +62,9 @@ class Checkpoint:
 
 def run_identity(metadata: Mapping[str, Mapping[str, str]], settings_toml: str) -> str:
     """Return what a run must have in common with a checkpoint: inputs, options, region, versions, configuration."""
-    return hashlib.sha256(json.dumps([metadata, settings_toml], sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(
+        json.dumps([metadata, settings_toml], sort_keys=True).encode()
+    ).hexdigest()
 
 
 def journal_path(path: Path) -> Path:
@@ -80,7 +90,9 @@ def resuming(path: Path | None) -> Iterator[None]:
 
 def _unusable(path: Path, error: Exception) -> LogError:
     words = " ".join(str(error).split())[:200]
-    return LogError(f"{path}: the checkpoint cannot be used: {type(error).__name__}: {words}; delete it to begin anew")
+    return LogError(
+        f"{path}: the checkpoint cannot be used: {type(error).__name__}: {words}; delete it to begin anew"
+    )
 
 
 def read_checkpoint(path: Path, identity: str, prior: object | None) -> Checkpoint:
@@ -100,11 +112,19 @@ def read_checkpoint(path: Path, identity: str, prior: object | None) -> Checkpoi
     except OSError as error:
         raise LogError(f"{path}: the checkpoint cannot be read: {error.strerror}") from error
     if not data.startswith(MAGIC):
-        raise ConfigError(f"{path}: exists and is no checkpoint of this version; choose another name for the checkpoint")
+        raise ConfigError(
+            f"{path}: exists and is no checkpoint of this version; choose another name for the checkpoint"
+        )
     rest = data[len(MAGIC) :].partition(b"\n")[2]
-    stored, digest, body = rest[:_IDENTITY], rest[_IDENTITY : _IDENTITY + _DIGEST], rest[_IDENTITY + _DIGEST :]
+    stored, digest, body = (
+        rest[:_IDENTITY],
+        rest[_IDENTITY : _IDENTITY + _DIGEST],
+        rest[_IDENTITY + _DIGEST :],
+    )
     if hashlib.sha256(body).digest() != digest:
-        raise LogError(f"{path}: the checkpoint is damaged: its checksum does not match; delete it to begin anew")
+        raise LogError(
+            f"{path}: the checkpoint is damaged: its checksum does not match; delete it to begin anew"
+        )
     if stored != identity.encode():
         raise ConfigError(
             f"{path}: the checkpoint of another run: inputs, options, versions or settings differ; delete it, or name another"
@@ -121,7 +141,9 @@ def read_checkpoint(path: Path, identity: str, prior: object | None) -> Checkpoi
     return checkpoint
 
 
-def write_checkpoint(path: Path, run: tuple[str, FoundRegion | None], prior: object | None, checkpoint: Checkpoint) -> None:
+def write_checkpoint(
+    path: Path, run: tuple[str, FoundRegion | None], prior: object | None, checkpoint: Checkpoint
+) -> None:
     """Write a checkpoint to a file, whole or not at all.
 
     Args:
@@ -133,13 +155,25 @@ def write_checkpoint(path: Path, run: tuple[str, FoundRegion | None], prior: obj
     body, (identity, region) = io.BytesIO(), run
     dump(checkpoint, body, prior)
     with atomic_file(path) as file:
-        file.write(head(region) + identity.encode() + hashlib.sha256(body.getvalue()).digest() + body.getvalue())
+        file.write(
+            head(region)
+            + identity.encode()
+            + hashlib.sha256(body.getvalue()).digest()
+            + body.getvalue()
+        )
 
 
 class CheckpointFile:
     """The checkpoint file of one run, and its journal."""
 
-    def __init__(self, path: Path, identity: str, interval_s: float, prior: object | None, region: FoundRegion | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        identity: str,
+        interval_s: float,
+        prior: object | None,
+        region: FoundRegion | None = None,
+    ) -> None:
         """Bind the file to a run.
 
         Args:
@@ -170,7 +204,9 @@ class CheckpointFile:
         self._next_ns = int(checkpoint.state.last_ns) + self._interval_ns
         return checkpoint
 
-    def resume(self, messages: Callable[[], Iterator[Message]]) -> tuple[Checkpoint | None, Iterator[Message]]:
+    def resume(
+        self, messages: Callable[[], Iterator[Message]]
+    ) -> tuple[Checkpoint | None, Iterator[Message]]:
         """Return the checkpoint, None when there is none yet, and the messages after it.
 
         Args:
@@ -180,15 +216,23 @@ class CheckpointFile:
             ConfigError, LogError: As of ``read``.
         """
         checkpoint = self.read()
-        return checkpoint, islice(messages(), 0 if checkpoint is None else checkpoint.messages, None)
+        return checkpoint, islice(
+            messages(), 0 if checkpoint is None else checkpoint.messages, None
+        )
 
     def open_journal(self, checkpoint: Checkpoint | None) -> Journal:
         """Return the journal, cut to what belongs to the checkpoint."""
-        self._journal = Journal(journal_path(self.path), 0 if checkpoint is None else checkpoint.journal_bytes)
+        self._journal = Journal(
+            journal_path(self.path), 0 if checkpoint is None else checkpoint.journal_bytes
+        )
         return self._journal
 
     def restore_result(
-        self, writer: ResultWriter, checkpoint: Checkpoint, copy_inputs: Callable[[], None], begin: Callable[[int], None]
+        self,
+        writer: ResultWriter,
+        checkpoint: Checkpoint,
+        copy_inputs: Callable[[], None],
+        begin: Callable[[int], None],
     ) -> None:
         """Write again what the interrupted run had written.
 
@@ -199,9 +243,15 @@ class CheckpointFile:
             begin: Without effect: the journal holds what precedes the messages too.
         """
         del begin
-        writer.replay_journal(read_journal(journal_path(self.path), checkpoint.journal_bytes), checkpoint.writer_state, copy_inputs)
+        writer.replay_journal(
+            read_journal(journal_path(self.path), checkpoint.journal_bytes),
+            checkpoint.writer_state,
+            copy_inputs,
+        )
 
-    def write_when_due(self, session: Session, measurement: MeasurementState, messages: int) -> None:
+    def write_when_due(
+        self, session: Session, measurement: MeasurementState, messages: int
+    ) -> None:
         """Write a checkpoint when it is time and no observation waits.
 
         Args:
@@ -216,7 +266,9 @@ class CheckpointFile:
         if session.last_ns < self._next_ns or (state := session.state) is None:
             return
         self._next_ns = state.last_ns + self._interval_ns
-        checkpoint = Checkpoint(state, measurement, messages, self._journal.flushed(), session.writer.state)
+        checkpoint = Checkpoint(
+            state, measurement, messages, self._journal.flushed(), session.writer.state
+        )
         write_checkpoint(self.path, (self._identity, self._region), self._prior, checkpoint)
 
     def close(self) -> None:

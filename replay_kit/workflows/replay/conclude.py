@@ -21,7 +21,9 @@ from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.session import Session
 
 
-def conclude(session: Session, inputs: Prepared, others: tuple[Rival, ...] = ()) -> tuple[ReplaySummary, FlowEstimate]:
+def conclude(
+    session: Session, inputs: Prepared, others: tuple[Rival, ...] = ()
+) -> tuple[ReplaySummary, FlowEstimate]:
     """Publish the result, then compare it with the truth: a truth that does not fit must not cost the result.
 
     Args:
@@ -35,8 +37,13 @@ def conclude(session: Session, inputs: Prepared, others: tuple[Rival, ...] = ())
     session.statistics.require_left_out(session.config.measurements.without)
     flow = session.conclude()
     notes = _notes(session, inputs, flow, session.statistics.notes(reports))
-    planning, (found, blind) = session.planning, conclusions(session.monitoring, session.statistics, session.config)
-    outside = tuple(note for note in inputs.forecasts.notes if "outside" in note or "is no forecast" in note)
+    planning, (found, blind) = (
+        session.planning,
+        conclusions(session.monitoring, session.statistics, session.config),
+    )
+    outside = tuple(
+        note for note in inputs.forecasts.notes if "outside" in note or "is no forecast" in note
+    )
     summary = replace(
         session.statistics.summary(reports),
         plan=None if planning.result is None else planning.result.plan,
@@ -54,7 +61,11 @@ def conclude(session: Session, inputs: Prepared, others: tuple[Rival, ...] = ())
         if session.writer is not None:
             session.writer.consistency(session.last_ns, found)
             session.writer.summary(
-                session.last_ns, to_record(summary, (*job.logs, *ensemble_files(job.ensemble), *rival_inputs(job.against).values()))
+                session.last_ns,
+                to_record(
+                    summary,
+                    (*job.logs, *ensemble_files(job.ensemble), *rival_inputs(job.against).values()),
+                ),
             )
             if spread := session.estimator.spread_record(session.estimation.current):
                 session.writer.write_metadata("replay_kit.spread", spread)
@@ -70,22 +81,37 @@ def conclude(session: Session, inputs: Prepared, others: tuple[Rival, ...] = ())
         with session.clock.stage("score"):
             score, failures = _score(session, inputs, inputs.truth, flow)
             notes += failures
-    return replace(summary, seconds=dict(session.clock.seconds), truth=score, notes=tuple(notes)), flow
+    return replace(
+        summary, seconds=dict(session.clock.seconds), truth=score, notes=tuple(notes)
+    ), flow
 
 
-def _notes(session: Session, inputs: Prepared, flow: FlowEstimate, of_logs: Sequence[str]) -> list[str]:
+def _notes(
+    session: Session, inputs: Prepared, flow: FlowEstimate, of_logs: Sequence[str]
+) -> list[str]:
     """Return what the user should know of the forecast, the logs, the basis, the prior and the instrument, as sentences."""
     kernel, estimator = flow.horizontal.kernel, session.estimator
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
-    no_goal = [] if inputs.job.goal is not None else ["no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"]
+    no_goal = (
+        []
+        if inputs.job.goal is not None
+        else ["no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"]
+    )
     biases = estimator.bias_notes(session.estimation.current)
     return [*inputs.forecasts.notes, *of_logs, basis, *estimator.notes(), *biases, *no_goal]
 
 
-def _score(session: Session, inputs: Prepared, truth: Ensemble, flow: FlowEstimate) -> tuple[TruthScore | None, list[str]]:
+def _score(
+    session: Session, inputs: Prepared, truth: Ensemble, flow: FlowEstimate
+) -> tuple[TruthScore | None, list[str]]:
     """Return the score, or as much of it as there is, and why the rest is missing."""
-    job, forecasts, prior_flow, config = inputs.job, inputs.forecasts, inputs.prior_flow, session.config
+    job, forecasts, prior_flow, config = (
+        inputs.job,
+        inputs.forecasts,
+        inputs.prior_flow,
+        session.config,
+    )
     if forecasts.evolves:
         # the estimate is of the log's end, and so is what it is compared with
         truth = open_truth(job, config, flow.time_ns, forecasts.ensemble, forecasts.box) or truth
@@ -95,7 +121,9 @@ def _score(session: Session, inputs: Prepared, truth: Ensemble, flow: FlowEstima
         truth = open_truth(job, config, forecasts.near_ns, forecasts.ensemble, box) or truth
     positions, ensemble = session.statistics.profiles.positions, forecasts.nearest(flow.time_ns)
     try:
-        score, truth_flow = score_against_truth(flow, ensemble, truth, positions, job.truth_radius_km, config.estimator)
+        score, truth_flow = score_against_truth(
+            flow, ensemble, truth, positions, job.truth_radius_km, config.estimator
+        )
     except MeasurementError as error:
         return None, [f"no score: {error}"]
     problem, result = session.problem, session.planning.result
@@ -104,7 +132,11 @@ def _score(session: Session, inputs: Prepared, truth: Ensemble, flow: FlowEstima
     plan = result.plan
     mean_plan = problem.planner.plan(prior_flow, plan.start, plan.goal, plan.start_time_ns, None)
     try:
-        closest = [problem.planner.closest_approach(truth_flow, planned) for planned in (result, mean_plan)]
+        closest = [
+            problem.planner.closest_approach(truth_flow, planned) for planned in (result, mean_plan)
+        ]
     except PlanError as error:
         return score, [f"the plans cannot be flown in the truth: {error}"]
-    return replace(score, closest_approach_m=closest[0], ensemble_mean_closest_approach_m=closest[1]), []
+    return replace(
+        score, closest_approach_m=closest[0], ensemble_mean_closest_approach_m=closest[1]
+    ), []

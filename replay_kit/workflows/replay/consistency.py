@@ -11,14 +11,21 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Measurement, PathMean
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds, odd_ensemble_speeds
+from replay_kit.measurements.consistency.speeds import (
+    EnsembleSpeeds,
+    ensemble_speeds,
+    odd_ensemble_speeds,
+)
 from replay_kit.measurements.consistency.summary import PingSummary
 from replay_kit.workflows.replay.estimation import EstimationState, Step, assimilate
 from replay_kit.workflows.replay.profile_counts import ProfileCounts
 from replay_kit.workflows.replay.statistics import RunStatistics
 
 _UNDETERMINED = "nothing here can tell whether directions are right; {} would"
-_TELLING, _TELLING_OF_MEANS = "a mean current, GPS drift or bottom track", "profiles of the current beside the mean currents"
+_TELLING, _TELLING_OF_MEANS = (
+    "a mean current, GPS drift or bottom track",
+    "profiles of the current beside the mean currents",
+)
 # Measurements beyond the gate that are remembered.
 _MOST_GATED = 256
 _SHEAR_ALONE = "all profiles are relative to the platform, so that they give the shear alone"
@@ -41,7 +48,10 @@ class MonitoringState:
     @property
     def explains_no_profile(self) -> bool:
         """Whether a finding is the reason that no profile may be used: such a run still has a result, the estimate without them."""
-        return any(finding.distrusts or (finding.name == findings.FROZEN and self.checks.pings > 0) for finding in self.checks.findings)
+        return any(
+            finding.distrusts or (finding.name == findings.FROZEN and self.checks.pings > 0)
+            for finding in self.checks.findings
+        )
 
 
 def _with_mean(means: tuple[PathMean, ...], event: Checked) -> tuple[PathMean, ...]:
@@ -49,7 +59,11 @@ def _with_mean(means: tuple[PathMean, ...], event: Checked) -> tuple[PathMean, .
 
 
 def monitor(
-    state: MonitoringState, event: Checked, config: RunConfig, speeds: EnsembleSpeeds | None, summary: PingSummary | None = None
+    state: MonitoringState,
+    event: Checked,
+    config: RunConfig,
+    speeds: EnsembleSpeeds | None,
+    summary: PingSummary | None = None,
 ) -> tuple[MonitoringState, Checked, tuple[Finding, ...]]:
     """Return the state after an event, the event as it may be used, and what was found.
 
@@ -73,17 +87,31 @@ def monitor(
     means = _with_mean(state.means, event)
     if checks.findings is state.checks.findings:
         return MonitoringState(checks, means, state.gated), checked, ()
-    new = tuple(_as_stated(finding, config) for finding in checks.findings[len(state.checks.findings) :])
+    new = tuple(
+        _as_stated(finding, config) for finding in checks.findings[len(state.checks.findings) :]
+    )
     for finding in new:
-        if finding.severity == "unusable" or (finding.severity == "inconsistent" and config.consistency.on_failure == "stop"):
+        if finding.severity == "unusable" or (
+            finding.severity == "inconsistent" and config.consistency.on_failure == "stop"
+        ):
             raise MeasurementError(str(finding), state.checks.findings + new)
-    return replace(state, checks=replace(checks, findings=state.checks.findings + new), means=means), checked, new
+    return (
+        replace(state, checks=replace(checks, findings=state.checks.findings + new), means=means),
+        checked,
+        new,
+    )
 
 
 def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState:
     """Return the state that remembers which measurements of some steps the gate rejected."""
-    done = [(step.event, step.assimilation.innovation) for step in steps if step.assimilation is not None]
-    gated = [event for event, found in done if found.gate_statistic > found.gate and not found.accepted]
+    done = [
+        (step.event, step.assimilation.innovation)
+        for step in steps
+        if step.assimilation is not None
+    ]
+    gated = [
+        event for event, found in done if found.gate_statistic > found.gate and not found.accepted
+    ]
     more = tuple(event for event in gated if isinstance(event, Measurement))
     return replace(state, gated=(state.gated + more)[-_MOST_GATED:]) if more else state
 
@@ -106,7 +134,11 @@ def readmitted(
     before = replace(counts, rejected=counts.rejected - again, gated=counts.gated - again)
     # they belong to dives before this one
     estimation = replace(estimation, current=after.current)
-    return estimation, replace(state, gated=()), RunStatistics(statistics.messages, before.after(steps))
+    return (
+        estimation,
+        replace(state, gated=()),
+        RunStatistics(statistics.messages, before.after(steps)),
+    )
 
 
 def _as_stated(finding: Finding, config: RunConfig) -> Finding:
@@ -137,7 +169,12 @@ def is_distrusted(found: Iterable[Finding]) -> bool:
 def trusting(estimator: Any, state: MonitoringState) -> Any:
     """Return the estimator as it is, or, while two sources contradict each other, one whose gate rejects neither."""
     gating = getattr(estimator, "gating", None)
-    if not state.checks.sources_contradict or gating is None or gating.gate != "reject" or not is_dataclass(estimator):
+    if (
+        not state.checks.sources_contradict
+        or gating is None
+        or gating.gate != "reject"
+        or not is_dataclass(estimator)
+    ):
         return estimator
     # Any: which estimators have a gate is known to them alone
     gated: Any = estimator
@@ -147,14 +184,22 @@ def trusting(estimator: Any, state: MonitoringState) -> Any:
 def rebuilt(statistics: RunStatistics, steps: Sequence[Step]) -> RunStatistics:
     """Return the statistics of an estimate that was rebuilt: what was used before counts as rejected, but for the steps of the new one."""
     counts = statistics.profiles
-    start = ProfileCounts(rejected=counts.rejected + counts.total.profiles - len(steps), last_position=counts.last_position)
+    start = ProfileCounts(
+        rejected=counts.rejected + counts.total.profiles - len(steps),
+        last_position=counts.last_position,
+    )
     after = start.after(steps)
     unused = counts.total.bins - after.total.bins
-    bins = {**counts.bins_rejected, "inconsistent": counts.bins_rejected.get("inconsistent", 0) + unused}
+    bins = {
+        **counts.bins_rejected,
+        "inconsistent": counts.bins_rejected.get("inconsistent", 0) + unused,
+    }
     return RunStatistics(statistics.messages, replace(after, bins_rejected=bins))
 
 
-def conclusions(state: MonitoringState, statistics: RunStatistics, config: RunConfig) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
+def conclusions(
+    state: MonitoringState, statistics: RunStatistics, config: RunConfig
+) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
     """Return all findings of a run, and what its measurements cannot tell.
 
     Args:
@@ -179,4 +224,8 @@ def _beyond_the_ensemble(counts: ProfileCounts) -> str:
     beyond, total = counts.gated + counts.softened, counts.total.profiles + counts.gated
     if 2 * beyond > total:
         return f"{beyond} of {total} observations exceeded the gate"
-    return f"most profiles exceeded the expected innovation {len(counts.inflations)} times" if counts.inflations else ""
+    return (
+        f"most profiles exceeded the expected innovation {len(counts.inflations)} times"
+        if counts.inflations
+        else ""
+    )

@@ -21,7 +21,13 @@ from replay_kit.estimator.next_dive.local import local_step
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.workflows.replay.dive_outcomes import Before
 from replay_kit.workflows.replay.estimation import Assimilation, Step
-from replay_kit.workflows.replay.ground_forecasts import FlowAt, GroundState, concluded, ground_step, next_ground_surfacing
+from replay_kit.workflows.replay.ground_forecasts import (
+    FlowAt,
+    GroundState,
+    concluded,
+    ground_step,
+    next_ground_surfacing,
+)
 
 # The ensemble alone, and the estimate before the dive.
 _BACKGROUNDS = 2
@@ -56,7 +62,9 @@ class ForecastState:
     local: DiveState | None = None
 
 
-def forecast_step(state: ForecastState, step: Step, flow_at: FlowAt, surface_depth: float) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
+def forecast_step(
+    state: ForecastState, step: Step, flow_at: FlowAt, surface_depth: float
+) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
     """Return the state after a step of the estimate, and the outcome of the dive that it ends.
 
     Args:
@@ -68,7 +76,11 @@ def forecast_step(state: ForecastState, step: Step, flow_at: FlowAt, surface_dep
     state, ended = _over_ground(state, step, flow_at, surface_depth)
     if isinstance(step.event, PathMean):
         state = _beside_estimate(state, step.event, step.assimilation)
-        return forecast_mean(state, step.event, None if step.assimilation is None else _backgrounds(step.event, step.assimilation))
+        return forecast_mean(
+            state,
+            step.event,
+            None if step.assimilation is None else _backgrounds(step.event, step.assimilation),
+        )
     if isinstance(step.event, Observation):
         return with_profile(state, step.event), ended
     if isinstance(step.event, ProfileGroup):
@@ -84,7 +96,9 @@ def forecast_end(state: ForecastState) -> tuple[ForecastState, tuple[DiveOutcome
     return replace(state, ground=ground, outcomes=(*state.outcomes, *ended)), ended
 
 
-def _over_ground(state: ForecastState, step: Step, flow_at: FlowAt, surface_depth: float) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
+def _over_ground(
+    state: ForecastState, step: Step, flow_at: FlowAt, surface_depth: float
+) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
     if state.model is not None:
         # the log states mean currents
         return state, ()
@@ -92,7 +106,9 @@ def _over_ground(state: ForecastState, step: Step, flow_at: FlowAt, surface_dept
     return replace(state, ground=ground, outcomes=(*state.outcomes, *ended)), ended
 
 
-def forecast_mean(state: ForecastState, mean: PathMean, backgrounds: Array | None = None) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
+def forecast_mean(
+    state: ForecastState, mean: PathMean, backgrounds: Array | None = None
+) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
     """Return the state after a mean current, and the outcome of its dive; a drift at the surface, or one without fixes, changes nothing.
 
     Args:
@@ -129,8 +145,12 @@ def next_surfacing(state: ForecastState, flow: FlowEstimate | None = None) -> Di
     if state.model is None or state.last is None:
         return None
     last, fix = state.last, state.outcomes[-1].fix
-    coming = replace(last, time_ns=fix.time_ns + int(0.5e9 * last.seconds), backgrounds=_UNKNOWN, inverted=None)
-    return Before(_MODEL, state.model, state.persistence).forecast(coming, fix, state.outcomes[-1].forecast.dive + 1)
+    coming = replace(
+        last, time_ns=fix.time_ns + int(0.5e9 * last.seconds), backgrounds=_UNKNOWN, inverted=None
+    )
+    return Before(_MODEL, state.model, state.persistence).forecast(
+        coming, fix, state.outcomes[-1].forecast.dive + 1
+    )
 
 
 def dive_mean(state: ForecastState, mean: PathMean, backgrounds: Array) -> DiveMean:
@@ -138,7 +158,11 @@ def dive_mean(state: ForecastState, mean: PathMean, backgrounds: Array) -> DiveM
     assert mean.fixes is not None
     start, end = mean.fixes
     seconds, velocity = (end.time_ns - start.time_ns) * 1e-9, np.array(mean.stated or mean.velocity)
-    way = np.array(to_local(Projection(start.longitude, start.latitude), end.longitude, end.latitude)) / seconds - velocity
+    way = (
+        np.array(to_local(Projection(start.longitude, start.latitude), end.longitude, end.latitude))
+        / seconds
+        - velocity
+    )
     return DiveMean(
         time_ns=(start.time_ns + end.time_ns) // 2,
         seconds=seconds,
@@ -169,7 +193,9 @@ def _along(sums: Array, mean: PathMean) -> Array | None:
     if known.size == 0:
         return None
     depth, velocity = (known + 0.5) * _CELL, sums[known, 1:] / sums[known, :1]
-    return np.array([mean.weight @ np.interp(mean.depth, depth, component) for component in velocity.T])
+    return np.array(
+        [mean.weight @ np.interp(mean.depth, depth, component) for component in velocity.T]
+    )
 
 
 def backgrounds_of(mean: PathMean, measured: Array, innovations: Sequence[Array]) -> Array:
@@ -184,14 +210,22 @@ def backgrounds_of(mean: PathMean, measured: Array, innovations: Sequence[Array]
         return np.full((len(innovations), 2), np.nan)
     # the measured mean turns local axes to true ones
     turn = complex(*mean.velocity) / complex(*measured)
-    predicted = np.stack([measured - (each[0] if each.shape == (1, 2) else np.nan) for each in innovations])
+    predicted = np.stack(
+        [measured - (each[0] if each.shape == (1, 2) else np.nan) for each in innovations]
+    )
     turned = (predicted[:, 0] + 1j * predicted[:, 1]) * turn
     return np.column_stack([turned.real, turned.imag])
 
 
-def _beside_estimate(state: ForecastState, mean: PathMean, assimilation: Assimilation | None) -> ForecastState:
+def _beside_estimate(
+    state: ForecastState, mean: PathMean, assimilation: Assimilation | None
+) -> ForecastState:
     """Return the state after what a dive's mean current says of the current beside the estimate; nothing where no estimate is."""
-    if assimilation is None or assimilation.dive_std is None or assimilation.dive_innovation.shape != (1, 2):
+    if (
+        assimilation is None
+        or assimilation.dive_std is None
+        or assimilation.dive_innovation.shape != (1, 2)
+    ):
         return state
     (innovation,), (std,) = assimilation.dive_innovation, assimilation.dive_std
     if not (np.isfinite(innovation).all() and np.isfinite(std).all()):
@@ -205,4 +239,6 @@ def _backgrounds(mean: PathMean, assimilation: Assimilation) -> Array:
     found = assimilation.innovation
     if found.mean_current is None:
         return _UNKNOWN
-    return backgrounds_of(mean, found.mean_current, [found.prior_innovation, assimilation.dive_innovation])
+    return backgrounds_of(
+        mean, found.mean_current, [found.prior_innovation, assimilation.dive_innovation]
+    )

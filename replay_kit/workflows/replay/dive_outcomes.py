@@ -4,7 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replay_kit.core.dive_forecast import SHARES, Basis, DiveForecast, DiveOutcome, ellipse_of, forecast_place
+from replay_kit.core.dive_forecast import (
+    SHARES,
+    Basis,
+    DiveForecast,
+    DiveOutcome,
+    ellipse_of,
+    forecast_place,
+)
 from replay_kit.core.observation import Fix
 from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Mixture, Persistence
 
@@ -23,7 +30,9 @@ class Before:
     state: DiveState
     persistence: Persistence
 
-    def forecast(self, dive: DiveMean, start: Fix, number: int, basis: Basis = "mean_currents") -> DiveForecast:
+    def forecast(
+        self, dive: DiveMean, start: Fix, number: int, basis: Basis = "mean_currents"
+    ) -> DiveForecast:
         """Return where a dive is expected to end.
 
         Args:
@@ -34,10 +43,14 @@ class Before:
         """
         return self._placed(self.model.forecast(self.state, dive), dive, start, number, basis)
 
-    def _placed(self, expected: Mixture, dive: DiveMean, start: Fix, number: int, basis: Basis) -> DiveForecast:
+    def _placed(
+        self, expected: Mixture, dive: DiveMean, start: Fix, number: int, basis: Basis
+    ) -> DiveForecast:
         longitude, latitude = forecast_place(start, dive.seconds, dive.way + expected.mean)
         cov = dive.seconds**2 * expected.cov
-        inner, outer = (ellipse_of(longitude, latitude, cov, radius) for radius in expected.radii(SHARES))
+        inner, outer = (
+            ellipse_of(longitude, latitude, cov, radius) for radius in expected.radii(SHARES)
+        )
         return DiveForecast(
             dive=number,
             earlier=self.state.dives,
@@ -51,7 +64,9 @@ class Before:
             basis=basis,
         )
 
-    def outcome(self, dive: DiveMean, fixes: tuple[Fix, Fix], number: int, basis: Basis = "mean_currents") -> DiveOutcome:
+    def outcome(
+        self, dive: DiveMean, fixes: tuple[Fix, Fix], number: int, basis: Basis = "mean_currents"
+    ) -> DiveOutcome:
         """Return where a dive was expected to end, and how good that was.
 
         Args:

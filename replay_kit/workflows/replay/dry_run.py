@@ -51,7 +51,9 @@ class DryRun:
     seconds: float
 
 
-def dry_run(job: ReplayJob, config: RunConfig, n_timed: int = ReducedBasisEstimator.block_size) -> DryRun:
+def dry_run(
+    job: ReplayJob, config: RunConfig, n_timed: int = ReducedBasisEstimator.block_size
+) -> DryRun:
     """Return what a replay would use; the logs are read to their end, but only a few updates are made.
 
     Args:
@@ -63,7 +65,9 @@ def dry_run(job: ReplayJob, config: RunConfig, n_timed: int = ReducedBasisEstima
         ReplayKitError: As the replay itself would, for logs and ensembles that cannot be used.
     """
     if config.estimator.name != "reduced_basis":
-        raise ConfigError(f"--dry-run describes the reduced basis, not {config.estimator.name}; leave one of the two out")
+        raise ConfigError(
+            f"--dry-run describes the reduced basis, not {config.estimator.name}; leave one of the two out"
+        )
     with threadpool_limits(limits=config.output.threads):
         forecasts = forecasts_of(job, config)
         ensemble = forecasts.ensemble
@@ -96,8 +100,14 @@ def dry_run(job: ReplayJob, config: RunConfig, n_timed: int = ReducedBasisEstima
 
 def _profiles(job: ReplayJob, config: RunConfig) -> Iterator[Observation]:
     logs = config.logs
-    messages = merge(open_readers(job.logs, config), logs.reorder_window, logs.start_ns, logs.end_ns)
-    return (found for found in observations(messages, config.measurements) if isinstance(found, Observation))
+    messages = merge(
+        open_readers(job.logs, config), logs.reorder_window, logs.start_ns, logs.end_ns
+    )
+    return (
+        found
+        for found in observations(messages, config.measurements)
+        if isinstance(found, Observation)
+    )
 
 
 def dry_run_json(result: DryRun) -> dict[str, Any]:

@@ -70,7 +70,10 @@ class Step:
 
 
 def assimilate(
-    estimator: Estimator[Any], state: EstimationState, events: Sequence[VehicleState | Measurement], last: bool = True
+    estimator: Estimator[Any],
+    state: EstimationState,
+    events: Sequence[VehicleState | Measurement],
+    last: bool = True,
 ) -> tuple[EstimationState, list[Step]]:
     """Return the state after a block of events, and a step for each of those that wait no longer.
 
@@ -107,15 +110,28 @@ def assimilate(
             dive_std = None
             if isinstance(event, PathMean) and event.kind == "dac":
                 # profiles of the dive itself make the estimate surer than it was before the dive
-                from_start = innovation if state.dive_start is before else estimator.step(state.dive_start, event)[1]
+                from_start = (
+                    innovation
+                    if state.dive_start is before
+                    else estimator.step(state.dive_start, event)[1]
+                )
                 dive_std = from_start.innovation_std
             state = replace(state, current=after)
-            steps.append(Step(event, before, after, Assimilation(innovation, dive_innovation, next(weights), dive_std)))
+            steps.append(
+                Step(
+                    event,
+                    before,
+                    after,
+                    Assimilation(innovation, dive_innovation, next(weights), dive_std),
+                )
+            )
     return replace(state, waiting=waiting), steps
 
 
 def grouped(
-    grouping: Grouping | None, waiting: tuple[VehicleState | Measurement, ...], events: Sequence[VehicleState | Measurement]
+    grouping: Grouping | None,
+    waiting: tuple[VehicleState | Measurement, ...],
+    events: Sequence[VehicleState | Measurement],
 ) -> tuple[list[VehicleState | Measurement | ProfileGroup], tuple[VehicleState | Measurement, ...]]:
     """Return events with profiles that repeat each other as groups, and the events that still wait for what follows.
 
@@ -133,7 +149,11 @@ def grouped(
         first = left[0] if left else None
         if isinstance(first, Observation):
             profile = isinstance(event, Observation)
-            if grouping.fits(first, event, number) if isinstance(event, Observation) else not grouping.ends(first, event):
+            if (
+                grouping.fits(first, event, number)
+                if isinstance(event, Observation)
+                else not grouping.ends(first, event)
+            ):
                 left.append(event)
                 number += profile
                 continue
@@ -146,7 +166,9 @@ def grouped(
     return items, tuple(left)
 
 
-def _closed(waiting: Sequence[VehicleState | Measurement]) -> list[VehicleState | Measurement | ProfileGroup]:
+def _closed(
+    waiting: Sequence[VehicleState | Measurement],
+) -> list[VehicleState | Measurement | ProfileGroup]:
     """Return what waited: the profiles, as a group where there are several, and the positions after them."""
     profiles = tuple(event for event in waiting if isinstance(event, Observation))
     others = [event for event in waiting if not isinstance(event, Observation)]

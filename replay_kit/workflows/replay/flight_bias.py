@@ -51,18 +51,26 @@ def corrected(state: FlightState, mean: PathMean) -> tuple[FlightState, PathMean
     error = complex(along, across) * complex(east, north)
     velocity = mean.velocity[0] - error.real, mean.velocity[1] - error.imag
     # of a way in any direction: the mean of both parts' variances
-    error_std = math.hypot(mean.error_std, float(np.hypot(*dive.way)) * math.sqrt(float(np.mean(std**2))))
+    error_std = math.hypot(
+        mean.error_std, float(np.hypot(*dive.way)) * math.sqrt(float(np.mean(std**2)))
+    )
     after = FlightState(replace(state.known, model=_MODEL.step(before, dive)))
     return after, replace(mean, velocity=velocity, error_std=error_std, stated=mean.velocity)
 
 
-def as_used(state: FlightState, event: Event, config: MeasurementConfig) -> tuple[FlightState, Event]:
+def as_used(
+    state: FlightState, event: Event, config: MeasurementConfig
+) -> tuple[FlightState, Event]:
     """Return the state after an event of the log, and the event as the estimate is given it."""
     if not config.flight_bias:
         return state, event
     if isinstance(event, PathMean):
         return corrected(state, event)
-    return (with_dive_profile(state, event), event) if isinstance(event, Observation) else (state, event)
+    return (
+        (with_dive_profile(state, event), event)
+        if isinstance(event, Observation)
+        else (state, event)
+    )
 
 
 def with_dive_profile(state: FlightState, profile: Observation) -> FlightState:

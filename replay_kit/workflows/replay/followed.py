@@ -49,7 +49,11 @@ class _Known:
 def message_digest(message: Message) -> bytes:
     """Return what tells a message from any other: its time, topic, place in the logs and content."""
     head = (message.time_ns, message.topic, message.schema, message.input, message.position)
-    return orjson.dumps((*head, message.payload), default=_plain, option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_NON_STR_KEYS)
+    return orjson.dumps(
+        (*head, message.payload),
+        default=_plain,
+        option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_NON_STR_KEYS,
+    )
 
 
 def _plain(value: Any) -> Any:
@@ -74,7 +78,9 @@ class FollowedStates:
         try:
             folder.mkdir(exist_ok=True)
         except OSError as error:
-            raise ConfigError(f"{folder}: expected a folder for the states of a followed log: {error.strerror}; choose another") from error
+            raise ConfigError(
+                f"{folder}: expected a folder for the states of a followed log: {error.strerror}; choose another"
+            ) from error
         self.path = folder
         self._identity, self._prior = identity, prior
         self._known = self._read_index()
@@ -84,7 +90,9 @@ class FollowedStates:
         self._written_at = time.monotonic()
         self._journal: Journal | None = None
 
-    def resume(self, messages: Callable[[], Iterator[Message]]) -> tuple[Checkpoint | None, Iterator[Message]]:
+    def resume(
+        self, messages: Callable[[], Iterator[Message]]
+    ) -> tuple[Checkpoint | None, Iterator[Message]]:
         """Return the last state before which no message changed, None when there is none, and the messages after it.
 
         Args:
@@ -139,11 +147,17 @@ class FollowedStates:
 
     def open_journal(self, checkpoint: Checkpoint | None) -> Journal:
         """Return the journal, cut to what belongs to the state."""
-        self._journal = Journal(self.path / "journal", 0 if checkpoint is None else checkpoint.journal_bytes)
+        self._journal = Journal(
+            self.path / "journal", 0 if checkpoint is None else checkpoint.journal_bytes
+        )
         return self._journal
 
     def restore_result(
-        self, writer: ResultWriter, checkpoint: Checkpoint, copy_inputs: Callable[[], None], begin: Callable[[int], None]
+        self,
+        writer: ResultWriter,
+        checkpoint: Checkpoint,
+        copy_inputs: Callable[[], None],
+        begin: Callable[[int], None],
     ) -> None:
         """Write what earlier replays had written up to a state.
 
@@ -154,9 +168,15 @@ class FollowedStates:
             begin: Writes what precedes the messages of a result, whose first is of a time [ns, UTC].
         """
         begin(checkpoint.begun_ns)
-        writer.replay_journal(read_journal(self.path / "journal", checkpoint.journal_bytes), checkpoint.writer_state, copy_inputs)
+        writer.replay_journal(
+            read_journal(self.path / "journal", checkpoint.journal_bytes),
+            checkpoint.writer_state,
+            copy_inputs,
+        )
 
-    def write_when_due(self, session: Session, measurement: MeasurementState, messages: int) -> None:
+    def write_when_due(
+        self, session: Session, measurement: MeasurementState, messages: int
+    ) -> None:
         """Remember a state between two blocks of observations, and now and then write it.
 
         Args:
@@ -167,7 +187,17 @@ class FollowedStates:
         if session.writer is None or self._journal is None or (state := session.state) is None:
             return
         known = _Known(messages, self._digest(messages), state.last_ns)
-        self._pending = known, Checkpoint(state, measurement, messages, self._journal.length, session.writer.state, self._begun_ns)
+        self._pending = (
+            known,
+            Checkpoint(
+                state,
+                measurement,
+                messages,
+                self._journal.length,
+                session.writer.state,
+                self._begun_ns,
+            ),
+        )
         if time.monotonic() - self._written_at > _LEAST:
             self.write_last()
 
@@ -193,14 +223,20 @@ class FollowedStates:
         """Return the states on the disk; none of another run, nor where the index is missing or damaged."""
         try:
             index = json.loads((self.path / "states.json").read_text(encoding="utf-8"))
-            known = [_Known(int(one["messages"]), str(one["sha256"]), int(one["last_ns"])) for one in index["states"]]
+            known = [
+                _Known(int(one["messages"]), str(one["sha256"]), int(one["last_ns"]))
+                for one in index["states"]
+            ]
             return known if index["identity"] == self._identity else []
         except (OSError, ValueError, KeyError, TypeError):
             return []
 
     def _keep(self, states: list[_Known]) -> None:
         """Make some states those that are kept: the index first, so that it never names one that is gone."""
-        rows = [{"messages": state.messages, "sha256": state.digest, "last_ns": state.last_ns} for state in states]
+        rows = [
+            {"messages": state.messages, "sha256": state.digest, "last_ns": state.last_ns}
+            for state in states
+        ]
         with atomic_file(self.path / "states.json") as file:
             file.write(json.dumps({"identity": self._identity, "states": rows}, indent=1).encode())
         names = {state.name for state in states}
@@ -212,7 +248,9 @@ class FollowedStates:
 
 def thinned(states: list[_Known]) -> list[_Known]:
     """Return some of the states, sorted: the latest, and of the older ones those without which the gaps are widest for their age."""
-    left = sorted({state.messages: state for state in states}.values(), key=lambda state: state.messages)
+    left = sorted(
+        {state.messages: state for state in states}.values(), key=lambda state: state.messages
+    )
     while len(left) > _KEPT:
         end = left[-1].messages
 

@@ -45,7 +45,9 @@ class Ahead:
 
     def mean(self, depth: Array, weight: Array) -> Array:
         """Return the mean over depths, shape (m,), with weights that sum to one, shape (2,) [m/s]; beyond the levels the nearest."""
-        return np.array([weight @ np.interp(depth, self.depth, component) for component in self.velocity.T])
+        return np.array(
+            [weight @ np.interp(depth, self.depth, component) for component in self.velocity.T]
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,11 +99,16 @@ class GroundState:
     @property
     def before(self) -> Before:
         """What is known before the next dive."""
-        return Before(_MODEL, _MODEL.initial() if self.model is None else self.model, self.persistence)
+        return Before(
+            _MODEL, _MODEL.initial() if self.model is None else self.model, self.persistence
+        )
 
 
 def ground_step(
-    state: GroundState, event: VehicleState | Observation | PathMean | ProfileGroup, flow_at: FlowAt, surface_depth: float
+    state: GroundState,
+    event: VehicleState | Observation | PathMean | ProfileGroup,
+    flow_at: FlowAt,
+    surface_depth: float,
 ) -> tuple[GroundState, tuple[DiveOutcome, ...]]:
     """Return the state after an event, and the outcome of the last dive when the next one begins.
 
@@ -121,7 +128,11 @@ def ground_step(
     if end is not None:
         # a dive's profiles may have waited for the fix after it
         number = detection.dive if first.time_ns <= end.time_ns else state.detection.dive
-        surfaced = None if state.path is None or end.time_ns <= state.path.start.time_ns else (state.path, end, number)
+        surfaced = (
+            None
+            if state.path is None or end.time_ns <= state.path.start.time_ns
+            else (state.path, end, number)
+        )
         state = replace(state, path=None, surfaced=surfaced)
     state = replace(state, detection=detection)
     outcomes: tuple[DiveOutcome, ...] = ()
@@ -141,7 +152,10 @@ def concluded(state: GroundState) -> GroundState:
     assert mean.fixes is not None
     start, fix = mean.fixes
     seconds = (fix.time_ns - start.time_ns) * 1e-9
-    velocity = np.array(to_local(Projection(start.longitude, start.latitude), fix.longitude, fix.latitude)) / seconds
+    velocity = (
+        np.array(to_local(Projection(start.longitude, start.latitude), fix.longitude, fix.latitude))
+        / seconds
+    )
     current = _current(state, mean.depth, mean.weight)
     dive = DiveMean(
         time_ns=(start.time_ns + fix.time_ns) // 2,
@@ -177,8 +191,12 @@ def next_ground_surfacing(state: GroundState, flow: FlowEstimate) -> DiveForecas
     last, fix = state.last, state.latest
     state = replace(state, ahead=_ahead(state, flow))
     current = _current(state, last.depth, last.weight)
-    coming = replace(last.mean, time_ns=fix.time_ns + int(0.5e9 * last.mean.seconds), backgrounds=current[None])
-    return state.before.forecast(coming, Fix(fix.time_ns, fix.longitude, fix.latitude), last.number + 1, _basis(state))
+    coming = replace(
+        last.mean, time_ns=fix.time_ns + int(0.5e9 * last.mean.seconds), backgrounds=current[None]
+    )
+    return state.before.forecast(
+        coming, Fix(fix.time_ns, fix.longitude, fix.latitude), last.number + 1, _basis(state)
+    )
 
 
 def _in_dive(detection: SurfacingState) -> bool:
@@ -193,12 +211,18 @@ def _begun(state: GroundState, flow_at: FlowAt) -> GroundState:
     return replace(state, path=begin(fix), ahead=_ahead(state, flow_at(fix.time_ns)))
 
 
-def _moved(state: GroundState, event: VehicleState | Observation, surface_depth: float) -> GroundState:
+def _moved(
+    state: GroundState, event: VehicleState | Observation, surface_depth: float
+) -> GroundState:
     """Return the state after a position, or after the depth of a profile's first bin where positions have none."""
     path = state.path
     if isinstance(event, Observation):
         known = event.depth[np.isfinite(event.depth)]
-        return state if path is None or path.reckoned or not known.size else replace(state, path=at_depth(path, float(known.min())))
+        return (
+            state
+            if path is None or path.reckoned or not known.size
+            else replace(state, path=at_depth(path, float(known.min())))
+        )
     if not event.dead_reckoned and not event.depth > surface_depth:
         return replace(state, latest=event)
     return state if path is None else replace(state, path=extend(path, event))
@@ -209,7 +233,9 @@ def _ahead(state: GroundState, flow: FlowEstimate) -> Ahead | None:
     assert state.latest is not None
     place = state.latest.longitude, state.latest.latitude
     if state.last is not None:
-        place = forecast_place(Fix(0, *place), 0.5 * state.last.mean.seconds, state.last.mean.velocity)
+        place = forecast_place(
+            Fix(0, *place), 0.5 * state.last.mean.seconds, state.last.mean.velocity
+        )
     east, north = to_local(flow.grid.projection, *place)
     if not inside_grid(flow.grid, east, north):
         return None

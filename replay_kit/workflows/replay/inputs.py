@@ -90,7 +90,9 @@ class ReplayJob:
     basis_store: Path | None = None
 
 
-def check_outputs(job: ReplayJob, also_read: Iterable[Path | None] = (), also_written: Iterable[Path | None] = ()) -> None:
+def check_outputs(
+    job: ReplayJob, also_read: Iterable[Path | None] = (), also_written: Iterable[Path | None] = ()
+) -> None:
     """Raise ConfigError when an output of a replay is an input, or exists and may not be replaced, or has no folder.
 
     Args:
@@ -100,7 +102,12 @@ def check_outputs(job: ReplayJob, also_read: Iterable[Path | None] = (), also_wr
     """
     rivals = [path for each in job.against for path in ensemble_files(each)]
     inputs = (*job.logs, *ensemble_files(job.ensemble), *rivals, truth_path(job.truth), *also_read)
-    check_paths(inputs, (job.out, job.netcdf, job.save_estimate, *also_written), job.overwrite, checkpoint_files(job.checkpoint))
+    check_paths(
+        inputs,
+        (job.out, job.netcdf, job.save_estimate, *also_written),
+        job.overwrite,
+        checkpoint_files(job.checkpoint),
+    )
 
 
 def input_stamps(job: ReplayJob) -> dict[Path, Stamp]:
@@ -111,10 +118,14 @@ def input_stamps(job: ReplayJob) -> dict[Path, Stamp]:
     """
     logs = [file for path in job.logs for file in logs_in(Path(path))]
     rivals = [path for each in job.against for path in ensemble_files(each)]
-    return stamps_of([*logs, *ensemble_files(job.ensemble), *rivals, *filter(None, [truth_path(job.truth)])])
+    return stamps_of(
+        [*logs, *ensemble_files(job.ensemble), *rivals, *filter(None, [truth_path(job.truth)])]
+    )
 
 
-def reading(logs: Sequence[LogReader | LogFile], progress: Progress, what: str) -> Callable[[], None]:
+def reading(
+    logs: Sequence[LogReader | LogFile], progress: Progress, what: str
+) -> Callable[[], None]:
     """Return a function that is called with each message and reports how much of the logs is read."""
     files, count = [log for log in logs if isinstance(log, LogFile)], 0
 
@@ -131,7 +142,11 @@ def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None
     """Copy the logs' messages unchanged into the result, if the job asks for it: of a telemetry log its frames."""
     if job.include_inputs:
         logs = open_logs(job.logs, config)
-        writer.copy(message for log in logs for message in (log.frames() if log.has_own_frames else log.raw_messages()))
+        writer.copy(
+            message
+            for log in logs
+            for message in (log.frames() if log.has_own_frames else log.raw_messages())
+        )
 
 
 def forecasts_of(job: ReplayJob, config: RunConfig) -> Forecasts:
@@ -144,11 +159,17 @@ def forecasts_of(job: ReplayJob, config: RunConfig) -> Forecasts:
         ConfigError: An estimator that knows no time is asked for what needs it.
     """
     place_at, near_ns = look_ahead(job.logs, config)
-    region = job.region or recorded_region(job.checkpoint) or find_region(job.logs, job.ensemble, config, near_ns, job.goal)
+    region = (
+        job.region
+        or recorded_region(job.checkpoint)
+        or find_region(job.logs, job.ensemble, config, near_ns, job.goal)
+    )
     return read_forecasts(job.ensemble, config, near_ns, place_at, region)
 
 
-def with_planner_kind(job: ReplayJob, readers: Sequence[LogReader], config: RunConfig, deepest: float) -> RunConfig:
+def with_planner_kind(
+    job: ReplayJob, readers: Sequence[LogReader], config: RunConfig, deepest: float
+) -> RunConfig:
     """Return the settings with what a replay with a goal plans: for a glider's logs a mission, where no kind is chosen.
 
     Args:
@@ -160,7 +181,9 @@ def with_planner_kind(job: ReplayJob, readers: Sequence[LogReader], config: RunC
     if job.goal is None or config.planner.kind != "auto":
         return config
     gliders = any(isinstance(log, LogFile) and log.is_gliders() for log in readers)
-    return config.model_copy(update={"planner": config.planner.resolved(gliders, job.goal.depth, deepest)})
+    return config.model_copy(
+        update={"planner": config.planner.resolved(gliders, job.goal.depth, deepest)}
+    )
 
 
 def check_goal(planner: Planner, flow: FlowEstimate, job: ReplayJob, config: RunConfig) -> None:
@@ -170,7 +193,11 @@ def check_goal(planner: Planner, flow: FlowEstimate, job: ReplayJob, config: Run
         planner.check(flow, job.goal)
     except PlanError as error:
         positions, _ = positions_of(job.logs, config)
-        local = to_local(flow.grid.projection, *np.array(positions).T) if positions else (np.empty(0), np.empty(0))
+        local = (
+            to_local(flow.grid.projection, *np.array(positions).T)
+            if positions
+            else (np.empty(0), np.empty(0))
+        )
         if not positions or np.any(inside_grid(flow.grid, *local)):
             raise
         (west, south), (east, north) = np.min(positions, axis=0), np.max(positions, axis=0)
@@ -180,7 +207,13 @@ def check_goal(planner: Planner, flow: FlowEstimate, job: ReplayJob, config: Run
         ) from error
 
 
-def open_truth(job: ReplayJob, config: RunConfig, near_ns: int | None, ensemble: Ensemble, region: Region | None = None) -> Ensemble | None:
+def open_truth(
+    job: ReplayJob,
+    config: RunConfig,
+    near_ns: int | None,
+    ensemble: Ensemble,
+    region: Region | None = None,
+) -> Ensemble | None:
     """Return the truth of a job; None without one.
 
     Args:
@@ -196,7 +229,9 @@ def open_truth(job: ReplayJob, config: RunConfig, near_ns: int | None, ensemble:
     if job.truth is None:
         return None
     centre = ensemble.grid.projection
-    part = config.forecast if region is None else config.forecast.model_copy(update={"region": region})
+    part = (
+        config.forecast if region is None else config.forecast.model_copy(update={"region": region})
+    )
     settings = part.model_copy(update={"lead": None, "reference_time": None, "time": None})
     place_at = (centre.longitude, centre.latitude) if config.forecast.place else None
     try:

@@ -26,11 +26,15 @@ def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
     """
     mapped = [entry.topic.split("/") for entry in config.measurements.map]
     # a schema of DataFlash has its format's name before that of the record
-    wanted = MAVLINK_NAMES | {".".join(parts) if parts[0] == "dataflash" else parts[-1] for parts in mapped}
+    wanted = MAVLINK_NAMES | {
+        ".".join(parts) if parts[0] == "dataflash" else parts[-1] for parts in mapped
+    }
     return list(open_logs(logs, config.logs, wanted))
 
 
-def look_ahead(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float] | None, int | None]:
+def look_ahead(
+    logs: Sequence[Path], config: RunConfig
+) -> tuple[tuple[float, float] | None, int | None]:
     """Return the mean position, when the ensemble is to be placed there, and the first time used [ns, UTC], of the chosen time span.
 
     Messages of topics that come once are read although they are older than the span, as in a replay, but their positions do not count.
@@ -40,24 +44,35 @@ def look_ahead(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, fl
         MeasurementError: The ensemble is to be placed at the log, and the log holds no position in the span.
     """
     start_ns = config.logs.start_ns
-    place_at, first_ns = _mean_place(logs, config) if config.forecast.place else (None, _first_time(logs, config))
+    place_at, first_ns = (
+        _mean_place(logs, config) if config.forecast.place else (None, _first_time(logs, config))
+    )
     if first_ns is not None and start_ns is not None:
         first_ns = max(first_ns, start_ns)
     return place_at, first_ns
 
 
 def _first_time(logs: Sequence[Path], config: RunConfig) -> int | None:
-    firsts = (next(iter(merge([reader], config.logs.reorder_window)), None) for reader in open_readers(logs, config))
+    firsts = (
+        next(iter(merge([reader], config.logs.reorder_window)), None)
+        for reader in open_readers(logs, config)
+    )
     return min((message.time_ns for message in firsts if message is not None), default=None)
 
 
-def positions_of(logs: Sequence[Path], config: RunConfig) -> tuple[list[tuple[float, float]], int | None]:
+def positions_of(
+    logs: Sequence[Path], config: RunConfig
+) -> tuple[list[tuple[float, float]], int | None]:
     """Return the longitudes and latitudes that a replay would use, and the time of its first message [ns, UTC]; None without one."""
     first_ns, positions, placed = None, [], []
     for time_ns, events in _placed(logs, config):
         first_ns = time_ns if first_ns is None else first_ns
-        positions += [(event.longitude, event.latitude) for event in events if isinstance(event, VehicleState)]
-        placed += [(event.longitude, event.latitude) for event in events if isinstance(event, Observation)]
+        positions += [
+            (event.longitude, event.latitude) for event in events if isinstance(event, VehicleState)
+        ]
+        placed += [
+            (event.longitude, event.latitude) for event in events if isinstance(event, Observation)
+        ]
     # measurements with places of their own do not say where the vehicle is, but where to place the ensemble
     return positions or placed, first_ns
 
@@ -75,14 +90,21 @@ def places_of(logs: Sequence[Path], config: RunConfig) -> Array:
     return np.array(list(found), dtype=np.float64).reshape(-1, 2) / _PER_DEGREE
 
 
-def _placed(logs: Sequence[Path], config: RunConfig) -> Iterator[tuple[int, list[VehicleState | Observation]]]:
+def _placed(
+    logs: Sequence[Path], config: RunConfig
+) -> Iterator[tuple[int, list[VehicleState | Observation]]]:
     """Yield the time of each message [ns, UTC] with the positions and placed measurements it completes, in the time span alone."""
     settings = config.logs
     state = initial_state(settings.system)
-    for message in merge(open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns):
+    for message in merge(
+        open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns
+    ):
         state, events = interpret(state, message, config.measurements)
         counts = settings.start_ns is None or message.time_ns >= settings.start_ns
-        yield message.time_ns, [event for event in events if counts and isinstance(event, VehicleState | Observation)]
+        yield (
+            message.time_ns,
+            [event for event in events if counts and isinstance(event, VehicleState | Observation)],
+        )
 
 
 def _mean_place(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float], int | None]:
@@ -90,10 +112,18 @@ def _mean_place(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, f
     settings = config.logs
     positions, first_ns = positions_of(logs, config)
     if not positions:
-        between = f" between {settings.start or 'their start'} and {settings.end or 'their end'}" if settings.start or settings.end else ""
+        between = (
+            f" between {settings.start or 'their start'} and {settings.end or 'their end'}"
+            if settings.start or settings.end
+            else ""
+        )
         raise MeasurementError(
             f"--place-ensemble moves the ensemble to the mean fix, but the logs hold no position{between}; "
-            + ("widen --start and --end, or leave the option out" if between else "leave the option out")
+            + (
+                "widen --start and --end, or leave the option out"
+                if between
+                else "leave the option out"
+            )
             + f"; replay-kit info {logs[0]} says what is in a log, and --suggest map.toml beside it maps topics of unknown types"
         )
     longitude, latitude = np.array(positions).T
@@ -111,10 +141,16 @@ def check_span(logs: Sequence[Path], config: RunConfig, last_ns: int | None) -> 
         last_ns: Time of the last message read [ns, UTC]; those of topics that come once may be older than the span. None without one.
     """
     settings = config.logs
-    asked = [f"--{name} {text}" for name, text in (("start", settings.start), ("end", settings.end)) if text is not None]
+    asked = [
+        f"--{name} {text}"
+        for name, text in (("start", settings.start), ("end", settings.end))
+        if text is not None
+    ]
     if not asked or (last_ns is not None and last_ns >= (settings.start_ns or 0)):
         return
-    times = [message.time_ns for reader in open_readers(logs, config) for message in reader.messages()]
+    times = [
+        message.time_ns for reader in open_readers(logs, config) for message in reader.messages()
+    ]
     if times:
         raise ConfigError(
             f"{' and '.join(asked)}: no message lies there; the log spans {iso_time(min(times), 's')} to {iso_time(max(times), 's')}"

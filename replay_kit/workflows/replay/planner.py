@@ -35,7 +35,14 @@ class Planner(Protocol):
         """The bottom that its plans stay above; None without a bathymetry."""
         ...
 
-    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: PlanResult | None) -> PlanResult:
+    def plan(
+        self,
+        flow: FlowEstimate,
+        start: Place,
+        goal: Place,
+        start_time_ns: int,
+        warm: PlanResult | None,
+    ) -> PlanResult:
         """Return the best plan found from start towards goal."""
         ...
 

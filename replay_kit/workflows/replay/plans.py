@@ -42,7 +42,10 @@ class PlanningProblem:
 
     def goal_at(self, time_ns: int) -> Place:
         """Return the goal of a plan that begins at a time [ns, UTC]."""
-        return next((goal for since_ns, goal in reversed(self.later_goals) if time_ns >= since_ns), self.goal)
+        return next(
+            (goal for since_ns, goal in reversed(self.later_goals) if time_ns >= since_ns),
+            self.goal,
+        )
 
     @property
     def interval_ns(self) -> int:
@@ -52,11 +55,17 @@ class PlanningProblem:
     @property
     def waits_ns(self) -> int:
         """How long a plan that is due waits for a surfacing, at which a glider can be told a mission [ns]; 0 where it does not."""
-        return self.interval_ns if (self.settings.kind, self.settings.when) == ("mission", "interval") else 0
+        return (
+            self.interval_ns
+            if (self.settings.kind, self.settings.when) == ("mission", "interval")
+            else 0
+        )
 
     def plans_at(self, surfaced_ns: int, due_ns: int | None) -> bool:
         """Return whether a plan is made at a surfacing, given when the next plan is due [ns, UTC]."""
-        return self.settings.when == "surfacing" or (self.waits_ns > 0 and due_ns is not None and surfaced_ns >= due_ns)
+        return self.settings.when == "surfacing" or (
+            self.waits_ns > 0 and due_ns is not None and surfaced_ns >= due_ns
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +93,9 @@ class PlanningState:
     next_plan_ns: int | None = None
 
 
-def before_step(problem: PlanningProblem, state: PlanningState, step: Step, flow_at: FlowAt) -> tuple[PlanningState, tuple[Output, ...]]:
+def before_step(
+    problem: PlanningProblem, state: PlanningState, step: Step, flow_at: FlowAt
+) -> tuple[PlanningState, tuple[Output, ...]]:
     """Return the state before a step: a surfacing is finished once everything that came with it is assimilated.
 
     Args:
@@ -98,7 +109,9 @@ def before_step(problem: PlanningProblem, state: PlanningState, step: Step, flow
     return finish_surfacing(problem, state, flow_at)
 
 
-def after_step(problem: PlanningProblem, state: PlanningState, step: Step, flow_at: FlowAt) -> tuple[PlanningState, tuple[Output, ...]]:
+def after_step(
+    problem: PlanningProblem, state: PlanningState, step: Step, flow_at: FlowAt
+) -> tuple[PlanningState, tuple[Output, ...]]:
     """Return the state after a step: planned at a measurement when a plan is due; a surfacing is detected.
 
     Args:
@@ -121,7 +134,9 @@ def after_step(problem: PlanningProblem, state: PlanningState, step: Step, flow_
     return replace(state, detection=detection, surfaced=fix or state.surfaced), outputs
 
 
-def finish_surfacing(problem: PlanningProblem, state: PlanningState, flow_at: FlowAt) -> tuple[PlanningState, tuple[Output, ...]]:
+def finish_surfacing(
+    problem: PlanningProblem, state: PlanningState, flow_at: FlowAt
+) -> tuple[PlanningState, tuple[Output, ...]]:
     """Return the state after a surfacing, if there was one: its prediction is compared, and the next plan begins there if one is.
 
     Args:
@@ -135,18 +150,27 @@ def finish_surfacing(problem: PlanningProblem, state: PlanningState, flow_at: Fl
         return state, ()
     if state.expected is not None:
         outcome = outcome_of(*state.expected, fix)
-        state, outputs = replace(state, expected=None, outcomes=(*state.outcomes, outcome)), (outcome,)
+        state, outputs = (
+            replace(state, expected=None, outcomes=(*state.outcomes, outcome)),
+            (outcome,),
+        )
     state = replace(state, surfaced=None)
     if not problem.plans_at(fix.time_ns, state.next_plan_ns):
         return state, outputs
     flow, seconds = flow_at(fix.time_ns), problem.settings.surface_time
     state = replace(state, next_plan_ns=fix.time_ns + problem.interval_ns)
-    state, plan = make_plan(problem, state, flow, fix.time_ns + int(seconds * 1e9), _after_drift(flow, fix, seconds))
+    state, plan = make_plan(
+        problem, state, flow, fix.time_ns + int(seconds * 1e9), _after_drift(flow, fix, seconds)
+    )
     return state, (*outputs, *plan)
 
 
 def make_plan(
-    problem: PlanningProblem, state: PlanningState, flow: FlowEstimate, start_time_ns: int, start: Place | None = None
+    problem: PlanningProblem,
+    state: PlanningState,
+    flow: FlowEstimate,
+    start_time_ns: int,
+    start: Place | None = None,
 ) -> tuple[PlanningState, tuple[Output, ...]]:
     """Return the state with a new plan, and the plan; a vehicle outside the region gives a warning and does not end the replay.
 
@@ -161,16 +185,26 @@ def make_plan(
         return state, ()
     start = start or _place_of(state.position)
     try:
-        result = problem.planner.plan(flow, start, problem.goal_at(start_time_ns), start_time_ns, state.result)
+        result = problem.planner.plan(
+            flow, start, problem.goal_at(start_time_ns), start_time_ns, state.result
+        )
     except PlanError as error:
-        return replace(state, result=None, failure=str(error), expected=None), (LogWarning(start_time_ns, f"no plan: {error}"),)
+        return replace(state, result=None, failure=str(error), expected=None), (
+            LogWarning(start_time_ns, f"no plan: {error}"),
+        )
     expected = None if result.surfacing is None else (result.plan.start_time_ns, result.surfacing)
-    return replace(state, result=result, failure="", expected=expected), (PublishedPlan(result.plan, flow.grid.projection),)
+    return replace(state, result=result, failure="", expected=expected), (
+        PublishedPlan(result.plan, flow.grid.projection),
+    )
 
 
 def _place_of(position: VehicleState) -> Place:
     """Return a position as a place; at the surface when its depth is unknown."""
-    return Place(position.longitude, position.latitude, max(position.depth, 0.0) if np.isfinite(position.depth) else 0.0)
+    return Place(
+        position.longitude,
+        position.latitude,
+        max(position.depth, 0.0) if np.isfinite(position.depth) else 0.0,
+    )
 
 
 def _after_drift(flow: FlowEstimate, fix: VehicleState, seconds: float) -> Place:
@@ -178,5 +212,7 @@ def _after_drift(flow: FlowEstimate, fix: VehicleState, seconds: float) -> Place
     projection = flow.grid.projection
     east, north = to_local(projection, fix.longitude, fix.latitude)
     current = flow.velocity(east, north, 0.0)
-    longitude, latitude = to_geographic(projection, east + seconds * current[0], north + seconds * current[1])
+    longitude, latitude = to_geographic(
+        projection, east + seconds * current[0], north + seconds * current[1]
+    )
     return Place(float(longitude), float(latitude), 0.0)

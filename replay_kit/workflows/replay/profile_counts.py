@@ -8,7 +8,14 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.evidence import BlockEvidence, block_of
-from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, VehicleState, reasons_of
+from replay_kit.core.observation import (
+    Innovation,
+    Measurement,
+    Observation,
+    PathMean,
+    VehicleState,
+    reasons_of,
+)
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.workflows.replay.estimation import Step
 
@@ -114,28 +121,44 @@ class ProfileCounts:
         """Return the counts after some steps."""
         done = [(step.event, step.assimilation) for step in steps if step.assimilation is not None]
         innovations = [assimilation.innovation for _, assimilation in done]
-        used = [(event, found) for event, found in done if found.innovation.accepted and not isinstance(event, VehicleState)]
+        used = [
+            (event, found)
+            for event, found in done
+            if found.innovation.accepted and not isinstance(event, VehicleState)
+        ]
         total, dives = self.total, dict(self.dives)
         for _, found in used:
             total = total.with_profile(found.innovation, found.dive_innovation)
             if (dive := found.innovation.dive) > 0:
-                dives[dive] = dives.get(dive, Sums()).with_profile(found.innovation, found.dive_innovation)
+                dives[dive] = dives.get(dive, Sums()).with_profile(
+                    found.innovation, found.dive_innovation
+                )
         profiles = [profile for event, _ in used for profile in _profiles(event)]
         far = [profile.position_std for profile in profiles if profile.position_std > 0.0]
         vehicles = [step.event for step in steps if isinstance(step.event, VehicleState)]
         return ProfileCounts(
             self.rejected + len(done) - len(used),
-            _added(self.bins_rejected, (named for innovation in innovations for named in _reasons(innovation))),
+            _added(
+                self.bins_rejected,
+                (named for innovation in innovations for named in _reasons(innovation)),
+            ),
             self.gated + sum(innovation.decision == "rejected" for innovation in innovations),
             self.softened + sum(_softened(innovation) for innovation in innovations),
-            self.inflations + tuple(innovation.prior_inflation for innovation in innovations if innovation.prior_inflation > 1.0),
+            self.inflations
+            + tuple(
+                innovation.prior_inflation
+                for innovation in innovations
+                if innovation.prior_inflation > 1.0
+            ),
             total,
             dives,
             self.positions + tuple(_place_of(event) for event, _ in used),
             vehicles[-1] if vehicles else self.last_position,
             self.interpolated + len(far),
             max([self.position_std, *far]),
-            increment(self.path_means, (event.kind for event, _ in used if isinstance(event, PathMean))),
+            increment(
+                self.path_means, (event.kind for event, _ in used if isinstance(event, PathMean))
+            ),
             _with_evidence(self.evidence, innovations),
         )
 
@@ -145,7 +168,9 @@ class ProfileCounts:
         means = sum(self.path_means.values())
         if means and means == self.total.profiles:
             drifts = self.path_means.get("drift", 0)
-            more = "" if drifts else " (measurements.use_drift = true adds the drift at the surface)"
+            more = (
+                "" if drifts else " (measurements.use_drift = true adds the drift at the surface)"
+            )
             notes.append(
                 f"no profile of the current was used: the estimate rests on {means - drifts} mean currents of dives and {drifts} drifts "
                 f"between fixes alone{more}; how the current changes with depth is known from the ensemble only"
@@ -156,9 +181,13 @@ class ProfileCounts:
                 f"{self.position_std:.0f} m (measurements.position_max_gap)"
             )
         if self.gated:
-            notes.append(f"{self.gated} profiles contradicted the estimate and were rejected; [gating] sets the gate")
+            notes.append(
+                f"{self.gated} profiles contradicted the estimate and were rejected; [gating] sets the gate"
+            )
         if self.softened:
-            notes.append(f"{self.softened} profiles contradicted the estimate and were used with larger errors")
+            notes.append(
+                f"{self.softened} profiles contradicted the estimate and were used with larger errors"
+            )
         if self.inflations:
             factors = ", ".join(f"{factor:.2g}" for factor in self.inflations[:_INFLATIONS_SHOWN])
             more = " ..." if len(self.inflations) > _INFLATIONS_SHOWN else ""
@@ -177,13 +206,17 @@ def increment(counts: Mapping[Key, int], keys: Iterable[Key]) -> dict[Key, int]:
     return out
 
 
-def _with_evidence(evidence: Mapping[int, BlockEvidence], innovations: Sequence[Innovation]) -> dict[int, BlockEvidence]:
+def _with_evidence(
+    evidence: Mapping[int, BlockEvidence], innovations: Sequence[Innovation]
+) -> dict[int, BlockEvidence]:
     """Return the log evidence by block with that of more measurements; those without a density, as of an estimate without variance, not."""
     out = dict(evidence)
     for one in innovations:
         if np.isfinite(one.log_likelihood):
             key = block_of(one.dive, one.time_ns)
-            out[key] = out.get(key, BlockEvidence()).with_measurement(one.log_likelihood, one.dof, one.profiles)
+            out[key] = out.get(key, BlockEvidence()).with_measurement(
+                one.log_likelihood, one.dof, one.profiles
+            )
     return out
 
 
@@ -197,7 +230,11 @@ def _added(counts: Mapping[str, int], more: Iterable[tuple[str, int]]) -> dict[s
 
 def _softened(innovation: Innovation) -> int:
     """Return how many profiles of an innovation were used with larger errors."""
-    return int(innovation.decision == "softened") if innovation.totals is None else innovation.totals.softened
+    return (
+        int(innovation.decision == "softened")
+        if innovation.totals is None
+        else innovation.totals.softened
+    )
 
 
 def _profiles(measurement: Measurement | ProfileGroup) -> tuple[Observation, ...]:

@@ -67,13 +67,25 @@ def run_metadata(
     hashes = [file_hash(path) for path in logs]
     for i, digest in enumerate(hashes):
         if digest in hashes[:i]:
-            raise ConfigError(f"{logs[i]}: the same bytes as {logs[hashes.index(digest)]}; a log given twice would count twice")
-    inputs = {f"log{i}": f"{path.name} sha256:{digest}" for i, (path, digest) in enumerate(zip(logs, hashes, strict=True))}
+            raise ConfigError(
+                f"{logs[i]}: the same bytes as {logs[hashes.index(digest)]}; a log given twice would count twice"
+            )
+    inputs = {
+        f"log{i}": f"{path.name} sha256:{digest}"
+        for i, (path, digest) in enumerate(zip(logs, hashes, strict=True))
+    }
     if ensemble.made_from == "models":
-        named = {f"ensemble{number}_{i}": path for number, argument in enumerate(arguments) for i, path in enumerate(argument)}
+        named = {
+            f"ensemble{number}_{i}": path
+            for number, argument in enumerate(arguments)
+            for i, path in enumerate(argument)
+        }
     else:
         files = [path for argument in arguments for path in argument]
-        named = {"ensemble" if len(files) == 1 else f"ensemble{number}": path for number, path in enumerate(files)}
+        named = {
+            "ensemble" if len(files) == 1 else f"ensemble{number}": path
+            for number, path in enumerate(files)
+        }
     inputs |= {key: named_hash(path) for key, path in named.items()}
     if bathymetry is not None:
         inputs[BATHYMETRY] = named_hash(bathymetry)
@@ -102,7 +114,11 @@ def forecast_times(forecasts: Forecasts) -> dict[str, str]:
     if not times:
         return {}
     used = times if forecasts.evolves else [forecasts.ensemble.time_ns or times[0]]
-    return {"first": iso_time(min(used), "s"), "last": iso_time(max(used), "s"), "evolves": str(forecasts.evolves).lower()}
+    return {
+        "first": iso_time(min(used), "s"),
+        "last": iso_time(max(used), "s"),
+        "evolves": str(forecasts.evolves).lower(),
+    }
 
 
 def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
@@ -128,9 +144,17 @@ def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
 
 def lasting(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, Mapping[str, str]]:
     """Return the records of a result without what may change while its logs grow: the logs, the goal, what was said of them."""
-    inputs = {key: value for key, value in metadata.get("replay_kit.inputs", {}).items() if not key.startswith("log")}
-    options = {key: value for key, value in metadata.get("replay_kit.options", {}).items() if key != "goal"}
-    kept = {key: value for key, value in metadata.items() if key not in ("replay_kit.reading", FOLLOWED)}
+    inputs = {
+        key: value
+        for key, value in metadata.get("replay_kit.inputs", {}).items()
+        if not key.startswith("log")
+    }
+    options = {
+        key: value for key, value in metadata.get("replay_kit.options", {}).items() if key != "goal"
+    }
+    kept = {
+        key: value for key, value in metadata.items() if key not in ("replay_kit.reading", FOLLOWED)
+    }
     return {**kept, "replay_kit.inputs": inputs, "replay_kit.options": options}
 
 
@@ -145,13 +169,19 @@ def run_settings_toml(config: RunConfig) -> str:
     if (bathymetry := config.planner.bathymetry_path) is not None:
         config = with_bathymetry(config, Path(bathymetry.name))
     for section, values in config.model_dump(mode="json").items():
-        lines += [f"[{section}]", *(f"{key} = {_toml(value)}" for key, value in values.items() if value is not None), ""]
+        lines += [
+            f"[{section}]",
+            *(f"{key} = {_toml(value)}" for key, value in values.items() if value is not None),
+            "",
+        ]
     return "\n".join(lines)
 
 
 def with_bathymetry(config: RunConfig, path: Path) -> RunConfig:
     """Return a configuration with another file of the bathymetry."""
-    return config.model_copy(update={"planner": config.planner.model_copy(update={"bathymetry": str(path)})})
+    return config.model_copy(
+        update={"planner": config.planner.model_copy(update={"bathymetry": str(path)})}
+    )
 
 
 def _toml(value: object) -> str:
@@ -163,5 +193,11 @@ def _toml(value: object) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(_toml(item) for item in value) + "]"
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{_toml(key)} = {_toml(item)}" for key, item in value.items() if item is not None) + "}"
+        return (
+            "{"
+            + ", ".join(
+                f"{_toml(key)} = {_toml(item)}" for key, item in value.items() if item is not None
+            )
+            + "}"
+        )
     return repr(value)

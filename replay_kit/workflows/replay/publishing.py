@@ -12,7 +12,14 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import VehicleState
 from replay_kit.workflows.replay.estimation import Step
-from replay_kit.workflows.replay.outputs import AtVehicle, DepthSlices, LeftWindow, Output, VehiclePose, Weights
+from replay_kit.workflows.replay.outputs import (
+    AtVehicle,
+    DepthSlices,
+    LeftWindow,
+    Output,
+    VehiclePose,
+    Weights,
+)
 
 #: Log time between estimates at the vehicle, at least [ns]: each takes as long as an update.
 AT_VEHICLE_NS = 1800 * 10**9
@@ -44,7 +51,11 @@ class PublishingState:
 
 
 def publish_step(
-    state: PublishingState, step: Step, levels: Array, settings: OutputConfig, flow_at: Callable[[int], FlowEstimate]
+    state: PublishingState,
+    step: Step,
+    levels: Array,
+    settings: OutputConfig,
+    flow_at: Callable[[int], FlowEstimate],
 ) -> tuple[PublishingState, tuple[Output, ...]]:
     """Return the state after a step, and what is published of it.
 
@@ -59,11 +70,18 @@ def publish_step(
         return _moved(state, step.event, flow_at)
     if step.assimilation is None:
         return state, ()
-    now_ns, (innovation, weights) = step.event.time_ns, (step.assimilation.innovation, step.assimilation.weights)
+    now_ns, (innovation, weights) = (
+        step.event.time_ns,
+        (step.assimilation.innovation, step.assimilation.weights),
+    )
     outputs: list[Output] = [innovation]
     if innovation.accepted and weights is not None:
         outputs.append(Weights(now_ns, weights, levels))
-    if innovation.accepted and (position := state.position) is not None and now_ns >= state.next_at_vehicle_ns:
+    if (
+        innovation.accepted
+        and (position := state.position) is not None
+        and now_ns >= state.next_at_vehicle_ns
+    ):
         state = replace(state, next_at_vehicle_ns=now_ns + AT_VEHICLE_NS)
         outputs.append(at_vehicle(now_ns, position, flow_at(now_ns)))
     if state.next_slices_ns is None or now_ns >= state.next_slices_ns:
@@ -77,7 +95,9 @@ def _moved(
 ) -> tuple[PublishingState, tuple[Output, ...]]:
     """Return the state after a position, with the position and the vehicle's frame, which looks along its way."""
     projection = state.projection or flow_at(position.time_ns).grid.projection
-    east, north = (float(value) for value in to_local(projection, position.longitude, position.latitude))
+    east, north = (
+        float(value) for value in to_local(projection, position.longitude, position.latitude)
+    )
     turned = state.turned or (east, north, 0.0)
     moved = east - turned[0], north - turned[1]
     if np.hypot(*moved) > _MOVED:
@@ -91,13 +111,21 @@ def at_vehicle(time_ns: int, position: VehicleState, flow: FlowEstimate) -> AtVe
     east, north = to_local(flow.grid.projection, position.longitude, position.latitude)
     depth = _depth(position)
     velocity = flow.velocity(east, north, depth, true_axes=True)
-    variance = np.diag(flow.velocity_covariance(east, north, depth, true_axes=True)) if flow.n_modes else np.full(2, np.nan)
+    variance = (
+        np.diag(flow.velocity_covariance(east, north, depth, true_axes=True))
+        if flow.n_modes
+        else np.full(2, np.nan)
+    )
     error = np.sqrt(np.maximum(variance, 0.0))
     place = (position.longitude, position.latitude, depth)
-    return AtVehicle(time_ns, place, (float(velocity[0]), float(velocity[1])), (float(error[0]), float(error[1])))
+    return AtVehicle(
+        time_ns, place, (float(velocity[0]), float(velocity[1])), (float(error[0]), float(error[1]))
+    )
 
 
-def publish_windows(state: PublishingState, flows: Iterator[FlowEstimate]) -> tuple[PublishingState, tuple[LeftWindow, ...]]:
+def publish_windows(
+    state: PublishingState, flows: Iterator[FlowEstimate]
+) -> tuple[PublishingState, tuple[LeftWindow, ...]]:
     """Return the state after the last estimates of windows that the vehicle has left since, and these with their numbers."""
     left = tuple(LeftWindow(number, flow) for number, flow in enumerate(flows, state.windows + 1))
     return replace(state, windows=state.windows + len(left)), left
@@ -111,7 +139,12 @@ def withdraw_windows(state: PublishingState) -> PublishingState:
 def depth_slices(time_ns: int, flow: FlowEstimate, settings: OutputConfig) -> DepthSlices:
     """Return a flow with the depths at which it is published: those of the settings, or the first, middle and last level."""
     levels = flow.levels
-    return DepthSlices(time_ns, flow, settings.depths or tuple(float(levels[i]) for i in sorted({0, levels.size // 2, levels.size - 1})))
+    return DepthSlices(
+        time_ns,
+        flow,
+        settings.depths
+        or tuple(float(levels[i]) for i in sorted({0, levels.size // 2, levels.size - 1})),
+    )
 
 
 def _depth(position: VehicleState) -> float:

@@ -23,14 +23,20 @@ def check_against(job: ReplayJob) -> None:
         ForecastError: A file is missing.
     """
     if job.against and job.following is not None:
-        raise ConfigError("--against: expected a finished log, got one that is followed; compare forecasts when it has ended")
+        raise ConfigError(
+            "--against: expected a finished log, got one that is followed; compare forecasts when it has ended"
+        )
     seen = {tuple(sorted(path.resolve() for path in ensemble_files(job.ensemble)))}
     for each in job.against:
         if missing := [path for path in ensemble_files(each) if not path.exists()]:
-            raise ForecastError(f"{missing[0]}: expected an ensemble to compare with, but there is no such file; check --against")
+            raise ForecastError(
+                f"{missing[0]}: expected an ensemble to compare with, but there is no such file; check --against"
+            )
         files = tuple(sorted(path.resolve() for path in ensemble_files(each)))
         if files in seen:
-            raise ConfigError(f"--against: expected another ensemble each time, got {name_of(each)} again; give each once")
+            raise ConfigError(
+                f"--against: expected another ensemble each time, got {name_of(each)} again; give each once"
+            )
         seen.add(files)
 
 
@@ -47,11 +53,22 @@ def rivals(job: ReplayJob, run: Callable[[ReplayJob], ReplaySummary]) -> Iterato
     for each in job.against:
         name = name_of(each)
         alone = replace(
-            job, ensemble=each, out=None, goal=None, netcdf=None, save_estimate=None, truth=None, checkpoint=None, region=None, against=()
+            job,
+            ensemble=each,
+            out=None,
+            goal=None,
+            netcdf=None,
+            save_estimate=None,
+            truth=None,
+            checkpoint=None,
+            region=None,
+            against=(),
         )
         evidence = run(alone).evidence
         if evidence is None:
-            raise ForecastError(f"{name}: this estimator states no density of the measurements, so there is no evidence to compare")
+            raise ForecastError(
+                f"{name}: this estimator states no density of the measurements, so there is no evidence to compare"
+            )
         yield Rival(name, evidence)
 
 
@@ -66,5 +83,8 @@ def rival_inputs(against: Sequence[Against]) -> dict[str, Path]:
     out: dict[str, Path] = {}
     for number, each in enumerate(against):
         files = ensemble_files(each)
-        out |= {f"{RIVAL}{number}" if len(files) == 1 else f"{RIVAL}{number}_{i}": path for i, path in enumerate(files)}
+        out |= {
+            f"{RIVAL}{number}" if len(files) == 1 else f"{RIVAL}{number}_{i}": path
+            for i, path in enumerate(files)
+        }
     return out

@@ -66,7 +66,9 @@ def from_record(record: Mapping[str, str]) -> FoundRegion:
         ValueError: It is no such record, as are LookupError and TypeError.
     """
     region, bounds = (_numbers(record[key]) for key in ("region", "bounds"))
-    return FoundRegion(region, float(record["margin"]), record["follows"] == "true", bounds, str(record["note"]))
+    return FoundRegion(
+        region, float(record["margin"]), record["follows"] == "true", bounds, str(record["note"])
+    )
 
 
 def _numbers(text: str) -> Region:
@@ -75,7 +77,12 @@ def _numbers(text: str) -> Region:
 
 
 def find_region(
-    logs: Sequence[Path], ensemble: Paths, config: RunConfig, near_ns: int | None, goal: Place | None, may_follow: bool = True
+    logs: Sequence[Path],
+    ensemble: Paths,
+    config: RunConfig,
+    near_ns: int | None,
+    goal: Place | None,
+    may_follow: bool = True,
 ) -> FoundRegion | None:
     """Return the part of a forecast that logs need; None where all of it is to be read, or the settings state the part.
 
@@ -106,7 +113,9 @@ def find_region(
             return None
         length = _length_near(extent, places)
         margin = MARGIN_LENGTHS * length
-        region = around(places if goal is None else [*places, (goal.longitude, goal.latitude)], margin)
+        region = around(
+            places if goal is None else [*places, (goal.longitude, goal.latitude)], margin
+        )
         points, whole = int(np.prod(extent.shape_in(region))), int(np.prod(extent.shape))
         most = settings.window_points or window_points(extent, length, float(places[0, 1]))
         if points > most and goal is None and may_follow and _is_static(extent, config):
@@ -119,7 +128,10 @@ def find_region(
 
 def _is_static(extent: Extent, config: RunConfig) -> bool:
     """Return whether an estimate is the project's own and does not change in time: only that is handed from window to window."""
-    time, own = config.time, config.estimator.name == "reduced_basis" and config.estimator.preset == "default"
+    time, own = (
+        config.time,
+        config.estimator.name == "reduced_basis" and config.estimator.preset == "default",
+    )
     asked = time.oscillators or time.biases or time.scale not in ("auto", "static")
     return own and not asked and (time.scale == "static" or not extent.has_several_times)
 
@@ -158,7 +170,9 @@ def window_points(extent: Extent, length: float, latitude: float) -> int:
     return max(_LEAST_WINDOW, math.ceil(np.prod(_SIDE_LENGTHS * length / cells)))
 
 
-def _first_window(extent: Extent, place: Array, margin: float, length: float, most: int) -> FoundRegion:
+def _first_window(
+    extent: Extent, place: Array, margin: float, length: float, most: int
+) -> FoundRegion:
     """Return the window about the first position, as large as is allowed.
 
     Raises:
@@ -168,7 +182,9 @@ def _first_window(extent: Extent, place: Array, margin: float, length: float, mo
     (rows, columns), side = extent.shape, np.sqrt(most)
     counts = np.array([min(columns, max(side, most / rows)), min(rows, max(side, most / columns))])
     half = 0.5 * (counts - 1.0) * np.array(extent.step)
-    region = moved_into(extent.box, (float(place[0]), float(place[1])), (float(half[0]), float(half[1])))
+    region = moved_into(
+        extent.box, (float(place[0]), float(place[1])), (float(half[0]), float(half[1]))
+    )
     free = counts < (columns, rows)
     reach = float(min((half * (degree_of_longitude(float(place[1])), DEGREE))[free]))
     if reach < 1.5 * margin:
@@ -182,7 +198,9 @@ def _first_window(extent: Extent, place: Array, margin: float, length: float, mo
 
 
 def _note(extent: Extent, region: Region, what: str, margin: float) -> str:
-    taken, whole = (" x ".join(map(str, shape)) for shape in (extent.shape_in(region), extent.shape))
+    taken, whole = (
+        " x ".join(map(str, shape)) for shape in (extent.shape_in(region), extent.shape)
+    )
     return (
         f"of the forecast {taken} of {whole} points a level are read, {text(region)}: {what} {margin / 1e3:.0f} km around, "
         f"{MARGIN_LENGTHS:g} correlation lengths; --region all reads everything"

@@ -14,7 +14,13 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.errors import ConfigError, LogError, MeasurementError, PlanError, ReplayKitError
+from replay_kit.core.errors import (
+    ConfigError,
+    LogError,
+    MeasurementError,
+    PlanError,
+    ReplayKitError,
+)
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.message import Message
 from replay_kit.core.progress import Progress, silent
@@ -28,7 +34,12 @@ from replay_kit.results.summary import ReplaySummary
 from replay_kit.results.summary_json import failure_json
 from replay_kit.workflows.replay.basis_store import built
 from replay_kit.workflows.replay.build import Forecasts
-from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, resuming, run_identity
+from replay_kit.workflows.replay.checkpoint import (
+    Checkpoint,
+    CheckpointFile,
+    resuming,
+    run_identity,
+)
 from replay_kit.workflows.replay.conclude import conclude
 from replay_kit.workflows.replay.consistency import checked_speeds
 from replay_kit.workflows.replay.followed import FollowedStates
@@ -122,7 +133,9 @@ def _replay(
             (session.writer.discard if unusable else session.writer.abandon)()
         if isinstance(error, ReplayKitError) and unusable:
             error.findings = error.findings or session.monitoring.checks.findings
-            error.answer = failure_json(error, session.statistics.summary([reader.report() for reader in inputs.readers]))
+            error.answer = failure_json(
+                error, session.statistics.summary([reader.report() for reader in inputs.readers])
+            )
         raise
     finally:
         if checkpoints is not None:
@@ -133,7 +146,11 @@ def _replay(
 
 
 def _prepare(
-    job: ReplayJob, config: RunConfig, planner_of: PlannerFactory | None, progress: Progress, forecasts: Forecasts | None
+    job: ReplayJob,
+    config: RunConfig,
+    planner_of: PlannerFactory | None,
+    progress: Progress,
+    forecasts: Forecasts | None,
 ) -> tuple[Session, Prepared]:
     """Return a replay before its first message, and what was read for it."""
     progress(0, 0, "reading the forecast")
@@ -154,12 +171,27 @@ def _prepare(
         planner = planner_of(config.planner, ensemble.grid)
         check_goal(planner, prior_flow, job, config)
         goals = () if job.following is None else job.following.goals
-        problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth, goals)
+        problem = PlanningProblem(
+            planner, job.goal, config.planner, config.measurements.surface_depth, goals
+        )
     # without a goal nothing reads the bathymetry
-    arguments, bathymetry = find_sources(job.ensemble).arguments, None if problem is None else config.planner.bathymetry_path
+    arguments, bathymetry = (
+        find_sources(job.ensemble).arguments,
+        None if problem is None else config.planner.bathymetry_path,
+    )
     options = run_options(job, prior_flow)
-    metadata = {} if job.out is None else run_metadata(job.logs, arguments, ensemble, options, bathymetry, forecasts.region)
-    if metadata and (assumed := {Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes}):
+    metadata = (
+        {}
+        if job.out is None
+        else run_metadata(job.logs, arguments, ensemble, options, bathymetry, forecasts.region)
+    )
+    if metadata and (
+        assumed := {
+            Path(log.path).name: "; ".join(log.report().notes)
+            for log in readers
+            if log.report().notes
+        }
+    ):
         metadata["replay_kit.reading"] = assumed
     if metadata and (times := forecast_times(forecasts)):
         metadata["replay_kit.forecast"] = times
@@ -174,13 +206,25 @@ def _prepare(
 
 def _checkpoints(session: Session, inputs: Prepared) -> CheckpointFile | FollowedStates | None:
     """Return where the states of a replay are kept; None where they are not."""
-    job, settings, prior = inputs.job, run_settings_toml(session.config), session.estimator.common_part
+    job, settings, prior = (
+        inputs.job,
+        run_settings_toml(session.config),
+        session.estimator.common_part,
+    )
     if job.following is not None:
-        return FollowedStates(job.following.states, run_identity(lasting(inputs.metadata), settings), prior)
+        return FollowedStates(
+            job.following.states, run_identity(lasting(inputs.metadata), settings), prior
+        )
     if job.checkpoint is None:
         return None
     interval = session.config.output.checkpoint_interval
-    return CheckpointFile(job.checkpoint, run_identity(inputs.metadata, settings), interval, prior, inputs.forecasts.region)
+    return CheckpointFile(
+        job.checkpoint,
+        run_identity(inputs.metadata, settings),
+        interval,
+        prior,
+        inputs.forecasts.region,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,8 +242,12 @@ class _Stream:
     checkpoint: Checkpoint | None = None
 
 
-def _stream(inputs: Prepared, config: RunConfig, checkpoints: CheckpointFile | FollowedStates | None) -> _Stream:
-    merged = merge(inputs.readers, config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns)
+def _stream(
+    inputs: Prepared, config: RunConfig, checkpoints: CheckpointFile | FollowedStates | None
+) -> _Stream:
+    merged = merge(
+        inputs.readers, config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns
+    )
     if checkpoints is None:
         return _Stream(merged, iter(merged))
     checkpoint, messages = checkpoints.resume(merged.__iter__)
@@ -221,7 +269,9 @@ def _open_result(
     if checkpoints is not None and checkpoint is not None:
         session.restore(checkpoint.state)
         copy = partial(copy_inputs, session.writer, job, session.config.logs)
-        checkpoints.restore_result(session.writer, checkpoint, copy, partial(_begin_result, session, inputs))
+        checkpoints.restore_result(
+            session.writer, checkpoint, copy, partial(_begin_result, session, inputs)
+        )
 
 
 def _loop(
@@ -233,7 +283,11 @@ def _loop(
 ) -> None:
     """Pass the logs' messages, those after the checkpoint, through the session."""
     measurements, checkpoint = session.config.measurements, stream.checkpoint
-    state, count = (initial_state(session.config.logs.system), 0) if checkpoint is None else (checkpoint.measurement, checkpoint.messages)
+    state, count = (
+        (initial_state(session.config.logs.system), 0)
+        if checkpoint is None
+        else (checkpoint.measurement, checkpoint.messages)
+    )
     while True:
         with session.clock.stage("read"):
             block = list(islice(stream.messages, _BLOCK))
@@ -266,7 +320,12 @@ def _begin_result(session: Session, inputs: Prepared, time_ns: int) -> None:
     # of growing logs what names them is written anew each time
     recorded = nullcontext() if inputs.job.following is None else writer.unrecorded()
     with session.clock.stage("write"), recorded:
-        writer.start(inputs.prior_flow.grid.projection, time_ns, inputs.metadata, run_settings_toml(session.config))
+        writer.start(
+            inputs.prior_flow.grid.projection,
+            time_ns,
+            inputs.metadata,
+            run_settings_toml(session.config),
+        )
         for note in inputs.forecasts.notes:
             writer.log(time_ns, "warning", note)
         if session.problem is not None and (seabed := session.problem.planner.seabed) is not None:

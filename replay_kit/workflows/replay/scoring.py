@@ -67,11 +67,20 @@ def score_against_truth(
     at = scored_points(flow.grid, truth, near)
     mean = _ensemble_mean_at(ensemble, truth, config, at)
     rmse, speed = rms_length(flow.velocity(*at.place) - at.velocity), rms_length(at.velocity)
-    score = TruthScore(rmse, rmse / speed, rms_length(mean - at.velocity), int(at.depth.size), float("nan"), float("nan"))
+    score = TruthScore(
+        rmse,
+        rmse / speed,
+        rms_length(mean - at.velocity),
+        int(at.depth.size),
+        float("nan"),
+        float("nan"),
+    )
     return score, embed_member(truth, 0, config)
 
 
-def scored_points(grid: Grid, truth: Ensemble, near: tuple[Array, float] | None = None) -> ScoredPoints:
+def scored_points(
+    grid: Grid, truth: Ensemble, near: tuple[Array, float] | None = None
+) -> ScoredPoints:
     """Return where a truth is compared with an estimate on a grid, and the truth there along the grid's axes.
 
     Args:
@@ -88,15 +97,23 @@ def scored_points(grid: Grid, truth: Ensemble, near: tuple[Array, float] | None 
     scored = truth.grid.wet & deep[:, None, None] & inside_grid(grid, east, north)
     if near is not None:
         positions, radius = near
-        distance, _ = cKDTree(np.column_stack(to_local(grid.projection, *positions.T))).query(np.stack([east, north], axis=-1))
+        distance, _ = cKDTree(np.column_stack(to_local(grid.projection, *positions.T))).query(
+            np.stack([east, north], axis=-1)
+        )
         scored &= distance <= radius
     z, j, i = np.nonzero(scored)
     if z.size == 0:
-        raise MeasurementError(f"{truth.source}: no wet point of the truth lies in the ensemble's region and levels; of another place?")
+        raise MeasurementError(
+            f"{truth.source}: no wet point of the truth lies in the ensemble's region and levels; of another place?"
+        )
     u, v = truth.velocity[0][:, z, j, i]
     at = truth.grid.longitude[j, i], truth.grid.latitude[j, i]
-    turned = rotate_to_local(grid.projection, *at, *rotate_to_geographic(truth.grid.projection, *at, u, v))
-    return ScoredPoints(np.column_stack([east[j, i], north[j, i]]), levels[z], np.column_stack(turned), (z, j, i))
+    turned = rotate_to_local(
+        grid.projection, *at, *rotate_to_geographic(truth.grid.projection, *at, u, v)
+    )
+    return ScoredPoints(
+        np.column_stack([east[j, i], north[j, i]]), levels[z], np.column_stack(turned), (z, j, i)
+    )
 
 
 def rms_length(vectors: Array) -> float:
@@ -104,10 +121,23 @@ def rms_length(vectors: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(vectors**2, axis=-1))))
 
 
-def _ensemble_mean_at(ensemble: Ensemble, truth: Ensemble, config: EstimatorConfig, at: ScoredPoints) -> Array:
+def _ensemble_mean_at(
+    ensemble: Ensemble, truth: Ensemble, config: EstimatorConfig, at: ScoredPoints
+) -> Array:
     """Return the ensemble's mean at scored points: as it is where the grids agree, else through its embedding."""
-    same = ensemble.grid.wet.shape == truth.grid.wet.shape and np.allclose(ensemble.grid.levels, truth.grid.levels)
-    if same and np.allclose(ensemble.grid.longitude, truth.grid.longitude) and np.allclose(ensemble.grid.latitude, truth.grid.latitude):
+    same = ensemble.grid.wet.shape == truth.grid.wet.shape and np.allclose(
+        ensemble.grid.levels, truth.grid.levels
+    )
+    if (
+        same
+        and np.allclose(ensemble.grid.longitude, truth.grid.longitude)
+        and np.allclose(ensemble.grid.latitude, truth.grid.latitude)
+    ):
         return np.asarray(ensemble.velocity.mean(axis=0)[:, *at.index].T)
-    mean = Ensemble(ensemble.grid, ensemble.velocity.mean(axis=0, keepdims=True), ensemble.time_ns, ensemble.source)
+    mean = Ensemble(
+        ensemble.grid,
+        ensemble.velocity.mean(axis=0, keepdims=True),
+        ensemble.time_ns,
+        ensemble.source,
+    )
     return embed_member(mean, 0, config).velocity(*at.place)

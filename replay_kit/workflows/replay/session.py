@@ -26,12 +26,23 @@ from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay import consistency, plans
 from replay_kit.workflows.replay.build import flow_at
 from replay_kit.workflows.replay.consistency import MonitoringState
-from replay_kit.workflows.replay.dive_forecasts import ForecastState, forecast_end, forecast_mean, forecast_step
+from replay_kit.workflows.replay.dive_forecasts import (
+    ForecastState,
+    forecast_end,
+    forecast_mean,
+    forecast_step,
+)
 from replay_kit.workflows.replay.estimation import EstimationState, assimilate
 from replay_kit.workflows.replay.flight_bias import FlightState, as_used
 from replay_kit.workflows.replay.outputs import Findings, LogWarning, Output, write
 from replay_kit.workflows.replay.plans import PlanningProblem, PlanningState
-from replay_kit.workflows.replay.publishing import PublishingState, depth_slices, publish_step, publish_windows, withdraw_windows
+from replay_kit.workflows.replay.publishing import (
+    PublishingState,
+    depth_slices,
+    publish_step,
+    publish_windows,
+    withdraw_windows,
+)
 from replay_kit.workflows.replay.statistics import RunStatistics
 from replay_kit.workflows.replay.stopwatch import Stopwatch
 
@@ -99,7 +110,11 @@ class Session:
         self.clock = clock or Stopwatch()
         self._levels = levels
         paths = (PathMean,) if estimator.supports_path_means else ()
-        self._inputs: tuple[type[VehicleState | Observation | PathMean], ...] = (VehicleState, Observation, *paths)
+        self._inputs: tuple[type[VehicleState | Observation | PathMean], ...] = (
+            VehicleState,
+            Observation,
+            *paths,
+        )
         self._buffer: list[VehicleState | Measurement] = []
         self._n_observations = 0
         prior = estimator.initial()
@@ -111,13 +126,28 @@ class Session:
         if self._buffer:
             return None
         return ReplayState(
-            self.estimation, self.publishing, self.planning, self.statistics, self.monitoring, self.forecasts, self.flight, self.last_ns
+            self.estimation,
+            self.publishing,
+            self.planning,
+            self.statistics,
+            self.monitoring,
+            self.forecasts,
+            self.flight,
+            self.last_ns,
         )
 
     def restore(self, state: ReplayState) -> None:
         """Continue from a state."""
-        self.estimation, self.publishing, self.planning = state.estimation, state.publishing, state.planning
-        self.statistics, self.monitoring, self.last_ns = state.statistics, state.monitoring, state.last_ns
+        self.estimation, self.publishing, self.planning = (
+            state.estimation,
+            state.publishing,
+            state.planning,
+        )
+        self.statistics, self.monitoring, self.last_ns = (
+            state.statistics,
+            state.monitoring,
+            state.last_ns,
+        )
         self.forecasts, self.flight = state.forecasts, state.flight
         self.estimator = consistency.trusting(self._built, self.monitoring)
 
@@ -126,7 +156,11 @@ class Session:
         if self.config.consistency.on_failure == "ignore":
             return repeat(PingSummary())
         with self.clock.stage("check"):
-            return iter(summaries([event for event in events if isinstance(event, Observation)], self._speeds))
+            return iter(
+                summaries(
+                    [event for event in events if isinstance(event, Observation)], self._speeds
+                )
+            )
 
     def take(self, events: Sequence[Event], pings: Iterator[PingSummary] | None = None) -> None:
         """Count the messages used and skipped, and assimilate positions and measurements as soon as a block of them is complete.
@@ -140,14 +174,23 @@ class Session:
             event for event in events if not isinstance(event, self._inputs) and not _aside(event)
         )
         for given in events:
-            if isinstance(given, PathMean) and given.beside_profiles and not self.config.measurements.flight_bias:
+            if (
+                isinstance(given, PathMean)
+                and given.beside_profiles
+                and not self.config.measurements.flight_bias
+            ):
                 self._expect(forecast_mean(self.forecasts, given))
                 continue
-            event = self._corrected(self._monitored(given, pings) if isinstance(given, Checked) else given)
+            event = self._corrected(
+                self._monitored(given, pings) if isinstance(given, Checked) else given
+            )
             if isinstance(event, self._inputs):
                 self._buffer.append(event)
                 self._n_observations += isinstance(event, Measurement)
-                if self._n_observations == self.estimator.block_size or len(self._buffer) == _BUFFERED:
+                if (
+                    self._n_observations == self.estimator.block_size
+                    or len(self._buffer) == _BUFFERED
+                ):
                     self.assimilate_buffer()
             elif isinstance(event, PathMean):
                 self._expect(forecast_mean(self.forecasts, event))
@@ -164,7 +207,9 @@ class Session:
         means = self.monitoring.means
         with self.clock.stage("check"):
             summary = next(pings) if isinstance(event, Observation) else None
-            self.monitoring, event, found = consistency.monitor(self.monitoring, event, self.config, self._speeds, summary)
+            self.monitoring, event, found = consistency.monitor(
+                self.monitoring, event, self.config, self._speeds, summary
+            )
         if found:
             self._act_on(found, means)
         return event
@@ -174,9 +219,14 @@ class Session:
         self.assimilate_buffer(last=True)
         self.estimator = consistency.trusting(self._built, self.monitoring)
         if consistency.is_distrusted(found):
-            prior, kept = self.estimator.initial(), list(means) if self.estimator.supports_path_means else []
+            prior, kept = (
+                self.estimator.initial(),
+                list(means) if self.estimator.supports_path_means else [],
+            )
             with self.clock.stage("estimate"):
-                self.estimation, steps = assimilate(self.estimator, EstimationState(prior, prior), kept)
+                self.estimation, steps = assimilate(
+                    self.estimator, EstimationState(prior, prior), kept
+                )
             self.publishing = withdraw_windows(self.publishing)
             self.statistics = consistency.rebuilt(self.statistics, steps)
             self.monitoring = replace(self.monitoring, gated=())
@@ -201,10 +251,14 @@ class Session:
             before, after = partial(self._flow, step.before), partial(self._flow, step.after)
             self._plan(plans.before_step, step, before)
             if self.writer is not None:
-                self.publishing, outputs = publish_step(self.publishing, step, self._levels, self.config.output, after)
+                self.publishing, outputs = publish_step(
+                    self.publishing, step, self._levels, self.config.output, after
+                )
                 self._write(outputs)
             with self.clock.stage("expect"):
-                expected = forecast_step(self.forecasts, step, before, self.config.measurements.surface_depth)
+                expected = forecast_step(
+                    self.forecasts, step, before, self.config.measurements.surface_depth
+                )
             self._expect(expected)
             self._plan(plans.after_step, step, after)
         self._publish_windows()
@@ -216,7 +270,11 @@ class Session:
             self.publishing, windows = publish_windows(self.publishing, flows)
             self._write(windows)
         forget = self.estimator.without_left
-        self.estimation = replace(self.estimation, current=forget(self.estimation.current), dive_start=forget(self.estimation.dive_start))
+        self.estimation = replace(
+            self.estimation,
+            current=forget(self.estimation.current),
+            dive_start=forget(self.estimation.dive_start),
+        )
 
     def conclude(self) -> FlowEstimate:
         """Finish a surfacing, plan from the last position and publish the last depth slices; return the last estimate."""
@@ -233,7 +291,9 @@ class Session:
         flow, local = flow_at(self.estimator, state, time_ns), local_current(self.forecasts.local)
         return flow if local is None else replace(flow, local=local)
 
-    def _plan(self, stage: Callable[..., tuple[PlanningState, tuple[Output, ...]]], *arguments: Any) -> None:
+    def _plan(
+        self, stage: Callable[..., tuple[PlanningState, tuple[Output, ...]]], *arguments: Any
+    ) -> None:
         """Make one step of the planning stage, if there is something to plan."""
         if self.problem is not None:
             with self.clock.stage("plan"):

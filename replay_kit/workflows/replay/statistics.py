@@ -22,8 +22,14 @@ from replay_kit.workflows.replay.profile_counts import ProfileCounts, increment
 _MANY_LOST = 0.2
 # How the reasons begin for which a ping is lost that a setting would keep, and the setting.
 _KEEPING = (
-    ("no position within", "a larger measurements.position_max_age, or positions after the last dive"),
-    ("ping: expected reference", 'measurements.reference = "earth" or "platform", whichever the velocities are relative to,'),
+    (
+        "no position within",
+        "a larger measurements.position_max_age, or positions after the last dive",
+    ),
+    (
+        "ping: expected reference",
+        'measurements.reference = "earth" or "platform", whichever the velocities are relative to,',
+    ),
     ("heading is magnetic", "measurements.magnetic_declination"),
     ("velocity relative to the platform", "measurements.use_relative = true"),
 )
@@ -61,7 +67,10 @@ class MessageCounts:
                 reasons[topic][f"cannot be decoded: {why}"] += count
         for (topic, reason), count in self.skipped.items():
             reasons[topic][reason] += count
-        for counts, why in ((self.late, "later than the reorder window allows"), (self.astray, "its stamp is far from its neighbours'")):
+        for counts, why in (
+            (self.late, "later than the reorder window allows"),
+            (self.astray, "its stamp is far from its neighbours'"),
+        ):
             for topic, count in counts.items():
                 reasons[topic][why] += count
         rows = []
@@ -69,8 +78,12 @@ class MessageCounts:
             used = self.used.get(topic, 0)
             unexplained = read[topic] - used - reasons[topic].total()
             if unexplained > 0:
-                reasons[topic]["not asked for: of no use to the estimator, or outside the time span"] += unexplained
-            rows.append(TopicRow(topic, read[topic], used, read[topic] - used, dict(reasons[topic])))
+                reasons[topic][
+                    "not asked for: of no use to the estimator, or outside the time span"
+                ] += unexplained
+            rows.append(
+                TopicRow(topic, read[topic], used, read[topic] - used, dict(reasons[topic]))
+            )
         return tuple(rows)
 
 
@@ -93,7 +106,9 @@ class RunStatistics:
             if isinstance(event, Used):
                 counts = replace(counts, used=increment(counts.used, [event.topic]))
             elif isinstance(event, Skipped):
-                counts = replace(counts, skipped=increment(counts.skipped, [(event.topic, event.reason)]))
+                counts = replace(
+                    counts, skipped=increment(counts.skipped, [(event.topic, event.reason)])
+                )
             elif isinstance(event, PathMean):
                 counts = replace(counts, unsupported=increment(counts.unsupported, [event.kind]))
         return self if counts is self.messages else RunStatistics(counts, self.profiles)
@@ -113,7 +128,11 @@ class RunStatistics:
         for rule in rules:
             if rule not in applied:
                 dives = sorted(dive for dive in self.profiles.dives if dive > 0)
-                held = f"dives {dives[0]}..{dives[-1]} with measurements" if dives else "no dive with measurements"
+                held = (
+                    f"dives {dives[0]}..{dives[-1]} with measurements"
+                    if dives
+                    else "no dive with measurements"
+                )
                 raise MeasurementError(
                     f"--without {rule}: expected something of the log to leave out, but it holds nothing of that; "
                     f"besides what was left out it has {held}; leave the rule out, or name dives of the log"
@@ -147,7 +166,12 @@ class RunStatistics:
         unknown = {topic for topic, reason in self.messages.skipped if reason == NOT_A_KIND}
         if not unknown:
             return ""
-        variables = "".join(f". {note}" for report in reports if report.format == "netcdf" for note in report.notes[:1])
+        variables = "".join(
+            f". {note}"
+            for report in reports
+            if report.format == "netcdf"
+            for note in report.notes[:1]
+        )
         name = reports[0].path
         return (
             f"{variables}. {len(unknown)} topics are of unknown types: replay-kit info {name} --suggest map.toml writes a mapping "
@@ -185,10 +209,14 @@ class RunStatistics:
         words = []
         for row in self.messages.topic_rows(reports):
             for reason, count in row.reasons.items():
-                keeping = next((setting for begin, setting in _KEEPING if reason.startswith(begin)), None)
+                keeping = next(
+                    (setting for begin, setting in _KEEPING if reason.startswith(begin)), None
+                )
                 if keeping is not None and count > _MANY_LOST * row.read:
                     why = reason.partition(";")[0]
-                    words.append(f"{count} of {row.read} pings on {row.topic} were not used: {why}; {keeping} would keep them")
+                    words.append(
+                        f"{count} of {row.read} pings on {row.topic} were not used: {why}; {keeping} would keep them"
+                    )
         return ". ".join(words)
 
     def summary(self, reports: Sequence[LogReport]) -> ReplaySummary:
@@ -210,7 +238,14 @@ class RunStatistics:
             nis_per_dof=total.nis_per_dof,
             evidence=Evidence(counts.evidence) if counts.evidence else None,
             by_dive=tuple(
-                DiveRow(dive, sums.profiles, sums.bins, sums.rms(sums.predicted), sums.rms(sums.prior), sums.nis_per_dof)
+                DiveRow(
+                    dive,
+                    sums.profiles,
+                    sums.bins,
+                    sums.rms(sums.predicted),
+                    sums.rms(sums.prior),
+                    sums.nis_per_dof,
+                )
                 for dive, sums in sorted(counts.dives.items())
             ),
         )
@@ -220,10 +255,16 @@ def _notes_of(reports: Sequence[LogReport]) -> list[str]:
     """Return the readers' notes with their logs; one that several logs have is given once, with their number."""
     paths = {note: report.path for report in reports for note in report.notes}
     gathered = gather(note for report in reports for note in report.notes)
-    notes = [f"{paths[found[0]] if len(found) == 1 else f'{len(found)} logs'}: {short(note)}" for note, found in gathered.items()]
+    notes = [
+        f"{paths[found[0]] if len(found) == 1 else f'{len(found)} logs'}: {short(note)}"
+        for note, found in gathered.items()
+    ]
     missions = dict.fromkeys(report.mission for report in reports if report.mission)
     if len(missions) > 1:
-        notes.insert(0, f"the logs are of {len(missions)} missions, merged as if one vehicle had made them: {', '.join(missions)}")
+        notes.insert(
+            0,
+            f"the logs are of {len(missions)} missions, merged as if one vehicle had made them: {', '.join(missions)}",
+        )
     return notes
 
 
@@ -231,7 +272,11 @@ def _describe(rows: Sequence[TopicRow]) -> str:
     """Return the topics met: first those of currents or positions, with the reasons; of the rest their number."""
     words = []
     for row in sorted(rows, key=lambda row: (not _is_relevant(row), -row.read))[:_TOPICS_SHOWN]:
-        why = ", ".join(f"{count} x {reason}" for reason, count in row.reasons.items()) if _is_relevant(row) else ""
+        why = (
+            ", ".join(f"{count} x {reason}" for reason, count in row.reasons.items())
+            if _is_relevant(row)
+            else ""
+        )
         words.append(f"{row.topic} ({row.read}{': ' + why if why else ''})")
     more = f", and {len(rows) - _TOPICS_SHOWN} more topics" if len(rows) > _TOPICS_SHOWN else ""
     return "; ".join(words) + more
@@ -239,4 +284,6 @@ def _describe(rows: Sequence[TopicRow]) -> str:
 
 def _is_relevant(row: TopicRow) -> bool:
     """Return whether a message of a topic was used, or skipped for a reason that concerns its contents."""
-    return row.used > 0 or any(not reason.startswith(("not asked for", "not a kind")) for reason in row.reasons)
+    return row.used > 0 or any(
+        not reason.startswith(("not asked for", "not a kind")) for reason in row.reasons
+    )

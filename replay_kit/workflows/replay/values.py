@@ -14,13 +14,24 @@ from replay_kit.estimator.update.buffer import Buffer
 from replay_kit.estimator.update.growing_cholesky import GrowingCholesky
 
 # The functions and classes of other libraries that a pickle of these values may name; nothing else is loaded.
-_FUNCTIONS = {("numpy._core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "scalar"), ("numpy._core.numeric", "_frombuffer")}
+_FUNCTIONS = {
+    ("numpy._core.multiarray", "_reconstruct"),
+    ("numpy._core.multiarray", "scalar"),
+    ("numpy._core.numeric", "_frombuffer"),
+}
 _CLASSES = {("numpy", "ndarray"), ("numpy", "dtype"), ("builtins", "float"), ("builtins", "slice")}
 # Opcodes that the dumper never writes: a place in the memo takes memory for all places before it.
-_FOREIGN = frozenset({"PUT", "BINPUT", "LONG_BINPUT", "EXT1", "EXT2", "EXT4", "INST", "OBJ", "GLOBAL"})
+_FOREIGN = frozenset(
+    {"PUT", "BINPUT", "LONG_BINPUT", "EXT1", "EXT2", "EXT4", "INST", "OBJ", "GLOBAL"}
+)
 
 
-def dump(value: object, file: BinaryIO, known: object | None = None, on_array: Callable[[pickle.PickleBuffer], Any] | None = None) -> None:
+def dump(
+    value: object,
+    file: BinaryIO,
+    known: object | None = None,
+    on_array: Callable[[pickle.PickleBuffer], Any] | None = None,
+) -> None:
     """Write a value to a file.
 
     Args:
@@ -48,7 +59,14 @@ def load(file: BinaryIO, known: object | None = None, arrays: Iterable[object] =
 
 def check_opcodes(body: bytes) -> None:
     """Raise ValueError when the bytes of a value, arrays included, would take memory that they do not fill."""
-    foreign = next((opcode.name for opcode, _, _ in pickletools.genops(body) if opcode.name in _FOREIGN | {"NEXT_BUFFER"}), None)
+    foreign = next(
+        (
+            opcode.name
+            for opcode, _, _ in pickletools.genops(body)
+            if opcode.name in _FOREIGN | {"NEXT_BUFFER"}
+        ),
+        None,
+    )
     if foreign is not None:
         raise ValueError(f"it holds {foreign}, which no checkpoint does")
 
@@ -64,7 +82,12 @@ def _is_value(kind: type[Any]) -> bool:
 
 
 class _Dumper(pickle.Pickler):
-    def __init__(self, file: BinaryIO, known: object | None, on_array: Callable[[pickle.PickleBuffer], Any] | None) -> None:
+    def __init__(
+        self,
+        file: BinaryIO,
+        known: object | None,
+        on_array: Callable[[pickle.PickleBuffer], Any] | None,
+    ) -> None:
         super().__init__(file, protocol=5, buffer_callback=on_array)
         self._known = known
 
@@ -89,4 +112,6 @@ class _Loader(pickle.Unpickler):
             found = super().find_class(module, name)
             if isinstance(found, type) and found.__module__ == module and _is_value(found):
                 return found
-        raise pickle.UnpicklingError(f"it holds {module}.{name}, which no value of this program does")
+        raise pickle.UnpicklingError(
+            f"it holds {module}.{name}, which no value of this program does"
+        )

@@ -22,14 +22,21 @@ def test_hats_are_the_identity_at_the_levels():
 
 
 def test_one_level_holds_everywhere():
-    np.testing.assert_array_equal(depth_weights(HAT, np.array([0.0, 77.0]), np.array([10.0])), [[1.0], [1.0]])
+    np.testing.assert_array_equal(
+        depth_weights(HAT, np.array([0.0, 77.0]), np.array([10.0])), [[1.0], [1.0]]
+    )
 
 
 @pytest.mark.parametrize("depth", [2.5, 33.0, 499.0])
 def test_gaussians_are_the_paper_s(depth):
     expected = [np.exp(-0.5 * ((depth - level) / 100.0) ** 2) for level in LEVELS]
-    np.testing.assert_allclose(depth_weights(GAUSSIAN, np.array([depth]), LEVELS)[0], expected, rtol=1e-13)
+    np.testing.assert_allclose(
+        depth_weights(GAUSSIAN, np.array([depth]), LEVELS)[0], expected, rtol=1e-13
+    )
 
 
 def test_gaussians_are_constant_above_the_first_level():
-    np.testing.assert_array_equal(depth_weights(GAUSSIAN, np.array([0.0]), LEVELS), depth_weights(GAUSSIAN, np.array([2.5]), LEVELS))
+    np.testing.assert_array_equal(
+        depth_weights(GAUSSIAN, np.array([0.0]), LEVELS),
+        depth_weights(GAUSSIAN, np.array([2.5]), LEVELS),
+    )

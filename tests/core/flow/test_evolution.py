@@ -20,7 +20,9 @@ Z, R = 3, 4
 AT = np.array([0.0, 2e3, -4e3]), np.array([0.0, -3e3, 5e3]), np.array([0.5, 60.0, 150.0])
 
 
-def evolving(n_trajectories: int = 5, n_local: int = 2, time_ns: int | None = TIME_NS) -> FlowEstimate:
+def evolving(
+    n_trajectories: int = 5, n_local: int = 2, time_ns: int | None = TIME_NS
+) -> FlowEstimate:
     """A flow of a random process with forecasts every six hours, two of them before the estimate's time."""
     rng = np.random.default_rng(4)
     still, times = synthetic_flow(n_modes=R), TIME_NS + HOUR * np.array([-8, -2, 4, 10])
@@ -36,7 +38,9 @@ def evolving(n_trajectories: int = 5, n_local: int = 2, time_ns: int | None = TI
     )
     factor = rng.normal(size=(n, n))
     cov = 0.05 * factor @ factor.T
-    return Evolution(process, rng.normal(size=still.latent.shape), rng.normal(size=n), lambda: cov, time_ns).flow(still, TIME_NS)
+    return Evolution(
+        process, rng.normal(size=still.latent.shape), rng.normal(size=n), lambda: cov, time_ns
+    ).flow(still, TIME_NS)
 
 
 def assert_equal_flows(one: FlowEstimate, other: FlowEstimate) -> None:
@@ -51,16 +55,25 @@ def test_six_hours_on_every_unknown_has_decayed_and_the_forecast_has_moved() -> 
     assert isinstance(evolution, Evolution)
     process, later = evolution.process, flow.at(TIME_NS + 6 * HOUR)
     # one third of the way from the forecast of 4 h to that of 10 h
-    mean, trajectories, spread = (2 / 3 * x[2] + 1 / 3 * x[3] for x in (process.mean, process.trajectories, process.spread))
+    mean, trajectories, spread = (
+        2 / 3 * x[2] + 1 / 3 * x[3] for x in (process.mean, process.trajectories, process.spread)
+    )
     kept = np.exp(-6.0 / np.array([50.0] * 5 + [10.0] * 2))
     loading = np.concatenate([trajectories, spread * process.local]).reshape(7, -1)
     weights = mean.ravel() + (kept * evolution.mean) @ loading
     cov = np.outer(kept, kept) * evolution.covariance() + np.diag(1.0 - kept**2)
-    np.testing.assert_allclose(later.latent, evolution.offset + flow.modes @ weights.reshape(Z, R).T, rtol=1e-12)
+    np.testing.assert_allclose(
+        later.latent, evolution.offset + flow.modes @ weights.reshape(Z, R).T, rtol=1e-12
+    )
     np.testing.assert_allclose(later.weight_cov, loading.T @ cov @ loading, rtol=1e-11, atol=1e-13)
     assert later.time_ns == TIME_NS + 6 * HOUR
     # in one step or in two
-    np.testing.assert_allclose(flow.at(TIME_NS + HOUR).at(TIME_NS + 6 * HOUR).weight_cov, later.weight_cov, rtol=1e-11, atol=1e-13)
+    np.testing.assert_allclose(
+        flow.at(TIME_NS + HOUR).at(TIME_NS + 6 * HOUR).weight_cov,
+        later.weight_cov,
+        rtol=1e-11,
+        atol=1e-13,
+    )
 
 
 def test_before_its_last_observation_an_estimate_stays_as_it_is() -> None:
@@ -70,13 +83,19 @@ def test_before_its_last_observation_an_estimate_stays_as_it_is() -> None:
 
 
 @pytest.mark.parametrize(("n_trajectories", "n_local"), [(5, 2), (0, 2), (5, 0)])
-def test_a_saved_estimate_changes_with_time_as_in_memory(tmp_path: Path, n_trajectories: int, n_local: int) -> None:
+def test_a_saved_estimate_changes_with_time_as_in_memory(
+    tmp_path: Path, n_trajectories: int, n_local: int
+) -> None:
     flow = evolving(n_trajectories, n_local)
     flow.save(tmp_path / "flow.nc")
     loaded = load(tmp_path / "flow.nc")
     for hours in (-3, 0, 1, 6, 40):
         assert_equal_flows(loaded.at(TIME_NS + hours * HOUR), flow.at(TIME_NS + hours * HOUR))
-    np.testing.assert_allclose(loaded.at(TIME_NS + HOUR).standard_error(*AT), flow.at(TIME_NS + HOUR).standard_error(*AT), rtol=1e-12)
+    np.testing.assert_allclose(
+        loaded.at(TIME_NS + HOUR).standard_error(*AT),
+        flow.at(TIME_NS + HOUR).standard_error(*AT),
+        rtol=1e-12,
+    )
     assert np.abs(flow.at(TIME_NS + 6 * HOUR).velocity(*AT) - flow.velocity(*AT)).max() > 0.1
     # and is the same when it is saved again
     assert save_bytes(loaded) == save_bytes(flow)
@@ -110,7 +129,9 @@ def test_a_static_estimate_holds_at_any_time_also_after_it_was_saved(flow: FlowE
         assert_equal_flows(later, replace(flow, time_ns=TIME_NS - HOUR))
 
 
-def test_files_of_version_2_open_without_a_model_of_time(flow: FlowEstimate, tmp_path: Path) -> None:
+def test_files_of_version_2_open_without_a_model_of_time(
+    flow: FlowEstimate, tmp_path: Path
+) -> None:
     flow.save(tmp_path / "flow.nc")
     with h5netcdf.File(tmp_path / "flow.nc", "a") as file:
         file.attrs["replay_kit_format_version"] = np.int32(2)
@@ -132,23 +153,40 @@ def test_files_of_version_3_open_with_the_kernel_of_the_grid_s_nodes(tmp_path: P
     assert_equal_flows(loaded.at(TIME_NS + HOUR), flow.at(TIME_NS + HOUR))
 
 
-def test_currents_drawn_through_time_have_the_estimate_s_moments_and_the_process_s_correlation() -> None:
+def test_currents_drawn_through_time_have_the_estimate_s_moments_and_the_process_s_correlation() -> (
+    None
+):
     flow, times = evolving(3, 1), [TIME_NS, TIME_NS + 3 * HOUR, TIME_NS + 9 * HOUR]
     evolution, count = flow.later, 4_000
     assert isinstance(evolution, Evolution)
     drawn = sample_through(flow, times, count, 5)
-    assert (len(drawn), [one.time_ns for one in drawn[0]], drawn[0][0].later) == (count, times, None)
+    assert (len(drawn), [one.time_ns for one in drawn[0]], drawn[0][0].later) == (
+        count,
+        times,
+        None,
+    )
     latent = np.array([[one.latent.ravel() for one in through] for through in drawn])
     expected = [flow.at(time_ns) for time_ns in times]
-    loading = [np.einsum("mr,nzr->nmz", flow.modes, evolution.process.loading(time_ns)).reshape(4, -1) for time_ns in times]
+    loading = [
+        np.einsum("mr,nzr->nmz", flow.modes, evolution.process.loading(time_ns)).reshape(4, -1)
+        for time_ns in times
+    ]
     decayed = [np.exp(-hours / np.array([50.0] * 3 + [10.0])) for hours in (0.0, 3.0, 9.0)]
     for k, one in enumerate(expected):
         scale = np.sqrt(np.diag(loading[k].T @ (covariance_of(evolution, decayed[k])) @ loading[k]))
-        np.testing.assert_allclose(latent[:, k].mean(axis=0), one.latent.ravel(), atol=5.0 * scale.max() / np.sqrt(count))
+        np.testing.assert_allclose(
+            latent[:, k].mean(axis=0), one.latent.ravel(), atol=5.0 * scale.max() / np.sqrt(count)
+        )
         # between the first time and a later one only the decay of the unknowns counts
         cross = loading[0].T @ (evolution.covariance() * decayed[k]) @ loading[k]
-        found = (latent[:, 0] - latent[:, 0].mean(axis=0)).T @ (latent[:, k] - latent[:, k].mean(axis=0)) / count
-        np.testing.assert_allclose(found, cross, atol=0.1 * np.abs(cross).max() + 0.06 * scale.max() ** 2)
+        found = (
+            (latent[:, 0] - latent[:, 0].mean(axis=0)).T
+            @ (latent[:, k] - latent[:, k].mean(axis=0))
+            / count
+        )
+        np.testing.assert_allclose(
+            found, cross, atol=0.1 * np.abs(cross).max() + 0.06 * scale.max() ** 2
+        )
         own = np.var(latent[:, k], axis=0)
         np.testing.assert_allclose(own, scale**2, rtol=0.2, atol=5e-3 * scale.max() ** 2)
     same = sample_through(flow, times, 2, 5)
@@ -161,7 +199,9 @@ def covariance_of(evolution: Evolution, kept: np.ndarray) -> np.ndarray:
 
 def test_currents_drawn_from_an_estimate_that_does_not_change_hold_at_all_times() -> None:
     flow = replace(synthetic_flow(), later=constant)
-    for through, one in zip(sample_through(flow, [TIME_NS, TIME_NS + HOUR], 2, 3), flow.sample(2, 3), strict=True):
+    for through, one in zip(
+        sample_through(flow, [TIME_NS, TIME_NS + HOUR], 2, 3), flow.sample(2, 3), strict=True
+    ):
         assert [each.time_ns for each in through] == [TIME_NS, TIME_NS + HOUR]
         np.testing.assert_array_equal([each.latent for each in through], [one.latent] * 2)
     with pytest.raises(EstimatorError, match="needs an estimate with a covariance"):

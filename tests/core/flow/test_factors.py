@@ -32,13 +32,17 @@ def factors(n_directions: int = S) -> tuple[CovarianceFactors, np.ndarray]:
     # one horizontal covariance serves the last two vertical functions
     each = prior.horizontal[[0, 1, 1]]
     rows = prior.factor.reshape(4, -1)
-    before = rows.T @ rows + sum(np.kron(np.outer(v, v), h) for v, h in zip(vertical, each, strict=True))
+    before = rows.T @ rows + sum(
+        np.kron(np.outer(v, v), h) for v, h in zip(vertical, each, strict=True)
+    )
     directions = rng.standard_normal((n_directions, R))
     inside = rng.standard_normal((5, Z * n_directions))
     spread = np.kron(np.eye(Z), directions)
     within = inside @ spread @ before @ spread.T @ inside.T
     matrix = inside.T @ np.linalg.solve(within + np.eye(5), inside)
-    _, after, _, _ = slow.kalman_update(np.zeros(Z * R), before, inside @ spread, np.zeros(5), np.eye(5))
+    _, after, _, _ = slow.kalman_update(
+        np.zeros(Z * R), before, inside @ spread, np.zeros(5), np.eye(5)
+    )
     return CovarianceFactors(prior, directions, 0.5 * (matrix + matrix.T)), after
 
 
@@ -52,8 +56,12 @@ def test_the_parts_are_those_of_the_textbook_s_covariance(n_directions: int) -> 
     ours, expected = factors(n_directions)
     by_level, atol = expected.reshape(Z, R, Z, R), 1e-12 * np.abs(expected).max()
     np.testing.assert_allclose(ours(None), expected, atol=atol)
-    np.testing.assert_allclose(ours((0, 2)), by_level[[0, 2]][:, :, [0, 2]].reshape(2 * R, -1), atol=atol)
-    np.testing.assert_allclose(ours.of_sum((0, 2)), by_level[[0, 2]][:, :, [0, 2]].sum(axis=(0, 2)), atol=4.0 * atol)
+    np.testing.assert_allclose(
+        ours((0, 2)), by_level[[0, 2]][:, :, [0, 2]].reshape(2 * R, -1), atol=atol
+    )
+    np.testing.assert_allclose(
+        ours.of_sum((0, 2)), by_level[[0, 2]][:, :, [0, 2]].sum(axis=(0, 2)), atol=4.0 * atol
+    )
     np.testing.assert_array_equal(ours(None), ours(None).T)
 
 
@@ -78,7 +86,9 @@ def test_rows_without_noise_leave_no_scatter_in_samples() -> None:
 
 
 @pytest.mark.parametrize("n_directions", [0, S])
-def test_files_and_pickles_hold_the_factors_and_give_the_same_samples(flow: FlowEstimate, n_directions: int) -> None:
+def test_files_and_pickles_hold_the_factors_and_give_the_same_samples(
+    flow: FlowEstimate, n_directions: int
+) -> None:
     kept = flow_with(flow, n_directions)
     data = save_bytes(kept)
     for again in (load_bytes(data, "flow"), pickle.loads(pickle.dumps(kept))):
@@ -92,7 +102,9 @@ def test_files_and_pickles_hold_the_factors_and_give_the_same_samples(flow: Flow
     np.testing.assert_allclose(kept.standard_error(*place), dense.standard_error(*place), rtol=1e-9)
 
 
-def test_a_matrix_is_stored_by_half_and_one_of_version_4_still_opens(flow: FlowEstimate, tmp_path) -> None:
+def test_a_matrix_is_stored_by_half_and_one_of_version_4_still_opens(
+    flow: FlowEstimate, tmp_path
+) -> None:
     path = tmp_path / "flow.nc"
     flow = replace(flow, covariance=0.5 * (flow.weight_cov + flow.weight_cov.T))
     flow.save(path)
@@ -100,9 +112,15 @@ def test_a_matrix_is_stored_by_half_and_one_of_version_4_still_opens(flow: FlowE
         dataset = opened.load()
     assert dataset["weight_cov"].shape == (half_size(len(flow.weight_cov)),)
     np.testing.assert_array_equal(load(path).weight_cov, flow.weight_cov)
-    old = dataset.drop_vars("weight_cov").assign(weight_cov=(("weight", "weight_2"), flow.weight_cov))
+    old = dataset.drop_vars("weight_cov").assign(
+        weight_cov=(("weight", "weight_2"), flow.weight_cov)
+    )
     old.attrs["replay_kit_format_version"] = 4
-    old.to_netcdf(path, engine="h5netcdf", encoding={str(name): {"_FillValue": None} for name in old.variables})
+    old.to_netcdf(
+        path,
+        engine="h5netcdf",
+        encoding={str(name): {"_FillValue": None} for name in old.variables},
+    )
     np.testing.assert_array_equal(load(path).weight_cov, flow.weight_cov)
 
 

@@ -34,13 +34,19 @@ def assert_same_flow(one: FlowEstimate, other: FlowEstimate) -> None:
     for name in ("longitude", "latitude", "east", "north", "levels", "wet"):
         assert bits(getattr(one.grid, name)) == bits(getattr(other.grid, name)), name
     assert one.grid.projection == other.grid.projection
-    assert (one.horizontal.key, one.depth_functions, one.time_ns) == (other.horizontal.key, other.depth_functions, other.time_ns)
+    assert (one.horizontal.key, one.depth_functions, one.time_ns) == (
+        other.horizontal.key,
+        other.depth_functions,
+        other.time_ns,
+    )
 
 
 @pytest.mark.parametrize("kind", ["hat", "gaussian"])
 @pytest.mark.parametrize("n_modes", [0, 4])
 @pytest.mark.parametrize("time_ns", [None, 1_700_000_000_123_456_789])
-def test_lossless_round_trip(make_flow, tmp_path: Path, kind: str, n_modes: int, time_ns: int | None) -> None:
+def test_lossless_round_trip(
+    make_flow, tmp_path: Path, kind: str, n_modes: int, time_ns: int | None
+) -> None:
     flow = replace(make_flow(kind, n_modes), time_ns=time_ns)
     save(flow, tmp_path / "flow.nc")
     assert_same_flow(flow, load(tmp_path / "flow.nc"))
@@ -79,10 +85,15 @@ def test_load_refuses_other_files(flow: FlowEstimate, tmp_path: Path) -> None:
     with pytest.raises(ForecastError, match="cannot read"):
         load(path)
     path.write_bytes(b"no NetCDF at all")
-    with pytest.raises(ForecastError, match=r"expected a file of --save-estimate \(NetCDF-4\), but it is none or is damaged"):
+    with pytest.raises(
+        ForecastError,
+        match=r"expected a file of --save-estimate \(NetCDF-4\), but it is none or is damaged",
+    ):
         load(path)
     write_grid(flow, path)
-    with pytest.raises(ForecastError, match="expected a file of --save-estimate, got another NetCDF file"):
+    with pytest.raises(
+        ForecastError, match="expected a file of --save-estimate, got another NetCDF file"
+    ):
         load(path)
 
 
@@ -98,18 +109,26 @@ def version_1(flow: FlowEstimate, path: Path) -> None:
     save(flow, path)
     with xr.open_dataset(path, engine="h5netcdf", decode_cf=False) as opened:
         dataset = before_version_4(opened.load())
-    dataset = dataset.drop_vars("time", errors="ignore").assign(wet=dataset["wet"].transpose("depth", "y", "x"))
+    dataset = dataset.drop_vars("time", errors="ignore").assign(
+        wet=dataset["wet"].transpose("depth", "y", "x")
+    )
     if flow.time_ns is not None:
         dataset["time"] = ((), np.int64(flow.time_ns))
     dataset.attrs["replay_kit_format_version"] = 1
     for name in ("Conventions", "title", "history"):
         del dataset.attrs[name]
-    dataset.to_netcdf(path, engine="h5netcdf", encoding={str(name): {"_FillValue": None} for name in dataset.variables})
+    dataset.to_netcdf(
+        path,
+        engine="h5netcdf",
+        encoding={str(name): {"_FillValue": None} for name in dataset.variables},
+    )
 
 
 @pytest.mark.parametrize("n_modes", [0, 4])
 @pytest.mark.parametrize("time_ns", [None, 1_700_000_000_123_456_789])
-def test_files_of_version_1_still_open(make_flow, tmp_path: Path, n_modes: int, time_ns: int | None) -> None:
+def test_files_of_version_1_still_open(
+    make_flow, tmp_path: Path, n_modes: int, time_ns: int | None
+) -> None:
     flow = replace(make_flow(n_modes=n_modes), time_ns=time_ns)
     version_1(flow, tmp_path / "flow.nc")
     assert_same_flow(flow, load(tmp_path / "flow.nc"))
@@ -118,11 +137,21 @@ def test_files_of_version_1_still_open(make_flow, tmp_path: Path, n_modes: int, 
 @pytest.mark.parametrize("n_modes", [0, 4])
 def test_a_flow_on_a_lattice_survives_a_file_and_a_pickle(flow: FlowEstimate, n_modes: int) -> None:
     lattice, rng = lattice_over(flow.horizontal.kernel, flow.nodes), np.random.default_rng(0)
-    latent, modes = rng.normal(size=(lattice.size, flow.levels.size)), rng.normal(size=(lattice.size, n_modes))
-    on_lattice = replace(flow if n_modes else flow.mean_flow(), horizontal=lattice, latent=latent, modes=modes)
-    for again in (load_bytes(save_bytes(on_lattice), "flow"), pickle.loads(pickle.dumps(on_lattice))):
+    latent, modes = (
+        rng.normal(size=(lattice.size, flow.levels.size)),
+        rng.normal(size=(lattice.size, n_modes)),
+    )
+    on_lattice = replace(
+        flow if n_modes else flow.mean_flow(), horizontal=lattice, latent=latent, modes=modes
+    )
+    for again in (
+        load_bytes(save_bytes(on_lattice), "flow"),
+        pickle.loads(pickle.dumps(on_lattice)),
+    ):
         assert_same_flow(on_lattice, again)
-        np.testing.assert_array_equal(again.velocity(1e3, 2e3, 60.0), on_lattice.velocity(1e3, 2e3, 60.0))
+        np.testing.assert_array_equal(
+            again.velocity(1e3, 2e3, 60.0), on_lattice.velocity(1e3, 2e3, 60.0)
+        )
 
 
 def test_nodes_that_are_not_the_grid_s_survive(flow: FlowEstimate) -> None:
@@ -138,18 +167,27 @@ def test_functions_that_nobody_knows_are_refused(flow: FlowEstimate, tmp_path: P
         load(tmp_path / "flow.nc")
 
 
-@pytest.mark.parametrize("time_ns", [0, 1, 999_999_999, 1_700_000_000_000_000_001, 4_102_444_799_999_999_999])
-def test_the_time_is_exact_and_other_readers_have_it_to_the_microsecond(flow: FlowEstimate, time_ns: int) -> None:
+@pytest.mark.parametrize(
+    "time_ns", [0, 1, 999_999_999, 1_700_000_000_000_000_001, 4_102_444_799_999_999_999]
+)
+def test_the_time_is_exact_and_other_readers_have_it_to_the_microsecond(
+    flow: FlowEstimate, time_ns: int
+) -> None:
     data = save_bytes(replace(flow, time_ns=time_ns))
     assert load_bytes(data, "flow").time_ns == time_ns
     with xr.open_dataset(io.BytesIO(data), engine="h5netcdf") as dataset:
         assert abs(dataset["time"].values - np.datetime64(time_ns, "ns")) < np.timedelta64(1, "us")
 
 
-def test_history_names_program_version_and_estimate_and_no_time_of_writing(flow: FlowEstimate) -> None:
+def test_history_names_program_version_and_estimate_and_no_time_of_writing(
+    flow: FlowEstimate,
+) -> None:
     expected = f"replay-kit {__version__}: to_dataset(flow, time = 2023-11-14T22:13:20.123456789Z)"
     assert to_dataset(flow).attrs["history"] == expected
-    assert to_dataset(replace(flow, time_ns=None)).attrs["history"] == f"replay-kit {__version__}: to_dataset(flow)"
+    assert (
+        to_dataset(replace(flow, time_ns=None)).attrs["history"]
+        == f"replay-kit {__version__}: to_dataset(flow)"
+    )
 
 
 def test_load_refuses_other_versions_and_damage(flow: FlowEstimate, tmp_path: Path) -> None:
@@ -163,7 +201,9 @@ def test_load_refuses_other_versions_and_damage(flow: FlowEstimate, tmp_path: Pa
     with pytest.raises(ForecastError):
         load_bytes(data[: len(data) // 2], "half")
     with pytest.raises(ForecastError, match="do not fit"):
-        load_bytes(save_bytes(replace(flow, latent=flow.latent[:-2], modes=flow.modes[:-2])), "mismatch")
+        load_bytes(
+            save_bytes(replace(flow, latent=flow.latent[:-2], modes=flow.modes[:-2])), "mismatch"
+        )
 
 
 def test_a_failed_write_leaves_nothing(flow: FlowEstimate, tmp_path: Path) -> None:
@@ -176,11 +216,17 @@ def test_dataset_says_what_cf_asks(flow: FlowEstimate) -> None:
     dataset = to_dataset(flow)
     assert dataset.attrs["Conventions"] == "CF-1.8"
     assert dataset.u.dims == ("depth", "y", "x")
-    for name, standard_name in (("u", "eastward_sea_water_velocity"), ("v", "northward_sea_water_velocity")):
+    for name, standard_name in (
+        ("u", "eastward_sea_water_velocity"),
+        ("v", "northward_sea_water_velocity"),
+    ):
         assert dataset[name].attrs["standard_name"] == standard_name
         assert dataset[name].attrs["units"] == "m s-1"
         assert dataset[name].attrs["ancillary_variables"] == f"{name}_standard_error"
-        assert dataset[f"{name}_standard_error"].attrs["standard_name"] == f"{standard_name} standard_error"
+        assert (
+            dataset[f"{name}_standard_error"].attrs["standard_name"]
+            == f"{standard_name} standard_error"
+        )
         assert dataset[f"{name}_standard_error"].attrs["units"] == "m s-1"
     assert dataset.depth.attrs == {
         "standard_name": "depth",
@@ -209,7 +255,9 @@ def test_vectors_turn_to_true_axes_on_a_wide_region(make_flow, kind: str) -> Non
     bearing = grid_bearing_of_true_north(grid.projection, grid.longitude, grid.latitude)
     assert np.rad2deg(np.abs(bearing).max()) > 5.0
     local = flow.velocity(grid.east, grid.north, grid.levels[:, None, None])
-    u, v = rotate_to_geographic(grid.projection, grid.longitude, grid.latitude, local[..., 0], local[..., 1])
+    u, v = rotate_to_geographic(
+        grid.projection, grid.longitude, grid.latitude, local[..., 0], local[..., 1]
+    )
     dataset = to_dataset(flow)
     np.testing.assert_allclose(dataset.u.values[grid.wet], u[grid.wet], rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose(dataset.v.values[grid.wet], v[grid.wet], rtol=1e-8, atol=1e-12)
@@ -227,12 +275,18 @@ def test_standard_errors_turn_with_their_covariance(make_flow, kind: str) -> Non
         for name in total:
             total[name] = total[name] + to_dataset(part, **axes)[name].values ** 2
     for name, variance in total.items():
-        np.testing.assert_allclose(dataset[f"{name}_standard_error"].values ** 2, variance, rtol=1e-10)
+        np.testing.assert_allclose(
+            dataset[f"{name}_standard_error"].values ** 2, variance, rtol=1e-10
+        )
 
 
 def test_standard_error_at_the_centre_is_the_flow_s_own(flow: FlowEstimate) -> None:
     dataset = to_dataset(flow, [5.0], [62.0], [25.0, 90.0])
-    np.testing.assert_allclose(dataset.u_standard_error.values[:, 0, 0], flow.standard_error(0.0, 0.0, [25.0, 90.0])[:, 0], rtol=1e-9)
+    np.testing.assert_allclose(
+        dataset.u_standard_error.values[:, 0, 0],
+        flow.standard_error(0.0, 0.0, [25.0, 90.0])[:, 0],
+        rtol=1e-9,
+    )
 
 
 def test_product_grid(flow: FlowEstimate) -> None:
@@ -242,7 +296,9 @@ def test_product_grid(flow: FlowEstimate) -> None:
     assert (dataset.longitude.attrs["axis"], dataset.latitude.attrs["axis"]) == ("X", "Y")
     east, north = to_local(flow.grid.projection, 5.1, 62.05)
     expected = np.hypot(*flow.velocity(east, north, 25.0))
-    assert float(np.hypot(dataset.u, dataset.v).sel(longitude=5.1, latitude=62.05, depth=25.0)) == pytest.approx(expected, rel=1e-10)
+    assert float(
+        np.hypot(dataset.u, dataset.v).sel(longitude=5.1, latitude=62.05, depth=25.0)
+    ) == pytest.approx(expected, rel=1e-10)
     # the third depth is below the last level
     assert np.isfinite(dataset.u.values[:2]).all()
 
@@ -272,7 +328,9 @@ def test_below_the_last_level_nothing_is_known_of_velocity_or_error(flow: FlowEs
 
 def test_wet_at_agrees_with_the_grid(flow: FlowEstimate) -> None:
     grid = flow.grid
-    np.testing.assert_array_equal(wet_at(grid, grid.east, grid.north, grid.levels[:, None, None]), grid.wet)
+    np.testing.assert_array_equal(
+        wet_at(grid, grid.east, grid.north, grid.levels[:, None, None]), grid.wet
+    )
     assert wet_at(grid, 2_500.0, 2_500.0, 10.0)
     assert not wet_at(grid, 19_000.0, 0.0, 10.0)
 

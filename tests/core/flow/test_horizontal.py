@@ -22,7 +22,9 @@ def test_equals_the_block_written_out():
     for i, point in enumerate(POINTS):
         for j, node in enumerate(NODES):
             block = kernel_3d((*point, 0.0), (*node, 0.0), (9_000.0, 11_000.0, 1.0), 0.2)
-            np.testing.assert_allclose(ours[np.ix_([i, 7 + i], [j, 5 + j])], block, rtol=1e-12, atol=1e-16)
+            np.testing.assert_allclose(
+                ours[np.ix_([i, 7 + i], [j, 5 + j])], block, rtol=1e-12, atol=1e-16
+            )
 
 
 def test_is_speed_squared_at_zero_distance_when_lengths_agree():

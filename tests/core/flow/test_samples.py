@@ -10,16 +10,25 @@ from replay_kit.core.flow.estimate import FlowEstimate
 
 
 def test_the_factor_is_that_of_the_covariance_and_is_kept(flow: FlowEstimate) -> None:
-    np.testing.assert_allclose(flow.weight_factor @ flow.weight_factor.T, flow.weight_cov, atol=1e-14)
+    np.testing.assert_allclose(
+        flow.weight_factor @ flow.weight_factor.T, flow.weight_cov, atol=1e-14
+    )
     assert flow.weight_factor is flow.weight_factor
     first, second = flow.sample(2, 5), flow.sample(2, 5)
     np.testing.assert_array_equal([one.latent for one in first], [one.latent for one in second])
     # its twin: each weight of each sample is a sum over the factor's columns
-    weights = flow.weight_factor @ np.random.default_rng(5).standard_normal((flow.weight_factor.shape[1], 2))
+    weights = flow.weight_factor @ np.random.default_rng(5).standard_normal(
+        (flow.weight_factor.shape[1], 2)
+    )
     for k, sample in enumerate(first):
         for level in range(flow.levels.size):
             own = weights[level * flow.n_modes : (level + 1) * flow.n_modes, k]
-            np.testing.assert_allclose(sample.latent[:, level], flow.latent[:, level] + flow.modes @ own, rtol=1e-12, atol=1e-15)
+            np.testing.assert_allclose(
+                sample.latent[:, level],
+                flow.latent[:, level] + flow.modes @ own,
+                rtol=1e-12,
+                atol=1e-15,
+            )
 
 
 @pytest.mark.parametrize("rank", [0, 2])

@@ -13,7 +13,11 @@ from tests import synthetic
 from tests.reference.lattice import matrix as functions_at
 
 ENSEMBLE = synthetic.ensemble(n_members=6, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
-EAST, NORTH, DEPTH = np.array([1e3, -4e3, 1e3]), np.array([2e3, 0.0, 2e3]), np.array([5.0, 60.0, 180.0])
+EAST, NORTH, DEPTH = (
+    np.array([1e3, -4e3, 1e3]),
+    np.array([2e3, 0.0, 2e3]),
+    np.array([5.0, 60.0, 180.0]),
+)
 
 
 @pytest.fixture(scope="module", params=["posterior", "file", "matrix"])
@@ -23,7 +27,12 @@ def flow(request, tmp_path_factory):
     state = estimator.initial()
     for number in range(3):
         values = 0.1 * np.random.default_rng(number).standard_normal((4, 2))
-        state, _ = estimator.step(state, synthetic.profile(ENSEMBLE.grid, 2e3 * number, 0.0, depth, values, 0.05, time_ns=number))
+        state, _ = estimator.step(
+            state,
+            synthetic.profile(
+                ENSEMBLE.grid, 2e3 * number, 0.0, depth, values, 0.05, time_ns=number
+            ),
+        )
     flow = estimator.flow(state)
     if request.param == "file":
         path = tmp_path_factory.mktemp("flow") / "flow.nc"
@@ -39,7 +48,9 @@ def test_it_is_the_textbook_s_product(flow):
     weights = depth_weights(flow.depth_functions, DEPTH, flow.levels)
     design = np.array([np.kron(weights[row % 3], places[row]) for row in range(6)])
     expected = design @ flow.weight_cov @ design.T
-    np.testing.assert_allclose(flow.velocity_covariance(EAST, NORTH, DEPTH), expected, atol=1e-9 * expected.max())
+    np.testing.assert_allclose(
+        flow.velocity_covariance(EAST, NORTH, DEPTH), expected, atol=1e-9 * expected.max()
+    )
 
 
 def test_its_diagonal_is_the_standard_error_squared(flow):

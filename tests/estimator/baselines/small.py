@@ -68,5 +68,7 @@ def local_twin(places, values, radius, column):
     observed = np.concatenate([members_at(place).reshape(5, -1) for place in places], axis=1)
     taper = [slow.gaspari_cohn(np.hypot(*(GRID.nodes[column] - place)), radius) for place in places]
     precision = np.repeat(np.array(taper) / STD**2, 2 * DEPTHS.size)
-    mean, anomalies = slow.letkf_column(here, observed, np.concatenate([v.ravel() for v in values]), precision)
+    mean, anomalies = slow.letkf_column(
+        here, observed, np.concatenate([v.ravel() for v in values]), precision
+    )
     return mean.reshape(-1, 2), anomalies.reshape(5, -1, 2)

@@ -39,8 +39,14 @@ def test_nearest_is_the_member_of_least_squares():
     at_profiles = [members_at(place) for place in places]
     expected = slow.nearest(at_profiles, values, [STD] * 4)
     assert estimator.chosen(state) == expected
-    np.testing.assert_allclose(said[-1].residual, values[-1] - at_profiles[-1][expected], atol=1e-10)
-    np.testing.assert_allclose(estimator.innovation(state, observations[0]), values[0] - at_profiles[0][expected], atol=1e-10)
+    np.testing.assert_allclose(
+        said[-1].residual, values[-1] - at_profiles[-1][expected], atol=1e-10
+    )
+    np.testing.assert_allclose(
+        estimator.innovation(state, observations[0]),
+        values[0] - at_profiles[0][expected],
+        atol=1e-10,
+    )
     np.testing.assert_allclose(at_nodes(estimator.flow(state)), MEMBERS[expected], atol=2e-3)
     assert np.isnan(said[-1].nis)
 
@@ -69,12 +75,16 @@ def test_naive_equals_a_textbook_filter_on_whole_member_modes():
         return design
 
     modes, mean, cov = slow.naive(MEMBERS, [seen_at(place) for place in places], values, [STD] * 5)
-    np.testing.assert_allclose(np.einsum("m,mzn->zn", state.mean, estimator.velocity).ravel(), modes @ mean, atol=1e-10)
+    np.testing.assert_allclose(
+        np.einsum("m,mzn->zn", state.mean, estimator.velocity).ravel(), modes @ mean, atol=1e-10
+    )
     flow = estimator.flow(state)
     np.testing.assert_allclose(at_nodes(flow), (modes @ mean).reshape(3, -1), atol=2e-3)
     std = np.sqrt(np.diag(modes @ cov @ modes.T)).reshape(3, -1)
     np.testing.assert_allclose(std_at_nodes(flow), std, atol=1e-3)
-    np.testing.assert_allclose(estimator.innovation(state, observations[-1]), said[-1].residual, atol=1e-12)
+    np.testing.assert_allclose(
+        estimator.innovation(state, observations[-1]), said[-1].residual, atol=1e-12
+    )
 
 
 def test_etkf_equals_the_kalman_filter_with_the_sample_covariance():
@@ -85,12 +95,18 @@ def test_etkf_equals_the_kalman_filter_with_the_sample_covariance():
     state, said = run(estimator, observations)
     flow, other = estimator.flow(state), textbook.flow(expected)
     np.testing.assert_allclose(flow.latent, other.latent, atol=1e-9 * np.abs(other.latent).max())
-    np.testing.assert_allclose(flow.weight_cov, other.weight_cov, atol=1e-10 * np.abs(textbook.prior.covariance()).max())
+    np.testing.assert_allclose(
+        flow.weight_cov, other.weight_cov, atol=1e-10 * np.abs(textbook.prior.covariance()).max()
+    )
     for ours, theirs in zip(said, expected_said, strict=True):
         assert ours.nis == pytest.approx(theirs.nis, rel=1e-9)
         for name in ("innovation", "innovation_std", "residual", "prior_innovation"):
             np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-10)
-    np.testing.assert_allclose(estimator.innovation(state, observations[2]), textbook.innovation(expected, observations[2]), atol=1e-10)
+    np.testing.assert_allclose(
+        estimator.innovation(state, observations[2]),
+        textbook.innovation(expected, observations[2]),
+        atol=1e-10,
+    )
 
 
 def test_etkf_keeps_the_anomalies_centred():
@@ -105,7 +121,9 @@ def test_the_ensemble_s_mean_does_not_learn():
     state, said = run(estimator, observations)
     assert state is not None
     np.testing.assert_allclose(at_nodes(estimator.flow(state)), MEMBERS.mean(axis=0), atol=2e-3)
-    np.testing.assert_allclose(std_at_nodes(estimator.flow(state)), MEMBERS.std(axis=0, ddof=1), atol=2e-3)
+    np.testing.assert_allclose(
+        std_at_nodes(estimator.flow(state)), MEMBERS.std(axis=0, ddof=1), atol=2e-3
+    )
     np.testing.assert_array_equal(said[2].innovation, said[2].prior_innovation)
     np.testing.assert_array_equal(said[2].innovation, said[2].residual)
 
@@ -122,7 +140,9 @@ def test_letkf_equals_hunt_s_analysis_column_by_column():
         mean, anomalies = local_twin(places, values, radius, column)
         both = [column, column + n_nodes]
         np.testing.assert_allclose(found[:, both], mean, atol=3e-3)
-        np.testing.assert_allclose(spread[:, both], np.sqrt(np.sum(anomalies**2, axis=0)), atol=2e-3)
+        np.testing.assert_allclose(
+            spread[:, both], np.sqrt(np.sum(anomalies**2, axis=0)), atol=2e-3
+        )
 
 
 def test_letkf_without_a_taper_is_the_etkf():
@@ -137,7 +157,9 @@ def test_letkf_without_a_taper_is_the_etkf():
     for ours, theirs in zip(said, other_said, strict=True):
         assert ours.nis == pytest.approx(theirs.nis, rel=1e-6)
         np.testing.assert_allclose(ours.innovation_std, theirs.innovation_std, rtol=1e-6)
-    np.testing.assert_allclose(at_nodes(local.flow(state)), at_nodes(everywhere.flow(other)), atol=1e-5)
+    np.testing.assert_allclose(
+        at_nodes(local.flow(state)), at_nodes(everywhere.flow(other)), atol=1e-5
+    )
     expected = everywhere.innovation(other, observations[0])
     np.testing.assert_allclose(local.innovation(state, observations[0]), expected, atol=1e-6)
     assert values[0].shape == expected.shape
@@ -156,7 +178,9 @@ def test_letkf_knows_nothing_beyond_its_radius():
 
 def test_the_taper_is_gaspari_and_cohn_s():
     distance = np.linspace(0.0, 30.0, 61)
-    np.testing.assert_allclose(gaspari_cohn(distance, 20.0), [slow.gaspari_cohn(d, 20.0) for d in distance], atol=1e-14)
+    np.testing.assert_allclose(
+        gaspari_cohn(distance, 20.0), [slow.gaspari_cohn(d, 20.0) for d in distance], atol=1e-14
+    )
 
 
 def test_gp_equals_the_finite_model_written_out():
@@ -165,7 +189,9 @@ def test_gp_equals_the_finite_model_written_out():
     estimator = build_gp(SMALL, EstimatorConfig(length_horizontal=length, modes=None))
     state, _ = run(estimator, observations)
     depth_cov = second_moments(MEMBERS)
-    mean, cov = slow.gp_at_nodes(GRID.nodes, GRID.levels, length, depth_cov, places, DEPTHS, values, [STD] * 4)
+    mean, cov = slow.gp_at_nodes(
+        GRID.nodes, GRID.levels, length, depth_cov, places, DEPTHS, values, [STD] * 4
+    )
     flow = estimator.flow(state)
     # modes that carry less than 1e-4 of the variance are left out
     np.testing.assert_allclose(at_nodes(flow), mean.reshape(3, -1), atol=2e-3)
@@ -176,7 +202,9 @@ def test_gp_prior_has_zero_mean_and_the_members_strength():
     estimator = build_baseline("gp", SMALL, EstimatorConfig(modes=None))
     flow = estimator.flow(estimator.initial())
     expected = np.sqrt(np.mean(MEMBERS**2, axis=(0, 2)))
-    np.testing.assert_allclose(std_at_nodes(flow), np.broadcast_to(expected[:, None], (3, 2 * len(GRID.nodes))), rtol=1e-2)
+    np.testing.assert_allclose(
+        std_at_nodes(flow), np.broadcast_to(expected[:, None], (3, 2 * len(GRID.nodes))), rtol=1e-2
+    )
     np.testing.assert_array_equal(flow.latent, 0.0)
 
 
@@ -185,27 +213,40 @@ def test_gp_finds_the_length_that_made_the_fields():
     length = 17_000.0
     covariance = slow.kernel_matrix(grid.nodes, grid.nodes, length, length)
     values, vectors = np.linalg.eigh(covariance)
-    draws = np.random.default_rng(0).standard_normal((60, 2, values.size)) * np.sqrt(np.maximum(values, 0.0))
+    draws = np.random.default_rng(0).standard_normal((60, 2, values.size)) * np.sqrt(
+        np.maximum(values, 0.0)
+    )
     fields = (0.4 * draws @ vectors.T).reshape(60, 2, 2, 7, 8).transpose(0, 2, 1, 3, 4)
     few = synthetic.ensemble(n_members=2, shape=(7, 8), levels=np.array([5.0, 90.0])).grid
     ensemble = type(SMALL)(few, fields, None, "drawn")
-    assert fit_length(ensemble, second_moments(ensemble_slices(ensemble))) == pytest.approx(length, rel=0.06)
+    assert fit_length(ensemble, second_moments(ensemble_slices(ensemble))) == pytest.approx(
+        length, rel=0.06
+    )
 
 
 @pytest.mark.parametrize(("rough", "cells"), [(1.0, 0.7), (0.0, 12.0)])
-def test_gp_takes_noise_for_the_shortest_length_tried_and_a_uniform_current_for_the_longest(rough, cells):
+def test_gp_takes_noise_for_the_shortest_length_tried_and_a_uniform_current_for_the_longest(
+    rough, cells
+):
     grid = synthetic.ensemble(n_members=2, shape=(7, 8), levels=np.array([5.0])).grid
     rng = np.random.default_rng(3)
-    fields = rough * rng.standard_normal((60, 2, 1, 7, 8)) + (1.0 - rough) * rng.standard_normal((60, 2, 1, 1, 1))
+    fields = rough * rng.standard_normal((60, 2, 1, 7, 8)) + (1.0 - rough) * rng.standard_normal(
+        (60, 2, 1, 1, 1)
+    )
     ensemble = type(SMALL)(grid, fields, None, "drawn")
     cell = np.sqrt(np.prod(cell_size(grid)))
-    assert fit_length(ensemble, second_moments(ensemble_slices(ensemble))) == pytest.approx(cells * cell, rel=0.03)
+    assert fit_length(ensemble, second_moments(ensemble_slices(ensemble))) == pytest.approx(
+        cells * cell, rel=0.03
+    )
 
 
 @pytest.mark.parametrize("preset", ["default", "paper"])
 def test_depth_average_is_the_thickness_weighted_mean(preset):
     config = EstimatorConfig(preset=preset, modes=8)
-    estimator, full = build_baseline("depth_average", SMALL, config, depth=150.0), build_estimator(SMALL, config)
+    estimator, full = (
+        build_baseline("depth_average", SMALL, config, depth=150.0),
+        build_estimator(SMALL, config),
+    )
     observations, _, _ = profiles(3)
     state, said = run(estimator, observations)
     _, full_said = run(full, observations)
@@ -216,8 +257,15 @@ def test_depth_average_is_the_thickness_weighted_mean(preset):
     expected = np.trapezoid(fine, depths, axis=0) / 150.0
     for depth in (0.0, 60.0, 400.0):
         np.testing.assert_allclose(averaged.velocity(2_000.0, -1_000.0, depth), expected, atol=1e-5)
-    drawn = np.array([np.trapezoid(s.velocity(0.0, 0.0, depths[::30]), depths[::30], axis=0) / 150.0 for s in flow.sample(400, seed=0)])
-    np.testing.assert_allclose(averaged.standard_error(0.0, 0.0, 30.0), drawn.std(axis=0), rtol=0.12)
+    drawn = np.array(
+        [
+            np.trapezoid(s.velocity(0.0, 0.0, depths[::30]), depths[::30], axis=0) / 150.0
+            for s in flow.sample(400, seed=0)
+        ]
+    )
+    np.testing.assert_allclose(
+        averaged.standard_error(0.0, 0.0, 30.0), drawn.std(axis=0), rtol=0.12
+    )
 
 
 def test_depth_average_needs_no_uncertainty():
@@ -243,13 +291,18 @@ def test_an_unusable_profile_changes_nothing(name):
 def test_a_profile_partly_below_the_grid_is_used_in_part(name):
     estimator = build_baseline(name, SMALL, CONFIG, depth=100.0)
     depth = np.array([50.0, 150.0, 250.0])
-    _, said = estimator.step(estimator.initial(), synthetic.profile(GRID, 0.0, 0.0, depth, np.full((3, 2), 0.1)))
+    _, said = estimator.step(
+        estimator.initial(), synthetic.profile(GRID, 0.0, 0.0, depth, np.full((3, 2), 0.1))
+    )
     assert said.dof == 4
     assert np.isfinite(said.innovation[:2]).all()
     assert np.isnan(said.innovation[2]).all()
 
 
-@pytest.mark.parametrize(("name", "depth", "text"), [("kriging", None, "or one of"), ("depth_average", None, "depth > 0")])
+@pytest.mark.parametrize(
+    ("name", "depth", "text"),
+    [("kriging", None, "or one of"), ("depth_average", None, "depth > 0")],
+)
 def test_what_cannot_be_built_is_said(name, depth, text):
     with pytest.raises(ConfigError, match=text):
         build_baseline(name, SMALL, CONFIG, depth)
@@ -266,10 +319,18 @@ def test_the_paper_s_error_model_holds_for_the_paper_s_baseline():
 def test_local_values_are_rotated_like_the_estimator_s():
     observation = profiles(1)[0][0]
     place = to_local(GRID.projection, observation.longitude, observation.latitude)
-    local = np.column_stack(rotate_to_local(GRID.projection, observation.longitude, observation.latitude, *observation.velocity.T))
+    local = np.column_stack(
+        rotate_to_local(
+            GRID.projection, observation.longitude, observation.latitude, *observation.velocity.T
+        )
+    )
     estimator = build_baseline("nearest", SMALL, CONFIG)
     _, said = estimator.step(estimator.initial(), observation)
-    np.testing.assert_allclose(local - said.prior_innovation, members_at(np.array(place))[estimator.chosen(estimator.initial())], atol=1e-9)
+    np.testing.assert_allclose(
+        local - said.prior_innovation,
+        members_at(np.array(place))[estimator.chosen(estimator.initial())],
+        atol=1e-9,
+    )
 
 
 def test_kalman_twin_agrees_with_the_naive_filter_s_covariance():
@@ -280,7 +341,9 @@ def test_kalman_twin_agrees_with_the_naive_filter_s_covariance():
     seen = slow.design_of_members(estimator.velocity, GRID.levels, from_nodes(place), DEPTHS)
     design = seen.reshape(len(seen), -1).T
     prior = estimator.initial()
-    mean, cov, nis, s = kalman_update(prior.mean, prior.cov, design, values[0].ravel(), STD**2 * np.eye(design.shape[0]))
+    mean, cov, nis, s = kalman_update(
+        prior.mean, prior.cov, design, values[0].ravel(), STD**2 * np.eye(design.shape[0])
+    )
     np.testing.assert_allclose(state.mean, mean, atol=1e-9)
     np.testing.assert_allclose(state.cov, cov, atol=1e-9)
     assert said.nis == pytest.approx(nis, rel=1e-8)

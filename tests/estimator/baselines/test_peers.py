@@ -17,7 +17,16 @@ from replay_kit.estimator.baselines.gp import build_gp, second_moments
 from replay_kit.estimator.baselines.letkf import build_letkf
 from replay_kit.estimator.prior.localised import gaspari_cohn
 from tests import synthetic
-from tests.estimator.baselines.small import DEPTHS, GRID, MEMBERS, SMALL, STD, at_nodes, profiles, run
+from tests.estimator.baselines.small import (
+    DEPTHS,
+    GRID,
+    MEMBERS,
+    SMALL,
+    STD,
+    at_nodes,
+    profiles,
+    run,
+)
 from tests.reference.lattice import matrix as functions_at
 
 with warnings.catch_warnings():
@@ -35,7 +44,9 @@ def uncompressed_rows(estimator, place):
     weights = depth_weights(DepthFunctions("hat", 1.0), DEPTHS, GRID.levels)
     row = functions_at(basis.horizontal, place[None])
     design = np.vstack([np.kron(weights, row[c] @ basis.modes) for c in range(2)])
-    error = np.hypot(STD, np.interp(DEPTHS, GRID.levels, basis.local_error(place[None], basis.truncation_std)[0]))
+    error = np.hypot(
+        STD, np.interp(DEPTHS, GRID.levels, basis.local_error(place[None], basis.truncation_std)[0])
+    )
     return design, (weights @ (row @ basis.offset).T).T.ravel(), np.tile(error, 2)
 
 
@@ -61,11 +72,21 @@ def test_dapper_s_letkf():
     radius = 2.5e4
     estimator = build_letkf(SMALL, config, radius)
     state, _ = run(estimator, observations)
-    everyone = np.concatenate([np.zeros((5, 1)), np.eye(5)], axis=1) * 2.0  # member = mean + sqrt(E - 1) anomaly
+    everyone = (
+        np.concatenate([np.zeros((5, 1)), np.eye(5)], axis=1) * 2.0
+    )  # member = mean + sqrt(E - 1) anomaly
     everyone[:, 0] = 1.0
     weights = depth_weights(DepthFunctions("hat", 1.0), DEPTHS, GRID.levels)
-    seen = [np.einsum("nz,czm->ncm", weights, estimator.columns.at_place(place)).reshape(-1, 6) @ everyone.T for place in places]
-    members = np.concatenate([MEMBERS[..., : len(NODES)], MEMBERS[..., len(NODES) :]], axis=1).reshape(5, -1).copy()
+    seen = [
+        np.einsum("nz,czm->ncm", weights, estimator.columns.at_place(place)).reshape(-1, 6)
+        @ everyone.T
+        for place in places
+    ]
+    members = (
+        np.concatenate([MEMBERS[..., : len(NODES)], MEMBERS[..., len(NODES) :]], axis=1)
+        .reshape(5, -1)
+        .copy()
+    )
     columns = [np.arange(6) * len(NODES) + node for node in range(len(NODES))]
 
     def taperer(batch):
@@ -75,9 +96,15 @@ def test_dapper_s_letkf():
         return near, taper[near]
 
     data = np.concatenate([v.ravel() for v in values])
-    analysed, _ = local_analyses(members, np.concatenate(seen).T, GaussRV(C=STD**2, M=data.size).C, data, columns, taperer)
+    analysed, _ = local_analyses(
+        members, np.concatenate(seen).T, GaussRV(C=STD**2, M=data.size).C, data, columns, taperer
+    )
     expected = analysed.mean(axis=0).reshape(2, 3, -1)
-    np.testing.assert_allclose(at_nodes(estimator.flow(state)), np.concatenate([expected[0], expected[1]], axis=1), atol=1e-4)
+    np.testing.assert_allclose(
+        at_nodes(estimator.flow(state)),
+        np.concatenate([expected[0], expected[1]], axis=1),
+        atol=1e-4,
+    )
 
 
 def test_filterpy_s_kalman_filter():
@@ -90,7 +117,9 @@ def test_filterpy_s_kalman_filter():
     for place, value, ours in zip(places, values, said, strict=True):
         design, offset, error = uncompressed_rows(estimator, place)
         theirs.update((value.T.ravel() - offset)[:, None], R=np.diag(error**2), H=design)
-        assert float((theirs.y.T @ theirs.SI @ theirs.y).item()) == pytest.approx(ours.nis, rel=1e-8)
+        assert float((theirs.y.T @ theirs.SI @ theirs.y).item()) == pytest.approx(
+            ours.nis, rel=1e-8
+        )
     np.testing.assert_allclose(state.mean, theirs.x.ravel(), atol=1e-9)
     np.testing.assert_allclose(state.posterior.covariance(), theirs.P, atol=1e-9)
 
@@ -104,10 +133,14 @@ class IncompressibleKernel(Kernel):
 
     def __call__(self, X, Y=None, eval_gradient=False):  # noqa: N803  (scikit-learn's names)
         Y = X if Y is None else Y  # noqa: N806
-        blocks = velocity_kernel(HorizontalKernel(self.length, self.length, 1.0), X[:, 1:3], Y[:, 1:3])
+        blocks = velocity_kernel(
+            HorizontalKernel(self.length, self.length, 1.0), X[:, 1:3], Y[:, 1:3]
+        )
         blocks = blocks.reshape(2, len(X), 2, len(Y))
         rows, columns = X[:, 0].astype(int), Y[:, 0].astype(int)
-        horizontal = blocks[rows[:, None], np.arange(len(X))[:, None], columns[None], np.arange(len(Y))[None]]
+        horizontal = blocks[
+            rows[:, None], np.arange(len(X))[:, None], columns[None], np.arange(len(Y))[None]
+        ]
         return horizontal * self.depth_cov[X[:, 3].astype(int)[:, None], Y[:, 3].astype(int)[None]]
 
     def diag(self, X):  # noqa: N803
@@ -127,14 +160,20 @@ def test_scikit_learn_s_gaussian_process():
     rows, data = [], []
     for node in chosen:
         value = 0.2 * rng.standard_normal((3, 2))
-        state, _ = estimator.step(state, synthetic.profile(GRID, *NODES[node], GRID.levels, value, STD))
+        state, _ = estimator.step(
+            state, synthetic.profile(GRID, *NODES[node], GRID.levels, value, STD)
+        )
         rows += [(c, *NODES[node], z) for z in range(3) for c in range(2)]
         data += list(value.ravel())
-    peer = GaussianProcessRegressor(IncompressibleKernel(length, second_moments(MEMBERS)), alpha=STD**2, optimizer=None)
+    peer = GaussianProcessRegressor(
+        IncompressibleKernel(length, second_moments(MEMBERS)), alpha=STD**2, optimizer=None
+    )
     peer.fit(np.array(rows), np.array(data))
     everywhere = np.array([(c, *node, z) for z in range(3) for c in range(2) for node in NODES])
     mean, std = peer.predict(everywhere, return_std=True)
     flow = estimator.flow(state)
     np.testing.assert_allclose(at_nodes(flow), mean.reshape(3, -1), atol=2e-3)
-    ours = np.moveaxis(flow.standard_error(NODES[:, 0], NODES[:, 1], GRID.levels[:, None]), -1, 1).reshape(-1)
+    ours = np.moveaxis(
+        flow.standard_error(NODES[:, 0], NODES[:, 1], GRID.levels[:, None]), -1, 1
+    ).reshape(-1)
     np.testing.assert_allclose(ours, std, rtol=1e-2)

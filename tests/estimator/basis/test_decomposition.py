@@ -14,7 +14,9 @@ from tests.reference import estimator as slow
 
 def blocks_of(columns, n_nodes, size=5):
     by_component = columns.T.reshape(-1, 2, n_nodes)
-    return lambda: ((slice(k, k + size), by_component[:, :, k : k + size]) for k in range(0, n_nodes, size))
+    return lambda: (
+        (slice(k, k + size), by_component[:, :, k : k + size]) for k in range(0, n_nodes, size)
+    )
 
 
 @pytest.mark.parametrize(("n_slices", "rank"), [(12, 12), (12, 7), (70, 40), (70, 9)])
@@ -22,7 +24,9 @@ def blocks_of(columns, n_nodes, size=5):
 def test_it_spans_what_the_dense_decomposition_spans(monkeypatch, n_slices, rank, n_modes):
     monkeypatch.setattr(decomposition, "_SMALL", 0)
     rng, n_nodes = np.random.default_rng(0), 20
-    columns = (rng.standard_normal((2 * n_nodes, rank)) * np.geomspace(1.0, 1e-3, rank)) @ rng.standard_normal((rank, n_slices))
+    columns = (
+        rng.standard_normal((2 * n_nodes, rank)) * np.geomspace(1.0, 1e-3, rank)
+    ) @ rng.standard_normal((rank, n_slices))
     found = decompose(blocks_of(columns, n_nodes), n_slices, n_nodes, n_modes)
     vectors, values = exact_svd(columns, n_modes)
     u = np.linalg.svd(columns)[0][:, : min(rank, n_modes or rank)]
@@ -31,7 +35,9 @@ def test_it_spans_what_the_dense_decomposition_spans(monkeypatch, n_slices, rank
     np.testing.assert_allclose(found.vectors @ found.vectors.T, u @ u.T, atol=1e-9)
     np.testing.assert_allclose(found.vectors, vectors, atol=1e-8)
     # their squares are right to rounding of the largest
-    np.testing.assert_allclose(found.singular_values[:rank] ** 2, values[:rank] ** 2, rtol=0.0, atol=1e-14 * values[0] ** 2)
+    np.testing.assert_allclose(
+        found.singular_values[:rank] ** 2, values[:rank] ** 2, rtol=0.0, atol=1e-14 * values[0] ** 2
+    )
     np.testing.assert_allclose(found.products, columns.T @ found.vectors, atol=1e-10)
 
 
@@ -39,11 +45,17 @@ def test_blocks_of_rows_change_nothing_with_land_and_steps_of_the_sea_floor(monk
     ensemble = synthetic.ensemble(n_members=4, shape=(6, 5), levels=np.array([5.0, 90.0, 220.0]))
     wet = np.ones(ensemble.grid.wet.shape, dtype=bool)
     wet[:, 1:3, 2], wet[:, 3], wet[2, 0, 0], wet[1:, 5, 1] = False, False, False, False
-    ensemble = replace(ensemble, grid=replace(ensemble.grid, wet=wet), velocity=np.where(wet, ensemble.velocity, np.nan))
+    ensemble = replace(
+        ensemble,
+        grid=replace(ensemble.grid, wet=wet),
+        velocity=np.where(wet, ensemble.velocity, np.nan),
+    )
     found = []
     for values in (slices._BLOCK_VALUES, 1, 2 * 4 * 3 * 5 * 2):
         monkeypatch.setattr(slices, "_BLOCK_VALUES", values)
-        found.append((ensemble_slices(ensemble), correlation_length(ensemble), surface_speed(ensemble)))
+        found.append(
+            (ensemble_slices(ensemble), correlation_length(ensemble), surface_speed(ensemble))
+        )
     for members, length, speed in found[1:]:
         np.testing.assert_array_equal(members, found[0][0])
         assert (length, speed) == pytest.approx(found[0][1:], rel=1e-12)
@@ -51,7 +63,14 @@ def test_blocks_of_rows_change_nothing_with_land_and_steps_of_the_sea_floor(monk
     for node, (j, i) in enumerate(columns):
         for z in range(3):
             deepest = max(k for k in range(z + 1) if wet[k, j, i])
-            np.testing.assert_array_equal(found[0][0][:, z, [node, node + len(columns)]], ensemble.velocity[:, :, deepest, j, i])
+            np.testing.assert_array_equal(
+                found[0][0][:, z, [node, node + len(columns)]],
+                ensemble.velocity[:, :, deepest, j, i],
+            )
     assert found[0][2] == pytest.approx(np.sqrt(np.mean(found[0][0][:, 0] ** 2)))
-    expected = slow.correlation_length(ensemble.velocity, ensemble.grid.east, ensemble.grid.north, wet)
-    assert found[0][1] == pytest.approx(max(expected, np.sqrt(np.prod(slices.cell_size(ensemble.grid)))))
+    expected = slow.correlation_length(
+        ensemble.velocity, ensemble.grid.east, ensemble.grid.north, wet
+    )
+    assert found[0][1] == pytest.approx(
+        max(expected, np.sqrt(np.prod(slices.cell_size(ensemble.grid))))
+    )

@@ -25,7 +25,10 @@ def nodes_of(columns: int, rows: int) -> np.ndarray:
 def velocities(nodes: np.ndarray) -> np.ndarray:
     """Divergence-free velocities of a few scales, and noise, shape (2N, 4)."""
     rng, (x, y) = np.random.default_rng(1), nodes.T / 60e3
-    eddies = [np.concatenate([np.cos(k * y) * np.sin(k * x), -np.cos(k * x) * np.sin(k * y)]) for k in (1.0, 2.0, 4.0)]
+    eddies = [
+        np.concatenate([np.cos(k * y) * np.sin(k * x), -np.cos(k * x) * np.sin(k * y)])
+        for k in (1.0, 2.0, 4.0)
+    ]
     return np.column_stack([*eddies, rng.standard_normal(2 * len(nodes))])
 
 
@@ -34,7 +37,9 @@ def test_coefficients_are_those_of_dense_normal_equations(shape: tuple[int, int]
     nodes = nodes_of(*shape)
     lattice, velocity = lattice_over(KERNEL, nodes), velocities(nodes)
     expected = slow.embed(lattice, nodes, velocity, NUGGET)
-    np.testing.assert_allclose(embed(lattice, nodes, velocity, NUGGET), expected, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        embed(lattice, nodes, velocity, NUGGET), expected, atol=1e-6 * np.abs(expected).max()
+    )
 
 
 def test_the_flow_is_that_of_the_kernel_s_columns_also_between_nodes():
@@ -76,4 +81,6 @@ def test_banded_solutions_are_dense_ones(n: int, width: int, dtype: type[np.floa
     right = rng.standard_normal((n, 5))
     solution = solve(factored(band.copy()), right)
     assert solution.dtype == dtype
-    np.testing.assert_allclose(solution, np.linalg.solve(dense, right), atol=(1e-5 if dtype == np.float32 else 1e-13))
+    np.testing.assert_allclose(
+        solution, np.linalg.solve(dense, right), atol=(1e-5 if dtype == np.float32 else 1e-13)
+    )

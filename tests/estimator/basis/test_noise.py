@@ -35,10 +35,19 @@ def covariance(depth, own, extra, common, length):
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.integers(1, 12), st.floats(0.0, 0.3), st.sampled_from([0.0, 15.0, 200.0]), st.integers(0, 2**16))
+@given(
+    st.integers(1, 12),
+    st.floats(0.0, 0.3),
+    st.sampled_from([0.0, 15.0, 200.0]),
+    st.integers(0, 2**16),
+)
 def test_whitening_makes_the_covariance_one(n, common, length, seed):
     rng = np.random.default_rng(seed)
-    depth, own, extra = np.sort(rng.uniform(0, 300, n)), rng.uniform(0.02, 0.2, n), rng.uniform(0.001, 0.1, n)
+    depth, own, extra = (
+        np.sort(rng.uniform(0, 300, n)),
+        rng.uniform(0.02, 0.2, n),
+        rng.uniform(0.001, 0.1, n),
+    )
     noise = bin_noise(depth, own, extra, common, length)
     cov = covariance(depth, own, extra, common, length)
     np.testing.assert_allclose(noise.whiten @ cov @ noise.whiten.T, np.eye(n), atol=1e-9)
@@ -52,10 +61,26 @@ def seen(estimator, observation, common):
     rows = estimator.rows(observation, used)
     values = rows.values
     depth_factor = rows.noise.unwhiten @ rows.q @ rows.r
-    representation = np.interp(observation.depth, SMALL.grid.levels, error_at(estimator, observation.longitude, observation.latitude))
-    noise = covariance(observation.depth, observation.error_std, representation, common, observation.correlation_depth)
+    representation = np.interp(
+        observation.depth,
+        SMALL.grid.levels,
+        error_at(estimator, observation.longitude, observation.latitude),
+    )
+    noise = covariance(
+        observation.depth,
+        observation.error_std,
+        representation,
+        common,
+        observation.correlation_depth,
+    )
     design = np.vstack([np.kron(depth_factor, rows.basis[c]) for c in range(2)])
-    return slow.kalman_update(estimator.prior.mean, estimator.prior.covariance(), design, values.T.ravel(), np.kron(np.eye(2), noise))
+    return slow.kalman_update(
+        estimator.prior.mean,
+        estimator.prior.covariance(),
+        design,
+        values.T.ravel(),
+        np.kron(np.eye(2), noise),
+    )
 
 
 @pytest.mark.parametrize(("common", "length"), [(0.05, 0.0), (0.0, 40.0), (0.02, 40.0)])
@@ -63,7 +88,12 @@ def test_a_profile_with_shared_errors_equals_the_textbook(common, length):
     estimator = build_estimator(SMALL, EstimatorConfig(modes=8, mean_variance=0.1))
     (observation,) = synthetic.random_profiles(SMALL.grid, 1, seed=3, speed=0.05)
     observation = replace(observation, common_std=common, correlation_depth=length)
-    shallow = replace(observation, depth=DEPTH, velocity=observation.velocity[:9], error_std=observation.error_std[:9])
+    shallow = replace(
+        observation,
+        depth=DEPTH,
+        velocity=observation.velocity[:9],
+        error_std=observation.error_std[:9],
+    )
     shallow = replace(shallow, flags=observation.flags[:9], reasons=observation.reasons[:9])
     mean, cov, nis, _ = seen(estimator, shallow, common)
     state, said = estimator.step(estimator.initial(), shallow)
@@ -74,15 +104,24 @@ def test_a_profile_with_shared_errors_equals_the_textbook(common, length):
 
 
 def relative_to_a_moving_platform(observation, drift):
-    return replace(observation, velocity=observation.velocity + drift, common_std=np.inf, reference="platform")
+    return replace(
+        observation, velocity=observation.velocity + drift, common_std=np.inf, reference="platform"
+    )
 
 
 def test_an_unknown_platform_is_the_limit_of_a_badly_known_one_and_its_speed_does_not_matter():
     estimator = build_estimator(SMALL, EstimatorConfig(modes=8))
     (observation,) = synthetic.random_profiles(SMALL.grid, 1, seed=3, speed=0.05)
-    relative, faster = (relative_to_a_moving_platform(observation, np.array(drift)) for drift in ((0.3, -0.1), (-2.0, 1.4)))
+    relative, faster = (
+        relative_to_a_moving_platform(observation, np.array(drift))
+        for drift in ((0.3, -0.1), (-2.0, 1.4))
+    )
     said = {}
-    for name, profile in (("one", relative), ("other", faster), ("limit", replace(relative, common_std=300.0))):
+    for name, profile in (
+        ("one", relative),
+        ("other", faster),
+        ("limit", replace(relative, common_std=300.0)),
+    ):
         state, innovation = estimator.step(estimator.initial(), profile)
         said[name] = (state.mean, state.posterior.covariance(), innovation)
     np.testing.assert_allclose(said["one"][0], said["other"][0], atol=1e-9)
@@ -98,7 +137,10 @@ def test_one_bin_relative_to_an_unknown_platform_says_nothing():
     (observation,) = synthetic.random_profiles(SMALL.grid, 1)
     flags = np.full(observation.depth.size, Flag.MISSING, np.int8)
     flags[0] = Flag.GOOD
-    state, said = estimator.step(estimator.initial(), replace(observation, flags=flags, common_std=np.inf, reference="platform"))
+    state, said = estimator.step(
+        estimator.initial(),
+        replace(observation, flags=flags, common_std=np.inf, reference="platform"),
+    )
     assert not said.accepted
     assert said.decision == "unusable"
     assert said.reasons[0] & Reason.PLATFORM_REFERENCE
@@ -114,7 +156,9 @@ def test_bins_that_are_no_measurement_are_left_out(wrong):
         velocity[2] = float(wrong)
     else:
         error[2] = 0.0 if wrong == "no error" else np.inf
-    state, said = estimator.step(estimator.initial(), replace(observation, velocity=velocity, error_std=error))
+    state, said = estimator.step(
+        estimator.initial(), replace(observation, velocity=velocity, error_std=error)
+    )
     assert said.accepted
     assert said.reasons[2] & Reason.MALFORMED
     assert np.isfinite(state.mean).all()
@@ -129,7 +173,11 @@ def test_bins_that_are_no_measurement_are_left_out(wrong):
 @pytest.mark.parametrize("n", [2, 3, 9])
 def test_a_platform_of_unknown_velocity_takes_one_degree_of_freedom_of_each_component(n, evolving):
     config = EstimatorConfig(modes=8)
-    estimator = build_evolving([SMALL], config, TimeConfig(scale="static"), GatingConfig()) if evolving else build_estimator(SMALL, config)
+    estimator = (
+        build_evolving([SMALL], config, TimeConfig(scale="static"), GatingConfig())
+        if evolving
+        else build_estimator(SMALL, config)
+    )
     (observation,) = synthetic.random_profiles(SMALL.grid, 1, seed=3, speed=0.05)
     flags = np.where(np.arange(11) < n, Flag.GOOD, Flag.MISSING).astype(np.int8)
     absolute = replace(observation, flags=flags)
@@ -150,15 +198,32 @@ def test_the_innovation_of_relative_profiles_is_chi_square_with_those_degrees_of
     rows = estimator.rows(observation, used)
     zero = rows.values
     rng, n = np.random.default_rng(11), 300
-    representation = np.interp(observation.depth, SMALL.grid.levels, error_at(estimator, observation.longitude, observation.latitude))
+    representation = np.interp(
+        observation.depth,
+        SMALL.grid.levels,
+        error_at(estimator, observation.longitude, observation.latitude),
+    )
     std = np.hypot(observation.error_std, representation)
     bins = rows.noise.unwhiten @ rows.q @ rows.r
-    factor = np.linalg.cholesky(estimator.prior.covariance() + 1e-14 * np.eye(estimator.prior.mean.size))
+    factor = np.linalg.cholesky(
+        estimator.prior.covariance() + 1e-14 * np.eye(estimator.prior.mean.size)
+    )
     found = []
     for _ in range(n):
-        weights = (estimator.prior.mean + factor @ rng.standard_normal(estimator.prior.mean.size)).reshape(bins.shape[1], -1)
-        local = bins @ weights @ rows.basis.T - zero + std[:, None] * rng.standard_normal((used.size, 2)) + rng.normal(0.0, 3.0, 2)
-        turned = np.column_stack(rotate_to_geographic(SMALL.grid.projection, observation.longitude, observation.latitude, *local.T))
+        weights = (
+            estimator.prior.mean + factor @ rng.standard_normal(estimator.prior.mean.size)
+        ).reshape(bins.shape[1], -1)
+        local = (
+            bins @ weights @ rows.basis.T
+            - zero
+            + std[:, None] * rng.standard_normal((used.size, 2))
+            + rng.normal(0.0, 3.0, 2)
+        )
+        turned = np.column_stack(
+            rotate_to_geographic(
+                SMALL.grid.projection, observation.longitude, observation.latitude, *local.T
+            )
+        )
         drawn = replace(observation, velocity=turned, common_std=np.inf, reference="platform")
         _, said = estimator.step(estimator.initial(), drawn)
         found.append(said.nis)

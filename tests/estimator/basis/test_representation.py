@@ -22,7 +22,9 @@ def slow_residual(fields, modes, nodes, shift):
     for field in fields:
         for step in ([shift, 0.0], [-shift, 0.0], [0.0, shift], [0.0, -shift]):
             nearest = [int(np.argmin(np.hypot(*(nodes - (node + step)).T))) for node in nodes]
-            copy = np.concatenate([field[:, : len(nodes)][:, nearest], field[:, len(nodes) :][:, nearest]], axis=1)
+            copy = np.concatenate(
+                [field[:, : len(nodes)][:, nearest], field[:, len(nodes) :][:, nearest]], axis=1
+            )
             left = copy.T - modes @ np.linalg.lstsq(modes, copy.T, rcond=None)[0]
             square, copies = square + left.T**2, copies + 1
     return np.sqrt(0.5 * (square[:, : len(nodes)] + square[:, len(nodes) :]) / copies)
@@ -39,14 +41,18 @@ def test_a_basis_of_all_flows_leaves_nothing_and_fewer_modes_leave_more():
     slices = ensemble_slices(SMALL)
     whole = np.eye(2 * len(NODES))
     assert shifted_residual(SMALL, slices.mean(axis=0), whole, 1e4).max() < 1e-12
-    few, fewer = (build_estimator(SMALL, EstimatorConfig(modes=n)).basis.truncation_std for n in (12, 4))
+    few, fewer = (
+        build_estimator(SMALL, EstimatorConfig(modes=n)).basis.truncation_std for n in (12, 4)
+    )
     assert np.all(fewer > few)
 
 
 def test_the_nearest_node_s_error_counts_with_the_level_s_size():
     std = np.abs(np.random.default_rng(1).standard_normal((3, len(NODES)))) + 0.01
     field = error_field(std, NODES)
-    np.testing.assert_allclose(field.at(NODES + 10.0).T * np.sqrt(np.mean(std**2, axis=1))[:, None], std)
+    np.testing.assert_allclose(
+        field.at(NODES + 10.0).T * np.sqrt(np.mean(std**2, axis=1))[:, None], std
+    )
     np.testing.assert_array_equal(error_field(np.zeros((3, len(NODES))), NODES).at(NODES[:2]), 1.0)
 
 
@@ -56,12 +62,22 @@ def test_a_profile_errs_by_what_the_basis_leaves_at_its_place(stated):
     (profile,) = synthetic.random_profiles(SMALL.grid, 1)
     for node in (0, 11):
         longitude, latitude = to_geographic(SMALL.grid.projection, *NODES[node])
-        here = replace(profile, longitude=float(longitude), latitude=float(latitude), depth=SMALL.grid.levels)
-        here = replace(here, **{name: getattr(profile, name)[:3] for name in ("velocity", "error_std", "flags", "reasons")})
+        here = replace(
+            profile, longitude=float(longitude), latitude=float(latitude), depth=SMALL.grid.levels
+        )
+        here = replace(
+            here,
+            **{
+                name: getattr(profile, name)[:3]
+                for name in ("velocity", "error_std", "flags", "reasons")
+            },
+        )
         noise = estimator.noise(here, np.arange(3))
         expected = 0.07
         if stated is None:
-            modes = estimator.basis.horizontal.velocity(NODES, estimator.basis.modes).reshape(2 * len(NODES), -1)
+            modes = estimator.basis.horizontal.velocity(NODES, estimator.basis.modes).reshape(
+                2 * len(NODES), -1
+            )
             mean = ensemble_slices(SMALL).mean(axis=0)
             expected = shifted_residual(SMALL, mean, modes, correlation_length(SMALL))[:, node]
         np.testing.assert_allclose(noise.std, np.hypot(here.error_std, expected), rtol=1e-9)

@@ -22,7 +22,9 @@ HOUR = 3600 * 10**9
 def test_an_inertial_current_turns_clockwise_in_the_north_only_and_once_in_its_period(latitude):
     swinging = oscillations(TimeConfig(oscillators=("inertial",)), latitude, LEVELS_END)
     f = 2 * EARTH_ROTATION * np.sin(np.deg2rad(latitude))
-    operator = replace(build_evolving(forecasts(1), CONFIG, TimeConfig()).operator, oscillations=swinging)
+    operator = replace(
+        build_evolving(forecasts(1), CONFIG, TimeConfig()).operator, oscillations=swinging
+    )
     order = state_space(operator, TimeConfig(oscillators=("inertial",), oscillator_scale=1e18))
     n, k = swinging.knots.size, order.parts["oscillations"].start
     state = np.zeros(order.size)
@@ -34,8 +36,14 @@ def test_an_inertial_current_turns_clockwise_in_the_north_only_and_once_in_its_p
     assert north == pytest.approx(-np.sign(latitude))
     np.testing.assert_allclose(order.predict_mean(state, period)[k], 1.0, atol=1e-9)
     both = order.predict_mean(np.arange(order.size, dtype=np.float64), 5000.0)
-    pairs = np.column_stack([np.arange(order.size)[k : k + n], np.arange(order.size)[k + n : k + 2 * n]]).astype(float)
-    np.testing.assert_allclose(np.column_stack([both[k : k + n], both[k + n : k + 2 * n]]), slow.turned(pairs, f, 5000.0), rtol=1e-9)
+    pairs = np.column_stack(
+        [np.arange(order.size)[k : k + n], np.arange(order.size)[k + n : k + 2 * n]]
+    ).astype(float)
+    np.testing.assert_allclose(
+        np.column_stack([both[k : k + n], both[k + n : k + 2 * n]]),
+        slow.turned(pairs, f, 5000.0),
+        rtol=1e-9,
+    )
 
 
 def test_what_a_row_sees_at_another_time_is_what_the_turned_state_shows_now():
@@ -43,16 +51,23 @@ def test_what_a_row_sees_at_another_time_is_what_the_turned_state_shows_now():
     estimator = build_evolving(forecasts(1), CONFIG, config)
     swinging, part = estimator.operator.oscillations, estimator.state_space.parts["oscillations"]
     rng = np.random.default_rng(3)
-    state, rows = rng.standard_normal(estimator.state_space.size), rng.standard_normal(swinging.size)
+    state, rows = (
+        rng.standard_normal(estimator.state_space.size),
+        rng.standard_normal(swinging.size),
+    )
     for seconds in (-7200.0, 0.0, 3600.0):
         later = estimator.state_space.rotated(state, seconds)
-        assert swinging.at(rows, seconds) @ state[part] == pytest.approx(rows @ later[part], rel=1e-10)
+        assert swinging.at(rows, seconds) @ state[part] == pytest.approx(
+            rows @ later[part], rel=1e-10
+        )
 
 
 @pytest.mark.parametrize("latitude_sign", [1.0, -1.0])
 def test_a_mean_along_a_path_sees_an_oscillation_at_each_point_s_own_time(latitude_sign):
     """The state is of the path's end, and the oscillation went before it: by hand, with the complex exponential."""
-    estimator = build_evolving(forecasts(1), CONFIG, TimeConfig(oscillators=("inertial",), oscillator_scale=1e18))
+    estimator = build_evolving(
+        forecasts(1), CONFIG, TimeConfig(oscillators=("inertial",), oscillator_scale=1e18)
+    )
     swinging = estimator.operator.oscillations
     swinging = replace(swinging, omega=latitude_sign * np.abs(swinging.omega))
     model = replace(estimator.operator, oscillations=swinging)
@@ -65,8 +80,14 @@ def test_a_mean_along_a_path_sees_an_oscillation_at_each_point_s_own_time(latitu
     expected = np.zeros(2)
     for depth, weight, time_ns in zip(path.depth, path.weight, path.path_time_ns, strict=True):
         # clockwise for a positive omega
-        z = swinging.root @ (east + 1j * north) * np.exp(-1j * swinging.omega[0] * (time_ns - path.time_ns) / 1e9)
-        at = np.interp(depth, swinging.knots, z.real) + 1j * np.interp(depth, swinging.knots, z.imag)
+        z = (
+            swinging.root
+            @ (east + 1j * north)
+            * np.exp(-1j * swinging.omega[0] * (time_ns - path.time_ns) / 1e9)
+        )
+        at = np.interp(depth, swinging.knots, z.real) + 1j * np.interp(
+            depth, swinging.knots, z.imag
+        )
         expected += weight * np.array([at.real, at.imag])
     np.testing.assert_allclose(seen.design @ state * seen.noise.std[0], expected, rtol=1e-9)
 
@@ -78,9 +99,19 @@ def oscillating_profiles(n, omega, amplitude=0.3, hours=2.0, tidal=False):
         t = observation.time_ns / 1e9
         strength = amplitude * np.exp(-observation.depth / 150.0)
         angle = omega * t
-        vector = np.array([np.cos(angle), np.cos(angle)]) if tidal else np.array([np.cos(angle), -np.sin(angle)])
+        vector = (
+            np.array([np.cos(angle), np.cos(angle)])
+            if tidal
+            else np.array([np.cos(angle), -np.sin(angle)])
+        )
         noise = 0.02 * np.random.default_rng(k).standard_normal((observation.depth.size, 2))
-        out.append(replace(observation, velocity=strength[:, None] * vector + noise, error_std=np.full(observation.depth.size, 0.02)))
+        out.append(
+            replace(
+                observation,
+                velocity=strength[:, None] * vector + noise,
+                error_std=np.full(observation.depth.size, 0.02),
+            )
+        )
     return out
 
 
@@ -93,10 +124,17 @@ def nothing_else():
 @pytest.mark.parametrize("kind", ["inertial", "M2"])
 def test_an_oscillation_is_predicted_where_it_is_asked_for(kind):
     latitude = forecasts(1)[0].grid.projection.latitude
-    omega = 2 * EARTH_ROTATION * np.sin(np.deg2rad(latitude)) if kind == "inertial" else np.deg2rad(28.9841042) / 3600.0
+    omega = (
+        2 * EARTH_ROTATION * np.sin(np.deg2rad(latitude))
+        if kind == "inertial"
+        else np.deg2rad(28.9841042) / 3600.0
+    )
     log = oscillating_profiles(24, omega, tidal=kind == "M2")
     errors = {}
-    for name, config in (("with", TimeConfig(oscillators=(kind,))), ("without", TimeConfig(scale=86_400.0))):
+    for name, config in (
+        ("with", TimeConfig(oscillators=(kind,))),
+        ("without", TimeConfig(scale=86_400.0)),
+    ):
         estimator = build_evolving(nothing_else(), CONFIG, config)
         state = estimator.initial()
         misfits = []
@@ -122,18 +160,31 @@ def faulty(observation, heading_deg, scale, through_water, common_std=0.02):
 
 
 def test_biases_are_found_with_their_sign_and_size():
-    estimator = build_evolving(forecasts(1), CONFIG, TimeConfig(scale="static", biases=("heading", "scale")))
+    estimator = build_evolving(
+        forecasts(1), CONFIG, TimeConfig(scale="static", biases=("heading", "scale"))
+    )
     grid, flow = forecasts(1)[0].grid, estimator.flow(estimator.initial())
     rng = np.random.default_rng(2)
     state = estimator.initial()
     for k, observation in enumerate(profiles(80)):
-        place = rng.uniform(0.8 * grid.east.min(), 0.8 * grid.east.max()), rng.uniform(0.8 * grid.north.min(), 0.8 * grid.north.max())
+        place = (
+            rng.uniform(0.8 * grid.east.min(), 0.8 * grid.east.max()),
+            rng.uniform(0.8 * grid.north.min(), 0.8 * grid.north.max()),
+        )
         longitude, latitude = to_geographic(grid.projection, *place)
-        u, v = rotate_to_geographic(grid.projection, longitude, latitude, *flow.velocity(*place, observation.depth).T)
+        u, v = rotate_to_geographic(
+            grid.projection, longitude, latitude, *flow.velocity(*place, observation.depth).T
+        )
         angle = rng.uniform(0, 2 * np.pi)
         through_water = 0.3 * np.array([np.cos(angle), np.sin(angle)])
         truth = np.column_stack([u, v]) + 0.05 * rng.standard_normal((observation.depth.size, 2))
-        sound = replace(observation, longitude=float(longitude), latitude=float(latitude), velocity=truth, time_ns=k * HOUR)
+        sound = replace(
+            observation,
+            longitude=float(longitude),
+            latitude=float(latitude),
+            velocity=truth,
+            time_ns=k * HOUR,
+        )
         state, _ = estimator.step(state, faulty(sound, 5.0, 0.03, through_water))
     found = estimator.biases(state)
     heading, heading_std = found["heading"]
@@ -146,12 +197,17 @@ def test_biases_are_found_with_their_sign_and_size():
 
 
 def test_what_is_off_costs_nothing():
-    plain, all_off = (build_evolving(forecasts(), CONFIG, config) for config in (TimeConfig(), TimeConfig(oscillators=(), biases=())))
+    plain, all_off = (
+        build_evolving(forecasts(), CONFIG, config)
+        for config in (TimeConfig(), TimeConfig(oscillators=(), biases=()))
+    )
     assert plain.state_space.size == all_off.state_space.size == plain.operator.process.size
 
 
 def test_the_oscillations_prior_is_as_strong_as_asked_at_all_depths():
-    swinging = oscillations(TimeConfig(oscillators=("inertial", "K1"), oscillator_std=0.07), 30.0, 300.0)
+    swinging = oscillations(
+        TimeConfig(oscillators=("inertial", "K1"), oscillator_std=0.07), 30.0, 300.0
+    )
     depth = np.linspace(0.0, 300.0, 25)
     for component in range(2):
         std = np.sqrt(np.sum((swinging.weights(depth) @ swinging.factor(component)) ** 2, axis=1))
@@ -160,26 +216,49 @@ def test_the_oscillations_prior_is_as_strong_as_asked_at_all_depths():
     assert DAY
 
 
-@pytest.mark.parametrize(("deepest", "count"), [(10.0, 2), (50.0, 2), (50.1, 3), (100.0, 3), (260.0, 7)])
+@pytest.mark.parametrize(
+    ("deepest", "count"), [(10.0, 2), (50.0, 2), (50.1, 3), (100.0, 3), (260.0, 7)]
+)
 def test_knots_are_as_few_as_are_half_a_depth_length_apart(deepest, count):
     config = TimeConfig(oscillators=("inertial",), oscillator_depth_length=100.0)
-    np.testing.assert_allclose(oscillations(config, 30.0, deepest).knots, np.linspace(0.0, deepest, count))
+    np.testing.assert_allclose(
+        oscillations(config, 30.0, deepest).knots, np.linspace(0.0, deepest, count)
+    )
     assert oscillations(TimeConfig(), 30.0, deepest).knots.size == 0
 
 
 def test_settings_of_a_log_are_searched_one_at_a_time_until_none_alone_is_better(monkeypatch):
     """With a likelihood whose best scale depends on the other settings, one round of the search is not enough."""
-    at = {name: {value: k for k, value in enumerate(ladder)} for name, ladder in fit_log._LADDERS.items()}
+    at = {
+        name: {value: k for k, value in enumerate(ladder)}
+        for name, ladder in fit_log._LADDERS.items()
+    }
 
     def likelihood(settings):
-        k, std, length = (at[name].get(getattr(settings, name), 0) for name in ("scale", "oscillator_std", "oscillator_depth_length"))
+        k, std, length = (
+            at[name].get(getattr(settings, name), 0)
+            for name in ("scale", "oscillator_std", "oscillator_depth_length")
+        )
         return -abs(length - 3) - 0.1 * abs(std - length) - 0.01 * abs(k - std)
 
-    estimator, time = build_evolving(forecasts(), CONFIG, TimeConfig()), TimeConfig(oscillators=("inertial",))
+    estimator, time = (
+        build_evolving(forecasts(), CONFIG, TimeConfig()),
+        TimeConfig(oscillators=("inertial",)),
+    )
     monkeypatch.setattr(fit_log, "fitted_estimator", lambda estimator, time, settings: settings)
-    monkeypatch.setattr(fit_log, "log_likelihoods", lambda settings, observations: [likelihood(settings)])
-    start = replace(fit_log.initial_settings(estimator, time), scale=fit_log._LADDERS["scale"][0], oscillator_std=0.05)
+    monkeypatch.setattr(
+        fit_log, "log_likelihoods", lambda settings, observations: [likelihood(settings)]
+    )
+    start = replace(
+        fit_log.initial_settings(estimator, time),
+        scale=fit_log._LADDERS["scale"][0],
+        oscillator_std=0.05,
+    )
     found = fit_log.fit_to_log(estimator, time, [], replace(start, oscillator_depth_length=20.0))
-    others = [replace(found, **{name: value}) for name in ("scale", *fit_log._OF_OSCILLATORS) for value in fit_log._LADDERS[name]]
+    others = [
+        replace(found, **{name: value})
+        for name in ("scale", *fit_log._OF_OSCILLATORS)
+        for value in fit_log._LADDERS[name]
+    ]
     assert likelihood(found) == max(map(likelihood, others))
     assert likelihood(found) == 0.0

@@ -34,7 +34,9 @@ def test_twenty_minutes_late_counts_at_the_state_s_time_and_a_nanosecond_more_do
 
 
 @pytest.mark.parametrize("lag_days", [None, 1.0])
-def test_the_smoother_is_the_joint_gaussian_with_a_late_observation_where_the_filter_counted_it(lag_days):
+def test_the_smoother_is_the_joint_gaussian_with_a_late_observation_where_the_filter_counted_it(
+    lag_days,
+):
     members = forecasts()
     estimator, static = build_evolving(members, CONFIG, FORGETFUL), pooled_static(members)
     observations = profiles(9)
@@ -42,8 +44,18 @@ def test_the_smoother_is_the_joint_gaussian_with_a_late_observation_where_the_fi
     designs, values = inflated_rows(estimator, observations, static)
     times = [o.time_ns for o in observations]
     counted = [*times[:5], times[4], *times[6:]]
-    wanted = [times[4] - LATE // 3, times[4], times[5], times[3], times[4] - DAY // 4, times[4] + DAY // 4, times[-1]]
-    flows = smooth(estimator, observations, wanted, None if lag_days is None else lag_days * 86_400.0)
+    wanted = [
+        times[4] - LATE // 3,
+        times[4],
+        times[5],
+        times[3],
+        times[4] - DAY // 4,
+        times[4] + DAY // 4,
+        times[-1],
+    ]
+    flows = smooth(
+        estimator, observations, wanted, None if lag_days is None else lag_days * 86_400.0
+    )
     for at, flow in zip(wanted, flows, strict=True):
         last = times[-1] if lag_days is None else at + int(lag_days * DAY)
         used = [k for k, time in enumerate(counted) if time <= max(last, at)]

@@ -17,7 +17,9 @@ FORGETFUL = TimeConfig(scale=2 * 86_400.0, dropped_std=0.0)
 def pooled_static(members):
     from dataclasses import replace
 
-    return build_estimator(replace(members[0], velocity=np.concatenate([m.velocity for m in members])), CONFIG)
+    return build_estimator(
+        replace(members[0], velocity=np.concatenate([m.velocity for m in members])), CONFIG
+    )
 
 
 @pytest.mark.parametrize("lag_days", [None, 1.0])
@@ -28,12 +30,18 @@ def test_the_smoother_is_the_joint_gaussian_of_what_it_may_use(lag_days):
     designs, values = inflated_rows(estimator, observations, static)
     times = [o.time_ns for o in observations]
     wanted = [times[4], 0, times[2] + DAY // 7, times[-1], times[-1] + DAY]
-    flows = smooth(estimator, observations, wanted, None if lag_days is None else lag_days * 86_400.0)
+    flows = smooth(
+        estimator, observations, wanted, None if lag_days is None else lag_days * 86_400.0
+    )
     for at, flow in zip(wanted, flows, strict=True):
         last = times[-1] if lag_days is None else at + int(lag_days * DAY)
         used = [k for k, time in enumerate(times) if time <= max(last, at)]
         mean, cov = slow.joint(
-            estimator.operator.process, [designs[k] for k in used], [times[k] for k in used], [values[k] for k in used], at
+            estimator.operator.process,
+            [designs[k] for k in used],
+            [times[k] for k in used],
+            [values[k] for k in used],
+            at,
         )
         latent = estimator.basis.offset + estimator.basis.modes @ mean.reshape(3, -1).T
         np.testing.assert_allclose(flow.latent, latent, atol=1e-8 * np.abs(latent).max())
@@ -55,4 +63,6 @@ def test_with_oscillations_and_biases_it_never_knows_less_than_the_filter_and_th
         less = estimator.flow(filtered).weight_cov - flow.weight_cov
         assert np.linalg.eigvalsh(less).min() > -1e-10 * np.trace(less + np.eye(len(less)))
     np.testing.assert_allclose(flows[-1].latent, estimator.flow(states[-1]).latent, atol=1e-12)
-    np.testing.assert_allclose(flows[-1].weight_cov, estimator.flow(states[-1]).weight_cov, atol=1e-12)
+    np.testing.assert_allclose(
+        flows[-1].weight_cov, estimator.flow(states[-1]).weight_cov, atol=1e-12
+    )

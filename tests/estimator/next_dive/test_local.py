@@ -52,7 +52,9 @@ def test_errors_of_drawn_currents_are_as_large_as_stated():
         kept = np.exp(-3.0 / 24.0)
         course = [0.08 * rng.standard_normal(2)]
         for _ in range(12):
-            course.append(kept * course[-1] + 0.08 * np.sqrt(1.0 - kept**2) * rng.standard_normal(2))
+            course.append(
+                kept * course[-1] + 0.08 * np.sqrt(1.0 - kept**2) * rng.standard_normal(2)
+            )
         found = after(np.array(course[:-1]) + 0.03 * rng.standard_normal((12, 2)), 0.03)
         coming = found.time_ns + 3 * HOUR
         squares.append(np.sum((course[-1] - found.velocity(coming)) ** 2))

@@ -24,18 +24,39 @@ def dives(n=5, seed=0, bias=0.5 + 0.1j, inverted=True, noise=0.01):
         mean = current + bias * way
         pair = np.array([current.real, current.imag]) if inverted else None
         begin = int(k * 3 * HOUR * 1e9)
-        out.append(DiveMean(begin, 2 * HOUR, np.array([way.real, way.imag]), 0.1, np.array([mean.real, mean.imag]), pair))
+        out.append(
+            DiveMean(
+                begin,
+                2 * HOUR,
+                np.array([way.real, way.imag]),
+                0.1,
+                np.array([mean.real, mean.imag]),
+                pair,
+            )
+        )
     return out
 
 
 def one(settings, h):
-    return Settings(settings.white_std[[h]], settings.variance[[h]], settings.scales[[h]], settings.background[[h]], np.zeros(1))
+    return Settings(
+        settings.white_std[[h]],
+        settings.variance[[h]],
+        settings.scales[[h]],
+        settings.background[[h]],
+        np.zeros(1),
+    )
 
 
 def assert_is_gaussian_of_all(settings, chosen, given):
     last = replace(given[-1], inverted=None)
     whole = DiveModel(
-        Settings(*(getattr(settings, name)[chosen] for name in ("white_std", "variance", "scales", "background", "log_prior"))), 1e-40
+        Settings(
+            *(
+                getattr(settings, name)[chosen]
+                for name in ("white_std", "variance", "scales", "background", "log_prior")
+            )
+        ),
+        1e-40,
     )
     state = whole.initial()
     for dive in given[:-1]:
@@ -45,7 +66,9 @@ def assert_is_gaussian_of_all(settings, chosen, given):
         values, cov = slow.joint_covariance([*given[:-1], last], settings, h, filter._INVERTED_STD)
         mean, spread, density = slow.conditional(values, cov, len(values) - 2)
         densities.append(density)
-        np.testing.assert_allclose(found.means[position], mean + slow.about(last, settings.background[h]), rtol=1e-8)
+        np.testing.assert_allclose(
+            found.means[position], mean + slow.about(last, settings.background[h]), rtol=1e-8
+        )
         np.testing.assert_allclose(found.covs[position], spread, rtol=1e-8, atol=1e-14)
     expected = np.exp(np.array(densities) - np.max(densities))
     np.testing.assert_allclose(np.exp(state.log_weights), expected / expected.sum(), rtol=1e-7)
@@ -59,7 +82,13 @@ def test_the_filter_is_the_gaussian_of_all_dives_at_once(inverted):
 def test_so_it_is_of_velocities_over_ground():
     currents = np.random.default_rng(2).normal(0.0, 0.1, (4, 1, 2))
     given = [
-        replace(dive, way=np.zeros(2), velocity=dive.way + current[0], backgrounds=current + 0.01, position_std=filter.FIXES_STD)
+        replace(
+            dive,
+            way=np.zeros(2),
+            velocity=dive.way + current[0],
+            backgrounds=current + 0.01,
+            position_std=filter.FIXES_STD,
+        )
         for dive, current in zip(dives(4, inverted=False), currents, strict=True)
     ]
     assert_is_gaussian_of_all(ground_combinations(1), [4, 101, 102, 150], given)
@@ -70,7 +99,16 @@ def test_a_steady_way_is_told_from_a_changing_current_that_is_known():
     state = model.initial()
     for k in range(8):
         current = rng.normal(0.0, 0.1, 2)
-        coming = DiveMean(int(k * 1e13), 9e3, np.zeros(2), 0.0, way + current, None, current[None], filter.FIXES_STD)
+        coming = DiveMean(
+            int(k * 1e13),
+            9e3,
+            np.zeros(2),
+            0.0,
+            way + current,
+            None,
+            current[None],
+            filter.FIXES_STD,
+        )
         expected = model.forecast(state, coming)
         state = model.step(state, coming)
     assert np.hypot(*(expected.mean - coming.velocity)) < 0.01
@@ -93,12 +131,20 @@ def test_a_turned_world_gives_a_turned_forecast():
     model, turn = DiveModel.default(), np.array([[0.0, -1.0], [1.0, 0.0]])
     states, given = [model.initial()] * 2, dives(4)
     turned = [
-        replace(dive, way=turn @ dive.way, velocity=turn @ dive.velocity, inverted=None if dive.inverted is None else turn @ dive.inverted)
+        replace(
+            dive,
+            way=turn @ dive.way,
+            velocity=turn @ dive.velocity,
+            inverted=None if dive.inverted is None else turn @ dive.inverted,
+        )
         for dive in given
     ]
     for pair in zip(given[:-1], turned[:-1], strict=True):
         states = [model.step(state, dive) for state, dive in zip(states, pair, strict=True)]
-    plain, other = (model.forecast(state, dive) for state, dive in zip(states, (given[-1], turned[-1]), strict=True))
+    plain, other = (
+        model.forecast(state, dive)
+        for state, dive in zip(states, (given[-1], turned[-1]), strict=True)
+    )
     np.testing.assert_allclose(other.mean, turn @ plain.mean, atol=1e-12)
     np.testing.assert_allclose(other.cov, turn @ plain.cov @ turn.T, atol=1e-12)
 
@@ -108,10 +154,15 @@ def test_a_background_that_is_right_is_believed_and_one_that_is_missing_changes_
     state = model.initial()
     for k in range(6):
         velocity = rng.normal(0.0, 0.3, 2)
-        state = model.step(state, DiveMean(int(k * 4e12), 3e4, np.zeros(2), 0.1, velocity, None, velocity[None] + 0.005))
+        state = model.step(
+            state,
+            DiveMean(int(k * 4e12), 3e4, np.zeros(2), 0.1, velocity, None, velocity[None] + 0.005),
+        )
     weights = np.exp(state.log_weights)
     assert weights[model.settings.background == 1].sum() > 0.99
-    unknown = DiveMean(0, 3e4, np.zeros(2), 0.1, np.array([0.1, 0.0]), None, np.full((1, 2), np.nan))
+    unknown = DiveMean(
+        0, 3e4, np.zeros(2), 0.1, np.array([0.1, 0.0]), None, np.full((1, 2), np.nan)
+    )
     first = DiveModel.default(1).forecast(model.initial(), unknown)
     np.testing.assert_allclose(first.mean, 0.0)
 
@@ -142,22 +193,37 @@ def test_weighted_quantiles_are_those_of_all_values_sorted():
         values, weights = rng.exponential(size=n), rng.random(n) ** 9
         weights, order = weights / weights.sum(), np.argsort(values)
         expected = np.interp([0.0, 0.5, 0.9, 1.0], np.cumsum(weights[order]), values[order])
-        np.testing.assert_allclose(weighted_quantiles(values, weights, [0.0, 0.5, 0.9, 1.0]), expected, rtol=1e-6)
+        np.testing.assert_allclose(
+            weighted_quantiles(values, weights, [0.0, 0.5, 0.9, 1.0]), expected, rtol=1e-6
+        )
 
 
 def test_the_radii_of_a_mixture_hold_their_shares():
-    gaussian = Mixture(np.zeros(1), np.array([[0.1, 0.2]]), np.array([[[0.04, 0.01], [0.01, 0.02]]]))
-    np.testing.assert_allclose(gaussian.radii([0.5, 0.9]), np.sqrt(chi2.ppf([0.5, 0.9], 2)), rtol=0.03)
-    mixture = Mixture(np.log([0.7, 0.3]), np.array([[0.0, 0.0], [0.3, 0.1]]), np.array([0.01 * np.eye(2), 0.2 * np.eye(2)]))
+    gaussian = Mixture(
+        np.zeros(1), np.array([[0.1, 0.2]]), np.array([[[0.04, 0.01], [0.01, 0.02]]])
+    )
+    np.testing.assert_allclose(
+        gaussian.radii([0.5, 0.9]), np.sqrt(chi2.ppf([0.5, 0.9], 2)), rtol=0.03
+    )
+    mixture = Mixture(
+        np.log([0.7, 0.3]),
+        np.array([[0.0, 0.0], [0.3, 0.1]]),
+        np.array([0.01 * np.eye(2), 0.2 * np.eye(2)]),
+    )
     rng = np.random.default_rng(0)
     chosen = rng.choice(2, 40_000, p=[0.7, 0.3])
-    draws = mixture.means[chosen] + np.sqrt(mixture.covs[chosen, 0, 0])[:, None] * rng.standard_normal((40_000, 2))
+    draws = mixture.means[chosen] + np.sqrt(mixture.covs[chosen, 0, 0])[
+        :, None
+    ] * rng.standard_normal((40_000, 2))
     about = draws - mixture.mean
     radius = np.sqrt(np.einsum("ni,ij,nj->n", about, np.linalg.inv(mixture.cov), about))
     for share, found in zip((0.5, 0.9), mixture.radii([0.5, 0.9]), strict=True):
         assert np.mean(radius <= found) == pytest.approx(share, abs=0.02)
     density = np.log(
-        sum(w * multivariate_normal(m, c).pdf([0.1, 0.1]) for w, m, c in zip([0.7, 0.3], mixture.means, mixture.covs, strict=True))
+        sum(
+            w * multivariate_normal(m, c).pdf([0.1, 0.1])
+            for w, m, c in zip([0.7, 0.3], mixture.means, mixture.covs, strict=True)
+        )
     )
     assert mixture.log_density(np.array([0.1, 0.1])) == pytest.approx(density)
 

@@ -7,7 +7,12 @@ import pytest
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.estimator.basis.modes import build_basis
-from replay_kit.estimator.prior.amplitude import AMPLITUDES, ScaledPrior, fit_amplitude, scaled_prior
+from replay_kit.estimator.prior.amplitude import (
+    AMPLITUDES,
+    ScaledPrior,
+    fit_amplitude,
+    scaled_prior,
+)
 from replay_kit.estimator.prior.fit import left_out_amplitude, members_in_basis
 from replay_kit.estimator.prior.hybrid import PriorSettings, hybrid_prior
 from tests import synthetic
@@ -29,24 +34,36 @@ def drawn(amplitude, seed, size=40):
 @pytest.mark.parametrize(("amplitude", "seed"), [(1.0, 0), (0.3, 1), (4.0, 2), (9.0, 3)])
 def test_it_is_the_likeliest_of_a_fine_grid(amplitude, seed):
     innovation, cov = drawn(amplitude, seed)
-    assert fit_amplitude(innovation, cov) == pytest.approx(slow.fit_amplitude(innovation, cov, *AMPLITUDES), rel=1e-4)
+    assert fit_amplitude(innovation, cov) == pytest.approx(
+        slow.fit_amplitude(innovation, cov, *AMPLITUDES), rel=1e-4
+    )
 
 
 def test_one_direction_has_the_answer_of_a_formula():
     # with one eigenvalue s and component c, a s + 1 = c^2
-    assert fit_amplitude(np.array([3.0]), np.array([[4.0]])) == pytest.approx((9.0 - 1.0) / 4.0, rel=1e-4)
-    assert fit_amplitude(np.array([-3.0]), np.array([[2.0]])) == pytest.approx((9.0 - 1.0) / 2.0, rel=1e-4)
+    assert fit_amplitude(np.array([3.0]), np.array([[4.0]])) == pytest.approx(
+        (9.0 - 1.0) / 4.0, rel=1e-4
+    )
+    assert fit_amplitude(np.array([-3.0]), np.array([[2.0]])) == pytest.approx(
+        (9.0 - 1.0) / 2.0, rel=1e-4
+    )
 
 
 def test_it_stays_within_its_limits():
-    assert fit_amplitude(np.array([0.1]), np.array([[4.0]])) == pytest.approx(AMPLITUDES[0], rel=1e-3)
-    assert fit_amplitude(np.array([100.0]), np.array([[1.0]])) == pytest.approx(AMPLITUDES[1], rel=1e-3)
+    assert fit_amplitude(np.array([0.1]), np.array([[4.0]])) == pytest.approx(
+        AMPLITUDES[0], rel=1e-3
+    )
+    assert fit_amplitude(np.array([100.0]), np.array([[1.0]])) == pytest.approx(
+        AMPLITUDES[1], rel=1e-3
+    )
 
 
 def test_what_was_expected_counts_as_much_as_stated():
     innovation, cov = drawn(4.0, 5)
     found = fit_amplitude(innovation, cov, 0.5)
-    assert found == pytest.approx(slow.fit_amplitude(innovation, cov, *AMPLITUDES, expected=0.5), rel=1e-4)
+    assert found == pytest.approx(
+        slow.fit_amplitude(innovation, cov, *AMPLITUDES, expected=0.5), rel=1e-4
+    )
     assert found < fit_amplitude(innovation, cov)
     # no variance, no information
     assert fit_amplitude(np.array([5.0]), np.array([[0.0]]), 1.7) == pytest.approx(1.7, rel=1e-4)
@@ -66,9 +83,20 @@ def test_a_scaled_prior_is_the_prior_with_another_covariance():
     np.testing.assert_allclose(scaled.covariance(), 2.5 * cov, rtol=1e-12)
     np.testing.assert_allclose(scaled.covariance((1,)), 2.5 * prior.covariance((1,)), rtol=1e-12)
     weights = np.random.default_rng(0).standard_normal((2, 3, 6))
-    np.testing.assert_allclose(scaled.matvec(weights).reshape(2, -1), 2.5 * weights.reshape(2, -1) @ cov, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(scaled.matvec_modes(np.eye(6)).reshape(18, 18), 2.5 * cov, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(scaled.matvec_modes(np.eye(6), (0, 2)), 2.5 * prior.matvec_modes(np.eye(6), (0, 2)), rtol=1e-12)
+    np.testing.assert_allclose(
+        scaled.matvec(weights).reshape(2, -1),
+        2.5 * weights.reshape(2, -1) @ cov,
+        rtol=1e-9,
+        atol=1e-12,
+    )
+    np.testing.assert_allclose(
+        scaled.matvec_modes(np.eye(6)).reshape(18, 18), 2.5 * cov, rtol=1e-9, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        scaled.matvec_modes(np.eye(6), (0, 2)),
+        2.5 * prior.matvec_modes(np.eye(6), (0, 2)),
+        rtol=1e-12,
+    )
     np.testing.assert_allclose(scaled.mode_std() ** 2, 2.5 * prior.mode_std() ** 2, rtol=1e-12)
 
 
@@ -85,8 +113,14 @@ def test_each_member_left_out_is_measured_at_ten_columns():
         cov = hybrid_prior(others, MEMBERS.velocity_modes, MEMBERS.nodes, SETTINGS).covariance()
         rng = np.random.default_rng([20211, member])
         at = rng.integers(20, size=10)
-        h = np.kron(np.eye(3), np.concatenate([MEMBERS.velocity_modes[at], MEMBERS.velocity_modes[at + 20]]) / 0.05)
-        innovation = h @ (MEMBERS.weights[member] - others.mean(axis=0)).ravel() + rng.standard_normal((3, 20)).ravel()
+        h = np.kron(
+            np.eye(3),
+            np.concatenate([MEMBERS.velocity_modes[at], MEMBERS.velocity_modes[at + 20]]) / 0.05,
+        )
+        innovation = (
+            h @ (MEMBERS.weights[member] - others.mean(axis=0)).ravel()
+            + rng.standard_normal((3, 20)).ravel()
+        )
         logs.append(np.log(slow.fit_amplitude(innovation, h @ cov @ h.T, *AMPLITUDES)))
     assert left_out_amplitude(MEMBERS, SETTINGS) == pytest.approx(np.exp(np.mean(logs)), rel=1e-3)
 

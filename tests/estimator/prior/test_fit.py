@@ -42,7 +42,12 @@ def members_of(seed, n_members, latent, n_side=6, n_levels=2):
     rng = np.random.default_rng(seed)
     east, north = np.meshgrid(np.arange(n_side) * 1e4, np.arange(n_side) * 1e4)
     nodes = np.column_stack([east.ravel(), north.ravel()])
-    fields = np.array([[np.concatenate([latent(rng, nodes), latent(rng, nodes)])] * n_levels for _ in range(n_members)])
+    fields = np.array(
+        [
+            [np.concatenate([latent(rng, nodes), latent(rng, nodes)])] * n_levels
+            for _ in range(n_members)
+        ]
+    )
     return Members(fields, np.eye(2 * len(nodes)), nodes)
 
 
@@ -58,10 +63,14 @@ def test_the_score_equals_a_textbook_update_and_quadrature():
     rows = np.concatenate([members.velocity_modes[at], members.velocity_modes[at + 4]])
     design = np.kron(np.eye(2), rows)
     values = design @ truth.ravel() + ERROR_STD * again.standard_normal(12)
-    mean, cov, _, _ = slow.kalman_update(np.zeros(16), prior, design, values, ERROR_STD**2 * np.eye(12))
+    mean, cov, _, _ = slow.kalman_update(
+        np.zeros(16), prior, design, values, ERROR_STD**2 * np.eye(12)
+    )
     log_score, inside = score_withheld(members, truth, prior, measured, information)
     error, std = mean - truth.ravel(), np.sqrt(np.diag(cov))
-    by_hand = np.mean([slow_scores.crps_by_quadrature(e, s) for e, s in zip(error, std, strict=True)])
+    by_hand = np.mean(
+        [slow_scores.crps_by_quadrature(e, s) for e, s in zip(error, std, strict=True)]
+    )
     assert log_score == pytest.approx(np.log(by_hand / np.mean(np.abs(truth))), abs=1e-5)
     assert inside == pytest.approx(np.mean(np.abs(error) <= 1.6448536 * std))
 
@@ -73,7 +82,14 @@ def test_members_of_one_shape_want_the_sample_covariance_and_noise_does_not():
 
     settings = PriorSettings(0.5, 0.0, 3e4)
     waves = best(score_sample_shares(members_of(0, 12, long_waves), settings, SHARES, 6))
-    noise = best(score_sample_shares(members_of(0, 12, lambda rng, nodes: rng.standard_normal(len(nodes))), settings, SHARES, 6))
+    noise = best(
+        score_sample_shares(
+            members_of(0, 12, lambda rng, nodes: rng.standard_normal(len(nodes))),
+            settings,
+            SHARES,
+            6,
+        )
+    )
     assert waves.sample_share == max(SHARES)
     assert noise.sample_share == min(SHARES)
 
@@ -92,12 +108,17 @@ def test_the_shift_is_a_length_or_half_of_it_as_suits_members_left_out(length, s
     """The second is tried with the share that suits the first, and has shares of its own where it is better."""
 
     def eddies(rng, nodes):
-        return np.cos(nodes @ rng.standard_normal((2, 6)) / 8e3 + rng.uniform(0.0, 2.0 * np.pi, 6)).sum(axis=1)
+        return np.cos(
+            nodes @ rng.standard_normal((2, 6)) / 8e3 + rng.uniform(0.0, 2.0 * np.pi, 6)
+        ).sum(axis=1)
 
     members = members_of(0, 6, eddies, n_side=3)
     start = choose_settings(members, length, EstimatorConfig(shift_distance=length))
     far, near = (
-        {row.settings.sample_share: row.score for row in score_sample_shares(members, replace(start, shift=tried), SHARES, 6)}
+        {
+            row.settings.sample_share: row.score
+            for row in score_sample_shares(members, replace(start, shift=tried), SHARES, 6)
+        }
         for tried in (length, 0.5 * length)
     )
     chosen = choose_settings(members, length, EstimatorConfig())
@@ -126,7 +147,21 @@ def test_every_step_is_told():
 def test_the_command_writes_settings_that_the_estimator_takes(tmp_path, capsys):
     ensemble, out = tmp_path / "e.nc", tmp_path / "params.toml"
     synthetic.dataset(n_members=6).to_netcdf(ensemble)
-    assert run_cli(["fit", str(ensemble), "-o", str(out), "--left-out", "2", "--json", str(tmp_path / "fit.json")]) == 0
+    assert (
+        run_cli(
+            [
+                "fit",
+                str(ensemble),
+                "-o",
+                str(out),
+                "--left-out",
+                "2",
+                "--json",
+                str(tmp_path / "fit.json"),
+            ]
+        )
+        == 0
+    )
     answer = json.loads((tmp_path / "fit.json").read_text())
     section = tomllib.loads(out.read_text())["estimator"]
     assert section["sample_share"] == answer["chosen"]["sample_share"]
@@ -151,7 +186,21 @@ def test_the_command_takes_one_file_a_member(tmp_path):
     answers = []
     for number, given in enumerate((files, [str(tmp_path / "all.nc")])):
         answer = tmp_path / f"{number}.json"
-        assert run_cli(["fit", *given, "-o", str(tmp_path / f"{number}.toml"), "--left-out", "1", "--json", str(answer)]) == 0
+        assert (
+            run_cli(
+                [
+                    "fit",
+                    *given,
+                    "-o",
+                    str(tmp_path / f"{number}.toml"),
+                    "--left-out",
+                    "1",
+                    "--json",
+                    str(answer),
+                ]
+            )
+            == 0
+        )
         answers.append(json.loads(answer.read_text())["chosen"])
     assert answers[0] == pytest.approx(answers[1], rel=1e-9)
 

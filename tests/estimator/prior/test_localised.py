@@ -3,10 +3,20 @@
 import numpy as np
 import pytest
 
-from replay_kit.estimator.basis.shifts import projector, shift_operators, shifted_copies, shifted_in_modes
+from replay_kit.estimator.basis.shifts import (
+    projector,
+    shift_operators,
+    shifted_copies,
+    shifted_in_modes,
+)
 from replay_kit.estimator.prior import localised as module
 from replay_kit.estimator.prior.hybrid import PriorSettings, hybrid_prior
-from replay_kit.estimator.prior.localised import localised, localised_part, tiles, vertical_functions
+from replay_kit.estimator.prior.localised import (
+    localised,
+    localised_part,
+    tiles,
+    vertical_functions,
+)
 from tests.reference import estimator as slow
 from tests.reference.baselines import gaspari_cohn as slow_taper
 
@@ -16,12 +26,19 @@ RADIUS = 4.0
 def nodes_of(kind, rng):
     """A regular grid with a bay of land, or a curvilinear one."""
     x, y = (axis.ravel() for axis in np.meshgrid(np.arange(7.0), np.arange(6.0)))
-    places = np.column_stack([x, y]) if kind == "land" else np.column_stack([x + 0.3 * np.sin(y), (1.0 + 0.1 * x) * y])
+    places = (
+        np.column_stack([x, y])
+        if kind == "land"
+        else np.column_stack([x + 0.3 * np.sin(y), (1.0 + 0.1 * x) * y])
+    )
     return places[~((x < 3) & (y > 3))] if kind == "land" else places
 
 
 def covariances_of(rng, groups, n_modes):
-    factors = rng.standard_normal((groups, n_modes, n_modes + 2)) * np.geomspace(1.0, 0.05, n_modes)[:, None]
+    factors = (
+        rng.standard_normal((groups, n_modes, n_modes + 2))
+        * np.geomspace(1.0, 0.05, n_modes)[:, None]
+    )
     return factors @ factors.swapaxes(1, 2)
 
 
@@ -38,7 +55,9 @@ def test_it_equals_the_twin_in_double_precision_and_nearly_in_single(monkeypatch
     for ours, covariance in zip(found, covariances, strict=True):
         theirs = slow.localised_covariance(covariance, modes, nodes, RADIUS, slow_taper)
         np.testing.assert_allclose(ours, theirs, atol=error * np.abs(theirs).max())
-        np.testing.assert_array_equal(ours, ours.T) if few else np.testing.assert_allclose(ours, ours.T, atol=1e-15)
+        np.testing.assert_array_equal(ours, ours.T) if few else np.testing.assert_allclose(
+            ours, ours.T, atol=1e-15
+        )
         assert np.linalg.eigvalsh(ours).min() > -1e-12 * np.abs(theirs).max()
 
 
@@ -73,15 +92,21 @@ def test_weak_functions_of_depth_share_a_covariance_and_keep_their_variance():
     vertical, horizontal = localised_part(anomalies, modes, projector(modes), nodes, 1e9)
     assert horizontal.shape == (9, 5, 5)
     # without a taper, all that is left out is correlation between functions
-    variance = sum(np.sum(row**2) * np.trace(horizontal[min(q, 8)]) for q, row in enumerate(vertical))
+    variance = sum(
+        np.sum(row**2) * np.trace(horizontal[min(q, 8)]) for q, row in enumerate(vertical)
+    )
     assert variance == pytest.approx(np.sum(anomalies**2), rel=1e-8)
-    prior = hybrid_prior(rng.standard_normal((6, 14, 5)), modes, nodes, PriorSettings(0.5, 1.0, RADIUS))
+    prior = hybrid_prior(
+        rng.standard_normal((6, 14, 5)), modes, nodes, PriorSettings(0.5, 1.0, RADIUS)
+    )
     dense = prior.covariance()
     np.testing.assert_allclose(dense, dense.T, atol=1e-14)
     assert np.linalg.eigvalsh(dense).min() > -1e-12 * np.abs(dense).max()
     np.testing.assert_allclose(np.diag(dense).reshape(14, 5).mean(axis=0) ** 0.5, prior.mode_std())
     weights = rng.standard_normal((2, 14, 5))
-    np.testing.assert_allclose(prior.matvec(weights).reshape(2, -1), weights.reshape(2, -1) @ dense, atol=1e-12)
+    np.testing.assert_allclose(
+        prior.matvec(weights).reshape(2, -1), weights.reshape(2, -1) @ dense, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("deficient", [False, True])
@@ -95,4 +120,8 @@ def test_the_projector_is_the_pseudo_inverse_and_shifts_in_modes_are_shifts_of_f
     np.testing.assert_allclose(to_modes, np.linalg.pinv(modes), atol=1e-10)
     anomalies = rng.standard_normal((3, 2, 6))
     expected = shifted_copies(anomalies @ modes.T, nodes, 1.2) @ to_modes.T
-    np.testing.assert_allclose(shifted_in_modes(anomalies, shift_operators(modes, to_modes, nodes, 1.2)), expected, atol=1e-12)
+    np.testing.assert_allclose(
+        shifted_in_modes(anomalies, shift_operators(modes, to_modes, nodes, 1.2)),
+        expected,
+        atol=1e-12,
+    )

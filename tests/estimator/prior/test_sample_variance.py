@@ -40,16 +40,31 @@ def test_the_paper_s_prior():
 
 def test_the_sample_part_of_the_default_prior():
     weight = np.array([[1.0, -2.0], [0.5, 3.0]])
-    prior = hybrid_prior(TIMES[:, None, None] * weight, np.eye(4)[:, :2], np.zeros((2, 2)), PriorSettings(1.0, 0.0, 1.0))
-    np.testing.assert_allclose(prior.covariance(), VARIANCE * np.outer(weight.ravel(), weight.ravel()))
+    prior = hybrid_prior(
+        TIMES[:, None, None] * weight,
+        np.eye(4)[:, :2],
+        np.zeros((2, 2)),
+        PriorSettings(1.0, 0.0, 1.0),
+    )
+    np.testing.assert_allclose(
+        prior.covariance(), VARIANCE * np.outer(weight.ravel(), weight.ravel())
+    )
 
 
 @pytest.mark.parametrize("evolving", [False, True])
 def test_the_estimate_before_any_observation(evolving):
-    estimator = build_evolving([MEMBERS], PLAIN, TimeConfig(scale="static")) if evolving else build_estimator(MEMBERS, PLAIN)
+    estimator = (
+        build_evolving([MEMBERS], PLAIN, TimeConfig(scale="static"))
+        if evolving
+        else build_estimator(MEMBERS, PLAIN)
+    )
     first, second, _ = estimator.basis.member_weights
     field = (second - first).ravel()
-    np.testing.assert_allclose(estimator.flow(estimator.initial()).weight_cov, VARIANCE * np.outer(field, field), atol=1e-10)
+    np.testing.assert_allclose(
+        estimator.flow(estimator.initial()).weight_cov,
+        VARIANCE * np.outer(field, field),
+        atol=1e-10,
+    )
 
 
 def test_the_naive_filter():
@@ -59,13 +74,19 @@ def test_the_naive_filter():
 
 
 def test_the_local_ensemble_filter():
-    np.testing.assert_allclose(np.sum(build_letkf(MEMBERS, EstimatorConfig()).velocity[1:] ** 2, axis=0), VARIANCE * FIELD**2, atol=1e-12)
+    np.testing.assert_allclose(
+        np.sum(build_letkf(MEMBERS, EstimatorConfig()).velocity[1:] ** 2, axis=0),
+        VARIANCE * FIELD**2,
+        atol=1e-12,
+    )
 
 
 def test_the_ensemble_transform_filter():
     etkf = build_etkf(MEMBERS, EstimatorConfig())
     first, second, _ = etkf.reduced.basis.member_weights
-    np.testing.assert_allclose(np.sum(etkf.anomalies**2, axis=0), VARIANCE * (second - first).ravel() ** 2, atol=1e-12)
+    np.testing.assert_allclose(
+        np.sum(etkf.anomalies**2, axis=0), VARIANCE * (second - first).ravel() ** 2, atol=1e-12
+    )
 
 
 def test_the_margin_of_a_plan_for_samples():
@@ -80,6 +101,8 @@ def test_the_ellipse_of_a_surfacing():
     """Three flights that surface 1, 2 and 6 km east, and as far north, of a place: Hotelling's factor of three is the root of 264."""
     place = 1e3 * np.stack([TIMES, TIMES], axis=1)[:, None]
     flights = SimpleNamespace(place=place, time=np.array([0.0]), projection=MEMBERS.grid.projection)
-    ((_, _, major, minor, _),) = surfacing_ellipses(flights, SimpleNamespace(surfacing_times=np.array([0.0])))
+    ((_, _, major, minor, _),) = surfacing_ellipses(
+        flights, SimpleNamespace(surfacing_times=np.array([0.0]))
+    )
     assert major == pytest.approx(np.sqrt(264.0) * 1e3 * np.sqrt(2.0 * VARIANCE))
     assert minor == pytest.approx(0.0, abs=0.1)

@@ -31,7 +31,9 @@ def run(estimator, observations):
 
 
 def local_values(grid, observation):
-    u, v = rotate_to_local(grid.projection, observation.longitude, observation.latitude, *observation.velocity.T)
+    u, v = rotate_to_local(
+        grid.projection, observation.longitude, observation.latitude, *observation.velocity.T
+    )
     return np.concatenate([u, v])
 
 
@@ -48,7 +50,9 @@ def test_paper_equals_a_dense_twin():
     for observation in observations:
         used = observation.depth <= grid.levels[-1]
         place = to_local(grid.projection, observation.longitude, observation.latitude)
-        h = slow.design_matrix(place, observation.depth[used], points, modes, 3, grid.levels[0], lengths, speed)
+        h = slow.design_matrix(
+            place, observation.depth[used], points, modes, 3, grid.levels[0], lengths, speed
+        )
         value = local_values(grid, observation)[np.tile(used, 2)]
         mean, cov, nis, _ = slow.kalman_update(mean, cov, h, value, 0.12**2 * np.eye(value.size))
         state, innovation = estimator.step(state, observation)
@@ -58,10 +62,17 @@ def test_paper_equals_a_dense_twin():
     for observation in probe:
         east, north = to_local(grid.projection, observation.longitude, observation.latitude)
         depths = np.array([5.0, 50.0, 200.0])
-        h = slow.design_matrix((east, north), depths, points, modes, 3, grid.levels[0], lengths, speed)
+        h = slow.design_matrix(
+            (east, north), depths, points, modes, 3, grid.levels[0], lengths, speed
+        )
         flow = estimator.flow(state)
         expected = (h @ mean).reshape(2, -1).T
-        np.testing.assert_allclose(flow.velocity(east, north, depths), expected, rtol=1e-8, atol=1e-8 * np.abs(expected).max())
+        np.testing.assert_allclose(
+            flow.velocity(east, north, depths),
+            expected,
+            rtol=1e-8,
+            atol=1e-8 * np.abs(expected).max(),
+        )
         std = np.sqrt(np.diag(h @ cov @ h.T)).reshape(2, -1).T
         np.testing.assert_allclose(flow.standard_error(east, north, depths), std, rtol=1e-8)
 
@@ -76,20 +87,36 @@ def test_online_equals_batch(preset):
     rows, values, variances = [], [], []
     for observation in observations:
         used = observation.depth <= SMALL.grid.levels[-1]
-        point = np.array([to_local(SMALL.grid.projection, observation.longitude, observation.latitude)])
+        point = np.array(
+            [to_local(SMALL.grid.projection, observation.longitude, observation.latitude)]
+        )
         kernel = functions_at(basis.horizontal, point)
         weights = depth_weights(basis.depth_functions, observation.depth[used], basis.grid.levels)
         rows.append(np.vstack([np.kron(weights, kernel[c] @ basis.modes) for c in range(2)]))
-        values.append(local_values(SMALL.grid, observation)[np.tile(used, 2)] - (weights @ (kernel @ basis.offset).T).T.ravel())
+        values.append(
+            local_values(SMALL.grid, observation)[np.tile(used, 2)]
+            - (weights @ (kernel @ basis.offset).T).T.ravel()
+        )
         if preset == "paper":
             std = np.full(used.sum(), 0.12)
         else:
-            std = np.hypot(0.05, np.interp(observation.depth[used], basis.grid.levels, basis.local_error(point, basis.truncation_std)[0]))
+            std = np.hypot(
+                0.05,
+                np.interp(
+                    observation.depth[used],
+                    basis.grid.levels,
+                    basis.local_error(point, basis.truncation_std)[0],
+                ),
+            )
         variances.append(np.tile(std**2, 2))
     h, y, r = np.vstack(rows), np.concatenate(values), np.diag(np.concatenate(variances))
-    mean, cov, _, _ = slow.kalman_update(estimator.prior.mean, estimator.prior.covariance(), h, y, r)
+    mean, cov, _, _ = slow.kalman_update(
+        estimator.prior.mean, estimator.prior.covariance(), h, y, r
+    )
     np.testing.assert_allclose(state.mean, mean, atol=1e-10 * np.abs(mean).max())
-    np.testing.assert_allclose(state.posterior.covariance(), cov, atol=1e-10 * np.abs(estimator.prior.covariance()).max())
+    np.testing.assert_allclose(
+        state.posterior.covariance(), cov, atol=1e-10 * np.abs(estimator.prior.covariance()).max()
+    )
 
 
 def test_innovation_std_and_residual_are_those_of_the_uncompressed_profile():
@@ -99,9 +126,16 @@ def test_innovation_std_and_residual_are_those_of_the_uncompressed_profile():
     before, after = estimator.flow(estimator.initial()), estimator.flow(state)
     east, north = to_local(SMALL.grid.projection, observation.longitude, observation.latitude)
     used = observation.depth <= SMALL.grid.levels[-1]
-    depth, value = observation.depth[used], local_values(SMALL.grid, observation).reshape(2, -1).T[used]
-    np.testing.assert_allclose(innovation.innovation[used], value - before.velocity(east, north, depth), atol=1e-12)
-    np.testing.assert_allclose(innovation.residual[used], value - after.velocity(east, north, depth), atol=1e-12)
+    depth, value = (
+        observation.depth[used],
+        local_values(SMALL.grid, observation).reshape(2, -1).T[used],
+    )
+    np.testing.assert_allclose(
+        innovation.innovation[used], value - before.velocity(east, north, depth), atol=1e-12
+    )
+    np.testing.assert_allclose(
+        innovation.residual[used], value - after.velocity(east, north, depth), atol=1e-12
+    )
     representation = error_at(estimator, observation.longitude, observation.latitude)
     error_std = np.hypot(0.05, np.interp(depth, SMALL.grid.levels, representation))
     expected = np.hypot(before.standard_error(east, north, depth), error_std[:, None])
@@ -113,7 +147,11 @@ def test_an_unusable_profile_changes_nothing_and_says_why():
     estimator = build_estimator(SMALL, DEFAULT)
     state = estimator.initial()
     observation = synthetic.random_profiles(SMALL.grid, 1)[0]
-    missing = replace(observation, velocity=np.full_like(observation.velocity, np.nan), flags=np.full(11, Flag.MISSING, np.int8))
+    missing = replace(
+        observation,
+        velocity=np.full_like(observation.velocity, np.nan),
+        flags=np.full(11, Flag.MISSING, np.int8),
+    )
     after, innovation = estimator.step(state, missing)
     assert after is state
     assert not innovation.accepted
@@ -135,13 +173,19 @@ def test_estimate_and_modes_are_divergence_free(preset):
     rng = np.random.default_rng(1)
     east, north = rng.uniform(-1.5e4, 1.5e4, (2, 6))
     depth = rng.uniform(0.0, 220.0, 6)
-    means = [state.mean] + [np.tile(np.eye(estimator.basis.n_modes)[m], n_levels) for m in (0, 3, estimator.basis.n_modes - 1)]
+    means = [state.mean] + [
+        np.tile(np.eye(estimator.basis.n_modes)[m], n_levels)
+        for m in (0, 3, estimator.basis.n_modes - 1)
+    ]
     step = 60.0
     for mean in means:
         flow = estimator.flow_of(mean, state.posterior.covariance, None)
 
         def slope(shift_east, shift_north, component, flow=flow):
-            values = [flow.velocity(east + k * shift_east, north + k * shift_north, depth)[:, component] for k in (-2, -1, 1, 2)]
+            values = [
+                flow.velocity(east + k * shift_east, north + k * shift_north, depth)[:, component]
+                for k in (-2, -1, 1, 2)
+            ]
             return (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * step)
 
         u_x, v_y = slope(step, 0.0, 0), slope(0.0, step, 1)
@@ -161,7 +205,9 @@ def test_samples_have_the_stated_spread_and_are_seeded():
     point = (3_000.0, -2_000.0, 40.0)
     drawn = np.array([sample.velocity(*point) for sample in flow.sample(4000, seed=1)])
     np.testing.assert_allclose(drawn.std(axis=0), flow.standard_error(*point), rtol=0.05)
-    np.testing.assert_array_equal(flow.sample(2, seed=1)[1].velocity(*point), flow.sample(2, seed=1)[1].velocity(*point))
+    np.testing.assert_array_equal(
+        flow.sample(2, seed=1)[1].velocity(*point), flow.sample(2, seed=1)[1].velocity(*point)
+    )
 
 
 def test_measurements_shrink_the_uncertainty_everywhere():
@@ -169,7 +215,9 @@ def test_measurements_shrink_the_uncertainty_everywhere():
     state, _ = run(estimator, synthetic.random_profiles(SMALL.grid, 5))
     grid = SMALL.grid
     points = grid.east[None], grid.north[None], grid.levels[:, None, None]
-    before, after = (estimator.flow(s).standard_error(*points) for s in (estimator.initial(), state))
+    before, after = (
+        estimator.flow(s).standard_error(*points) for s in (estimator.initial(), state)
+    )
     assert np.all(after <= before * (1 + 1e-12))
     assert after.mean() < 0.8 * before.mean()
 
@@ -184,7 +232,9 @@ def test_inflation_is_one_for_independent_residuals_and_ar1_s_for_correlated_one
             series[k] = rho * series[k - 1] + np.sqrt(1 - rho**2) * noise[k]
         assert dependence_inflation(series) == pytest.approx((1 + rho) / (1 - rho), rel=0.1)
         # twice the residual is four times the variance
-        assert dependence_inflation(2.0 * series) == pytest.approx(4 * (1 + rho) / (1 - rho), rel=0.1)
+        assert dependence_inflation(2.0 * series) == pytest.approx(
+            4 * (1 + rho) / (1 - rho), rel=0.1
+        )
 
 
 def test_correlated_bins_move_the_estimate_as_the_inflated_errors_would_and_paper_never_inflates():
@@ -202,7 +252,9 @@ def test_correlated_bins_move_the_estimate_as_the_inflated_errors_would_and_pape
     h = np.vstack([np.kron(weights, kernel[c] @ estimator.basis.modes) for c in range(2)])
     value = (wiggle - weights @ (kernel @ estimator.basis.offset).reshape(2, -1).T).T.ravel()
     noise = np.diag(np.tile(own**2 * innovation.error_inflation, 2))
-    mean, _, _, _ = slow.kalman_update(estimator.prior.mean, estimator.prior.covariance(), h, value, noise)
+    mean, _, _, _ = slow.kalman_update(
+        estimator.prior.mean, estimator.prior.covariance(), h, value, noise
+    )
     np.testing.assert_allclose(state.mean, mean, atol=1e-9)
     assert estimator.step(estimator.initial(), observation)[1].error_inflation == 1.0
     paper = build_estimator(SMALL, EstimatorConfig(preset="paper"))

@@ -29,31 +29,45 @@ def dense(profiles, bins):
         place = np.array([to_local(grid.projection, profile.longitude, profile.latitude)], float)
         kernel = functions_at(basis.horizontal, place)
         weights = depth_weights(basis.depth_functions, profile.depth[used], grid.levels)
-        measured = rotate_to_local(grid.projection, profile.longitude, profile.latitude, *profile.velocity[used].T)
+        measured = rotate_to_local(
+            grid.projection, profile.longitude, profile.latitude, *profile.velocity[used].T
+        )
         for k, bin_at in enumerate(used):
             for component in range(2):
                 rows.append(np.kron(weights[k], (kernel @ basis.modes)[component]))
                 offsets.append(weights[k] @ (kernel @ basis.offset)[component])
                 values.append(measured[component][k])
-                representation = np.interp(profile.depth[bin_at], grid.levels, error_at(ESTIMATOR, profile.longitude, profile.latitude))
+                representation = np.interp(
+                    profile.depth[bin_at],
+                    grid.levels,
+                    error_at(ESTIMATOR, profile.longitude, profile.latitude),
+                )
                 errors.append(np.hypot(profile.error_std[bin_at], representation))
     h = np.array(rows)
     mean = np.array(offsets) + h @ ESTIMATOR.prior.mean
-    return np.array(values), mean, h @ ESTIMATOR.prior.covariance() @ h.T + np.diag(np.square(errors))
+    return (
+        np.array(values),
+        mean,
+        h @ ESTIMATOR.prior.covariance() @ h.T + np.diag(np.square(errors)),
+    )
 
 
 def test_it_is_the_density_of_one_dense_gaussian():
     found = predict_jointly(ESTIMATOR, PROFILES, BINS).of(PROFILES)
     values, mean, cov = dense(PROFILES, BINS)
     assert found.log == pytest.approx(slow.log_density(values, mean, cov), rel=1e-9)
-    assert found.nis == pytest.approx((values - mean) @ np.linalg.solve(cov, values - mean), rel=1e-9)
+    assert found.nis == pytest.approx(
+        (values - mean) @ np.linalg.solve(cov, values - mean), rel=1e-9
+    )
     assert found.dof == values.size
 
 
 def test_other_velocities_need_no_other_prediction():
     turned = [replace(profile, velocity=profile.velocity[:, ::-1]) for profile in PROFILES]
     ours = predict_jointly(ESTIMATOR, PROFILES, BINS).of(turned)
-    assert ours.log == pytest.approx(predict_jointly(ESTIMATOR, turned, BINS).of(turned).log, rel=1e-12)
+    assert ours.log == pytest.approx(
+        predict_jointly(ESTIMATOR, turned, BINS).of(turned).log, rel=1e-12
+    )
 
 
 def test_one_profile_is_what_the_filter_says_of_it():
@@ -65,5 +79,8 @@ def test_one_profile_is_what_the_filter_says_of_it():
 
 def test_a_profile_without_bins_says_nothing():
     none = [np.array([], dtype=np.intp), *BINS[1:]]
-    ours, theirs = predict_jointly(ESTIMATOR, PROFILES, none), predict_jointly(ESTIMATOR, PROFILES[1:], BINS[1:])
+    ours, theirs = (
+        predict_jointly(ESTIMATOR, PROFILES, none),
+        predict_jointly(ESTIMATOR, PROFILES[1:], BINS[1:]),
+    )
     assert ours.of(PROFILES) == theirs.of(PROFILES[1:])

@@ -31,7 +31,13 @@ def profiles(n, factor=1.0, seed=0):
     for profile in synthetic.random_profiles(GIVEN.grid, n, seed=seed):
         east, north = to_local(GIVEN.grid.projection, profile.longitude, profile.latitude)
         mean = flow.velocity(east, north, profile.depth, true_axes=True)
-        out.append(replace(profile, velocity=factor * mean + profile.error_std[:, None] * rng.standard_normal(mean.shape)))
+        out.append(
+            replace(
+                profile,
+                velocity=factor * mean
+                + profile.error_std[:, None] * rng.standard_normal(mean.shape),
+            )
+        )
     return out
 
 
@@ -44,13 +50,20 @@ def after(estimator, observations):
 
 def twin(observations):
     """Mean and covariance of the weights: one dense update for each variance, averaged with their densities of all that was measured."""
-    rows = [ESTIMATOR.rows(each, np.flatnonzero(each.depth <= GIVEN.grid.levels[-1])) for each in observations]
+    rows = [
+        ESTIMATOR.rows(each, np.flatnonzero(each.depth <= GIVEN.grid.levels[-1]))
+        for each in observations
+    ]
     design = np.concatenate([each.design() for each in rows])
     values = np.concatenate([each.compress(each.values)[0] for each in rows])
     mean = ESTIMATOR.basis.mean_weights.ravel()
     certain = ESTIMATOR.prior.covariance() - before_the_log().variance * np.outer(mean, mean)
     return slow.mixture_update(
-        ESTIMATOR.prior.mean, [certain + k * np.outer(mean, mean) for k in VARIANCES], np.array(WEIGHTS), design, values
+        ESTIMATOR.prior.mean,
+        [certain + k * np.outer(mean, mean) for k in VARIANCES],
+        np.array(WEIGHTS),
+        design,
+        values,
     )
 
 
@@ -64,7 +77,9 @@ def test_it_is_the_mixture_over_the_variances(count, factor):
         np.testing.assert_allclose(state.posterior.covariance(), covariance, atol=1e-8)
     else:
         # of a mixture of two peaks the variance is that of its widest Gaussian
-        np.testing.assert_allclose(np.trace(state.posterior.covariance()), np.trace(covariance), rtol=0.05)
+        np.testing.assert_allclose(
+            np.trace(state.posterior.covariance()), np.trace(covariance), rtol=0.05
+        )
 
 
 def test_a_mean_that_is_too_strong_is_found_out():
@@ -109,7 +124,9 @@ def test_the_innovation_published_was_predicted_before_the_average():
     observations = profiles(3, 0.5)
     before = after(ESTIMATOR, observations[:2])
     _, said = ESTIMATOR.step(before, observations[2])
-    np.testing.assert_allclose(said.innovation, ESTIMATOR.innovation(before, observations[2]), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        said.innovation, ESTIMATOR.innovation(before, observations[2]), rtol=1e-9, atol=1e-12
+    )
 
 
 def test_a_checkpoint_holds_the_amplitude_and_not_the_prior(tmp_path):
@@ -137,13 +154,19 @@ def test_a_variance_that_is_given_stays():
     for variance in (0.0, 0.1):
         estimator = build_estimator(STRONG, CONFIG.model_copy(update={"mean_variance": variance}))
         assert after(estimator, profiles(3)).mean_amplitude is None
-    assert build_estimator(STRONG, CONFIG.model_copy(update={"spread": "fit"})).mean_amplitude is None
+    assert (
+        build_estimator(STRONG, CONFIG.model_copy(update={"spread": "fit"})).mean_amplitude is None
+    )
 
 
 def test_the_next_window_has_the_amplitude_and_keeps_it():
     state = after(ESTIMATOR, profiles(5, 0.5))
     begun, _ = hand_over(ESTIMATOR, state, ESTIMATOR)
     assert begun.mean_amplitude == state.mean_amplitude.ended()
-    np.testing.assert_allclose(ESTIMATOR.flow(begun).velocity(0.0, 0.0, 50.0), ESTIMATOR.flow(state).velocity(0.0, 0.0, 50.0), atol=0.02)
+    np.testing.assert_allclose(
+        ESTIMATOR.flow(begun).velocity(0.0, 0.0, 50.0),
+        ESTIMATOR.flow(state).velocity(0.0, 0.0, 50.0),
+        atol=0.02,
+    )
     again, _ = ESTIMATOR.step(begun, profiles(6, 0.5)[5])
     assert again.mean_amplitude == begun.mean_amplitude

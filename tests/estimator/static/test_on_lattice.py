@@ -25,7 +25,9 @@ def estimated(ensemble: Ensemble) -> tuple[FlowEstimate, FlowEstimate]:
     return estimator.flow(estimator.initial()), estimator.flow(state)
 
 
-def test_increments_and_standard_errors_off_the_nodes_are_those_of_the_dense_kernel(monkeypatch: pytest.MonkeyPatch):
+def test_increments_and_standard_errors_off_the_nodes_are_those_of_the_dense_kernel(
+    monkeypatch: pytest.MonkeyPatch,
+):
     lattice = estimated(WORLD)
     on_lattice = modes.default_functions
 
@@ -37,8 +39,14 @@ def test_increments_and_standard_errors_off_the_nodes_are_those_of_the_dense_ker
     assert isinstance(lattice[0].horizontal, StreamFunctionLattice)
     assert isinstance(nodes[0].horizontal, NodeKernel)
     rng, (east, north) = np.random.default_rng(0), WORLD.grid.nodes.T
-    places = rng.uniform(east.min(), east.max(), 100), rng.uniform(north.min(), north.max(), 100), rng.uniform(0.0, 220.0, 100)
-    ours, theirs = (after.velocity(*places) - before.velocity(*places) for before, after in (lattice, nodes))
+    places = (
+        rng.uniform(east.min(), east.max(), 100),
+        rng.uniform(north.min(), north.max(), 100),
+        rng.uniform(0.0, 220.0, 100),
+    )
+    ours, theirs = (
+        after.velocity(*places) - before.velocity(*places) for before, after in (lattice, nodes)
+    )
     assert np.linalg.norm(ours - theirs) < 1e-3 * np.linalg.norm(theirs)
     ours, theirs = (after.standard_error(*places) for _, after in (lattice, nodes))
     np.testing.assert_allclose(ours, theirs, rtol=1e-3)

@@ -30,11 +30,29 @@ PROFILES = synthetic.random_profiles(GIVEN.grid, 132)
 def path(seed):
     """A mean current along a short path, with places of its own."""
     rng = np.random.default_rng(seed)
-    east, north = (rng.uniform(0.5 * axis.min(), 0.5 * axis.max()) + np.array([-900.0, 0.0, 1500.0]) for axis in (GRID.east, GRID.north))
+    east, north = (
+        rng.uniform(0.5 * axis.min(), 0.5 * axis.max()) + np.array([-900.0, 0.0, 1500.0])
+        for axis in (GRID.east, GRID.north)
+    )
     longitude, latitude = to_geographic(GRID.projection, east, north)
     times, weight = seed * 10**10 + np.arange(3) * 10**9, np.array([0.25, 0.5, 0.25])
-    velocity, depth = (float(rng.normal(0.0, 0.2)), float(rng.normal(0.0, 0.2))), np.array([5.0, 150.0, 5.0])
-    return PathMean(int(times[-1]), times, longitude, latitude, depth, weight, velocity, 0.02, "dac", seed, Source(0, "/dac", seed, 0))
+    velocity, depth = (
+        (float(rng.normal(0.0, 0.2)), float(rng.normal(0.0, 0.2))),
+        np.array([5.0, 150.0, 5.0]),
+    )
+    return PathMean(
+        int(times[-1]),
+        times,
+        longitude,
+        latitude,
+        depth,
+        weight,
+        velocity,
+        0.02,
+        "dac",
+        seed,
+        Source(0, "/dac", seed, 0),
+    )
 
 
 def after(estimator, profiles):
@@ -57,7 +75,9 @@ def test_a_number_is_a_factor_on_the_covariance():
         given = build_estimator(GIVEN, config)
         scaled = build_estimator(GIVEN, config.model_copy(update={"spread": 2.0}))
         assert scaled.spread is None
-        np.testing.assert_allclose(scaled.prior.covariance(), 2.0 * given.prior.covariance(), rtol=1e-12)
+        np.testing.assert_allclose(
+            scaled.prior.covariance(), 2.0 * given.prior.covariance(), rtol=1e-12
+        )
 
 
 def test_before_the_log_the_amplitude_is_that_of_members_left_out():
@@ -75,18 +95,29 @@ def test_it_is_the_likeliest_for_the_profiles_so_far_and_the_estimate_is_made_wi
     joint = predict_jointly(ESTIMATOR, PROFILES[:count], bins)
     rows = [ESTIMATOR.rows(profile, used) for profile, used in zip(PROFILES, bins, strict=False)]
     innovation = np.concatenate([each.compress(each.values)[0] for each in rows]) - joint.mean
-    amplitude = fit_amplitude(innovation, joint.chol @ joint.chol.T - np.eye(innovation.size), ESTIMATOR.spread.amplitude)
+    amplitude = fit_amplitude(
+        innovation, joint.chol @ joint.chol.T - np.eye(innovation.size), ESTIMATOR.spread.amplitude
+    )
     assert state.spread.amplitude == pytest.approx(amplitude, rel=1e-4)
     assert state.spread.fitted_to == count
-    scaled = replace(ESTIMATOR, prior=ScaledPrior(ESTIMATOR.prior, state.spread.amplitude), spread=None)
+    scaled = replace(
+        ESTIMATOR, prior=ScaledPrior(ESTIMATOR.prior, state.spread.amplitude), spread=None
+    )
     alone = after(scaled, PROFILES[:count])
     np.testing.assert_allclose(state.mean, alone.mean, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(state.posterior.covariance(), alone.posterior.covariance(), rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(
+        state.posterior.covariance(), alone.posterior.covariance(), rtol=1e-8, atol=1e-12
+    )
 
 
 def test_the_innovation_published_was_predicted_before_the_fit():
-    before, (_, innovation) = after(ESTIMATOR, PROFILES[:7]), ESTIMATOR.step(after(ESTIMATOR, PROFILES[:7]), PROFILES[7])
-    np.testing.assert_allclose(innovation.innovation, ESTIMATOR.innovation(before, PROFILES[7]), rtol=1e-9, atol=1e-12)
+    before, (_, innovation) = (
+        after(ESTIMATOR, PROFILES[:7]),
+        ESTIMATOR.step(after(ESTIMATOR, PROFILES[:7]), PROFILES[7]),
+    )
+    np.testing.assert_allclose(
+        innovation.innovation, ESTIMATOR.innovation(before, PROFILES[7]), rtol=1e-9, atol=1e-12
+    )
 
 
 def test_online_in_blocks_and_from_a_pickle_are_the_same():
@@ -124,8 +155,12 @@ def test_more_innovations_than_are_fitted_end_the_fit(monkeypatch):
     ended = after(ESTIMATOR, PROFILES[:9])
     assert ended.spread.past is None
     assert (ended.spread.amplitude, ended.spread.fitted_to) == (ESTIMATOR.spread.amplitude, 0)
-    unfitted = replace(ESTIMATOR, prior=ScaledPrior(ESTIMATOR.prior, ESTIMATOR.spread.amplitude), spread=None)
-    np.testing.assert_allclose(ended.mean, after(unfitted, PROFILES[:9]).mean, rtol=1e-9, atol=1e-12)
+    unfitted = replace(
+        ESTIMATOR, prior=ScaledPrior(ESTIMATOR.prior, ESTIMATOR.spread.amplitude), spread=None
+    )
+    np.testing.assert_allclose(
+        ended.mean, after(unfitted, PROFILES[:9]).mean, rtol=1e-9, atol=1e-12
+    )
     monkeypatch.setattr("replay_kit.estimator.static.spread._MOST_INNOVATIONS", 48)
     assert after(ESTIMATOR, PROFILES[:8]).spread.fitted_to == 8
 
@@ -136,13 +171,20 @@ def test_mean_currents_alone_fit_it_too():
     assert state.spread.fitted_to == 8
     rows = [path_rows(dive, ESTIMATOR.basis, ESTIMATOR.representation_std) for dive in dives]
     design = np.concatenate([each.design.reshape(2, -1) for each in rows])
-    innovation = np.concatenate([(each.values / each.noise.std[0]).ravel() for each in rows]) - design @ ESTIMATOR.prior.mean
-    amplitude = fit_amplitude(innovation, design @ ESTIMATOR.prior.covariance() @ design.T, ESTIMATOR.spread.expected)
+    innovation = (
+        np.concatenate([(each.values / each.noise.std[0]).ravel() for each in rows])
+        - design @ ESTIMATOR.prior.mean
+    )
+    amplitude = fit_amplitude(
+        innovation, design @ ESTIMATOR.prior.covariance() @ design.T, ESTIMATOR.spread.expected
+    )
     assert state.spread.amplitude == pytest.approx(amplitude, rel=1e-4)
     # the middle of a path is its place
     east, north = to_local(GIVEN.grid.projection, dives[0].longitude, dives[0].latitude)
     np.testing.assert_allclose(state.spread.apart[0][1], [east.mean(), north.mean()])
-    scaled = replace(ESTIMATOR, prior=ScaledPrior(ESTIMATOR.prior, state.spread.amplitude), spread=None)
+    scaled = replace(
+        ESTIMATOR, prior=ScaledPrior(ESTIMATOR.prior, state.spread.amplitude), spread=None
+    )
     np.testing.assert_allclose(state.mean, after(scaled, dives).mean, rtol=1e-9, atol=1e-12)
 
 
@@ -167,7 +209,10 @@ def test_profiles_near_one_another_count_once():
 
 def test_the_usual_spacing_is_half_a_cell():
     east, north = GIVEN.grid.east, GIVEN.grid.north
-    cell = np.sqrt(np.hypot(*np.diff([east, north], axis=2)[:, 0, 0]) * np.hypot(*np.diff([east, north], axis=1)[:, 0, 0]))
+    cell = np.sqrt(
+        np.hypot(*np.diff([east, north], axis=2)[:, 0, 0])
+        * np.hypot(*np.diff([east, north], axis=1)[:, 0, 0])
+    )
     assert build_estimator(MADE, CONFIG).spread.spacing == pytest.approx(0.5 * cell, rel=0.02)
 
 
@@ -182,12 +227,18 @@ def test_a_vehicle_that_stays_ends_the_fit():
 
 def test_what_it_says():
     state = after(ESTIMATOR, PROFILES[:9])
-    assert ESTIMATOR.spread_record(state) == {"amplitude": repr(state.spread.amplitude), "measurements": "8"}
+    assert ESTIMATOR.spread_record(state) == {
+        "amplitude": repr(state.spread.amplitude),
+        "measurements": "8",
+    }
     assert (
         ESTIMATOR.bias_notes(state)[0]
         == f"variance of the prior multiplied by {state.spread.amplitude:.2f}, fitted to 8 measurements of the log"
     )
-    assert "members left out, no measurement of the log" in ESTIMATOR.bias_notes(ESTIMATOR.initial())[0]
+    assert (
+        "members left out, no measurement of the log"
+        in ESTIMATOR.bias_notes(ESTIMATOR.initial())[0]
+    )
     given = build_estimator(GIVEN, CONFIG)
     assert given.spread_record(given.initial()) == {}
     assert given.bias_notes(given.initial()) == []
@@ -214,6 +265,9 @@ def test_few_members_span_their_shifted_copies_too():
     assert build_estimator(made, EstimatorConfig(modes=None)).basis.n_modes == 33
     assert build_estimator(made, EstimatorConfig(mean_variance=0.0)).basis.n_modes == 30
     # as many modes as the members have themselves: nothing is added
-    alike = [build_estimator(three, EstimatorConfig(modes=6, shift_distance=shift)).basis.modes for shift in (None, 0.0)]
+    alike = [
+        build_estimator(three, EstimatorConfig(modes=6, shift_distance=shift)).basis.modes
+        for shift in (None, 0.0)
+    ]
     np.testing.assert_array_equal(*alike)
     assert build_estimator(three, EstimatorConfig(modes=7)).basis.n_modes == 7

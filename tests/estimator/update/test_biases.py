@@ -12,7 +12,15 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.update import representation
-from replay_kit.estimator.update.biases import NAMES, Biases, BiasScore, in_words, relative_velocity, scale_jacobian, unit_bias_rows
+from replay_kit.estimator.update.biases import (
+    NAMES,
+    Biases,
+    BiasScore,
+    in_words,
+    relative_velocity,
+    scale_jacobian,
+    unit_bias_rows,
+)
 from replay_kit.estimator.update.full_covariance import FullCovariancePrior
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior
@@ -45,7 +53,11 @@ def significant(estimator, log):
 
 @pytest.mark.parametrize("kind", ["static", "evolving"])
 def test_faults_are_named_with_their_size_and_a_sound_log_is_not_accused(kind):
-    estimator = build_estimator(OTHERS, CONFIG) if kind == "static" else build_evolving([OTHERS], CONFIG, TimeConfig())
+    estimator = (
+        build_estimator(OTHERS, CONFIG)
+        if kind == "static"
+        else build_evolving([OTHERS], CONFIG, TimeConfig())
+    )
     assert significant(estimator, mission(0.0, 0.0)) == {}
     found = significant(estimator, mission(5.0, 0.06))
     assert set(found) == {"heading", "scale"}
@@ -62,10 +74,17 @@ def test_the_evidence_is_the_score_of_a_gaussian_s_likelihood():
     used = np.arange(6)
     rows = estimator.rows(profile, used)
     values = rows.values
-    innovation = rows.compress(values)[0] - rows.matvec(estimator.prior.mean.reshape(LEVELS.size, -1))
+    innovation = rows.compress(values)[0] - rows.matvec(
+        estimator.prior.mean.reshape(LEVELS.size, -1)
+    )
     design = rows.design()
     cov = design @ estimator.prior.covariance() @ design.T + np.eye(len(design))
-    units = unit_bias_rows(replace(screen_measurement(profile, ENSEMBLE.grid), used=used), ENSEMBLE.grid.projection, rows, np.zeros((6, 2)))
+    units = unit_bias_rows(
+        replace(screen_measurement(profile, ENSEMBLE.grid), used=used),
+        ENSEMBLE.grid.projection,
+        rows,
+        np.zeros((6, 2)),
+    )
     evidence = BiasScore().updated(units, innovation, cov, 0.0)
     relative = relative_velocity(profile, used, ENSEMBLE.grid.projection)
     for k, name in enumerate(NAMES):
@@ -91,7 +110,9 @@ def test_a_shear_goes_along_the_way_through_the_water_expected_and_is_what_a_sta
     )
     (column,) = shear.columns(depth, relative, innovation)
     np.testing.assert_allclose(column, np.outer([0.0, 20.0, 60.0], [0.0, -1.0]), atol=1e-12)
-    np.testing.assert_array_equal(shear.columns(depth, relative, 0.0 * innovation), shear.columns(depth, relative))
+    np.testing.assert_array_equal(
+        shear.columns(depth, relative, 0.0 * innovation), shear.columns(depth, relative)
+    )
 
 
 def test_the_water_s_own_shear_is_no_error_of_the_instrument():
@@ -101,13 +122,20 @@ def test_the_water_s_own_shear_is_no_error_of_the_instrument():
     used, scores = np.arange(6), []
     for _ in range(400):
         velocity = profile.velocity.copy()
-        velocity[used] += 2e-3 * rng.standard_normal(2) * (profile.depth[used] - profile.depth[0])[:, None]
+        velocity[used] += (
+            2e-3 * rng.standard_normal(2) * (profile.depth[used] - profile.depth[0])[:, None]
+        )
         sheared = replace(profile, velocity=velocity)
         rows = estimator.rows(sheared, used)
         values = rows.values
         innovation = values - estimator.rows(profile, used).values
         pairs = [
-            unit_bias_rows(replace(screen_measurement(sheared, ENSEMBLE.grid), used=used), ENSEMBLE.grid.projection, rows, off)[:, 2]
+            unit_bias_rows(
+                replace(screen_measurement(sheared, ENSEMBLE.grid), used=used),
+                ENSEMBLE.grid.projection,
+                rows,
+                off,
+            )[:, 2]
             for off in (innovation, 0.0 * innovation)
         ]
         scores.append([column @ rows.compress(innovation)[0] for column in pairs])
@@ -118,9 +146,15 @@ def test_the_water_s_own_shear_is_no_error_of_the_instrument():
 
 def test_through_time_the_evidence_is_what_a_state_with_a_flat_prior_says():
     name, flat = "heading", {"heading_bias_std": 5e4}
-    off, on = (build_evolving([OTHERS], CONFIG, TimeConfig(scale=1e6, biases=names, **flat)) for names in ((), (name,)))
+    off, on = (
+        build_evolving([OTHERS], CONFIG, TimeConfig(scale=1e6, biases=names, **flat))
+        for names in ((), (name,))
+    )
     log = list(mission(4.0, 0.0, 12))
-    (*_, (without, _)), (*_, (with_state, said)) = off.steps(off.initial(), log), on.steps(on.initial(), log)
+    (*_, (without, _)), (*_, (with_state, said)) = (
+        off.steps(off.initial(), log),
+        on.steps(on.initial(), log),
+    )
     assert said.error_inflation == 1.0
     index = NAMES.index(name)
     information = without.bias_score.information[index, index]
@@ -133,15 +167,30 @@ def test_through_time_the_evidence_is_what_a_state_with_a_flat_prior_says():
 def test_a_static_estimate_takes_off_what_the_current_absorbed_in_every_form(form, monkeypatch):
     """The same as the estimate through time that forgets nothing, whose answers lie in one matrix."""
     monkeypatch.setattr(representation, "_NEARLY_ALL", 0.75 if form == "dense" else 2.0)
-    log = list(mission(4.0, 0.0, {"dual": 12, "span": 60, "dense": 60, "with a mean current": 20}[form]))
+    log = list(
+        mission(4.0, 0.0, {"dual": 12, "span": 60, "dense": 60, "with a mean current": 20}[form])
+    )
     if form == "span":
-        log = [replace(one, longitude=log[k % 6].longitude, latitude=log[k % 6].latitude) for k, one in enumerate(log)]
+        log = [
+            replace(one, longitude=log[k % 6].longitude, latitude=log[k % 6].latitude)
+            for k, one in enumerate(log)
+        ]
     if form == "with a mean current":
         log.insert(10, replace(dive(), time_ns=9))
-    static, through = build_estimator(OTHERS, CONFIG), build_evolving([OTHERS], CONFIG, TimeConfig(scale="static", dropped_std=0.0))
-    (*_, (state, _)), (*_, (same, _)) = static.steps(static.initial(), log), through.steps(through.initial(), log)
-    assert type(state.posterior) is (ReducedSubspacePosterior if form == "span" else ObservationSpacePosterior)
-    assert isinstance(state.posterior.prior, FullCovariancePrior) == (form in ("dense", "with a mean current"))
+    static, through = (
+        build_estimator(OTHERS, CONFIG),
+        build_evolving([OTHERS], CONFIG, TimeConfig(scale="static", dropped_std=0.0)),
+    )
+    (*_, (state, _)), (*_, (same, _)) = (
+        static.steps(static.initial(), log),
+        through.steps(through.initial(), log),
+    )
+    assert type(state.posterior) is (
+        ReducedSubspacePosterior if form == "span" else ObservationSpacePosterior
+    )
+    assert isinstance(state.posterior.prior, FullCovariancePrior) == (
+        form in ("dense", "with a mean current")
+    )
     np.testing.assert_allclose(state.bias_score.score, same.bias_score.score, rtol=1e-6)
     np.testing.assert_allclose(state.bias_score.information, same.bias_score.information, rtol=1e-6)
 
@@ -167,17 +216,28 @@ def test_a_sound_log_gives_no_scale_error_on_the_average():
     for seed in range(16):
         # a truth that the prior itself draws
         rng = np.random.default_rng(seed)
-        weights = estimator.operator.process.weights(rng.standard_normal(estimator.operator.process.size), 0)
+        weights = estimator.operator.process.weights(
+            rng.standard_normal(estimator.operator.process.size), 0
+        )
         truth = static.flow_of(weights.ravel(), np.empty((0, 0)), None)
         log = []
         for place in places:
             east, north = to_local(ENSEMBLE.grid.projection, place.longitude, place.latitude)
             local = truth.velocity(east, north, np.minimum(place.depth, 300.0))
-            u, v = rotate_to_geographic(ENSEMBLE.grid.projection, place.longitude, place.latitude, *local.T)
+            u, v = rotate_to_geographic(
+                ENSEMBLE.grid.projection, place.longitude, place.latitude, *local.T
+            )
             common = 0.03 * rng.standard_normal(2)
             platform = np.array(place.platform_velocity) + common
             velocity = np.column_stack([u, v]) + common + 0.05 * rng.standard_normal(local.shape)
-            log.append(replace(place, velocity=velocity, platform_velocity=(float(platform[0]), float(platform[1])), common_std=0.03))
+            log.append(
+                replace(
+                    place,
+                    velocity=velocity,
+                    platform_velocity=(float(platform[0]), float(platform[1])),
+                    common_std=0.03,
+                )
+            )
         *_, (state, _) = estimator.steps(estimator.initial(), log)
         estimate, std = estimator.biases(state)["scale"]
         z.append(estimate / std)

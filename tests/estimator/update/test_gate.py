@@ -11,7 +11,12 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Reason
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.update.gate import ConsistencyMonitor, GateResult, gate_innovation, softened_variance
+from replay_kit.estimator.update.gate import (
+    ConsistencyMonitor,
+    GateResult,
+    gate_innovation,
+    softened_variance,
+)
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.profiles import random_observations
 from tests import synthetic
@@ -42,7 +47,9 @@ def test_the_statistic_is_the_textbook_s():
     root = rng.standard_normal((6, 6))
     cov, innovation = root @ root.T, rng.standard_normal(6)
     verdict = gate_innovation(innovation, cov, (0.0, 0), TRUST)
-    assert verdict.statistic == pytest.approx(innovation @ np.linalg.inv(cov + np.eye(6)) @ innovation)
+    assert verdict.statistic == pytest.approx(
+        innovation @ np.linalg.inv(cov + np.eye(6)) @ innovation
+    )
     assert verdict.threshold == pytest.approx(chi2.isf(1e-5, 6))
     assert verdict.signal_dof(1.0) == pytest.approx(np.trace(cov @ np.linalg.inv(cov + np.eye(6))))
 
@@ -52,7 +59,9 @@ def test_a_gate_of_one_in_a_hundred_rejects_about_one_in_a_hundred():
     cov = np.diag([25.0, 4.0, 1.0, 0.1])
     config = GatingConfig(gate_probability=0.01, adapt_errors=False)
     draws = rng.standard_normal((20_000, 4)) * np.sqrt(np.diag(cov) + 1.0)
-    rejected = np.mean([gate_innovation(draw, cov, (0.0, 0), config).decision == "rejected" for draw in draws])
+    rejected = np.mean(
+        [gate_innovation(draw, cov, (0.0, 0), config).decision == "rejected" for draw in draws]
+    )
     # two tests of one in a hundred, of which one implies much of the other
     assert 0.01 < rejected < 0.02
 
@@ -64,7 +73,9 @@ def test_a_profile_that_is_wrong_as_a_whole_is_rejected_and_leaves_no_trace():
         state, said = estimator.step(state, observation)
         assert said.decision == "accepted"
         assert 0.0 < said.signal_dof <= said.dof
-    wrong = replace(observation, velocity=observation.velocity + np.array([1.0, 0.0]), time_ns=10**12)
+    wrong = replace(
+        observation, velocity=observation.velocity + np.array([1.0, 0.0]), time_ns=10**12
+    )
     after, said = estimator.step(state, wrong)
     assert said.decision == "rejected"
     assert not said.accepted
@@ -76,7 +87,9 @@ def test_a_profile_that_is_wrong_as_a_whole_is_rejected_and_leaves_no_trace():
 def test_noise_beyond_its_stated_error_is_believed_less_not_rejected():
     estimator = build_estimator(others(), EstimatorConfig(modes=20), TRUST)
     (observation,) = sound_profiles(1, noise=0.5)
-    _, said = estimator.step(estimator.initial(), replace(observation, error_std=np.full(observation.depth.size, 0.05)))
+    _, said = estimator.step(
+        estimator.initial(), replace(observation, error_std=np.full(observation.depth.size, 0.05))
+    )
     assert said.decision == "accepted"
     assert 30.0 < said.error_inflation < 300.0  # (0.5 / 0.05)^2 = 100
 
@@ -84,7 +97,9 @@ def test_noise_beyond_its_stated_error_is_believed_less_not_rejected():
 def test_a_softened_outlier_moves_the_estimate_by_k_standard_deviations_at_most():
     for innovation in (0.1, 1.0, 10.0, 1e3, 1e6):
         prior, error, factor = 2.0, 1.0, 2.0
-        grown = float(softened_variance(np.array([prior]), error, np.array([innovation]), factor)[0])
+        grown = float(
+            softened_variance(np.array([prior]), error, np.array([innovation]), factor)[0]
+        )
         move = prior / (prior + grown) * innovation
         assert move <= factor * np.sqrt(prior) * 1.0001
         if innovation <= 0.1:
@@ -109,7 +124,11 @@ def test_outliers_cost_little_with_a_gate_and_much_without(gate):
         offset = np.array([np.cos(angle), np.sin(angle)]) if k in bad else np.zeros(2)
         planted.append(replace(profile, velocity=profile.velocity + offset))
     errors = {}
-    for name, gating, log in (("clean", TRUST, profiles), ("gate", GatingConfig(gate=gate), planted), ("open", OPEN, planted)):
+    for name, gating, log in (
+        ("clean", TRUST, profiles),
+        ("gate", GatingConfig(gate=gate), planted),
+        ("open", OPEN, planted),
+    ):
         estimator = build_estimator(others(), EstimatorConfig(modes=20), gating)
         *_, (state, _) = estimator.steps(estimator.initial(), log)
         errors[name] = rms(estimator, state)
@@ -149,7 +168,9 @@ def test_profiles_that_contradict_one_another_end_finite_and_positive():
     state = estimator.initial()
     for k in range(40):
         side = 0.4 if k % 2 else -0.4
-        state, _ = estimator.step(state, replace(observation, velocity=observation.velocity + side, time_ns=k))
+        state, _ = estimator.step(
+            state, replace(observation, velocity=observation.velocity + side, time_ns=k)
+        )
     cov = state.posterior.covariance()
     assert np.isfinite(state.mean).all()
     assert np.linalg.eigvalsh(cov).min() > -1e-12 * np.trace(cov)
@@ -175,7 +196,10 @@ def test_an_overconfident_estimate_is_noticed_and_grows_its_errors():
 
 
 def test_the_watch_ignores_one_bad_profile_in_ten_and_sees_one_in_two():
-    sound, bad = (GateResult("accepted", nis, 16, 50.0, nis > 50.0, 1.0, np.zeros(16)) for nis in (16.0, 400.0))
+    sound, bad = (
+        GateResult("accepted", nis, 16, 50.0, nis > 50.0, 1.0, np.zeros(16))
+        for nis in (16.0, 400.0)
+    )
     watch = ConsistencyMonitor()
     for k in range(200):
         watch, grown = watch.updated(bad if k % 10 == 0 else sound, TRUST)

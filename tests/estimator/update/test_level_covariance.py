@@ -22,7 +22,10 @@ from replay_kit.estimator.prior.amplitude import ScaledPrior
 from replay_kit.estimator.update.covariance import PosteriorCovariance
 from replay_kit.estimator.update.full_covariance import FullCovariancePrior
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
-from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior, to_reduced_subspace
+from replay_kit.estimator.update.reduced_subspace import (
+    ReducedSubspacePosterior,
+    to_reduced_subspace,
+)
 from replay_kit.estimator.update.representation import to_full_covariance
 from replay_kit.estimator.update.subspace import directions, nonzero_mode_std
 from replay_kit.results.slices import depth_slice
@@ -36,12 +39,20 @@ CHOSEN = (2, 0)
 
 def observed(n, seed):
     rng = np.random.default_rng(seed)
-    places, noise = rng.uniform(-1.5e4, 1.5e4, (n, 2)), 0.2 * rng.standard_normal((n, DEPTH.size, 2))
-    return [synthetic.profile(WORLD.grid, *place, DEPTH, v, time_ns=k) for k, (place, v) in enumerate(zip(places, noise, strict=True))]
+    places, noise = (
+        rng.uniform(-1.5e4, 1.5e4, (n, 2)),
+        0.2 * rng.standard_normal((n, DEPTH.size, 2)),
+    )
+    return [
+        synthetic.profile(WORLD.grid, *place, DEPTH, v, time_ns=k)
+        for k, (place, v) in enumerate(zip(places, noise, strict=True))
+    ]
 
 
 def last_state(estimator, seed=0, state=None):
-    return list(estimator.steps(estimator.initial() if state is None else state, observed(6, seed)))[-1][0]
+    return list(
+        estimator.steps(estimator.initial() if state is None else state, observed(6, seed))
+    )[-1][0]
 
 
 def static(preset):
@@ -49,8 +60,15 @@ def static(preset):
 
 
 def evolving():
-    series = tuple(Ensemble(WORLD.grid, WORLD.velocity, day * 86_400 * 10**9, "made") for day in (0, 1))
-    return build_evolving(series, EstimatorConfig(modes=12, sample_share=0.5), TimeConfig(scale=432_000.0), GatingConfig())
+    series = tuple(
+        Ensemble(WORLD.grid, WORLD.velocity, day * 86_400 * 10**9, "made") for day in (0, 1)
+    )
+    return build_evolving(
+        series,
+        EstimatorConfig(modes=12, sample_share=0.5),
+        TimeConfig(scale=432_000.0),
+        GatingConfig(),
+    )
 
 
 def posteriors():
@@ -69,7 +87,12 @@ def posteriors():
 @pytest.mark.parametrize("index", range(8))
 def test_the_covariance_of_some_levels_is_that_part_of_the_whole(index):
     posterior = list(posteriors())[index]
-    kinds = [ObservationSpacePosterior, ReducedSubspacePosterior, ObservationSpacePosterior, ObservationSpacePosterior]
+    kinds = [
+        ObservationSpacePosterior,
+        ReducedSubspacePosterior,
+        ObservationSpacePosterior,
+        ObservationSpacePosterior,
+    ]
     assert isinstance(posterior, kinds[index % 4])
     assert isinstance(posterior.prior, FullCovariancePrior) == (index % 4 > 1)
     r = posterior.covariance().shape[0] // LEVELS.size
@@ -84,16 +107,25 @@ def test_the_covariance_of_some_levels_is_that_part_of_the_whole(index):
 def test_the_covariance_of_a_sum_of_levels_is_the_sum_of_its_blocks(index, levels):
     posterior = list(posteriors())[index]
     for scaled in (posterior, replace(posterior, prior=ScaledPrior(posterior.prior, 1.7))):
-        blocks = scaled.covariance(levels).reshape(len(levels), -1, len(levels), scaled.covariance((0,)).shape[0])
+        blocks = scaled.covariance(levels).reshape(
+            len(levels), -1, len(levels), scaled.covariance((0,)).shape[0]
+        )
         scale = np.abs(scaled.prior.covariance()).max()
-        np.testing.assert_allclose(PosteriorCovariance(scaled).of_sum(levels), blocks.sum(axis=(0, 2)), rtol=0.0, atol=1e-11 * scale)
+        np.testing.assert_allclose(
+            PosteriorCovariance(scaled).of_sum(levels),
+            blocks.sum(axis=(0, 2)),
+            rtol=0.0,
+            atol=1e-11 * scale,
+        )
 
 
 def test_covariances_of_one_and_two_levels_give_that_at_every_depth():
     rng = np.random.default_rng(0)
     factor = rng.standard_normal((12, 12))
     cov, rows = factor @ factor.T, rng.standard_normal((7, 3))
-    weights = depth_weights(DepthFunctions("hat", 0.0), np.array([0.0, 5.0, 40.0, 90.0, 250.0, 400.0]), LEVELS)
+    weights = depth_weights(
+        DepthFunctions("hat", 0.0), np.array([0.0, 5.0, 40.0, 90.0, 250.0, 400.0]), LEVELS
+    )
     sums, shares = sums_for(weights)
     assert len(sums) == 6  # three levels, two pairs of neighbours, one of them used twice
     parts = [covariance_of_sum(cov, levels, 3) for levels in sums]
@@ -101,7 +133,9 @@ def test_covariances_of_one_and_two_levels_give_that_at_every_depth():
         design = np.kron(row, np.eye(3))
         mixed = sum(share * part for share, part in zip(of_depth, parts, strict=True))
         np.testing.assert_allclose(mixed, design @ cov @ design.T, atol=1e-12)
-        np.testing.assert_allclose(quadratic_form(rows, mixed), np.diag(rows @ mixed @ rows.T), atol=1e-11)
+        np.testing.assert_allclose(
+            quadratic_form(rows, mixed), np.diag(rows @ mixed @ rows.T), atol=1e-11
+        )
 
 
 def test_a_quadratic_form_of_a_matrix_of_several_blocks():
@@ -114,7 +148,9 @@ def test_a_quadratic_form_of_a_matrix_of_several_blocks():
 ESTIMATORS = {
     "static": lambda: static("default"),
     "evolving": evolving,
-    "etkf": lambda: build_named(WORLD, EstimatorConfig(name="etkf", modes=20), None, GatingConfig()),
+    "etkf": lambda: build_named(
+        WORLD, EstimatorConfig(name="etkf", modes=20), None, GatingConfig()
+    ),
 }
 
 

@@ -34,20 +34,34 @@ def dive(seed=0, velocity=(0.1, -0.05), error_std=0.02, n=7, start_ns=0, deepest
     rng = np.random.default_rng(seed)
     grid = SMALL.grid
     east = np.linspace(*rng.uniform(0.6 * grid.east.min(), 0.6 * grid.east.max(), 2), n)
-    north = np.linspace(*rng.uniform(0.6 * grid.north.min(), 0.6 * grid.north.max(), 2), n) + rng.normal(0, 500.0, n)
+    north = np.linspace(
+        *rng.uniform(0.6 * grid.north.min(), 0.6 * grid.north.max(), 2), n
+    ) + rng.normal(0, 500.0, n)
     depth = deepest * (1.0 - np.abs(np.linspace(-1.0, 1.0, n)))
     weight = rng.uniform(0.2, 1.0, n)
     longitude, latitude = to_geographic(grid.projection, east, north)
     times = start_ns + (np.cumsum(weight) / weight.sum() * 3 * HOUR).astype(np.int64)
     return PathMean(
-        int(times[-1]), times, longitude, latitude, depth, weight / weight.sum(), velocity, error_std, "dac", 1, Source(0, "/dac", seed, 0)
+        int(times[-1]),
+        times,
+        longitude,
+        latitude,
+        depth,
+        weight / weight.sum(),
+        velocity,
+        error_std,
+        "dac",
+        1,
+        Source(0, "/dac", seed, 0),
     )
 
 
 def mean_by_brute_force(flow, path):
     """The flow's mean along the path, point by point."""
     total = np.zeros(2)
-    for longitude, latitude, depth, weight in zip(path.longitude, path.latitude, path.depth, path.weight, strict=True):
+    for longitude, latitude, depth, weight in zip(
+        path.longitude, path.latitude, path.depth, path.weight, strict=True
+    ):
         east, north = to_local(SMALL.grid.projection, longitude, latitude)
         total += weight * flow.velocity(east, north, depth)
     return total
@@ -60,8 +74,12 @@ def test_the_operator_is_the_mean_of_any_flow_of_the_basis():
     for _ in range(3):
         weights = rng.standard_normal(3 * estimator.basis.n_modes)
         flow = estimator.flow_of(weights, np.empty((0, 0)), None)
-        expected = mean_by_brute_force(flow, path) - mean_by_brute_force(estimator.flow_of(0.0 * weights, np.empty((0, 0)), None), path)
-        np.testing.assert_allclose(rows.matvec(weights.reshape(3, -1)) * path.error_std, expected, rtol=1e-9)
+        expected = mean_by_brute_force(flow, path) - mean_by_brute_force(
+            estimator.flow_of(0.0 * weights, np.empty((0, 0)), None), path
+        )
+        np.testing.assert_allclose(
+            rows.matvec(weights.reshape(3, -1)) * path.error_std, expected, rtol=1e-9
+        )
 
 
 @pytest.mark.parametrize("n_profiles", [0, 1, 4, 40])
@@ -69,18 +87,24 @@ def test_a_static_estimate_takes_a_mean_as_the_textbook_does(n_profiles):
     """After nothing, one profile (the prior in parts), a few (one matrix), many along a line (span form); and profiles go on after it."""
     estimator = build_estimator(SMALL, CONFIG)
     state = estimator.initial()
-    for observation in synthetic.random_profiles(SMALL.grid, max(n_profiles, 1), seed=5, speed=0.05)[:n_profiles]:
+    for observation in synthetic.random_profiles(
+        SMALL.grid, max(n_profiles, 1), seed=5, speed=0.05
+    )[:n_profiles]:
         state, _ = estimator.step(state, observation)
     path = dive()
     of_points = [
         np.interp(depth, LEVELS, error_at(estimator, *place))
-        for place, depth in zip(zip(path.longitude, path.latitude, strict=True), path.depth, strict=True)
+        for place, depth in zip(
+            zip(path.longitude, path.latitude, strict=True), path.depth, strict=True
+        )
     ]
     std = float(np.hypot(path.error_std, path.weight @ np.array(of_points)))
     rows = path_rows(path, estimator.basis, estimator.representation_std)
     size = estimator.state_size
     design, value = rows.design.reshape(2, size) * std, rows.values.ravel()
-    mean, cov, nis, _ = slow.kalman_update(state.mean, state.posterior.covariance(), design, value, std**2 * np.eye(2))
+    mean, cov, nis, _ = slow.kalman_update(
+        state.mean, state.posterior.covariance(), design, value, std**2 * np.eye(2)
+    )
     after, said = estimator.step(state, path)
     scale = np.abs(cov).max()
     np.testing.assert_allclose(after.mean, mean, atol=1e-8 * np.abs(mean).max())
@@ -96,15 +120,28 @@ def test_a_static_estimate_takes_a_mean_as_the_textbook_does(n_profiles):
 def test_profiles_and_means_in_any_order_are_one_prior_and_all_rows():
     """Mean, profile, mean, with a covariance that was inflated between them: textbook, and the factors that a file keeps."""
     estimator = build_estimator(SMALL, CONFIG)
-    posterior, (profile,) = estimator.initial().posterior, synthetic.random_profiles(SMALL.grid, 1, seed=5, speed=0.05)
+    posterior, (profile,) = (
+        estimator.initial().posterior,
+        synthetic.random_profiles(SMALL.grid, 1, seed=5, speed=0.05),
+    )
     mean, cov = posterior.mean, posterior.covariance()
     for path in (dive(1), None, dive(2)):
-        rows = estimator.rows(profile, np.arange(2)) if path is None else path_rows(path, estimator.basis, estimator.representation_std)
-        predicted = posterior.predict(rows, posterior.prefetch([rows])[0]) if path is None else predict_path_mean(posterior, rows)
+        rows = (
+            estimator.rows(profile, np.arange(2))
+            if path is None
+            else path_rows(path, estimator.basis, estimator.representation_std)
+        )
+        predicted = (
+            posterior.predict(rows, posterior.prefetch([rows])[0])
+            if path is None
+            else predict_path_mean(posterior, rows)
+        )
         innovation = rows.compress(rows.values)[0] - predicted.mean
         posterior = predicted.posterior(predicted.augmented_innovation(innovation, None), 1.5)
         design = rows.design() if path is None else rows.design.reshape(2, -1)
-        mean, cov, _, _ = slow.kalman_update(mean, cov, design, rows.compress(rows.values)[0], 1.5**2 * np.eye(len(design)))
+        mean, cov, _, _ = slow.kalman_update(
+            mean, cov, design, rows.compress(rows.values)[0], 1.5**2 * np.eye(len(design))
+        )
         if path is None:
             posterior, cov = inflated(posterior, 1.7), 1.7 * cov
     assert isinstance(posterior.prior, ConditionedPrior)
@@ -130,7 +167,9 @@ def test_without_change_the_evolving_estimate_takes_it_as_the_static_one():
 def test_a_path_outside_the_region_is_left_out_and_one_twice_counts_once():
     estimator = build_estimator(SMALL, CONFIG, GatingConfig())
     path = dive()
-    after, said = estimator.step(estimator.initial(), replace(path, longitude=path.longitude + 20.0))
+    after, said = estimator.step(
+        estimator.initial(), replace(path, longitude=path.longitude + 20.0)
+    )
     assert not said.accepted
     assert np.all(said.reasons & Reason.OUTSIDE_REGION)
     state, _ = estimator.step(estimator.initial(), path)
@@ -141,15 +180,25 @@ def test_a_path_outside_the_region_is_left_out_and_one_twice_counts_once():
 
 def test_the_operator_sees_a_forecast_that_changes_during_the_dive():
     """Mean of a forecast that grows linearly, at each point's own time."""
-    members = [replace(SMALL, velocity=(1.0 + k) * SMALL.velocity, time_ns=k * 6 * HOUR) for k in range(2)]
+    members = [
+        replace(SMALL, velocity=(1.0 + k) * SMALL.velocity, time_ns=k * 6 * HOUR) for k in range(2)
+    ]
     estimator = build_evolving(members, CONFIG, STATIC)
     path = dive()
     expected = np.zeros(2)
     for k in range(path.weight.size):
         flow = estimator.flow(estimator.predict(estimator.initial(), int(path.path_time_ns[k])))
-        point = replace(path, longitude=path.longitude[[k]], latitude=path.latitude[[k]], depth=path.depth[[k]], weight=np.ones(1))
+        point = replace(
+            path,
+            longitude=path.longitude[[k]],
+            latitude=path.latitude[[k]],
+            depth=path.depth[[k]],
+            weight=np.ones(1),
+        )
         expected += path.weight[k] * mean_by_brute_force(flow, point)
     seen = estimator.operator.path(path)
     # vectors are turned where the path ends
-    measured = rotate_to_local(SMALL.grid.projection, path.longitude[-1], path.latitude[-1], *path.velocity)
+    measured = rotate_to_local(
+        SMALL.grid.projection, path.longitude[-1], path.latitude[-1], *path.velocity
+    )
     np.testing.assert_allclose(seen.values[0], np.array(measured) - expected, atol=1e-12)

@@ -20,7 +20,10 @@ from replay_kit.estimator.update import reduced_subspace, representation
 from replay_kit.estimator.update.covariance import PosteriorCovariance
 from replay_kit.estimator.update.full_covariance import FullCovariancePrior
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
-from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior, to_reduced_subspace
+from replay_kit.estimator.update.reduced_subspace import (
+    ReducedSubspacePosterior,
+    to_reduced_subspace,
+)
 from replay_kit.estimator.update.representation import select_representation, to_full_covariance
 from replay_kit.estimator.update.subspace import directions, nonzero_mode_std
 from tests import synthetic
@@ -31,13 +34,19 @@ LEVELS = np.array([5.0, 90.0, 220.0])
 WORLD = synthetic.ensemble(n_members=9, shape=(5, 7), levels=LEVELS)
 DEPTH = 10.0 + 20.0 * np.arange(11)
 CONFIG = EstimatorConfig(length_vertical=60.0, modes=20, mean_variance=0.1)
-ESTIMATORS = {name: build_estimator(WORLD, CONFIG.model_copy(update={"preset": name})) for name in ("default", "paper")}
+ESTIMATORS = {
+    name: build_estimator(WORLD, CONFIG.model_copy(update={"preset": name}))
+    for name in ("default", "paper")
+}
 
 
 def observed(places, seed=0, depth=DEPTH):
     rng = np.random.default_rng(seed)
     noise = 0.2 * rng.standard_normal((len(places), depth.size, 2))
-    return [synthetic.profile(WORLD.grid, *place, depth, v, time_ns=k) for k, (place, v) in enumerate(zip(places, noise, strict=True))]
+    return [
+        synthetic.profile(WORLD.grid, *place, depth, v, time_ns=k)
+        for k, (place, v) in enumerate(zip(places, noise, strict=True))
+    ]
 
 
 def places(kind, n):
@@ -56,7 +65,9 @@ def textbook(estimator, observations, inflation):
     for observation, factor in zip(observations, inflation, strict=True):
         rows = estimator.rows(observation, np.arange(observation.depth.size))
         values = rows.values
-        design = np.vstack([np.kron(rows.noise.unwhiten @ rows.q @ rows.r, rows.basis[c]) for c in range(2)])
+        design = np.vstack(
+            [np.kron(rows.noise.unwhiten @ rows.q @ rows.r, rows.basis[c]) for c in range(2)]
+        )
         noise = np.diag(np.tile(rows.noise.std**2 * factor, 2))
         mean, cov, _, _ = slow.kalman_update(mean, cov, design, values.T.ravel(), noise)
     return mean, cov
@@ -97,7 +108,9 @@ def as_span(state):
     """The same state in the span form, whatever the log."""
     dual = state.posterior
     std = nonzero_mode_std(dual.prior)
-    return FilterState(to_reduced_subspace(dual, directions(dual.profile_basis * std), std), state.time_ns)
+    return FilterState(
+        to_reduced_subspace(dual, directions(dual.profile_basis * std), std), state.time_ns
+    )
 
 
 @pytest.mark.parametrize("kind", ["scattered", "dense track"])
@@ -109,7 +122,11 @@ def test_nothing_measured_is_lost_when_room_for_directions_runs_out(kind, spans_
     state, rest = run(estimator, observations[3:], as_span(state))
     assert isinstance(state.posterior, ReducedSubspacePosterior)
     assert state.posterior.room <= state.posterior.size + 1
-    assert_is(estimator, state, *textbook(estimator, observations, [i.error_inflation for i in first + rest]))
+    assert_is(
+        estimator,
+        state,
+        *textbook(estimator, observations, [i.error_inflation for i in first + rest]),
+    )
 
 
 @pytest.mark.parametrize("preset", ESTIMATORS)
@@ -119,7 +136,9 @@ def test_any_log_gives_the_textbook_s_posterior(preset, kind, n):
     estimator = ESTIMATORS[preset]
     observations = observed(places(kind, n))
     state, said = run(estimator, observations)
-    assert_is(estimator, state, *textbook(estimator, observations, [i.error_inflation for i in said]))
+    assert_is(
+        estimator, state, *textbook(estimator, observations, [i.error_inflation for i in said])
+    )
 
 
 @pytest.mark.parametrize("switch", [1, 2, 7, 11])
@@ -146,22 +165,36 @@ def test_hundreds_of_pings_need_no_more_than_the_covariance(preset):
     observations = observed(places("track", 600))
     state, said = run(estimator, observations)
     assert state.posterior.n_rows <= 1024 + 6
-    assert_is(estimator, state, *textbook(estimator, observations, [i.error_inflation for i in said]))
+    assert_is(
+        estimator, state, *textbook(estimator, observations, [i.error_inflation for i in said])
+    )
 
 
 def test_rows_in_few_directions_take_the_span_form_and_more_than_the_weights_begin_anew():
     estimator = ESTIMATORS["default"]
-    assert isinstance(run(estimator, observed(places("scattered", 12)))[0].posterior, ObservationSpacePosterior)
-    assert isinstance(run(estimator, observed(places("repeated", 13)))[0].posterior, ReducedSubspacePosterior)  # 78 rows, 60 weights
+    assert isinstance(
+        run(estimator, observed(places("scattered", 12)))[0].posterior, ObservationSpacePosterior
+    )
+    assert isinstance(
+        run(estimator, observed(places("repeated", 13)))[0].posterior, ReducedSubspacePosterior
+    )  # 78 rows, 60 weights
     everywhere = run(estimator, observed(places("scattered", 13)))[0].posterior
     assert isinstance(everywhere.prior, FullCovariancePrior)
     assert everywhere.n_rows == 0
-    many = build_estimator(synthetic.ensemble(n_members=40, shape=(8, 9), levels=LEVELS), EstimatorConfig(modes=None, mean_variance=0.1))
+    many = build_estimator(
+        synthetic.ensemble(n_members=40, shape=(8, 9), levels=LEVELS),
+        EstimatorConfig(modes=None, mean_variance=0.1),
+    )
     observations = observed(places("repeated", 40))
     assert isinstance(run(many, observations[:31])[0].posterior, ObservationSpacePosterior)
     assert isinstance(run(many, observations)[0].posterior, ReducedSubspacePosterior)
-    assert isinstance(run(many, observed(places("scattered", 33)))[0].posterior, ObservationSpacePosterior)
-    assert select_representation(initial(many.prior, np.zeros((3, 3, many.prior.mean.size // 3)))).n == 0
+    assert isinstance(
+        run(many, observed(places("scattered", 33)))[0].posterior, ObservationSpacePosterior
+    )
+    assert (
+        select_representation(initial(many.prior, np.zeros((3, 3, many.prior.mean.size // 3)))).n
+        == 0
+    )
 
 
 @pytest.mark.parametrize("preset", ESTIMATORS)
@@ -169,21 +202,31 @@ def test_rows_in_few_directions_take_the_span_form_and_more_than_the_weights_beg
 def test_blocks_give_what_single_steps_give(preset, kind):
     estimator = ESTIMATORS[preset]
     observations = observed(places(kind, 75))
-    observations[5] = replace(observations[5], flags=np.full(DEPTH.size, 4, dtype=np.int8))  # nothing of it is used
+    observations[5] = replace(
+        observations[5], flags=np.full(DEPTH.size, 4, dtype=np.int8)
+    )  # nothing of it is used
     one_by_one, said = [estimator.initial()], []
     for observation in observations:
         state, innovation = estimator.step(one_by_one[-1], observation)
         one_by_one.append(state)
         said.append(innovation)
     in_blocks = list(estimator.steps(estimator.initial(), iter(observations)))
-    assert [i.accepted for _, i in in_blocks] == [i.accepted for i in said] == [k != 5 for k in range(75)]
+    assert (
+        [i.accepted for _, i in in_blocks]
+        == [i.accepted for i in said]
+        == [k != 5 for k in range(75)]
+    )
     means = estimator.weights([state for state, _ in in_blocks])
-    for mean, (state, innovation), alone, expected in zip(means, in_blocks, one_by_one[1:], said, strict=True):
+    for mean, (state, innovation), alone, expected in zip(
+        means, in_blocks, one_by_one[1:], said, strict=True
+    ):
         tolerance = 1e-8 * np.linalg.norm(alone.mean)
         assert np.linalg.norm(mean - alone.mean) < tolerance
         assert np.linalg.norm(mean - state.mean) < tolerance
         assert innovation.nis == pytest.approx(expected.nis, rel=1e-6, nan_ok=True)
-        np.testing.assert_allclose(innovation.prior_innovation, expected.prior_innovation, atol=1e-12)
+        np.testing.assert_allclose(
+            innovation.prior_innovation, expected.prior_innovation, atol=1e-12
+        )
 
 
 def test_what_is_folded_into_the_prior_is_kept():
@@ -195,7 +238,9 @@ def test_what_is_folded_into_the_prior_is_kept():
         assert new.n_rows == 0
         np.testing.assert_allclose(new.mean, state.mean, atol=1e-12)
         again = to_full_covariance(run(estimator, second, FilterState(new, None))[0].posterior)
-        assert_is(estimator, FilterState(again, None), expected.mean, expected.posterior.covariance())
+        assert_is(
+            estimator, FilterState(again, None), expected.mean, expected.posterior.covariance()
+        )
 
 
 @pytest.mark.parametrize("form", ["dual", "span"])
@@ -247,10 +292,14 @@ def test_profiles_of_few_bins_among_full_ones():
     observations = [
         observation
         for k, place in enumerate(where)
-        for observation in observed(place[None], k, DEPTH[3:4] if k % 3 == 0 else DEPTH[4:6] if k % 3 == 1 else DEPTH)
+        for observation in observed(
+            place[None], k, DEPTH[3:4] if k % 3 == 0 else DEPTH[4:6] if k % 3 == 1 else DEPTH
+        )
     ]
     state, said = run(estimator, observations)
-    assert_is(estimator, state, *textbook(estimator, observations, [i.error_inflation for i in said]))
+    assert_is(
+        estimator, state, *textbook(estimator, observations, [i.error_inflation for i in said])
+    )
 
 
 def test_modes_without_prior_variance_harm_nothing():
@@ -305,18 +354,26 @@ def test_an_inflated_posterior_keeps_its_form_and_goes_on_as_the_textbook_s(form
     state, said = run(estimator, observations[:6])
     mean, cov = textbook(estimator, observations[:6], [i.error_inflation for i in said])
     if form != "rows":
-        state = as_span(state) if form == "span" else FilterState(to_full_covariance(state.posterior), state.time_ns)
+        state = (
+            as_span(state)
+            if form == "span"
+            else FilterState(to_full_covariance(state.posterior), state.time_ns)
+        )
     bias = state.posterior.bias_sensitivity()
     for factor in (2.5, 1.2):
         larger = representation.inflated(state.posterior, factor)
         assert type(larger) is type(state.posterior)
         state, cov = replace(state, posterior=larger), factor * cov
     assert_is(estimator, state, mean, cov)
-    np.testing.assert_allclose(state.posterior.bias_sensitivity(), bias, rtol=1e-7, atol=1e-9 * np.abs(bias).max())
+    np.testing.assert_allclose(
+        state.posterior.bias_sensitivity(), bias, rtol=1e-7, atol=1e-9 * np.abs(bias).max()
+    )
     state, said = run(estimator, observations[6:], state)
     for observation, innovation in zip(observations[6:], said, strict=True):
         rows = estimator.rows(observation, np.arange(observation.depth.size))
-        design = np.vstack([np.kron(rows.noise.unwhiten @ rows.q @ rows.r, rows.basis[c]) for c in range(2)])
+        design = np.vstack(
+            [np.kron(rows.noise.unwhiten @ rows.q @ rows.r, rows.basis[c]) for c in range(2)]
+        )
         noise = np.diag(np.tile(rows.noise.std**2 * innovation.error_inflation, 2))
         mean, cov, _, _ = slow.kalman_update(mean, cov, design, rows.values.T.ravel(), noise)
     assert_is(estimator, state, mean, cov)
@@ -328,21 +385,30 @@ def test_with_many_weights_no_matrix_of_them_is_made(monkeypatch):
     observations = observed(places("scattered", 40))
     state, said = run(estimator, observations)
     assert isinstance(state.posterior, ReducedSubspacePosterior)
-    assert_is(estimator, state, *textbook(estimator, observations, [i.error_inflation for i in said]))
+    assert_is(
+        estimator, state, *textbook(estimator, observations, [i.error_inflation for i in said])
+    )
 
 
 def test_the_factors_of_an_estimate_are_its_covariance():
     # few members and pings in many modes: the factors are fewer numbers than half of the matrix
     many = build_estimator(
-        synthetic.ensemble(n_members=4, shape=(8, 9), levels=np.linspace(5.0, 220.0, 12)), EstimatorConfig(modes=40, mean_variance=0.1)
+        synthetic.ensemble(n_members=4, shape=(8, 9), levels=np.linspace(5.0, 220.0, 12)),
+        EstimatorConfig(modes=40, mean_variance=0.1),
     )
     state, _ = run(many, observed(places("dense track", 2)))
-    for posterior in (state.posterior, as_span(state).posterior, representation.inflated(state.posterior, 2.0)):
+    for posterior in (
+        state.posterior,
+        as_span(state).posterior,
+        representation.inflated(state.posterior, 2.0),
+    ):
         factors = PosteriorCovariance(posterior).factors()
         assert factors is not None
         expected = posterior.covariance()
         assert n_stored(factors.prior, len(factors.directions)) < expected.size / 2
         np.testing.assert_allclose(factors(None), expected, atol=1e-9 * np.abs(expected).max())
         np.testing.assert_allclose(
-            factors.of_sum((0, 3)), PosteriorCovariance(posterior).of_sum((0, 3)), atol=1e-9 * np.abs(expected).max()
+            factors.of_sum((0, 3)),
+            PosteriorCovariance(posterior).of_sum((0, 3)),
+            atol=1e-9 * np.abs(expected).max(),
         )

@@ -43,21 +43,32 @@ def test_a_bin_between_two_levels_is_on_land_as_the_nearer_level_and_the_upper_o
 @pytest.mark.parametrize(("usable", "used"), [(1, 0), (2, 2), (3, 3)])
 def test_two_bins_say_something_of_their_difference_and_one_alone_does_not(usable, used):
     flags = np.array([Flag.GOOD] * usable + [Flag.MISSING] * (4 - usable), np.int8)
-    found, reasons = screened([10.0, 20.0, 30.0, 40.0], relative=True, flags=flags, common_std=np.inf, reference="platform")
+    found, reasons = screened(
+        [10.0, 20.0, 30.0, 40.0],
+        relative=True,
+        flags=flags,
+        common_std=np.inf,
+        reference="platform",
+    )
     assert np.count_nonzero(found == Flag.GOOD) == used
     assert bool(reasons[0] & Reason.PLATFORM_REFERENCE) == (used == 0)
 
 
 def test_a_suspect_bin_is_one_that_counts():
     flags = np.array([Flag.GOOD, Flag.SUSPECT], np.int8)
-    found, _ = screened([10.0, 20.0], relative=True, flags=flags, common_std=np.inf, reference="platform")
+    found, _ = screened(
+        [10.0, 20.0], relative=True, flags=flags, common_std=np.inf, reference="platform"
+    )
     assert found.tolist() == [Flag.GOOD, Flag.SUSPECT]
 
 
 def test_the_edge_of_the_region_belongs_to_it():
     east = float(GRID.east[2, -1])
     inside, outside = (
-        synthetic.profile(GRID, east + away, float(GRID.north[2, -1]), np.array([10.0]), np.zeros((1, 2))) for away in (0.0, 2.0)
+        synthetic.profile(
+            GRID, east + away, float(GRID.north[2, -1]), np.array([10.0]), np.zeros((1, 2))
+        )
+        for away in (0.0, 2.0)
     )
     assert screen(inside, GRID)[0].tolist() == [Flag.GOOD]
     assert screen(outside, GRID)[1].tolist() == [Reason.OUTSIDE_REGION]

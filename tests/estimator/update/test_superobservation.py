@@ -33,18 +33,25 @@ def quick_log(n=20, *, moving=0.0, deepening=0.0, dropouts=0.0, seed=4, noise=0.
     start = profiles(1)[0]
     rng, log = np.random.default_rng(seed), []
     for k in range(n):
-        flags = np.where(rng.random(start.depth.size) < dropouts, Flag.FAIL, Flag.GOOD).astype(np.int8)
+        flags = np.where(rng.random(start.depth.size) < dropouts, Flag.FAIL, Flag.GOOD).astype(
+            np.int8
+        )
         velocity = start.velocity + noise * rng.standard_normal(start.velocity.shape)
         velocity[flags == Flag.FAIL] = np.nan
         place = {"longitude": start.longitude + moving * k, "depth": start.depth + deepening * k}
-        log.append(replace(start, time_ns=DAY + k * SECOND, velocity=velocity, flags=flags, **place))
+        log.append(
+            replace(start, time_ns=DAY + k * SECOND, velocity=velocity, flags=flags, **place)
+        )
     return log
 
 
 def stated(log):
     """The same with the platform's velocity, which turns."""
     turns = np.linspace(0.0, 2.0, len(log))
-    return [replace(p, platform_velocity=(np.cos(a), np.sin(a)), common_std=0.02) for p, a in zip(log, turns, strict=True)]
+    return [
+        replace(p, platform_velocity=(np.cos(a), np.sin(a)), common_std=0.02)
+        for p, a in zip(log, turns, strict=True)
+    ]
 
 
 def unstated(log):
@@ -75,7 +82,9 @@ def test_profiles_under_one_place_say_together_what_they_say_alone(kind, dropout
     inflation = {i.error_inflation for _, i in estimator.steps(estimator.initial(), log)}
     assert inflation == {1.0}, "errors that adapt differ a little"
     assert together.innovation.profiles == len(log)
-    np.testing.assert_allclose(together.after.mean, state.mean, atol=1e-8 * np.abs(state.mean).max())
+    np.testing.assert_allclose(
+        together.after.mean, state.mean, atol=1e-8 * np.abs(state.mean).max()
+    )
     cov, expected = together.after.posterior.covariance(), state.posterior.covariance()
     np.testing.assert_allclose(cov, expected, atol=1e-8 * np.abs(expected).max())
     # the direction of a shear error is that of the motion through the water predicted at each profile's turn
@@ -94,7 +103,9 @@ def test_through_time_too(oscillators):
     # at one time, so that nothing but the grouping differs
     log = [replace(each, time_ns=DAY) for each in log]
     state, together = one_by_one(estimator, log), joint(estimator, log)
-    np.testing.assert_allclose(together.after.mean, state.mean, atol=1e-8 * np.abs(state.mean).max())
+    np.testing.assert_allclose(
+        together.after.mean, state.mean, atol=1e-8 * np.abs(state.mean).max()
+    )
     np.testing.assert_allclose(together.after.cov, state.cov, atol=1e-8)
     assert together.after.time_ns == DAY
 
@@ -103,7 +114,11 @@ def test_through_time_too(oscillators):
 @pytest.mark.parametrize("through_time", [False, True])
 def test_what_a_group_differs_by_from_a_state_is_what_each_of_its_profiles_does(kind, through_time):
     log = KINDS[kind](quick_log(6, deepening=0.5, dropouts=0.3))
-    estimator = build_evolving(forecasts(), CONFIG, TimeConfig(scale=36e3)) if through_time else build_estimator(ENSEMBLE, CONFIG)
+    estimator = (
+        build_evolving(forecasts(), CONFIG, TimeConfig(scale=36e3))
+        if through_time
+        else build_estimator(ENSEMBLE, CONFIG)
+    )
     state, _ = estimator.step(estimator.initial(), replace(log[0], time_ns=DAY - 7200 * SECOND))
     # at one time, as the group counts at one
     log = [replace(each, time_ns=DAY) for each in log]
@@ -115,7 +130,10 @@ def test_what_a_group_differs_by_from_a_state_is_what_each_of_its_profiles_does(
 
 def test_biases_in_the_state_are_estimated_from_groups():
     log = stated(quick_log(60, noise=0.01))
-    log = [replace(each, velocity=each.velocity + 0.05 * (each.velocity - each.platform_velocity)) for each in log]
+    log = [
+        replace(each, velocity=each.velocity + 0.05 * (each.velocity - each.platform_velocity))
+        for each in log
+    ]
     estimator = build_evolving(forecasts(), CONFIG, TimeConfig(biases=("scale",)))
     state = estimator.initial()
     for begin in range(0, len(log), 5):
@@ -149,13 +167,17 @@ def test_the_gate_of_many_is_that_of_each(gate, is_consistent, dropouts):
     log = quick_log(24, dropouts=dropouts)
     rng = np.random.default_rng(0)
     log[5] = replace(log[5], velocity=log[5].velocity + 3.0)
-    log[6] = replace(log[6], velocity=log[6].velocity + 0.3 * rng.standard_normal(log[6].velocity.shape))
+    log[6] = replace(
+        log[6], velocity=log[6].velocity + 0.3 * rng.standard_normal(log[6].velocity.shape)
+    )
     smooth = np.cumsum(rng.standard_normal(log[7].velocity.shape), axis=0)
     log[7] = replace(log[7], velocity=log[7].velocity + 0.05 * smooth)
     config = None if gate is None else GatingConfig(gate=gate)
     column, stack = column_and_stack(log)
     predicted = column.predicted(stack.of("r"))[..., 0]
-    found = gate_profiles(stack, predicted, column.predicted_cov(stack.of("r")), (config, True, is_consistent))
+    found = gate_profiles(
+        stack, predicted, column.predicted_cov(stack.of("r")), (config, True, is_consistent)
+    )
     jacobians = found.scale_jacobians(stack)
     seen = set()
     for i in range(len(log)):
@@ -164,9 +186,14 @@ def test_the_gate_of_many_is_that_of_each(gate, is_consistent, dropouts):
         r = layout.r[: layout.k]
         design = np.kron(np.eye(2), r)
         cov = design @ column.cov @ design.T
-        innovation = np.concatenate([part.y[0, c, : layout.k] for c in range(2)]) - design @ column.means[:, 0]
+        innovation = (
+            np.concatenate([part.y[0, c, : layout.k] for c in range(2)])
+            - design @ column.means[:, 0]
+        )
         square = float(np.sum((layout.whiten @ part.values[0]) ** 2) - np.sum(part.y[0] ** 2))
-        single = gate_innovation(innovation, cov, (square, layout.dof - innovation.size), config, is_consistent)
+        single = gate_innovation(
+            innovation, cov, (square, layout.dof - innovation.size), config, is_consistent
+        )
         seen.add(single.decision)
         assert DECISIONS[found.decision[i]] == single.decision
         assert found.result(i).statistic == pytest.approx(single.statistic)
@@ -176,9 +203,14 @@ def test_the_gate_of_many_is_that_of_each(gate, is_consistent, dropouts):
         assert found.nis[i] == pytest.approx(nis)
         if single.decision == "rejected":
             continue
-        mean = cov @ np.linalg.solve(cov + single.inflation * np.eye(len(cov)), innovation) + design @ column.means[:, 0]
+        mean = (
+            cov @ np.linalg.solve(cov + single.inflation * np.eye(len(cov)), innovation)
+            + design @ column.means[:, 0]
+        )
         known = layout.dof // 2
-        left = (layout.whiten @ part.values[0])[:known] - layout.q[:known, : layout.k] @ mean.reshape(2, -1).T
+        left = (layout.whiten @ part.values[0])[:known] - layout.q[
+            :known, : layout.k
+        ] @ mean.reshape(2, -1).T
         further = dependence_inflation(left / np.sqrt(single.inflation))
         assert found.inflation[i] == pytest.approx(single.inflation * further)
         assert jacobians[i] == 0.0
@@ -187,11 +219,17 @@ def test_the_gate_of_many_is_that_of_each(gate, is_consistent, dropouts):
 
 def test_rows_of_one_layout_are_combined_as_those_of_several():
     rng = np.random.default_rng(0)
-    r, y, weight = np.triu(rng.standard_normal((4, 4))), rng.standard_normal((7, 2, 4, 3)), rng.uniform(0.2, 1.0, 7)
+    r, y, weight = (
+        np.triu(rng.standard_normal((4, 4))),
+        rng.standard_normal((7, 2, 4, 3)),
+        rng.uniform(0.2, 1.0, 7),
+    )
     for rows in (r[None], np.broadcast_to(r, (7, 4, 4))):
         whole = combined(rows, y, weight)
         np.testing.assert_allclose(whole.r.T @ whole.r, weight.sum() * r.T @ r)
-        np.testing.assert_allclose(np.einsum("kz,ckb->czb", whole.r, whole.y), np.einsum("s,kz,sckb->czb", weight, r, y))
+        np.testing.assert_allclose(
+            np.einsum("kz,ckb->czb", whole.r, whole.y), np.einsum("s,kz,sckb->czb", weight, r, y)
+        )
         square = np.sum(weight[:, None, None] * y[..., 0] ** 2) - np.sum(whole.y[..., 0] ** 2)
         assert whole.residual == pytest.approx(square)
 
@@ -200,9 +238,17 @@ def test_screening_of_many_is_that_of_each():
     log = quick_log(12, dropouts=0.3)
     log[2] = replace(log[2], longitude=log[2].longitude + 30.0)
     log[3] = replace(log[3], depth=log[3].depth + 400.0)
-    log[4] = replace(log[4], error_std=np.where(np.arange(log[4].depth.size) == 1, np.nan, log[4].error_std))
-    log[5] = replace(log[5], velocity=np.where(np.arange(log[5].depth.size)[:, None] == 1, np.inf, log[5].velocity))
-    log[6] = replace(unstated([log[6]])[0], flags=np.where(np.arange(log[6].depth.size) == 0, Flag.GOOD, Flag.FAIL).astype(np.int8))
+    log[4] = replace(
+        log[4], error_std=np.where(np.arange(log[4].depth.size) == 1, np.nan, log[4].error_std)
+    )
+    log[5] = replace(
+        log[5],
+        velocity=np.where(np.arange(log[5].depth.size)[:, None] == 1, np.inf, log[5].velocity),
+    )
+    log[6] = replace(
+        unstated([log[6]])[0],
+        flags=np.where(np.arange(log[6].depth.size) == 0, Flag.GOOD, Flag.FAIL).astype(np.int8),
+    )
     wet = ENSEMBLE.grid.wet.copy()
     wet[1] = False
     for grid in (ENSEMBLE.grid, replace(ENSEMBLE.grid, wet=wet)):
@@ -216,13 +262,21 @@ def test_screening_of_many_is_that_of_each():
 @pytest.mark.parametrize("through_time", [False, True])
 def test_a_bad_profile_is_rejected_alone(through_time):
     gating = GatingConfig()
-    estimator = build_evolving(forecasts(), CONFIG, TimeConfig(), gating) if through_time else build_estimator(ENSEMBLE, CONFIG, gating)
+    estimator = (
+        build_evolving(forecasts(), CONFIG, TimeConfig(), gating)
+        if through_time
+        else build_estimator(ENSEMBLE, CONFIG, gating)
+    )
     # one of a group is told the monitor, so it takes five groups until the gate rejects
     log = quick_log(80)
     state, said = estimator.initial(), []
     log[45] = replace(log[45], velocity=log[45].velocity + 3.0)
     log[77] = replace(log[77], velocity=log[77].velocity + 3.0)
-    log[78] = replace(log[78], velocity=np.full_like(log[78].velocity, np.nan), flags=np.full(log[78].flags.size, Flag.MISSING, np.int8))
+    log[78] = replace(
+        log[78],
+        velocity=np.full_like(log[78].velocity, np.nan),
+        flags=np.full(log[78].flags.size, Flag.MISSING, np.int8),
+    )
     clean = state
     for begin in range(0, 80, 8):
         group = log[begin : begin + 8]
@@ -233,8 +287,16 @@ def test_a_bad_profile_is_rejected_alone(through_time):
         *_, last = estimator.group_steps(clean, [ProfileGroup(tuple(kept))])
         clean = last.after
     others = [step for step in said if step.innovation.profiles == 1]
-    assert [(step.event.time_ns - DAY) // SECOND for step in others if step.innovation.decision == "rejected"] == [45, 77]
-    assert [(step.event.time_ns - DAY) // SECOND for step in others if step.innovation.decision == "unusable"] == [78]
+    assert [
+        (step.event.time_ns - DAY) // SECOND
+        for step in others
+        if step.innovation.decision == "rejected"
+    ] == [45, 77]
+    assert [
+        (step.event.time_ns - DAY) // SECOND
+        for step in others
+        if step.innovation.decision == "unusable"
+    ] == [78]
     assert [step.innovation.profiles for step in said if step.innovation.profiles > 1][-1] == 6
     # a group counts for the mean time of all its profiles, half a second off here
     tolerance = 1e-4 if through_time else 1e-9
@@ -252,17 +314,26 @@ def test_a_profile_logged_twice_counts_once():
 
 @pytest.mark.parametrize("block", [1, 7, 1000])
 def test_blocks_change_no_bit(block):
-    estimator = replace(build_estimator(ENSEMBLE, CONFIG, GatingConfig()), grouping=Grouping(1e-6, 0.0, 9.0))
+    estimator = replace(
+        build_estimator(ENSEMBLE, CONFIG, GatingConfig()), grouping=Grouping(1e-6, 0.0, 9.0)
+    )
     log = quick_log(45, dropouts=0.1)
-    whole, expected = assimilate(estimator, EstimationState(estimator.initial(), estimator.initial()), log)
+    whole, expected = assimilate(
+        estimator, EstimationState(estimator.initial(), estimator.initial()), log
+    )
     state, steps = EstimationState(estimator.initial(), estimator.initial()), []
     for begin in range(0, len(log), block):
-        state, more = assimilate(estimator, state, log[begin : begin + block], last=begin + block >= len(log))
+        state, more = assimilate(
+            estimator, state, log[begin : begin + block], last=begin + block >= len(log)
+        )
         steps += more
     assert [step.assimilation.innovation.profiles for step in steps] == [10, 10, 10, 10, 5]
     assert state.current.mean.tobytes() == whole.current.mean.tobytes()
     for one, other in zip(steps, expected, strict=True):
-        assert one.assimilation.innovation.innovation.tobytes() == other.assimilation.innovation.innovation.tobytes()
+        assert (
+            one.assimilation.innovation.innovation.tobytes()
+            == other.assimilation.innovation.innovation.tobytes()
+        )
         assert one.assimilation.innovation.nis == other.assimilation.innovation.nis
     assert state.waiting == ()
 
@@ -270,7 +341,9 @@ def test_blocks_change_no_bit(block):
 def test_groups_end_where_the_current_may_differ_and_hold_alike_profiles():
     first = quick_log(1)[0]
     grouping = Grouping(gradient=1e-5, change=0.0, seconds=100.0)
-    far = replace(first, time_ns=first.time_ns + SECOND, latitude=first.latitude + 1300.0 / 111_200.0)
+    far = replace(
+        first, time_ns=first.time_ns + SECOND, latitude=first.latitude + 1300.0 / 111_200.0
+    )
     near = replace(far, latitude=first.latitude + 1200.0 / 111_200.0)
     # a quarter of 5 cm/s over 1e-5 1/s, half of that for four profiles
     assert grouping.fits(first, near)
@@ -300,7 +373,9 @@ def test_sparse_pings_are_each_alone_to_the_bit():
     found = []
     for window in ("auto", 0.0):
         estimator = with_window(build_estimator(ENSEMBLE, CONFIG, GatingConfig()), window)
-        state, steps = assimilate(estimator, EstimationState(estimator.initial(), estimator.initial()), log)
+        state, steps = assimilate(
+            estimator, EstimationState(estimator.initial(), estimator.initial()), log
+        )
         found.append(state.current.mean.tobytes())
         assert [step.assimilation.innovation.profiles for step in steps] == [1] * len(log)
     assert found[0] == found[1]

@@ -22,12 +22,17 @@ WHOLE = synthetic.ensemble(3, n_members=12, shape=(8, 12))
 def columns(first, last) -> Ensemble:
     """Some columns of the ensemble, in its local frame."""
     part, grid = slice(first, last), WHOLE.grid
-    cut = {name: getattr(grid, name)[..., part] for name in ("longitude", "latitude", "east", "north", "wet")}
+    cut = {
+        name: getattr(grid, name)[..., part]
+        for name in ("longitude", "latitude", "east", "north", "wet")
+    }
     return replace(WHOLE, grid=replace(grid, **cut), velocity=WHOLE.velocity[..., part])
 
 
 def after(estimator, n=12, seed=1):
-    *_, (state, _) = estimator.steps(estimator.initial(), synthetic.random_profiles(estimator.basis.grid, n, seed))
+    *_, (state, _) = estimator.steps(
+        estimator.initial(), synthetic.random_profiles(estimator.basis.grid, n, seed)
+    )
     return state
 
 
@@ -47,7 +52,10 @@ def test_a_window_handed_over_to_itself_is_the_same(one):
     state = after(one)
     again, loss = hand_over(one, state, one)
     points = overlap(one.basis.grid, one.basis.grid)
-    (mean, error), (mean_again, error_again) = at_points(one, state, points), at_points(one, again, points)
+    (mean, error), (mean_again, error_again) = (
+        at_points(one, state, points),
+        at_points(one, again, points),
+    )
     prior_error = at_points(one, one.initial(), points)[1]
     assert loss < 0.01
     assert np.abs(mean_again - mean).max() < 0.2 * error.min()
@@ -59,7 +67,10 @@ def test_where_windows_overlap_the_next_knows_what_was_learnt_within_its_standar
     state, other = after(one), build_estimator(columns(3, 12), CONFIG)
     begun, _ = hand_over(one, state, other)
     points = overlap(one.basis.grid, other.basis.grid)
-    (mean, error), (begun_mean, begun_error) = at_points(one, state, points), at_points(other, begun, points)
+    (mean, error), (begun_mean, begun_error) = (
+        at_points(one, state, points),
+        at_points(other, begun, points),
+    )
     prior_mean, prior_error = at_points(other, other.initial(), points)
     change = np.sqrt(np.mean(((begun_mean - mean) / error) ** 2))
     assert change < 1.0
@@ -99,13 +110,28 @@ def test_rows_of_any_form_condition_a_prior_as_the_textbook_says(one):
     assert np.allclose(sensitivity.reshape(2, -1), (gain @ innovation[:, 1:]).T, atol=1e-9)
     assert np.allclose(found.covariance(), covariance, atol=1e-9 * scale)
     r = design.shape[2]
-    assert np.allclose(found.covariance((1, 2)), covariance[r : 3 * r, r : 3 * r], atol=1e-9 * scale)
+    assert np.allclose(
+        found.covariance((1, 2)), covariance[r : 3 * r, r : 3 * r], atol=1e-9 * scale
+    )
     weights = rng.standard_normal((2, *design.shape[1:]))
-    assert np.allclose(found.matvec(weights).reshape(2, -1), weights.reshape(2, -1) @ covariance, atol=1e-8 * scale)
-    basis, by_level = rng.standard_normal((3, r)), covariance.reshape(len(design[0]), r, len(design[0]), r)
-    assert np.allclose(found.matvec_modes(basis), np.einsum("cr,zryq->zcyq", basis, by_level), atol=1e-8 * scale)
-    assert np.allclose(found.matvec_modes(basis, (2,)), np.einsum("cr,zryq->zcyq", basis, by_level[:, :, 2:3]), atol=1e-8 * scale)
-    assert np.allclose(found.mode_std() ** 2, np.einsum("zrzr->r", by_level) / len(design[0]), atol=1e-9 * scale)
+    assert np.allclose(
+        found.matvec(weights).reshape(2, -1), weights.reshape(2, -1) @ covariance, atol=1e-8 * scale
+    )
+    basis, by_level = (
+        rng.standard_normal((3, r)),
+        covariance.reshape(len(design[0]), r, len(design[0]), r),
+    )
+    assert np.allclose(
+        found.matvec_modes(basis), np.einsum("cr,zryq->zcyq", basis, by_level), atol=1e-8 * scale
+    )
+    assert np.allclose(
+        found.matvec_modes(basis, (2,)),
+        np.einsum("cr,zryq->zcyq", basis, by_level[:, :, 2:3]),
+        atol=1e-8 * scale,
+    )
+    assert np.allclose(
+        found.mode_std() ** 2, np.einsum("zrzr->r", by_level) / len(design[0]), atol=1e-9 * scale
+    )
 
 
 @pytest.mark.parametrize("n", [5, 40])
@@ -115,25 +141,44 @@ def test_the_covariance_of_combinations_is_that_of_the_weights(one, n):
     rows = design.reshape(4, -1)
     for form in (posterior, select_representation(posterior), to_full_covariance(posterior)):
         expected = rows @ form.covariance() @ rows.T
-        assert np.allclose(form.covariance_of(design), expected, atol=1e-9 * np.abs(rows @ one.prior.covariance() @ rows.T).max())
+        assert np.allclose(
+            form.covariance_of(design),
+            expected,
+            atol=1e-9 * np.abs(rows @ one.prior.covariance() @ rows.T).max(),
+        )
 
 
 def test_windows_say_of_measurements_what_the_estimator_of_the_window_says(one):
     grid = one.basis.grid
-    west, south, east, north = (f(values) for f in (np.min, np.max) for values in (grid.longitude, grid.latitude))
-    windows = WindowedEstimator((west, south, east, north), 1.0, (west, south, east + 1.0, north), lambda _: one)
+    west, south, east, north = (
+        f(values) for f in (np.min, np.max) for values in (grid.longitude, grid.latitude)
+    )
+    windows = WindowedEstimator(
+        (west, south, east, north), 1.0, (west, south, east + 1.0, north), lambda _: one
+    )
     first, *others = log = synthetic.random_profiles(grid, 5, 3)
     state, inner = windows.initial(), one.initial()
     for profile in log:
-        np.testing.assert_array_equal(windows.innovation(state, profile), one.innovation(inner, profile))
+        np.testing.assert_array_equal(
+            windows.innovation(state, profile), one.innovation(inner, profile)
+        )
     group = ProfileGroup(tuple(others))
-    np.testing.assert_array_equal(windows.group_innovation(state, group), one.group_innovation(inner, group))
-    nothing = replace(first, velocity=np.full_like(first.velocity, np.nan), flags=np.full_like(first.flags, Flag.FAIL))
+    np.testing.assert_array_equal(
+        windows.group_innovation(state, group), one.group_innovation(inner, group)
+    )
+    nothing = replace(
+        first,
+        velocity=np.full_like(first.velocity, np.nan),
+        flags=np.full_like(first.flags, Flag.FAIL),
+    )
     deep = replace(first, depth=first.depth + grid.levels[-1])
     east_only = replace(first, velocity=first.velocity * [1.0, np.nan], flags=nothing.flags)
     at_bottom = replace(first, depth=first.depth - first.depth[0] + grid.levels[-1])
     for away in (0.0, 0.5):  # in the first window, and where there is none yet
-        moved = [replace(each, longitude=each.longitude + away) for each in (first, at_bottom, nothing, deep, east_only)]
+        moved = [
+            replace(each, longitude=each.longitude + away)
+            for each in (first, at_bottom, nothing, deep, east_only)
+        ]
         moved = [replace(each, longitude=east + away) if away else each for each in moved]
         assert [windows.usable(each) for each in moved] == [True, True, False, False, False]
     assert not windows.usable(replace(first, longitude=east + 1.5))

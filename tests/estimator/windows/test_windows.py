@@ -19,7 +19,9 @@ def test_far_enough_from_the_sides_the_window_stays(place):
     assert next_window(WINDOW, MARGIN, BOUNDS, place) is None
 
 
-@pytest.mark.parametrize("place", [(1.8, 40.3), (-1.75, 39.0), (0.3, 41.8), (0.0, 38.1), (1.9, 41.9)])
+@pytest.mark.parametrize(
+    "place", [(1.8, 40.3), (-1.75, 39.0), (0.3, 41.8), (0.0, 38.1), (1.9, 41.9)]
+)
 def test_near_a_side_the_next_window_is_as_large_and_reaches_a_margin_and_a_half_behind(place):
     found = next_window(WINDOW, MARGIN, BOUNDS, place)
     assert found is not None
@@ -34,11 +36,15 @@ def test_at_the_forecasts_own_side_no_window_has_more_room():
     at_edge = (16.0, 38.0, 20.0, 42.0)
     assert next_window(at_edge, MARGIN, BOUNDS, (19.99, 40.0)) is None
     assert next_window(at_edge, MARGIN, BOUNDS, (20.5, 40.0)) is None
-    assert next_window(at_edge, MARGIN, BOUNDS, (19.99, 41.9)) == pytest.approx((16.0, 40.8, 20.0, 44.8), abs=1.0)
+    assert next_window(at_edge, MARGIN, BOUNDS, (19.99, 41.9)) == pytest.approx(
+        (16.0, 40.8, 20.0, 44.8), abs=1.0
+    )
 
 
 def test_a_window_crosses_the_antimeridian():
-    found = next_window((175.0, -2.0, 179.0, 2.0), MARGIN, (-180.0, -90.0, 180.0, 90.0), (178.9, 0.0))
+    found = next_window(
+        (175.0, -2.0, 179.0, 2.0), MARGIN, (-180.0, -90.0, 180.0, 90.0), (178.9, 0.0)
+    )
     assert found is not None
     assert found[0] > found[2]
     assert inside(found, [178.9, -179.0], [0.0, 0.0]).all()
@@ -106,4 +112,7 @@ def test_a_window_that_cannot_be_made_leaves_the_vehicle_in_its_own_and_is_told(
     estimator = WindowedEstimator(whole.first, whole.margin, whole.bounds, only_first)
     *_, (state, _) = estimator.steps(estimator.initial(), pings)
     assert state.current.region == whole.first
-    assert any("no window could be made at" in note and "is land" in note for note in estimator.bias_notes(state))
+    assert any(
+        "no window could be made at" in note and "is land" in note
+        for note in estimator.bias_notes(state)
+    )

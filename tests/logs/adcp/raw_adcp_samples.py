@@ -56,7 +56,9 @@ def write(folder: Path, data: bytes) -> Path:
 def adcp_messages(path: Path) -> tuple[list[Message], list[Message]]:
     """Return a log's pings and fixes."""
     messages = list(open_log(path).messages())
-    return [m for m in messages if m.topic == "/adcp"], [m for m in messages if m.topic == "/vehicle/fix"]
+    return [m for m in messages if m.topic == "/adcp"], [
+        m for m in messages if m.topic == "/vehicle/fix"
+    ]
 
 
 def vectors() -> Array:
@@ -73,11 +75,21 @@ def pd0(survey: Survey) -> bytes:
 def ensemble(survey: Survey, k: int) -> bytes:
     """Return one ensemble with its checksum."""
     types = [_fixed_leader(survey), _variable_leader(survey, k)[: survey.leader], _velocity(survey)]
-    types += [struct.pack("<H", kind) + bytes([value]) * 4 * survey.cells for kind, value in ((0x0200, 128), (0x0300, 100), (0x0400, 100))]
+    types += [
+        struct.pack("<H", kind) + bytes([value]) * 4 * survey.cells
+        for kind, value in ((0x0200, 128), (0x0300, 100), (0x0400, 100))
+    ]
     types += [_bottom_track(survey)] if survey.bottom_track else []
     types += [_gga(survey, k)] if survey.gps else []
     offsets = 6 + 2 * len(types) + np.cumsum([0, *(len(part) for part in types)])
-    header = struct.pack(f"<2sHBB{len(types)}H", b"\x7f\x7f", int(offsets[-1]) + 2, 0, len(types), *offsets[:-1].tolist())
+    header = struct.pack(
+        f"<2sHBB{len(types)}H",
+        b"\x7f\x7f",
+        int(offsets[-1]) + 2,
+        0,
+        len(types),
+        *offsets[:-1].tolist(),
+    )
     body = header + b"".join(types) + b"\x00\x00"
     return body + struct.pack("<H", sum(body) & 0xFFFF)
 
@@ -85,7 +97,11 @@ def ensemble(survey: Survey, k: int) -> bytes:
 def nortek_record(kind: int, content: bytes, long: bool = False) -> bytes:
     """Return an AD2CP record with its two checksums."""
     size = struct.pack("<I" if long else "<H", len(content))
-    head = bytes([0xA5, 12 if long else 10, kind, 0x10]) + size + struct.pack("<H", nortek_sum(content))
+    head = (
+        bytes([0xA5, 12 if long else 10, kind, 0x10])
+        + size
+        + struct.pack("<H", nortek_sum(content))
+    )
     return head + struct.pack("<H", nortek_sum(head)) + content
 
 
@@ -100,11 +116,32 @@ def nortek_sum(content: bytes) -> int:
 def _fixed_leader(survey: Survey) -> bytes:
     turned = 0b111 if survey.system in ("ship", "earth") else 0b010
     sizes = (1, 100 * survey.cell, 100, 1, 64, 5, 0, 2000, 0, 1, 0)
-    head = struct.pack("<H5BBBB", 0, *survey.firmware, 0b00001011 | (0x80 if survey.up else 0), 0x41, 0, 0, 4, survey.cells)
+    head = struct.pack(
+        "<H5BBBB",
+        0,
+        *survey.firmware,
+        0b00001011 | (0x80 if survey.up else 0),
+        0x41,
+        0,
+        0,
+        4,
+        survey.cells,
+    )
     setup = struct.pack("<HHHBBBBH3B", *(int(value) for value in sizes))
-    coordinates = struct.pack("<Bhh", _SYSTEMS[survey.system] << 3 | turned, 0, round(100 * survey.stated_declination))
-    sensors = struct.pack("<BBHH2BBBH", 0b01111101, 0b00011101, int(100 * FIRST_CELL), 100, 1, 5, 50, 0, 20)
-    return head + setup + coordinates + sensors + bytes(8) + struct.pack("<HBBIB", 0, 255, 0, 1234, int(ANGLE))
+    coordinates = struct.pack(
+        "<Bhh", _SYSTEMS[survey.system] << 3 | turned, 0, round(100 * survey.stated_declination)
+    )
+    sensors = struct.pack(
+        "<BBHH2BBBH", 0b01111101, 0b00011101, int(100 * FIRST_CELL), 100, 1, 5, 50, 0, 20
+    )
+    return (
+        head
+        + setup
+        + coordinates
+        + sensors
+        + bytes(8)
+        + struct.pack("<HBBIB", 0, 255, 0, 1234, int(ANGLE))
+    )
 
 
 def _variable_leader(survey: Survey, k: int) -> bytes:
@@ -112,7 +149,9 @@ def _variable_leader(survey: Survey, k: int) -> bytes:
     rtc = (clock.month, clock.day, clock.hour, clock.minute, clock.second, 0)
     magnetic = (survey.heading - survey.declination) % 360.0
     attitude = (round(100 * magnetic), round(100 * survey.pitch), round(100 * survey.roll))
-    part = struct.pack("<HH7BBHHHHhhhh", 0x0080, k + 1, clock.year % 100, *rtc, 0, 0, 1500, 7, *attitude, 35, 1200)
+    part = struct.pack(
+        "<HH7BBHHHHhhhh", 0x0080, k + 1, clock.year % 100, *rtc, 0, 0, 1500, 7, *attitude, 35, 1200
+    )
     century = struct.pack("<BB7B", 0, 20, clock.year % 100, *rtc)
     return part + bytes(3 + 3 + 8) + struct.pack("<I2xII", 0, 0, 0) + century
 
@@ -128,7 +167,11 @@ def _in_system(survey: Survey, beams: Array) -> Array:
     solved = slow.janus(beams, ANGLE, True)
     if survey.system == "instrument":
         return solved
-    magnetic_east = slow.about(2, survey.declination - survey.stated_declination) @ _rotation(survey) @ solved[:3]
+    magnetic_east = (
+        slow.about(2, survey.declination - survey.stated_declination)
+        @ _rotation(survey)
+        @ solved[:3]
+    )
     if survey.system == "ship":
         magnetic_east = slow.about(2, survey.heading) @ _rotation(survey) @ solved[:3]
     return np.array([*magnetic_east, solved[3]])
@@ -140,7 +183,11 @@ def _velocity(survey: Survey) -> bytes:
     rows = []
     for cell in range(survey.cells):
         distance = (FIRST_CELL + survey.cell * cell) * stretch
-        water = np.array(survey.water) + distance[:, None] * np.array(survey.shear) - np.array(survey.vessel)
+        water = (
+            np.array(survey.water)
+            + distance[:, None] * np.array(survey.shear)
+            - np.array(survey.vessel)
+        )
         row = np.round(1000.0 * _in_system(survey, np.sum(along * water, axis=1)))
         if survey.bad_beam is not None and cell == 3:
             row[survey.bad_beam] = _MISSING
@@ -152,13 +199,22 @@ def _bottom_track(survey: Survey) -> bytes:
     beams = -(vectors() @ _rotation(survey).T) @ np.array(survey.vessel)
     velocity = np.round(1000.0 * _in_system(survey, beams)).astype("<i2").tobytes()
     distance = struct.pack("<4H", *[round(100 * survey.bottom)] * 4)
-    return struct.pack("<H", 0x0600) + bytes(14) + distance + velocity + bytes([255] * 4 + [90] * 4 + [100] * 4) + bytes(26 + 7 + 4 + 4)
+    return (
+        struct.pack("<H", 0x0600)
+        + bytes(14)
+        + distance
+        + velocity
+        + bytes([255] * 4 + [90] * 4 + [100] * 4)
+        + bytes(26 + 7 + 4 + 4)
+    )
 
 
 def _gga(survey: Survey, k: int) -> bytes:
     when = START + timedelta(seconds=k)
     latitude = LATITUDE + survey.vessel[1] * k / METRES_PER_DEGREE
-    longitude = LONGITUDE + survey.vessel[0] * k / (METRES_PER_DEGREE * np.cos(np.deg2rad(LATITUDE)))
+    longitude = LONGITUDE + survey.vessel[0] * k / (
+        METRES_PER_DEGREE * np.cos(np.deg2rad(LATITUDE))
+    )
     sentence = b"$GPGGA," + when.strftime("%H%M%S.00,").encode()
     position = struct.pack("<dcdc", latitude, b"N", -longitude, b"W")
     rest = struct.pack("<BBffcfcfH", 2, 8, 1.0, 0.0, b"M", 0.0, b"M", 0.0, 0)

@@ -19,13 +19,21 @@ from tests.logs.adcp.raw_adcp_samples import adcp_messages, nortek_record, write
 
 
 def pings(folder, survey, n=5):
-    return [message.payload for message in adcp_messages(write(folder, samples.ad2cp(survey, n)))[0]]
+    return [
+        message.payload for message in adcp_messages(write(folder, samples.ad2cp(survey, n)))[0]
+    ]
 
 
 @pytest.mark.parametrize("down", [True, False])
 @pytest.mark.parametrize(
     ("system", "bottom_system"),
-    [("beam", "beam"), ("instrument", "instrument"), ("earth", "earth"), ("beam", "instrument"), ("instrument", "beam")],
+    [
+        ("beam", "beam"),
+        ("instrument", "instrument"),
+        ("earth", "earth"),
+        ("beam", "instrument"),
+        ("instrument", "beam"),
+    ],
 )
 def test_the_platforms_velocity_is_minus_that_of_the_bottom(tmp_path, system, bottom_system, down):
     survey = Survey(system=system, bottom_system=bottom_system, down=down)
@@ -41,12 +49,18 @@ def test_the_platforms_velocity_is_minus_that_of_the_bottom(tmp_path, system, bo
         assert ping.platform_velocity.source == "bottom_track"
         moved = (ping.platform_velocity.east, ping.platform_velocity.north)
         assert moved == pytest.approx(survey.platform[:2], abs=0.003)
-        np.testing.assert_allclose(ping.velocity[:3, :2], np.tile(survey.water[:2], (3, 1)), atol=0.004)
+        np.testing.assert_allclose(
+            ping.velocity[:3, :2], np.tile(survey.water[:2], (3, 1)), atol=0.004
+        )
 
 
 def test_velocities_have_the_scaling_of_their_record_and_begin_where_it_says():
     survey = Survey(scaling=-4)
-    data = samples.text() + samples.bottom(survey, 0, offset=82) + samples.bottom(replace(survey, scaling=-3), 1)
+    data = (
+        samples.text()
+        + samples.bottom(survey, 0, offset=82)
+        + samples.bottom(replace(survey, scaling=-3), 1)
+    )
     tracks, unused = bottom_tracks(data, scan(data))
     assert (list(tracks), unused) == (["beam"], {})
     expected = samples.in_system(survey, -np.array(survey.platform), "beam")
@@ -57,28 +71,49 @@ def test_velocities_have_the_scaling_of_their_record_and_begin_where_it_says():
 
 
 def test_a_beam_that_found_no_bottom_is_left_out(tmp_path):
-    for survey in (Survey(missing_beam=2), Survey(distance_mm=(30_000, 31_000, 0, 33_000)), Survey(merit=(120, 130, 1000, 150))):
+    for survey in (
+        Survey(missing_beam=2),
+        Survey(distance_mm=(30_000, 31_000, 0, 33_000)),
+        Survey(merit=(120, 130, 1000, 150)),
+    ):
         track = pings(tmp_path, survey)[0]["bottom_track"]
         assert [value is None for value in track["velocity"]] == [False, False, True, False]
         assert [value is None for value in track["distance"]] == [False, False, True, False]
-    assert None not in pings(tmp_path, Survey(merit=(999, 999, 999, 999)))[0]["bottom_track"]["velocity"]
+    assert (
+        None
+        not in pings(tmp_path, Survey(merit=(999, 999, 999, 999)))[0]["bottom_track"]["velocity"]
+    )
     # east, north and up need all beams
-    log = open_log(write(tmp_path, samples.ad2cp(Survey(system="earth", bottom_system="earth", merit=(120, 130, 1000, 150)))))
+    log = open_log(
+        write(
+            tmp_path,
+            samples.ad2cp(
+                Survey(system="earth", bottom_system="earth", merit=(120, 130, 1000, 150))
+            ),
+        )
+    )
     assert {m.payload["bottom_track"] for m in log.messages()} == {None}
     assert log.report().undecodable == {"/adcp/bottom_track": (5, NOT_FOUND)}
 
 
 def test_a_bottom_track_belongs_to_the_ping_beside_it(tmp_path):
-    near, far = Survey(bottom_after=timedelta(seconds=-3)), Survey(bottom_after=timedelta(seconds=-3, milliseconds=-1))
+    near, far = (
+        Survey(bottom_after=timedelta(seconds=-3)),
+        Survey(bottom_after=timedelta(seconds=-3, milliseconds=-1)),
+    )
     one = samples.text() + samples.burst(near, 0)
     for survey, found in ((near, True), (far, False)):
-        (ping,) = (m.payload for m in open_log(write(tmp_path, one + samples.bottom(survey, 0))).messages())
+        (ping,) = (
+            m.payload for m in open_log(write(tmp_path, one + samples.bottom(survey, 0))).messages()
+        )
         assert (ping["bottom_track"] is not None) is found
     # of several the nearest in time
     data = samples.text() + b"".join(samples.burst(near, k) for k in range(4))
     slow, fast = Survey(), Survey(platform=(2.2, 1.4, 0.0))
     data += samples.bottom(slow, 0) + samples.bottom(fast, 3)
-    along = [m.payload["bottom_track"]["velocity"][0] for m in open_log(write(tmp_path, data)).messages()]
+    along = [
+        m.payload["bottom_track"]["velocity"][0] for m in open_log(write(tmp_path, data)).messages()
+    ]
     assert along[0] == along[1] == pytest.approx(along[2] / 2, abs=0.001)
     assert along[2] == along[3]
 
@@ -92,7 +127,9 @@ def test_bottom_tracks_that_cannot_be_used_are_counted(tmp_path):
     cases = {
         "bottom track of 77 bytes, 78 are needed": body[:77],
         "bottom track shorter than its configuration says": body[:-1],
-        "bottom track without velocities, or in unknown coordinates": body[:2] + b"\x00\x00" + body[4:],
+        "bottom track without velocities, or in unknown coordinates": body[:2]
+        + b"\x00\x00"
+        + body[4:],
         "bottom track without a time": body[:9] + b"\x0c" + body[10:],
     }
     for why, content in cases.items():

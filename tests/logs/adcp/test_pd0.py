@@ -25,11 +25,15 @@ CHANGED = replace(SURVEY, cells=7, cell=2.0, system="earth")
 def joined(surveys: dict[int, Survey]) -> bytes:
     """Return a file whose ensembles are of the survey that begins at or before them."""
     begins = sorted(surveys)
-    return b"".join(samples.ensemble(surveys[max(at for at in begins if at <= k)], k) for k in range(30))
+    return b"".join(
+        samples.ensemble(surveys[max(at for at in begins if at <= k)], k) for k in range(30)
+    )
 
 
 def profiles(path: Path) -> list[Observation]:
-    return [value for value in observations(open_log(path).messages()) if isinstance(value, Observation)]
+    return [
+        value for value in observations(open_log(path).messages()) if isinstance(value, Observation)
+    ]
 
 
 def test_each_ensemble_is_read_by_its_own_leader(tmp_path):
@@ -39,7 +43,11 @@ def test_each_ensemble_is_read_by_its_own_leader(tmp_path):
     assert len(fixes) == 30
     for k, ping in enumerate(pings):
         survey = CHANGED if 10 <= k < 25 else SURVEY
-        stated = {"n_cells": survey.cells, "cell_size": survey.cell, "coordinate_system": survey.system}
+        stated = {
+            "n_cells": survey.cells,
+            "cell_size": survey.cell,
+            "coordinate_system": survey.system,
+        }
         assert stated.items() <= ping.payload.items()
         assert len(ping.payload["velocity"]) == survey.cells
     # what it means, in the sea: both give the same current at their own depths
@@ -75,7 +83,9 @@ def test_the_change_is_told_with_the_ping_and_what_changed(tmp_path):
 def test_one_change_is_told_once(tmp_path, changed, words):
     log = open_log(write(tmp_path, joined({0: SURVEY, 29: replace(SURVEY, **changed)})))
     list(log.messages())
-    assert log.report().notes == (f"the instrument's configuration changes once, each ping is read by its own: at ping 29: {words}",)
+    assert log.report().notes == (
+        f"the instrument's configuration changes once, each ping is read by its own: at ping 29: {words}",
+    )
 
 
 def test_many_changes_are_counted_and_three_told():
@@ -94,11 +104,21 @@ def test_many_changes_are_counted_and_three_told():
 def test_a_short_variable_leader_is_read(tmp_path, leader, firmware):
     survey = replace(SURVEY, leader=leader, firmware=firmware, gps=False, bottom_track=False, n=5)
     pings, _ = adcp_messages(write(tmp_path, samples.pd0(survey)))
-    whole, _ = adcp_messages(write(tmp_path, samples.pd0(replace(survey, leader=None, firmware=(51, 40)))))
+    whole, _ = adcp_messages(
+        write(tmp_path, samples.pd0(replace(survey, leader=None, firmware=(51, 40))))
+    )
     assert len(pings) == 5
     for ping, other in zip(pings, whole, strict=True):
         assert ping.time_ns == other.time_ns
-        for name in ("velocity", "heading", "pitch", "roll", "temperature", "sound_speed", "n_cells"):
+        for name in (
+            "velocity",
+            "heading",
+            "pitch",
+            "roll",
+            "temperature",
+            "sound_speed",
+            "n_cells",
+        ):
             assert ping.payload[name] == other.payload[name]
         assert ping.payload["transducer_depth"] == other.payload["transducer_depth"] == 0.7
 
@@ -125,9 +145,23 @@ def test_what_an_ensemble_lacks_is_said(tmp_path):
     # its leader states a cell more than its blocks hold
     few[struct.unpack_from("<H", few, 6)[0] + 9] += 1
     struct.pack_into("<H", few, len(few) - 2, sum(few[:-2]) & 0xFFFF)
-    log = open_log(write(tmp_path, samples.ensemble(SURVEY, 0) + bytes(few) + samples.ensemble(short, 2) + samples.ensemble(SURVEY, 3)))
+    log = open_log(
+        write(
+            tmp_path,
+            samples.ensemble(SURVEY, 0)
+            + bytes(few)
+            + samples.ensemble(short, 2)
+            + samples.ensemble(SURVEY, 3),
+        )
+    )
     assert [m.payload["ping"] for m in log.messages() if m.topic == "/adcp"] == [0, 3]
     assert log.report().read["/adcp"] == 4
-    assert log.report().undecodable["/adcp"] == (2, "ensemble whose block 0x0100 has 98 bytes, 106 are needed for 13 cells")
-    with pytest.raises(LogError, match=r"no ensemble can be read: 30 x ensemble whose variable leader has 27 bytes, 28 are needed"):
+    assert log.report().undecodable["/adcp"] == (
+        2,
+        "ensemble whose block 0x0100 has 98 bytes, 106 are needed for 13 cells",
+    )
+    with pytest.raises(
+        LogError,
+        match=r"no ensemble can be read: 30 x ensemble whose variable leader has 27 bytes, 28 are needed",
+    ):
         open_log(write(tmp_path, samples.pd0(short)))

@@ -46,14 +46,18 @@ def _profiles(folder: Path, survey: Survey) -> list[Observation]:
         Survey(system="earth"),
         Survey(system="earth", stated_declination=15.8),
     ],
-    ids=lambda survey: f"{survey.system}, {survey.shear[0]}, {survey.bad_beam}, {survey.up}, {survey.stated_declination}",
+    ids=lambda survey: (
+        f"{survey.system}, {survey.shear[0]}, {survey.bad_beam}, {survey.up}, {survey.stated_declination}"
+    ),
 )
 def test_a_vessels_file_gives_the_current_over_the_ground(tmp_path, survey):
     profiles = _profiles(tmp_path, survey)
     assert len(profiles) == survey.n
     profile = profiles[15]
     distance = samples.FIRST_CELL + samples.CELL * np.arange(samples.N_CELLS)
-    np.testing.assert_allclose(profile.depth, 0.7 + (-distance if survey.up else distance), atol=1e-9)
+    np.testing.assert_allclose(
+        profile.depth, 0.7 + (-distance if survey.up else distance), atol=1e-9
+    )
     truth = np.array(survey.water) + distance[:, None] * np.array(survey.shear)
     # a millimetre per second of rounding in each beam, twice; the model's declination is within 0.1 degree of the survey's
     # cells that no beam reaches for the tilt are missing, at the far end only
@@ -79,7 +83,12 @@ def test_without_bottom_track_the_vessels_velocity_is_that_of_its_gps(tmp_path):
 
 def test_a_bottom_that_too_few_beams_found_leaves_the_velocity_to_the_gps(tmp_path):
     messages = [
-        m._replace(payload={**m.payload, "bottom_track": {**m.payload["bottom_track"], "velocity": [0.1, None, None, 0.1]}})
+        m._replace(
+            payload={
+                **m.payload,
+                "bottom_track": {**m.payload["bottom_track"], "velocity": [0.1, None, None, 0.1]},
+            }
+        )
         if m.topic == "/adcp"
         else m
         for m in open_log(write(tmp_path, samples.pd0(Survey()))).messages()
@@ -91,7 +100,9 @@ def test_a_bottom_that_too_few_beams_found_leaves_the_velocity_to_the_gps(tmp_pa
 def test_a_file_with_neither_says_why_it_is_not_used(tmp_path):
     path = write(tmp_path, samples.pd0(Survey(bottom_track=False, gps=False)))
     info = inspect_logs([path], RunConfig(measurements=MeasurementConfig(use_relative=False)))[0]
-    assert info.not_used == {"/adcp": {"velocity relative to the platform, whose own motion is not known": 30}}
+    assert info.not_used == {
+        "/adcp": {"velocity relative to the platform, whose own motion is not known": 30}
+    }
 
 
 def test_a_magnetic_heading_without_a_declination_is_refused_until_one_is_given(tmp_path):
@@ -112,7 +123,11 @@ def test_cells_that_the_bottom_spoils_are_flagged(tmp_path):
 def test_gps_sets_the_clock_right_over_midnight(tmp_path):
     pings, fixes = adcp_messages(write(tmp_path, samples.pd0(Survey())))
     assert pings[3].payload["clock_offset"] == samples.CLOCK_BEHIND.total_seconds()
-    assert [m.time_ns for m in pings] == [START_NS + k * SECOND for k in range(30)] == [m.time_ns for m in fixes]
+    assert (
+        [m.time_ns for m in pings]
+        == [START_NS + k * SECOND for k in range(30)]
+        == [m.time_ns for m in fixes]
+    )
     assert fixes[0].payload["latitude"] == pytest.approx(samples.LATITUDE)
     assert fixes[0].payload["longitude"] == pytest.approx(samples.LONGITUDE)
     pings, _ = adcp_messages(write(tmp_path, samples.pd0(Survey(gps=False))))
@@ -136,7 +151,10 @@ def test_an_ensemble_that_fails_its_checksum_is_lost_alone(tmp_path):
     reader = open_log(write(tmp_path, b"".join([*parts[:4], damaged, *parts[5:], parts[0][:100]])))
     times = [m.time_ns for m in reader.messages() if m.topic == "/adcp"]
     assert times == [START_NS + k * SECOND for k in range(12) if k != 4]
-    assert [(loss.offset, loss.bytes) for loss in reader.report().losses] == [(4 * len(parts[0]), len(parts[0])), (12 * len(parts[0]), 100)]
+    assert [(loss.offset, loss.bytes) for loss in reader.report().losses] == [
+        (4 * len(parts[0]), len(parts[0])),
+        (12 * len(parts[0]), 100),
+    ]
 
 
 def test_one_ensemble_is_a_file(tmp_path):
@@ -144,14 +162,24 @@ def test_one_ensemble_is_a_file(tmp_path):
     assert (len(pings), len(fixes)) == (1, 1)
 
 
-@pytest.mark.parametrize("data", [b"\x7f\x7f", b"\x7f\x7f" * 4000, b"\xa5\x0a" + bytes(500), samples.nortek_record(0x15, bytes(80))])
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"\x7f\x7f",
+        b"\x7f\x7f" * 4000,
+        b"\xa5\x0a" + bytes(500),
+        samples.nortek_record(0x15, bytes(80)),
+    ],
+)
 def test_a_file_without_a_sound_ensemble_is_an_error(tmp_path, data):
     with pytest.raises(LogError, match=r"no sound ensemble|configuration is missing"):
         open_log(write(tmp_path, data))
 
 
 def test_what_mhkit_cannot_read_is_our_error(tmp_path):
-    records = samples.nortek_record(AD2CP_TEXT, b"\x10no configuration\x00") + 3 * samples.nortek_record(0x15, bytes(80))
+    records = samples.nortek_record(
+        AD2CP_TEXT, b"\x10no configuration\x00"
+    ) + 3 * samples.nortek_record(0x15, bytes(80))
     with pytest.raises(LogError, match="MHKiT cannot read"):
         open_log(write(tmp_path, records))
 
@@ -166,16 +194,37 @@ def test_without_mhkit_the_extra_is_named(tmp_path, monkeypatch):
 def _nortek_dataset(**attributes: Any) -> xr.Dataset:
     """Return what MHKiT makes of the averaging mode of a Nortek in earth coordinates: two pings of two cells."""
     time = np.array(["2024-05-01T00:00:00.1234", "2024-05-01T00:10:00"], "datetime64[ns]")
-    velocity = np.array([[[0.1, 0.2], [0.3, -32.768]], [[0.4, 0.5], [0.6, 0.7]], [[0.01, 0.02], [0.03, 0.04]], [[0.03, 0.02], [0.01, 0.0]]])
-    beams = np.linalg.inv(np.array([[0.5, 0, 0.8, 0], [0, -0.5, 0, 0.8], [-0.5, 0, 0.8, 0], [0, 0.5, 0, 0.8]]))
-    names = {"heading_avg": -90.0, "pitch_avg": 1.0, "roll_avg": 2.0, "temp_avg": 12.0, "c_sound_avg": 1490.0, "pressure_avg": 100.0}
+    velocity = np.array(
+        [
+            [[0.1, 0.2], [0.3, -32.768]],
+            [[0.4, 0.5], [0.6, 0.7]],
+            [[0.01, 0.02], [0.03, 0.04]],
+            [[0.03, 0.02], [0.01, 0.0]],
+        ]
+    )
+    beams = np.linalg.inv(
+        np.array([[0.5, 0, 0.8, 0], [0, -0.5, 0, 0.8], [-0.5, 0, 0.8, 0], [0, 0.5, 0, 0.8]])
+    )
+    names = {
+        "heading_avg": -90.0,
+        "pitch_avg": 1.0,
+        "roll_avg": 2.0,
+        "temp_avg": 12.0,
+        "c_sound_avg": 1490.0,
+        "pressure_avg": 100.0,
+    }
     variables = {
         "vel_avg": (("dir", "range_avg", "time_avg"), velocity),
         "status_avg": (("time_avg",), np.array([1, 0])),
         "beam2inst_orientmat": (("x1", "x2"), beams),
         **{name: (("time_avg",), np.full(2, value)) for name, value in names.items()},
     }
-    settings = {"inst_make": "Nortek", "coord_sys": "earth", "orientation": "down", "cell_size_avg": 4.0}
+    settings = {
+        "inst_make": "Nortek",
+        "coord_sys": "earth",
+        "orientation": "down",
+        "cell_size_avg": 4.0,
+    }
     return xr.Dataset(
         variables,
         {"time_avg": time, "range_avg": [5.0, 9.0]},
@@ -185,8 +234,12 @@ def _nortek_dataset(**attributes: Any) -> xr.Dataset:
 
 def test_nortek_averages_in_earth_coordinates_have_one_vertical_and_a_true_heading():
     profiles = raw_profiles(_nortek_dataset(), "_avg")
-    np.testing.assert_allclose(profiles.per_ping["velocity"][0], [[0.1, 0.4, 0.02], [0.3, 0.6, 0.02]])
-    np.testing.assert_array_equal(np.isnan(profiles.per_ping["velocity"][1]), [[False] * 3, [True, False, False]])
+    np.testing.assert_allclose(
+        profiles.per_ping["velocity"][0], [[0.1, 0.4, 0.02], [0.3, 0.6, 0.02]]
+    )
+    np.testing.assert_array_equal(
+        np.isnan(profiles.per_ping["velocity"][1]), [[False] * 3, [True, False, False]]
+    )
     assert profiles.per_ping["heading"].tolist() == [270.0, 270.0]
     # the second ping was skipped by the instrument
     assert profiles.known.tolist() == [True, False]
@@ -209,12 +262,17 @@ def test_a_horizontal_instrument_is_refused():
 
 @pytest.mark.parametrize("long", [False, True])
 def test_nortek_records_are_found_and_checked(long):
-    parts = [samples.nortek_record(kind, bytes(range(40 + kind % 2)), long) for kind in (0xA0, 0x15, 0x16)]
+    parts = [
+        samples.nortek_record(kind, bytes(range(40 + kind % 2)), long)
+        for kind in (0xA0, 0x15, 0x16)
+    ]
     data = b"".join([parts[0], b"\xa5\x0arubbish", parts[1], parts[2]])
     found, statistics = scan(data), ReadStatistics()
     assert [record.kind for record in found] == [0xA0, 0x15, 0x16]
     lose_between(statistics, found, len(data))
-    assert [(loss.offset, loss.bytes) for loss in statistics.report("", "").losses] == [(len(parts[0]), 9)]
+    assert [(loss.offset, loss.bytes) for loss in statistics.report("", "").losses] == [
+        (len(parts[0]), 9)
+    ]
     for offset in range(len(parts[0]), len(parts[0]) + 9 + len(parts[1])):
         damaged = bytearray(data)
         damaged[offset] ^= 0x40
@@ -224,7 +282,9 @@ def test_nortek_records_are_found_and_checked(long):
 
 def _pd0_record(leader: int, filling: bytes, types: int = 1) -> bytes:
     """Return an ensemble whose first type is a leader, or not, with its checksum."""
-    body = struct.pack("<HHBBH", 0x7F7F, 8 + 2 * types + len(filling), 0, types, 6 + 2 * types) + bytes(2 * types - 2)
+    body = struct.pack(
+        "<HHBBH", 0x7F7F, 8 + 2 * types + len(filling), 0, types, 6 + 2 * types
+    ) + bytes(2 * types - 2)
     body += struct.pack("<H", leader) + filling
     return body + struct.pack("<H", sum(body) & 0xFFFF)
 
@@ -233,11 +293,26 @@ def _pieces(magic: bytes, rng: np.random.Generator) -> list[bytes]:
     """Return records of even and odd lengths, the shortest among them, and what only looks like one."""
     fillings = [rng.bytes(size) for size in (0, 1, 2, 7, 8, 15, 16, 17, 33, 300)]
     if magic == b"\xa5\x0a":
-        sound = [samples.nortek_record(k, filling, long) for k, filling in enumerate(fillings) for long in (False, True)]
+        sound = [
+            samples.nortek_record(k, filling, long)
+            for k, filling in enumerate(fillings)
+            for long in (False, True)
+        ]
         # one record inside another, and a header without its record
-        return [*sound, samples.nortek_record(0x15, sound[5] + sound[8]), sound[-1][:10], bytes([0xA5, 11]) + sound[4][2:]]
+        return [
+            *sound,
+            samples.nortek_record(0x15, sound[5] + sound[8]),
+            sound[-1][:10],
+            bytes([0xA5, 11]) + sound[4][2:],
+        ]
     sound = [_pd0_record(k % 2, filling, 1 + k % 3) for k, filling in enumerate(fillings)]
-    return [*sound, _pd0_record(2, b""), _pd0_record(0, sound[3] + sound[4]), struct.pack("<HHBBH", 0x7F7F, 8, 0, 0, 6), b"\x7f\x7f\x7f"]
+    return [
+        *sound,
+        _pd0_record(2, b""),
+        _pd0_record(0, sound[3] + sound[4]),
+        struct.pack("<HHBBH", 0x7F7F, 8, 0, 0, 6),
+        b"\x7f\x7f\x7f",
+    ]
 
 
 @pytest.mark.parametrize("searched", [1, 2, 63, 64, 1 << 18])
@@ -246,13 +321,25 @@ def test_records_are_found_as_by_a_walk(monkeypatch, magic, searched):
     monkeypatch.setattr(records, "_SEARCHED", searched)
     rng = np.random.default_rng(5)
     pieces = _pieces(magic, rng)
-    data = magic + b"".join(pieces[k] + rng.bytes(int(rng.integers(3))) for k in rng.permutation(len(pieces)))
+    data = magic + b"".join(
+        pieces[k] + rng.bytes(int(rng.integers(3))) for k in rng.permutation(len(pieces))
+    )
     assert len(slow_records(data)) == (21 if magic == b"\xa5\x0a" else 11)
     damaged = bytearray(data)
     damaged[len(data) // 3 :: 200] = bytes(len(damaged[len(data) // 3 :: 200]))
     # cut in the last record, at its end, and with what might begin another
-    for file in (data, data[:-1], data + magic[:1], data + pieces[0], data + pieces[0][:-1], bytes(damaged), magic):
-        assert [(record.start, record.end, record.kind) for record in scan(file)] == slow_records(file)
+    for file in (
+        data,
+        data[:-1],
+        data + magic[:1],
+        data + pieces[0],
+        data + pieces[0][:-1],
+        bytes(damaged),
+        magic,
+    ):
+        assert [(record.start, record.end, record.kind) for record in scan(file)] == slow_records(
+            file
+        )
 
 
 def test_headers_that_claim_much_take_no_time_each():
@@ -273,5 +360,7 @@ def test_a_clock_without_a_date_is_right_within_half_a_day():
 def test_the_declination_is_that_of_the_time_and_none_before_2010():
     # the vessel of vmdas01_wh.ENX stated 15.8 degrees for this place and day
     assert declination_deg(1_597_845_425 * SECOND, -123.04, 48.08) == pytest.approx(15.8, abs=0.1)
-    assert declination_deg(1_597_845_425 * SECOND, -123.04, 48.08) != declination_deg(1_297_845_425 * SECOND, -123.04, 48.08)
+    assert declination_deg(1_597_845_425 * SECOND, -123.04, 48.08) != declination_deg(
+        1_297_845_425 * SECOND, -123.04, 48.08
+    )
     assert declination_deg(1_100_000_000 * SECOND, 0.0, 0.0) is None

@@ -42,7 +42,11 @@ def _by_mhkit(path: Path) -> Any:
         ("vmdas01_wh.ENX", 60_000, 1e-6),
         ("winriver01.PD0", 120_000, 5e-6),  # MHKiT's matrices are 32-bit
         ("winriver02_transect.PD0", 120_000, 5e-6),
-        ("BenchFile01.ad2cp", 100_000, 1e-3),  # the file rounds the beams' matrix to four digits, ours are unit vectors
+        (
+            "BenchFile01.ad2cp",
+            100_000,
+            1e-3,
+        ),  # the file rounds the beams' matrix to four digits, ours are unit vectors
     ],
 )
 def test_velocities_turn_to_earth_as_mhkit_turns_them(tmp_path, name, size, atol):
@@ -53,8 +57,17 @@ def test_velocities_turn_to_earth_as_mhkit_turns_them(tmp_path, name, size, atol
     theirs = _by_mhkit(path).vel.values[:2].transpose(2, 1, 0)
     config = MeasurementConfig()
     # as MHKiT does: no declination but what the file applied, no bin mapping, relative to the platform
-    plain = {"declination_applied": True, "bin_mapped": True, "reference": "earth", "bottom_track": None, "platform_velocity": None}
-    ours = [earth_referenced(parse_ping({**m.payload, **plain}), config).velocity[:, :2] for m in pings[: len(theirs)]]
+    plain = {
+        "declination_applied": True,
+        "bin_mapped": True,
+        "reference": "earth",
+        "bottom_track": None,
+        "platform_velocity": None,
+    }
+    ours = [
+        earth_referenced(parse_ping({**m.payload, **plain}), config).velocity[:, :2]
+        for m in pings[: len(theirs)]
+    ]
     assert len(ours) >= 30
     for mine, other in zip(ours, theirs, strict=True):
         np.testing.assert_allclose(mine, other, atol=atol)
@@ -80,19 +93,26 @@ def test_a_ping_without_its_vertical_beam_keeps_its_pressure():
 
 
 @real
-@pytest.mark.parametrize(("name", "size", "agree"), [("winriver01.PD0", None, 0.35), ("winriver02_transect.PD0", 300_000, 0.1)])
+@pytest.mark.parametrize(
+    ("name", "size", "agree"),
+    [("winriver01.PD0", None, 0.35), ("winriver02_transect.PD0", 300_000, 0.1)],
+)
 def test_bottom_track_and_gps_agree_on_the_river(tmp_path, name, size, agree):
     """Water over ground by bottom track and by GPS are independent; in winriver01 the compass is 7 degrees off at 2 m/s."""
     whole = list(open_log(write(tmp_path, (ADCP / name).read_bytes()[:size])).messages())
     # every fifth ping is enough for a median
     messages = [m for k, m in enumerate(whole) if m.topic != "/adcp" or k % 5 == 0]
     blind = [
-        m._replace(payload={**m.payload, "bottom_track": {**m.payload["bottom_track"], "velocity": None}})
+        m._replace(
+            payload={**m.payload, "bottom_track": {**m.payload["bottom_track"], "velocity": None}}
+        )
         if m.payload.get("bottom_track")
         else m
         for m in messages
     ]
-    by_bottom, by_gps = (_median_current(list(observations(source))) for source in (messages, blind))
+    by_bottom, by_gps = (
+        _median_current(list(observations(source))) for source in (messages, blind)
+    )
     assert np.hypot(*(by_bottom - by_gps)) < agree
     assert 0.4 < np.hypot(*by_bottom) < 1.5
 
@@ -102,11 +122,15 @@ def _median_current(profiles: list[Observation]) -> Any:
 
 
 @real
-@pytest.mark.parametrize("path", sorted(ADCP.iterdir()) if ADCP.exists() else [], ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "path", sorted(ADCP.iterdir()) if ADCP.exists() else [], ids=lambda path: path.name
+)
 def test_a_flipped_bit_costs_one_ping_and_many_flips_are_no_foreign_error(tmp_path, path):
     whole = path.read_bytes()[:40_000]
     rng = np.random.default_rng(len(path.name))
-    before = sum(message.topic == "/adcp" for message in open_log(write(tmp_path, whole)).messages())
+    before = sum(
+        message.topic == "/adcp" for message in open_log(write(tmp_path, whole)).messages()
+    )
     for flips in (1, 30):
         data = bytearray(whole)
         for at in rng.integers(8_000, 39_000, flips):

@@ -5,7 +5,19 @@ from typing import Any
 
 from replay_kit.logs.dataflash.formats import FMT, Format
 
-_CODES = {"a": "32h", "n": "4s", "N": "16s", "Z": "64s", "M": "B", "g": "e", "c": "h", "C": "H", "e": "i", "E": "I", "L": "i"}
+_CODES = {
+    "a": "32h",
+    "n": "4s",
+    "N": "16s",
+    "Z": "64s",
+    "M": "B",
+    "g": "e",
+    "c": "h",
+    "C": "H",
+    "e": "i",
+    "E": "I",
+    "L": "i",
+}
 # name, number, letters, columns
 _DECLARED = """
 UNIT 130 QbZ TimeUS,Id,Label
@@ -21,7 +33,10 @@ FILE 140 NIBZ FileName,Offset,Length,Data
 MODE 141 QMBB TimeUS,Mode,ModeNum,Rsn
 MIX 139 nNbBhHiIqQdgeEcC A,B,C,D,E,F,G,H,J,K,L,M,N,O,P,Q
 """
-_TYPES = {name: (int(number), letters, columns) for name, number, letters, columns in map(str.split, _DECLARED.strip().splitlines())}
+_TYPES = {
+    name: (int(number), letters, columns)
+    for name, number, letters, columns in map(str.split, _DECLARED.strip().splitlines())
+}
 
 
 def form(name: str) -> Format:
@@ -33,23 +48,49 @@ def form(name: str) -> Format:
 
 def record(kind: Format, *values: Any) -> bytes:
     """A record: the values as they are stored, text as bytes."""
-    return b"\xa3\x95" + bytes((kind.type,)) + struct.pack("<" + "".join(_CODES.get(letter, letter) for letter in kind.letters), *values)
+    return (
+        b"\xa3\x95"
+        + bytes((kind.type,))
+        + struct.pack("<" + "".join(_CODES.get(letter, letter) for letter in kind.letters), *values)
+    )
 
 
 def declaration(kind: Format) -> bytes:
     """The FMT record of a kind."""
-    return record(FMT, kind.type, kind.length, kind.name.encode(), kind.letters.encode(), ",".join(kind.columns).encode())
+    return record(
+        FMT,
+        kind.type,
+        kind.length,
+        kind.name.encode(),
+        kind.letters.encode(),
+        ",".join(kind.columns).encode(),
+    )
 
 
 def declarations() -> bytes:
     """The FMT records of all kinds, the first that of FMT itself, and what units the GPS has."""
-    units = record(form("UNIT"), 10, ord("D"), b"deglatitude") + record(form("UNIT"), 10, ord("m"), b"m")
-    factors = record(form("MULT"), 10, ord("B"), 0.01) + record(form("MULT"), 10, ord("G"), 1e-7) + record(form("MULT"), 10, ord("0"), 1.0)
+    units = record(form("UNIT"), 10, ord("D"), b"deglatitude") + record(
+        form("UNIT"), 10, ord("m"), b"m"
+    )
+    factors = (
+        record(form("MULT"), 10, ord("B"), 0.01)
+        + record(form("MULT"), 10, ord("G"), 1e-7)
+        + record(form("MULT"), 10, ord("0"), 1.0)
+    )
     of_gps = record(form("FMTU"), 10, form("GPS").type, b"-------DDm-----", b"-------GGB-----")
-    return b"".join(declaration(kind) for kind in (FMT, *map(form, _TYPES))) + units + factors + of_gps
+    return (
+        b"".join(declaration(kind) for kind in (FMT, *map(form, _TYPES))) + units + factors + of_gps
+    )
 
 
-def gps(time_us: int, week_ms: int, week: int = 2300, status: int = 3, latitude: float = 47.5, receiver: int = 0) -> bytes:
+def gps(
+    time_us: int,
+    week_ms: int,
+    week: int = 2300,
+    status: int = 3,
+    latitude: float = 47.5,
+    receiver: int = 0,
+) -> bytes:
     """A GPS record."""
     numbers = (round(latitude * 1e7), -1246305732, 1234, 0.5, 12.0, -0.25, 0.0, 1)
     return record(form("GPS"), time_us, receiver, status, week_ms, week, 11, 95, *numbers)

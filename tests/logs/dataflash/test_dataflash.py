@@ -17,12 +17,24 @@ from replay_kit.logs.dataflash import records as dataflash_records
 from replay_kit.logs.dataflash.formats import Format
 from replay_kit.logs.dataflash.reader import DataflashReader
 from replay_kit.workflows.convert import convert
-from tests.logs.dataflash.dataflash_samples import dataflash, declaration, declarations, form, gps, record
+from tests.logs.dataflash.dataflash_samples import (
+    dataflash,
+    declaration,
+    declarations,
+    form,
+    gps,
+    record,
+)
 from tests.logs.log_samples import SHARED, read_log
 
 SMALL = SHARED / "ardusub" / "small.BIN"
 real = pytest.mark.skipif(not SMALL.exists(), reason="the shared logs are not on this machine")
-broken = settings(max_examples=50, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+broken = settings(
+    max_examples=50,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 
 
 def slow_twin(path: Path) -> list[Any]:
@@ -38,17 +50,40 @@ def assert_as_pymavlink(path: Path) -> None:
     ours, theirs = list(open_log(path).messages()), slow_twin(path)
     assert len(ours) == len(theirs)
     for mine, other in zip(ours, theirs, strict=True):
-        expected = {name: list(value) if hasattr(value, "tolist") else value for name, value in other.to_dict().items()}
+        expected = {
+            name: list(value) if hasattr(value, "tolist") else value
+            for name, value in other.to_dict().items()
+        }
         assert mine.schema == f"dataflash.{expected.pop('mavpackettype')}"
         assert repr(mine.payload) == repr(expected)
 
 
 def test_as_pymavlink_reads_it(tmp_path: Path) -> None:
-    mix = record(form("MIX"), b"abcd", b"e" * 16, -1, 255, -2, 65535, -3, 2**32 - 1, -(2**63), 10**9, 1.5, 0.1, -7, 8, -9, 10)
+    mix = record(
+        form("MIX"),
+        b"abcd",
+        b"e" * 16,
+        -1,
+        255,
+        -2,
+        65535,
+        -3,
+        2**32 - 1,
+        -(2**63),
+        10**9,
+        1.5,
+        0.1,
+        -7,
+        8,
+        -9,
+        10,
+    )
     piece = record(form("FILE"), b"param.txt", 128, 3, b"a\x00\xff")
     mode = record(form("MODE"), 300_000_000, 19, 19, 1)
     (tmp_path / "log").write_bytes(b"".join(dataflash(5)) + mix + piece + mode)
-    assert {"dataflash.MIX", "dataflash.FILE", "dataflash.MODE"} < {m.schema for m in open_log(tmp_path / "log").messages()}
+    assert {"dataflash.MIX", "dataflash.FILE", "dataflash.MODE"} < {
+        m.schema for m in open_log(tmp_path / "log").messages()
+    }
     assert_as_pymavlink(tmp_path / "log")
 
 
@@ -66,7 +101,11 @@ def test_a_real_log_as_pymavlink_reads_it() -> None:
 def test_units_of_a_real_log_as_pymavlink_names_them() -> None:
     log = DFReader.DFReader_binary(str(SMALL))
     reader = DataflashReader(SMALL)
-    for kind in [kind for kind in log.formats.values() if kind.name in ("GPS", "BARO", "BAT", "VIBE", "FMT", "XKF1", "PM")]:
+    for kind in [
+        kind
+        for kind in log.formats.values()
+        if kind.name in ("GPS", "BARO", "BAT", "VIBE", "FMT", "XKF1", "PM")
+    ]:
         assert reader.units(kind.name) == {column: kind.get_unit(column) for column in kind.columns}
     log.close()
 
@@ -92,9 +131,13 @@ def test_times_are_utc_by_gps(tmp_path: Path) -> None:
     late = gps(266_500_000, 200_000_000)
     no_fix = gps(267_500_000, 0, week=0, status=1)
     parts = dataflash(20)
-    messages, report = read_log(tmp_path, b"".join([*parts[:20], late, *parts[20:40], no_fix, *parts[40:]]))
+    messages, report = read_log(
+        tmp_path, b"".join([*parts[:20], late, *parts[20:40], no_fix, *parts[40:]])
+    )
     utc = int(np.datetime64("2024-02-07T11:19:42", "ns").astype(np.int64))
-    assert {m.time_ns - 1000 * m.payload["TimeUS"] for m in messages if "TimeUS" in m.payload} == {utc - 265_000_000_000}
+    assert {m.time_ns - 1000 * m.payload["TimeUS"] for m in messages if "TimeUS" in m.payload} == {
+        utc - 265_000_000_000
+    }
     # FMT has no stamp and goes with what follows it
     assert messages[0].time_ns == next(m.time_ns for m in messages if "TimeUS" in m.payload)
     assert "less 18 leap seconds" in report.notes[0]
@@ -102,7 +145,9 @@ def test_times_are_utc_by_gps(tmp_path: Path) -> None:
 
 
 def test_unwanted_records_are_counted_only(tmp_path: Path) -> None:
-    messages, report = read_log(tmp_path, b"".join(dataflash(5)), wanted=frozenset({"dataflash.POS"}))
+    messages, report = read_log(
+        tmp_path, b"".join(dataflash(5)), wanted=frozenset({"dataflash.POS"})
+    )
     assert [m.schema for m in messages] == ["dataflash.POS"] * 5
     assert report.read["dataflash/IMU"] == 5
     assert np.diff([m.position for m in messages]).tolist() == [6] * 4
@@ -111,7 +156,12 @@ def test_unwanted_records_are_counted_only(tmp_path: Path) -> None:
 def test_a_kind_declared_anew(tmp_path: Path) -> None:
     old, new = form("CTUN"), form("MSG")
     other = type(old)(old.type, "CTUN", new.length, new.letters, new.columns)
-    data = declarations() + record(old, 1000, -1.0, -2.0, 3) + declaration(other) + record(other, 2000, b"now text")
+    data = (
+        declarations()
+        + record(old, 1000, -1.0, -2.0, 3)
+        + declaration(other)
+        + record(other, 2000, b"now text")
+    )
     messages, _ = read_log(tmp_path, data)
     assert [m.payload for m in messages if m.schema == "dataflash.CTUN"] == [
         {"TimeUS": 1000, "Alt": -1.0, "BAlt": -2.0, "CRt": 0.03},
@@ -121,12 +171,19 @@ def test_a_kind_declared_anew(tmp_path: Path) -> None:
         DataflashReader(tmp_path / "log").columns("CTUN")
 
 
-@pytest.mark.parametrize(("letters", "columns"), [("Qw", "TimeUS,X"), ("Qf", "TimeUS"), ("Qh", "TimeUS,X"), ("QI", "X,X")])
-def test_a_kind_whose_declaration_is_not_understood_is_stepped_over(tmp_path: Path, letters: str, columns: str) -> None:
+@pytest.mark.parametrize(
+    ("letters", "columns"),
+    [("Qw", "TimeUS,X"), ("Qf", "TimeUS"), ("Qh", "TimeUS,X"), ("QI", "X,X")],
+)
+def test_a_kind_whose_declaration_is_not_understood_is_stepped_over(
+    tmp_path: Path, letters: str, columns: str
+) -> None:
     odd = Format(200, "ODD", 3 + 12, letters, tuple(columns.split(",")))
     parts = dataflash(3)
     unknown = b"\xa3\x95\xc8" + bytes(12)
-    messages, report = read_log(tmp_path, b"".join([parts[0], declaration(odd), *parts[1:4], unknown, *parts[4:], unknown]))
+    messages, report = read_log(
+        tmp_path, b"".join([parts[0], declaration(odd), *parts[1:4], unknown, *parts[4:], unknown])
+    )
     assert len(messages) == len(read_log(tmp_path, b"".join(parts))[0]) + 1
     assert report.losses == ()
     assert report.read["dataflash/ODD"] == report.undecodable["dataflash/ODD"][0] == 2
@@ -139,7 +196,9 @@ def test_bad_bytes_are_skipped_and_counted(tmp_path: Path) -> None:
     noise = b"\xa3\x95\x85" + bytes(20) + b"\xa3\x95\xff"
     unknown = b"\xa3\x95\xc8" + bytes(30)
     whole = len(read_log(tmp_path, b"".join(parts))[0])
-    messages, report = read_log(tmp_path, b"".join([*parts[:4], noise, *parts[4:9], unknown, *parts[9:], parts[1][:20]]))
+    messages, report = read_log(
+        tmp_path, b"".join([*parts[:4], noise, *parts[4:9], unknown, *parts[9:], parts[1][:20]])
+    )
     assert len(messages) == whole
     assert [loss.bytes for loss in report.losses] == [len(noise), len(unknown), 20]
     assert report.losses[0].offset == sum(map(len, parts[:4]))
@@ -177,8 +236,12 @@ def test_a_cut_log_gives_a_prefix_and_a_loss(tmp_path: Path, part: float) -> Non
     n_after = int(np.count_nonzero((ends > len(parts[0])) & (ends <= cut)))
     declared = len(everything) - (len(parts) - 1)
     assert [m.payload for m in messages[:declared]] == [m.payload for m in everything[:declared]]
-    assert repr([m.payload for m in messages[declared:]]) == repr([m.payload for m in everything[declared : declared + n_after]])
-    assert [(loss.offset, loss.bytes) for loss in report.losses] == ([(used, cut - used)] if cut > used else [])
+    assert repr([m.payload for m in messages[declared:]]) == repr(
+        [m.payload for m in everything[declared : declared + n_after]]
+    )
+    assert [(loss.offset, loss.bytes) for loss in report.losses] == (
+        [(used, cut - used)] if cut > used else []
+    )
 
 
 @broken
@@ -210,7 +273,9 @@ def test_noise_is_no_message_or_an_error_of_ours(tmp_path: Path, data: bytes) ->
 
 
 @pytest.mark.parametrize("block", [50, 300, 4096])
-def test_any_size_of_block_finds_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int) -> None:
+def test_any_size_of_block_finds_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
+) -> None:
     parts = dataflash(12)
     data = b"".join([*parts[:30], b"\xa3\x95\xc8" + bytes(300), *parts[30:], b"\xa3"])
     messages, report = read_log(tmp_path, data)
@@ -231,14 +296,19 @@ def test_converted_to_mcap_it_says_the_same(tmp_path: Path) -> None:
 
 def test_kinds_declared_anew_again_and_again_are_refused(tmp_path):
     def declared(k):
-        return struct.pack("<2sBBB4s16s64s", b"\xa3\x95", 128, 10, 12, b"A%03d" % (k % 7), b"Qb", b"TimeUS,V")
+        return struct.pack(
+            "<2sBBB4s16s64s", b"\xa3\x95", 128, 10, 12, b"A%03d" % (k % 7), b"Qb", b"TimeUS,V"
+        )
 
     path = tmp_path / "log.BIN"
     for count, refused in ((2001, False), (2002, True)):
         path.write_bytes(b"".join(declared(k) for k in range(count)))
         reader = DataflashReader(path)
         if refused:
-            with pytest.raises(LogError, match="expected each kind of record to be declared once, 2001 are declared again and differently"):
+            with pytest.raises(
+                LogError,
+                match="expected each kind of record to be declared once, 2001 are declared again and differently",
+            ):
                 list(reader.messages())
         else:
             assert len(list(reader.messages())) == 2001

@@ -42,7 +42,9 @@ def test_enums_flags_and_texts_become_what_a_telemetry_log_holds(tmp_path):
     frame = dialect.MAVLink_heartbeat_message(12, 3, 209, 19, 4, 3)
     (tmp_path / "same.tlog").write_bytes(b"".join(tlog_entry(10**15 + k, frame) for k in range(9)))
     (theirs, *_) = open_log(tmp_path / "same.tlog").messages()
-    (ours,), _ = read(tmp_path, json_mcap([(0, "mavlink/1/1/HEARTBEAT", "mavlink.1.1.HEARTBEAT", HEARTBEAT)]))
+    (ours,), _ = read(
+        tmp_path, json_mcap([(0, "mavlink/1/1/HEARTBEAT", "mavlink.1.1.HEARTBEAT", HEARTBEAT)])
+    )
     assert ours.payload == theirs.payload
     assert (ours.topic, ours.schema) == (theirs.topic, theirs.schema)
 
@@ -54,13 +56,23 @@ def test_every_way_to_write_an_enum(fix_type):
     assert decode(orjson.dumps(recorded("GPS_RAW_INT", fix_type=fix_type))) == {"fix_type": 3}
 
 
-@pytest.mark.parametrize("flags", [{"bits": 5}, "GPS_INPUT_IGNORE_FLAG_ALT | GPS_INPUT_IGNORE_FLAG_VDOP", 5])
+@pytest.mark.parametrize(
+    "flags", [{"bits": 5}, "GPS_INPUT_IGNORE_FLAG_ALT | GPS_INPUT_IGNORE_FLAG_VDOP", 5]
+)
 def test_every_way_to_write_flags(flags):
     _, decode = mavlink_channel("mavlink/1/1/GPS_INPUT")
     assert decode(orjson.dumps(recorded("GPS_INPUT", ignore_flags=flags))) == {"ignore_flags": 5}
 
 
-@pytest.mark.parametrize("text", ["ADCP_E", "ADCP_E\0\0\0\0", ["A", "D", "C", "P", "_", "E", "\0", "\0"], [65, 68, 67, 80, 95, 69, 0, 0]])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "ADCP_E",
+        "ADCP_E\0\0\0\0",
+        ["A", "D", "C", "P", "_", "E", "\0", "\0"],
+        [65, 68, 67, 80, 95, 69, 0, 0],
+    ],
+)
 def test_every_way_to_write_a_name(text):
     _, decode = mavlink_channel("mavlink/1/1/DEBUG_FLOAT_ARRAY")
     assert decode(orjson.dumps(recorded("DEBUG_FLOAT_ARRAY", name=text)))["name"] == "ADCP_E"
@@ -68,7 +80,10 @@ def test_every_way_to_write_a_name(text):
 
 def test_what_is_unknown_stays_as_it_is():
     _, decode = mavlink_channel("mavlink/1/1/NOT_OF_THE_DIALECT")
-    assert decode(orjson.dumps(recorded("NOT_OF_THE_DIALECT", a={"type": "NEW"}, b={"x": 1}))) == {"a": "NEW", "b": {"x": 1}}
+    assert decode(orjson.dumps(recorded("NOT_OF_THE_DIALECT", a={"type": "NEW"}, b={"x": 1}))) == {
+        "a": "NEW",
+        "b": {"x": 1},
+    }
     _, decode = mavlink_channel("mavlink/1/1/ATTITUDE")
     assert decode(b'{"roll": 0.5}') == {"roll": 0.5}
     assert mavlink_channel("mavlink/out") is None
@@ -76,12 +91,37 @@ def test_what_is_unknown_stays_as_it_is():
 
 
 def position(depth=0.0):
-    return recorded("GLOBAL_POSITION_INT", time_boot_ms=5, lat=-400_000_000, lon=1_520_000_000, alt=0, relative_alt=-int(depth * 1000))
+    return recorded(
+        "GLOBAL_POSITION_INT",
+        time_boot_ms=5,
+        lat=-400_000_000,
+        lon=1_520_000_000,
+        alt=0,
+        relative_alt=-int(depth * 1000),
+    )
 
 
 def ping(number=3):
     parts = {
-        "ADCP_CFG": [2.0, 32.0, 16.0, 3.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1500.0, "NaN", 0.0, 1.0, 3.0, 0.0],
+        "ADCP_CFG": [
+            2.0,
+            32.0,
+            16.0,
+            3.0,
+            0.0,
+            0.0,
+            1.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            1500.0,
+            "NaN",
+            0.0,
+            1.0,
+            3.0,
+            0.0,
+        ],
         "ADCP_E": [0.125, "NaN"],
         "ADCP_N": ["-inf", 0.25],
         "ADCP_U": [0.0, 0.0],
@@ -89,7 +129,9 @@ def ping(number=3):
     }
     for name, data in parts.items():
         padded = [*data, *[0.0] * (58 - len(data))]
-        message = recorded("DEBUG_FLOAT_ARRAY", time_usec=5, name=name, array_id=number, data=padded)
+        message = recorded(
+            "DEBUG_FLOAT_ARRAY", time_usec=5, name=name, array_id=number, data=padded
+        )
         # the recorder writes these bare, which is no JSON
         yield orjson.dumps(message).replace(b'"NaN"', b"NaN").replace(b'"-inf"', b"-inf")
 
@@ -97,10 +139,25 @@ def ping(number=3):
 def recording():
     yield 0, "services/ping/log", "services.ping.log", {"level": "info"}
     for second in range(4):
-        yield second, "mavlink/1/1/GLOBAL_POSITION_INT", "mavlink.1.1.GLOBAL_POSITION_INT", position()
+        yield (
+            second,
+            "mavlink/1/1/GLOBAL_POSITION_INT",
+            "mavlink.1.1.GLOBAL_POSITION_INT",
+            position(),
+        )
         yield second, "mavlink/out", "mavlink.out", position()
-        yield second, "mavlink/1/1/HEARTBEAT/base_mode", "mavlink.1.1.HEARTBEAT.base_mode", {"bits": 209}
-        yield second, "mavlink/1/1/GLOBAL_POSITION_INT/lat", "mavlink.1.1.GLOBAL_POSITION_INT.lat", b"-400000000"
+        yield (
+            second,
+            "mavlink/1/1/HEARTBEAT/base_mode",
+            "mavlink.1.1.HEARTBEAT.base_mode",
+            {"bits": 209},
+        )
+        yield (
+            second,
+            "mavlink/1/1/GLOBAL_POSITION_INT/lat",
+            "mavlink.1.1.GLOBAL_POSITION_INT.lat",
+            b"-400000000",
+        )
     for frame in ping():
         yield 3.5, "mavlink/1/1/DEBUG_FLOAT_ARRAY", "mavlink.1.1.DEBUG_FLOAT_ARRAY", frame
     # disarmed for an hour
@@ -124,7 +181,10 @@ def test_a_recording(tmp_path):
         ("services/ping/log", "not a kind of message the estimator uses"),
         ("mavlink/out", "repeats the messages that have topics of their own"),
         ("mavlink/1/1/HEARTBEAT/base_mode", "one field of a message that has a topic of its own"),
-        ("mavlink/1/1/GLOBAL_POSITION_INT/lat", "one field of a message that has a topic of its own"),
+        (
+            "mavlink/1/1/GLOBAL_POSITION_INT/lat",
+            "one field of a message that has a topic of its own",
+        ),
     }
 
 

@@ -8,7 +8,15 @@ import pytest
 from google.protobuf import descriptor_pb2
 from mcap.records import Schema
 
-from replay_kit.logs.decode.budget import FREE, MOST_BYTES, MOST_SCHEMA, MOST_VALUES, PER_BYTE, Budget, BudgetError
+from replay_kit.logs.decode.budget import (
+    FREE,
+    MOST_BYTES,
+    MOST_SCHEMA,
+    MOST_VALUES,
+    PER_BYTE,
+    Budget,
+    BudgetError,
+)
 from replay_kit.logs.decode.decoders import channel_decoder
 from replay_kit.logs.decode.json import decode_json
 from replay_kit.logs.decode.protobuf_cost import Cost, longest_cheap, pay
@@ -18,7 +26,9 @@ SEPARATOR = "\n" + "=" * 80 + "\n"
 
 
 def decoder(encoding: str, schema: tuple[str, str, bytes]) -> Callable[[bytes], dict[str, object]]:
-    found = channel_decoder(encoding, Schema(id=1, name=schema[0], encoding=schema[1], data=schema[2]))
+    found = channel_decoder(
+        encoding, Schema(id=1, name=schema[0], encoding=schema[1], data=schema[2])
+    )
     assert callable(found), found
     return found
 
@@ -37,7 +47,9 @@ def test_a_budget_is_sixteen_values_a_byte_and_half_a_million_in_all() -> None:
         Budget(size).spend(allowed)
         with pytest.raises(BudgetError, match="more values than a message may hold"):
             Budget(size).spend(allowed + 1)
-    with pytest.raises(BudgetError, match="a message: 16777217 bytes, more than the 16777216 that are read"):
+    with pytest.raises(
+        BudgetError, match="a message: 16777217 bytes, more than the 16777216 that are read"
+    ):
         Budget(MOST_BYTES + 1)
 
 
@@ -51,14 +63,22 @@ def test_a_budget_is_sixteen_values_a_byte_and_half_a_million_in_all() -> None:
         (ros1("bool[] many"), struct.pack("<I", 10**7) + bytes(10**7)),
         (ros1("time[] many"), struct.pack("<I", 10**6) + bytes(8 * 10**5)),
         (ros2("float64[2000000000] many"), b"\0\1\0\0"),
-        (ros2(f"E[] many{SEPARATOR}MSG: p/E\nbool flag"), b"\0\1\0\0" + struct.pack("<I", 10**7) + bytes(10**7)),
-        (ros2(f"E[] many{SEPARATOR}MSG: p/E\n"), b"\0\1\0\0" + struct.pack("<I", 10**7) + bytes(10**7)),
+        (
+            ros2(f"E[] many{SEPARATOR}MSG: p/E\nbool flag"),
+            b"\0\1\0\0" + struct.pack("<I", 10**7) + bytes(10**7),
+        ),
+        (
+            ros2(f"E[] many{SEPARATOR}MSG: p/E\n"),
+            b"\0\1\0\0" + struct.pack("<I", 10**7) + bytes(10**7),
+        ),
         (decode_json, b'{"a":[' + b"[]," * 2**20 + b"[]]}"),
         (decode_json, b'{"a":[' + b"{}," * 2**18 + b"{}]}"),
         (decode_json, b'{"a":[' + b"1," * 2**20 + b"1]}"),
     ],
 )
-def test_a_message_that_claims_much_is_refused(read: Callable[[bytes], dict[str, object]], payload: bytes) -> None:
+def test_a_message_that_claims_much_is_refused(
+    read: Callable[[bytes], dict[str, object]], payload: bytes
+) -> None:
     with pytest.raises(BudgetError, match="more values than a message may hold"):
         read(payload)
 
@@ -76,20 +96,31 @@ def tree() -> Callable[[bytes], dict[str, object]]:
     kind = descriptor_pb2.FieldDescriptorProto
     file = descriptor_pb2.FileDescriptorProto(name="t.proto", package="p", syntax="proto3")
     node = file.message_type.add(name="A")
-    node.field.add(name="many", number=1, type=kind.TYPE_MESSAGE, type_name=".p.A", label=kind.LABEL_REPEATED)
+    node.field.add(
+        name="many", number=1, type=kind.TYPE_MESSAGE, type_name=".p.A", label=kind.LABEL_REPEATED
+    )
     node.field.add(name="flags", number=2, type=kind.TYPE_BOOL, label=kind.LABEL_REPEATED)
     node.field.add(name="sizes", number=3, type=kind.TYPE_DOUBLE, label=kind.LABEL_REPEATED)
     node.field.add(name="image", number=4, type=kind.TYPE_BYTES, label=kind.LABEL_OPTIONAL)
     for number in range(5, 12):
-        node.field.add(name=f"x{number}", number=number, type=kind.TYPE_DOUBLE, label=kind.LABEL_OPTIONAL)
-    return decoder("protobuf", ("p.A", "protobuf", descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString()))
+        node.field.add(
+            name=f"x{number}", number=number, type=kind.TYPE_DOUBLE, label=kind.LABEL_OPTIONAL
+        )
+    return decoder(
+        "protobuf",
+        ("p.A", "protobuf", descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString()),
+    )
 
 
 def varint(value: int) -> bytes:
-    return bytes([value & 0x7F]) if value < 0x80 else bytes([value & 0x7F | 0x80]) + varint(value >> 7)
+    return (
+        bytes([value & 0x7F]) if value < 0x80 else bytes([value & 0x7F | 0x80]) + varint(value >> 7)
+    )
 
 
-@pytest.mark.parametrize("payload", [b"\x0a\x00" * 10**6, b"\x12" + varint(2 * 10**6) + bytes(2 * 10**6)])
+@pytest.mark.parametrize(
+    "payload", [b"\x0a\x00" * 10**6, b"\x12" + varint(2 * 10**6) + bytes(2 * 10**6)]
+)
 def test_a_protobuf_message_that_claims_much_is_refused(payload: bytes) -> None:
     with pytest.raises(BudgetError, match="more values than a message may hold"):
         tree()(payload)
@@ -121,7 +152,12 @@ def test_what_a_protobuf_message_costs(payload: bytes, values: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("payload", "words"), [(b"\x08", "ends inside a field"), (b"\x0e", "unknown kind 6"), (b"\xff" * 11, "more than ten bytes")]
+    ("payload", "words"),
+    [
+        (b"\x08", "ends inside a field"),
+        (b"\x0e", "unknown kind 6"),
+        (b"\xff" * 11, "more than ten bytes"),
+    ],
 )
 def test_bytes_that_are_no_protobuf_cost_nothing_but_an_error(payload: bytes, words: str) -> None:
     with pytest.raises(ValueError, match=words):
@@ -149,16 +185,35 @@ def test_the_length_up_to_which_no_protobuf_message_can_cost_more_than_its_budge
     assert longest_cheap(itself) == MOST_VALUES // 16
 
 
-@pytest.mark.parametrize(("encoding", "schema"), [("cdr", "ros2msg"), ("cdr", "ros2idl"), ("ros1", "ros1msg"), ("protobuf", "protobuf")])
+@pytest.mark.parametrize(
+    ("encoding", "schema"),
+    [("cdr", "ros2msg"), ("cdr", "ros2idl"), ("ros1", "ros1msg"), ("protobuf", "protobuf")],
+)
 def test_a_schema_larger_than_any_in_use_is_not_parsed(encoding: str, schema: str) -> None:
-    reason = channel_decoder(encoding, Schema(id=1, name="p/A", encoding=schema, data=b"\n" * (MOST_SCHEMA + 1)))
+    reason = channel_decoder(
+        encoding, Schema(id=1, name="p/A", encoding=schema, data=b"\n" * (MOST_SCHEMA + 1))
+    )
     assert isinstance(reason, str)
     assert f"{MOST_SCHEMA + 1} bytes, more than the {MOST_SCHEMA} that are read" in reason
-    assert callable(channel_decoder("ros1", Schema(id=1, name="p/A", encoding="ros1msg", data=b"\n" * MOST_SCHEMA)))
+    assert callable(
+        channel_decoder(
+            "ros1", Schema(id=1, name="p/A", encoding="ros1msg", data=b"\n" * MOST_SCHEMA)
+        )
+    )
 
 
 # of the first three each took time with the square of its length, an hour at this one
-@pytest.mark.parametrize("text", ["\n" * 10**6, "/*" * 5 * 10**5, '"\\' * 5 * 10**5, "=" * 10**6, " " * 10**6, "#\n" * 5 * 10**5])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\n" * 10**6,
+        "/*" * 5 * 10**5,
+        '"\\' * 5 * 10**5,
+        "=" * 10**6,
+        " " * 10**6,
+        "#\n" * 5 * 10**5,
+    ],
+)
 def test_an_idl_takes_time_in_proportion_to_its_length(text: str) -> None:
     with pytest.raises(ValueError, match="IDL"):
         ros2msg_from_idl("p/msg/A", text)

@@ -20,16 +20,30 @@ Field = descriptor_pb2.FieldDescriptorProto
 
 
 @settings(max_examples=40, deadline=None, derandomize=True)
-@given(names=st.lists(st.sampled_from(NAMES), unique=True, min_size=1), value=st.integers(-(2**31), 2**31 - 1), repeated=st.booleans())
+@given(
+    names=st.lists(st.sampled_from(NAMES), unique=True, min_size=1),
+    value=st.integers(-(2**31), 2**31 - 1),
+    repeated=st.booleans(),
+)
 def test_any_field_name(names: list[str], value: int, repeated: bool) -> None:
     file = descriptor_pb2.FileDescriptorProto(name="t.proto", package="t", syntax="proto3")
     label = Field.LABEL_REPEATED if repeated else Field.LABEL_OPTIONAL
-    fields = [Field(name=name, number=n, label=label, type=Field.TYPE_INT32) for n, name in enumerate(names, start=1)]
+    fields = [
+        Field(name=name, number=n, label=label, type=Field.TYPE_INT32)
+        for n, name in enumerate(names, start=1)
+    ]
     file.message_type.add(name="M", field=fields)
     pool = DescriptorPool()
     pool.Add(file)
-    message = message_factory.GetMessageClass(pool.FindMessageTypeByName("t.M"))(**{names[0]: [value] if repeated else value})
-    schema = Schema(id=1, name="t.M", encoding="protobuf", data=descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString())
+    message = message_factory.GetMessageClass(pool.FindMessageTypeByName("t.M"))(
+        **{names[0]: [value] if repeated else value}
+    )
+    schema = Schema(
+        id=1,
+        name="t.M",
+        encoding="protobuf",
+        data=descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString(),
+    )
     empty = [] if repeated else 0
     expected = dict.fromkeys(names, empty) | {names[0]: [value] if repeated else value}
     assert protobuf_decoder(schema)(message.SerializeToString()) == expected
@@ -39,7 +53,12 @@ File = descriptor_pb2.FileDescriptorProto
 
 
 def _schema(*files: File) -> Schema:
-    return Schema(id=1, name="t.M", encoding="protobuf", data=descriptor_pb2.FileDescriptorSet(file=files).SerializeToString())
+    return Schema(
+        id=1,
+        name="t.M",
+        encoding="protobuf",
+        data=descriptor_pb2.FileDescriptorSet(file=files).SerializeToString(),
+    )
 
 
 def _file(name: str = "t.proto", **parts: object) -> File:
@@ -48,8 +67,15 @@ def _file(name: str = "t.proto", **parts: object) -> File:
 
 def _kind(name: str, fields: int = 0, of: str = "") -> descriptor_pb2.DescriptorProto:
     """Return a type of so many numbers, or of lists of another type."""
-    label, kind = (Field.LABEL_REPEATED, Field.TYPE_MESSAGE) if of else (Field.LABEL_OPTIONAL, Field.TYPE_INT32)
-    many = [Field(name=f"a{n}", number=n, label=label, type=kind, type_name=of or None) for n in range(1, fields + 1)]
+    label, kind = (
+        (Field.LABEL_REPEATED, Field.TYPE_MESSAGE)
+        if of
+        else (Field.LABEL_OPTIONAL, Field.TYPE_INT32)
+    )
+    many = [
+        Field(name=f"a{n}", number=n, label=label, type=kind, type_name=of or None)
+        for n in range(1, fields + 1)
+    ]
     return descriptor_pb2.DescriptorProto(name=name, field=many)
 
 
@@ -60,13 +86,18 @@ def test_the_files_of_a_set_come_in_any_order() -> None:
         _file("c.proto", message_type=[_kind("C", 1)]),
     )
     for files in ((last, middle, first), (first, middle, last), (middle, last, first)):
-        assert protobuf_decoder(_schema(*files))(b"\x0a\x04\x0a\x02\x08\x07") == {"a1": [{"a1": [{"a1": 7}]}]}
+        assert protobuf_decoder(_schema(*files))(b"\x0a\x04\x0a\x02\x08\x07") == {
+            "a1": [{"a1": [{"a1": 7}]}]
+        }
 
 
 @pytest.mark.parametrize(
     ("files", "error"),
     [
-        ((_file(message_type=[_kind("M")]), _file(message_type=[_kind("M")])), "two files of the descriptor set have the same name"),
+        (
+            (_file(message_type=[_kind("M")]), _file(message_type=[_kind("M")])),
+            "two files of the descriptor set have the same name",
+        ),
         ((_file(message_type=[_kind("N")]),), "t.M"),
     ],
 )
@@ -76,7 +107,9 @@ def test_a_set_that_does_not_hold_the_type_is_refused(files: tuple[File, ...], e
 
 
 def _enumeration(name: str) -> descriptor_pb2.EnumDescriptorProto:
-    return descriptor_pb2.EnumDescriptorProto(name=name, value=[descriptor_pb2.EnumValueDescriptorProto(name=name.lower(), number=0)])
+    return descriptor_pb2.EnumDescriptorProto(
+        name=name, value=[descriptor_pb2.EnumValueDescriptorProto(name=name.lower(), number=0)]
+    )
 
 
 _Kind = descriptor_pb2.DescriptorProto
@@ -98,26 +131,38 @@ def _enumerations() -> list[descriptor_pb2.EnumDescriptorProto]:
     "made",
     [
         lambda: _file(message_type=[_kind("M"), *_types()]),
-        lambda: _file(message_type=[descriptor_pb2.DescriptorProto(name="M", nested_type=_types())]),
+        lambda: _file(
+            message_type=[descriptor_pb2.DescriptorProto(name="M", nested_type=_types())]
+        ),
         lambda: _file(
             message_type=[
-                descriptor_pb2.DescriptorProto(name="M", nested_type=[descriptor_pb2.DescriptorProto(name="N", nested_type=_types())])
+                descriptor_pb2.DescriptorProto(
+                    name="M",
+                    nested_type=[descriptor_pb2.DescriptorProto(name="N", nested_type=_types())],
+                )
             ]
         ),
-        lambda: _file(message_type=[_kind("M")], service=[descriptor_pb2.ServiceDescriptorProto(name=name) for name in _NAMES]),
+        lambda: _file(
+            message_type=[_kind("M")],
+            service=[descriptor_pb2.ServiceDescriptorProto(name=name) for name in _NAMES],
+        ),
         lambda: _file(message_type=[_kind("M")], enum_type=_enumerations()),
         lambda: _file(message_type=[_Kind(name="M", enum_type=_enumerations())]),
     ],
     ids=["types", "nested", "nested twice", "services", "enumerations", "nested enumerations"],
 )
 def test_a_set_of_types_that_hold_nothing_is_refused(made: Callable[[], File]) -> None:
-    with pytest.raises(BudgetError, match="more types than 2048, or than one in 16 bytes of the descriptor set"):
+    with pytest.raises(
+        BudgetError, match="more types than 2048, or than one in 16 bytes of the descriptor set"
+    ):
         protobuf_decoder(_schema(made()))
 
 
 def test_a_set_of_as_many_types_as_any_in_use_is_read() -> None:
     types = [_kind(name, 1) for name in _NAMES[:1700]]
-    assert protobuf_decoder(_schema(_file(message_type=[_kind("M", 1), *types])))(b"\x08\x07") == {"a1": 7}
+    assert protobuf_decoder(_schema(_file(message_type=[_kind("M", 1), *types])))(b"\x08\x07") == {
+        "a1": 7
+    }
 
 
 @pytest.mark.parametrize(("lists", "numbers"), [(1023, 16), (1024, 15)])
@@ -125,13 +170,20 @@ def test_a_type_has_up_to_16384_fields_those_in_lists_each_time(lists: int, numb
     """Fields of a small type are written into each list of it: 1023 x 16 and 1023, or 1024 x 15 and 1024."""
     schema = _schema(_file(message_type=[_kind("M", lists, ".t.B"), _kind("B", numbers)]))
     if lists == 1024:
-        assert protobuf_decoder(schema)(b"\x0a\x02\x08\x07")["a1"] == [{f"a{n}": 7 if n == 1 else 0 for n in range(1, 16)}]
+        assert protobuf_decoder(schema)(b"\x0a\x02\x08\x07")["a1"] == [
+            {f"a{n}": 7 if n == 1 else 0 for n in range(1, 16)}
+        ]
     else:
-        with pytest.raises(BudgetError, match="more than the 16384 fields that are read of one type and those in it"):
+        with pytest.raises(
+            BudgetError,
+            match="more than the 16384 fields that are read of one type and those in it",
+        ):
             protobuf_decoder(schema)
 
 
 def test_lists_of_a_larger_type_call_its_function() -> None:
     """As a display in each list, 1500 x 17 fields were too many."""
     schema = _schema(_file(message_type=[_kind("M", 1500, ".t.B"), _kind("B", 17)]))
-    assert protobuf_decoder(schema)(b"\x0a\x02\x08\x07")["a1"] == [{f"a{n}": 7 if n == 1 else 0 for n in range(1, 18)}]
+    assert protobuf_decoder(schema)(b"\x0a\x02\x08\x07")["a1"] == [
+        {f"a{n}": 7 if n == 1 else 0 for n in range(1, 18)}
+    ]

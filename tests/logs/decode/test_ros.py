@@ -15,7 +15,21 @@ from replay_kit.logs.decode.ros import ros_decoder
 from replay_kit.logs.decode.ros_definition import Field, definitions
 
 SEPARATOR = "=" * 80
-NUMBERS = ["bool", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64", "byte", "char"]
+NUMBERS = [
+    "bool",
+    "int8",
+    "uint8",
+    "int16",
+    "uint16",
+    "int32",
+    "uint32",
+    "int64",
+    "uint64",
+    "float32",
+    "float64",
+    "byte",
+    "char",
+]
 
 
 def random_definition(rng: np.random.Generator, others: list[str]) -> str:
@@ -73,8 +87,14 @@ def test_ros1_messages_are_those_of_the_stock_decoder():
     for seed in range(15):
         rng = np.random.default_rng(seed)
         text = random_definition(rng, ["time", "duration"])
-        stock = Ros1Factory().decoder_for("ros1", Schema(id=1, name="p/A", encoding="ros1msg", data=text.encode()))
-        found += agreed(ros_decoder("p/A", text, cdr=False), lambda data, stock=stock: plain(stock(data)), payloads(rng))
+        stock = Ros1Factory().decoder_for(
+            "ros1", Schema(id=1, name="p/A", encoding="ros1msg", data=text.encode())
+        )
+        found += agreed(
+            ros_decoder("p/A", text, cdr=False),
+            lambda data, stock=stock: plain(stock(data)),
+            payloads(rng),
+        )
     assert found > 60
 
 
@@ -83,9 +103,16 @@ def test_ros2_messages_are_those_of_the_stock_decoder():
     for seed in range(15):
         rng = np.random.default_rng(seed)
         text = random_definition(rng, [])
-        stock, ours = generate_dynamic("p/msg/A", text)["p/A"], ros_decoder("p/msg/A", text, cdr=True)
+        stock, ours = (
+            generate_dynamic("p/msg/A", text)["p/A"],
+            ros_decoder("p/msg/A", text, cdr=True),
+        )
         for order in (b"\0\1\0\0", b"\0\0\0\0"):
-            found += agreed(ours, lambda data, stock=stock: plain(stock(data)), [order + payload for payload in payloads(rng)])
+            found += agreed(
+                ours,
+                lambda data, stock=stock: plain(stock(data)),
+                [order + payload for payload in payloads(rng)],
+            )
     assert found > 120
 
 
@@ -95,7 +122,10 @@ def test_values_written_by_the_stock_writer_come_back():
         **{"a": True, "b": math.pi, "c": -5, "d": [1, 65535], "e": ["", "ä"], "f": b"\1\2\3"},
         **{"g": [{"x": 0.5, "y": -1}, {"x": -2.0, "y": 7}], "h": [-(2**63), 2**63 - 1]},
     }
-    assert ros_decoder("p/msg/A", text, cdr=True)(serialize_dynamic("p/msg/A", text)["p/A"](value)) == value
+    assert (
+        ros_decoder("p/msg/A", text, cdr=True)(serialize_dynamic("p/msg/A", text)["p/A"](value))
+        == value
+    )
 
 
 def test_an_empty_message_of_ros2_takes_a_byte_and_one_of_ros1_none():

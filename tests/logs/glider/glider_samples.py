@@ -15,7 +15,14 @@ DIVE, SURFACE = 3600.0, 600.0
 DEPTHS = np.arange(10.0, 101.0, 10.0)
 EPOCH = {"units": "seconds since 1970-01-01T00:00:00Z"}
 #: of the start and the end of each dive: seconds, longitude, latitude
-FIXES = np.array([[0.0, -30.0, 40.0], [3600.0, -29.99, 40.01], [4200.0, -29.989, 40.011], [7800.0, -29.979, 40.021]])
+FIXES = np.array(
+    [
+        [0.0, -30.0, 40.0],
+        [3600.0, -29.99, 40.01],
+        [4200.0, -29.989, 40.011],
+        [7800.0, -29.979, 40.021],
+    ]
+)
 
 Variables = dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]
 
@@ -39,9 +46,24 @@ def samples(step: float = 60.0) -> dict[str, np.ndarray]:
         time = np.arange(before[0] + step, after[0], step)
         share = (time - before[0]) / DIVE
         place = before[1:] + share[:, None] * (after[1:] - before[1:])
-        parts.append(np.column_stack([START + time, place, 100.0 * (1.0 - np.abs(2.0 * share - 1.0)), np.full(time.size, dive)]))
+        parts.append(
+            np.column_stack(
+                [
+                    START + time,
+                    place,
+                    100.0 * (1.0 - np.abs(2.0 * share - 1.0)),
+                    np.full(time.size, dive),
+                ]
+            )
+        )
     time, longitude, latitude, depth, dive = np.concatenate(parts).T
-    return {"time": time, "longitude": longitude, "latitude": latitude, "depth": depth, "dive": dive.astype(int)}
+    return {
+        "time": time,
+        "longitude": longitude,
+        "latitude": latitude,
+        "depth": depth,
+        "dive": dive.astype(int),
+    }
 
 
 def middles() -> np.ndarray:
@@ -49,7 +71,9 @@ def middles() -> np.ndarray:
     return 0.5 * (FIXES[::2] + FIXES[1::2]) + [START, 0.0, 0.0]
 
 
-def write(path: Path, variables: Variables, attributes: dict[str, Any] | None = None, group: str = "") -> Path:
+def write(
+    path: Path, variables: Variables, attributes: dict[str, Any] | None = None, group: str = ""
+) -> Path:
     """Write variables: name to dimensions, values, attributes."""
     with h5netcdf.File(path, "w") as file:
         file.attrs.update(attributes or {})
@@ -59,15 +83,21 @@ def write(path: Path, variables: Variables, attributes: dict[str, Any] | None = 
             for dim, size in zip(dims, values.shape, strict=True):
                 if dim not in into.dimensions:
                     into.dimensions[dim] = size
-            variable = into.create_variable(name, dims, data=values, fillvalue=attrs.get("_FillValue"))
-            variable.attrs.update({key: value for key, value in attrs.items() if key != "_FillValue"})
+            variable = into.create_variable(
+                name, dims, data=values, fillvalue=attrs.get("_FillValue")
+            )
+            variable.attrs.update(
+                {key: value for key, value in attrs.items() if key != "_FillValue"}
+            )
     return path
 
 
 def packed(values: Any, scale: float) -> tuple[np.ndarray, dict[str, Any]]:
     """Return values as 16-bit integers, -32768 where missing, and the attributes that say so."""
     values = np.asarray(values, np.float64)
-    stored = np.where(np.isfinite(values), np.round(np.nan_to_num(values) / scale), -32768).astype(np.int16)
+    stored = np.where(np.isfinite(values), np.round(np.nan_to_num(values) / scale), -32768).astype(
+        np.int16
+    )
     return stored, {"scale_factor": scale, "_FillValue": np.int16(-32768)}
 
 
@@ -107,8 +137,17 @@ def gliderdac(folder: Path) -> list[Path]:
         rows = np.flatnonzero((track["dive"] == dive) & (down if profile % 2 == 0 else ~down))
         u, v = mean(dive)
         fill = {"_FillValue": -999.0}
-        flags = {"flag_values": np.array([0, 1, 4], np.int8), "flag_meanings": "no_qc_performed good_data bad_data"}
-        scalars = {"time_uv": middle[dive, 0], "lon_uv": middle[dive, 1], "lat_uv": middle[dive, 2], "u": u, "v": v}
+        flags = {
+            "flag_values": np.array([0, 1, 4], np.int8),
+            "flag_meanings": "no_qc_performed good_data bad_data",
+        }
+        scalars = {
+            "time_uv": middle[dive, 0],
+            "lon_uv": middle[dive, 1],
+            "lat_uv": middle[dive, 2],
+            "u": u,
+            "v": v,
+        }
         at = track["time"][rows].mean()
         scalars |= {"profile_time": at, "profile_lat": 40.0, "profile_lon": -30.0}
         variables: Variables = {
@@ -118,7 +157,10 @@ def gliderdac(folder: Path) -> list[Path]:
             "depth": (("time",), track["depth"][rows], {"units": "m", "positive": "down"} | fill),
             "profile_id": ((), np.int32(profile), {"_FillValue": np.int32(-999)}),
             "u_qc": ((), np.int8(1), flags | {"_FillValue": np.int8(-127)}),
-            **{name: ((), value, (EPOCH if "time" in name else {"units": "m s-1"}) | fill) for name, value in scalars.items()},
+            **{
+                name: ((), value, (EPOCH if "time" in name else {"units": "m s-1"}) | fill)
+                for name, value in scalars.items()
+            },
         }
         for name in ("lon_uv", "lat_uv", "profile_lat", "profile_lon"):
             variables[name] = ((), scalars[name], {"units": "degrees"} | fill)
@@ -146,7 +188,13 @@ def erddap(path: Path) -> Path:
         "u": np.array([mean(k)[0] for k in dive]),
         "v": np.array([mean(k)[1] for k in dive]),
     }
-    return write(path, {name: (("row",), values, EPOCH if "time" in name else {}) for name, values in rows.items()})
+    return write(
+        path,
+        {
+            name: (("row",), values, EPOCH if "time" in name else {})
+            for name, values in rows.items()
+        },
+    )
 
 
 def _with_fixes(track: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -175,11 +223,31 @@ def bodc(path: Path) -> Path:
         "TIME_GPS": (("N_MEASUREMENTS",), whole["time"], EPOCH),
         "LONGITUDE_GPS": (("N_MEASUREMENTS",), whole["longitude"] * nan, {"units": "degrees_east"}),
         "LATITUDE_GPS": (("N_MEASUREMENTS",), whole["latitude"] * nan, {"units": "degrees_north"}),
-        "DEPTH_Z": (("N_MEASUREMENTS",), -whole["depth"], {"units": "m", "standard_name": "depth", "positive": "up"}),
-        "GLIDER_DEPTH": (("N_MEASUREMENTS",), whole["depth"], {"units": "m", "standard_name": "depth", "positive": "down"}),
-        "WATERCURRENTS_U": (("N_MEASUREMENTS",), under * [100.0 * mean(k)[0] for k in whole["dive"]], {"units": "cm/s"}),
-        "WATERCURRENTS_V": (("N_MEASUREMENTS",), under * [100.0 * mean(k)[1] for k in whole["dive"]], {"units": "cm/s"}),
-        "WATERCURRENTS_U_QC": (("N_MEASUREMENTS",), np.zeros(fix.size, np.int8), {"_FillValue": np.int8(0)}),
+        "DEPTH_Z": (
+            ("N_MEASUREMENTS",),
+            -whole["depth"],
+            {"units": "m", "standard_name": "depth", "positive": "up"},
+        ),
+        "GLIDER_DEPTH": (
+            ("N_MEASUREMENTS",),
+            whole["depth"],
+            {"units": "m", "standard_name": "depth", "positive": "down"},
+        ),
+        "WATERCURRENTS_U": (
+            ("N_MEASUREMENTS",),
+            under * [100.0 * mean(k)[0] for k in whole["dive"]],
+            {"units": "cm/s"},
+        ),
+        "WATERCURRENTS_V": (
+            ("N_MEASUREMENTS",),
+            under * [100.0 * mean(k)[1] for k in whole["dive"]],
+            {"units": "cm/s"},
+        ),
+        "WATERCURRENTS_U_QC": (
+            ("N_MEASUREMENTS",),
+            np.zeros(fix.size, np.int8),
+            {"_FillValue": np.int8(0)},
+        ),
     }
     return write(path, rows, {"Conventions": "CF-1.10, OG-1.0", "featureType": "trajectory"})
 
@@ -215,7 +283,10 @@ def slocum_glide(path: Path) -> Path:
             "lon": (("time",), track["longitude"], {}),
             "lat": (("time",), track["latitude"], {}),
             "depth": (("time",), track["depth"], {"units": "m"}),
-            **{name: (("time",), np.zeros(n, np.int32), {}) for name in ("dive_id", "climb_id", "state")},
+            **{
+                name: (("time",), np.zeros(n, np.int32), {})
+                for name in ("dive_id", "climb_id", "state")
+            },
             "time_gps": (("time_gps",), START + FIXES[:, 0], EPOCH),
             "lon_gps": (("time_gps",), FIXES[:, 1], {}),
             "lat_gps": (("time_gps",), FIXES[:, 2], {}),
@@ -245,8 +316,16 @@ def slocum(path: Path) -> Path:
         "m_present_time": (("i",), whole["time"], {"units": "timestamp"}),
         "m_lon": (("i",), nmea(whole["longitude"]), {"units": "lon"}),
         "m_lat": (("i",), nmea(whole["latitude"]), {"units": "lat"}),
-        "m_gps_lon": (("i",), np.where(fix, nmea(whole["longitude"]), 69_696_969.0), {"units": "lon"}),
-        "m_gps_lat": (("i",), np.where(fix, nmea(whole["latitude"]), 69_696_969.0), {"units": "lat"}),
+        "m_gps_lon": (
+            ("i",),
+            np.where(fix, nmea(whole["longitude"]), 69_696_969.0),
+            {"units": "lon"},
+        ),
+        "m_gps_lat": (
+            ("i",),
+            np.where(fix, nmea(whole["latitude"]), 69_696_969.0),
+            {"units": "lat"},
+        ),
         "m_depth": (("i",), whole["depth"], {"units": "m"}),
         "m_heading": (("i",), np.full(fix.size, 1.5), {"units": "rad"}),
         "m_final_water_vx": (("i",), east, {"units": "m/s"}),
@@ -268,8 +347,22 @@ def midas(path: Path, velocity: np.ndarray, beams: np.ndarray) -> Path:
         "Pressure": (("time",), [33.0, 50.0], {"units": "dbar"}),
         "SpeedOfSound": (("time",), [1500.0, 1501.0], {"units": "m/s"}),
         "AccelerometerZ": (("time",), [9.8, 9.8], {}),
-        **{f"VelocityBeam{k + 1}": (("time", "Velocity Range"), np.full((2, 5), along[k]), {"units": "m/s"}) for k in range(4)},
-        **{f"CorrelationBeam{k + 1}": (("time", "Velocity Range"), np.full((2, 5), 90.0 + k), {"units": "%"}) for k in range(4)},
+        **{
+            f"VelocityBeam{k + 1}": (
+                ("time", "Velocity Range"),
+                np.full((2, 5), along[k]),
+                {"units": "m/s"},
+            )
+            for k in range(4)
+        },
+        **{
+            f"CorrelationBeam{k + 1}": (
+                ("time", "Velocity Range"),
+                np.full((2, 5), 90.0 + k),
+                {"units": "%"},
+            )
+            for k in range(4)
+        },
     }
     return write(path, rows, group="Data/Average")
 
@@ -278,14 +371,23 @@ def seaexplorer(folder: Path) -> list[Path]:
     """A SeaExplorer's vehicle file in two parts, the second with one more column; at the surface it does not reckon."""
     whole, fix = _with_fixes(samples(300.0))
     folder.mkdir(exist_ok=True)
-    stamps = [str(np.datetime64(round(time), "s").astype(object).strftime("%d/%m/%Y %H:%M:%S")) for time in whole["time"]]
+    stamps = [
+        str(np.datetime64(round(time), "s").astype(object).strftime("%d/%m/%Y %H:%M:%S"))
+        for time in whole["time"]
+    ]
     lines = [
         f"{stamp};{116 if at_surface else 100};12.0;17;{depth:.1f};{nmea(y):.5f};{nmea(x):.5f};{0 if at_surface else 1};"
-        for stamp, depth, y, x, at_surface in zip(stamps, whole["depth"], whole["latitude"], whole["longitude"], fix, strict=True)
+        for stamp, depth, y, x, at_surface in zip(
+            stamps, whole["depth"], whole["latitude"], whole["longitude"], fix, strict=True
+        )
     ]
     heading = "Timestamp;NavState;Heading;Declination;Depth;Lat;Lon;DeadReckoning;"
     half = len(lines) // 2
     first, second = folder / "SEA063.22.gli.sub.9", folder / "SEA063.22.gli.sub.10"
-    first.write_text("\n".join([heading, "01/01/1970 00:00:05;116;0;17;0;0;0;1;", *lines[:half], "cut off;"]))
-    second.write_text("\n".join([heading + "Altitude;", *(line + "-1.0;" for line in lines[half:])]))
+    first.write_text(
+        "\n".join([heading, "01/01/1970 00:00:05;116;0;17;0;0;0;1;", *lines[:half], "cut off;"])
+    )
+    second.write_text(
+        "\n".join([heading + "Altitude;", *(line + "-1.0;" for line in lines[half:])])
+    )
     return [first, second]

@@ -14,24 +14,42 @@ MINE = Dialect(
     "mine",
     "A glider of mine",
     "when east north",
-    {"time": "when", "longitude": "east", "latitude": "north", "depth": "below", "dac_east": "drift_east", "dac_north": "drift_north"},
+    {
+        "time": "when",
+        "longitude": "east",
+        "latitude": "north",
+        "depth": "below",
+        "dac_east": "drift_east",
+        "dac_north": "drift_north",
+    },
     in_parts=True,
-    pings=lambda file, notes: iter([(round(made.START) * 10**9, "/adcp", "test.Ping", {"rows": file.array("when").size})]),
+    pings=lambda file, notes: iter(
+        [(round(made.START) * 10**9, "/adcp", "test.Ping", {"rows": file.array("when").size})]
+    ),
 )
 
 
 def _write(path: Path, dive: int) -> Path:
     track = made.samples()
     rows = track["dive"] == dive
-    units = {"when": made.EPOCH, "east": {"units": "degrees_east"}, "north": {"units": "degrees_north"}, "below": {"units": "m"}}
+    units = {
+        "when": made.EPOCH,
+        "east": {"units": "degrees_east"},
+        "north": {"units": "degrees_north"},
+        "below": {"units": "m"},
+    }
     held = zip(units.items(), ("time", "longitude", "latitude", "depth"), strict=True)
-    variables: made.Variables = {name: (("row",), track[key][rows], attributes) for (name, attributes), key in held}
+    variables: made.Variables = {
+        name: (("row",), track[key][rows], attributes) for (name, attributes), key in held
+    }
     for name, value in zip(("drift_east", "drift_north"), made.mean(dive), strict=True):
         variables[name] = (("row",), np.full(rows.sum(), value), {"units": "m s-1"})
     return made.write(path, variables, {"deployment_name": "one"})
 
 
-def test_files_of_an_added_dialect_are_one_log_with_its_currents_and_pings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_of_an_added_dialect_are_one_log_with_its_currents_and_pings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     files = [_write(tmp_path / f"{dive}.nc", dive) for dive in (0, 1)]
     unknown = {message.topic for message in open_log(files[0]).messages()}
     monkeypatch.setattr(dialects, "DIALECTS", (MINE, *dialects.DIALECTS))
@@ -40,10 +58,17 @@ def test_files_of_an_added_dialect_are_one_log_with_its_currents_and_pings(tmp_p
     assert "/dac" not in unknown
     assert log.report().format == "mine"
     means = [message.payload for message in messages if message.topic == "/dac"]
-    assert [(mean["dac_eastward"], mean["dac_northward"]) for mean in means] == [pytest.approx(made.mean(dive)) for dive in (0, 1)]
-    assert [message.payload for message in messages if message.topic == "/adcp"] == [{"rows": 59}, {"rows": 59}]
+    assert [(mean["dac_eastward"], mean["dac_northward"]) for mean in means] == [
+        pytest.approx(made.mean(dive)) for dive in (0, 1)
+    ]
+    assert [message.payload for message in messages if message.topic == "/adcp"] == [
+        {"rows": 59},
+        {"rows": 59},
+    ]
 
 
 def test_each_file_of_a_dialect_is_in_the_list() -> None:
-    files = {path.stem.replace("_", "-") for path in Path(dialects.__file__).parent.glob("*.py")} - {"--init--"}
+    files = {
+        path.stem.replace("_", "-") for path in Path(dialects.__file__).parent.glob("*.py")
+    } - {"--init--"}
     assert sorted(files) == sorted(dialect.name for dialect in dialects.DIALECTS)

@@ -40,17 +40,34 @@ def test_files_that_lack_variables_or_hold_nonsense_are_read_or_refused(
             (dims, np.full(values.shape, np.nan) if number else values, attributes),
             (dims, values[::-1] if values.ndim else values, attributes),
             (dims, values * 1e30 if number else values, attributes),
-            (tuple(f"own{k}" for k in range(values.ndim)), values[: len(values) // 2] if values.ndim else values, attributes),
+            (
+                tuple(f"own{k}" for k in range(values.ndim)),
+                values[: len(values) // 2] if values.ndim else values,
+                attributes,
+            ),
             (dims, values, attributes | {"units": "days since 2000-13-45"}),
         ][seed]
-        kept = {key: value for key, value in variables.items() if key != name and not (values.ndim and key in dims and seed == 4)}
+        kept = {
+            key: value
+            for key, value in variables.items()
+            if key != name and not (values.ndim and key in dims and seed == 4)
+        }
         return write(path, kept | ({} if changed is None else {name: changed}), *rest, **named)
 
     monkeypatch.setattr(made, "write", damaged)
-    given = made.midas(tmp_path / "a.nc", VELOCITY, _BEAMS) if form == "midas" else DACS[form][1](tmp_path)
+    given = (
+        made.midas(tmp_path / "a.nc", VELOCITY, _BEAMS)
+        if form == "midas"
+        else DACS[form][1](tmp_path)
+    )
     found = []
     with contextlib.suppress(LogError):
-        found = list(observations(merge(open_logs(given if isinstance(given, list) else [given]), 1.0), MeasurementConfig()))
+        found = list(
+            observations(
+                merge(open_logs(given if isinstance(given, list) else [given]), 1.0),
+                MeasurementConfig(),
+            )
+        )
     # nothing that is not finite leaves the reader, and no error but our own
     assert all(np.isfinite(event.velocity).all() for event in found if isinstance(event, PathMean))
 
@@ -60,7 +77,10 @@ def test_beams_of_other_cells_are_refused(tmp_path: Path) -> None:
     with h5py.File(path, "r+") as file:
         del file["Data/Average/VelocityBeam2"]
         file["Data/Average/VelocityBeam2"] = np.zeros((2, 4))
-    with pytest.raises(LogError, match=r"expected beams with the same cells at each of 2 times, got VelocityBeam1 \(2, 5\), VelocityBeam2"):
+    with pytest.raises(
+        LogError,
+        match=r"expected beams with the same cells at each of 2 times, got VelocityBeam1 \(2, 5\), VelocityBeam2",
+    ):
         open_log(path)
 
 
@@ -76,9 +96,11 @@ def test_times_of_fixes_that_are_all_fill_do_not_cost_the_file(tmp_path: Path) -
     assert "TIME_GPS: holds no time of a mission, not used" in log.report().notes
     with h5py.File(path, "r+") as file:
         file["TIME_GPS"][0] = made.START + 5.0
-    assert [message.time_ns - round(made.START) * 10**9 for message in open_log(path).messages() if message.topic == "/vehicle/fix"] == [
-        seconds * 10**9 for seconds in (5, 3600, 4200, 7800)
-    ]
+    assert [
+        message.time_ns - round(made.START) * 10**9
+        for message in open_log(path).messages()
+        if message.topic == "/vehicle/fix"
+    ] == [seconds * 10**9 for seconds in (5, 3600, 4200, 7800)]
     with h5py.File(path, "r+") as file:
         file["TIME"][...] = -1.0
     with pytest.raises(LogError, match="TIME: expected units"):

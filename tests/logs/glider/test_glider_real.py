@@ -34,7 +34,9 @@ ROWS = [
 def _read(name: str) -> tuple[Any, list[Message]]:
     log = open_log(FOLDER / name)
     messages = list(log.messages())
-    assert [message.time_ns for message in messages] == sorted(message.time_ns for message in messages)
+    assert [message.time_ns for message in messages] == sorted(
+        message.time_ns for message in messages
+    )
     return log.report(), messages
 
 
@@ -60,15 +62,22 @@ def test_each_file_is_read_as_the_readme_states(row: tuple[str, str, int, int, i
     counts = Counter(message.topic for message in messages)
     assert (report.format, counts["/dac"], counts["/vehicle/fix"]) == (dialect, means, fixes)
     assert report.losses == ()
-    assert f"| `{name}` | {dialect} | {dives} | {means} | {fixes} |" in (ROOT / "replay_kit/logs/glider/README.md").read_text()
+    assert (
+        f"| `{name}` | {dialect} | {dives} | {means} | {fixes} |"
+        in (ROOT / "replay_kit/logs/glider/README.md").read_text()
+    )
     assert _dives(messages) == dives
 
 
 def test_each_mean_current_of_sg033_is_that_of_its_dive_between_its_fixes() -> None:
     _, messages = _read("seagliderOG1_sg033_delayed.nc")
     with h5py.File(FOLDER / "seagliderOG1_sg033_delayed.nc") as file:
-        dive, time, gps, depth = (file[name][...] for name in ("divenum", "TIME", "LATITUDE_GPS", "DEPTH"))
-        east, north, heading = (file[name][...] for name in ("DAVG_CURR_EAST", "DAVG_CURR_NORTH", "HEADING"))
+        dive, time, gps, depth = (
+            file[name][...] for name in ("divenum", "TIME", "LATITUDE_GPS", "DEPTH")
+        )
+        east, north, heading = (
+            file[name][...] for name in ("DAVG_CURR_EAST", "DAVG_CURR_NORTH", "HEADING")
+        )
     stated = {message.payload["dive"]: message.payload for message in _of(messages, "/dac")}
     assert set(stated) == set(range(1, 20)) - {18}
     for number, payload in stated.items():
@@ -82,8 +91,14 @@ def test_each_mean_current_of_sg033_is_that_of_its_dive_between_its_fixes() -> N
         assert payload["end_fix"]["time"]["sec"] == pytest.approx(after, abs=1.0)
         assert payload["duration"] == pytest.approx(after - before, abs=0.01)
         assert payload["max_depth"] == pytest.approx(depth[rows].max())
-    with_heading = [message for message in _of(messages, "/vehicle/position") if len(message.payload["metadata"]) == 5]
-    (stated_heading,) = (item["value"] for item in with_heading[0].payload["metadata"] if item["key"] == "heading")
+    with_heading = [
+        message
+        for message in _of(messages, "/vehicle/position")
+        if len(message.payload["metadata"]) == 5
+    ]
+    (stated_heading,) = (
+        item["value"] for item in with_heading[0].payload["metadata"] if item["key"] == "heading"
+    )
     (row,) = np.flatnonzero(np.abs(time - with_heading[0].time_ns * 1e-9) < 0.002)
     assert float(stated_heading) == pytest.approx(heading[row], abs=0.005)
 
@@ -93,14 +108,22 @@ def test_mean_currents_of_sp028_begin_at_the_mirror_of_their_end() -> None:
     last = _of(messages, "/dac")[-1].payload
     assert (last["dac_eastward"], last["dac_northward"]) == (-0.0242, -0.1603)
     # the file states the middle of the dive, 1675455900 at 38.24685 N, and its end
-    assert (last["start_fix"]["time"]["sec"], last["end_fix"]["time"]["sec"]) == (1_675_454_640, 1_675_457_160)
-    assert (last["start_fix"]["lat"], last["end_fix"]["lat"]) == (pytest.approx(38.248), pytest.approx(38.2457))
+    assert (last["start_fix"]["time"]["sec"], last["end_fix"]["time"]["sec"]) == (
+        1_675_454_640,
+        1_675_457_160,
+    )
+    assert (last["start_fix"]["lat"], last["end_fix"]["lat"]) == (
+        pytest.approx(38.248),
+        pytest.approx(38.2457),
+    )
     assert last["max_depth"] == pytest.approx(108.4312)
     assert "mean current: 9 in 372 values, each counted once" in report.notes
 
 
 def test_mean_currents_that_are_none_are_said_to_be_missing() -> None:
-    assert "mean current: 1 of exactly (0, 0) taken as missing" in _read("gdac_Murphy_rt.nc")[0].notes
+    assert (
+        "mean current: 1 of exactly (0, 0) taken as missing" in _read("gdac_Murphy_rt.nc")[0].notes
+    )
     report, _ = _read("p2710001.nc")
     assert report.undecodable == {"/dac": (1, "mean current flagged bad (depth_avg_curr_qc)")}
     assert "depth_avg_curr_qc: 1 x 4 (QC_BAD), not used" in report.notes
@@ -116,7 +139,9 @@ def test_the_two_files_of_a_seaexplorer_are_one_log_with_places_in_degrees() -> 
     assert first.time_ns == int(datetime(2021, 8, 23, 23, 22, 20, tzinfo=UTC).timestamp()) * 10**9
     assert any(note.startswith("AD2CP in real time: one cell") for note in log.report().notes)
     (west,) = open_logs([FOLDER / "seaexplorer" / "sea046.45.gli.sub.10.gz"])
-    assert next(iter(west.messages())).payload["longitude"] == pytest.approx(-(128.0 + 13.450 / 60.0))
+    assert next(iter(west.messages())).payload["longitude"] == pytest.approx(
+        -(128.0 + 13.450 / 60.0)
+    )
 
 
 def test_headings_of_pyglider_are_degrees() -> None:

@@ -36,7 +36,11 @@ def _objects(data: bytes, heap: int) -> list[int]:
     """Return where the two texts and the free space behind them begin."""
     first = heap + 16
     second = first + 16 + -(-int.from_bytes(data[first + 8 : first + 16], "little") // 8) * 8
-    return [first, second, second + 16 + -(-int.from_bytes(data[second + 8 : second + 16], "little") // 8) * 8]
+    return [
+        first,
+        second,
+        second + 16 + -(-int.from_bytes(data[second + 8 : second + 16], "little") // 8) * 8,
+    ]
 
 
 def test_a_sound_heap_ends(sound: tuple[Path, int]) -> None:
@@ -44,14 +48,19 @@ def test_a_sound_heap_ends(sound: tuple[Path, int]) -> None:
 
 
 @pytest.mark.parametrize("which", [0, 1, 2])
-def test_a_heap_with_free_space_of_no_size_is_found_and_its_file_refused(sound: tuple[Path, int], which: int) -> None:
+def test_a_heap_with_free_space_of_no_size_is_found_and_its_file_refused(
+    sound: tuple[Path, int], which: int
+) -> None:
     path, heap = sound
     data = path.read_bytes()
     at = _objects(data, heap)[which]
     assert [data[place] for place in _objects(data, heap)] == [1, 2, 0]
     _with(path, {at: bytes(16)})
     assert endless_heap(path) == heap
-    with pytest.raises(LogError, match=f"texts.nc: cannot be read as NetCDF: the texts from byte {heap} on are damaged"):
+    with pytest.raises(
+        LogError,
+        match=f"texts.nc: cannot be read as NetCDF: the texts from byte {heap} on are damaged",
+    ):
         list(open_log(path).messages())
 
 
@@ -60,7 +69,10 @@ def test_a_size_in_a_byte_of_it_alone_leads_on(sound: tuple[Path, int]) -> None:
     first, *_, free = _objects(path.read_bytes(), heap)
     # free space in place of a text, as long as that with its head
     assert endless_heap(_with(path, {first: bytes(8) + (24).to_bytes(8, "little")})) is None
-    assert endless_heap(_with(path, {free + 8: (16).to_bytes(8, "little"), free + 16: bytes(16)})) == heap
+    assert (
+        endless_heap(_with(path, {free + 8: (16).to_bytes(8, "little"), free + 16: bytes(16)}))
+        == heap
+    )
 
 
 def test_the_end_of_a_heap_and_of_its_file_ends_the_search(sound: tuple[Path, int]) -> None:

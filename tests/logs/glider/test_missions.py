@@ -19,15 +19,27 @@ from tests.logs.glider import glider_samples as made
         ("og1", {"id": "sg033_2010"}, [b"sg033_a"], ("sg033_a",)),
         # of a profile, not of the mission
         ("gliderdac", {"id": "ru29-20140101T0942"}, [], ()),
-        ("pyglider", {"deployment_name": "dfo-eva035-2019", "glider_name": "eva"}, [], ("dfo-eva035-2019",)),
+        (
+            "pyglider",
+            {"deployment_name": "dfo-eva035-2019", "glider_name": "eva"},
+            [],
+            ("dfo-eva035-2019",),
+        ),
         ("pyglider", {"glider_name": "eva"}, [], ("eva",)),
-        ("seaglider", {"platform_id": "SG171", "mission": 37, "id": "p1710100"}, [], ("SG171 mission 37",)),
+        (
+            "seaglider",
+            {"platform_id": "SG171", "mission": 37, "id": "p1710100"},
+            [],
+            ("SG171 mission 37",),
+        ),
         ("seaglider", {"glider": 171, "mission": 37}, [], ("171 mission 37",)),
         ("spray", {}, [b"22C", b"22C", b"23A"], ("22C", "23A")),
         ("midas", {}, [], ()),
     ],
 )
-def test_missions(dialect: str, attributes: dict[str, object], texts: list[bytes], expected: tuple[str, ...]) -> None:
+def test_missions(
+    dialect: str, attributes: dict[str, object], texts: list[bytes], expected: tuple[str, ...]
+) -> None:
     variables = {"TRAJECTORY": Stored(np.array(texts, "S10"), {})} if texts else {}
     assert mission_of(NetcdfFile(Path("a.nc"), attributes, variables, ()), dialect) == expected
 

@@ -14,7 +14,9 @@ def _dive(sign: float, noise: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     depth = np.concatenate([np.arange(40.0, 200.0, 6.0), np.arange(200.0, 40.0, -6.0)])
     cells = depth[:, None] + sign * DISTANCE
     current = np.stack([0.3 * np.sin(cells / 25.0), 0.2 * np.cos(cells / 40.0)], axis=-1)
-    return current + rng.normal(0.0, 0.3, (depth.size, 1, 2)) + rng.normal(0.0, noise, current.shape), depth
+    return current + rng.normal(0.0, 0.3, (depth.size, 1, 2)) + rng.normal(
+        0.0, noise, current.shape
+    ), depth
 
 
 def _twin(shear: np.ndarray, depth: np.ndarray) -> float:
@@ -24,7 +26,9 @@ def _twin(shear: np.ndarray, depth: np.ndarray) -> float:
         if at > 0.0:
             bins.setdefault(int(at // 5.0), []).append(value)
     kept = [np.array(values) for values in bins.values() if len(values) >= 3]
-    return sum(((values - values.mean(axis=0)) ** 2).sum() for values in kept) / sum(len(values) - 1 for values in kept)
+    return sum(((values - values.mean(axis=0)) ** 2).sum() for values in kept) / sum(
+        len(values) - 1 for values in kept
+    )
 
 
 @pytest.mark.parametrize(("sign", "looks"), [(-1.0, "up"), (1.0, "down")])
@@ -35,7 +39,9 @@ def test_shears_tell_where_it_looks(sign: float, looks: str) -> None:
     shear, middle = velocity[:, 5:] - velocity[:, :-5], 0.5 * (DISTANCE[5:] + DISTANCE[:-5])
     ratio = _twin(shear, depth[:, None] + middle) / _twin(shear, depth[:, None] - middle)
     assert agreement(velocity, depth, DISTANCE) == pytest.approx(ratio, rel=1e-10)
-    assert notes == [f"ADCP: looks {looks}, by its shears, which agree {max(ratio, 1 / ratio):.2f} times as well so as the other way"]
+    assert notes == [
+        f"ADCP: looks {looks}, by its shears, which agree {max(ratio, 1 / ratio):.2f} times as well so as the other way"
+    ]
 
 
 @pytest.mark.parametrize("cells", [3, 5, 6, 15])
@@ -43,4 +49,6 @@ def test_where_shears_do_not_tell_up_is_taken(cells: int) -> None:
     velocity, depth = np.full((4, cells, 2), 0.25), np.array([10.0, 100.0, np.nan, 300.0])
     notes: list[str] = []
     assert orientation(velocity, depth, DISTANCE[:cells], notes) == "up"
-    assert notes == ["ADCP: taken to look up, because neither the file nor its shears tell where it looks"]
+    assert notes == [
+        "ADCP: taken to look up, because neither the file nor its shears tell where it looks"
+    ]

@@ -18,7 +18,9 @@ def test_a_forecast_and_a_file_without_time_are_no_logs(tmp_path: Path) -> None:
     grid = np.zeros((2, 3, 3))
     time: Any = (("time",), [made.START, made.START + 60.0], made.EPOCH)
     field = (("time", "y", "x"), grid, {"standard_name": "eastward_sea_water_velocity"})
-    with pytest.raises(LogError, match="currents on a grid: time, uo; a forecast is given with --ensemble"):
+    with pytest.raises(
+        LogError, match="currents on a grid: time, uo; a forecast is given with --ensemble"
+    ):
         open_log(made.write(tmp_path / "f.nc", {"time": time, "uo": field}))
     with pytest.raises(LogError, match=r"a variable of time .*; got variables lat"):
         open_log(made.write(tmp_path / "n.nc", {"lat": (("n",), np.zeros(3), {})}))
@@ -47,15 +49,32 @@ def test_rows_of_an_unknown_file_are_read_by_a_mapping(tmp_path: Path) -> None:
     )
     messages = list(log.messages())
     assert len(messages) == n == 10
-    entry = {"topic": "netcdf/when", "kind": "profile", "reference": "earth", "frame": "enu", "east": "ve", "north": "vn", "depths": "bins"}
-    config = MeasurementConfig.model_validate({"map": [entry | {"longitude": "x", "latitude": "y"}]})
+    entry = {
+        "topic": "netcdf/when",
+        "kind": "profile",
+        "reference": "earth",
+        "frame": "enu",
+        "east": "ve",
+        "north": "vn",
+        "depths": "bins",
+    }
+    config = MeasurementConfig.model_validate(
+        {"map": [entry | {"longitude": "x", "latitude": "y"}]}
+    )
     profiles = [event for event in observations(messages, config) if isinstance(event, Observation)]
     assert len(profiles) == 10
     np.testing.assert_allclose(profiles[3].velocity, np.column_stack([east, north]), atol=5.1e-5)
     np.testing.assert_allclose(profiles[3].depth, levels)
-    assert (profiles[3].longitude, profiles[3].latitude) == (track["longitude"][3], track["latitude"][3])
-    unknown = config.model_copy(update={"map": (config.map[0].model_copy(update={"reference": "unknown"}),)})
-    assert not [event for event in observations(messages, unknown) if isinstance(event, Observation)]
+    assert (profiles[3].longitude, profiles[3].latitude) == (
+        track["longitude"][3],
+        track["latitude"][3],
+    )
+    unknown = config.model_copy(
+        update={"map": (config.map[0].model_copy(update={"reference": "unknown"}),)}
+    )
+    assert not [
+        event for event in observations(messages, unknown) if isinstance(event, Observation)
+    ]
 
 
 def _packed_rows(values: np.ndarray, n: int) -> tuple[np.ndarray, dict[str, Any]]:

@@ -60,7 +60,10 @@ def _small_dive() -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
         "ad2cp_soundspeed": ((), 15_300.0, {"units": "m/s"}),
         "ad2cp_temperature": (("ping",), np.array([300.0, 295.0, 290.0]), {}),
         "ad2cp_inv_profile_depth": (("level",), np.arange(31) * 5.0, fill),
-        **{f"ad2cp_inv_profile_{name}": (("level", "leg"), profile, fill) for name in ("uocn", "vocn", "wocn")},
+        **{
+            f"ad2cp_inv_profile_{name}": (("level", "leg"), profile, fill)
+            for name in ("uocn", "vocn", "wocn")
+        },
         "depth_avg_curr_east": ((), 0.1, {}),
         "depth_avg_curr_north": ((), -0.2, {}),
         "depth_avg_curr_error": ((), 0.01, {}),
@@ -99,13 +102,31 @@ def _assert_as_h5netcdf_reads(path: Path) -> None:
         for name, stored in dive.variables.items():
             np.testing.assert_array_equal(stored.values, file.variables[name][...], strict=True)
             # h5netcdf leaves text of a fixed length as bytes
-            texts = {key: value.decode() if isinstance(value, bytes) else value for key, value in file.variables[name].attrs.items()}
-            wanted = {key: value for key, value in texts.items() if key in ("units", "_FillValue", "missing_value", "flag_meanings")}
-            np.testing.assert_equal({key: value for key, value in stored.attributes.items() if key in wanted}, wanted)
+            texts = {
+                key: value.decode() if isinstance(value, bytes) else value
+                for key, value in file.variables[name].attrs.items()
+            }
+            wanted = {
+                key: value
+                for key, value in texts.items()
+                if key in ("units", "_FillValue", "missing_value", "flag_meanings")
+            }
+            np.testing.assert_equal(
+                {key: value for key, value in stored.attributes.items() if key in wanted}, wanted
+            )
             assert stored.dims == file.variables[name].dimensions
         prefixes = ("log_gps_time", "log_gps_l", "log_gps_qc", "ad2cp_", "ctd_time", "ctd_depth")
-        named = ("latitude", "longitude", "depth_avg_curr_east", "depth_avg_curr_error", "depth_avg_curr_qc", "magnetic_variation")
-        assert {name for name in file.variables if name.startswith(prefixes) or name in named} <= set(dive.variables)
+        named = (
+            "latitude",
+            "longitude",
+            "depth_avg_curr_east",
+            "depth_avg_curr_error",
+            "depth_avg_curr_qc",
+            "magnetic_variation",
+        )
+        assert {
+            name for name in file.variables if name.startswith(prefixes) or name in named
+        } <= set(dive.variables)
 
 
 def test_variables_are_those_that_h5netcdf_reads(tmp_path: Path) -> None:
@@ -114,7 +135,9 @@ def test_variables_are_those_that_h5netcdf_reads(tmp_path: Path) -> None:
 
 def test_velocities_on_other_axes_than_the_earths_are_not_read(tmp_path: Path) -> None:
     for system, pings in ((0.0, 3), (1.0, 0)):
-        path = _write_hdf5(tmp_path / f"{system}.nc", _small_dive() | {"ad2cp_coordinateSystem": ((), system, {})})
+        path = _write_hdf5(
+            tmp_path / f"{system}.nc", _small_dive() | {"ad2cp_coordinateSystem": ((), system, {})}
+        )
         assert len(_topic(_read(path), "/adcp")) == pings
         told = "ADCP: not read, because its velocities are not east, north and up (ad2cp_coordinateSystem)"
         assert (told in open_log(path).report().notes) == (pings == 0)
@@ -124,7 +147,9 @@ def test_velocities_on_other_axes_than_the_earths_are_not_read(tmp_path: Path) -
 def test_the_adcp_of_real_dives_looks_up() -> None:
     for path in WITH_ADCP:
         log = open_log(path)
-        assert {ping.payload["orientation"] for ping in _topic(list(log.messages()), "/adcp")} == {"up"}
+        assert {ping.payload["orientation"] for ping in _topic(list(log.messages()), "/adcp")} == {
+            "up"
+        }
         assert any(note.startswith("ADCP: looks up, by its shears") for note in log.report().notes)
 
 
@@ -143,21 +168,43 @@ def test_a_small_dive(tmp_path: Path, write: Any) -> None:
     assert [message.position for message in messages] == list(range(len(messages)))
     assert {message.input for message in messages} == {2}
     # 121 samples ten seconds apart, one a minute
-    expected = {"/vehicle/fix": 3, "/vehicle/position": 21, "/adcp": 3, "/adcp/inverted": 2, "/dac": 1}
+    expected = {
+        "/vehicle/fix": 3,
+        "/vehicle/position": 21,
+        "/adcp": 3,
+        "/adcp/inverted": 2,
+        "/dac": 1,
+    }
     assert Counter(message.topic for message in messages) == expected == reader.report().read
     assert reader.report().undecodable == {}
     ping = _topic(messages, "/adcp")[1].payload
-    assert (ping["reference"], ping["coordinate_system"], ping["orientation"]) == ("platform", "earth", "up")
+    assert (ping["reference"], ping["coordinate_system"], ping["orientation"]) == (
+        "platform",
+        "earth",
+        "up",
+    )
     assert (ping["cell_size"], ping["bin0_distance"], ping["n_cells"]) == (2.0, 2.1, 4)
-    assert (ping["sound_speed"], ping["temperature"], ping["magnetic_declination"]) == (1530.0, 29.5, -1.5)
+    assert (ping["sound_speed"], ping["temperature"], ping["magnetic_declination"]) == (
+        1530.0,
+        29.5,
+        -1.5,
+    )
     assert ping["velocity"] == [[0.25] * 3, [0.25] * 3, [None] * 3, [0.25] * 3]
     down, up = _topic(messages, "/adcp/inverted")
     assert (down.payload["dive"], down.payload["ping"], up.payload["ping"]) == (7, 14, 15)
     assert down.payload["velocity"][24:26] == [[0.125] * 3, [None] * 3]
-    assert (down.payload["bin0_distance"], down.payload["cell_size"], down.payload["n_cells"]) == (0.0, 5.0, 31)
+    assert (down.payload["bin0_distance"], down.payload["cell_size"], down.payload["n_cells"]) == (
+        0.0,
+        5.0,
+        31,
+    )
     assert (down.time_ns, up.time_ns) == (round(START + 600) * 10**9, round(START + 1200) * 10**9)
     (dac,) = _topic(messages, "/dac")
-    assert (dac.payload["dac_eastward"], dac.payload["dac_northward"], dac.payload["duration"]) == (0.1, -0.2, 1320.0)
+    assert (dac.payload["dac_eastward"], dac.payload["dac_northward"], dac.payload["duration"]) == (
+        0.1,
+        -0.2,
+        1320.0,
+    )
     assert dac.time_ns == round(START + 1260) * 10**9
 
 
@@ -168,7 +215,11 @@ def test_profiles_are_observed_at_their_depths(tmp_path: Path) -> None:
     assert np.isfinite(down.velocity).all(axis=1).sum() == 25
     assert (down.dive, up.dive) == (7, 7)
     # the same water is not counted twice: either the profiles, or what they were computed from
-    pings = [o for o in observations(messages, MeasurementConfig(use_inverted=False)) if o.source.topic != "/dac"]
+    pings = [
+        o
+        for o in observations(messages, MeasurementConfig(use_inverted=False))
+        if o.source.topic != "/dac"
+    ]
     assert [(o.source.topic, o.reference) for o in pings] == [("/adcp", "platform")] * 3
     assert down.longitude == pytest.approx(85.0055, abs=1e-4)
     assert up.longitude == pytest.approx(85.01, abs=1e-4)
@@ -182,12 +233,17 @@ def test_bad_fixes_are_counted_and_not_given(tmp_path: Path) -> None:
     messages = list(reader.messages())
     assert len(_topic(messages, "/vehicle/fix")) == 1
     assert _topic(messages, "/dac") == []
-    assert {topic: count for topic, (count, _) in reader.report().undecodable.items()} == {"/vehicle/fix": 2, "/dac": 1}
+    assert {topic: count for topic, (count, _) in reader.report().undecodable.items()} == {
+        "/vehicle/fix": 2,
+        "/dac": 1,
+    }
 
 
 def test_a_dive_without_adcp_or_track_still_has_its_fixes(tmp_path: Path) -> None:
     kept = {name: value for name, value in _small_dive().items() if name.startswith("log_gps")}
-    assert {message.topic for message in _read(_write_hdf5(tmp_path / "a.nc", kept))} == {"/vehicle/fix"}
+    assert {message.topic for message in _read(_write_hdf5(tmp_path / "a.nc", kept))} == {
+        "/vehicle/fix"
+    }
 
 
 def test_other_units_are_read_or_refused(tmp_path: Path) -> None:
@@ -249,7 +305,9 @@ def test_relative_velocities_are_in_earth_coordinates(path: Path) -> None:
     pings = _topic(_read(path), "/adcp")
     time = np.array([ping.time_ns for ping in pings]) * 1e-9
     pressure = np.array([ping.payload["pressure"] for ping in pings])
-    up = np.array([[cell[2] for cell in ping.payload["velocity"][1:6]] for ping in pings], dtype=float).mean(axis=1)
+    up = np.array(
+        [[cell[2] for cell in ping.payload["velocity"][1:6]] for ping in pings], dtype=float
+    ).mean(axis=1)
     steady = (pressure > 150.0) & (pressure < 450.0)
     sinking = np.gradient(pressure, time)[steady]
     assert np.corrcoef(up[steady], sinking)[0, 1] > 0.97

@@ -36,7 +36,9 @@ def _stored(values: Any, **attributes: Any) -> Stored:
         ("1", units.NUMBER, 7.0, 7.0, None),
     ],
 )
-def test_units(unit: str, quantity: units.Quantity, value: float, expected: float, note: str | None) -> None:
+def test_units(
+    unit: str, quantity: units.Quantity, value: float, expected: float, note: str | None
+) -> None:
     notes: list[str] = []
     (found,) = units.in_si("x", _stored([value], units=unit), quantity, notes)
     assert found == pytest.approx(expected, rel=1e-12)
@@ -45,7 +47,9 @@ def test_units(unit: str, quantity: units.Quantity, value: float, expected: floa
 
 def test_degrees_and_minutes_south_and_west() -> None:
     notes: list[str] = []
-    found = units.in_si("lat", _stored([-4530.0, 1015.6, 69_696_969.0]), units.LATITUDE, notes, "nmea")
+    found = units.in_si(
+        "lat", _stored([-4530.0, 1015.6, 69_696_969.0]), units.LATITUDE, notes, "nmea"
+    )
     np.testing.assert_allclose(found, [-45.5, 10.26, np.nan], atol=1e-12)
     assert notes[-1] == "lat: 1 values outside -90..90 degrees taken as missing"
 
@@ -71,9 +75,15 @@ def test_times(unit: str, value: float, expected_s: float) -> None:
 
 
 def test_times_of_a_clock_that_lost_them_are_unknown() -> None:
-    stored = _stored(np.array([-(2**63), 86_400 * 10**9, 1_700_000_000 * 10**9]), units="nanoseconds since 1970-01-01")
+    stored = _stored(
+        np.array([-(2**63), 86_400 * 10**9, 1_700_000_000 * 10**9]),
+        units="nanoseconds since 1970-01-01",
+    )
     assert units.time_ns("t", stored, FILE, [])[1].tolist() == [False, False, True]
-    with pytest.raises(LogError, match=r"a\.nc: t: expected units .* got 'seconds since 1970-01-01' and times from 5 on"):
+    with pytest.raises(
+        LogError,
+        match=r"a\.nc: t: expected units .* got 'seconds since 1970-01-01' and times from 5 on",
+    ):
         units.time_ns("t", _stored([5.0], units="seconds since 1970-01-01"), FILE, [])
 
 
@@ -91,13 +101,22 @@ MEANINGS = {"flag_values": np.array([1, 2, 3, 4, 9], np.int8)}
 )
 def test_flags_are_read_by_their_meanings(meanings: str, bad: list[int]) -> None:
     notes: list[str] = []
-    found = units.flagged_bad("q", _stored(np.array([1, 2, 3, 4, 9], np.int8), **MEANINGS, flag_meanings=meanings), "", notes)
+    found = units.flagged_bad(
+        "q",
+        _stored(np.array([1, 2, 3, 4, 9], np.int8), **MEANINGS, flag_meanings=meanings),
+        "",
+        notes,
+    )
     assert found.tolist() == [value in bad for value in (1, 2, 3, 4, 9)]
     assert len(notes) == len(bad)
 
 
 def test_flags_as_text_and_values_as_text() -> None:
-    flags = _stored(np.array([b"1", b"4", b"8"]), flag_values="0b, 1b, 4b, 8b", flag_meanings="none good bad interpolated")
+    flags = _stored(
+        np.array([b"1", b"4", b"8"]),
+        flag_values="0b, 1b, 4b, 8b",
+        flag_meanings="none good bad interpolated",
+    )
     assert units.flagged_bad("q", flags, "", []).tolist() == [False, True, False]
     # a file that states no meanings is read by its dialect's; without those, nothing is bad
     bare = _stored(np.array([b"1", b"4"]))
@@ -112,4 +131,7 @@ def test_headings_within_a_turn_in_radians_are_radians(largest: float, turned: b
     np.testing.assert_allclose(found, np.rad2deg(values) if turned else values)
     # a few samples, or tilts within a right angle, tell nothing or the same
     assert units.attitude_degrees("h", values[:5], True, [])[-1] == values[4]
-    np.testing.assert_allclose(units.attitude_degrees("p", values / 4.0, False, []), np.rad2deg(values / 4.0) if turned else values / 4.0)
+    np.testing.assert_allclose(
+        units.attitude_degrees("p", values / 4.0, False, []),
+        np.rad2deg(values / 4.0) if turned else values / 4.0,
+    )

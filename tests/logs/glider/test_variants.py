@@ -15,11 +15,19 @@ from tests.logs.glider import glider_samples as made
 Change = Callable[[made.Variables], made.Variables]
 
 
-def _changed(path: Path, write: Callable[[Path], Path], change: Change, monkeypatch: pytest.MonkeyPatch) -> Path:
+def _changed(
+    path: Path, write: Callable[[Path], Path], change: Change, monkeypatch: pytest.MonkeyPatch
+) -> Path:
     """Write a sample with its variables changed."""
     plain = made.write
     with monkeypatch.context() as patch:
-        patch.setattr(made, "write", lambda at, variables, *rest, **named: plain(at, change(dict(variables)), *rest, **named))
+        patch.setattr(
+            made,
+            "write",
+            lambda at, variables, *rest, **named: plain(
+                at, change(dict(variables)), *rest, **named
+            ),
+        )
         return write(path)
 
 
@@ -29,8 +37,18 @@ def _values(messages: list[Message]) -> list[Any]:
     for message in messages:
         payload = message.payload
         if message.topic == "/dac":
-            ends = [payload[end][name] for end in ("start_fix", "end_fix") for name in ("lon", "lat")]
-            found.append((message.time_ns, payload["dac_eastward"], payload["dac_northward"], payload["duration"], *ends))
+            ends = [
+                payload[end][name] for end in ("start_fix", "end_fix") for name in ("lon", "lat")
+            ]
+            found.append(
+                (
+                    message.time_ns,
+                    payload["dac_eastward"],
+                    payload["dac_northward"],
+                    payload["duration"],
+                    *ends,
+                )
+            )
         elif message.topic == "/vehicle/fix":
             found.append((message.time_ns, payload["longitude"], payload["latitude"]))
     return found
@@ -42,17 +60,26 @@ def _lower(variables: made.Variables) -> made.Variables:
     for k, name in enumerate(("WATERCURRENTS_U", "WATERCURRENTS_V")):
         dims, _, attributes = variables[name]
         variables[name] = (dims, 100.0 * np.array([made.mean(d)[k] for d in dive]), attributes)
-    return {name.lower(): (tuple(d.lower() for d in dims), values, attrs) for name, (dims, values, attrs) in variables.items()}
+    return {
+        name.lower(): (tuple(d.lower() for d in dims), values, attrs)
+        for name, (dims, values, attrs) in variables.items()
+    }
 
 
 def _packed(variables: made.Variables) -> made.Variables:
     dims, time, _ = variables["TIME"]
     stored = np.round((time - made.START) / 10.0).astype(np.int32)
-    variables["TIME"] = (dims, stored, made.EPOCH | {"scale_factor": 10.0, "add_offset": made.START, "_FillValue": np.int32(-1)})
+    variables["TIME"] = (
+        dims,
+        stored,
+        made.EPOCH | {"scale_factor": 10.0, "add_offset": made.START, "_FillValue": np.int32(-1)},
+    )
     for name in ("LONGITUDE_GPS", "LATITUDE_GPS"):
         _, degrees, attributes = variables[name]
         missing = np.int32(-(2**31))
-        whole = np.where(np.isfinite(degrees), np.round(np.nan_to_num(degrees) * 1e6), missing).astype(np.int32)
+        whole = np.where(
+            np.isfinite(degrees), np.round(np.nan_to_num(degrees) * 1e6), missing
+        ).astype(np.int32)
         variables[name] = (dims, whole, attributes | {"scale_factor": 1e-6, "_FillValue": missing})
     del variables["TIME_GPS"]
     return variables
@@ -62,7 +89,11 @@ def _time(units: str, begin: str, seconds: float, kind: str) -> Change:
     def change(variables: made.Variables) -> made.Variables:
         dims, time, _ = variables["time"]
         since = (time - np.datetime64(begin, "s").astype(np.int64)) / seconds
-        variables["time"] = (dims, np.round(since).astype(kind) if kind.startswith("i") else since, {"units": units} if units else {})
+        variables["time"] = (
+            dims,
+            np.round(since).astype(kind) if kind.startswith("i") else since,
+            {"units": units} if units else {},
+        )
         return variables
 
     return change
@@ -93,9 +124,19 @@ def _decimal(variables: made.Variables) -> made.Variables:
     [
         pytest.param(made.bodc, _lower, id="lower case"),
         pytest.param(made.bodc, _packed, id="packed"),
-        pytest.param(made.socib, _time("days since 2023-01-01", "2023-01-01", 86400.0, "f8"), id="days"),
-        pytest.param(made.socib, _time("seconds since 2023-01-01 00:00:00 UTC", "2023-01-01", 1.0, "i4"), id="whole seconds"),
-        pytest.param(made.socib, _time("nanoseconds since 1970-01-01", "1970-01-01", 1e-9, "i8"), id="nanoseconds"),
+        pytest.param(
+            made.socib, _time("days since 2023-01-01", "2023-01-01", 86400.0, "f8"), id="days"
+        ),
+        pytest.param(
+            made.socib,
+            _time("seconds since 2023-01-01 00:00:00 UTC", "2023-01-01", 1.0, "i4"),
+            id="whole seconds",
+        ),
+        pytest.param(
+            made.socib,
+            _time("nanoseconds since 1970-01-01", "1970-01-01", 1e-9, "i8"),
+            id="nanoseconds",
+        ),
         pytest.param(made.socib, _time("", "1970-01-01", 1.0, "f8"), id="no epoch"),
         pytest.param(made.socib, _text("characters"), id="characters"),
         pytest.param(made.socib, _text("texts"), id="texts"),
@@ -125,7 +166,9 @@ def test_latitudes_near_the_equator_are_degrees_and_minutes_where_the_longitudes
         return variables
 
     log = open_log(_changed(tmp_path / "a.nc", made.slocum, south, monkeypatch))
-    fixes = [message.payload["latitude"] for message in log.messages() if message.topic == "/vehicle/fix"]
+    fixes = [
+        message.payload["latitude"] for message in log.messages() if message.topic == "/vehicle/fix"
+    ]
     assert fixes == pytest.approx((made.FIXES[:, 2] - 40.0).tolist(), abs=1e-7)
 
 
@@ -146,10 +189,23 @@ def test_without_fixes_a_report_at_the_surface_is_of_the_dive_between_samples_at
 
 def test_a_ragged_array_states_a_profile_once(tmp_path: Path) -> None:
     track, middle = made.samples(), made.middles()
-    each = {"time": middle[:, 0], "longitude": middle[:, 1], "latitude": middle[:, 2], "profile_id": np.array([0, 1])}
+    each = {
+        "time": middle[:, 0],
+        "longitude": middle[:, 1],
+        "latitude": middle[:, 2],
+        "profile_id": np.array([0, 1]),
+    }
     each |= {"time_uv": middle[:, 0], "lon_uv": middle[:, 1], "lat_uv": middle[:, 2]}
-    each |= {"u": np.array([made.mean(0)[0], made.mean(1)[0]]), "v": np.array([made.mean(0)[1], made.mean(1)[1]])}
-    rows = {"precise_time": track["time"], "precise_lon": track["longitude"], "precise_lat": track["latitude"], "depth": track["depth"]}
+    each |= {
+        "u": np.array([made.mean(0)[0], made.mean(1)[0]]),
+        "v": np.array([made.mean(0)[1], made.mean(1)[1]]),
+    }
+    rows = {
+        "precise_time": track["time"],
+        "precise_lon": track["longitude"],
+        "precise_lat": track["latitude"],
+        "depth": track["depth"],
+    }
     variables: made.Variables = {
         name: ((dim,), values, made.EPOCH if "time" in name else {})
         for dim, columns in (("profile", each), ("obs", rows))
@@ -157,11 +213,18 @@ def test_a_ragged_array_states_a_profile_once(tmp_path: Path) -> None:
     }
     variables["rowSize"] = (("profile",), np.array([59, 59], np.int32), {"sample_dimension": "obs"})
     ragged = open_log(made.write(tmp_path / "ragged.nc", variables))
-    assert _values(list(ragged.messages())) == _values(list(open_log(made.erddap(tmp_path / "rows.nc")).messages()))
-    assert "2 profiles of 118 samples: what is stated once for each holds at all of its samples" in ragged.report().notes
+    assert _values(list(ragged.messages())) == _values(
+        list(open_log(made.erddap(tmp_path / "rows.nc")).messages())
+    )
+    assert (
+        "2 profiles of 118 samples: what is stated once for each holds at all of its samples"
+        in ragged.report().notes
+    )
 
 
-def test_ends_that_follow_from_the_middle_of_a_dive_cross_the_antimeridian(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ends_that_follow_from_the_middle_of_a_dive_cross_the_antimeridian(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def change(variables: made.Variables) -> made.Variables:
         for name in ("lon", "lon_uv"):
             dims, values, attributes = variables[name]
@@ -178,12 +241,19 @@ def test_ends_that_follow_from_the_middle_of_a_dive_cross_the_antimeridian(tmp_p
 
 
 def test_a_file_without_times_says_which_it_lacks(tmp_path: Path) -> None:
-    path = made.write(tmp_path / "a.nc", {"LATITUDE": (("N",), np.zeros(3), {})}, {"Conventions": "OG-1.0"})
-    with pytest.raises(LogError, match=r"OceanGliders OG1: expected a variable time with the times of the samples, got .*LATITUDE"):
+    path = made.write(
+        tmp_path / "a.nc", {"LATITUDE": (("N",), np.zeros(3), {})}, {"Conventions": "OG-1.0"}
+    )
+    with pytest.raises(
+        LogError,
+        match=r"OceanGliders OG1: expected a variable time with the times of the samples, got .*LATITUDE",
+    ):
         open_log(path)
 
 
-def test_numbers_that_are_texts_are_read_and_other_texts_are_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_numbers_that_are_texts_are_read_and_other_texts_are_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def change(variables: made.Variables) -> made.Variables:
         dims, values, attributes = variables["latitude"]
         texts = np.array([f"{value:.6f}" for value in values], "S12")
@@ -192,5 +262,7 @@ def test_numbers_that_are_texts_are_read_and_other_texts_are_missing(tmp_path: P
 
     log = open_log(_changed(tmp_path / "a.nc", made.socib, change, monkeypatch))
     messages = list(log.messages())
-    assert [message.payload["latitude"] for message in messages if message.topic == "/vehicle/fix"] == [40.0, 40.01, 40.011, 40.021]
+    assert [
+        message.payload["latitude"] for message in messages if message.topic == "/vehicle/fix"
+    ] == [40.0, 40.01, 40.011, 40.021]
     assert sum(message.topic == "/vehicle/position" for message in messages) == 117

@@ -19,7 +19,12 @@ from tests.logs.log_samples import SHARED, attitude, json_mcap, read_log, tlog, 
 START = 1_700_000_000_000_000
 SMALL = SHARED / "ardusub" / "small.tlog"
 
-broken = settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+broken = settings(
+    max_examples=100,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 
 
 def boots(messages: list[Message]) -> list[int]:
@@ -30,21 +35,40 @@ def test_both_versions_come_back(tmp_path: Path) -> None:
     messages, report = read_log(tmp_path, b"".join(tlog(10)))
     assert boots(messages) == list(range(10))
     first = messages[0]
-    assert (first.time_ns, first.topic, first.schema, first.input) == (START * 1000, "mavlink/1/1/ATTITUDE", "ATTITUDE", 1)
+    assert (first.time_ns, first.topic, first.schema, first.input) == (
+        START * 1000,
+        "mavlink/1/1/ATTITUDE",
+        "ATTITUDE",
+        1,
+    )
     assert [m.position for m in messages] == list(range(10))
     assert first.payload["yaw"] == 1.5
     assert "mavpackettype" not in first.payload
-    assert report == LogReport(str(tmp_path / "log"), "tlog", {"mavlink/1/1/ATTITUDE": 10}, {}, (), unchecked={"stamps of frames": 10})
+    assert report == LogReport(
+        str(tmp_path / "log"),
+        "tlog",
+        {"mavlink/1/1/ATTITUDE": 10},
+        {},
+        (),
+        unchecked={"stamps of frames": 10},
+    )
 
 
 def test_text_arrays_and_nan(tmp_path: Path) -> None:
     values = [0.5, math.nan, *[0.0] * 56]
     profile = dialect.MAVLink_debug_float_array_message(START, b"ADCP_E", 17, values)
     text = dialect.MAVLink_statustext_message(6, b"hello")
-    messages, _ = read_log(tmp_path, tlog_entry(START, profile, system=3, component=7) + tlog_entry(START + 1, text))
+    messages, _ = read_log(
+        tmp_path, tlog_entry(START, profile, system=3, component=7) + tlog_entry(START + 1, text)
+    )
     assert messages[0].topic == "mavlink/3/7/DEBUG_FLOAT_ARRAY"
     payload = messages[0].payload
-    assert (payload["time_usec"], payload["name"], payload["array_id"], len(payload["data"])) == (START, "ADCP_E", 17, 58)
+    assert (payload["time_usec"], payload["name"], payload["array_id"], len(payload["data"])) == (
+        START,
+        "ADCP_E",
+        17,
+        58,
+    )
     assert payload["data"][0] == 0.5
     assert math.isnan(payload["data"][1])
     assert messages[1].payload["text"] == "hello"
@@ -62,7 +86,9 @@ def test_unwanted_frames_are_counted_only(tmp_path: Path) -> None:
 
 def test_an_unknown_message_is_counted(tmp_path: Path) -> None:
     entries = tlog(4)
-    unknown = START.to_bytes(8, "big") + bytes((0xFD, 3, 0, 0, 0, 1, 1, 0xF0, 0xFF, 0xFF, 1, 2, 3, 0, 0))
+    unknown = START.to_bytes(8, "big") + bytes(
+        (0xFD, 3, 0, 0, 0, 1, 1, 0xF0, 0xFF, 0xFF, 1, 2, 3, 0, 0)
+    )
     messages, report = read_log(tmp_path, entries[0] + unknown + b"".join(entries[1:]) + unknown)
     assert boots(messages) == [0, 1, 2, 3]
     topic = f"mavlink/1/1/UNKNOWN_{0xFFFFF0}"
@@ -86,7 +112,16 @@ def test_bad_bytes_are_skipped_and_counted(tmp_path: Path) -> None:
     damaged = bytearray(entries[2])
     damaged[20] ^= 0x10
     noise = b"\xfe\xfd\x00" * 9
-    data = noise + entries[0] + entries[1] + damaged + entries[3] + entries[4][:-3] + entries[5] + entries[0][:15]
+    data = (
+        noise
+        + entries[0]
+        + entries[1]
+        + damaged
+        + entries[3]
+        + entries[4][:-3]
+        + entries[5]
+        + entries[0][:15]
+    )
     messages, report = read_log(tmp_path, data)
     assert boots(messages) == [0, 1, 3, 5]
     sizes = [len(noise), len(damaged), len(entries[4]) - 3, 15]
@@ -97,7 +132,9 @@ def test_bad_bytes_are_skipped_and_counted(tmp_path: Path) -> None:
 
 def test_a_stamp_that_holds_frame_markers(tmp_path: Path) -> None:
     stamps = [0x0006_FDFE_FDFE_FDFE, 0x0006_FDFE_FE06_FD00]
-    messages, report = read_log(tmp_path, b"".join(tlog_entry(stamp, attitude(k)) for k, stamp in enumerate(stamps)))
+    messages, report = read_log(
+        tmp_path, b"".join(tlog_entry(stamp, attitude(k)) for k, stamp in enumerate(stamps))
+    )
     assert [m.time_ns for m in messages] == [stamp * 1000 for stamp in stamps]
     assert report.losses == ()
 
@@ -107,8 +144,12 @@ def test_a_damaged_stamp_does_not_make_all_that_follows_late(tmp_path: Path, at:
     entries = tlog(6)
     entries[at] = bytes((0, entries[at][1] ^ 0x10)) + entries[at][2:]
     messages, report = read_log(tmp_path, b"".join(entries))
-    assert [m.time_ns // 1000 - START for m in messages] == [10**6 * (k + (k == at)) for k in range(6)]
-    assert report.notes == ("1 stamps far from those before and after were replaced by the one after",)
+    assert [m.time_ns // 1000 - START for m in messages] == [
+        10**6 * (k + (k == at)) for k in range(6)
+    ]
+    assert report.notes == (
+        "1 stamps far from those before and after were replaced by the one after",
+    )
 
 
 def test_bad_bytes_longer_than_a_block(tmp_path: Path) -> None:
@@ -142,7 +183,9 @@ def test_a_cut_log_gives_a_prefix_and_a_loss(tmp_path: Path, part: float) -> Non
         return
     used = max(size for size in sizes if size <= cut)
     assert boots(messages) == list(range(sizes.index(used)))
-    assert [(loss.offset, loss.bytes) for loss in report.losses] == ([(used, cut - used)] if cut > used else [])
+    assert [(loss.offset, loss.bytes) for loss in report.losses] == (
+        [(used, cut - used)] if cut > used else []
+    )
 
 
 @broken
@@ -177,7 +220,10 @@ def test_a_real_log_as_pymavlink_reads_it() -> None:
         expected = theirs.to_dict()
         assert expected.pop("mavpackettype") == mine.schema
         assert repr(dict(mine.payload)) == repr(expected)
-        assert mine.topic == f"mavlink/{theirs.get_srcSystem()}/{theirs.get_srcComponent()}/{theirs.get_type()}"
+        assert (
+            mine.topic
+            == f"mavlink/{theirs.get_srcSystem()}/{theirs.get_srcComponent()}/{theirs.get_type()}"
+        )
         assert abs(mine.time_ns - time_us * 1000) < 1000
 
 

@@ -18,12 +18,21 @@ SMALL = SHARED / "ardusub" / "small.tlog"
 POSITION = frozenset({"GLOBAL_POSITION_INT"})
 
 
-def system_time(stamp_us: int, utc_us: int, boot_ms: int, system: int = 1, version: int = 2) -> bytes:
-    return tlog_entry(stamp_us, dialect.MAVLink_system_time_message(utc_us, boot_ms), version=version, system=system)
+def system_time(
+    stamp_us: int, utc_us: int, boot_ms: int, system: int = 1, version: int = 2
+) -> bytes:
+    return tlog_entry(
+        stamp_us,
+        dialect.MAVLink_system_time_message(utc_us, boot_ms),
+        version=version,
+        system=system,
+    )
 
 
 def position(stamp_us: int, system: int) -> bytes:
-    message = dialect.MAVLink_global_position_int_message(1000, 473000000, -1246305732, 0, -1500, 0, 0, 0, 65535)
+    message = dialect.MAVLink_global_position_int_message(
+        1000, 473000000, -1246305732, 0, -1500, 0, 0, 0, 65535
+    )
     return tlog_entry(stamp_us, message, system=system)
 
 
@@ -56,11 +65,16 @@ def test_stamps_stay_unless_asked_and_the_report_says_how_far_off_they_are(tmp_p
     assert messages[2].time_ns == (START + 4_000_000 + 7000) * 1000
     assert "the recorder's stamps are +3." in report.notes[0]
     assert "by 10 of 100 SYSTEM_TIME messages" in report.notes[0]
-    assert report.notes[1] == "clock of 1/1 since its start against UTC: 10 pairs, 1 outliers, residual 0.0 ms"
+    assert (
+        report.notes[1]
+        == "clock of 1/1 since its start against UTC: 10 pairs, 1 outliers, residual 0.0 ms"
+    )
 
 
 @pytest.mark.parametrize("starts", [1, 2])
-def test_the_clock_of_the_header_is_utc_by_the_time_since_start(tmp_path: Path, starts: int) -> None:
+def test_the_clock_of_the_header_is_utc_by_the_time_since_start(
+    tmp_path: Path, starts: int
+) -> None:
     messages, report = read(tmp_path, late_recorder(100, starts), LogConfig(clock="header"))
     attitudes = [m.time_ns for m in messages if m.schema == "ATTITUDE"]
     assert attitudes == [(START + 1_000_000 * k) * 1000 for k in range(100 * starts)]
@@ -71,24 +85,40 @@ def test_the_clock_of_the_header_is_utc_by_the_time_since_start(tmp_path: Path, 
 def test_without_utc_the_clock_of_the_header_smooths_the_stamps(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     jitter = rng.exponential(20_000.0, 200).astype(int).tolist()
-    data = b"".join(system_time(START + 1_000_000 * k + late, 0, 5000 + 1000 * k) for k, late in enumerate(jitter))
+    data = b"".join(
+        system_time(START + 1_000_000 * k + late, 0, 5000 + 1000 * k)
+        for k, late in enumerate(jitter)
+    )
     messages, report = read(tmp_path, data, LogConfig(clock="header"))
     assert {int(step) for step in np.diff([m.time_ns for m in messages])} == {1_000_000_000}
     assert abs(messages[0].time_ns - START * 1000) < 30_000_000
-    assert report.notes[0] == "none of 200 SYSTEM_TIME messages has UTC: times are right if the recorder's clock was"
+    assert (
+        report.notes[0]
+        == "none of 200 SYSTEM_TIME messages has UTC: times are right if the recorder's clock was"
+    )
     assert "against the recorder's stamps: 200 pairs" in report.notes[1]
 
 
 def test_messages_that_state_no_time_keep_the_recorders(tmp_path: Path) -> None:
     text = tlog_entry(START + 9, dialect.MAVLink_statustext_message(6, b"hello"))
     other = tlog_entry(START + 9, attitude(1), system=9)
-    utc = tlog_entry(START + 9, dialect.MAVLink_debug_float_array_message(START - 5, b"ADCP_E", 1, [0.0] * 58))
-    messages, report = read(tmp_path, late_recorder(20) + text + other + utc, LogConfig(clock="header"))
-    assert [m.time_ns for m in messages[-3:]] == [(START + 9) * 1000, (START + 9) * 1000, (START - 5) * 1000]
+    utc = tlog_entry(
+        START + 9, dialect.MAVLink_debug_float_array_message(START - 5, b"ADCP_E", 1, [0.0] * 58)
+    )
+    messages, report = read(
+        tmp_path, late_recorder(20) + text + other + utc, LogConfig(clock="header")
+    )
+    assert [m.time_ns for m in messages[-3:]] == [
+        (START + 9) * 1000,
+        (START + 9) * 1000,
+        (START - 5) * 1000,
+    ]
     assert report.without_stamp == 2
 
 
-def test_a_long_log_keeps_a_bounded_number_of_pairs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_log_keeps_a_bounded_number_of_pairs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     everything = read(tmp_path, late_recorder(400), LogConfig(clock="header"))[0]
     monkeypatch.setattr(mavlink_clock, "_MOST", 64)
     thinned, report = read(tmp_path, late_recorder(400), LogConfig(clock="header"))
@@ -98,14 +128,21 @@ def test_a_long_log_keeps_a_bounded_number_of_pairs(tmp_path: Path, monkeypatch:
 
 def test_positions_of_several_systems_need_a_choice(tmp_path: Path) -> None:
     data = b"".join(position(START + n, 1 + n % 2) for n in range(6))
-    with pytest.raises(LogError, match=r"set system in \[logs\] of the configuration to one of 1, 2"):
+    with pytest.raises(
+        LogError, match=r"set system in \[logs\] of the configuration to one of 1, 2"
+    ):
         read(tmp_path, data, wanted=POSITION)
     messages, report = read(tmp_path, data, LogConfig(system=2), POSITION)
     assert {m.topic for m in messages} == {"mavlink/2/1/GLOBAL_POSITION_INT"}
-    assert report.read == {"mavlink/1/1/GLOBAL_POSITION_INT": 3, "mavlink/2/1/GLOBAL_POSITION_INT": 3}
+    assert report.read == {
+        "mavlink/1/1/GLOBAL_POSITION_INT": 3,
+        "mavlink/2/1/GLOBAL_POSITION_INT": 3,
+    }
     messages, report = read(tmp_path, data, LogConfig(system=3), POSITION)
     assert messages == []
-    assert report.notes == ("no messages of system 3, which [logs] chooses; it holds those of 1, 2",)
+    assert report.notes == (
+        "no messages of system 3, which [logs] chooses; it holds those of 1, 2",
+    )
     messages, report = read(tmp_path, data)
     assert len(messages) == 6
     assert report.notes[0].startswith("positions of several systems; a replay needs one")

@@ -20,13 +20,19 @@ quick = settings(max_examples=60, deadline=None, derandomize=True)
 
 
 @quick
-@given(data=st.binary(min_size=300, max_size=700), ends=st.lists(st.tuples(st.integers(0, 300), st.integers(0, 268)), max_size=30))
+@given(
+    data=st.binary(min_size=300, max_size=700),
+    ends=st.lists(st.tuples(st.integers(0, 300), st.integers(0, 268)), max_size=30),
+)
 def test_checksums_of_stretches_of_all_lengths(data: bytes, ends: list[tuple[int, int]]) -> None:
     start = np.array([begin for begin, _ in ends], dtype=np.int64)
     end = np.array([min(begin + length, len(data)) for begin, length in ends], dtype=np.int64)
     extra = (7 * np.arange(len(ends)) % 256).astype(np.uint16)
     crc = checksums(np.frombuffer(data + bytes(PADDING), dtype=np.uint8), start, end, extra)
-    assert crc.tolist() == [slow_crc(data[a:b] + bytes((e,))) for a, b, e in zip(start, end, extra.tolist(), strict=True)]
+    assert crc.tolist() == [
+        slow_crc(data[a:b] + bytes((e,)))
+        for a, b, e in zip(start, end, extra.tolist(), strict=True)
+    ]
 
 
 def test_the_checksum_of_the_standard_check() -> None:
@@ -36,7 +42,13 @@ def test_the_checksum_of_the_standard_check() -> None:
 
 
 @quick
-@given(st.lists(st.tuples(st.integers(0, 400), st.integers(1, 60)), max_size=40, unique_by=lambda record: record[0]))
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 400), st.integers(1, 60)),
+        max_size=40,
+        unique_by=lambda record: record[0],
+    )
+)
 def test_a_chain_is_what_one_walk_meets(records: list[tuple[int, int]]) -> None:
     spans = sorted((start, start + length) for start, length in records)
     start, end = np.array(spans, dtype=np.int64).reshape(-1, 2).T
@@ -53,7 +65,9 @@ def places(data: bytes) -> tuple[list[int], LogReport, int]:
 @pytest.mark.parametrize("block", [1, 7, 64, 700])
 def test_any_size_of_block_finds_the_same(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
     entries = tlog(30)
-    data = b"\xfe\xfd" + b"".join(entries[:11]) + bytes(400) + b"".join(entries[11:]) + entries[0][:-1]
+    data = (
+        b"\xfe\xfd" + b"".join(entries[:11]) + bytes(400) + b"".join(entries[11:]) + entries[0][:-1]
+    )
     whole, losses, _ = places(data)
     assert len(whole) == 30
     assert [loss.bytes for loss in losses.losses] == [2, 400, len(entries[0]) - 1]

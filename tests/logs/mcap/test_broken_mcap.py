@@ -19,7 +19,12 @@ from replay_kit.logs.mcap.records import MAGIC, MAX_CONTENTS, MAX_SIZE
 from tests.logs.log_samples import json_mcap
 
 # Function-scoped folders are shared by the examples on purpose: each example writes the one file anew.
-broken = settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+broken = settings(
+    max_examples=60,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 
 SAMPLES = {
     "none": json_mcap(range(40)),
@@ -46,14 +51,22 @@ def content(messages: list[Message]) -> list[tuple[int, str, str, str]]:
 
 
 def chunk_record(data: bytes, claimed: int, compression: bytes = b"", crc: int = 0) -> bytes:
-    head = struct.pack("<QQQII", 0, 0, claimed, crc, len(compression)) + compression + struct.pack("<Q", len(data))
+    head = (
+        struct.pack("<QQQII", 0, 0, claimed, crc, len(compression))
+        + compression
+        + struct.pack("<Q", len(data))
+    )
     return struct.pack("<BQ", Opcode.CHUNK, len(head) + len(data)) + head + data
 
 
 def with_chunk_first(whole: bytes, chunk: bytes) -> bytes:
     """Return a file with one more chunk, and without a summary, whose offsets would no longer be true."""
     first, end = record_offsets(whole, Opcode.CHUNK)[0], record_offsets(whole, Opcode.DATA_END)[0]
-    tail = struct.pack("<BQI", Opcode.DATA_END, 4, 0) + struct.pack("<BQQQI", Opcode.FOOTER, 20, 0, 0, 0) + MAGIC
+    tail = (
+        struct.pack("<BQI", Opcode.DATA_END, 4, 0)
+        + struct.pack("<BQQQI", Opcode.FOOTER, 20, 0, 0, 0)
+        + MAGIC
+    )
     return whole[:first] + chunk + whole[first:end] + tail
 
 
@@ -109,7 +122,9 @@ def test_a_cut_compressed_chunk_gives_what_can_be_decompressed(tmp_path: Path) -
 @pytest.mark.parametrize("sample", list(SAMPLES))
 @broken
 @given(part=st.floats(0.0, 1.0), bit=st.integers(0, 7))
-def test_a_flipped_bit_is_seen_or_harmless(tmp_path: Path, sample: str, part: float, bit: int) -> None:
+def test_a_flipped_bit_is_seen_or_harmless(
+    tmp_path: Path, sample: str, part: float, bit: int
+) -> None:
     undamaged = content(read(tmp_path, SAMPLES[sample])[0])
     damaged = bytearray(SAMPLES[sample])
     damaged[int(part * (len(damaged) - 1))] ^= 1 << bit
@@ -162,14 +177,20 @@ def test_reading_goes_on_at_the_next_chunk_after_a_wrong_length(tmp_path: Path) 
     # the chunk's own lengths and checksum fit: nothing is lost but its length, and its index is read too
     index = next(at for at in record_offsets(whole, Opcode.MESSAGE_INDEX) if at > chunks[2])
     assert report.losses[0].what.endswith(f"reading goes on at byte {index}")
-    assert (report.losses[0].offset, report.losses[0].bytes, report.losses[0].messages) == (chunks[2], 9, 0)
+    assert (report.losses[0].offset, report.losses[0].bytes, report.losses[0].messages) == (
+        chunks[2],
+        9,
+        0,
+    )
 
 
 def test_a_file_without_its_end_keeps_all_messages(tmp_path: Path) -> None:
     whole = SAMPLES["none"]
     messages, report = read(tmp_path, whole[: record_offsets(whole, Opcode.DATA_END)[0]])
     assert numbers(messages) == list(range(40))
-    assert [(loss.what.split(":")[0], loss.bytes) for loss in report.losses] == [("ends without a footer", 0)]
+    assert [(loss.what.split(":")[0], loss.bytes) for loss in report.losses] == [
+        ("ends without a footer", 0)
+    ]
 
 
 def test_zeros_after_a_power_cut(tmp_path: Path) -> None:
@@ -186,7 +207,11 @@ def test_zeros_after_a_power_cut(tmp_path: Path) -> None:
         chunk_record(b"", MAX_SIZE + 1),
         chunk_record(zstandard.compress(bytes(1 << 26)), MAX_CONTENTS + 1, b"zstd"),
         chunk_record(zstandard.compress(bytes(1 << 26)), 1000, b"zstd"),
-        chunk_record(zstandard.ZstdCompressor(write_content_size=False).compress(bytes(1 << 26)), 1000, b"zstd"),
+        chunk_record(
+            zstandard.ZstdCompressor(write_content_size=False).compress(bytes(1 << 26)),
+            1000,
+            b"zstd",
+        ),
         chunk_record(b"not lz4", 1000, b"lz4"),
         chunk_record(b"abc", 3, b"brotli"),
         chunk_record(b"abc", 3, crc=zlib.crc32(b"abd")),

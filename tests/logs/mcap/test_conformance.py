@@ -17,7 +17,9 @@ from replay_kit.logs import open_log
 from replay_kit.logs.mcap import channels as mcap_channels
 from tests.logs.log_samples import SHARED
 
-pytestmark = pytest.mark.skipif(not SHARED.is_dir(), reason="the shared logs are not on this machine")
+pytestmark = pytest.mark.skipif(
+    not SHARED.is_dir(), reason="the shared logs are not on this machine"
+)
 MESSAGES = {"OneMessage": 1, "OneSchemalessMessage": 1, "TenMessages": 10}
 
 
@@ -29,12 +31,19 @@ def stock(file: Path) -> list[tuple[str, str, int, bytes]] | None:
         # it looks up channels and schemas in the summary alone, which need not repeat them
         except (McapError, KeyError):
             return None
-    return [(channel.topic, schema.name if schema else "", message.log_time, message.data) for schema, channel, message in found]
+    return [
+        (channel.topic, schema.name if schema else "", message.log_time, message.data)
+        for schema, channel, message in found
+    ]
 
 
-def test_conformance_files_give_what_the_stock_reader_gives(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_conformance_files_give_what_the_stock_reader_gives(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     # their encodings are no words of any decoder, so the bytes themselves are looked at
-    monkeypatch.setattr(mcap_channels, "channel_decoder", lambda encoding, schema: lambda data: {"data": data})
+    monkeypatch.setattr(
+        mcap_channels, "channel_decoder", lambda encoding, schema: lambda data: {"data": data}
+    )
     files = sorted((SHARED / "mcap-conformance").rglob("*.mcap"))
     assert len(files) == 416
     compared = 0
@@ -64,13 +73,23 @@ def test_bags_give_what_the_stock_reader_gives() -> None:
         assert theirs is not None
         assert Counter(topic for topic, *_ in theirs) == report.read, file.name
         for topic, count in report.read.items():
-            assert decoded[topic] + report.undecodable.get(topic, (0, ""))[0] == count, (file.name, topic)
-        refused |= {(file.name.split("__")[-1], topic): why for topic, (_, why) in report.undecodable.items()}
+            assert decoded[topic] + report.undecodable.get(topic, (0, ""))[0] == count, (
+                file.name,
+                topic,
+            )
+        refused |= {
+            (file.name.split("__")[-1], topic): why
+            for topic, (_, why) in report.undecodable.items()
+        }
     # one service-event schema or made-up encoding does not stop the topics beside it
     assert {name for name, topic in refused if topic.endswith("_service_event")} == {
         "only_services.mcap",
         "topics_and_services.mcap",
         "bag_with_topics_and_service_events.mcap",
     }
-    assert {name for name, topic in refused if not topic.endswith("_service_event")} == {"wrong_rmw_test_0.mcap"}
-    assert all("---" in why for (_, topic), why in refused.items() if topic.endswith("_service_event"))
+    assert {name for name, topic in refused if not topic.endswith("_service_event")} == {
+        "wrong_rmw_test_0.mcap"
+    }
+    assert all(
+        "---" in why for (_, topic), why in refused.items() if topic.endswith("_service_event")
+    )

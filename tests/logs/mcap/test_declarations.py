@@ -23,7 +23,10 @@ def declared(sizes: list[int]) -> Channels:
     for k, size in enumerate(sizes, 1):
         text = f"float64 x{k:04d}".encode().ljust(size)
         channels.declare(3, body(Schema(id=k, name="p/A", encoding="ros1msg", data=text)))
-        channels.declare(4, body(Channel(id=k, topic=f"/t{k}", message_encoding="ros1", metadata={}, schema_id=k)))
+        channels.declare(
+            4,
+            body(Channel(id=k, topic=f"/t{k}", message_encoding="ros1", metadata={}, schema_id=k)),
+        )
     return channels
 
 
@@ -31,12 +34,17 @@ def test_the_schemas_of_a_log_are_parsed_up_to_a_megabyte() -> None:
     channels = declared([MOST_SCHEMA] * 4 + [20])
     decoders = [channels.sink(k).decode for k in range(1, 6)]
     assert all(isinstance(decode, Callable) for decode in decoders[:4])
-    assert decoders[4] == "the schemas of this log have more than the 1048576 bytes that are parsed of one log"
+    assert (
+        decoders[4]
+        == "the schemas of this log have more than the 1048576 bytes that are parsed of one log"
+    )
 
 
 def test_channels_of_one_schema_share_a_decoder() -> None:
     channels = declared([20])
-    channels.declare(4, body(Channel(id=2, topic="/again", message_encoding="ros1", metadata={}, schema_id=1)))
+    channels.declare(
+        4, body(Channel(id=2, topic="/again", message_encoding="ros1", metadata={}, schema_id=1))
+    )
     assert channels.sink(1).decode is channels.sink(2).decode
 
 

@@ -22,9 +22,13 @@ def read(path: Path, data: bytes, **options: object) -> tuple[list[Message], Log
 
 @pytest.mark.parametrize("compression", list(CompressionType))
 @pytest.mark.parametrize("use_chunking", [True, False])
-def test_json_comes_back_in_file_order(tmp_path: Path, compression: CompressionType, use_chunking: bool) -> None:
+def test_json_comes_back_in_file_order(
+    tmp_path: Path, compression: CompressionType, use_chunking: bool
+) -> None:
     times = [5, 3, 3, 9, 1, 8] * 5
-    messages, report = read(tmp_path, json_mcap(times, compression, use_chunking=use_chunking, data_crcs=True))
+    messages, report = read(
+        tmp_path, json_mcap(times, compression, use_chunking=use_chunking, data_crcs=True)
+    )
     assert [m.time_ns for m in messages] == times
     assert [m.payload["n"] for m in messages] == [m.position for m in messages] == list(range(30))
     assert messages[1].topic == "/b"
@@ -61,7 +65,10 @@ def test_clocks(tmp_path: Path) -> None:
     [
         ({"stamp": {"sec": 1, "nsec": 2}}, SECOND + 2),
         ({"timestamp": {"seconds": 1, "nanos": 2}}, SECOND + 2),
-        ({"header": {"stamp": {"sec": 0, "nanosec": 0}}, "stamp": {"sec": 3, "nsec": 0}}, 3 * SECOND),
+        (
+            {"header": {"stamp": {"sec": 0, "nanosec": 0}}, "stamp": {"sec": 3, "nsec": 0}},
+            3 * SECOND,
+        ),
         ({"header": "text", "stamp": None, "timestamp": 5.0}, None),
         ({"stamp": {"sec": 1.5, "nsec": 0}}, None),
         ({"stamp": {"sec": 10**12, "nsec": 0}}, None),
@@ -80,7 +87,13 @@ def test_a_time_that_int64_cannot_hold(tmp_path: Path) -> None:
 
 
 def test_what_is_no_log(tmp_path: Path) -> None:
-    cases = {"empty": b"", "text": b"time,lat,lon\n", "bin": b"\xa3\x95\x80" + bytes(100), "cut": b"\x89MCAP0", "zeros": bytes(70_000)}
+    cases = {
+        "empty": b"",
+        "text": b"time,lat,lon\n",
+        "bin": b"\xa3\x95\x80" + bytes(100),
+        "cut": b"\x89MCAP0",
+        "zeros": bytes(70_000),
+    }
     for name, data in cases.items():
         (tmp_path / name).write_bytes(data)
         with pytest.raises(LogError, match=name):
@@ -103,7 +116,9 @@ def test_real_ros2_logs() -> None:
         decoded = sum(1 for _ in reader.messages())
         report = reader.report()
         assert report.losses == ()
-        assert decoded + sum(count for count, _ in report.undecodable.values()) == sum(report.read.values())
+        assert decoded + sum(count for count, _ in report.undecodable.values()) == sum(
+            report.read.values()
+        )
         counts[file.name.split("__")[-1]] = (decoded, sum(report.read.values()))
     assert counts["only_services.mcap"] == (0, 12)
     assert counts["topics_and_services.mcap"] == (7, 13)
@@ -126,5 +141,7 @@ def test_conformance_files() -> None:
         list(reader.messages())
         report = reader.report()
         assert report.losses == (), file.name
-        expected = {"OneMessage": 1, "OneSchemalessMessage": 1, "TenMessages": 10}.get(file.parent.name, 0)
+        expected = {"OneMessage": 1, "OneSchemalessMessage": 1, "TenMessages": 10}.get(
+            file.parent.name, 0
+        )
         assert sum(report.read.values()) == expected, file.name

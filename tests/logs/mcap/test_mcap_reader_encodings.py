@@ -30,17 +30,27 @@ def read(path: Path, data: bytes) -> tuple[list[Message], LogReport]:
     ("text", "expected"),
     [
         ('{"a": NaN, "b": inf, "c": -inf}', {"a": math.nan, "b": math.inf, "c": -math.inf}),
-        ('{"a": nan, "b": Infinity, "c": -Infinity}', {"a": math.nan, "b": math.inf, "c": -math.inf}),
-        ('{"a": NaN, "b": "say \\" inf NaN", "c": [inf]}', {"a": math.nan, "b": 'say " inf NaN', "c": [math.inf]}),
+        (
+            '{"a": nan, "b": Infinity, "c": -Infinity}',
+            {"a": math.nan, "b": math.inf, "c": -math.inf},
+        ),
+        (
+            '{"a": NaN, "b": "say \\" inf NaN", "c": [inf]}',
+            {"a": math.nan, "b": 'say " inf NaN', "c": [math.inf]},
+        ),
     ],
 )
 def test_bare_numbers_of_json(text: str, expected: dict[str, object]) -> None:
     assert repr(decode_json(text.encode())) == repr(expected)
 
 
-@pytest.mark.parametrize("data", [b"", b"[1]", b"7", b"{", b'{"a": infinite}', b"\xff\xfe", b"[" * 100_000])
+@pytest.mark.parametrize(
+    "data", [b"", b"[1]", b"7", b"{", b'{"a": infinite}', b"\xff\xfe", b"[" * 100_000]
+)
 def test_no_json_object(tmp_path: Path, data: bytes) -> None:
-    messages, report = read(tmp_path, one_channel_mcap("json", None, [b'{"ok": 1}', data, b'{"ok": 2}']))
+    messages, report = read(
+        tmp_path, one_channel_mcap("json", None, [b'{"ok": 1}', data, b'{"ok": 2}'])
+    )
     assert [m.payload["ok"] for m in messages] == [1, 2]
     assert report.read == {"/x": 3}
     assert report.undecodable["/x"][0] == 1
@@ -57,7 +67,12 @@ def test_foxglove_protobuf(tmp_path: Path) -> None:
     )
     schema = foxglove_messages.LocationFix.get_schema()
     empty = foxglove_messages.LocationFix().encode()
-    messages, report = read(tmp_path, one_channel_mcap("protobuf", (schema.name, schema.encoding, schema.data), [fix.encode(), empty]))
+    messages, report = read(
+        tmp_path,
+        one_channel_mcap(
+            "protobuf", (schema.name, schema.encoding, schema.data), [fix.encode(), empty]
+        ),
+    )
     assert report.undecodable == {}
     full, unset = (m.payload for m in messages)
     assert messages[0].schema == "foxglove.LocationFix"
@@ -78,22 +93,54 @@ def test_protobuf_nested_maps_oneofs_and_recursion(tmp_path: Path) -> None:
     entry = node.nested_type.add(name="NamedEntry")
     entry.options.map_entry = True
     entry.field.add(name="key", number=1, type=kind.TYPE_STRING, label=kind.LABEL_OPTIONAL)
-    entry.field.add(name="value", number=2, type=kind.TYPE_MESSAGE, type_name=".t.Node", label=kind.LABEL_OPTIONAL)
-    node.field.add(name="named", number=1, type=kind.TYPE_MESSAGE, type_name=".t.Node.NamedEntry", label=kind.LABEL_REPEATED)
-    node.field.add(name="children", number=2, type=kind.TYPE_MESSAGE, type_name=".t.Node", label=kind.LABEL_REPEATED)
+    entry.field.add(
+        name="value",
+        number=2,
+        type=kind.TYPE_MESSAGE,
+        type_name=".t.Node",
+        label=kind.LABEL_OPTIONAL,
+    )
+    node.field.add(
+        name="named",
+        number=1,
+        type=kind.TYPE_MESSAGE,
+        type_name=".t.Node.NamedEntry",
+        label=kind.LABEL_REPEATED,
+    )
+    node.field.add(
+        name="children",
+        number=2,
+        type=kind.TYPE_MESSAGE,
+        type_name=".t.Node",
+        label=kind.LABEL_REPEATED,
+    )
     node.field.add(name="value", number=3, type=kind.TYPE_DOUBLE, label=kind.LABEL_OPTIONAL)
     node.oneof_decl.add(name="_depth")
-    node.field.add(name="depth", number=4, type=kind.TYPE_DOUBLE, label=kind.LABEL_OPTIONAL, proto3_optional=True, oneof_index=0)
+    node.field.add(
+        name="depth",
+        number=4,
+        type=kind.TYPE_DOUBLE,
+        label=kind.LABEL_OPTIONAL,
+        proto3_optional=True,
+        oneof_index=0,
+    )
     pool = DescriptorPool()
     pool.Add(file)
     tree = message_factory.GetMessageClass(pool.FindMessageTypeByName("t.Node"))()
     tree.children.add(value=2.0).children.add(depth=0.0)
     tree.named["a"].value = math.inf
     data = descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString()
-    messages, report = read(tmp_path, one_channel_mcap("protobuf", ("t.Node", "protobuf", data), [tree.SerializeToString(), b"\xff"]))
+    messages, report = read(
+        tmp_path,
+        one_channel_mcap(
+            "protobuf", ("t.Node", "protobuf", data), [tree.SerializeToString(), b"\xff"]
+        ),
+    )
     leaf = {"named": {}, "children": [], "value": 0.0, "depth": None}
     child = {**leaf, "value": 2.0, "children": [{**leaf, "depth": 0.0}]}
-    assert [m.payload for m in messages] == [{**leaf, "children": [child], "named": {"a": {**leaf, "value": math.inf}}}]
+    assert [m.payload for m in messages] == [
+        {**leaf, "children": [child], "named": {"a": {**leaf, "value": math.inf}}}
+    ]
     assert report.undecodable["/x"][0] == 1
 
 
@@ -170,11 +217,21 @@ module geometry_msgs { module msg { struct Point { double x; double y; }; }; };
 
 
 def test_ros2_idl_gives_the_same_as_ros2_msg() -> None:
-    from_msg = channel_decoder("cdr", Schema(id=1, name="test_msgs/msg/Fix", encoding="ros2msg", data=ROS_FIX.encode()))
-    from_idl = channel_decoder("cdr", Schema(id=1, name="test_msgs/msg/Fix", encoding="ros2idl", data=IDL.encode()))
+    from_msg = channel_decoder(
+        "cdr", Schema(id=1, name="test_msgs/msg/Fix", encoding="ros2msg", data=ROS_FIX.encode())
+    )
+    from_idl = channel_decoder(
+        "cdr", Schema(id=1, name="test_msgs/msg/Fix", encoding="ros2idl", data=IDL.encode())
+    )
     assert callable(from_msg)
     assert callable(from_idl), from_idl
-    value = {"covariance": [1.0, 2.0, 3.0], "raw": b"ab", "names": ["x"], "track": [{"x": 1.0, "y": -1.0}], "depth": 2.0}
+    value = {
+        "covariance": [1.0, 2.0, 3.0],
+        "raw": b"ab",
+        "names": ["x"],
+        "track": [{"x": 1.0, "y": -1.0}],
+        "depth": 2.0,
+    }
     out = BytesIO()
     writer = Ros2Writer(out)
     writer.write_message("/fix", writer.register_msgdef("test_msgs/msg/Fix", ROS_FIX), value)
@@ -187,7 +244,10 @@ def test_ros2_idl_gives_the_same_as_ros2_msg() -> None:
 @pytest.mark.parametrize(
     ("text", "fields"),
     [
-        ("struct A { unsigned long long a; long b[2][3]; octet c; };", "uint64 a\nint32[6] b\nbyte c"),
+        (
+            "struct A { unsigned long long a; long b[2][3]; octet c; };",
+            "uint64 a\nint32[6] b\nbyte c",
+        ),
         ("enum E { X, Y }; struct A { E a; boolean b; };", "uint32 a\nbool b"),
         ("typedef sequence<short> S; struct A { S a; };", "int16[] a"),
     ],
@@ -197,7 +257,16 @@ def test_idl_types(text: str, fields: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "struct", "struct A {", "union A { };", "struct A { double x }", "module p { struct A { }; };", "const x"]
+    "text",
+    [
+        "",
+        "struct",
+        "struct A {",
+        "union A { };",
+        "struct A { double x }",
+        "module p { struct A { }; };",
+        "const x",
+    ],
 )
 def test_what_is_no_idl(text: str) -> None:
     with pytest.raises(ValueError, match="IDL"):
@@ -224,7 +293,10 @@ def test_ros1(tmp_path: Path) -> None:
 
     depth = b"\0\0\0\0\0\0\xf0\x3f" + b"\0\0\0\0\0\0\0\x40"
     payload = integers(7, 1, 2, 3) + b"map" + integers(4, 5, 6, 7, 8, 9, 2) + depth
-    messages, report = read(tmp_path, one_channel_mcap("ros1", ("test_msgs/Depth", "ros1msg", ROS1), [payload, payload[:-1]]))
+    messages, report = read(
+        tmp_path,
+        one_channel_mcap("ros1", ("test_msgs/Depth", "ros1msg", ROS1), [payload, payload[:-1]]),
+    )
     assert [m.payload for m in messages] == [
         {
             "header": {"seq": 7, "stamp": {"sec": 1, "nsec": 2}, "frame_id": "map"},
@@ -245,7 +317,9 @@ def test_ros1(tmp_path: Path) -> None:
     ],
 )
 def test_a_ros1_schema_is_never_run_as_code(tmp_path: Path, name: str, text: str) -> None:
-    messages, report = read(tmp_path, one_channel_mcap("ros1", (name, "ros1msg", text.encode()), [bytes(8)]))
+    messages, report = read(
+        tmp_path, one_channel_mcap("ros1", (name, "ros1msg", text.encode()), [bytes(8)])
+    )
     assert messages == []
     assert "cannot be parsed" in report.undecodable["/x"][1]
 
@@ -263,9 +337,15 @@ def test_a_ros1_schema_is_never_run_as_code(tmp_path: Path, name: str, text: str
     ],
 )
 def test_the_reason_is_kept_and_nothing_printed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], encoding: str, schema: tuple[str, str, bytes] | None, reason: str
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    encoding: str,
+    schema: tuple[str, str, bytes] | None,
+    reason: str,
 ) -> None:
-    messages, report = read(tmp_path, one_channel_mcap(encoding, schema, [b"\0\1\0\0" + bytes(8)] * 2))
+    messages, report = read(
+        tmp_path, one_channel_mcap(encoding, schema, [b"\0\1\0\0" + bytes(8)] * 2)
+    )
     assert messages == []
     assert report.undecodable["/x"][0] == 2
     assert reason in report.undecodable["/x"][1]

@@ -17,7 +17,10 @@ from tests.logs.mcap.test_broken_mcap import chunk_record, numbers, read, record
 
 CHUNKED = json_mcap(range(1000, 1040))
 PLAIN = json_mcap(range(1000, 1040), use_chunking=False, data_crcs=True)
-OUTSIDE, CUT = "messages outside chunks, without a checksum", "messages of cut chunks, whose checksum cannot be verified"
+OUTSIDE, CUT = (
+    "messages outside chunks, without a checksum",
+    "messages of cut chunks, whose checksum cannot be verified",
+)
 
 
 def without_end(whole: bytes) -> bytes:
@@ -29,21 +32,31 @@ def record(opcode: int, body: bytes) -> bytes:
     return struct.pack("<BQ", opcode, len(body)) + body
 
 
-@pytest.mark.parametrize("whole", [PLAIN, without_end(PLAIN)], ids=["with a summary", "without an end"])
-def test_after_a_lost_boundary_outside_chunks_all_other_messages_are_read(tmp_path: Path, whole: bytes) -> None:
+@pytest.mark.parametrize(
+    "whole", [PLAIN, without_end(PLAIN)], ids=["with a summary", "without an end"]
+)
+def test_after_a_lost_boundary_outside_chunks_all_other_messages_are_read(
+    tmp_path: Path, whole: bytes
+) -> None:
     messages = record_offsets(whole, Opcode.MESSAGE)
     damaged = bytearray(whole)
     damaged[messages[7] + 5] = 0x40
     found, report = read(tmp_path, bytes(damaged))
     assert numbers(found) == [n for n in range(40) if n != 7]
     loss = report.losses[0]
-    assert (loss.offset, loss.bytes, loss.messages) == (messages[7], messages[8] - messages[7], None)
+    assert (loss.offset, loss.bytes, loss.messages) == (
+        messages[7],
+        messages[8] - messages[7],
+        None,
+    )
     assert loss.what.endswith(f"reading goes on at byte {messages[8]}")
     # the checksum of the whole section cannot say which of them are sound
     assert report.unchecked == {OUTSIDE: 39}
 
 
-@pytest.mark.parametrize("whole", [CHUNKED, without_end(CHUNKED)], ids=["with a summary", "without an end"])
+@pytest.mark.parametrize(
+    "whole", [CHUNKED, without_end(CHUNKED)], ids=["with a summary", "without an end"]
+)
 def test_an_index_that_is_said_to_be_a_chunk_costs_no_message(tmp_path: Path, whole: bytes) -> None:
     damaged = bytearray(whole)
     # two topics: behind it the other index of the same chunk, which lists messages that are read
@@ -53,7 +66,9 @@ def test_an_index_that_is_said_to_be_a_chunk_costs_no_message(tmp_path: Path, wh
     assert [loss.messages for loss in report.losses] == ([0] if whole is CHUNKED else [0, None])
 
 
-def test_a_length_that_is_too_small_or_too_large_by_a_few_bytes_costs_one_message(tmp_path: Path) -> None:
+def test_a_length_that_is_too_small_or_too_large_by_a_few_bytes_costs_one_message(
+    tmp_path: Path,
+) -> None:
     messages = record_offsets(PLAIN, Opcode.MESSAGE)
     for flip in (0x01, 0x10, 0x40):
         damaged = bytearray(PLAIN)
@@ -63,7 +78,9 @@ def test_a_length_that_is_too_small_or_too_large_by_a_few_bytes_costs_one_messag
         assert report.losses
 
 
-def test_a_sound_file_without_chunks_is_verified_by_the_checksum_of_its_section(tmp_path: Path) -> None:
+def test_a_sound_file_without_chunks_is_verified_by_the_checksum_of_its_section(
+    tmp_path: Path,
+) -> None:
     assert read(tmp_path, PLAIN)[1].unchecked == {}
     assert read(tmp_path, without_end(PLAIN))[1].unchecked == {OUTSIDE: 40}
     damaged = bytearray(PLAIN)
@@ -73,7 +90,9 @@ def test_a_sound_file_without_chunks_is_verified_by_the_checksum_of_its_section(
 
 @pytest.mark.parametrize("where", ["head", "data", "index"])
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
-def test_the_chunk_after_one_that_lacks_bytes_is_read(tmp_path: Path, compression: CompressionType, where: str) -> None:
+def test_the_chunk_after_one_that_lacks_bytes_is_read(
+    tmp_path: Path, compression: CompressionType, where: str
+) -> None:
     whole = without_end(json_mcap(range(1000, 1040), compression))
     chunks = record_offsets(whole, Opcode.CHUNK)
     index = next(at for at in record_offsets(whole, Opcode.MESSAGE_INDEX) if at > chunks[2])
@@ -87,13 +106,21 @@ def test_the_chunk_after_one_that_lacks_bytes_is_read(tmp_path: Path, compressio
 def test_a_chunk_whose_opcode_or_length_is_damaged_is_used_whole(tmp_path: Path) -> None:
     whole = without_end(CHUNKED)
     chunks = record_offsets(whole, Opcode.CHUNK)
-    for opcode, size in ((Opcode.CHUNK, 0x80), (Opcode.CHUNK, 0x01), (0x26, 0), (Opcode.METADATA, 0), (Opcode.CHANNEL, 0)):
+    for opcode, size in (
+        (Opcode.CHUNK, 0x80),
+        (Opcode.CHUNK, 0x01),
+        (0x26, 0),
+        (Opcode.METADATA, 0),
+        (Opcode.CHANNEL, 0),
+    ):
         damaged = bytearray(whole)
         damaged[chunks[2]] = opcode
         damaged[chunks[2] + 1] ^= size
         found, report = read(tmp_path, bytes(damaged))
         assert numbers(found) == list(range(40)), opcode
-        assert [(loss.offset, loss.bytes, loss.messages) for loss in report.losses[:1]] == [(chunks[2], 9, 0)]
+        assert [(loss.offset, loss.bytes, loss.messages) for loss in report.losses[:1]] == [
+            (chunks[2], 9, 0)
+        ]
 
 
 def test_messages_of_a_cut_chunk_are_counted_as_unverified(tmp_path: Path) -> None:
@@ -122,7 +149,9 @@ def test_a_chunk_without_a_checksum_that_is_emptied_is_told(tmp_path: Path) -> N
     damaged[chunk + 25 : chunk + 49] = bytes(24)
     found, report = read(tmp_path, bytes(damaged))
     assert numbers(found) == [n for n in range(40) if n not in range(11, 17)]
-    assert [(loss.what, loss.messages) for loss in report.losses[:1]] == [("chunk holds fewer messages than its index lists", 6)]
+    assert [(loss.what, loss.messages) for loss in report.losses[:1]] == [
+        ("chunk holds fewer messages than its index lists", 6)
+    ]
 
 
 def test_a_number_of_messages_in_a_damaged_summary_is_not_believed(tmp_path: Path) -> None:
@@ -135,7 +164,10 @@ def test_a_number_of_messages_in_a_damaged_summary_is_not_believed(tmp_path: Pat
 
 
 def test_a_record_begins_where_opcode_and_length_are_those_of_one() -> None:
-    message, index = record(Opcode.MESSAGE, bytes(22)), record(Opcode.MESSAGE_INDEX, struct.pack("<HI", 1, 16) + bytes(16))
+    message, index = (
+        record(Opcode.MESSAGE, bytes(22)),
+        record(Opcode.MESSAGE_INDEX, struct.pack("<HI", 1, 16) + bytes(16)),
+    )
     for data, end in (
         (message, 31),
         (record(Opcode.MESSAGE, bytes(21)), None),
@@ -150,7 +182,9 @@ def test_a_record_begins_where_opcode_and_length_are_those_of_one() -> None:
         (record(Opcode.FOOTER, bytes(20)) + MAGIC, 29),
         (record(Opcode.FOOTER, bytes(20)) + MAGIC + b"\x00", None),
     ):
-        assert begins_record(BytesIO(b"??" + data), 2, len(data) + 2) == (None if end is None else end + 2)
+        assert begins_record(BytesIO(b"??" + data), 2, len(data) + 2) == (
+            None if end is None else end + 2
+        )
 
 
 def test_three_records_are_a_chain_and_two_before_bad_bytes_are_none() -> None:
@@ -170,7 +204,9 @@ def test_three_records_are_a_chain_and_two_before_bad_bytes_are_none() -> None:
 def test_the_search_finds_chains_and_chunks_whose_checksum_fits() -> None:
     message = record(Opcode.MESSAGE, b"payload" * 4)
     contents = record(Opcode.SCHEMA, bytes(14)) + message
-    good, bad = (chunk_record(contents, len(contents), crc=zlib.crc32(contents) + k) for k in (0, 1))
+    good, bad = (
+        chunk_record(contents, len(contents), crc=zlib.crc32(contents) + k) for k in (0, 1)
+    )
     for data, place, outside in (
         (b"bad" + 3 * message + b"bad bytes", 3, None),
         (b"bad" + 2 * message + b"bad bytes", None, None),
@@ -181,7 +217,10 @@ def test_the_search_finds_chains_and_chunks_whose_checksum_fits() -> None:
     ):
         file = BytesIO(data)
         search = Salvage(file, len(data), read_summary(file, len(data)))
-        assert (search.next_record(0, len(data), True), search.next_record(0, len(data), False)) == (place, outside), data[:40]
+        assert (
+            search.next_record(0, len(data), True),
+            search.next_record(0, len(data), False),
+        ) == (place, outside), data[:40]
     # nothing that begins at the end of the search or after it
     assert search.next_record(0, (1 << 20) - 4, True) is None
 

@@ -33,11 +33,21 @@ def first_contents(data):
 def test_columns_are_what_the_stock_reader_finds():
     data = json_mcap(TIMES, CompressionType.NONE, chunk_size=10**6)
     found = columns_of(first_contents(data))
-    stock = [message for _, _, message in make_reader(BytesIO(data)).iter_messages(log_time_order=False)]
-    for name, field in (("channel", "channel_id"), ("sequence", "sequence"), ("log_ns", "log_time"), ("publish_ns", "publish_time")):
+    stock = [
+        message for _, _, message in make_reader(BytesIO(data)).iter_messages(log_time_order=False)
+    ]
+    for name, field in (
+        ("channel", "channel_id"),
+        ("sequence", "sequence"),
+        ("log_ns", "log_time"),
+        ("publish_ns", "publish_time"),
+    ):
         assert found.head[name].tolist() == [getattr(message, field) for message in stock]
     contents = first_contents(data)
-    bodies = [contents[start + 31 : stop] for start, stop in zip(found.offset.tolist(), found.stop.tolist(), strict=True)]
+    bodies = [
+        contents[start + 31 : stop]
+        for start, stop in zip(found.offset.tolist(), found.stop.tolist(), strict=True)
+    ]
     assert bodies == [message.data for message in stock]
     assert [opcode for opcode, _, _ in found.declared] == [3, 4, 4]
 
@@ -56,7 +66,9 @@ def test_contents_with_anything_else_in_them_are_left_to_the_reader_of_single_me
         contents[last + 1] += 1
     assert columns_of(bytes(contents)) is None
     # the shortest that is whole has no payload
-    assert columns_of(bytes(contents[:last] + b"\x05" + (22).to_bytes(8, "little") + bytes(22))).head.size == len(TIMES)
+    assert columns_of(
+        bytes(contents[:last] + b"\x05" + (22).to_bytes(8, "little") + bytes(22))
+    ).head.size == len(TIMES)
 
 
 def both(reader, wanted=lambda topic, schema: True):
@@ -74,13 +86,17 @@ def test_blocks_hold_what_single_messages_say(tmp_path, compression, clock):
     single, report, blocks, again = both(reader)
     assert [message for block in blocks for message in block.messages] == single
     assert {message.topic for message in single} == {"/c", "/b"}
-    assert np.concatenate([block.time_ns for block in blocks]).tolist() == [message.time_ns for message in single]
+    assert np.concatenate([block.time_ns for block in blocks]).tolist() == [
+        message.time_ns for message in single
+    ]
     assert again == report
 
 
 def test_of_a_topic_that_is_not_wanted_one_message_is_decoded_and_all_are_counted(tmp_path):
     reader = write(tmp_path, json_mcap(TIMES))
-    single, report, blocks, again = both(reader, lambda topic, schema: (topic, schema) == ("/b", "test.Number"))
+    single, report, blocks, again = both(
+        reader, lambda topic, schema: (topic, schema) == ("/b", "test.Number")
+    )
     expected = [message for message in single if message.topic == "/b" or message.position == 0]
     assert [message for block in blocks for message in block.messages] == expected
     assert again == report
@@ -152,7 +168,9 @@ def test_an_overview_states_counts_and_times_and_has_first_messages_of_each_topi
         assert found.topics[name] == TopicExtent("test.Number", 150, min(stamps), max(stamps))
     assert found.messages == 300
     # four chunks of some five messages each
-    assert [message.payload for message in found.first] == [message.payload for message in single[: len(found.first)]]
+    assert [message.payload for message in found.first] == [
+        message.payload for message in single[: len(found.first)]
+    ]
     assert 10 < len(found.first) < 40
     assert found.undecodable == {}
 
@@ -166,9 +184,9 @@ def test_chunks_that_overlap_leave_times_open_rather_than_wrong(tmp_path, large)
     # each chunk of five messages begins before all others end
     times = [10**6 * (k % 5) + (k // 5) for k in range(300)]
     found = write(tmp_path, json_mcap(times)).overview()
-    assert {(topic.first_ns, topic.last_ns) for topic in found.topics.values()} <= {(None, None)} | {
-        (min(times[n::2]), max(times[n::2])) for n in (0, 1)
-    }
+    assert {(topic.first_ns, topic.last_ns) for topic in found.topics.values()} <= {
+        (None, None)
+    } | {(min(times[n::2]), max(times[n::2])) for n in (0, 1)}
     joined = TopicExtent("S", 2, 5, 9).joined(TopicExtent("T", 3, 4, 7))
     assert joined == TopicExtent("S", 5, 4, 9)
     assert joined.joined(TopicExtent("S", 1, None, 11)) == TopicExtent("S", 6, None, 11)
@@ -205,7 +223,10 @@ def test_an_index_that_says_too_little_is_told(tmp_path, large, data, words):
 def test_a_damaged_first_chunk_is_told(tmp_path, large):
     data = bytearray(json_mcap(TIMES, CompressionType.NONE))
     data[data.index(b'{"n":0') + 3] ^= 1
-    assert "first chunks is damaged: its checksum does not match" in write(tmp_path, bytes(data)).overview()
+    assert (
+        "first chunks is damaged: its checksum does not match"
+        in write(tmp_path, bytes(data)).overview()
+    )
 
 
 def test_an_index_has_log_times_alone(tmp_path, large):

@@ -18,7 +18,9 @@ from replay_kit.measurements.messages.position import location_fix
 START = 1_542_326_400_000_000_000
 
 
-def _message(payload: dict[str, object], topic: str = "/t", schema: str = "some.Schema", time_ns: int = START) -> Message:
+def _message(
+    payload: dict[str, object], topic: str = "/t", schema: str = "some.Schema", time_ns: int = START
+) -> Message:
     return Message(time_ns, topic, schema, payload, 0, 0)
 
 
@@ -41,8 +43,15 @@ def _ping(n_cells: int = 2, **fields: object) -> Message:
 
 
 def _fix(dead_reckoned: bool) -> Message:
-    metadata = [{"key": "depth", "value": "12.345"}, {"key": "dead_reckoned", "value": "true" if dead_reckoned else "false"}]
-    return _message({"latitude": -40.1234567, "longitude": 152.7654321, "metadata": metadata}, "/vehicle/fix", "foxglove.LocationFix")
+    metadata = [
+        {"key": "depth", "value": "12.345"},
+        {"key": "dead_reckoned", "value": "true" if dead_reckoned else "false"},
+    ]
+    return _message(
+        {"latitude": -40.1234567, "longitude": 152.7654321, "metadata": metadata},
+        "/vehicle/fix",
+        "foxglove.LocationFix",
+    )
 
 
 def test_json_has_null_for_nan_and_base64_for_bytes(tmp_path: Path) -> None:
@@ -58,10 +67,25 @@ def test_json_has_null_for_nan_and_base64_for_bytes(tmp_path: Path) -> None:
     with (tmp_path / "a.mcap").open("rb") as file:
         ((schema, channel, message),) = make_reader(file, validate_crcs=True).iter_messages()
     assert schema is not None
-    assert (schema.name, schema.encoding, json.loads(schema.data)) == ("some.Schema", "jsonschema", {"type": "object"})
-    assert (channel.topic, channel.message_encoding, message.log_time, message.publish_time) == ("/t", "json", START, START)
+    assert (schema.name, schema.encoding, json.loads(schema.data)) == (
+        "some.Schema",
+        "jsonschema",
+        {"type": "object"},
+    )
+    assert (channel.topic, channel.message_encoding, message.log_time, message.publish_time) == (
+        "/t",
+        "json",
+        START,
+        START,
+    )
     read = json.loads(message.data)
-    assert (read["nan"], read["inf"], read["array"], read["pair"], read["big"]) == (None, [None, 1.0], [1.5, None], [1, 2], 2**64 - 1)
+    assert (read["nan"], read["inf"], read["array"], read["pair"], read["big"]) == (
+        None,
+        [None, 1.0],
+        [1.5, None],
+        [1, 2],
+        2**64 - 1,
+    )
     assert base64.b64decode(read["bytes"]) == b"\x00\xff"
 
 
@@ -73,7 +97,10 @@ def test_known_schemas_are_described(tmp_path: Path) -> None:
     assert summary is not None
     described = {schema.name: json.loads(schema.data) for schema in summary.schemas.values()}
     assert set(described) == {"replay_kit.AdcpPing", "foxglove.LocationFix"}
-    assert described["replay_kit.AdcpPing"]["properties"]["reference"]["enum"] == ["earth", "platform"]
+    assert described["replay_kit.AdcpPing"]["properties"]["reference"]["enum"] == [
+        "earth",
+        "platform",
+    ]
 
 
 def test_a_message_without_a_schema_stays_without(tmp_path: Path) -> None:
@@ -87,7 +114,10 @@ def test_what_was_written_is_read_back_without_loss(tmp_path: Path) -> None:
     messages = [_message({"k": k}, f"/{k % 3}", time_ns=START + k) for k in range(50)]
     write_mcap_log(tmp_path / "a.mcap", messages)
     reader = open_log(tmp_path / "a.mcap")
-    read, given = ([(m.time_ns, m.topic, m.schema, m.payload) for m in source] for source in (reader.messages(), messages))
+    read, given = (
+        [(m.time_ns, m.topic, m.schema, m.payload) for m in source]
+        for source in (reader.messages(), messages)
+    )
     assert read == given
     assert reader.report().losses == ()
 
@@ -119,13 +149,21 @@ def test_a_payload_without_json_form_is_refused(tmp_path: Path) -> None:
 
 def test_a_ping_becomes_five_frames(tmp_path: Path) -> None:
     out = tmp_path / "a.tlog"
-    counts = write_tlog(out, [_fix(False), _ping(), _message({}, "/dac", "replay_kit.DepthAveragedCurrent")])
+    counts = write_tlog(
+        out, [_fix(False), _ping(), _message({}, "/dac", "replay_kit.DepthAveragedCurrent")]
+    )
     assert counts["DEBUG_FLOAT_ARRAY"] == 5
     assert int.from_bytes(out.read_bytes()[:8], "big") == START // 1000
     messages = list(open_log(out).messages())
     assert {message.time_ns for message in messages} == {START}
-    arrays = {message.payload["name"]: message.payload for message in messages if message.schema == "DEBUG_FLOAT_ARRAY"}
-    assert {(payload["array_id"], payload["time_usec"]) for payload in arrays.values()} == {(1, START // 1000)}
+    arrays = {
+        message.payload["name"]: message.payload
+        for message in messages
+        if message.schema == "DEBUG_FLOAT_ARRAY"
+    }
+    assert {(payload["array_id"], payload["time_usec"]) for payload in arrays.values()} == {
+        (1, START // 1000)
+    }
     assert arrays["ADCP_CFG"]["data"][:8] == [2.0, 32.0, 16.0, 3.0, 0.0, 0.0, 1.0, 270.0]
     assert arrays["ADCP_CFG"]["data"][15] == 3.0
     assert arrays["ADCP_E"]["data"][:2] == [0.5, 0.5]
@@ -142,12 +180,23 @@ def test_only_measured_positions_are_gps_fixes(tmp_path: Path) -> None:
     gps, *positions = (message.payload for message in open_log(tmp_path / "a.tlog").messages())
     assert gps["fix_type"] == dialect.GPS_FIX_TYPE_3D_FIX
     for payload in positions:
-        assert (payload["lat"], payload["lon"], payload["relative_alt"]) == (-401_234_567, 1_527_654_321, -12_345)
+        assert (payload["lat"], payload["lon"], payload["relative_alt"]) == (
+            -401_234_567,
+            1_527_654_321,
+            -12_345,
+        )
 
 
-@pytest.mark.parametrize(("stated", "gps"), [("1", 0), ("TRUE ", 0), (True, 0), (1, 0), ("0", 1), ("false", 1), (None, 1)])
+@pytest.mark.parametrize(
+    ("stated", "gps"),
+    [("1", 0), ("TRUE ", 0), (True, 0), (1, 0), ("0", 1), ("false", 1), (None, 1)],
+)
 def test_dead_reckoned_is_read_as_by_the_replay(tmp_path: Path, stated: object, gps: int) -> None:
-    fix = {"latitude": 1.0, "longitude": 2.0, "metadata": [{"key": "dead_reckoned", "value": stated}]}
+    fix = {
+        "latitude": 1.0,
+        "longitude": 2.0,
+        "metadata": [{"key": "dead_reckoned", "value": stated}],
+    }
     assert location_fix(fix).dead_reckoned == (gps == 0)  # type: ignore[union-attr]
     counts = write_tlog(tmp_path / "a.tlog", [_message(fix, schema="foxglove.LocationFix")])
     assert counts.get("GPS_RAW_INT", 0) == gps
@@ -163,9 +212,15 @@ def test_dead_reckoned_is_read_as_by_the_replay(tmp_path: Path, stated: object, 
         ([0.5, 1.5, -0.25, 2.5], [0.5, -0.25], [1.5, 2.5]),
     ],
 )
-def test_empty_cells_are_written_as_not_known(tmp_path: Path, velocity: list[object], east: list[float], north: list[float]) -> None:
+def test_empty_cells_are_written_as_not_known(
+    tmp_path: Path, velocity: list[object], east: list[float], north: list[float]
+) -> None:
     write_tlog(tmp_path / "a.tlog", [_ping(velocity=velocity)])
-    arrays = {m.payload["name"]: m.payload["data"] for m in open_log(tmp_path / "a.tlog").messages() if m.schema == "DEBUG_FLOAT_ARRAY"}
+    arrays = {
+        m.payload["name"]: m.payload["data"]
+        for m in open_log(tmp_path / "a.tlog").messages()
+        if m.schema == "DEBUG_FLOAT_ARRAY"
+    }
     assert set(arrays) == {"ADCP_CFG", "ADCP_E", "ADCP_N", "ADCP_STD"}
     np.testing.assert_array_equal([arrays["ADCP_E"][:2], arrays["ADCP_N"][:2]], [east, north])
 
@@ -173,10 +228,24 @@ def test_empty_cells_are_written_as_not_known(tmp_path: Path, velocity: list[obj
 @pytest.mark.parametrize(
     ("message", "why"),
     [
-        (_message({"latitude": None, "longitude": 2.0}, schema="foxglove.LocationFix"), "expected latitude to be a number"),
-        (_message({"longitude": 2.0}, schema="foxglove.LocationFix"), "expected latitude to be a number"),
-        (_message({"latitude": 91.0, "longitude": 2.0}, schema="foxglove.LocationFix"), "from -90 to 90"),
-        (_message({"latitude": 1.0, "longitude": 2.0, "metadata": [3]}, schema="foxglove.LocationFix"), "a field is not of the kind"),
+        (
+            _message({"latitude": None, "longitude": 2.0}, schema="foxglove.LocationFix"),
+            "expected latitude to be a number",
+        ),
+        (
+            _message({"longitude": 2.0}, schema="foxglove.LocationFix"),
+            "expected latitude to be a number",
+        ),
+        (
+            _message({"latitude": 91.0, "longitude": 2.0}, schema="foxglove.LocationFix"),
+            "from -90 to 90",
+        ),
+        (
+            _message(
+                {"latitude": 1.0, "longitude": 2.0, "metadata": [3]}, schema="foxglove.LocationFix"
+            ),
+            "a field is not of the kind",
+        ),
         (_ping(cell_size=None, cell_distances=[1.0, 2.0]), "expected cell_size to be a number"),
         (_ping(coordinate_system="sideways"), "expected coordinate_system to be one of"),
         (_ping(velocity=[[1.0, 2.0]]), "as many cells"),
@@ -194,8 +263,13 @@ def test_what_has_no_frame_is_skipped_and_counted(message: Message, why: str) ->
 
 
 def test_east_above_180_is_written_as_west(tmp_path: Path) -> None:
-    write_tlog(tmp_path / "a.tlog", [_message({"latitude": 1.0, "longitude": 359.5}, schema="foxglove.LocationFix")])
-    assert {message.payload["lon"] for message in open_log(tmp_path / "a.tlog").messages()} == {-5_000_000}
+    write_tlog(
+        tmp_path / "a.tlog",
+        [_message({"latitude": 1.0, "longitude": 359.5}, schema="foxglove.LocationFix")],
+    )
+    assert {message.payload["lon"] for message in open_log(tmp_path / "a.tlog").messages()} == {
+        -5_000_000
+    }
 
 
 def test_more_cells_than_a_frame_holds_are_refused(tmp_path: Path) -> None:

@@ -29,8 +29,14 @@ def test_one_pair() -> None:
 
 
 @settings(max_examples=30, deadline=None, derandomize=True)
-@given(drift_ppm=st.floats(-200.0, 200.0), wrong=st.lists(st.integers(0, 299), max_size=60), seed=st.integers(0, 99))
-def test_drift_and_offset_although_a_fifth_is_wrong(drift_ppm: float, wrong: list[int], seed: int) -> None:
+@given(
+    drift_ppm=st.floats(-200.0, 200.0),
+    wrong=st.lists(st.integers(0, 299), max_size=60),
+    seed=st.integers(0, 99),
+)
+def test_drift_and_offset_although_a_fifth_is_wrong(
+    drift_ppm: float, wrong: list[int], seed: int
+) -> None:
     rng = np.random.default_rng(seed)
     boot = np.sort(rng.integers(0, 3600 * SECOND, 300))
     true = UTC + boot + np.rint(1e-6 * drift_ppm * boot).astype(np.int64)
@@ -50,7 +56,9 @@ def test_as_the_slow_twin() -> None:
     fit = fit_clock(boot, stated)
     drift, offset = slow_fit(boot.tolist(), stated.tolist(), True)
     assert fit.drift == pytest.approx(drift, rel=1e-10)
-    assert fit.utc(boot[70:71])[0] == pytest.approx(offset + drift * boot[70] + boot[70], abs=300)  # floats of 1.7e18 ns are 256 apart
+    assert fit.utc(boot[70:71])[0] == pytest.approx(
+        offset + drift * boot[70] + boot[70], abs=300
+    )  # floats of 1.7e18 ns are 256 apart
 
 
 def test_a_short_log_takes_no_drift() -> None:
@@ -99,7 +107,9 @@ def test_leap_seconds_now() -> None:
         ([0, 2**40], 0, [0, 2**40]),
     ],
 )
-def test_a_stamp_alone_far_from_its_neighbours(stamps: list[int], before: int | None, expected: list[int]) -> None:
+def test_a_stamp_alone_far_from_its_neighbours(
+    stamps: list[int], before: int | None, expected: list[int]
+) -> None:
     steady, spikes = without_spikes(np.array(stamps), before)
     assert steady.tolist() == expected
     assert spikes == sum(a != b for a, b in zip(stamps, expected, strict=True))

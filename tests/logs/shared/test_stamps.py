@@ -25,7 +25,9 @@ class Recorded:
     def messages(self) -> Iterator[Message]:
         for position, stamp in enumerate(self.stamps):
             self.read += 1
-            yield Message(stamp, self.topics[position] if self.topics else "/a", "", {}, 0, position)
+            yield Message(
+                stamp, self.topics[position] if self.topics else "/a", "", {}, 0, position
+            )
 
     def report(self) -> LogReport:
         return LogReport("made", "made", {}, {}, ())
@@ -61,7 +63,11 @@ def test_after_a_clock_jumps_back_no_message_is_late_and_times_continue() -> Non
     last = START + 49 * SECOND
     assert [m.time_ns for m in merged] == steady(50) + steady(70, last)
     offset = last - (START - 30 * DAY)
-    assert (merged.jumps, merged.late, merged.astray) == ((ClockJump(0, last, START - 30 * DAY, offset),), {}, {})
+    assert (merged.jumps, merged.late, merged.astray) == (
+        (ClockJump(0, last, START - 30 * DAY, offset),),
+        {},
+        {},
+    )
     assert str(merged.jumps[0]) == (
         "the clock jumps from 2024-10-04 00:00:49Z to 2024-09-04 00:00:00Z: the messages after it are a new segment, "
         "30.001 days were added to their stamps"
@@ -80,12 +86,18 @@ def test_a_clock_that_returns_is_believed_again() -> None:
 
 
 def test_gaps_and_sparse_logs_are_left_alone() -> None:
-    for stamps in (steady(40) + steady(40, START + 90 * DAY), [START + 2 * k * DAY for k in range(60)], [*steady(5), START + 40 * DAY]):
+    for stamps in (
+        steady(40) + steady(40, START + 90 * DAY),
+        [START + 2 * k * DAY for k in range(60)],
+        [*steady(5), START + 40 * DAY],
+    ):
         assert streamed(stamps) == (stamps, ())
 
 
 def test_late_by_less_than_a_day_is_late_as_before() -> None:
-    merged = merge([Recorded([*steady(40), START - DAY + 60 * SECOND, *steady(40, START + 40 * SECOND)])], 1.0)
+    merged = merge(
+        [Recorded([*steady(40), START - DAY + 60 * SECOND, *steady(40, START + 40 * SECOND)])], 1.0
+    )
     assert len(list(merged)) == 80
     assert (merged.late, merged.astray, merged.jumps) == ({"/a": 1}, {}, ())
 
@@ -97,7 +109,9 @@ def test_what_comes_once_may_be_older_than_the_recording() -> None:
 
 def test_a_copy_keeps_stamps_as_they_are() -> None:
     stamps = steady(40) + steady(40, START - 30 * DAY) + [YEAR_2200]
-    assert sorted(m.time_ns for m in merge([Recorded(stamps)], 1.0, keep_late=True)) == sorted(stamps)
+    assert sorted(m.time_ns for m in merge([Recorded(stamps)], 1.0, keep_late=True)) == sorted(
+        stamps
+    )
 
 
 def test_no_more_than_the_look_ahead_is_held() -> None:
@@ -120,9 +134,13 @@ def test_the_edges_of_the_rule() -> None:
     assert settle(clock, far, [near, far]) is None
     assert settle(clock, far, [near, far, far]) == LogClock(far)
     assert settle(clock, START - 40 * DAY, [START - 40 * DAY]) == LogClock(START, 40 * DAY)
-    assert settle(LogClock(START, 5 * DAY), START - 40 * DAY, [START - 40 * DAY]) == LogClock(START, 40 * DAY)
+    assert settle(LogClock(START, 5 * DAY), START - 40 * DAY, [START - 40 * DAY]) == LogClock(
+        START, 40 * DAY
+    )
     assert settle(LogClock(START, 40 * DAY), START + DAY, [START + DAY]) == LogClock(START + DAY)
-    assert settle(LogClock(START, 40 * DAY), START + DAY + 1, [START + DAY + 1]) == LogClock(START + 41 * DAY + 1, 40 * DAY)
+    assert settle(LogClock(START, 40 * DAY), START + DAY + 1, [START + DAY + 1]) == LogClock(
+        START + 41 * DAY + 1, 40 * DAY
+    )
     # the first of a log
     assert settle(None, START, [START - DAY]) == LogClock(START)
     assert settle(None, START, [START - DAY - 1]) is None
@@ -131,11 +149,19 @@ def test_the_edges_of_the_rule() -> None:
     assert settle(None, START, [START - DAY - 1, START]) == LogClock(START)
 
 
-steps = st.lists(st.sampled_from([SECOND, SECOND, SECOND, 0, -SECOND, DAY, -DAY, 40 * DAY, -40 * DAY, 500 * DAY, -500 * DAY]), max_size=120)
+steps = st.lists(
+    st.sampled_from(
+        [SECOND, SECOND, SECOND, 0, -SECOND, DAY, -DAY, 40 * DAY, -40 * DAY, 500 * DAY, -500 * DAY]
+    ),
+    max_size=120,
+)
 
 
 @settings(max_examples=300, deadline=None, derandomize=True)
-@given(steps=steps, strays=st.dictionaries(st.integers(0, 119), st.sampled_from([YEAR_2200, 0, START + 2 * DAY])))
+@given(
+    steps=steps,
+    strays=st.dictionaries(st.integers(0, 119), st.sampled_from([YEAR_2200, 0, START + 2 * DAY])),
+)
 def test_as_the_slow_twin(steps: list[int], strays: dict[int, int]) -> None:
     stamps, time = [], START
     for k, step in enumerate(steps):

@@ -28,7 +28,11 @@ class Repeated:
 
     def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
         """Return that the clock stands."""
-        return Finding("clock", ping.time_ns, f"{self.count}", "a clock", "mend it", distrusts=True) if self.count else None
+        return (
+            Finding("clock", ping.time_ns, f"{self.count}", "a clock", "mend it", distrusts=True)
+            if self.count
+            else None
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +54,9 @@ def _ping(time_ns: int) -> Observation:
     flags, reasons = np.full(3, Flag.GOOD, np.int8), np.zeros(3, np.int32)
     velocity = np.random.default_rng(time_ns).normal(0.0, 0.1, (3, 2))
     depth = np.array([10.0, 20.0, 30.0])
-    return Observation(time_ns, 150.0, -40.0, depth, velocity, np.full(3, 0.01), "earth", flags, reasons, 1, SOURCE)
+    return Observation(
+        time_ns, 150.0, -40.0, depth, velocity, np.full(3, 0.01), "earth", flags, reasons, 1, SOURCE
+    )
 
 
 def _checked(*events: Checked) -> tuple[ConsistencyState, list[Checked]]:
@@ -61,7 +67,9 @@ def _checked(*events: Checked) -> tuple[ConsistencyState, list[Checked]]:
     return state, out
 
 
-def test_an_added_check_of_pings_is_told_once_and_its_instrument_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_added_check_of_pings_is_told_once_and_its_instrument_not_used(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     events = [_ping(1), _ping(1), _ping(1), _ping(2)]
     assert "clock" not in {finding.name for finding in _checked(*events)[0].findings}
     monkeypatch.setattr(checks, "PING_CHECKS", (Repeated(),))
@@ -71,10 +79,20 @@ def test_an_added_check_of_pings_is_told_once_and_its_instrument_not_used(monkey
     assert used == [[0, 0, 0], *[[Reason.INCONSISTENT] * 3] * 3]
 
 
-def test_an_added_check_of_positions_leaves_the_pings_at_them_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    places = [VehicleState(k, 150.0, latitude, 0.0, False, SOURCE) for k, latitude in enumerate((10.0, 91.0, 92.0, 20.0))]
+def test_an_added_check_of_positions_leaves_the_pings_at_them_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    places = [
+        VehicleState(k, 150.0, latitude, 0.0, False, SOURCE)
+        for k, latitude in enumerate((10.0, 91.0, 92.0, 20.0))
+    ]
     events = [event for place in places for event in (place, _ping(place.time_ns))]
     monkeypatch.setattr(checks, "POSITION_CHECKS", (North(),))
     state, out = _checked(*events)
     assert [(finding.name, finding.since_ns) for finding in state.findings] == [("pole", 1)]
-    assert [bool(event.reasons.any()) for event in out if isinstance(event, Observation)] == [False, True, True, False]
+    assert [bool(event.reasons.any()) for event in out if isinstance(event, Observation)] == [
+        False,
+        True,
+        True,
+        False,
+    ]

@@ -10,7 +10,11 @@ from replay_kit.measurements.consistency.geometry import DepthCounts, PositionRu
 from replay_kit.measurements.consistency.monitor import unused
 from replay_kit.measurements.consistency.raw import RawHistory, raw_values
 from replay_kit.measurements.consistency.speed_counts import SpeedCounts
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds, odd_ensemble_speeds
+from replay_kit.measurements.consistency.speeds import (
+    EnsembleSpeeds,
+    ensemble_speeds,
+    odd_ensemble_speeds,
+)
 from replay_kit.measurements.consistency.summary import summaries
 
 SOURCE = Source(0, "/adcp", 0, 0)
@@ -25,7 +29,19 @@ def ping(velocity, depth=None, std=0.01):
     n = len(velocity)
     depths = np.linspace(10.0, 50.0, n) if depth is None else np.asarray(depth, float)
     flags, reasons = np.full(n, Flag.GOOD, np.int8), np.zeros(n, np.int32)
-    return Observation(0, 150.0, -40.0, depths, np.asarray(velocity, float), np.full(n, std), "earth", flags, reasons, 1, SOURCE)
+    return Observation(
+        0,
+        150.0,
+        -40.0,
+        depths,
+        np.asarray(velocity, float),
+        np.full(n, std),
+        "earth",
+        flags,
+        reasons,
+        1,
+        SOURCE,
+    )
 
 
 def noise(seed=0, cells=6):
@@ -45,7 +61,12 @@ def test_raw_values_tell_dead_cells_from_living_ones():
 
 def test_too_few_cells_say_nothing():
     missing = np.vstack([np.full((4, 3), 0.1), np.full((3, 3), np.nan)])
-    assert raw_values(missing) == raw_values(np.zeros((1, 2))) == raw_values(noise(cells=4)) == RawValues()
+    assert (
+        raw_values(missing)
+        == raw_values(np.zeros((1, 2)))
+        == raw_values(noise(cells=4))
+        == RawValues()
+    )
     assert raw_values(np.zeros((2, 2))).kind == "zero"
     assert RawHistory().after(1, raw_values(missing)) == (RawHistory(), "")
 
@@ -88,7 +109,10 @@ def test_a_repeated_ping_is_stale_within_sixteen_and_not_when_it_has_the_same_ti
 
 
 def test_pings_with_most_bins_above_the_surface_are_counted():
-    above, below, half = (ping(noise(cells=4)[:, :2], depth) for depth in ([-1, -2, -3, 4], [1, 2, 3, 4], [-1, -2, 3, 4]))
+    above, below, half = (
+        ping(noise(cells=4)[:, :2], depth)
+        for depth in ([-1, -2, -3, 4], [1, 2, 3, 4], [-1, -2, 3, 4])
+    )
     at_surface = replace(above, reasons=np.full(4, Reason.AT_SURFACE, np.int32))
     counts = DepthCounts()
     for one in (below, half, at_surface):
@@ -126,7 +150,12 @@ def test_a_position_that_stays_while_the_vehicle_dives_is_frozen():
 
 
 def test_the_depths_of_a_run_are_those_known():
-    found = run(*(state(200.0 * k, 150.0, depth) for k, depth in enumerate([float("nan"), 30.0, float("nan"), 5.0])))
+    found = run(
+        *(
+            state(200.0 * k, 150.0, depth)
+            for k, depth in enumerate([float("nan"), 30.0, float("nan"), 5.0])
+        )
+    )
     assert (found.shallowest, found.deepest, found.fixes) == (5.0, 30.0, 4)
     assert found.is_unusable
 
@@ -149,7 +178,9 @@ ENSEMBLE = EnsembleSpeeds(np.array([0.0, 100.0]), np.array([0.01, 0.01]))
         (1 / 10.1, True, True),
     ],
 )
-def test_speeds_beyond_a_factor_of_eight_contradict_the_ensemble_and_are_odd_where_no_ocean_has_them(factor, far, odd):
+def test_speeds_beyond_a_factor_of_eight_contradict_the_ensemble_and_are_odd_where_no_ocean_has_them(
+    factor, far, odd
+):
     counts = SpeedCounts()
     # sqrt(0.01) m/s along each ping
     cells = factor * 0.1 * np.tile([0.6, 0.8], (5, 1))
@@ -183,7 +214,9 @@ def test_an_ensembles_speeds_are_those_of_its_levels():
     assert speeds.mean_square == pytest.approx([0.18, 0.02, 0.18])
 
 
-@pytest.mark.parametrize(("rms", "odd"), [(0.0039, True), (0.0041, False), (1.49, False), (1.51, True), (15.0, True)])
+@pytest.mark.parametrize(
+    ("rms", "odd"), [(0.0039, True), (0.0041, False), (1.49, False), (1.51, True), (15.0, True)]
+)
 def test_an_ensemble_faster_or_slower_than_any_ocean_is_odd(rms, odd):
     assert bool(odd_ensemble_speeds(np.full((2, 2, 1, 2, 2), rms / np.sqrt(2.0)))) is odd
 
@@ -196,7 +229,11 @@ def test_an_ensemble_at_rest_or_with_a_fast_corner():
 
 
 def test_unused_bins_fail_with_the_reason_and_those_that_failed_keep_theirs():
-    one = replace(ping(np.ones((3, 2))), flags=np.array([1, 3, 9], np.int8), reasons=np.array([0, 2048, 1], np.int32))
+    one = replace(
+        ping(np.ones((3, 2))),
+        flags=np.array([1, 3, 9], np.int8),
+        reasons=np.array([0, 2048, 1], np.int32),
+    )
     after = unused(one, Reason.DEAD)
     assert after.flags.tolist() == [4, 4, 9]
     assert after.reasons.tolist() == [8388608, 2048 + 8388608, 1]

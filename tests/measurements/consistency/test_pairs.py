@@ -24,18 +24,31 @@ def slow_gains(a, b, weight):
     """Return the gains by their definition, pair by pair."""
     _, matrices = linear_maps()
     count = weight * len(a)
-    logged = weight * sum(np.sum((first - second) ** 2) for first, second in zip(a, b, strict=True)) + FLOOR
+    logged = (
+        weight * sum(np.sum((first - second) ** 2) for first, second in zip(a, b, strict=True))
+        + FLOOR
+    )
     gains = []
     for matrix in matrices:
-        mapped = weight * sum(np.sum((matrix @ first - second) ** 2) for first, second in zip(a, b, strict=True)) + FLOOR
-        gains.append((count + 1.0) * np.log(logged / mapped) + count * np.log(abs(np.linalg.det(matrix))))
+        mapped = (
+            weight
+            * sum(
+                np.sum((matrix @ first - second) ** 2) for first, second in zip(a, b, strict=True)
+            )
+            + FLOOR
+        )
+        gains.append(
+            (count + 1.0) * np.log(logged / mapped) + count * np.log(abs(np.linalg.det(matrix)))
+        )
     return np.array(gains)
 
 
 @pytest.mark.parametrize("weight", [1.0, 0.5])
 def test_the_gains_are_those_of_the_definition(weight):
     a, b = currents(7), currents(7, seed=1)
-    assert statistics(a, b, weight).gains() == pytest.approx(slow_gains(a, b, weight), rel=1e-9, abs=1e-9)
+    assert statistics(a, b, weight).gains() == pytest.approx(
+        slow_gains(a, b, weight), rel=1e-9, abs=1e-9
+    )
 
 
 def test_the_maps_undo_what_their_names_say():
@@ -43,8 +56,14 @@ def test_the_maps_undo_what_their_names_say():
     names = {each.name: matrix for each, matrix in zip(maps, matrices, strict=True)}
     # north, logged as east, was turned clockwise by 90 degrees
     assert names["turned by +90 degrees clockwise"] @ [1.0, 0.0] == pytest.approx([0.0, 1.0])
-    assert names["turned by -20 degrees clockwise"] @ [-np.sin(np.radians(20)), np.cos(np.radians(20))] == pytest.approx([0.0, 1.0])
-    assert names["turned by +180 degrees clockwise, both signs wrong"] @ [1.0, 2.0] == pytest.approx([-1.0, -2.0])
+    assert names["turned by -20 degrees clockwise"] @ [
+        -np.sin(np.radians(20)),
+        np.cos(np.radians(20)),
+    ] == pytest.approx([0.0, 1.0])
+    assert names["turned by +180 degrees clockwise, both signs wrong"] @ [
+        1.0,
+        2.0,
+    ] == pytest.approx([-1.0, -2.0])
     assert names["east and north are exchanged"] @ [1.0, 2.0] == pytest.approx([2.0, 1.0])
     assert names["the sign of east is wrong"] @ [1.0, 2.0] == pytest.approx([-1.0, 2.0])
     assert names["the sign of north is wrong"] @ [1.0, 2.0] == pytest.approx([1.0, -2.0])
@@ -57,7 +76,10 @@ def test_the_maps_undo_what_their_names_say():
     assert sum(each.kind == "mirror" for each in maps) == 36
 
 
-@pytest.mark.parametrize("name", [each.name for each in linear_maps()[0] if each.name != "turned by +20 degrees clockwise"])
+@pytest.mark.parametrize(
+    "name",
+    [each.name for each in linear_maps()[0] if each.name != "turned by +20 degrees clockwise"],
+)
 def test_each_map_is_named_when_it_is_what_happened(name):
     maps, matrices = linear_maps()
     number = next(k for k, each in enumerate(maps) if each.name == name)
@@ -107,7 +129,10 @@ def test_pairs_that_no_map_halves_are_not_explained():
     poor = statistics(turned + 0.6 * rng.standard_normal(b.shape), b)
     assert poor.gains().max() > LEAST_GAIN
     assert poor.explanation(ALL, 3) is None
-    assert statistics(turned + 0.1 * rng.standard_normal(b.shape), b).explanation(ALL, 3).map.angle == 40
+    assert (
+        statistics(turned + 0.1 * rng.standard_normal(b.shape), b).explanation(ALL, 3).map.angle
+        == 40
+    )
 
 
 def test_pairs_of_one_direction_name_the_slip_and_turns_before_mirrors():

@@ -9,8 +9,17 @@ from replay_kit.measurements.consistency.monitor import ConsistencyState, check
 HOUR, DAY = 3600.0, 86_400.0
 
 
-def position(seconds: float, longitude: float, latitude: float = -40.0, log: int = 0) -> VehicleState:
-    return VehicleState(int(seconds * 1e9), longitude, latitude, 0.0, False, Source(log, "/fix", 0, int(seconds * 1e9)))
+def position(
+    seconds: float, longitude: float, latitude: float = -40.0, log: int = 0
+) -> VehicleState:
+    return VehicleState(
+        int(seconds * 1e9),
+        longitude,
+        latitude,
+        0.0,
+        False,
+        Source(log, "/fix", 0, int(seconds * 1e9)),
+    )
 
 
 def found(*positions: VehicleState) -> list[str]:

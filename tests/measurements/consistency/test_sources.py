@@ -8,12 +8,22 @@ import pytest
 from replay_kit.core.observation import Flag, Observation, PathMean, Source
 from replay_kit.measurements.consistency.monitor import ConsistencyState, check
 from replay_kit.measurements.consistency.pairs import KNOTS
-from replay_kit.measurements.consistency.sources import NearMean, SourceStatistics, blocks, mean_along, metres_per_degree
+from replay_kit.measurements.consistency.sources import (
+    NearMean,
+    SourceStatistics,
+    blocks,
+    mean_along,
+    metres_per_degree,
+)
 from replay_kit.measurements.consistency.speeds import EnsembleSpeeds
 
 SOURCE = Source(0, "/adcp", 0, 0)
 MINUTE = 60.0
-COMPASS, CONTRADICTION, IN_KNOTS = "compass or instrument turned", "two sources of the current contradict each other", "velocities in knots"
+COMPASS, CONTRADICTION, IN_KNOTS = (
+    "compass or instrument turned",
+    "two sources of the current contradict each other",
+    "velocities in knots",
+)
 
 
 def near(seconds, velocity, depth=10.0, relative=False, place=(0.0, 0.0)):
@@ -26,13 +36,18 @@ def path_mean(velocity, start=0.0, seconds=3600.0, deepest=400.0, points=13, kin
     times = ((start + seconds * share) * 1e9).astype(np.int64)
     depth, weight = deepest * (1.0 - np.abs(2.0 * share - 1.0)), np.full(points, 1.0 / points)
     place = np.zeros(points)
-    return PathMean(int(times[-1]), times, place, place, depth, weight, velocity, 0.02, kind, 1, SOURCE)
+    return PathMean(
+        int(times[-1]), times, place, place, depth, weight, velocity, 0.02, kind, 1, SOURCE
+    )
 
 
 def test_profiles_are_averaged_over_the_time_of_the_path_and_not_over_their_number():
     # east grows with time by 0.1 m/s in an hour; most pings are early
     times = [0.0, *np.linspace(1.0, 600.0, 30), 3600.0]
-    pings = [near(t, (0.1 * t / 3600.0, -0.2), depth=400.0 * (1.0 - abs(2.0 * t / 3600.0 - 1.0))) for t in times]
+    pings = [
+        near(t, (0.1 * t / 3600.0, -0.2), depth=400.0 * (1.0 - abs(2.0 * t / 3600.0 - 1.0)))
+        for t in times
+    ]
     pings.insert(-1, near(1800.0, (0.05, -0.2), depth=400.0))
     assert mean_along(pings, path_mean((0.0, 0.0))) == pytest.approx((0.05, -0.2))
     assert mean_along(pings[::-1], path_mean((0.0, 0.0))) == pytest.approx((0.05, -0.2))
@@ -70,17 +85,35 @@ def after(statistics, pings, mean):
 
 
 def test_a_dive_is_one_pair_relative_to_the_vehicle_and_half_an_hour_one_of_relative_profiles():
-    absolute = after(SourceStatistics(), dive(0.0, (0.1, 0.02), (0.3, -0.1)), path_mean((0.12, 0.0)))
-    assert (len(absolute.current.pairs), len(absolute.vehicle.pairs), len(absolute.blocks.pairs)) == (1, 1, 0)
+    absolute = after(
+        SourceStatistics(), dive(0.0, (0.1, 0.02), (0.3, -0.1)), path_mean((0.12, 0.0))
+    )
+    assert (
+        len(absolute.current.pairs),
+        len(absolute.vehicle.pairs),
+        len(absolute.blocks.pairs),
+    ) == (1, 1, 0)
     assert absolute.current.pairs[0] == pytest.approx((0.1, 0.02, 0.12, 0.0, 1.0))
     assert absolute.vehicle.pairs[0] == pytest.approx((-0.2, 0.12, -0.18, 0.1, 1.0), abs=1e-6)
-    relative = after(SourceStatistics(), dive(0.0, (0.1, 0.02), (0.3, -0.1), relative=True), path_mean((0.12, 0.0)))
-    assert (len(relative.current.pairs), len(relative.vehicle.pairs), len(relative.blocks.pairs)) == (0, 0, 2)
+    relative = after(
+        SourceStatistics(),
+        dive(0.0, (0.1, 0.02), (0.3, -0.1), relative=True),
+        path_mean((0.12, 0.0)),
+    )
+    assert (
+        len(relative.current.pairs),
+        len(relative.vehicle.pairs),
+        len(relative.blocks.pairs),
+    ) == (0, 0, 2)
     assert relative.blocks.pairs[0] == pytest.approx((-0.2, 0.12, -0.18, 0.1, 0.5), abs=1e-6)
 
 
 def test_positions_without_a_current_are_the_way_through_water():
-    statistics = after(SourceStatistics(through_water=True), dive(0.0, (0.1, 0.02), (0.3, -0.1)), path_mean((0.12, 0.0)))
+    statistics = after(
+        SourceStatistics(through_water=True),
+        dive(0.0, (0.1, 0.02), (0.3, -0.1)),
+        path_mean((0.12, 0.0)),
+    )
     # over ground the vehicle moved with the mean current, too
     assert statistics.vehicle.pairs[0] == pytest.approx((-0.32, 0.12, -0.3, 0.1, 1.0), abs=1e-6)
 
@@ -95,7 +128,19 @@ def ping(one: NearMean) -> Observation:
     flags, reasons = np.full(2, Flag.GOOD, np.int8), np.zeros(2, np.int32)
     velocity, common = np.tile(one.velocity, (2, 1)), math.inf if one.relative else 0.0
     place = one.longitude, one.latitude
-    return Observation(one.time_ns, *place, depth, velocity, np.full(2, 0.05), "earth", flags, reasons, 1, SOURCE, common_std=common)
+    return Observation(
+        one.time_ns,
+        *place,
+        depth,
+        velocity,
+        np.full(2, 0.05),
+        "earth",
+        flags,
+        reasons,
+        1,
+        SOURCE,
+        common_std=common,
+    )
 
 
 def findings_after(dives, wrong, way=(0.25, 0.0), relative=False):
@@ -132,15 +177,26 @@ def test_a_turned_compass_is_named_after_two_dives(degrees, dives):
 
 
 @pytest.mark.parametrize(
-    ("speed", "names"), [(0.3, []), (1.2, ["log and ensemble contradict each other"]), (4.1, ["unit of the velocities"])]
+    ("speed", "names"),
+    [
+        (0.3, []),
+        (1.2, ["log and ensemble contradict each other"]),
+        (4.1, ["unit of the velocities"]),
+    ],
 )
 def test_a_tidal_stream_contradicts_a_slow_ensemble_and_ends_nothing(speed, names):
     state, slow = ConsistencyState(), EnsembleSpeeds(np.array([0.0, 100.0]), np.array([0.01, 0.01]))
     for number in range(40):
         state, _ = check(state, ping(near(60.0 * number, (speed, 0.0))), slow)
     assert [finding.name for finding in state.findings] == names
-    assert [finding.severity for finding in state.findings] == [{"u": "unusable", "l": "warning"}[name[0]] for name in names]
-    assert all(f"30 pings are {10 * speed:.3g} times as fast as the ensemble's currents" in finding.evidence for finding in state.findings)
+    assert [finding.severity for finding in state.findings] == [
+        {"u": "unusable", "l": "warning"}[name[0]] for name in names
+    ]
+    assert all(
+        f"30 pings are {10 * speed:.3g} times as fast as the ensemble's currents"
+        in finding.evidence
+        for finding in state.findings
+    )
 
 
 def test_a_small_turn_is_no_fault():
@@ -153,14 +209,23 @@ def test_a_unit_is_not_taken_for_a_turned_compass():
 
 
 @pytest.mark.parametrize(
-    ("factor", "dives", "words"), [(8.0, 2, "about 10 times"), (20.0, 3, "about 10 times"), (100.0, 1, ": the profiles are 100 times")]
+    ("factor", "dives", "words"),
+    [
+        (8.0, 2, "about 10 times"),
+        (20.0, 3, "about 10 times"),
+        (100.0, 1, ": the profiles are 100 times"),
+    ],
 )
 def test_a_factor_of_eight_or_more_is_unusable(factor, dives, words):
-    found, state = findings_after([(0.3, 0.1)] * 4, lambda current: (factor * current[0], factor * current[1]))
+    found, state = findings_after(
+        [(0.3, 0.1)] * 4, lambda current: (factor * current[0], factor * current[1])
+    )
     assert found == [("unit of the velocities", dives)]
     assert words in state.findings[0].evidence
     assert state.findings[0].severity == "unusable"
-    assert state.findings[0].advice.startswith("state measurements.velocity_unit" + (' = "cm/s", or' if factor == 100.0 else ", or"))
+    assert state.findings[0].advice.startswith(
+        "state measurements.velocity_unit" + (' = "cm/s", or' if factor == 100.0 else ", or")
+    )
 
 
 def test_wrong_axes_are_not_taken_for_a_turned_compass():
@@ -170,13 +235,19 @@ def test_wrong_axes_are_not_taken_for_a_turned_compass():
 
 def test_sound_dives_are_not_accused_and_tell_of_directions():
     rng = np.random.default_rng(0)
-    found, state = findings_after(CURRENTS * 3, lambda current: tuple((np.array(current) + 0.03 * rng.standard_normal(2)).tolist()))
+    found, state = findings_after(
+        CURRENTS * 3,
+        lambda current: tuple((np.array(current) + 0.03 * rng.standard_normal(2)).tolist()),
+    )
     assert found == []
     assert state.can_tell_directions
 
 
 def test_a_straight_way_without_mean_currents_tells_nothing_of_directions_and_a_turn_does():
-    straight, state = dive(0.0, (0.05, 0.02), (0.25, 0.0)) + dive(4000.0, (0.05, 0.02), (0.25, 0.0)), ConsistencyState()
+    straight, state = (
+        dive(0.0, (0.05, 0.02), (0.25, 0.0)) + dive(4000.0, (0.05, 0.02), (0.25, 0.0)),
+        ConsistencyState(),
+    )
     for one in straight:
         state, _ = check(state, ping(one))
     assert not state.can_tell_directions

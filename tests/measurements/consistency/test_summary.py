@@ -11,7 +11,15 @@ from replay_kit.measurements.consistency.summary import REPAIRABLE, summaries
 from tests.reference import ping_summary as slow
 
 SPEEDS = EnsembleSpeeds(np.array([0.0, 50.0, 300.0]), np.array([0.2, 0.1, 0.04]))
-REASONS = [0, 0, 0, Reason.OUTLIER, Reason.HIGH_SPEED | Reason.TILT, Reason.AT_SURFACE, Reason.MISSING]
+REASONS = [
+    0,
+    0,
+    0,
+    Reason.OUTLIER,
+    Reason.HIGH_SPEED | Reason.TILT,
+    Reason.AT_SURFACE,
+    Reason.MISSING,
+]
 
 
 def _pings(count):
@@ -19,13 +27,25 @@ def _pings(count):
     rng = np.random.default_rng(11)
     for k in range(count):
         n = int(rng.choice([1, 5, 22]))
-        depth = (rng.choice([-30.0, 5.0, 40.0]) + 16.0 * np.arange(n)) * rng.choice([1.0, 1.0, -1.0])
+        depth = (rng.choice([-30.0, 5.0, 40.0]) + 16.0 * np.arange(n)) * rng.choice(
+            [1.0, 1.0, -1.0]
+        )
         velocity, reasons = rng.normal(0.0, 0.3, (n, 2)), np.zeros(n, np.int32)
         if k % 2:
             velocity[rng.random(n) < 0.2] = np.nan
             reasons = rng.choice(REASONS, n).astype(np.int32)
         one = Observation(
-            k, 10.0, 60.0, depth, velocity, rng.uniform(0.01, 0.1, n), "earth", np.ones(n, np.int8), reasons, 0, Source(0, "/adcp", k, k)
+            k,
+            10.0,
+            60.0,
+            depth,
+            velocity,
+            rng.uniform(0.01, 0.1, n),
+            "earth",
+            np.ones(n, np.int8),
+            reasons,
+            0,
+            Source(0, "/adcp", k, k),
         )
         yield replace(one, common_std=np.inf) if k % 5 == 0 else one
 
@@ -34,7 +54,9 @@ def test_a_block_is_reduced_as_bin_by_bin():
     pings = list(_pings(60))
     seen = set()
     for ping, found in zip(pings, summaries(pings, SPEEDS), strict=True):
-        near, above, speed = slow.summary(ping, REPAIRABLE, Reason.AT_SURFACE, SPEEDS.levels.tolist(), SPEEDS.mean_square.tolist())
+        near, above, speed = slow.summary(
+            ping, REPAIRABLE, Reason.AT_SURFACE, SPEEDS.levels.tolist(), SPEEDS.mean_square.tolist()
+        )
         seen.add((near is None, above, speed is None))
         assert found.is_above == above
         assert (found.near is None) == (near is None)
@@ -48,5 +70,7 @@ def test_a_block_is_reduced_as_bin_by_bin():
 
 def test_what_is_found_of_a_ping_does_not_depend_on_the_others():
     pings = list(_pings(60))
-    assert summaries(pings, SPEEDS) == [found for ping in pings for found in summaries([ping], SPEEDS)]
+    assert summaries(pings, SPEEDS) == [
+        found for ping in pings for found in summaries([ping], SPEEDS)
+    ]
     assert all(found.speed is None for found in summaries(pings, None))

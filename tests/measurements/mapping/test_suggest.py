@@ -84,31 +84,56 @@ CELLS = [{"east": 120, "north": -50, "depth": 10.0}, {"east": -32768, "north": 7
     ("payload", "velocity", "depth", "answers"),
     [
         ({"cells": CELLS}, [[0.12, -0.05], [math.nan, 0.007]], [10.0, 20.0], {}),
-        ({"u": [0.1, 0.2], "v": [0.3, math.nan], "depths": [-5.0, -9.0]}, [[0.1, 0.3], [0.2, math.nan]], [5.0, 9.0], {}),
         (
-            {"velocity": [[0.1, 0.2, 0.0], [0.3, 0.4, 0.0]], "cell_size": 2.0, "bin0_distance": 3.0},
+            {"u": [0.1, 0.2], "v": [0.3, math.nan], "depths": [-5.0, -9.0]},
+            [[0.1, 0.3], [0.2, math.nan]],
+            [5.0, 9.0],
+            {},
+        ),
+        (
+            {
+                "velocity": [[0.1, 0.2, 0.0], [0.3, 0.4, 0.0]],
+                "cell_size": 2.0,
+                "bin0_distance": 3.0,
+            },
             [[0.1, 0.2], [0.3, 0.4]],
             [3.0, 5.0],
             {},
         ),
         (
             # three beams are a number as well that divides the list
-            {"velocity_data": [100, 200, 0, 300, 400, 0], "beams": 3, "number_of_cells": 2, "cell_size": 2.0, "blanking": 0.5},
+            {
+                "velocity_data": [100, 200, 0, 300, 400, 0],
+                "beams": 3,
+                "number_of_cells": 2,
+                "cell_size": 2.0,
+                "blanking": 0.5,
+            },
             [[0.1, 0.2], [0.3, 0.4]],
             [1.5, 3.5],
             {"first_cell": "1.5"},
         ),
-        ({"currents": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8]}, [[0.1, 0.2], [0.3, 0.4], [0.5, 0.6], [0.7, 0.8]], [1, 2, 3, 4], {}),
+        (
+            {"currents": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8]},
+            [[0.1, 0.2], [0.3, 0.4], [0.5, 0.6], [0.7, 0.8]],
+            [1, 2, 3, 4],
+            {},
+        ),
     ],
 )
-def test_profiles_are_not_used_until_a_person_states_the_reference(tmp_path, payload, velocity, depth, answers):
+def test_profiles_are_not_used_until_a_person_states_the_reference(
+    tmp_path, payload, velocity, depth, answers
+):
     payload = {**payload, "position": {"lat": -40.0, "lon": 152.0}}
     config, text = suggested(tmp_path, payload)
     if "components = " in text:
         (line,) = (line for line in text.splitlines() if line.startswith("components = "))
         assert ("from the number of cells" in line) is any("cells" in name for name in payload)
         assert ("NOT KNOWN" in line) is not any("cells" in name for name in payload)
-    assert all(observation.reference == "platform" for observation in only(Observation, events(config, payload)))
+    assert all(
+        observation.reference == "platform"
+        for observation in only(Observation, events(config, payload))
+    )
     assert "NOT KNOWN" in text
     config, _ = suggested(tmp_path, payload, reference='"earth"', **answers)
     (observation,) = only(Observation, events(config, payload))
@@ -118,7 +143,14 @@ def test_profiles_are_not_used_until_a_person_states_the_reference(tmp_path, pay
 
 @pytest.mark.parametrize(
     "payload",
-    [{}, {"name": "x", "ok": True}, {"velocity": [0.1, 0.2, 0.3]}, {"lat": 1.0}, {"lat": 1.0, "far": {"lon": 2.0}}, {"field": {"z": 1.0}}],
+    [
+        {},
+        {"name": "x", "ok": True},
+        {"velocity": [0.1, 0.2, 0.3]},
+        {"lat": 1.0},
+        {"lat": 1.0, "far": {"lon": 2.0}},
+        {"field": {"z": 1.0}},
+    ],
 )
 def test_nothing_that_looks_usable(tmp_path, payload):
     config, text = suggested(tmp_path, payload)
@@ -138,7 +170,13 @@ def test_leaves():
         "text": "7",
     }
     found = {leaf.path: leaf.shape for leaf in leaves(payload)}
-    assert found == {"a": (), "list": (2,), "rows": (3, 2), "items.*.x": (2,), "items.*.y.z": (2, 2)}
+    assert found == {
+        "a": (),
+        "list": (2,),
+        "rows": (3, 2),
+        "items.*.x": (2,),
+        "items.*.y.z": (2, 2),
+    }
 
 
 def test_a_payload_that_holds_itself_ends():
@@ -164,26 +202,48 @@ def test_a_position_where_the_vehicle_is_not_now_is_commented_out(tmp_path, payl
 
 
 def test_the_vehicles_own_position_goes_before_a_goal(tmp_path):
-    config, _ = suggested(tmp_path, {"goal": {"lat": 1.0, "lon": 20.0}, "legend": {"lat": 2.0, "lon": 30.0}})
+    config, _ = suggested(
+        tmp_path, {"goal": {"lat": 1.0, "lon": 20.0}, "legend": {"lat": 2.0, "lon": 30.0}}
+    )
     assert config.map[0].latitude == "legend.lat"
 
 
-TWIST = {"header": {"stamp": {"sec": 1}}, "twist": {"linear": {"x": 0.12, "y": -0.05, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}}}
+TWIST = {
+    "header": {"stamp": {"sec": 1}},
+    "twist": {
+        "linear": {"x": 0.12, "y": -0.05, "z": 0.0},
+        "angular": {"x": 0.0, "y": 0.0, "z": 0.0},
+    },
+}
 
 
 def test_a_twist_on_a_topic_of_one_cell_is_a_velocity_at_a_distance(tmp_path):
     config, text = suggested(tmp_path, TWIST)
     (entry,) = config.map
-    assert (entry.kind, entry.east, entry.north, entry.distance) == ("velocity", "twist.linear.x", "twist.linear.y", 0.0)
+    assert (entry.kind, entry.east, entry.north, entry.distance) == (
+        "velocity",
+        "twist.linear.x",
+        "twist.linear.y",
+        0.0,
+    )
     assert "NOT KNOWN" in text
-    here = Message(0, "/fix", "foxglove.LocationFix", {"longitude": 152.0, "latitude": -40.0, "metadata": {"depth": 7.0}}, 0, 0)
+    here = Message(
+        0,
+        "/fix",
+        "foxglove.LocationFix",
+        {"longitude": 152.0, "latitude": -40.0, "metadata": {"depth": 7.0}},
+        0,
+        0,
+    )
     message = Message(0, '/vendor "x"', "geometry_msgs/TwistStamped", TWIST, 0, 1)
     assert not only(Observation, run([here, message], config))
     config, _ = suggested(tmp_path, TWIST, reference='"earth"', distance="12.0")
     (observation,) = only(Observation, run([here, message], config))
     np.testing.assert_array_equal(observation.velocity, [[0.12, -0.05]])
     np.testing.assert_array_equal(observation.depth, [19.0])
-    upward = config.model_copy(update={"map": (config.map[0].model_copy(update={"orientation": "up", "distance": 5.0}),)})
+    upward = config.model_copy(
+        update={"map": (config.map[0].model_copy(update={"orientation": "up", "distance": 5.0}),)}
+    )
     (observation,) = only(Observation, run([here, message], upward))
     np.testing.assert_array_equal(observation.depth, [2.0])
 
@@ -196,8 +256,18 @@ def mavlink(kind, **fields):
     ("message", "kind", "line"),
     [
         (mavlink("NAMED_VALUE_FLOAT", name="Depth", value=12.5), "depth", 'depth = "value"'),
-        (mavlink("NAMED_VALUE_FLOAT", name="water_press_bar", value=2.5), "depth", 'depth_unit = "bar"'),
-        (mavlink("DEBUG_FLOAT_ARRAY", name="CURPROF", array_id=1, data=[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]), "profile", 'velocity = "data"'),
+        (
+            mavlink("NAMED_VALUE_FLOAT", name="water_press_bar", value=2.5),
+            "depth",
+            'depth_unit = "bar"',
+        ),
+        (
+            mavlink(
+                "DEBUG_FLOAT_ARRAY", name="CURPROF", array_id=1, data=[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+            ),
+            "profile",
+            'velocity = "data"',
+        ),
         (mavlink("DEBUG_VECT", name="current", x=0.1, y=0.2, z=0.0), "velocity", 'east = "x"'),
     ],
 )
@@ -212,15 +282,25 @@ def test_numbers_under_names_of_the_senders_own(message, kind, line):
 
 def test_a_mapping_of_a_name_leaves_other_names_alone(tmp_path):
     topic, schema, payload = mavlink("NAMED_VALUE_FLOAT", name="Depth", value=12.5)
-    (tmp_path / "map.toml").write_text(suggestions({sample_key(topic, payload): (schema, payload)}), encoding="utf-8")
+    (tmp_path / "map.toml").write_text(
+        suggestions({sample_key(topic, payload): (schema, payload)}), encoding="utf-8"
+    )
     config = load_config(tmp_path / "map.toml").measurements
     here = Message(2, "/fix", "foxglove.LocationFix", {"longitude": 152.0, "latitude": -40.0}, 0, 2)
-    messages = [Message(0, topic, schema, payload, 0, 0), Message(1, topic, schema, payload | {"name": "Volt", "value": 24.0}, 0, 1), here]
+    messages = [
+        Message(0, topic, schema, payload, 0, 0),
+        Message(1, topic, schema, payload | {"name": "Volt", "value": 24.0}, 0, 1),
+        here,
+    ]
     (state,) = only(VehicleState, run(messages, config))
     assert state.depth == 12.5
 
 
 def test_an_array_on_a_topic_of_currents_is_a_profile():
     payload = {"layout": {"data_offset": 0}, "data": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]}
-    assert 'velocity = "data"' in suggestions({"/adcp/raw": ("std_msgs/Float32MultiArray", payload)})
-    assert "Nothing in the log" in suggestions({"/battery": ("std_msgs/Float32MultiArray", payload)})
+    assert 'velocity = "data"' in suggestions(
+        {"/adcp/raw": ("std_msgs/Float32MultiArray", payload)}
+    )
+    assert "Nothing in the log" in suggestions(
+        {"/battery": ("std_msgs/Float32MultiArray", payload)}
+    )

@@ -19,13 +19,28 @@ from tests.logs.log_samples import tlog_entry
 from tests.measurements.samples import fix, only, run
 
 FLOAT, ARRAY = "mavlink/1/1/NAMED_VALUE_FLOAT", "mavlink/1/1/DEBUG_FLOAT_ARRAY"
-VELOCITY = {"topic": FLOAT, "kind": "velocity", "reference": "earth", "east": "VE", "north": "VN", "join_within": 0.05, "distance": 3.0}
+VELOCITY = {
+    "topic": FLOAT,
+    "kind": "velocity",
+    "reference": "earth",
+    "east": "VE",
+    "north": "VN",
+    "join_within": 0.05,
+    "distance": 3.0,
+}
 ALONE = "one component of a velocity without the other within join_within"
 
 
 def part(name, value, ms, seconds=1, topic=FLOAT):
     held = {"value": value} if topic == FLOAT else {"data": value}
-    return Message(seconds * 10**9, topic, "X", {"name": name, **held, **({} if ms is None else {"time_boot_ms": ms})}, 0, 0)
+    return Message(
+        seconds * 10**9,
+        topic,
+        "X",
+        {"name": name, **held, **({} if ms is None else {"time_boot_ms": ms})},
+        0,
+        0,
+    )
 
 
 def events(messages, **changes):
@@ -54,7 +69,9 @@ def test_components_of_other_times_are_not_joined(first, second):
 
 
 def test_a_lost_component_costs_its_own_velocity_alone():
-    found = events([part("VE", 9.0, 100), part("VE", 0.25, 200), part("VN", -0.5, 200), part("VN", 9.0, 300)])
+    found = events(
+        [part("VE", 9.0, 100), part("VE", 0.25, 200), part("VN", -0.5, 200), part("VN", 9.0, 300)]
+    )
     (observation,) = only(Observation, found)
     np.testing.assert_array_equal(observation.velocity, [[0.25, -0.5]])
     assert [event.reason for event in only(Skipped, found)] == [ALONE, ALONE]
@@ -77,18 +94,40 @@ def test_an_unknown_reference_stays_unused():
 
 
 def test_arrays_of_one_component_are_a_profile():
-    changes = {"topic": ARRAY, "kind": "profile", "frame": "enu", "cell_size": 2.0, "first_cell": 3.0, "speed_unit": "cm/s"}
-    config = MeasurementConfig.model_validate({"map": [{k: v for k, v in (VELOCITY | changes).items() if k != "distance"}]})
-    parts = [part("VE", [10.0, 20.0], None, topic=ARRAY), part("VN", [-5.0, 0.0], None, topic=ARRAY)]
+    changes = {
+        "topic": ARRAY,
+        "kind": "profile",
+        "frame": "enu",
+        "cell_size": 2.0,
+        "first_cell": 3.0,
+        "speed_unit": "cm/s",
+    }
+    config = MeasurementConfig.model_validate(
+        {"map": [{k: v for k, v in (VELOCITY | changes).items() if k != "distance"}]}
+    )
+    parts = [
+        part("VE", [10.0, 20.0], None, topic=ARRAY),
+        part("VN", [-5.0, 0.0], None, topic=ARRAY),
+    ]
     (observation,) = only(Observation, run([fix(0, depth=5.0), *parts, fix(9, depth=5.0)], config))
     np.testing.assert_allclose(observation.velocity, [[0.1, -0.05], [0.2, 0.0]])
     assert observation.depth.tolist() == [8.0, 10.0]
     parts[1] = part("VN", [-5.0], None, topic=ARRAY)
     unequal = run([fix(0, depth=5.0), *parts, fix(9, depth=5.0)], config)
-    assert [event.reason for event in only(Skipped, unequal)] == ["measurements.map: east and north are not lists of one length"] * 2
+    assert [event.reason for event in only(Skipped, unequal)] == [
+        "measurements.map: east and north are not lists of one length"
+    ] * 2
 
 
-@pytest.mark.parametrize("wrong", [{"name": "VE"}, {"longitude": "lon", "latitude": "lat"}, {"depth": "d"}, {"join_within": -1.0}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"name": "VE"},
+        {"longitude": "lon", "latitude": "lat"},
+        {"depth": "d"},
+        {"join_within": -1.0},
+    ],
+)
 def test_what_a_message_of_one_component_cannot_hold_is_refused(wrong):
     with pytest.raises(ValidationError):
         MeasurementConfig.model_validate({"map": [VELOCITY | wrong]})
@@ -117,7 +156,9 @@ def test_pairs_are_found_by_their_names(names, pairs):
 
 
 def test_the_entry_of_a_pair_says_what_it_does_not_know(tmp_path):
-    text = suggestions(samples(FLOAT, VE=120.0, VN=-50.0) | samples(ARRAY, E=[0.1] * 3, N=[0.2] * 3, odd=[0.1] * 6))
+    text = suggestions(
+        samples(FLOAT, VE=120.0, VN=-50.0) | samples(ARRAY, E=[0.1] * 3, N=[0.2] * 3, odd=[0.1] * 6)
+    )
     assert text.count("[[measurements.map]]") == 3
     assert 'east = "VE"' in text
     assert 'speed_unit = "mm/s"' in text
@@ -125,7 +166,9 @@ def test_the_entry_of_a_pair_says_what_it_does_not_know(tmp_path):
     assert 'name = "odd"\nkind = "profile"' in text
     path = tmp_path / "map.toml"
     path.write_text(text)
-    assert [entry.reference for entry in MeasurementConfig.model_validate(_toml(path)).map] == ["unknown"] * 3
+    assert [entry.reference for entry in MeasurementConfig.model_validate(_toml(path)).map] == [
+        "unknown"
+    ] * 3
 
 
 def _toml(path):
@@ -137,7 +180,9 @@ def test_a_telemetry_log_with_named_components_is_used_by_the_mapping_suggested(
     entries = []
     for k in range(4):
         stamp = 10**15 + k * 10**6
-        position = dialect.MAVLink_global_position_int_message(1000 * k, -400000000, 1520000000, 0, -5000, 0, 0, 0, 0)
+        position = dialect.MAVLink_global_position_int_message(
+            1000 * k, -400000000, 1520000000, 0, -5000, 0, 0, 0, 0
+        )
         named = [
             dialect.MAVLink_named_value_float_message(1000 * k + i, name, value)
             for i, (name, value) in enumerate(((b"VE", 0.25), (b"VN", -0.5)))
@@ -150,4 +195,6 @@ def test_a_telemetry_log_with_named_components_is_used_by_the_mapping_suggested(
     mapping.write_text(mapping.read_text().replace('"unknown"', '"earth"'))
     said = invoke(["info", str(log), "--config", str(mapping)]).stdout
     assert "4 profiles with 4 usable bins" in said
-    assert said.rstrip().endswith(f"Next: replay-kit replay {log} --ensemble FORECAST.nc --config {mapping} -o RESULT.mcap")
+    assert said.rstrip().endswith(
+        f"Next: replay-kit replay {log} --ensemble FORECAST.nc --config {mapping} -o RESULT.mcap"
+    )

@@ -36,13 +36,17 @@ def test_ds_adcp_in_earth_coordinates(tmp_path, schema):
     assert profile.flags.tolist() == [Flag.GOOD, Flag.MISSING, Flag.GOOD]
     np.testing.assert_array_equal(profile.depth, [13.5, 15.5, 17.5])
     assert "measurements.reference" in skipped(message)
-    (relative,) = only(Observation, run([fix(0, depth=10.0), message], MeasurementConfig(reference="platform")))
+    (relative,) = only(
+        Observation, run([fix(0, depth=10.0), message], MeasurementConfig(reference="platform"))
+    )
     assert (relative.reference, relative.common_std) == ("platform", np.inf)
 
 
 @pytest.mark.parametrize(("mode", "system"), [(0, "beam"), (1, "instrument"), (2, "ship")])
 def test_ds_adcp_in_other_coordinates_is_said(tmp_path, mode, system):
-    (message,) = read_mcap(tmp_path, ros2_mcap("ds_sensor_msgs/msg/Adcp", msg.DS_ADCP_2, [ds_adcp(mode)]))
+    (message,) = read_mcap(
+        tmp_path, ros2_mcap("ds_sensor_msgs/msg/Adcp", msg.DS_ADCP_2, [ds_adcp(mode)])
+    )
     assert statement(message).payload["coordinate_system"] == system
     assert not only(Observation, run([fix(0), message], EARTH))
     assert skipped(message, EARTH)
@@ -65,13 +69,19 @@ def test_ds_adcp_along_its_beams():
 
 
 def test_ds_adcp_whose_cells_are_cut_to_whole_metres_is_said():
-    assert "cells below 1 m" in skipped(Message(0, "/x", "ds_sensor_msgs/Adcp", ds_adcp(cell_depth=0), 0, 0))
+    assert "cells below 1 m" in skipped(
+        Message(0, "/x", "ds_sensor_msgs/Adcp", ds_adcp(cell_depth=0), 0, 0)
+    )
 
 
 def test_ds_adcp_in_ros1(tmp_path):
     header = struct.pack("<IIII", 1, 2, 3, 4) + b"adcp" + struct.pack("<II", 2, 3) + bytes(16)
     fixed = header + struct.pack("<BBBHf", 3, 0, 2, 4, 6.0) + struct.pack("<12d", *np.ravel(BEAMS))
-    cells = struct.pack("<I", 2) + struct.pack("<I3d", 1, 0.1, 0.2, 0.0) + struct.pack("<I3d", 1, 0.3, 0.4, 0.0)
+    cells = (
+        struct.pack("<I", 2)
+        + struct.pack("<I3d", 1, 0.1, 0.2, 0.0)
+        + struct.pack("<I3d", 1, 0.3, 0.4, 0.0)
+    )
     schema = ("ds_sensor_msgs/Adcp", "ros1msg", msg.DS_ADCP_1.encode())
     (message,) = read_mcap(tmp_path, one_channel_mcap("ros1", schema, [fixed + cells]))
     (profile,) = only(Observation, run([fix(0), message], EARTH))
@@ -79,7 +89,9 @@ def test_ds_adcp_in_ros1(tmp_path):
     np.testing.assert_array_equal(profile.depth, [6.0, 10.0])
 
 
-@pytest.mark.parametrize("schema", ["interfaces/msg/CurrentProfile", "nortek_nucleus_dvl/CurrentProfile"])
+@pytest.mark.parametrize(
+    "schema", ["interfaces/msg/CurrentProfile", "nortek_nucleus_dvl/CurrentProfile"]
+)
 def test_nucleus_profile(tmp_path, schema):
     (message,) = read_mcap(tmp_path, ros2_mcap(schema, msg.NUCLEUS, [NUCLEUS]))
     ping = statement(message).payload
@@ -104,7 +116,9 @@ def test_nucleus_profile(tmp_path, schema):
     ],
 )
 def test_imc_profile(tmp_path, schema, coord_sys, system, cell):
-    (message,) = read_mcap(tmp_path, json_mcap([(0, "/imc", schema, imc(coord_sys, [[0.1, 0.2, 0.3, 0.4]]))]))
+    (message,) = read_mcap(
+        tmp_path, json_mcap([(0, "/imc", schema, imc(coord_sys, [[0.1, 0.2, 0.3, 0.4]]))])
+    )
     ping = statement(message).payload
     assert ping["coordinate_system"] == system
     assert ping["velocity"] == [cell]
@@ -115,14 +129,26 @@ def test_imc_profile(tmp_path, schema, coord_sys, system, cell):
 
 
 def test_imc_profiles_that_are_none():
-    assert "none of XYZ" in skipped(Message(0, "/imc", "imc.CurrentProfile", imc(3, [[0.1] * 3]), 0, 0))
-    assert "three components" in skipped(Message(0, "/imc", "imc.CurrentProfile", imc(8, [[0.1] * 2]), 0, 0))
+    assert "none of XYZ" in skipped(
+        Message(0, "/imc", "imc.CurrentProfile", imc(3, [[0.1] * 3]), 0, 0)
+    )
+    assert "three components" in skipped(
+        Message(0, "/imc", "imc.CurrentProfile", imc(8, [[0.1] * 2]), 0, 0)
+    )
     assert "neither velocity_data" in skipped(Message(0, "/imc", "imc.CurrentProfile", {}, 0, 0))
 
 
 def test_cells_at_listed_distances():
-    payload = {"coordinate_system": "earth", "reference": "earth", "orientation": "down", "n_cells": 3, "velocity": [[0.1, 0.2]] * 3}
-    ping = Message(0, "/adcp", "replay_kit.AdcpPing", {**payload, "cell_distances": [4.0, 9.0, None]}, 0, 0)
+    payload = {
+        "coordinate_system": "earth",
+        "reference": "earth",
+        "orientation": "down",
+        "n_cells": 3,
+        "velocity": [[0.1, 0.2]] * 3,
+    }
+    ping = Message(
+        0, "/adcp", "replay_kit.AdcpPing", {**payload, "cell_distances": [4.0, 9.0, None]}, 0, 0
+    )
     (profile,) = only(Observation, run([fix(0, depth=100.0), ping]))
     np.testing.assert_array_equal(profile.depth, [104.0, 109.0, np.nan])
     assert profile.flags.tolist() == [Flag.GOOD, Flag.GOOD, Flag.MISSING]
@@ -130,46 +156,83 @@ def test_cells_at_listed_distances():
 
 
 def test_a_dvl_is_read(tmp_path):
-    payload = {"velocity_mode": 2, "velocity": {"x": 0.5, "y": 0.1, "z": -0.2}, "velocity_covar": [4e-4] * 9}
-    payload |= {"range": [9.0] * 4, "range_covar": [-1.0] * 4, "beam_quality": [1.0] * 4, "beam_velocity": [0.1] * 4}
+    payload = {
+        "velocity_mode": 2,
+        "velocity": {"x": 0.5, "y": 0.1, "z": -0.2},
+        "velocity_covar": [4e-4] * 9,
+    }
+    payload |= {
+        "range": [9.0] * 4,
+        "range_covar": [-1.0] * 4,
+        "beam_quality": [1.0] * 4,
+        "beam_velocity": [0.1] * 4,
+    }
     payload |= {"beam_velocity_covar": [-1.0] * 4, "beam_unit_vec": vectors(BEAMS)}
     (message,) = read_mcap(tmp_path, ros2_mcap("marine_acoustic_msgs/msg/Dvl", msg.DVL, [payload]))
     assert statement(message) == Dvl("water", (0.5, 0.1, -0.2), 0.02)
 
 
-@pytest.mark.parametrize(("covariance", "words"), [([-1.0] + [0.0] * 8, "states no orientation"), ([0.0] * 9, "do not state theirs")])
+@pytest.mark.parametrize(
+    ("covariance", "words"),
+    [([-1.0] + [0.0] * 8, "states no orientation"), ([0.0] * 9, "do not state theirs")],
+)
 def test_an_attitude_is_said_to_be_one(tmp_path, covariance, words):
     payload = {"orientation": {"w": 1.0}, "orientation_covariance": covariance}
-    payload |= {"angular_velocity_covariance": [0.0] * 9, "linear_acceleration_covariance": [0.0] * 9}
+    payload |= {
+        "angular_velocity_covariance": [0.0] * 9,
+        "linear_acceleration_covariance": [0.0] * 9,
+    }
     (message,) = read_mcap(tmp_path, ros2_mcap("sensor_msgs/msg/Imu", msg.IMU, [payload]))
     assert words in skipped(message)
 
 
 def test_a_navsatfix(tmp_path):
-    place = {"latitude": -40.0, "longitude": 152.0, "altitude": math.nan, "position_covariance": [0.0] * 9}
+    place = {
+        "latitude": -40.0,
+        "longitude": 152.0,
+        "altitude": math.nan,
+        "position_covariance": [0.0] * 9,
+    }
     payloads = [{**place, "status": {"status": status, "service": 1}} for status in (-1, 0, 2)]
-    messages = read_mcap(tmp_path, ros2_mcap("sensor_msgs/msg/NavSatFix", msg.NAV_SAT_FIX, payloads, "/gps"))
+    messages = read_mcap(
+        tmp_path, ros2_mcap("sensor_msgs/msg/NavSatFix", msg.NAV_SAT_FIX, payloads, "/gps")
+    )
     events = run(messages)
-    assert [(state.longitude, state.latitude) for state in only(VehicleState, events)] == [(152.0, -40.0)] * 2
+    assert [(state.longitude, state.latitude) for state in only(VehicleState, events)] == [
+        (152.0, -40.0)
+    ] * 2
     assert only(Skipped, events)[0].reason == "no fix (status < 0)"
 
 
 def test_a_fluid_pressure_is_absolute_pascal(tmp_path):
-    data = ros2_mcap("sensor_msgs/msg/FluidPressure", msg.FLUID_PRESSURE, [{"fluid_pressure": 101_325.0 + 1e6, "variance": 0.0}], "/p")
+    data = ros2_mcap(
+        "sensor_msgs/msg/FluidPressure",
+        msg.FLUID_PRESSURE,
+        [{"fluid_pressure": 101_325.0 + 1e6, "variance": 0.0}],
+        "/p",
+    )
     states = only(VehicleState, run([fix(0), *read_mcap(tmp_path, data), fix(1)]))
     assert states[1].depth == pytest.approx(99.2, abs=0.2)
 
 
 def test_poses_move_the_last_position_each_topic_in_its_own_frame(tmp_path):
     poses = [pose(1e5, 1e5, 0.0), pose(1e5 + 1000.0, 1e5, -40.0)]
-    stamped = read_mcap(tmp_path, ros2_mcap("geometry_msgs/msg/PoseStamped", msg.POSE_STAMPED, poses, "/map_pose"))
+    stamped = read_mcap(
+        tmp_path, ros2_mcap("geometry_msgs/msg/PoseStamped", msg.POSE_STAMPED, poses, "/map_pose")
+    )
     inner = {"covariance": [0.0] * 36}
     odometry = [
-        {"header": p["header"], "pose": {**inner, "pose": p["pose"]}, "twist": inner} for p in (pose(0, 0, 0), pose(0, 500.0, -30.0))
+        {"header": p["header"], "pose": {**inner, "pose": p["pose"]}, "twist": inner}
+        for p in (pose(0, 0, 0), pose(0, 500.0, -30.0))
     ]
-    odometry = read_mcap(tmp_path, ros2_mcap("nav_msgs/msg/Odometry", msg.ODOMETRY, odometry, "/odom"))
+    odometry = read_mcap(
+        tmp_path, ros2_mcap("nav_msgs/msg/Odometry", msg.ODOMETRY, odometry, "/odom")
+    )
     later = [message._replace(time_ns=message.time_ns + 5 * SECOND) for message in odometry]
-    states = only(VehicleState, run([fix(0), *(m._replace(time_ns=m.time_ns + SECOND) for m in stamped), *later]))
+    states = only(
+        VehicleState,
+        run([fix(0), *(m._replace(time_ns=m.time_ns + SECOND) for m in stamped), *later]),
+    )
     assert [state.depth for state in states[1:]] == [0.0, 40.0, 0.0, 30.0]
     assert states[2].longitude - 152.0 == pytest.approx(1000.0 / 85_400.0, rel=1e-3)
     # the second topic begins where the first had got to, in a frame of its own
@@ -178,7 +241,9 @@ def test_poses_move_the_last_position_each_topic_in_its_own_frame(tmp_path):
 
 
 def test_frames_that_are_not_east_north_up():
-    ned = Message(0, "/pose", "geometry_msgs/PoseStamped", pose(20.0, 10.0, 40.0, "world_ned"), 0, 0)
+    ned = Message(
+        0, "/pose", "geometry_msgs/PoseStamped", pose(20.0, 10.0, 40.0, "world_ned"), 0, 0
+    )
     stated = statement(ned)
     assert (stated.east, stated.north, stated.depth) == (10.0, 20.0, 40.0)
     assert "frame 'earth'" in skipped(ned._replace(payload=pose(1e6, 1e6, 1e6, "/earth")))
@@ -188,14 +253,24 @@ def test_frames_that_are_not_east_north_up():
 
 @pytest.mark.parametrize(
     "schema",
-    ["sensor_msgs/NavSatFix", "sensor_msgs/msg/NavSatFix", "sensor_msgs::msg::dds_::NavSatFix_", "sensor_msgs.NavSatFix"],
+    [
+        "sensor_msgs/NavSatFix",
+        "sensor_msgs/msg/NavSatFix",
+        "sensor_msgs::msg::dds_::NavSatFix_",
+        "sensor_msgs.NavSatFix",
+    ],
 )
 def test_every_spelling_of_a_name(schema):
     assert canonical(schema) == "sensor_msgs.NavSatFix"
 
 
 def test_names_that_are_no_package_and_type():
-    assert [canonical(name) for name in ("GLOBAL_POSITION_INT", "", "msg", "/")] == ["GLOBAL_POSITION_INT", "", "msg", "/"]
+    assert [canonical(name) for name in ("GLOBAL_POSITION_INT", "", "msg", "/")] == [
+        "GLOBAL_POSITION_INT",
+        "",
+        "msg",
+        "/",
+    ]
     assert statement(Message(0, "/x", "", {"a": 1}, 0, 0)) is None
 
 
@@ -213,7 +288,9 @@ PLACE = {"lat": math.radians(-40.0), "lon": math.radians(152.0)}
 )
 @pytest.mark.parametrize("named", [True, False])
 def test_imc_positions(kind, fields, expected, named):
-    message = Message(0, "/imc", f"IMC.{kind}" if named else "", {"abbrev": kind, **PLACE, **fields}, 0, 0)
+    message = Message(
+        0, "/imc", f"IMC.{kind}" if named else "", {"abbrev": kind, **PLACE, **fields}, 0, 0
+    )
     found = statement(message)
     values = (found.longitude, found.latitude, found.depth, found.dead_reckoned)
     assert values == pytest.approx(expected, abs=2e-5, nan_ok=True)
@@ -221,15 +298,21 @@ def test_imc_positions(kind, fields, expected, named):
 
 def test_imc_positions_that_are_none():
     assert "VALID_POS" in skipped(Message(0, "/imc", "imc/GpsFix", {**PLACE, "validity": 3}, 0, 0))
-    assert "0, 0" in skipped(Message(0, "/imc", "imc/EstimatedState", {"lat": 0.0, "lon": 0.0}, 0, 0))
-    assert "not a number" in skipped(Message(0, "/imc", "imc/EstimatedState", {**PLACE, "x": None}, 0, 0))
+    assert "0, 0" in skipped(
+        Message(0, "/imc", "imc/EstimatedState", {"lat": 0.0, "lon": 0.0}, 0, 0)
+    )
+    assert "not a number" in skipped(
+        Message(0, "/imc", "imc/EstimatedState", {**PLACE, "x": None}, 0, 0)
+    )
     assert statement(Message(0, "/x", "vendor.GpsFix", PLACE, 0, 0)) is None
 
 
 def test_the_bounds_of_an_error_that_is_believed_belong_to_it_for_one_number_and_for_many():
     low, high = STD_BELIEVED
     outside = [0.5 * low, 2.0 * high, np.nan]
-    np.testing.assert_array_equal(believed_std([low, high, *outside], 5), [low, high, np.nan, np.nan, np.nan])
+    np.testing.assert_array_equal(
+        believed_std([low, high, *outside], 5), [low, high, np.nan, np.nan, np.nan]
+    )
     for value in (low, high, *outside):
         np.testing.assert_array_equal(believed_std(value, 3), believed_std([value] * 3, 3))
         np.testing.assert_array_equal(believed_std(value, 3), believed_std([value], 3))

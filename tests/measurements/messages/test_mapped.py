@@ -19,7 +19,14 @@ from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.logs.log_samples import tlog_entry
 from tests.measurements.samples import fix, only, run
 
-PROFILE = {"topic": "/p", "kind": "profile", "reference": "earth", "frame": "enu", "cell_size": 4.0, "first_cell": 6.0}
+PROFILE = {
+    "topic": "/p",
+    "kind": "profile",
+    "reference": "earth",
+    "frame": "enu",
+    "cell_size": 4.0,
+    "first_cell": 6.0,
+}
 POSITION = {"topic": "/p", "kind": "position", "longitude": "lon", "latitude": "lat"}
 
 
@@ -30,7 +37,9 @@ def entry(**fields):
 
 def profile(payload, vehicle_depth=0.0, **fields):
     config = MeasurementConfig.model_validate({"map": [{**PROFILE, **fields}]})
-    return run([fix(0, depth=vehicle_depth), Message(0, "/p", "vendor.Thing", payload, 0, 0)], config)
+    return run(
+        [fix(0, depth=vehicle_depth), Message(0, "/p", "vendor.Thing", payload, 0, 0)], config
+    )
 
 
 def observed(payload, **fields):
@@ -64,22 +73,32 @@ def test_a_path_that_leads_nowhere_says_what_stands_there(path, words):
 
 def test_a_wrong_path_is_one_reason_for_all_messages():
     config = MeasurementConfig.model_validate({"map": [{**POSITION, "longitude": "fix.lon"}]})
-    messages = [Message(k, "/p", "vendor.Fix", {"latitude": k, "longitude": 0.1 * k}, 0, k) for k in range(5)]
+    messages = [
+        Message(k, "/p", "vendor.Fix", {"latitude": k, "longitude": 0.1 * k}, 0, k)
+        for k in range(5)
+    ]
     events = run(messages, config)
     assert len(events) == 5
     (reason,) = {event.reason for event in only(Skipped, events)}
     assert "'fix.lon' leads nowhere: the message holds latitude, longitude" in reason
 
 
-@pytest.mark.parametrize(("unit", "longitude", "latitude"), [("deg", 152.5, -40.25), ("degE7", 1525000000, -402500000)])
+@pytest.mark.parametrize(
+    ("unit", "longitude", "latitude"), [("deg", 152.5, -40.25), ("degE7", 1525000000, -402500000)]
+)
 def test_positions(unit, longitude, latitude):
-    position = mapped({"lon": longitude, "lat": latitude}, entry(**POSITION, angle_unit=unit, dead_reckoned=True))
+    position = mapped(
+        {"lon": longitude, "lat": latitude}, entry(**POSITION, angle_unit=unit, dead_reckoned=True)
+    )
     assert (position.longitude, position.latitude, position.dead_reckoned) == (152.5, -40.25, True)
     assert math.isnan(position.depth)
 
 
 def test_positions_in_radians():
-    position = mapped({"lon": math.radians(152.5), "lat": math.radians(-40.25)}, entry(**POSITION, angle_unit="rad"))
+    position = mapped(
+        {"lon": math.radians(152.5), "lat": math.radians(-40.25)},
+        entry(**POSITION, angle_unit="rad"),
+    )
     assert (position.longitude, position.latitude) == pytest.approx((152.5, -40.25), abs=1e-12)
     assert mapped({"lon": 0, "lat": 0}, entry(**POSITION)) == "position is 0, 0 (no fix)"
 
@@ -99,29 +118,49 @@ def test_positions_in_radians():
     ],
 )
 def test_depths_and_pressures(fields, value, expected):
-    stated = mapped({"d": {"value": value}}, entry(topic="/p", kind="depth", depth="d.value", **fields))
+    stated = mapped(
+        {"d": {"value": value}}, entry(topic="/p", kind="depth", depth="d.value", **fields)
+    )
     assert type(stated) is type(expected)
-    assert (stated.depth if isinstance(stated, Depth) else stated.pressure_dbar) == pytest.approx(12.5, abs=1e-12)
+    assert (stated.depth if isinstance(stated, Depth) else stated.pressure_dbar) == pytest.approx(
+        12.5, abs=1e-12
+    )
 
 
 def test_a_position_with_a_pressure():
-    stated = mapped({"lon": 1.0, "lat": 2.0, "p": 10.0}, entry(**POSITION, depth="p", depth_unit="bar"))
+    stated = mapped(
+        {"lon": 1.0, "lat": 2.0, "p": 10.0}, entry(**POSITION, depth="p", depth_unit="bar")
+    )
     assert isinstance(stated, Position)
     assert stated.depth == pytest.approx(99.4, abs=0.3)
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("m/s", 1), ("dm/s", 10), ("cm/s", 100), ("mm/s", 1000)])
-@pytest.mark.parametrize(("frame", "cell"), [("enu", [0.125, -0.25, 0.5]), ("ned", [-0.25, 0.125, -0.5])])
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("m/s", 1), ("dm/s", 10), ("cm/s", 100), ("mm/s", 1000)]
+)
+@pytest.mark.parametrize(
+    ("frame", "cell"), [("enu", [0.125, -0.25, 0.5]), ("ned", [-0.25, 0.125, -0.5])]
+)
 def test_speeds_and_frames(unit, factor, frame, cell):
     payload = {"v": [[factor * value for value in cell]] * 2}
-    np.testing.assert_array_equal(observed(payload, velocity="v", speed_unit=unit, frame=frame).velocity, [[0.125, -0.25]] * 2)
+    np.testing.assert_array_equal(
+        observed(payload, velocity="v", speed_unit=unit, frame=frame).velocity, [[0.125, -0.25]] * 2
+    )
     flat = {"v": payload["v"][0] * 2}
-    np.testing.assert_array_equal(observed(flat, velocity="v", components=3, speed_unit=unit, frame=frame).velocity, [[0.125, -0.25]] * 2)
+    np.testing.assert_array_equal(
+        observed(flat, velocity="v", components=3, speed_unit=unit, frame=frame).velocity,
+        [[0.125, -0.25]] * 2,
+    )
 
 
 def test_columns_and_missing_numbers():
     cells = {"cells": [{"u": 100, "v": -32768}, {"u": 0, "v": 5}, {"u": None, "v": 1}]}
-    columns = {"east": "cells.*.u", "north": "cells.*.v", "speed_unit": "mm/s", "missing": [-32768, 0]}
+    columns = {
+        "east": "cells.*.u",
+        "north": "cells.*.v",
+        "speed_unit": "mm/s",
+        "missing": [-32768, 0],
+    }
     found = observed(cells, **columns, velocity_std=0.04)
     np.testing.assert_array_equal(found.velocity, [[0.1, np.nan], [np.nan, 0.005], [np.nan, 0.001]])
     np.testing.assert_array_equal(found.error_std, 0.04)
@@ -132,10 +171,22 @@ def test_columns_and_missing_numbers():
     [
         ({}, {}, [106.0, 110.0]),
         ({"orientation": "up"}, {}, [94.0, 90.0]),
-        ({"cell_size": "size", "first_cell": "first", "distance_unit": "cm"}, {"size": 50, "first": 75}, [100.75, 101.25]),
-        ({"cell_size": None, "first_cell": None, "distances": "at"}, {"at": [3.0, 9.0]}, [103.0, 109.0]),
+        (
+            {"cell_size": "size", "first_cell": "first", "distance_unit": "cm"},
+            {"size": 50, "first": 75},
+            [100.75, 101.25],
+        ),
+        (
+            {"cell_size": None, "first_cell": None, "distances": "at"},
+            {"at": [3.0, 9.0]},
+            [103.0, 109.0],
+        ),
         ({"cell_size": None, "first_cell": None, "depths": "at"}, {"at": [3.0, 9.0]}, [3.0, 9.0]),
-        ({"cell_size": None, "first_cell": None, "depths": "at", "depth_positive": "up"}, {"at": [-3.0, -9.0]}, [3.0, 9.0]),
+        (
+            {"cell_size": None, "first_cell": None, "depths": "at", "depth_positive": "up"},
+            {"at": [-3.0, -9.0]},
+            [3.0, 9.0],
+        ),
         ({"depth": "z", "depth_positive": "up"}, {"z": -20.0}, [26.0, 30.0]),
         ({"depth": "p", "depth_unit": "dbar"}, {"p": 0.0}, [6.0, 10.0]),
     ],
@@ -167,7 +218,9 @@ def test_profiles_that_are_none(payload, fields, words):
 
 @pytest.mark.parametrize("frame", ["beam", "instrument", "ship"])
 def test_profiles_in_other_frames_keep_their_components(frame):
-    stated = mapped({"v": [[1.0, 2.0, 3.0, 4.0]]}, entry(**PROFILE | {"frame": frame, "velocity": "v"}))
+    stated = mapped(
+        {"v": [[1.0, 2.0, 3.0, 4.0]]}, entry(**PROFILE | {"frame": frame, "velocity": "v"})
+    )
     assert stated.payload["coordinate_system"] == frame
     assert stated.payload["velocity"] == [[1.0, 2.0, 3.0, 4.0]]
     assert not only(Observation, profile({"v": [[1.0, 2.0, 3.0, 4.0]]}, velocity="v", frame=frame))
@@ -184,7 +237,9 @@ def test_a_profile_with_a_position_in_the_same_message(longitude, where):
 
 
 def test_a_position_counts_where_the_profile_in_its_message_does_not():
-    events = profile({"v": [[1.0]], "lon": 10.5, "lat": -30.0}, velocity="v", longitude="lon", latitude="lat")
+    events = profile(
+        {"v": [[1.0]], "lon": 10.5, "lat": -30.0}, velocity="v", longitude="lon", latitude="lat"
+    )
     assert not only(Observation, events)
     assert 10.5 in [state.longitude for state in only(VehicleState, events)]
     assert "expected cells of east, north" in only(Skipped, events)[0].reason
@@ -192,11 +247,16 @@ def test_a_position_counts_where_the_profile_in_its_message_does_not():
 
 def test_a_mapping_goes_before_a_known_kind():
     config = MeasurementConfig.model_validate({"map": [{**POSITION, "topic": "/gps"}]})
-    events = run([Message(0, "/gps", "sensor_msgs/NavSatFix", {"lon": 1.0, "lat": 2.0, "status": -1}, 0, 0)], config)
+    events = run(
+        [Message(0, "/gps", "sensor_msgs/NavSatFix", {"lon": 1.0, "lat": 2.0, "status": -1}, 0, 0)],
+        config,
+    )
     assert (len(only(VehicleState, events)), len(only(Used, events))) == (1, 1)
 
 
-@pytest.mark.parametrize("fields", [{}, {"depth_unit": "dbar"}, {"depth_unit": "Pa", "depth_absolute": True}])
+@pytest.mark.parametrize(
+    "fields", [{}, {"depth_unit": "dbar"}, {"depth_unit": "Pa", "depth_absolute": True}]
+)
 def test_an_unknown_depth_of_the_instrument_is_that_of_the_vehicle(fields):
     payload = {"v": [[0.1, 0.2]], "d": None}
     (observation,) = only(Observation, profile(payload, 50.0, velocity="v", depth="d", **fields))
@@ -211,7 +271,10 @@ def test_an_unknown_depth_of_the_instrument_is_that_of_the_vehicle(fields):
 
 
 def test_a_mapping_goes_before_a_known_kind_of_mavlink(tmp_path):
-    log = [tlog_entry(10**15 + k, dialect.MAVLink_vfr_hud_message(0.0, 0.0, 0, 0, -12.5, 0.0)) for k in range(2)]
+    log = [
+        tlog_entry(10**15 + k, dialect.MAVLink_vfr_hud_message(0.0, 0.0, 0, 0, -12.5, 0.0))
+        for k in range(2)
+    ]
     (tmp_path / "log.tlog").write_bytes(b"".join(log))
     (tmp_path / "log.BIN").write_bytes(b"".join(dataflash(2)))
     hud = {"topic": "mavlink/1/1/VFR_HUD", "kind": "depth", "depth": "alt", "depth_positive": "up"}
@@ -238,17 +301,34 @@ def test_one_velocity_at_one_depth():
         "speed_unit": "cm/s",
         "velocity_std": 0.02,
     }
-    message = Message(5 * 10**9, "/m", "", {"v": [10.0, -20.0], "lon": 151.0, "lat": -39.0, "p": 101.0}, 0, 0)
-    config = MeasurementConfig.model_validate({"map": [{**mooring, "place": [150.5, -41.0], "at_depth": 80.0}]})
+    message = Message(
+        5 * 10**9, "/m", "", {"v": [10.0, -20.0], "lon": 151.0, "lat": -39.0, "p": 101.0}, 0, 0
+    )
+    config = MeasurementConfig.model_validate(
+        {"map": [{**mooring, "place": [150.5, -41.0], "at_depth": 80.0}]}
+    )
     # it says where it is itself, and nothing of the vehicle
     (found,) = only(Observation, run([message, fix(600, depth=100.0)], config))
-    assert (found.longitude, found.latitude, found.depth.tolist(), found.dive) == (150.5, -41.0, [80.0], 0)
+    assert (found.longitude, found.latitude, found.depth.tolist(), found.dive) == (
+        150.5,
+        -41.0,
+        [80.0],
+        0,
+    )
     np.testing.assert_allclose(found.velocity, [[0.1, -0.2]])
     np.testing.assert_allclose(found.error_std, [0.02])
     drifter = {**mooring, "longitude": "lon", "latitude": "lat", "depth": "p", "depth_unit": "dbar"}
-    (found,) = only(Observation, run([message], MeasurementConfig.model_validate({"map": [drifter]})))
+    (found,) = only(
+        Observation, run([message], MeasurementConfig.model_validate({"map": [drifter]}))
+    )
     assert (found.longitude, found.latitude, round(float(found.depth[0]))) == (151.0, -39.0, 100)
-    (found,) = only(Observation, run([fix(0, depth=40.0), message, fix(10)], MeasurementConfig.model_validate({"map": [mooring]})))
+    (found,) = only(
+        Observation,
+        run(
+            [fix(0, depth=40.0), message, fix(10)],
+            MeasurementConfig.model_validate({"map": [mooring]}),
+        ),
+    )
     assert (found.longitude, found.depth.tolist()) == (152.0, [40.0])
     for wrong in (
         {"place": [150.5, -41.0]},

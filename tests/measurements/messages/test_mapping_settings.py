@@ -41,19 +41,39 @@ def test_mappings_in_toml(tmp_path):
     ("fields", "words"),
     [
         ({**POSITION, "lattitude": "y"}, r"unknown key '.*lattitude'; known here: .*latitude"),
-        ({"topic": "/p", "kind": "depth", "depth": "d", "unit": "m"}, r"unknown key '.*unit'; known here: .*depth_unit"),
+        (
+            {"topic": "/p", "kind": "depth", "depth": "d", "unit": "m"},
+            r"unknown key '.*unit'; known here: .*depth_unit",
+        ),
         ({"topic": "/p", "kind": "depth"}, "depth"),
         ({**POSITION, "kind": "place"}, "'position', 'depth', 'profile'"),
         ({**POSITION, "latitude": "a..b"}, "latitude"),
         ({**POSITION, "latitude": ""}, "latitude"),
         ({**POSITION, "angle_unit": "grad"}, "'deg', 'rad'"),
         (PROFILE, "give velocity, or east and north"),
-        ({**PROFILE, "velocity": "v", "east": "e", "north": "n"}, "give velocity, or east and north"),
+        (
+            {**PROFILE, "velocity": "v", "east": "e", "north": "n"},
+            "give velocity, or east and north",
+        ),
         ({**PROFILE, "east": "e", "north": "n", "frame": "beam"}, "not in a frame 'beam'"),
         ({**PROFILE, "velocity": "v", "latitude": "y"}, "longitude and latitude, or neither"),
         ({**PROFILE, "velocity": "v", "distances": "d"}, "give one of depths"),
-        ({**PROFILE, "velocity": "v", "depths": "d", "cell_size": None, "first_cell": None, "depth": "z"}, "leave out depth"),
-        ({key: value for key, value in PROFILE.items() if key != "reference"} | {"velocity": "v"}, "reference"),
+        (
+            {
+                **PROFILE,
+                "velocity": "v",
+                "depths": "d",
+                "cell_size": None,
+                "first_cell": None,
+                "depth": "z",
+            },
+            "leave out depth",
+        ),
+        (
+            {key: value for key, value in PROFILE.items() if key != "reference"}
+            | {"velocity": "v"},
+            "reference",
+        ),
     ],
 )
 def test_a_wrong_mapping_is_an_error(fields, words):

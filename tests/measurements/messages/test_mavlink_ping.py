@@ -11,7 +11,13 @@ from hypothesis import strategies as st
 from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.writer import MAX_CELLS, write_tlog
-from replay_kit.measurements.messages.mavlink_ping import SCHEMA, PingFrame, assemble, is_complete, ping_frame
+from replay_kit.measurements.messages.mavlink_ping import (
+    SCHEMA,
+    PingFrame,
+    assemble,
+    is_complete,
+    ping_frame,
+)
 
 # NaN is "unknown", as null is; infinities are no velocities
 NUMBER = st.one_of(st.none(), st.floats(-1e6, 1e6, allow_nan=False))
@@ -30,15 +36,33 @@ def pings(draw: st.DrawFn) -> dict[str, Any]:
         "n_cells": cells,
         "cell_size": draw(POSITIVE),
         "bin0_distance": draw(POSITIVE),
-        "velocity": [list(cell) for cell in zip(*(draw(column) for _ in range(draw(st.integers(2, 3)))), strict=True)],
+        "velocity": [
+            list(cell)
+            for cell in zip(*(draw(column) for _ in range(draw(st.integers(2, 3)))), strict=True)
+        ],
         "velocity_std": draw(st.one_of(column, POSITIVE, st.none())),
-        **{name: draw(NUMBER) for name in ("heading", "pitch", "roll", "pressure", "sound_speed", "temperature", "transducer_depth")},
+        **{
+            name: draw(NUMBER)
+            for name in (
+                "heading",
+                "pitch",
+                "roll",
+                "pressure",
+                "sound_speed",
+                "temperature",
+                "transducer_depth",
+            )
+        },
     }
 
 
 def frames_in(path: Path) -> tuple[set[int], list[PingFrame]]:
     """Return the times [ns] and the frames of the pings in a log."""
-    found = [(message.time_ns, ping_frame(message)) for message in open_log(path).messages() if message.schema == SCHEMA]
+    found = [
+        (message.time_ns, ping_frame(message))
+        for message in open_log(path).messages()
+        if message.schema == SCHEMA
+    ]
     return {time_ns for time_ns, _ in found}, [frame for _, frame in found if frame is not None]
 
 
@@ -56,16 +80,35 @@ def float32(values: Any) -> Any:
     return np.array(values, dtype=np.float64).astype(np.float32)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=40,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 @given(payload=pings(), time_us=st.integers(1_000_000_000_000_000, 4_000_000_000_000_000))
-def test_a_ping_comes_back_to_the_last_bit_of_float32(tmp_path: Path, payload: dict[str, Any], time_us: int) -> None:
+def test_a_ping_comes_back_to_the_last_bit_of_float32(
+    tmp_path: Path, payload: dict[str, Any], time_us: int
+) -> None:
     back = through_a_log(tmp_path, payload, time_us * 1000)
     cells = payload["n_cells"]
     assert back["n_cells"] == cells
     np.testing.assert_array_equal(np.array(back["velocity"]), float32(payload["velocity"]))
     std = payload["velocity_std"]
-    np.testing.assert_array_equal(np.array(back["velocity_std"]), float32(std if isinstance(std, list) else [std] * cells))
-    for name in ("cell_size", "bin0_distance", "heading", "pitch", "roll", "pressure", "sound_speed", "temperature", "transducer_depth"):
+    np.testing.assert_array_equal(
+        np.array(back["velocity_std"]), float32(std if isinstance(std, list) else [std] * cells)
+    )
+    for name in (
+        "cell_size",
+        "bin0_distance",
+        "heading",
+        "pitch",
+        "roll",
+        "pressure",
+        "sound_speed",
+        "temperature",
+        "transducer_depth",
+    ):
         np.testing.assert_array_equal(back[name], float32(payload[name]))
 
 

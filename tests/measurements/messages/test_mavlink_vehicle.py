@@ -10,7 +10,14 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import VehicleState
 from replay_kit.logs import merge, open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.measurements import MAVLINK_NAMES, Skipped, Used, initial_state, interpret, observations
+from replay_kit.measurements import (
+    MAVLINK_NAMES,
+    Skipped,
+    Used,
+    initial_state,
+    interpret,
+    observations,
+)
 from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.measurements.samples import ping
 
@@ -61,7 +68,14 @@ def test_positions_of_one_system_count(asked: int | None, counts: str) -> None:
     state, places, skipped = initial_state(asked), [], []
     for n, system in enumerate("1212"):
         topic = f"mavlink/{system}/1/GLOBAL_POSITION_INT"
-        message = Message(n * SECOND, topic, "GLOBAL_POSITION_INT", {**FILTER, "lon": 10_000_000 * int(system)}, 0, n)
+        message = Message(
+            n * SECOND,
+            topic,
+            "GLOBAL_POSITION_INT",
+            {**FILTER, "lon": 10_000_000 * int(system)},
+            0,
+            n,
+        )
         state, events = interpret(state, message, MeasurementConfig())
         places += [event.longitude for event in events if isinstance(event, VehicleState)]
         skipped += [event for event in events if isinstance(event, Skipped)]
@@ -72,7 +86,9 @@ def test_positions_of_one_system_count(asked: int | None, counts: str) -> None:
 
 def test_fixes_that_are_none() -> None:
     events = said(
-        (0, "GPS_RAW_INT", gps(2)), (1, "GLOBAL_POSITION_INT", FILTER), (2, "GLOBAL_POSITION_INT", {**FILTER, "lat": 0, "lon": 0})
+        (0, "GPS_RAW_INT", gps(2)),
+        (1, "GLOBAL_POSITION_INT", FILTER),
+        (2, "GLOBAL_POSITION_INT", {**FILTER, "lat": 0, "lon": 0}),
     )
     assert events[0] == Skipped("mavlink/1/1/GPS_RAW_INT", "no fix (fix_type < 3)")
     assert events[1].dead_reckoned
@@ -86,7 +102,12 @@ def test_dataflash_records() -> None:
         (0, "dataflash.GPS", {**place, "Status": 3, "I": 0}),
         (1, "dataflash.POS", place),
     )
-    assert (first.latitude, first.longitude, first.depth, first.dead_reckoned) == (47.3, -124.63, 3.25, False)
+    assert (first.latitude, first.longitude, first.depth, first.dead_reckoned) == (
+        47.3,
+        -124.63,
+        3.25,
+        False,
+    )
     assert (filtered.depth, filtered.dead_reckoned) == (3.25, True)
     assert depth == 3.25
 
@@ -94,10 +115,18 @@ def test_dataflash_records() -> None:
 def test_a_dataflash_log_places_the_pings_of_another_log(tmp_path: Path) -> None:
     (tmp_path / "log.BIN").write_bytes(b"".join(dataflash(20)))
     start_ns = next(open_log(tmp_path / "log.BIN", wanted=MAVLINK_NAMES).messages()).time_ns
-    write_mcap_log(tmp_path / "adcp.mcap", [ping(pressure=None)._replace(time_ns=start_ns + 10 * SECOND + SECOND // 2)])
-    logs = [open_log(tmp_path / name, n, wanted=MAVLINK_NAMES) for n, name in enumerate(("log.BIN", "adcp.mcap"))]
+    write_mcap_log(
+        tmp_path / "adcp.mcap",
+        [ping(pressure=None)._replace(time_ns=start_ns + 10 * SECOND + SECOND // 2)],
+    )
+    logs = [
+        open_log(tmp_path / name, n, wanted=MAVLINK_NAMES)
+        for n, name in enumerate(("log.BIN", "adcp.mcap"))
+    ]
     (observation,) = observations(merge(logs, 1.0))
-    assert (observation.latitude, observation.longitude) == pytest.approx((47.5, -124.6305732), abs=1e-5)
+    assert (observation.latitude, observation.longitude) == pytest.approx(
+        (47.5, -124.6305732), abs=1e-5
+    )
     # the depth that CTUN last said, and the distance to the first cell
     assert observation.depth[0] == 12.0 + 16.0
 
@@ -106,7 +135,11 @@ def test_a_dataflash_log_places_the_pings_of_another_log(tmp_path: Path) -> None
     ("schema", "payload", "reason"),
     [
         ("dataflash.GPS", {"Lat": 47.3, "Lng": -124.6, "Status": 2}, "no fix (Status < 3)"),
-        ("dataflash.GPS", {"Lat": 47.3, "Lng": -124.6, "Status": 4, "I": 1}, "not the first GPS receiver"),
+        (
+            "dataflash.GPS",
+            {"Lat": 47.3, "Lng": -124.6, "Status": 4, "I": 1},
+            "not the first GPS receiver",
+        ),
         ("dataflash.GPS", {"Lat": 0.0, "Lng": 0.0, "Status": 3}, "position is 0, 0 (no fix)"),
         ("dataflash.POS", {"Lat": "x"}, "position is not a number"),
         ("dataflash.CTUN", {"Alt": float("nan")}, "depth is not a number"),

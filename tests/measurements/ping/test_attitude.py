@@ -26,7 +26,9 @@ def quaternion(rotation, factor=1.0):
 
 def axes(attitude):
     """Return where nose and starboard side point, east, north, up, from what the angles mean."""
-    heading, pitch, roll = (math.radians(angle) for angle in (attitude.heading, attitude.pitch, attitude.roll))
+    heading, pitch, roll = (
+        math.radians(angle) for angle in (attitude.heading, attitude.pitch, attitude.roll)
+    )
     level = np.array([math.sin(heading), math.cos(heading), 0.0])
     right = np.array([math.cos(heading), -math.sin(heading), 0.0])
     nose = math.cos(pitch) * level + math.sin(pitch) * np.array([0.0, 0.0, 1.0])
@@ -51,7 +53,17 @@ def test_north_east_down(ypr):
     np.testing.assert_allclose(starboard, to_enu @ rotation.apply([0.0, 1.0, 0.0]), atol=1e-9)
 
 
-@pytest.mark.parametrize("bad", [None, [], {}, {"x": 0, "y": 0, "z": 0, "w": 0}, {"x": math.nan, "y": 0, "z": 0, "w": 1}, {"w": 2.0}])
+@pytest.mark.parametrize(
+    "bad",
+    [
+        None,
+        [],
+        {},
+        {"x": 0, "y": 0, "z": 0, "w": 0},
+        {"x": math.nan, "y": 0, "z": 0, "w": 1},
+        {"w": 2.0},
+    ],
+)
 def test_what_is_no_attitude(bad):
     assert attitude_of(orientation_of(bad)) is None
     stated = parse_ping(ping().payload)
@@ -66,26 +78,38 @@ def test_a_ping_takes_a_recent_attitude_only_when_it_states_none():
     unknown = parse_ping(ping(heading=None).payload)
     found = with_attitude(unknown, (0, orientation_of(EAST)), 10**9).attitude
     assert (found.heading, found.pitch, found.roll, found.euler_pitch) == (90.0, 0.0, 0.0, True)
-    for stated, age in ((parse_ping(ping(heading=5.0).payload), 0), (unknown, 2 * 10**9), (unknown, -1)):
+    for stated, age in (
+        (parse_ping(ping(heading=5.0).payload), 0),
+        (unknown, 2 * 10**9),
+        (unknown, -1),
+    ):
         assert with_attitude(stated, (0, orientation_of(EAST)), age) is stated
 
 
 def test_a_heading_is_below_360():
     assert 0.0 <= attitude_of(orientation_of(NORTH)).heading < 360.0
-    assert attitude_of(orientation_of(NORTH)) == Attitude(pytest.approx(0.0, abs=1e-9), pytest.approx(0.0), pytest.approx(0.0))
+    assert attitude_of(orientation_of(NORTH)) == Attitude(
+        pytest.approx(0.0, abs=1e-9), pytest.approx(0.0), pytest.approx(0.0)
+    )
 
 
 def test_poses_and_inertial_units_leave_their_orientation():
     state, _ = interpret(initial_state(), fix(0), CONFIG)
     stamped = pose(0.0, 0.0, 0.0) | {"pose": pose(0.0, 0.0, 0.0)["pose"] | {"orientation": EAST}}
-    state, _ = interpret(state, Message(1, "/pose", "geometry_msgs/PoseStamped", stamped, 0, 0), CONFIG)
+    state, _ = interpret(
+        state, Message(1, "/pose", "geometry_msgs/PoseStamped", stamped, 0, 0), CONFIG
+    )
     assert state.orientation == (1, orientation_of(EAST))
-    state, _ = interpret(state, Message(2, "/imu", "sensor_msgs/Imu", {"orientation": NORTH}, 0, 0), CONFIG)
+    state, _ = interpret(
+        state, Message(2, "/imu", "sensor_msgs/Imu", {"orientation": NORTH}, 0, 0), CONFIG
+    )
     assert state.orientation == (2, orientation_of(NORTH))
 
 
 def test_a_ping_that_waits_has_the_attitude():
-    state, _ = interpret(initial_state(), Message(0, "/imu", "sensor_msgs/Imu", {"orientation": EAST}, 0, 0), CONFIG)
+    state, _ = interpret(
+        initial_state(), Message(0, "/imu", "sensor_msgs/Imu", {"orientation": EAST}, 0, 0), CONFIG
+    )
     state, _ = interpret(state, ping(0.5), CONFIG)
     assert state.waiting[0].ping.attitude.heading == 90.0
 
@@ -110,7 +134,9 @@ def turned(message, convention, look):
         "bin_mapped": True,
         "declination_applied": True,
     }
-    return earth_referenced(with_attitude(parse_ping(payload), (0, orientation_of(message)), 0), CONFIG).velocity.T
+    return earth_referenced(
+        with_attitude(parse_ping(payload), (0, orientation_of(message)), 0), CONFIG
+    ).velocity.T
 
 
 @pytest.mark.parametrize(("convention", "look"), MOUNTED)
@@ -126,13 +152,28 @@ def test_an_inertial_unit_turns_every_instrument_as_its_rotation_does(convention
 @pytest.mark.parametrize(("pitch", "roll"), [(25.0, 0.0), (0.0, 20.0), (25.0, 20.0), (20.0, 10.0)])
 def test_an_euler_pitch_is_not_corrected_for_a_gimbal(convention, look, pitch, roll):
     rotation = Rotation.from_euler("ZYX", (60.0, -pitch, roll), degrees=True)
-    error = Rotation.from_matrix(turned(quaternion(rotation), convention, look) @ (rotation.as_matrix() @ MOUNTED[convention, look]).T)
+    error = Rotation.from_matrix(
+        turned(quaternion(rotation), convention, look)
+        @ (rotation.as_matrix() @ MOUNTED[convention, look]).T
+    )
     assert np.degrees(error.magnitude()) < 1e-6
 
 
 def test_a_tilt_sensor_s_own_pitch_is_still_corrected():
-    tilted = {"heading": 0.0, "pitch": 25.0, "roll": 20.0, "coordinate_system": "instrument", "attitude_convention": "teledyne"}
-    payload = ping().payload | tilted | {"reference": "platform", "velocity": np.eye(3).tolist(), "declination_applied": True}
+    tilted = {
+        "heading": 0.0,
+        "pitch": 25.0,
+        "roll": 20.0,
+        "coordinate_system": "instrument",
+        "attitude_convention": "teledyne",
+    }
+    payload = (
+        ping().payload
+        | tilted
+        | {"reference": "platform", "velocity": np.eye(3).tolist(), "declination_applied": True}
+    )
     # equation 18: tan(gimbal pitch) = tan(pitch) cos(roll); the third row of the second column is its sine
     expected = np.sin(np.arctan(np.tan(np.radians(25.0)) * np.cos(np.radians(20.0))))
-    assert earth_referenced(parse_ping(payload), CONFIG).velocity[1, 2] == pytest.approx(expected, abs=1e-12)
+    assert earth_referenced(parse_ping(payload), CONFIG).velocity[1, 2] == pytest.approx(
+        expected, abs=1e-12
+    )

@@ -24,10 +24,18 @@ WATER, VESSEL = np.array([0.4, -0.2, 0.02]), np.array([1.1, 0.3, 0.0])
 def _raw(system: str, convention: str = "teledyne", **changes: Any) -> dict[str, Any]:
     """Return a ping of three equal cells over a moving vessel, as its instrument would store it; the heading is a true one."""
     heading, pitch, roll = 35.0, 4.0, -3.0
-    turn = slow.nortek(heading, pitch, roll, True) if convention == "nortek" else slow.teledyne(heading, pitch, roll, False)
+    turn = (
+        slow.nortek(heading, pitch, roll, True)
+        if convention == "nortek"
+        else slow.teledyne(heading, pitch, roll, False)
+    )
     relative = {"water": WATER - VESSEL, "bottom": -VESSEL}
     for name, velocity in relative.items():
-        axes = {"instrument": turn.T @ velocity, "ship": slow.about(2, heading) @ velocity, "earth": velocity}
+        axes = {
+            "instrument": turn.T @ velocity,
+            "ship": slow.about(2, heading) @ velocity,
+            "earth": velocity,
+        }
         relative[name] = VECTORS @ (turn.T @ velocity) if system == "beam" else axes[system]
     payload = {
         **ping(0).payload,
@@ -37,7 +45,11 @@ def _raw(system: str, convention: str = "teledyne", **changes: Any) -> dict[str,
         "beam_unit_vectors": VECTORS.tolist(),
         "bin_mapped": False,
         "velocity": [relative["water"].tolist()] * 3,
-        "bottom_track": {"velocity": relative["bottom"].tolist(), "velocity_std": 0.4, "distance": [300.0] * 4},
+        "bottom_track": {
+            "velocity": relative["bottom"].tolist(),
+            "velocity_std": 0.4,
+            "distance": [300.0] * 4,
+        },
         "velocity_std": None,
         "declination_applied": True,
     }
@@ -71,7 +83,11 @@ def test_every_coordinate_system_gives_the_current_over_the_ground(system, conve
     config = MeasurementConfig(velocity_std=0.3)
     absolute = _absolute(_raw(system, convention), config)
     np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
-    assert (absolute.coordinate_system, absolute.reference, absolute.platform_velocity.source) == ("earth", "earth", "bottom_track")
+    assert (absolute.coordinate_system, absolute.reference, absolute.platform_velocity.source) == (
+        "earth",
+        "earth",
+        "bottom_track",
+    )
     assert absolute.measured_system == system
     assert absolute.attitude.declination_applied is True
     assert absolute.bin_mapped == (system == "beam")
@@ -87,13 +103,24 @@ def test_what_is_absolute_stays_as_it_is():
 
 
 def test_words_and_truths_may_be_the_numbers_of_mavlink():
-    numbers = {"coordinate_system": 2.0, "reference": 1.0, "orientation": 0.0, "declination_applied": 1.0, "bin_mapped": 0.0}
+    numbers = {
+        "coordinate_system": 2.0,
+        "reference": 1.0,
+        "orientation": 0.0,
+        "declination_applied": 1.0,
+        "bin_mapped": 0.0,
+    }
     absolute = _absolute(_raw("ship", **numbers))
     np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
 
 
 def test_a_declination_turns_a_velocity_once():
-    magnetic = {"declination_applied": False, "magnetic_declination": 90.0, "reference": "earth", "velocity": [[0.0, 1.0, None]] * 3}
+    magnetic = {
+        "declination_applied": False,
+        "magnetic_declination": 90.0,
+        "reference": "earth",
+        "velocity": [[0.0, 1.0, None]] * 3,
+    }
     absolute = _absolute({**ping(0).payload, **magnetic})
     np.testing.assert_allclose(_horizontal(absolute), np.tile([1.0, 0.0], (3, 1)), atol=1e-15)
     assert absolute.attitude.declination == 90.0
@@ -101,12 +128,29 @@ def test_a_declination_turns_a_velocity_once():
 
 
 @pytest.mark.parametrize("orientation", ["down", "up"])
-@pytest.mark.parametrize(("convention", "forward"), [("teledyne", [0.0, 1.0, 0.0]), ("nortek", [1.0, 0.0, 0.0])])
+@pytest.mark.parametrize(
+    ("convention", "forward"), [("teledyne", [0.0, 1.0, 0.0]), ("nortek", [1.0, 0.0, 0.0])]
+)
 @pytest.mark.parametrize("declination", [20.0, -20.0])
-def test_a_declination_east_turns_a_magnetic_heading_clockwise(convention, forward, orientation, declination):
+def test_a_declination_east_turns_a_magnetic_heading_clockwise(
+    convention, forward, orientation, declination
+):
     """What flows forward along an instrument of magnetic heading 30 flows towards 30 plus the declination, whoever made it."""
-    raw = _raw("instrument", convention, orientation=orientation, heading=30.0, pitch=0.0, roll=0.0, bottom_track=None)
-    raw |= {"velocity": [forward] * 3, "beam_unit_vectors": None, "declination_applied": False, "magnetic_declination": declination}
+    raw = _raw(
+        "instrument",
+        convention,
+        orientation=orientation,
+        heading=30.0,
+        pitch=0.0,
+        roll=0.0,
+        bottom_track=None,
+    )
+    raw |= {
+        "velocity": [forward] * 3,
+        "beam_unit_vectors": None,
+        "declination_applied": False,
+        "magnetic_declination": declination,
+    }
     bearing = np.deg2rad(30.0 + declination)
     expected = np.tile([np.sin(bearing), np.cos(bearing)], (3, 1))
     np.testing.assert_allclose(_horizontal(_absolute(raw)), expected, atol=1e-12)
@@ -118,7 +162,9 @@ def test_the_configured_declination_is_for_pings_that_state_none():
         _absolute(unknown)
     absolute = _absolute(unknown, MeasurementConfig(magnetic_declination=10.0))
     np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
-    stated = _absolute({**unknown, "magnetic_declination": 10.0}, MeasurementConfig(magnetic_declination=-90.0))
+    stated = _absolute(
+        {**unknown, "magnetic_declination": 10.0}, MeasurementConfig(magnetic_declination=-90.0)
+    )
     np.testing.assert_allclose(_horizontal(stated), _horizontal(absolute))
 
 
@@ -143,13 +189,25 @@ def test_gps_stands_in_for_a_lost_bottom():
 
 
 @pytest.mark.parametrize(
-    "own", [None, {"east": 1.0, "north": None, "velocity_std": 0.1}, {"east": 1.0, "north": 0.0, "velocity_std": 90.0}, 3]
+    "own",
+    [
+        None,
+        {"east": 1.0, "north": None, "velocity_std": 0.1},
+        {"east": 1.0, "north": 0.0, "velocity_std": 90.0},
+        3,
+    ],
 )
 def test_without_a_motion_a_ping_stays_relative(own):
     raw = parse_ping(_raw("beam", bottom_track=None, platform_velocity=own))
     relative = earth_referenced(raw, CONFIG)
-    np.testing.assert_allclose(_horizontal(relative), np.tile((WATER - VESSEL)[:2], (3, 1)), atol=1e-12)
-    assert (relative.coordinate_system, relative.reference, relative.measured_system) == ("earth", "platform", "beam")
+    np.testing.assert_allclose(
+        _horizontal(relative), np.tile((WATER - VESSEL)[:2], (3, 1)), atol=1e-12
+    )
+    assert (relative.coordinate_system, relative.reference, relative.measured_system) == (
+        "earth",
+        "platform",
+        "beam",
+    )
     assert added_velocity(relative, CONFIG) == (None, np.inf)
     assert earth_referenced(relative, CONFIG) is relative
     # what is not used is not turned
@@ -165,7 +223,10 @@ def test_a_beams_stated_error_grows_in_the_solution():
 
 def test_flat_arrays_are_those_of_protobuf():
     raw = _raw("beam")
-    flat = {"velocity": list(np.ravel(raw["velocity"])), "beam_unit_vectors": list(np.ravel(raw["beam_unit_vectors"]))}
+    flat = {
+        "velocity": list(np.ravel(raw["velocity"])),
+        "beam_unit_vectors": list(np.ravel(raw["beam_unit_vectors"])),
+    }
     for name, value in asdict(parse_ping({**raw, **flat, "velocity_std": []})).items():
         np.testing.assert_equal(value, asdict(parse_ping(raw))[name])
     # protobuf writes an empty list for what is not known
@@ -178,7 +239,10 @@ def test_flat_arrays_are_those_of_protobuf():
     [
         ({"heading": None}, "heading, pitch or roll is not known"),
         ({"roll": float("nan")}, "heading, pitch or roll is not known"),
-        ({"attitude_convention": None}, "expected attitude_convention to be one of teledyne, nortek"),
+        (
+            {"attitude_convention": None},
+            "expected attitude_convention to be one of teledyne, nortek",
+        ),
         ({"beam_unit_vectors": [[0.1, 0.2]]}, "three numbers a beam"),
         ({"beam_unit_vectors": None}, "three numbers a beam"),
         ({"beam_unit_vectors": [[0.0, 0.0, 2.0]] * 4}, "vectors of length 1"),
@@ -214,17 +278,33 @@ def test_junk_in_any_field_is_used_or_skipped_once(system):
         for value in JUNK:
             message = ping(0)._replace(payload={**raw, field: value})
             events = run([fix(0), message])
-            assert len([event for event in only(Used, events) + only(Skipped, events) if event.topic == "/adcp"]) == 1, (field, value)
+            assert (
+                len(
+                    [
+                        event
+                        for event in only(Used, events) + only(Skipped, events)
+                        if event.topic == "/adcp"
+                    ]
+                )
+                == 1
+            ), (field, value)
 
 
 def test_a_raw_ping_becomes_an_observation():
     message = ping(0)
     raw = _raw("beam", correlation_depth=16.0)
-    (observation,) = only(Observation, run([fix(0), message._replace(payload=raw)], MeasurementConfig(velocity_std=0.3)))
+    (observation,) = only(
+        Observation,
+        run([fix(0), message._replace(payload=raw)], MeasurementConfig(velocity_std=0.3)),
+    )
     np.testing.assert_allclose(observation.velocity, np.tile(WATER[:2], (3, 1)), atol=1e-12)
     # the reference's error is one for all bins, not each bin's own
     np.testing.assert_allclose(observation.error_std, 0.3)
-    assert (observation.reference, observation.common_std, observation.correlation_depth) == ("earth", 0.4, 16.0)
+    assert (observation.reference, observation.common_std, observation.correlation_depth) == (
+        "earth",
+        0.4,
+        16.0,
+    )
     np.testing.assert_allclose(observation.platform_velocity, VESSEL[:2], atol=1e-12)
 
 
@@ -232,8 +312,14 @@ def test_a_ping_of_a_platform_of_unknown_motion_is_a_relative_observation():
     relative = ping(0)._replace(payload=_raw("ship", bottom_track=None))
     config = MeasurementConfig(correlation_depth=8.0)
     (observation,) = only(Observation, run([fix(0), relative], config))
-    np.testing.assert_allclose(observation.velocity, np.tile((WATER - VESSEL)[:2], (3, 1)), atol=1e-12)
-    assert (observation.reference, observation.common_std, observation.platform_velocity) == ("platform", np.inf, None)
+    np.testing.assert_allclose(
+        observation.velocity, np.tile((WATER - VESSEL)[:2], (3, 1)), atol=1e-12
+    )
+    assert (observation.reference, observation.common_std, observation.platform_velocity) == (
+        "platform",
+        np.inf,
+        None,
+    )
     assert observation.correlation_depth == 8.0
     refused = run([fix(0), relative], MeasurementConfig(use_relative=False))
     assert "relative to the platform" in only(Skipped, refused)[0].reason
@@ -245,7 +331,11 @@ def test_a_ping_of_a_platform_of_unknown_motion_is_a_relative_observation():
 def test_bins_below_the_bottom_are_flagged():
     spoiled = ping(0, bottom_track={"distance": [100.0, None, 90.0, 95.0]})
     (observation,) = only(Observation, run([fix(0), spoiled]))
-    assert [bool(reason & Reason.BELOW_BOTTOM) for reason in observation.reasons] == [False, False, True]
+    assert [bool(reason & Reason.BELOW_BOTTOM) for reason in observation.reasons] == [
+        False,
+        False,
+        True,
+    ]
 
 
 def test_velocities_of_an_unknown_declination_are_not_taken_as_true():
@@ -261,7 +351,9 @@ LISTED = {"cell_size": None, "bin0_distance": None, "cell_distances": [16.0, 48.
 
 def test_listed_cells_are_mapped_as_spaced_ones_are():
     sheared = _raw("beam")
-    sheared["velocity"] = [[(k + 1) * value for value in row] for k, row in enumerate(sheared["velocity"])]
+    sheared["velocity"] = [
+        [(k + 1) * value for value in row] for k, row in enumerate(sheared["velocity"])
+    ]
     absolute = _absolute(sheared | LISTED)
     np.testing.assert_allclose(_horizontal(absolute), _horizontal(_absolute(sheared)), atol=1e-12)
     assert np.isfinite(_horizontal(absolute)).all()
@@ -274,5 +366,12 @@ def test_cells_that_are_not_evenly_spaced_cannot_be_mapped(distances):
 
 
 def test_listed_cells_below_the_bottom_are_flagged():
-    (observation,) = only(Observation, run([fix(0), ping(0, **LISTED, bottom_track={"distance": [60.0, None, 70.0, 65.0]})]))
-    assert [bool(reason & Reason.BELOW_BOTTOM) for reason in observation.reasons] == [False, True, True]
+    (observation,) = only(
+        Observation,
+        run([fix(0), ping(0, **LISTED, bottom_track={"distance": [60.0, None, 70.0, 65.0]})]),
+    )
+    assert [bool(reason & Reason.BELOW_BOTTOM) for reason in observation.reasons] == [
+        False,
+        True,
+        True,
+    ]

@@ -19,7 +19,10 @@ quick = settings(max_examples=30, deadline=None, derandomize=True)
 @quick
 @given(ANGLE, TILT, TILT, st.booleans())
 def test_rotations_are_orthonormal_and_those_of_the_twin(heading, pitch, roll, flipped):
-    for ours, twin in ((frames.teledyne_rotation, slow.teledyne), (frames.nortek_rotation, slow.nortek)):
+    for ours, twin in (
+        (frames.teledyne_rotation, slow.teledyne),
+        (frames.nortek_rotation, slow.nortek),
+    ):
         matrix = ours(heading, pitch, roll, flipped)
         np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-14)
         assert np.linalg.det(matrix) == pytest.approx(1.0)
@@ -27,11 +30,19 @@ def test_rotations_are_orthonormal_and_those_of_the_twin(heading, pitch, roll, f
 
 
 def test_a_heading_turns_forward_to_where_it_points():
-    np.testing.assert_allclose(frames.teledyne_rotation(90.0, 0.0, 0.0) @ [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], atol=1e-15)
-    np.testing.assert_allclose(frames.nortek_rotation(90.0, 0.0, 0.0) @ [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(
+        frames.teledyne_rotation(90.0, 0.0, 0.0) @ [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], atol=1e-15
+    )
+    np.testing.assert_allclose(
+        frames.nortek_rotation(90.0, 0.0, 0.0) @ [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], atol=1e-15
+    )
     # nose up: what flows forward along the instrument rises
-    assert (frames.teledyne_rotation(0.0, 20.0, 0.0) @ [0.0, 1.0, 0.0])[2] == pytest.approx(np.sin(np.deg2rad(20.0)))
-    assert (frames.nortek_rotation(0.0, 20.0, 0.0) @ [1.0, 0.0, 0.0])[2] == pytest.approx(np.sin(np.deg2rad(20.0)))
+    assert (frames.teledyne_rotation(0.0, 20.0, 0.0) @ [0.0, 1.0, 0.0])[2] == pytest.approx(
+        np.sin(np.deg2rad(20.0))
+    )
+    assert (frames.nortek_rotation(0.0, 20.0, 0.0) @ [1.0, 0.0, 0.0])[2] == pytest.approx(
+        np.sin(np.deg2rad(20.0))
+    )
 
 
 def test_a_positive_roll_lowers_the_starboard_side_which_is_beam_2_s_when_looking_down():
@@ -87,7 +98,9 @@ def test_mapped_bins_are_exact_for_a_velocity_linear_in_depth(heading, pitch, ro
     beams = np.einsum("nbi,bi->nb", offset + distance[..., None] * slope, vectors @ rotation.T)
     mapped = frames.map_bins(beams, stretch, first, size)
     for beam in range(4):
-        np.testing.assert_allclose(mapped[:, beam], slow.mapped(beams[:, beam], stretch[beam], first, size), atol=1e-12)
+        np.testing.assert_allclose(
+            mapped[:, beam], slow.mapped(beams[:, beam], stretch[beam], first, size), atol=1e-12
+        )
     earth = frames.solve_beams(mapped, vectors)[:, :3] @ rotation.T
     inside = np.isfinite(mapped).all(axis=1)
     assert inside[2:10].all()

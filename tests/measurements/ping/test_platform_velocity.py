@@ -18,13 +18,26 @@ HALF = np.sqrt(0.5)
 
 
 def dvl_message(time_s, mode=1, velocity=(0.5, 0.1, 0.0), **changes):
-    payload = {"velocity_mode": mode, "velocity": dict(zip("xyz", velocity, strict=True)), "velocity_covar": [4e-4] * 9} | changes
-    return Message(int(time_s * SECOND), "/dvl", "marine_acoustic_msgs/msg/Dvl", payload, 0, int(time_s))
+    payload = {
+        "velocity_mode": mode,
+        "velocity": dict(zip("xyz", velocity, strict=True)),
+        "velocity_covar": [4e-4] * 9,
+    } | changes
+    return Message(
+        int(time_s * SECOND), "/dvl", "marine_acoustic_msgs/msg/Dvl", payload, 0, int(time_s)
+    )
 
 
 def heading_east(time_s):
     """Level, the nose to the east: in ROS the body's axes are then the frame's."""
-    return Message(int(time_s * SECOND), "/imu", "sensor_msgs/msg/Imu", {"orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}, 0, 0)
+    return Message(
+        int(time_s * SECOND),
+        "/imu",
+        "sensor_msgs/msg/Imu",
+        {"orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}},
+        0,
+        0,
+    )
 
 
 def relative(time_s, **changes):
@@ -38,9 +51,13 @@ def test_a_dvl_s_velocity_turns_with_the_vehicle():
     np.testing.assert_allclose(horizontal(forward, level, 0.0), (HALF, HALF), atol=1e-12)
     np.testing.assert_allclose(horizontal(starboard, level, 45.0), (0.0, -1.0), atol=1e-12)
     # nose up by 30 degrees: down through the vehicle's floor is forward in part
-    np.testing.assert_allclose(horizontal(down, Attitude(0.0, 30.0, 0.0), 0.0), (0.0, 0.5), atol=1e-12)
+    np.testing.assert_allclose(
+        horizontal(down, Attitude(0.0, 30.0, 0.0), 0.0), (0.0, 0.5), atol=1e-12
+    )
     # starboard down by 30 degrees: the floor looks to port
-    np.testing.assert_allclose(horizontal(down, Attitude(0.0, 0.0, 30.0), 0.0), (-0.5, 0.0), atol=1e-12)
+    np.testing.assert_allclose(
+        horizontal(down, Attitude(0.0, 0.0, 30.0), 0.0), (-0.5, 0.0), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -67,16 +84,32 @@ def test_bottom_track_makes_pings_absolute_that_state_no_motion():
     # nine seconds later it may go anywhere
     assert far.reference == "platform"
     stated = {"platform_velocity": {"east": 0.1, "north": 0.0, "velocity_std": 0.05}}
-    (own,) = only(Observation, run([fix(0), heading_east(9.5), dvl_message(10), relative(11, **stated), fix(60)], TRUE_HEADING))
+    (own,) = only(
+        Observation,
+        run(
+            [fix(0), heading_east(9.5), dvl_message(10), relative(11, **stated), fix(60)],
+            TRUE_HEADING,
+        ),
+    )
     assert own.platform_velocity == (0.1, 0.0)
 
 
 def test_water_track_beside_bottom_track_is_the_current_at_one_depth():
-    messages = [fix(0, depth=40.0), heading_east(9.5), dvl_message(10), dvl_message(10.2, 2, (0.3, 0.3, 0.0)), fix(60, depth=40.0)]
+    messages = [
+        fix(0, depth=40.0),
+        heading_east(9.5),
+        dvl_message(10),
+        dvl_message(10.2, 2, (0.3, 0.3, 0.0)),
+        fix(60, depth=40.0),
+    ]
     (current,) = only(Observation, run(messages, TRUE_HEADING))
     # over the ground less through the water
     np.testing.assert_allclose(current.velocity, [(0.5 - 0.3, -0.1 + 0.3)], atol=1e-12)
-    assert (current.depth.tolist(), current.error_std[0], current.common_std) == ([52.0], pytest.approx(0.02), pytest.approx(0.02))
+    assert (current.depth.tolist(), current.error_std[0], current.common_std) == (
+        [52.0],
+        pytest.approx(0.02),
+        pytest.approx(0.02),
+    )
 
 
 @pytest.mark.parametrize(
@@ -85,7 +118,11 @@ def test_water_track_beside_bottom_track_is_the_current_at_one_depth():
         ([dvl_message(10)], TRUE_HEADING, "no attitude"),
         ([heading_east(8), dvl_message(10)], TRUE_HEADING, "no attitude"),
         ([heading_east(10), dvl_message(10)], CONFIG, "true or magnetic"),
-        ([heading_east(10), dvl_message(10, 2)], MeasurementConfig(magnetic_declination=0.0), "water_track_distance"),
+        (
+            [heading_east(10), dvl_message(10, 2)],
+            MeasurementConfig(magnetic_declination=0.0),
+            "water_track_distance",
+        ),
         ([heading_east(10), dvl_message(10, 2)], TRUE_HEADING, "without a bottom track"),
     ],
 )
@@ -103,24 +140,37 @@ def sail(seconds, velocity=(1.5, -0.8), step=1):
 def test_a_vessel_s_fixes_give_its_motion():
     messages = sorted([*sail(120), relative(60.5), ping(61.5)], key=lambda message: message.time_ns)
     events = run(messages)
-    absolute, own = sorted(only(Observation, events), key=lambda each: each.reference != "earth" or each.common_std == 0.0)
+    absolute, own = sorted(
+        only(Observation, events),
+        key=lambda each: each.reference != "earth" or each.common_std == 0.0,
+    )
     assert absolute.platform_velocity == pytest.approx((1.5, -0.8), abs=0.01)
     assert 0.0 < absolute.common_std < 0.05
     np.testing.assert_allclose(absolute.velocity[0], (1.6, -0.6), atol=0.01)
     # its place is that of its own time, not of when it left
-    assert absolute.longitude == pytest.approx(float(to_geographic(Projection(152.0, -40.0), 1.5 * 60.5, 0.0)[0]), abs=1e-6)
+    assert absolute.longitude == pytest.approx(
+        float(to_geographic(Projection(152.0, -40.0), 1.5 * 60.5, 0.0)[0]), abs=1e-6
+    )
     assert own.common_std == 0.0
     assert len([event for event in only(Used, events) if event.topic == "/adcp"]) == 2
 
 
 @pytest.mark.parametrize(
-    "messages", [[*sail(61), relative(60.5)], [*sail(120, step=15), relative(118)], [*sail(120, step=30), relative(60)]]
+    "messages",
+    [
+        [*sail(61), relative(60.5)],
+        [*sail(120, step=15), relative(118)],
+        [*sail(120, step=30), relative(60)],
+    ],
 )
 def test_fixes_that_are_few_or_on_one_side_give_none(messages):
     messages = sorted(messages, key=lambda message: message.time_ns)
     (observation,) = only(Observation, run(messages))
     assert observation.reference == "platform"
-    assert "relative to the platform" in only(Skipped, run(messages, MeasurementConfig(use_relative=False)))[0].reason
+    assert (
+        "relative to the platform"
+        in only(Skipped, run(messages, MeasurementConfig(use_relative=False)))[0].reason
+    )
 
 
 def test_a_ping_that_waited_in_vain_is_between_the_positions_around_it():
@@ -131,7 +181,10 @@ def test_a_ping_that_waited_in_vain_is_between_the_positions_around_it():
 
 def test_a_stated_velocity_that_is_not_believed_leaves_the_vessel_to_its_fixes():
     stated = {"platform_velocity": {"east": 9.0, "north": 9.0, "velocity_std": 1e3}}
-    (observation,) = only(Observation, run(sorted([*sail(60), relative(30.5, **stated)], key=lambda message: message.time_ns)))
+    (observation,) = only(
+        Observation,
+        run(sorted([*sail(60), relative(30.5, **stated)], key=lambda message: message.time_ns)),
+    )
     assert observation.platform_velocity == pytest.approx((1.5, -0.8), abs=0.01)
 
 
@@ -139,6 +192,11 @@ def test_fixes_that_come_seldom_count_from_both_sides_alike():
     """Fixes 9 s apart on a curve: those within 20 s on either side of the ping give its tangent's slope, wherever the next fix is."""
     here = Projection(152.0, -40.0)
     places = [to_geographic(here, 0.01 * (k - 45) ** 2, 0.0) for k in range(0, 100, 9)]
-    fixes = [fix(9 * k, float(longitude), float(latitude)) for k, (longitude, latitude) in enumerate(places)]
-    (observation,) = only(Observation, run(sorted([*fixes, relative(45)], key=lambda message: message.time_ns)))
+    fixes = [
+        fix(9 * k, float(longitude), float(latitude))
+        for k, (longitude, latitude) in enumerate(places)
+    ]
+    (observation,) = only(
+        Observation, run(sorted([*fixes, relative(45)], key=lambda message: message.time_ns))
+    )
     assert observation.platform_velocity == pytest.approx((0.0, 0.0), abs=1e-5)

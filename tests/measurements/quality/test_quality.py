@@ -21,7 +21,11 @@ def test_limits_as_the_obvious_way_has_them(values, suspect, fail, least):
     assert flags.tolist() == [slow.graded(value, suspect, fail, least) for value in values]
 
 
-@given(st.integers(1, 5).flatmap(lambda b: st.lists(st.lists(NUMBERS, min_size=b, max_size=b), min_size=1, max_size=4)))
+@given(
+    st.integers(1, 5).flatmap(
+        lambda b: st.lists(st.lists(NUMBERS, min_size=b, max_size=b), min_size=1, max_size=4)
+    )
+)
 def test_three_beams_make_a_cell(beams):
     worst = [slow.third_best(cell) for cell in beams]
     np.testing.assert_array_equal(quality.worst_needed(np.array(beams)), worst)
@@ -38,8 +42,20 @@ def test_the_last_part_of_the_range_is_spoiled():
     """Of 100 m at 20 degrees the last 6.03 m."""
     distance = np.array([50.0, 92.0, 93.5, 99.0, np.nan])
     cosine = np.cos(np.deg2rad(20.0))
-    assert quality.graded(*sidelobe(distance, 1.0, 100.0, cosine), least=False).tolist() == [1, 1, 4, 4, 2]
-    assert quality.graded(*sidelobe(distance, np.nan, 100.0, cosine), least=False).tolist() == [1, 1, 1, 4, 2]
+    assert quality.graded(*sidelobe(distance, 1.0, 100.0, cosine), least=False).tolist() == [
+        1,
+        1,
+        4,
+        4,
+        2,
+    ]
+    assert quality.graded(*sidelobe(distance, np.nan, 100.0, cosine), least=False).tolist() == [
+        1,
+        1,
+        1,
+        4,
+        2,
+    ]
 
 
 CELL = st.tuples(st.one_of(st.floats(-3.0, 3.0), st.just(np.nan)), st.floats(-3.0, 3.0))
@@ -56,12 +72,18 @@ def test_outliers_as_the_obvious_way_has_them(cells, window):
 def test_a_clean_profile_has_no_outliers_and_a_noisy_one_hardly_any():
     z = np.arange(60.0)
     floor = np.full(60, 0.1)
-    shear, step, jet = 0.5 * z, np.where(z < 20, 1.0, -1.0), 2.0 * np.exp(-0.5 * ((z - 30.0) / 1.5) ** 2)
+    shear, step, jet = (
+        0.5 * z,
+        np.where(z < 20, 1.0, -1.0),
+        2.0 * np.exp(-0.5 * ((z - 30.0) / 1.5) ** 2),
+    )
     for clean in (shear, step, jet):
         assert quality.outlyingness(np.column_stack([clean, -clean]), floor, 7).max() < 2.0
     rng = np.random.default_rng(5)
     # noise five times as large as the instrument says
-    ratios = np.concatenate([quality.outlyingness(rng.normal(0.0, 0.5, (60, 2)), floor, 7) for _ in range(100)])
+    ratios = np.concatenate(
+        [quality.outlyingness(rng.normal(0.0, 0.5, (60, 2)), floor, 7) for _ in range(100)]
+    )
     assert np.mean(ratios > 6.0) < 1e-3
 
 

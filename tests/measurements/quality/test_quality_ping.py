@@ -21,7 +21,9 @@ SOUND = {"n_cells": 6, "cell_size": 4.0, "bin0_distance": 4.0, "velocity": CELLS
 
 def observed(config=None, depth=0.0, **changes):
     """Return the observation and the tests by name of one ping of six sound cells with changes."""
-    events = run([fix(0, depth=depth), ping(0, **{**SOUND, **changes})], config or MeasurementConfig())
+    events = run(
+        [fix(0, depth=depth), ping(0, **{**SOUND, **changes})], config or MeasurementConfig()
+    )
     (observation,) = only(Observation, events)
     return observation, {check.test: check for check in only(Used, events)[-1].checks}
 
@@ -33,7 +35,17 @@ def beams(value, cell=2, count=4, sound=90.0):
 def test_a_ping_with_nothing_but_velocities_is_good_and_says_what_was_not_tested():
     observation, tests = observed()
     assert observation.flags.tolist() == [GOOD] * 6
-    untested = {"bottom", "correlation", "amplitude", "snr", "percent_good", "error_velocity", "tilt", "sidelobe", "at_surface"}
+    untested = {
+        "bottom",
+        "correlation",
+        "amplitude",
+        "snr",
+        "percent_good",
+        "error_velocity",
+        "tilt",
+        "sidelobe",
+        "at_surface",
+    }
     assert {name for name, check in tests.items() if check.why_not} == untested
     assert all((tests[name].flags == Flag.NOT_EVALUATED).all() for name in untested)
 
@@ -42,21 +54,41 @@ def test_a_ping_with_nothing_but_velocities_is_good_and_says_what_was_not_tested
     ("changes", "flag", "reason"),
     [
         ({"correlation": beams(20.0)}, FAIL, Reason.LOW_CORRELATION),
-        ({"correlation": beams(40.0), "attitude_convention": "nortek"}, FAIL, Reason.LOW_CORRELATION),
+        (
+            {"correlation": beams(40.0), "attitude_convention": "nortek"},
+            FAIL,
+            Reason.LOW_CORRELATION,
+        ),
         ({"correlation": beams(40.0)}, GOOD, 0),
         ({"amplitude": beams(3.0)}, FAIL, Reason.LOW_AMPLITUDE),
         ({"snr": beams(2.0)}, FAIL, Reason.LOW_SNR),
         ({"amplitude": beams(35.0), "noise_floor": 30.0}, SUSPECT, Reason.LOW_SNR),
-        ({"amplitude": beams(35.0), "noise_floor": [30.0, 30.0, 30.0, 34.0]}, SUSPECT, Reason.LOW_SNR),
+        (
+            {"amplitude": beams(35.0), "noise_floor": [30.0, 30.0, 30.0, 34.0]},
+            SUSPECT,
+            Reason.LOW_SNR,
+        ),
         ({"percent_good": [90, 90, 40, 90, 90, 90]}, SUSPECT, Reason.LOW_PERCENT_GOOD),
-        ({"percent_good": [[0, 0, 0, 100]] * 2 + [[5, 0, 95, 5]] + [[0, 0, 0, 100]] * 3}, FAIL, Reason.LOW_PERCENT_GOOD),
+        (
+            {"percent_good": [[0, 0, 0, 100]] * 2 + [[5, 0, 95, 5]] + [[0, 0, 0, 100]] * 3},
+            FAIL,
+            Reason.LOW_PERCENT_GOOD,
+        ),
         ({"error_velocity": [0, 0, -0.9, 0, 0, None]}, SUSPECT, Reason.ERROR_VELOCITY),
         (
-            {"velocity": [[*cell, 0.0] for cell in CELLS[:2]] + [[0.1, 0.2, 0.0, 2.1]] + [[*cell, None] for cell in CELLS[3:]]},
+            {
+                "velocity": [[*cell, 0.0] for cell in CELLS[:2]]
+                + [[0.1, 0.2, 0.0, 2.1]]
+                + [[*cell, None] for cell in CELLS[3:]]
+            },
             FAIL,
             Reason.ERROR_VELOCITY,
         ),
-        ({"velocity": [*CELLS[:2], [2.5, 2.5, 0.0], *CELLS[3:]]}, FAIL, Reason.HIGH_SPEED | Reason.OUTLIER),
+        (
+            {"velocity": [*CELLS[:2], [2.5, 2.5, 0.0], *CELLS[3:]]},
+            FAIL,
+            Reason.HIGH_SPEED | Reason.OUTLIER,
+        ),
         ({"velocity": [*CELLS[:2], [0.6, 0.2, 0.0], *CELLS[3:]]}, SUSPECT, Reason.OUTLIER),
         ({"velocity": [*CELLS[:2], [0.1, 1.2, 0.0], *CELLS[3:]]}, FAIL, Reason.OUTLIER),
     ],
@@ -77,7 +109,9 @@ def test_one_bad_beam_of_four_is_not_for_these_tests():
     assert observed(correlation=[[90.0, 90.0, 90.0, 3.0]] * 6)[0].flags.tolist() == [GOOD] * 6
 
 
-@pytest.mark.parametrize(("pitch", "flag"), [(10.0, GOOD), (-16.0, SUSPECT), (40.0, FAIL), (170.0, GOOD), (None, GOOD)])
+@pytest.mark.parametrize(
+    ("pitch", "flag"), [(10.0, GOOD), (-16.0, SUSPECT), (40.0, FAIL), (170.0, GOOD), (None, GOOD)]
+)
 def test_a_tilted_ping(pitch, flag):
     assert observed(pitch=pitch, roll=0.0)[0].flags.tolist() == [flag] * 6
 
@@ -101,31 +135,62 @@ def test_the_surface_spoils_what_looks_up():
 
 def test_pings_at_the_surface_are_suspect_of_vehicles_that_dive_only():
     later = ping(60, **SOUND)
-    messages = [fix(0, depth=0.0), ping(10, **SOUND), fix(20, depth=50.0), ping(30, **{**SOUND, "pressure": 50.0}), fix(40, depth=0.0)]
+    messages = [
+        fix(0, depth=0.0),
+        ping(10, **SOUND),
+        fix(20, depth=50.0),
+        ping(30, **{**SOUND, "pressure": 50.0}),
+        fix(40, depth=0.0),
+    ]
     inverted = ping(70, **SOUND, derived=True)
     found = only(Observation, run([*messages, later, inverted, fix(80, depth=0.0)]))
     assert [set(o.flags.tolist()) for o in found] == [{GOOD}, {GOOD}, {SUSPECT}, {GOOD}]
     assert set(found[2].reasons.tolist()) == {Reason.AT_SURFACE}
     strict = MeasurementConfig(quality=QualityConfig(at_surface="fail"))
-    assert [set(o.flags.tolist()) for o in only(Observation, run([*messages, later, fix(80)], strict))] == [{GOOD}, {GOOD}, {FAIL}]
+    assert [
+        set(o.flags.tolist()) for o in only(Observation, run([*messages, later, fix(80)], strict))
+    ] == [{GOOD}, {GOOD}, {FAIL}]
 
 
 def test_the_speed_of_a_relative_profile_says_nothing():
-    relative = parse_ping(ping(0, **SOUND, reference="platform").payload | {"velocity": [[4.0, 0.0, 0.0]] * 6})
+    relative = parse_ping(
+        ping(0, **SOUND, reference="platform").payload | {"velocity": [[4.0, 0.0, 0.0]] * 6}
+    )
     config = MeasurementConfig()
-    found = {check.test: check for check in checks(PingBlock([relative], profiles_of([relative], [0.0], config), [0.0], [0]), config)}
+    found = {
+        check.test: check
+        for check in checks(
+            PingBlock([relative], profiles_of([relative], [0.0], config), [0.0], [0]), config
+        )
+    }
     assert found["speed"].of(0).why_not == "velocity is relative to the platform"
 
 
 def test_suspect_bins_fail_where_they_are_not_wanted():
-    observation, _ = observed(MeasurementConfig(quality=QualityConfig(use_suspect=False)), percent_good=[90, 90, 40, 90, 90, 90])
+    observation, _ = observed(
+        MeasurementConfig(quality=QualityConfig(use_suspect=False)),
+        percent_good=[90, 90, 40, 90, 90, 90],
+    )
     assert observation.flags.tolist() == [GOOD, GOOD, FAIL, GOOD, GOOD, GOOD]
 
 
 @pytest.mark.parametrize(
-    "broken", [[1.0], "none", {"a": 1}, [[]] * 6, [["x"]] * 6, [None] * 6, [[[1.0]]] * 6, [10**400] * 6, [[1.0], [1.0, 2.0]]]
+    "broken",
+    [
+        [1.0],
+        "none",
+        {"a": 1},
+        [[]] * 6,
+        [["x"]] * 6,
+        [None] * 6,
+        [[[1.0]]] * 6,
+        [10**400] * 6,
+        [[1.0], [1.0, 2.0]],
+    ],
 )
-@pytest.mark.parametrize("field", ["correlation", "amplitude", "snr", "percent_good", "error_velocity"])
+@pytest.mark.parametrize(
+    "field", ["correlation", "amplitude", "snr", "percent_good", "error_velocity"]
+)
 def test_a_field_that_is_broken_fails_no_bin(field, broken):
     assert observed(**{field: broken})[0].flags.tolist() == [GOOD] * 6
 
@@ -138,22 +203,58 @@ def test_protobuf_s_flat_fields_are_read_cell_by_cell():
 def test_a_solution_from_beams_brings_its_error_velocity():
     vectors = slow.janus_vectors(20.0)
     along = np.tile(vectors @ [0.1, 0.2, 0.0], (6, 1))
-    along[3] += 1.5 * frames.error_weights(vectors) / (frames.error_weights(vectors) @ frames.error_weights(vectors))
+    along[3] += (
+        1.5
+        * frames.error_weights(vectors)
+        / (frames.error_weights(vectors) @ frames.error_weights(vectors))
+    )
     along[4, 1] = np.nan
-    payload = {"coordinate_system": "beam", "attitude_convention": "teledyne", "heading": 0.0, "pitch": 0.0, "roll": 0.0}
-    payload |= {"beam_unit_vectors": vectors.tolist(), "declination_applied": True, "velocity": along.tolist(), "bin_mapped": True}
+    payload = {
+        "coordinate_system": "beam",
+        "attitude_convention": "teledyne",
+        "heading": 0.0,
+        "pitch": 0.0,
+        "roll": 0.0,
+    }
+    payload |= {
+        "beam_unit_vectors": vectors.tolist(),
+        "declination_applied": True,
+        "velocity": along.tolist(),
+        "bin_mapped": True,
+    }
     observation, tests = observed(**payload)
     assert observation.reasons.tolist() == [0, 0, 0, Reason.ERROR_VELOCITY, 0, 0]
-    assert tests["error_velocity"].flags.tolist() == [GOOD, GOOD, GOOD, SUSPECT, Flag.NOT_EVALUATED, GOOD]
+    assert tests["error_velocity"].flags.tolist() == [
+        GOOD,
+        GOOD,
+        GOOD,
+        SUSPECT,
+        Flag.NOT_EVALUATED,
+        GOOD,
+    ]
 
 
 def test_every_test_can_be_switched_off():
-    limits = {name: None for name in QualityConfig.model_fields if name.endswith(("_suspect", "_fail")) and name != "use_suspect"}
+    limits = {
+        name: None
+        for name in QualityConfig.model_fields
+        if name.endswith(("_suspect", "_fail")) and name != "use_suspect"
+    }
     off = MeasurementConfig(quality=QualityConfig(**limits, sidelobe=False, at_surface="off"))
-    bad = {"correlation": beams(0.0), "amplitude": beams(0.0), "pitch": 60.0, "roll": 0.0, "percent_good": [0.0] * 6}
-    observation, tests = observed(off, **bad, velocity=[[0.1, 0.1, 0.0, 4.0], *[[0.1, 4.0, 0.0, 4.0]] * 5])
+    bad = {
+        "correlation": beams(0.0),
+        "amplitude": beams(0.0),
+        "pitch": 60.0,
+        "roll": 0.0,
+        "percent_good": [0.0] * 6,
+    }
+    observation, tests = observed(
+        off, **bad, velocity=[[0.1, 0.1, 0.0, 4.0], *[[0.1, 4.0, 0.0, 4.0]] * 5]
+    )
     assert observation.flags.tolist() == [GOOD] * 6
-    assert {check.why_not for name, check in tests.items() if name not in ("above_surface", "max_speed")} == {
+    assert {
+        check.why_not for name, check in tests.items() if name not in ("above_surface", "max_speed")
+    } == {
         "switched off",
         "no bottom track",
     }
@@ -162,9 +263,24 @@ def test_every_test_can_be_switched_off():
 def test_beams_percent_good_is_each_beam_s_also_where_gps_makes_the_ping_absolute_later():
     """A ping of beams turns to earth coordinates when it comes and to reference earth when its fixes are there: in two steps."""
     vectors = slow.janus_vectors(20.0)
-    beam = {"coordinate_system": "beam", "reference": "platform", "attitude_convention": "teledyne", "heading": 0.0, "pitch": 0.0}
-    beam |= {"roll": 0.0, "beam_unit_vectors": vectors.tolist(), "declination_applied": True, "bin_mapped": True}
-    beam |= {**SOUND, "velocity": np.tile(vectors @ [0.1, 0.2, 0.0], (6, 1)).tolist(), "percent_good": [[60, 5, 5, 60]] * 6}
+    beam = {
+        "coordinate_system": "beam",
+        "reference": "platform",
+        "attitude_convention": "teledyne",
+        "heading": 0.0,
+        "pitch": 0.0,
+    }
+    beam |= {
+        "roll": 0.0,
+        "beam_unit_vectors": vectors.tolist(),
+        "declination_applied": True,
+        "bin_mapped": True,
+    }
+    beam |= {
+        **SOUND,
+        "velocity": np.tile(vectors @ [0.1, 0.2, 0.0], (6, 1)).tolist(),
+        "percent_good": [[60, 5, 5, 60]] * 6,
+    }
     fixes = [fix(k, 152.0 + 1e-5 * k) for k in range(120)]
     messages = sorted([*fixes, ping(60.5, **beam)], key=lambda message: message.time_ns)
     events = run(messages)

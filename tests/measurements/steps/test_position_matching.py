@@ -23,7 +23,9 @@ def test_many_pings_expire_at_once():
         assert not events
     state, events = interpret(state, late, CONFIG)
     assert state.waiting == ()
-    assert [event.reason for event in only(Skipped, events)[:-1]] == ["no position within 600 s"] * MANY
+    assert [event.reason for event in only(Skipped, events)[:-1]] == [
+        "no position within 600 s"
+    ] * MANY
     assert not finish(state, CONFIG)
 
 
@@ -71,7 +73,10 @@ def _dive(**settings):
     """A dive of 4 h between fixes 0.06 degrees apart, with a ping each half hour; depths are known, positions only at its ends."""
     under = [ping(1800.0 * k, transducer_depth=100.0) for k in range(1, 8)]
     depths = [fix(60.0, 152.0, depth=20.0)]
-    return run([fix(0.0, depth=0.0), *depths, *under, fix(14_400.0, 152.06, depth=0.0)], MeasurementConfig(**settings))
+    return run(
+        [fix(0.0, depth=0.0), *depths, *under, fix(14_400.0, 152.06, depth=0.0)],
+        MeasurementConfig(**settings),
+    )
 
 
 def test_pings_in_a_dive_are_placed_between_the_fixes_about_it():
@@ -79,8 +84,12 @@ def test_pings_in_a_dive_are_placed_between_the_fixes_about_it():
     assert len(found) == 7
     # of the way from the position at 60 s
     share = [(1800.0 * k - 60.0) / 14_340.0 for k in range(1, 8)]
-    assert [o.longitude for o in found] == pytest.approx([152.0 + 0.06 * s for s in share], abs=1e-6)
-    assert [o.position_std for o in found] == pytest.approx([0.1 * 14_340.0 * s * (1.0 - s) for s in share])
+    assert [o.longitude for o in found] == pytest.approx(
+        [152.0 + 0.06 * s for s in share], abs=1e-6
+    )
+    assert [o.position_std for o in found] == pytest.approx(
+        [0.1 * 14_340.0 * s * (1.0 - s) for s in share]
+    )
 
 
 def test_a_longer_gap_than_allowed_loses_the_pings_of_a_dive():
@@ -102,5 +111,12 @@ def test_pings_at_the_surface_are_not_placed_across_a_gap():
 def test_pings_of_a_dive_outlive_one_at_the_surface_before_it():
     early = [fix(0.0, depth=0.0), ping(700.0), fix(700.5, depth=20.0)]
     # the first ping has a position within its time; the next waits in the dive while a later message comes
-    events = run([*early, ping(2000.0, transducer_depth=100.0), ping(2700.0, transducer_depth=100.0), fix(6000.0, 152.1, depth=0.0)])
+    events = run(
+        [
+            *early,
+            ping(2000.0, transducer_depth=100.0),
+            ping(2700.0, transducer_depth=100.0),
+            fix(6000.0, 152.1, depth=0.0),
+        ]
+    )
     assert [o.time_ns // 10**9 for o in only(Observation, events)] == [700, 2000, 2700]

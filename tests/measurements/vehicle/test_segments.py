@@ -14,7 +14,11 @@ MINUTE = 60 * 10**9
 
 def of(depth, time_ns=None, gap=GAP):
     depth = np.array(depth, np.float64)
-    time_ns = np.arange(depth.size, dtype=np.int64) * MINUTE if time_ns is None else np.array(time_ns, np.int64)
+    time_ns = (
+        np.arange(depth.size, dtype=np.int64) * MINUTE
+        if time_ns is None
+        else np.array(time_ns, np.int64)
+    )
     return segments(time_ns, depth, SURFACE, LEG, gap)
 
 
@@ -46,7 +50,9 @@ def test_what_cannot_be_told_is_counted_and_leaves_the_rest():
 
 
 def test_a_leg_ends_at_a_gap_and_the_dive_goes_on():
-    found = of([0, 20, 40, 60, 80, 100, 60, 20, 0], np.array([0, 1, 2, 3, 60, 61, 62, 63, 64]) * MINUTE)
+    found = of(
+        [0, 20, 40, 60, 80, 100, 60, 20, 0], np.array([0, 1, 2, 3, 60, 61, 62, 63, 64]) * MINUTE
+    )
     assert found.profile.tolist() == [0, 1, 1, 1, 2, 2, 3, 3, 0]
     assert found.dive.max() == 1
     assert found.yo.tolist() == [0, 1, 1, 1, 2, 2, 2, 2, 0]
@@ -57,10 +63,16 @@ def test_a_stamp_from_the_future_costs_one_leg_its_middle():
     time_ns[3] = 10**18
     found = of([0, 20, 40, 60, 80, 100, 60, 20, 8, 0], time_ns)
     assert found.direction.tolist() == [0, 1, 1, 0, 0, -1, -1, -1, -1, 0]
-    assert found.sample_class[[3, 4, 5]].tolist() == [SegmentClass.UNDETERMINED, SegmentClass.TIME_BACK, SegmentClass.LEG]
+    assert found.sample_class[[3, 4, 5]].tolist() == [
+        SegmentClass.UNDETERMINED,
+        SegmentClass.TIME_BACK,
+        SegmentClass.LEG,
+    ]
 
 
-@pytest.mark.parametrize("depth", [[], [np.nan], [np.inf, -np.inf], [5.0], [0.0] * 4, [-20.0, -50.0, -20.0]])
+@pytest.mark.parametrize(
+    "depth", [[], [np.nan], [np.inf, -np.inf], [5.0], [0.0] * 4, [-20.0, -50.0, -20.0]]
+)
 def test_tracks_without_legs(depth):
     found = of(depth)
     assert found.profile.tolist() == [0] * len(depth)
@@ -73,7 +85,13 @@ def test_as_the_obvious_way_has_it(depth):
     assert of(depth).direction.tolist() == [way_of(depth, LEG, i) for i in range(len(depth))]
 
 
-TRACKS = st.lists(st.tuples(st.integers(-5, 1200), st.one_of(st.floats(-5.0, 200.0), st.sampled_from([np.nan, np.inf, 0.0]))), max_size=40)
+TRACKS = st.lists(
+    st.tuples(
+        st.integers(-5, 1200),
+        st.one_of(st.floats(-5.0, 200.0), st.sampled_from([np.nan, np.inf, 0.0])),
+    ),
+    max_size=40,
+)
 
 
 @given(TRACKS, st.integers(1, 1000))
@@ -90,7 +108,15 @@ def test_every_track_has_sound_segments(track, scale):
     assert np.array_equal(found.direction != 0, found.profile > 0)
     assert not found.profile[found.dive == 0].any()
     for number in range(1, found.profile.max(initial=0) + 1):
-        assert len({(found.dive[k], found.yo[k], found.direction[k]) for k in np.flatnonzero(found.profile == number)}) == 1
+        assert (
+            len(
+                {
+                    (found.dive[k], found.yo[k], found.direction[k])
+                    for k in np.flatnonzero(found.profile == number)
+                }
+            )
+            == 1
+        )
     scaled = of(depth, time_ns * scale, GAP * scale)
     for name in ("dive", "yo", "profile", "direction", "sample_class", "surfacings", "apogees"):
         assert np.array_equal(getattr(found, name), getattr(scaled, name))

@@ -7,7 +7,12 @@ from scipy.stats import linregress
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState
-from replay_kit.measurements.vehicle.vessel_velocity import append_fix, fixes_around, vessel_velocity, waits_until
+from replay_kit.measurements.vehicle.vessel_velocity import (
+    append_fix,
+    fixes_around,
+    vessel_velocity,
+    waits_until,
+)
 
 SECOND = 10**9
 HOME = Projection(152.0, -40.0)
@@ -15,20 +20,29 @@ HOME = Projection(152.0, -40.0)
 
 def track(since, east, north, home=HOME):
     times = np.round(np.asarray(since) * SECOND).astype(np.int64).tolist()
-    places = zip(times, *(column.tolist() for column in to_geographic(home, east, north)), strict=True)
-    return tuple(VehicleState(time, x, y, 0.0, False, Source(0, "/fix", 0, time)) for time, x, y in places)
+    places = zip(
+        times, *(column.tolist() for column in to_geographic(home, east, north)), strict=True
+    )
+    return tuple(
+        VehicleState(time, x, y, 0.0, False, Source(0, "/fix", 0, time)) for time, x, y in places
+    )
 
 
 @pytest.mark.parametrize("n", [3, 4, 11])
 def test_the_error_counts_the_degrees_of_freedom_of_two_lines(n):
     rng = np.random.default_rng(n)
     since = np.linspace(-10.0, 10.0, n)
-    east, north = 1.5 * since + 20.0 * rng.standard_normal(n), -0.7 * since + 20.0 * rng.standard_normal(n)
+    east, north = (
+        1.5 * since + 20.0 * rng.standard_normal(n),
+        -0.7 * since + 20.0 * rng.standard_normal(n),
+    )
     found = vessel_velocity(0, track(since, east, north))
     lines = [linregress(since, component) for component in (east, north)]
     np.testing.assert_allclose((found.east, found.north), [line.slope for line in lines], rtol=1e-4)
     # one variance for both components: each line has n - 2 degrees of freedom, the two together twice as many
-    assert found.error_std == pytest.approx(np.sqrt(np.mean([line.stderr**2 for line in lines])), rel=1e-4)
+    assert found.error_std == pytest.approx(
+        np.sqrt(np.mean([line.stderr**2 for line in lines])), rel=1e-4
+    )
     assert found.source == "gps"
 
 
@@ -47,15 +61,26 @@ def test_the_velocity_is_the_slope_of_the_fixes_within_twenty_seconds():
     for time in range(30, 300, 30):
         found = vessel_velocity(time * SECOND, fixes)
         near = np.abs(seconds - time) <= 20.0
-        np.testing.assert_allclose((found.east, found.north), np.polyfit(seconds[near], place[near], 1)[0], atol=1e-3)
+        np.testing.assert_allclose(
+            (found.east, found.north), np.polyfit(seconds[near], place[near], 1)[0], atol=1e-3
+        )
         velocity.append((found.east, found.north))
         error.append(found.error_std)
     # nine tenths of the components lie within 1.65 of their stated errors, but for the scatter of eighteen
-    assert np.mean(np.abs(np.array(velocity) - [1.2, -0.4]) < 1.65 * np.array(error)[:, None]) >= 0.75
+    assert (
+        np.mean(np.abs(np.array(velocity) - [1.2, -0.4]) < 1.65 * np.array(error)[:, None]) >= 0.75
+    )
 
 
 @pytest.mark.parametrize(
-    ("since", "known"), [([-20, 0, 20], True), ([-21, 0, 20], False), ([-2, -1, 0], True), ([-3, -2, -1], False), ([1, 2, 3], False)]
+    ("since", "known"),
+    [
+        ([-20, 0, 20], True),
+        ([-21, 0, 20], False),
+        ([-2, -1, 0], True),
+        ([-3, -2, -1], False),
+        ([1, 2, 3], False),
+    ],
 )
 def test_three_fixes_on_both_sides_are_needed(since, known):
     away = np.array(since, np.float64)

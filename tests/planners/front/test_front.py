@@ -18,14 +18,22 @@ from tests.reference.front import arrivals, current_at, edge_duration, touches
 NONE = np.zeros(0, dtype=int)
 
 
-def lattice(seed: int, fastest: float, times: int = 3, shape: tuple[int, int] = (7, 8), divisions: int = 1) -> CurrentLattice:
+def lattice(
+    seed: int, fastest: float, times: int = 3, shape: tuple[int, int] = (7, 8), divisions: int = 1
+) -> CurrentLattice:
     """Return a smooth random current on a lattice of 1 km, at times a day apart."""
     rng = np.random.default_rng(seed)
     rows, columns = ((count - 1) * divisions + 1 for count in shape)
     y, x = np.meshgrid(np.linspace(0.0, 2.0, rows), np.linspace(0.0, 2.0, columns), indexing="ij")
     turns = rng.uniform(0.0, 6.0, (times, 2))
     values = np.stack([np.sin(y + a) + 1j * np.sin(x + b) for a, b in turns])
-    return CurrentLattice(np.array([-3e3, -2e3]), 1e3, 86400.0 * np.arange(times), fastest / np.abs(values).max() * values, divisions)
+    return CurrentLattice(
+        np.array([-3e3, -2e3]),
+        1e3,
+        86400.0 * np.arange(times),
+        fastest / np.abs(values).max() * values,
+        divisions,
+    )
 
 
 def ring(*corners: tuple[float, float], outside: bool = False) -> Ring:
@@ -36,7 +44,13 @@ def box(west: float, south: float, east: float, north: float, outside: bool = Fa
     return ring((west, south), (east, south), (east, north), (west, north), outside=outside)
 
 
-def front_of(current: CurrentLattice, speed: float, ends: list[complex], walls: Obstacles | None = None, waits: bool = False) -> Front:
+def front_of(
+    current: CurrentLattice,
+    speed: float,
+    ends: list[complex],
+    walls: Obstacles | None = None,
+    waits: bool = False,
+) -> Front:
     """Return the front from the first of some places."""
     sea = sea_of(current, speed, np.array(ends), walls, waits=waits)
     return spread(sea, np.array([current.places.size]), np.zeros(1), np.inf, NONE)
@@ -44,14 +58,22 @@ def front_of(current: CurrentLattice, speed: float, ends: list[complex], walls: 
 
 def still(half: float, spacing: float = 1e3) -> CurrentLattice:
     count = int(2 * half / spacing) + 1
-    return CurrentLattice(np.array([-half, -half]), spacing, np.zeros(1), np.zeros((1, count, count), dtype=complex))
+    return CurrentLattice(
+        np.array([-half, -half]), spacing, np.zeros(1), np.zeros((1, count, count), dtype=complex)
+    )
 
 
 @pytest.mark.parametrize(("times", "divisions"), [(1, 1), (3, 2)])
 def test_the_current_is_linear_between_entries_as_its_twin(times: int, divisions: int):
     current, rng = lattice(1, 0.3, times, (4, 5), divisions), np.random.default_rng(2)
-    places, at = rng.uniform(-4e3, 3e3, 20) + 1j * rng.uniform(-3e3, 2e3, 20), rng.uniform(-1e5, 3e5, 20)
-    twin = [current_at(current.values, current.origin, 1e3 / divisions, current.times, *pair) for pair in zip(places, at, strict=True)]
+    places, at = (
+        rng.uniform(-4e3, 3e3, 20) + 1j * rng.uniform(-3e3, 2e3, 20),
+        rng.uniform(-1e5, 3e5, 20),
+    )
+    twin = [
+        current_at(current.values, current.origin, 1e3 / divisions, current.times, *pair)
+        for pair in zip(places, at, strict=True)
+    ]
     np.testing.assert_allclose(current.at(places, at), twin, atol=1e-6)
 
 
@@ -64,7 +86,10 @@ def test_edges_take_as_long_as_their_twins_and_are_closed_where_those_are():
     def at(place: complex, time: float) -> complex:
         return complex(current.at(np.array([place]), np.array([time]))[0])
 
-    twins = [edge_duration(at, 0.3, *given, 700.0) for given in zip(begin.tolist(), end.tolist(), depart.tolist(), strict=True)]
+    twins = [
+        edge_duration(at, 0.3, *given, 700.0)
+        for given in zip(begin.tolist(), end.tolist(), depart.tolist(), strict=True)
+    ]
     np.testing.assert_allclose(found, twins, rtol=1e-9)
     assert 5 < np.isinf(found).sum() < 55
 
@@ -84,21 +109,29 @@ def test_labels_are_those_of_dijkstra_on_the_same_lattice(seed: int):
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10**6), st.floats(0.25, 0.5))
-def test_a_faster_vehicle_is_nowhere_later_and_none_is_quicker_than_the_fastest_current_carries_it(seed: int, speed: float):
+def test_a_faster_vehicle_is_nowhere_later_and_none_is_quicker_than_the_fastest_current_carries_it(
+    seed: int, speed: float
+):
     current = lattice(seed, 0.2)
     slow, fast = (front_of(current, v, [0j]) for v in (speed, 1.2 * speed))
     assert np.all(fast.times <= slow.times + 1e-6)
     reached = np.isfinite(slow.times)
-    assert np.all(np.abs(slow.sea.places)[reached] <= (speed + current.fastest) * slow.times[reached] + 1e-6)
+    assert np.all(
+        np.abs(slow.sea.places)[reached] <= (speed + current.fastest) * slow.times[reached] + 1e-6
+    )
     # each label is that of the point before and an edge that is no shorter than nothing
     assert np.all(slow.times[reached] >= slow.times[slow.before[reached]])
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_waiting_is_never_later_and_counts_only_where_the_current_is_faster_than_the_vehicle(seed: int):
+def test_waiting_is_never_later_and_counts_only_where_the_current_is_faster_than_the_vehicle(
+    seed: int,
+):
     strong, weak = lattice(seed, 0.5), lattice(seed, 0.2)
     for current, differs in ((strong, None), (weak, False)):
-        moving, waiting = (front_of(current, 0.3, [0j], waits=waits).times for waits in (False, True))
+        moving, waiting = (
+            front_of(current, 0.3, [0j], waits=waits).times for waits in (False, True)
+        )
         assert np.all(waiting <= moving + 1e-6)
         if differs is False:
             np.testing.assert_allclose(waiting, moving)
@@ -111,7 +144,9 @@ def test_an_edge_that_opens_later_is_waited_for():
     current = CurrentLattice(np.array([-4e3, -1e3]), 1e3, np.array([0.0, 86400.0, 86401.0]), values)
     west = [0j, -3e3 + 0j]
     assert np.isinf(front_of(current, 0.3, west).times[-1])
-    assert front_of(current, 0.3, west, waits=True).times[-1] == pytest.approx(86401.0 + 3e3 / 0.3, rel=1e-3)
+    assert front_of(current, 0.3, west, waits=True).times[-1] == pytest.approx(
+        86401.0 + 3e3 / 0.3, rel=1e-3
+    )
 
 
 def test_in_still_water_a_route_is_straight_once_it_is_relaxed():
@@ -127,7 +162,11 @@ def test_in_still_water_a_route_is_straight_once_it_is_relaxed():
 def test_a_bent_route_is_straightened_from_either_side(side: float):
     places = np.array([[-8e3, 0.0], [0.0, 1e3 * side], [8e3, 0.0]])
     lasts = np.hypot(8e3, 1e3) / 0.3
-    route = relax(sea_of(still(10e3), 0.3, places[[0, 2], 0] + 0j), Route(places, np.array([0.0, lasts, 2.0 * lasts]), True), 0.0)
+    route = relax(
+        sea_of(still(10e3), 0.3, places[[0, 2], 0] + 0j),
+        Route(places, np.array([0.0, lasts, 2.0 * lasts]), True),
+        0.0,
+    )
     assert 16e3 / 0.3 <= route.times[-1] <= 1.0001 * 16e3 / 0.3
 
 
@@ -143,8 +182,12 @@ def test_every_other_point_moves_to_where_a_fine_search_finds_the_way_past_it_qu
         side = 1j * (places[k + 1] - places[k - 1]) / abs(places[k + 1] - places[k - 1])
         tried = np.append(moved[k], places[k] + np.arange(-400.0, 401.0, 10.0) * side)
         ends = [np.full(tried.size, places[j]) for j in (k - 1, k + 1)]
-        first = edge_durations(sea.current, 0.3, ends[0], tried, np.full(tried.size, times[k - 1]), sea.piece)
-        lasts = first + edge_durations(sea.current, 0.3, tried, ends[1], times[k - 1] + first, sea.piece)
+        first = edge_durations(
+            sea.current, 0.3, ends[0], tried, np.full(tried.size, times[k - 1]), sea.piece
+        )
+        lasts = first + edge_durations(
+            sea.current, 0.3, tried, ends[1], times[k - 1] + first, sea.piece
+        )
         still_there = lasts[1 + 40]
         assert lasts[0] <= lasts.min() + 0.05 * (still_there - lasts.min()) + 1e-6
     # against the current at its strongest nothing is reached, nor what lies behind
@@ -154,11 +197,22 @@ def test_every_other_point_moves_to_where_a_fine_search_finds_the_way_past_it_qu
     assert np.isinf(late[reached:]).all()
 
 
-@pytest.mark.parametrize(("apart", "passes"), [(-1.0, False), (0.0, False), (0.2, False), (2.5, True)])
+@pytest.mark.parametrize(
+    ("apart", "passes"), [(-1.0, False), (0.0, False), (0.2, False), (2.5, True)]
+)
 @pytest.mark.parametrize("by_edge", [False, True])
-def test_land_that_touches_land_or_the_regions_edge_is_closed_without_a_margin_too(apart: float, passes: bool, by_edge: bool):
-    ends, frame = np.array([-4.1e3 + 4.2e3j, 4.2e3 - 4.1e3j]), box(-5e3, -5e3, 5e3, 5e3, outside=True)
-    land = [box(-100.0, -5e3, 100.0, 5e3 - apart)] if by_edge else [box(-30e3, -30e3, 0.0, 0.0), box(apart, apart, 30e3, 30e3)]
+def test_land_that_touches_land_or_the_regions_edge_is_closed_without_a_margin_too(
+    apart: float, passes: bool, by_edge: bool
+):
+    ends, frame = (
+        np.array([-4.1e3 + 4.2e3j, 4.2e3 - 4.1e3j]),
+        box(-5e3, -5e3, 5e3, 5e3, outside=True),
+    )
+    land = (
+        [box(-100.0, -5e3, 100.0, 5e3 - apart)]
+        if by_edge
+        else [box(-30e3, -30e3, 0.0, 0.0), box(apart, apart, 30e3, 30e3)]
+    )
     sea = sea_of(still(5e3), 0.3, ends, obstacles_of([*land, frame], 0.0, ends))
     front = spread(sea, np.array([sea.current.places.size]), np.zeros(1), np.inf, NONE)
     assert np.isfinite(front.times[sea.current.places.size + 1]) == passes
@@ -168,8 +222,16 @@ def test_land_that_touches_land_or_the_regions_edge_is_closed_without_a_margin_t
 @pytest.mark.parametrize("offset", [0.0, 333.0])
 def test_a_gap_is_passed_when_it_is_wider_than_two_margins(gap: float, passes: bool, offset: float):
     ends = np.array([-5e3 + 0j, 5e3 + 0j])
-    walls = [box(-100.0, offset + 0.5 * gap, 100.0, 30e3), box(-100.0, -30e3, 100.0, offset - 0.5 * gap)]
-    sea = sea_of(still(8e3), 0.3, ends, obstacles_of([*walls, box(-8e3, -8e3, 8e3, 8e3, outside=True)], 50.0, ends))
+    walls = [
+        box(-100.0, offset + 0.5 * gap, 100.0, 30e3),
+        box(-100.0, -30e3, 100.0, offset - 0.5 * gap),
+    ]
+    sea = sea_of(
+        still(8e3),
+        0.3,
+        ends,
+        obstacles_of([*walls, box(-8e3, -8e3, 8e3, 8e3, outside=True)], 50.0, ends),
+    )
     front = spread(sea, np.array([sea.current.places.size]), np.zeros(1), np.inf, NONE)
     assert np.isfinite(front.times[sea.current.places.size + 1]) == passes
 
@@ -207,9 +269,15 @@ def test_near_a_start_or_goal_the_margin_shrinks(clear: float):
 @given(st.integers(0, 10**6))
 def test_lines_touch_the_outline_as_their_twins_say(seed: int):
     rng = np.random.default_rng(seed)
-    corners = 1e3 * np.sort(rng.uniform(0.3, 1.0, 7)) * np.exp(1j * np.sort(rng.uniform(0.0, 2.0 * np.pi, 7)))
+    corners = (
+        1e3
+        * np.sort(rng.uniform(0.3, 1.0, 7))
+        * np.exp(1j * np.sort(rng.uniform(0.0, 2.0 * np.pi, 7)))
+    )
     wall = ring(*zip(corners.real, corners.imag, strict=True))
-    walls = obstacles_of([wall, box(-5e3, -5e3, 5e3, 5e3, outside=True)], 0.2, np.array([4e3 + 4e3j]))
+    walls = obstacles_of(
+        [wall, box(-5e3, -5e3, 5e3, 5e3, outside=True)], 0.2, np.array([4e3 + 4e3j])
+    )
     begin, end = 1.5e3 * (rng.uniform(-1.0, 1.0, (2, 20)) + 1j * rng.uniform(-1.0, 1.0, (2, 20)))
     edges = list(zip(corners, np.roll(corners, -1), strict=True))
     twins = [any(touches(b, e, *edge) for edge in edges) for b, e in zip(begin, end, strict=True)]

@@ -19,16 +19,24 @@ from tests.planners.flow_samples import eddying_flow, place, still_flow
     [(350.0, 200.0, 200.0), (350.0, 400.0, 350.0), (-40.0, 400.0, 0.0)],
     ids=["below the deepest level", "within", "above the surface"],
 )
-def test_a_glide_ends_between_the_surface_and_the_deepest_level(goal_depth: float, deepest: float, ends_at: float) -> None:
+def test_a_glide_ends_between_the_surface_and_the_deepest_level(
+    goal_depth: float, deepest: float, ends_at: float
+) -> None:
     flow = still_flow()
     start, goal = np.array([-3e3, 1e3, 100.0]), np.array([4e3, 2e3, goal_depth])
     region = region_of(replace(flow.grid, levels=flow.grid.levels * deepest / flow.levels[-1]))
     task = GlideTask(flow, region, start, goal, GlideSettings(max_duration=2e5))
     way = goal - start
-    guess = Glide(float(np.arctan2(way[0], way[1])), float(np.arctan2(way[2], np.hypot(*way[:2]))), float(np.linalg.norm(way)) / 0.3)
+    guess = Glide(
+        float(np.arctan2(way[0], way[1])),
+        float(np.arctan2(way[2], np.hypot(*way[:2]))),
+        float(np.linalg.norm(way)) / 0.3,
+    )
     found = solve_glide(task, guess, np.linspace(0.0, 1.0, 9), bounded=True)
     # in still water the nearest point that is allowed is straight above or below the goal
-    assert 100.0 + 0.3 * np.sin(found.glide.glide_angle) * found.glide.duration == pytest.approx(ends_at, abs=0.1)
+    assert 100.0 + 0.3 * np.sin(found.glide.glide_angle) * found.glide.duration == pytest.approx(
+        ends_at, abs=0.1
+    )
     assert found.distance == pytest.approx(abs(goal_depth - ends_at), abs=0.1)
     free = solve_glide(task, guess, np.linspace(0.0, 1.0, 9), bounded=False)
     assert free.distance < 0.1
@@ -46,8 +54,13 @@ def _far_from_its_centre(flow: FlowEstimate, longitude: float) -> FlowEstimate:
 def test_an_earlier_plan_is_begun_from_at_its_own_heading_where_the_frame_is_turned() -> None:
     flow = _far_from_its_centre(eddying_flow(21), 165.0)
     east, north = float(flow.grid.east.mean()), float(flow.grid.north.mean())
-    start, goal = place(flow, east - 1.2e4, north - 8e3, 0.0), place(flow, east + 1e4, north + 9e3, 250.0)
-    turn = np.rad2deg(grid_bearing_of_true_north(flow.grid.projection, start.longitude, start.latitude))
+    start, goal = (
+        place(flow, east - 1.2e4, north - 8e3, 0.0),
+        place(flow, east + 1e4, north + 9e3, 250.0),
+    )
+    turn = np.rad2deg(
+        grid_bearing_of_true_north(flow.grid.projection, start.longitude, start.latitude)
+    )
     assert abs(turn) > 7.0
     cold = plan(flow, start, goal, settings=GlideSettings(tolerance=10.0))
     assert cold.status == "reached"

@@ -24,29 +24,49 @@ SETTINGS = GlideSettings()
 
 
 def _same(a: Plan, b: Plan) -> bool:
-    arrays = all(np.array_equal(getattr(a, name), getattr(b, name)) for name in ("track", "track_time", "velocity_through_water"))
+    arrays = all(
+        np.array_equal(getattr(a, name), getattr(b, name))
+        for name in ("track", "track_time", "velocity_through_water")
+    )
     numbers = all(
-        getattr(a, name) == getattr(b, name) for name in ("status", "heading_deg", "glide_angle_deg", "duration", "closest_approach")
+        getattr(a, name) == getattr(b, name)
+        for name in ("status", "heading_deg", "glide_angle_deg", "duration", "closest_approach")
     )
     return arrays and numbers and a.message == b.message and a.statistics == b.statistics
 
 
 @pytest.mark.parametrize(
-    ("goal", "begin"), [((15e3, 8e3, 300.0), 0.0), ((-9e3, 12e3, 20.0), 350.0), ((12e3, -9e3, 60.0), 60.0), ((0.0, 500.0, 390.0), 0.0)]
+    ("goal", "begin"),
+    [
+        ((15e3, 8e3, 300.0), 0.0),
+        ((-9e3, 12e3, 20.0), 350.0),
+        ((12e3, -9e3, 60.0), 60.0),
+        ((0.0, 500.0, 390.0), 0.0),
+    ],
 )
-def test_still_water_is_crossed_in_a_straight_line(goal: tuple[float, float, float], begin: float) -> None:
+def test_still_water_is_crossed_in_a_straight_line(
+    goal: tuple[float, float, float], begin: float
+) -> None:
     flow = still_flow()
     start = place(flow, -2e3, 1e3, begin)
     result = plan(flow, start, place(flow, *goal))
     way = np.array(goal) - [-2e3, 1e3, begin]
     # a compass holds the heading: true north halfway
-    north = float(true_north_halfway(flow.grid.projection, np.array([[-2e3, 1e3]]), np.array([goal[:2]]))[0])
+    north = float(
+        true_north_halfway(flow.grid.projection, np.array([[-2e3, 1e3]]), np.array([goal[:2]]))[0]
+    )
     assert result.status == "reached"
     assert result.closest_approach < 0.1
     assert result.duration == pytest.approx(np.linalg.norm(way) / 0.3, rel=1e-4)
-    assert result.glide_angle_deg == pytest.approx(np.rad2deg(np.arcsin(way[2] / np.linalg.norm(way))), abs=1e-2)
-    assert result.heading_deg == pytest.approx(np.rad2deg(np.arctan2(way[0], way[1]) - north) % 360.0, abs=1e-2)
-    np.testing.assert_allclose(result.velocity_through_water, 0.3 * way / np.linalg.norm(way), atol=1e-4)
+    assert result.glide_angle_deg == pytest.approx(
+        np.rad2deg(np.arcsin(way[2] / np.linalg.norm(way))), abs=1e-2
+    )
+    assert result.heading_deg == pytest.approx(
+        np.rad2deg(np.arctan2(way[0], way[1]) - north) % 360.0, abs=1e-2
+    )
+    np.testing.assert_allclose(
+        result.velocity_through_water, 0.3 * way / np.linalg.norm(way), atol=1e-4
+    )
     assert len(result.track) >= 100
     assert result.track_time[-1] == result.duration
 
@@ -60,12 +80,19 @@ def test_uniform_current_is_headed_off() -> None:
 
 
 @pytest.mark.full
-def test_the_paper_s_integration_errs_in_the_first_order_and_what_is_told_is_flown_by_runge_kutta() -> None:
+def test_the_paper_s_integration_errs_in_the_first_order_and_what_is_told_is_flown_by_runge_kutta() -> (
+    None
+):
     flow = eddying_flow(4, speed=0.25)
     start, goal = place(flow, -10e3, -5e3, 0.0), place(flow, 6e3, 4e3, 300.0)
     counts, off = (16, 32, 64, 128), []
     for n_steps in counts:
-        result = plan(flow, start, goal, settings=GlideSettings(integrator="euler", n_steps=n_steps, tolerance=1.0))
+        result = plan(
+            flow,
+            start,
+            goal,
+            settings=GlideSettings(integrator="euler", n_steps=n_steps, tolerance=1.0),
+        )
         # the optimiser takes itself to be at the goal; its path as it really is says how far off that is
         assert result.statistics["solver_distance"] < 0.1
         assert f"predicted {result.statistics['solver_distance']:.1f} m" in result.message
@@ -79,15 +106,27 @@ def test_the_paper_s_integration_errs_in_the_first_order_and_what_is_told_is_flo
 
 @pytest.mark.full
 @pytest.mark.parametrize(
-    ("seed", "longest"), [(1, 1.2e5), pytest.param(3, 1.2e5, marks=pytest.mark.full), pytest.param(7, 3e4, marks=pytest.mark.full)]
+    ("seed", "longest"),
+    [
+        (1, 1.2e5),
+        pytest.param(3, 1.2e5, marks=pytest.mark.full),
+        pytest.param(7, 3e4, marks=pytest.mark.full),
+    ],
 )
 def test_as_close_as_an_exhaustive_search(seed: int, longest: float) -> None:
     flow = eddying_flow(seed, "gaussian" if seed == 1 else "hat", speed=0.25)
     rng = np.random.default_rng(seed)
     begin = np.array([*rng.uniform(-2e4, 2e4, 2), 0.0])
     goal = np.array([*rng.uniform(-2.5e4, 2.5e4, 2), rng.uniform(50.0, 380.0)])
-    found = plan(flow, place(flow, *begin), place(flow, *goal), settings=replace(SETTINGS, max_duration=longest))
-    searched = exhaustive_closest_approach(flow, begin, goal, 0.3, longest, headings=72, times=24, steps=12)
+    found = plan(
+        flow,
+        place(flow, *begin),
+        place(flow, *goal),
+        settings=replace(SETTINGS, max_duration=longest),
+    )
+    searched = exhaustive_closest_approach(
+        flow, begin, goal, 0.3, longest, headings=72, times=24, steps=12
+    )
     # where there is time enough the search itself has to meet the goal, or to be as close would be easy
     assert (searched < 1.0) == (longest == 1.2e5)
     assert found.closest_approach <= searched + 10.0
@@ -100,7 +139,13 @@ def test_a_start_beside_an_edge_or_a_coast_leaves_it(beside: str) -> None:
     wet[:, 3, :] = beside == "edge"
     region = region_of(replace(grid, wet=wet))
     # 100 m from where water ends, and the nearest point of the table of the flow is beyond
-    start = np.array([grid.east[0, 5], grid.north[0, 5] + 100.0 if beside == "edge" else grid.north[3:5, 5].mean() + 100.0, 0.0])
+    start = np.array(
+        [
+            grid.east[0, 5],
+            grid.north[0, 5] + 100.0 if beside == "edge" else grid.north[3:5, 5].mean() + 100.0,
+            0.0,
+        ]
+    )
     goal = start + np.array([2e3, 11e3, 200.0])
     assert not tabulate(flow, region).allowed_at(start[None] - [[0.0, 200.0, 0.0]])[0]
     seed = find_seeds(GlideTask(flow, region, start, goal, GlideSettings(max_duration=2e5)), 1)[0]
@@ -109,15 +154,21 @@ def test_a_start_beside_an_edge_or_a_coast_leaves_it(beside: str) -> None:
     assert seed.glide.duration == pytest.approx(11.2e3 / 0.3, rel=0.02)
 
 
-def test_the_fan_of_steady_rates_has_a_level_glide_and_others_that_use_up_the_water_column() -> None:
+def test_the_fan_of_steady_rates_has_a_level_glide_and_others_that_use_up_the_water_column() -> (
+    None
+):
     flow, longest = still_flow(), 1e5
     begin = np.array([0.0, 0.0, 100.0])
-    rates, durations = _fans(tabulate(flow, region_of(flow.grid)), begin, begin + np.array([1e4, 0.0, 0.0]), 0.3, longest)[1]
+    rates, durations = _fans(
+        tabulate(flow, region_of(flow.grid)), begin, begin + np.array([1e4, 0.0, 0.0]), 0.3, longest
+    )[1]
     assert durations[rates == 0.0] == longest
     assert np.any(rates < 0.0)
     assert np.any(rates > 0.0)
     ends = (100.0 + rates * durations)[rates != 0.0]
-    np.testing.assert_allclose(ends, np.where(rates[rates != 0.0] > 0.0, flow.levels[-1], 0.0), atol=1e-9)
+    np.testing.assert_allclose(
+        ends, np.where(rates[rates != 0.0] > 0.0, flow.levels[-1], 0.0), atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("seed", [10, 11, 12])
@@ -127,12 +178,19 @@ def test_never_worse_than_the_seed_and_true_to_a_finer_flight(seed: int) -> None
     assert result.closest_approach <= result.statistics["best_seed_distance"] + 0.01
     assert abs(result.closest_approach - float(result.statistics["solver_distance"])) < 1.0
     fractions = fractions_of_duration(0.0, result.track[-1, 2], flow.levels, 2000)
-    fine = fly_glide(flow, result.track[0], result.velocity_through_water, fractions * result.duration)
+    fine = fly_glide(
+        flow, result.track[0], result.velocity_through_water, fractions * result.duration
+    )
     np.testing.assert_allclose(fine.position[-1], result.track[-1], atol=1.0)
 
 
 def _distance_only(flow: FlowEstimate, **settings: float) -> Plan:
-    return plan(flow, place(flow, -2e4, 0.0, 0.0), place(flow, 2e4, 0.0, 300.0), settings=replace(SETTINGS, **settings))
+    return plan(
+        flow,
+        place(flow, -2e4, 0.0, 0.0),
+        place(flow, 2e4, 0.0, 300.0),
+        settings=replace(SETTINGS, **settings),
+    )
 
 
 def test_too_far_is_unreachable_and_says_so() -> None:
@@ -152,7 +210,9 @@ def test_a_stronger_current_is_unreachable_and_says_so() -> None:
 def test_an_outcome_beyond_the_region_stops_at_its_edge() -> None:
     flow = uniform_flow(0.0, 0.5)
     north = flow.grid.north.max()
-    result = plan(flow, place(flow, -15e3, north - 10e3, 0.0), place(flow, 20e3, north - 4e3, 200.0))
+    result = plan(
+        flow, place(flow, -15e3, north - 10e3, 0.0), place(flow, 20e3, north - 4e3, 200.0)
+    )
     assert result.status == "unreachable"
     assert result.track[:, 1].max() <= north + 1.0
     assert "region" in result.message
@@ -240,7 +300,10 @@ def test_a_warm_start_needs_fewer_iterations() -> None:
     left = cold.duration - float(cold.track_time[later])
     (rest,) = _remaining(cold, int(cold.track_time[later] * 1e9), 0.25)
     assert rest.duration == pytest.approx(left, abs=1e-6)
-    np.testing.assert_allclose(np.rad2deg([rest.heading - 0.25, rest.glide_angle]), [cold.heading_deg, cold.glide_angle_deg])
+    np.testing.assert_allclose(
+        np.rad2deg([rest.heading - 0.25, rest.glide_angle]),
+        [cold.heading_deg, cold.glide_angle_deg],
+    )
     assert _remaining(cold, round(2e9 * cold.duration), 0.25)[0].duration == 1.0
     assert warm.status == "reached"
     assert int(warm.statistics["iterations"]) <= int(cold.statistics["iterations"])
@@ -260,7 +323,9 @@ def ridge(flow: FlowEstimate, shallowest: float) -> Bathymetry:
     """A bottom at 1000 m with a ridge of a depth [m] between 4.5 and 5.5 km east of the centre, on points 500 m apart."""
     x, y = np.meshgrid(np.arange(-30e3, 30.1e3, 500.0), np.arange(-25e3, 25.1e3, 500.0))
     longitude, latitude = to_geographic(flow.grid.projection, x, y)
-    return Bathymetry(longitude, latitude, np.where((x >= 4.4e3) & (x <= 5.6e3), shallowest, 1000.0))
+    return Bathymetry(
+        longitude, latitude, np.where((x >= 4.4e3) & (x <= 5.6e3), shallowest, 1000.0)
+    )
 
 
 @pytest.mark.parametrize(("shallowest", "reached"), [(221.0, True), (170.0, False)])
@@ -281,7 +346,21 @@ def test_a_glide_ends_where_it_meets_the_bottom(shallowest: float, reached: bool
 def test_a_glide_s_start_and_goal_lie_above_the_bottom() -> None:
     flow = still_flow()
     bottom = ridge(flow, 100.0)
-    with pytest.raises(PlanError, match="goal at 81 m is below the bottom less the clearance of 20 m; move it up"):
-        plan(flow, place(flow, 0.0, 0.0, 0.0), place(flow, 5e3, 0.0, 81.0), settings=GlideSettings(bathymetry=bottom))
-    with pytest.raises(PlanError, match="start at 96 m is below the bottom less the clearance of 5 m"):
-        plan(flow, place(flow, 5e3, 0.0, 96.0), place(flow, 0.0, 0.0, 0.0), settings=GlideSettings(bathymetry=bottom, clearance=5.0))
+    with pytest.raises(
+        PlanError, match="goal at 81 m is below the bottom less the clearance of 20 m; move it up"
+    ):
+        plan(
+            flow,
+            place(flow, 0.0, 0.0, 0.0),
+            place(flow, 5e3, 0.0, 81.0),
+            settings=GlideSettings(bathymetry=bottom),
+        )
+    with pytest.raises(
+        PlanError, match="start at 96 m is below the bottom less the clearance of 5 m"
+    ):
+        plan(
+            flow,
+            place(flow, 5e3, 0.0, 96.0),
+            place(flow, 0.0, 0.0, 0.0),
+            settings=GlideSettings(bathymetry=bottom, clearance=5.0),
+        )

@@ -11,7 +11,14 @@ from planners.learning.closed_loop import Flown, Stretch, drawn_sea, fly_after, 
 from planners.learning.current import currents_of
 from planners.learning.loops import SCOUTING, WAITING, clear, random_shapes, shapes, timed
 from planners.learning.rows import rows_at
-from planners.learning.transit import end_and_derivative, end_sensitivity, fly, fly_transit, path_of, plan_transit
+from planners.learning.transit import (
+    end_and_derivative,
+    end_sensitivity,
+    fly,
+    fly_transit,
+    path_of,
+    plan_transit,
+)
 from planners.route.hazards import Ring
 from tests.planners.learning.scenes import HOUR, NOON, SPEED, known, mean, places, static
 from tests.reference import learning as slow
@@ -24,7 +31,9 @@ def test_splines_are_the_flow_itself_and_their_gradient_its_derivative():
     points = places(30, 4)
     at = (points[:, 0] + 1j * points[:, 1])[None]
     exact = static().horizontal.velocity(points, known().latent(NOON))[:, :, 0]
-    np.testing.assert_allclose(mean().at(at, 0.0)[0], exact[0] + 1j * exact[1], atol=2e-3 * np.abs(exact).max())
+    np.testing.assert_allclose(
+        mean().at(at, 0.0)[0], exact[0] + 1j * exact[1], atol=2e-3 * np.abs(exact).max()
+    )
     value, by_east, by_north = mean().with_gradient(at, 0.0)
     np.testing.assert_allclose(value, mean().at(at, 0.0), rtol=1e-12)
     for slope, step in ((by_east, 1.0), (by_north, 1j)):
@@ -42,13 +51,21 @@ def test_a_path_is_the_slow_one(changes):
         return complex(currents.at(np.array([place]), time)[0])
 
     end = fly(currents, np.array([2e3j]), 7200.0, np.array([0.2 + 0.1j]), 10.0 * HOUR)[-1, 0]
-    assert end == pytest.approx(slow.runge_kutta(one, 2e3j, 7200.0, 0.2 + 0.1j, 10.0 * HOUR, 10), rel=1e-12)
-    assert end == pytest.approx(slow.runge_kutta(one, 2e3j, 7200.0, 0.2 + 0.1j, 10.0 * HOUR, 100), rel=1e-4)
+    assert end == pytest.approx(
+        slow.runge_kutta(one, 2e3j, 7200.0, 0.2 + 0.1j, 10.0 * HOUR, 10), rel=1e-12
+    )
+    assert end == pytest.approx(
+        slow.runge_kutta(one, 2e3j, 7200.0, 0.2 + 0.1j, 10.0 * HOUR, 100), rel=1e-4
+    )
 
 
 @pytest.mark.parametrize("changes", [False, True])
 def test_an_end_and_its_derivative_are_those_of_the_path(changes):
-    currents, start, held = mean(changes), np.array([2e3j, -4e3 + 1e3j]), np.array([0.2 + 0.1j, 0.1 - 0.05j])
+    currents, start, held = (
+        mean(changes),
+        np.array([2e3j, -4e3 + 1e3j]),
+        np.array([0.2 + 0.1j, 0.1 - 0.05j]),
+    )
 
     def end(velocity):
         return fly(currents, start, 7200.0, velocity, 10.0 * HOUR)[-1]
@@ -57,7 +74,9 @@ def test_an_end_and_its_derivative_are_those_of_the_path(changes):
     np.testing.assert_allclose(found, end(held), rtol=1e-12)
     for k, step in enumerate((1e-5, 1e-5j)):
         change = (end(held + step) - end(held - step)) / 2e-5
-        np.testing.assert_allclose(derivative[:, :, k], np.stack([change.real, change.imag], axis=1), rtol=1e-6, atol=1e-3)
+        np.testing.assert_allclose(
+            derivative[:, :, k], np.stack([change.real, change.imag], axis=1), rtol=1e-6, atol=1e-3
+        )
 
 
 def test_a_stretch_meets_its_goals_or_goes_as_far_as_it_can():
@@ -69,8 +88,12 @@ def test_a_stretch_meets_its_goals_or_goes_as_far_as_it_can():
     times, path = path_of(mean(), np.zeros(1, dtype=complex), 0.0, planned)
     assert path[-1] == pytest.approx(planned.ends[0, -1])
     assert np.all(np.diff(times) > 0.0)
-    assert fly_transit(mean(), np.zeros(1, dtype=complex), 0.0, planned)[0] == pytest.approx(planned.ends[0, -1])
-    far = plan_transit(mean(), np.zeros(1, dtype=complex), 0.0, np.array([60e3 + 0j]), 24.0 * HOUR, SPEED)
+    assert fly_transit(mean(), np.zeros(1, dtype=complex), 0.0, planned)[0] == pytest.approx(
+        planned.ends[0, -1]
+    )
+    far = plan_transit(
+        mean(), np.zeros(1, dtype=complex), 0.0, np.array([60e3 + 0j]), 24.0 * HOUR, SPEED
+    )
     assert abs(far.through_water[0, 0]) == pytest.approx(SPEED)
     assert 10e3 < abs(far.ends[0, 0]) < 45e3
 
@@ -78,15 +101,25 @@ def test_a_stretch_meets_its_goals_or_goes_as_far_as_it_can():
 def test_arrivals_change_with_the_current_as_their_sensitivity_says():
     found = arrive(mean(), -5e3 + 2e3j, 0.0, complex(GOAL[0]), SPEED)
     assert found.miss < 1e-5
-    end = fly(mean(), np.array([-5e3 + 2e3j]), 0.0, np.array([found.through_water]), found.duration)[-1, 0]
+    end = fly(
+        mean(), np.array([-5e3 + 2e3j]), 0.0, np.array([found.through_water]), found.duration
+    )[-1, 0]
     assert end == pytest.approx(complex(GOAL[0]), abs=1e-4)
     sense = arrival_sensitivity(mean(), -5e3 + 2e3j, 0.0, found)
     latent = known().latent(NOON)[:, 0]
-    added = currents_of(static(), [np.random.default_rng(1).standard_normal(latent.size)[None] * np.abs(latent).max()], np.zeros(1))
+    added = currents_of(
+        static(),
+        [np.random.default_rng(1).standard_normal(latent.size)[None] * np.abs(latent).max()],
+        np.zeros(1),
+    )
     step = 1e-4
     later = [
         arrive(
-            replace(mean(), coefficients=mean().coefficients + sign * step * added.coefficients), -5e3 + 2e3j, 0.0, complex(GOAL[0]), SPEED
+            replace(mean(), coefficients=mean().coefficients + sign * step * added.coefficients),
+            -5e3 + 2e3j,
+            0.0,
+            complex(GOAL[0]),
+            SPEED,
         )
         for sign in (1, -1)
     ]
@@ -107,15 +140,26 @@ def test_loops_return_in_time_and_the_first_two_wait_and_scout():
     assert ahead.real > 0.0
     # what is left of the vehicle's speed brings it home in other currents like these
     assert np.abs(np.diff(made.ends, axis=1)).max() < 24.0 * HOUR / 7 * (SPEED + 0.3)
-    assert timed(mean(), 0j, random_shapes(np.random.default_rng(0), 5), (0.0, 24.0 * HOUR, 7), SPEED).flown.all()
+    assert timed(
+        mean(), 0j, random_shapes(np.random.default_rng(0), 5), (0.0, 24.0 * HOUR, 7), SPEED
+    ).flown.all()
     # nothing returns against a current that is faster
     torrent = replace(mean(), coefficients=np.full_like(mean().coefficients, 0.5 + 0j))
-    assert not timed(torrent, 0j, shapes(1.0 + 0j), (0.0, 24.0 * HOUR, 7), SPEED).flown[WAITING + 1 :].any()
+    assert (
+        not timed(torrent, 0j, shapes(1.0 + 0j), (0.0, 24.0 * HOUR, 7), SPEED)
+        .flown[WAITING + 1 :]
+        .any()
+    )
 
 
 def test_areas_close_the_loops_that_cross_them():
     made = timed(mean(), 0j, shapes(1.0 + 0j), (0.0, 24.0 * HOUR, 7), SPEED)
-    lane = Ring(np.array([[3e3, -30e3], [3e3, 30e3], [9e3, 30e3], [9e3, -30e3]]), False, "lane", surface_only=True)
+    lane = Ring(
+        np.array([[3e3, -30e3], [3e3, 30e3], [9e3, 30e3], [9e3, -30e3]]),
+        False,
+        "lane",
+        surface_only=True,
+    )
     free = clear(made, 0j, (lane,), 100.0)
     assert free[WAITING]
     assert not free[SCOUTING]
@@ -124,7 +168,9 @@ def test_areas_close_the_loops_that_cross_them():
 
 
 def test_refining_never_loses_and_keeps_to_what_may_be_flown():
-    planned = plan_transit(mean(), np.zeros(1, dtype=complex), 24.0 * HOUR, GOAL, 20.0 * HOUR, SPEED)
+    planned = plan_transit(
+        mean(), np.zeros(1, dtype=complex), 24.0 * HOUR, GOAL, 20.0 * HOUR, SPEED
+    )
     sense = end_sensitivity(mean(), 0j, 24.0 * HOUR, planned)
     rows = rows_at(known(), np.stack([sense.points.real, sense.points.imag], axis=-1), sense.times)
     aim = Aim(known(), rows.combined(sense.weights), 4e-4)
@@ -148,7 +194,12 @@ def test_refining_never_loses_and_keeps_to_what_may_be_flown():
     assert least <= error
     assert aim.judge(again)[0] == pytest.approx(least, rel=1e-9)
     # where nothing else may be flown the survey waits
-    waits, left = search(aim, make, shapes(complex(GOAL[0])), np.where(np.arange(errors.size) == WAITING, errors, np.inf))
+    waits, left = search(
+        aim,
+        make,
+        shapes(complex(GOAL[0])),
+        np.where(np.arange(errors.size) == WAITING, errors, np.inf),
+    )
     assert not waits.any()
     assert left == errors[WAITING]
 
@@ -160,7 +211,9 @@ def test_what_is_predicted_comes_true_in_samples(changes):
     times = slices(means, 0.0, 44.0 * HOUR)
     sea = drawn_sea(means, times, 80, 3)
     survey = timed(sea.mean, 0j, shapes(complex(GOAL[0])), (0.0, 24.0 * HOUR, 7), SPEED)
-    planned = plan_transit(sea.mean, np.zeros(1, dtype=complex), 24.0 * HOUR, GOAL, 20.0 * HOUR, SPEED)
+    planned = plan_transit(
+        sea.mean, np.zeros(1, dtype=complex), 24.0 * HOUR, GOAL, 20.0 * HOUR, SPEED
+    )
     sense = end_sensitivity(sea.mean, 0j, 24.0 * HOUR, planned)
     rows = rows_at(means, np.stack([sense.points.real, sense.points.imag], axis=-1), sense.times)
     aim = Aim(means, rows.combined(sense.weights), STRETCH.error**2)
@@ -182,8 +235,13 @@ def test_profiles_of_others_count():
     sea = drawn_sea(known(), np.zeros(1), 60, 3)
     noise = np.zeros((60, 7, 2))
     given = ((places(12, 7) * 0.5 + [9e3, 3e3], np.zeros(12)),)
-    assert fly_after(sea, STRETCH, None, noise, given).miss_90 < 0.8 * fly_after(sea, STRETCH, None, noise).miss_90
+    assert (
+        fly_after(sea, STRETCH, None, noise, given).miss_90
+        < 0.8 * fly_after(sea, STRETCH, None, noise).miss_90
+    )
 
 
 def test_ninety_percent_is_that():
-    assert Flown(np.arange(101.0), np.zeros(101, dtype=complex), np.zeros(101)).miss_90 == pytest.approx(90.0)
+    assert Flown(
+        np.arange(101.0), np.zeros(101, dtype=complex), np.zeros(101)
+    ).miss_90 == pytest.approx(90.0)

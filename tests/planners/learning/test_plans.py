@@ -31,7 +31,10 @@ def spot(east, north, depth=0.0):
 
 
 def area(low, high, surface_only=False):
-    corners = [spot(*one) for one in ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))]
+    corners = [
+        spot(*one)
+        for one in ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))
+    ]
     return NoGo(tuple((one.longitude, one.latitude) for one in corners), "the lane", surface_only)
 
 
@@ -59,13 +62,24 @@ def test_a_survey_returns_and_its_stretch_ends_at_the_goal(planned):
     np.testing.assert_allclose(to_local(GRID.projection, *blind[-1].ends_at), [8e3, 3e3], atol=5.0)
     assert np.all(np.diff(planned.track_time) > 0.0)
     assert planned.track[:, 2].max() == DEPTH
-    assert {"leaving now", "waiting as long", "scouting ahead and back", "this survey"} <= {one.name for one in planned.candidates}
+    assert {"leaving now", "waiting as long", "scouting ahead and back", "this survey"} <= {
+        one.name for one in planned.candidates
+    }
     assert planned.after <= candidate(planned, "scouting ahead and back").predicted * 1.001
     assert candidate(planned, "this survey").found < candidate(planned, "leaving now").found
     assert planned.value.value.max() > 0.0
     # one profile is worth most on the way or near it, not at the region's edge
     best = np.argmax(planned.value.value)
-    assert abs(complex(*to_local(GRID.projection, planned.value.longitude[best], planned.value.latitude[best]))) < 20e3
+    assert (
+        abs(
+            complex(
+                *to_local(
+                    GRID.projection, planned.value.longitude[best], planned.value.latitude[best]
+                )
+            )
+        )
+        < 20e3
+    )
 
 
 def test_a_lane_keeps_the_survey_out_and_lets_the_stretch_pass_below(planned):
@@ -74,9 +88,13 @@ def test_a_lane_keeps_the_survey_out_and_lets_the_stretch_pass_below(planned):
     assert around.status == "uncertain"
     assert "scouting ahead and back" not in {one.name for one in around.candidates}
     assert around.after >= planned.after
-    surfacings = np.array([to_local(GRID.projection, *leg.ends_at) for leg in around.legs if not leg.blind])
+    surfacings = np.array(
+        [to_local(GRID.projection, *leg.ends_at) for leg in around.legs if not leg.blind]
+    )
     assert not np.any((np.abs(surfacings[:, 0]) < 6e3) & (np.abs(surfacings[:, 1]) < 9e3))
-    wall = plan_survey(static(), replace(ASKED, no_go=(area((-2e3, -9e3), (2e3, 9e3)),)), SURVEY, BLIND)
+    wall = plan_survey(
+        static(), replace(ASKED, no_go=(area((-2e3, -9e3), (2e3, 9e3)),)), SURVEY, BLIND
+    )
     assert (wall.status, "crosses the lane" in wall.message) == ("unsafe", True)
 
 
@@ -84,17 +102,25 @@ def test_the_status_is_that_of_the_share_of_the_samples_within_the_tolerance(pla
     within = candidate(planned, "this survey").within
     assert within < 0.9
     assert (
-        f"; {100.0 * within:.0f} % of {SETTINGS.samples} samples of the estimate end within the tolerance of 250 m, 90 %" in planned.message
+        f"; {100.0 * within:.0f} % of {SETTINGS.samples} samples of the estimate end within the tolerance of 250 m, 90 %"
+        in planned.message
     )
-    easy = plan_survey(static(), replace(ASKED, settings=replace(SETTINGS, samples=20, arrive=0.0)), SURVEY, BLIND)
+    easy = plan_survey(
+        static(), replace(ASKED, settings=replace(SETTINGS, samples=20, arrive=0.0)), SURVEY, BLIND
+    )
     assert (easy.status, "are asked for" in easy.message) == ("reached", False)
     for share, met in ((0.9 - 1e-12, True), (0.89, False)):
-        assert (replace(easy.candidates[0], within=share).shortfall(SETTINGS, "arrive") == "") is met
+        assert (
+            replace(easy.candidates[0], within=share).shortfall(SETTINGS, "arrive") == ""
+        ) is met
 
 
 def test_a_stretch_whose_end_is_anywhere_is_refused_before_surveys_are_compared(monkeypatch):
     monkeypatch.setattr("planners.learning.survey._search", None)
-    with pytest.raises(PlanError, match=r"300 h without fixes cannot be predicted: without a survey the stretch ends some \d+ km"):
+    with pytest.raises(
+        PlanError,
+        match=r"300 h without fixes cannot be predicted: without a survey the stretch ends some \d+ km",
+    ):
         plan_survey(static(), ASKED, SURVEY, 300.0 * HOUR)
 
 
@@ -117,20 +143,27 @@ def test_others_leave_less_to_learn(planned):
 )
 def test_what_a_survey_gains_is_told_against_leaving_now_and_waiting(now, waiting, words):
     rows = (("leaving now", now), ("waiting as long", waiting), ("this survey", (6.2, 5.5, 7.0)))
-    rows = tuple(Candidate(name, 0.0, *(1e3 * value for value in values), 0.0, name == "this survey") for name, values in rows)
+    rows = tuple(
+        Candidate(name, 0.0, *(1e3 * value for value in values), 0.0, name == "this survey")
+        for name, values in rows
+    )
     stretch = Stretch(0j, np.array([1e4 + 0j]), 0.0, 20 * HOUR, 20 * HOUR, SPEED, 0.0)
     assert _words(rows, stretch).endswith(f"this survey 6.2 km (5.5 to 7.0){words}")
 
 
 def test_a_survey_in_a_sea_that_changes_is_less_sure_of_itself():
-    plan = plan_survey(through_time(), replace(ASKED, settings=replace(SETTINGS, samples=20)), SURVEY, BLIND)
+    plan = plan_survey(
+        through_time(), replace(ASKED, settings=replace(SETTINGS, samples=20)), SURVEY, BLIND
+    )
     assert plan.after < plan.before
     assert candidate(plan, "this survey").found < candidate(plan, "leaving now").found
 
 
 def test_a_map_is_no_worse_than_its_lawn_mowers_and_its_samples_say_so():
     box = Box(*_corners(-20e3, -15e3), *_corners(20e3, 15e3))
-    asked = replace(ASKED, start=spot(-20e3, 0.0), goals=(), profiles=5, settings=replace(SETTINGS, dives=3))
+    asked = replace(
+        ASKED, start=spot(-20e3, 0.0), goals=(), profiles=5, settings=replace(SETTINGS, dives=3)
+    )
     plan = plan_map(static(), asked, box)
     assert plan.objective == "map"
     assert plan.after < plan.before
@@ -147,11 +180,17 @@ def test_a_map_is_no_worse_than_its_lawn_mowers_and_its_samples_say_so():
 def test_a_map_beside_another_s_profiles_has_its_errors_in_samples():
     box = Box(*_corners(-20e3, -15e3), *_corners(20e3, 15e3))
     theirs = [spot(east, north) for east in (-12e3, 12e3) for north in (-8e3, 8e3)]
-    others = OtherProfiles(*np.array([[one.longitude, one.latitude] for one in theirs]).T, np.full(4, NOON))
-    asked = replace(ASKED, start=spot(-20e3, 0.0), goals=(), profiles=3, settings=replace(SETTINGS, dives=3))
+    others = OtherProfiles(
+        *np.array([[one.longitude, one.latitude] for one in theirs]).T, np.full(4, NOON)
+    )
+    asked = replace(
+        ASKED, start=spot(-20e3, 0.0), goals=(), profiles=3, settings=replace(SETTINGS, dives=3)
+    )
     alone, beside = (plan_map(static(), replace(asked, others=one), box) for one in (None, others))
     for name in ("no profiles", "this plan"):
-        assert candidate(beside, name).found == pytest.approx(candidate(beside, name).predicted, rel=0.25)
+        assert candidate(beside, name).found == pytest.approx(
+            candidate(beside, name).predicted, rel=0.25
+        )
         assert candidate(beside, name).found < candidate(alone, name).found
     assert beside.figures["samples"] == SETTINGS.samples
 
@@ -162,9 +201,20 @@ def _corners(east, north):
 
 
 def test_the_search_s_own_error_is_that_of_its_profiles():
-    scene = scene_of(static(), replace(ASKED, goals=(), profiles=4, settings=replace(SETTINGS, dives=3)), None)
+    scene = scene_of(
+        static(), replace(ASKED, goals=(), profiles=4, settings=replace(SETTINGS, dives=3)), None
+    )
     box = np.stack(np.meshgrid([-15e3, 0.0, 15e3], [-10e3, 10e3]), axis=-1).reshape(-1, 2)
-    mapping = Mapping(scene.known, scene.mean, box, (0,), scene.start, scene.leg_time * np.arange(5.0), scene.speed, 4e-4)
+    mapping = Mapping(
+        scene.known,
+        scene.mean,
+        box,
+        (0,),
+        scene.start,
+        scene.leg_time * np.arange(5.0),
+        scene.speed,
+        4e-4,
+    )
     survey = look_ahead(mapping, scene.allowed, covariance_now(scene, mapping))
     error = mapping.errors(survey)[0]
     better, found = refined(mapping, scene.allowed, survey, 0)
@@ -175,16 +225,34 @@ def test_the_search_s_own_error_is_that_of_its_profiles():
     lengths = np.abs(np.diff(mowers.ends, axis=1, prepend=scene.start))
     assert lengths.max() < scene.leg_time * (SPEED + 0.3)
     sea = drawn_sea(scene.known, np.zeros(1), 30, 1)
-    assert realised(sea, mapping, survey, np.zeros((30, 4, 2))).mean() < realised(sea, mapping, None, np.zeros((30, 4, 2))).mean()
+    assert (
+        realised(sea, mapping, survey, np.zeros((30, 4, 2))).mean()
+        < realised(sea, mapping, None, np.zeros((30, 4, 2))).mean()
+    )
 
 
 def test_a_lawn_mower_that_no_survey_beats_is_chosen_and_said_to_be_one(monkeypatch):
-    scene = scene_of(static(), replace(ASKED, goals=(), profiles=4, settings=replace(SETTINGS, dives=3)), None)
+    scene = scene_of(
+        static(), replace(ASKED, goals=(), profiles=4, settings=replace(SETTINGS, dives=3)), None
+    )
     box = np.stack(np.meshgrid([-15e3, 0.0, 15e3], [-10e3, 10e3]), axis=-1).reshape(-1, 2)
-    mapping = Mapping(scene.known, scene.mean, box, (0,), scene.start, scene.leg_time * np.arange(5.0), scene.speed, 4e-4)
+    mapping = Mapping(
+        scene.known,
+        scene.mean,
+        box,
+        (0,),
+        scene.start,
+        scene.leg_time * np.arange(5.0),
+        scene.speed,
+        4e-4,
+    )
     errors = mapping.errors(lawn_mowers(mapping))
     for worse, is_mower in ((1.1, True), (0.9, False)):
-        monkeypatch.setattr(maps, "refined", lambda mapping, allowed, one, seed, worse=worse: (one, worse * errors.min()))
+        monkeypatch.setattr(
+            maps,
+            "refined",
+            lambda mapping, allowed, one, seed, worse=worse: (one, worse * errors.min()),
+        )
         survey, error, mower, mower_error, said = maps.choose_map(scene, mapping)
         assert said is is_mower
         assert mower_error == pytest.approx(errors.min())
@@ -193,12 +261,27 @@ def test_a_lawn_mower_that_no_survey_beats_is_chosen_and_said_to_be_one(monkeypa
 
 
 @pytest.mark.parametrize("changes", [False, True])
-def test_what_a_search_leg_by_leg_gains_is_what_all_its_profiles_together_leave_less(changes, monkeypatch):
-    scene = scene_of(through_time() if changes else static(), replace(ASKED, goals=(), profiles=4), None)
+def test_what_a_search_leg_by_leg_gains_is_what_all_its_profiles_together_leave_less(
+    changes, monkeypatch
+):
+    scene = scene_of(
+        through_time() if changes else static(), replace(ASKED, goals=(), profiles=4), None
+    )
     box = np.stack(np.meshgrid([-15e3, 0.0, 15e3], [-10e3, 10e3]), axis=-1).reshape(-1, 2)
-    mapping = Mapping(scene.known, scene.mean, box, (0,), scene.start, scene.leg_time * np.arange(5.0), scene.speed, 4e-4)
+    mapping = Mapping(
+        scene.known,
+        scene.mean,
+        box,
+        (0,),
+        scene.start,
+        scene.leg_time * np.arange(5.0),
+        scene.speed,
+        4e-4,
+    )
     ways, whole = [], _Search.next_ways
-    monkeypatch.setattr(_Search, "next_ways", lambda search, *of: ways.append(whole(search, *of)) or ways[-1])
+    monkeypatch.setattr(
+        _Search, "next_ways", lambda search, *of: ways.append(whole(search, *of)) or ways[-1]
+    )
     survey = look_ahead(mapping, scene.allowed, covariance_now(scene, mapping))
     gained = box.size * (mapping.before() ** 2 - mapping.errors(survey)[0] ** 2)
     assert ways[-1][0].gained == pytest.approx(gained, rel=1e-6)
@@ -206,9 +289,20 @@ def test_what_a_search_leg_by_leg_gains_is_what_all_its_profiles_together_leave_
 
 def test_a_survey_is_refined_from_its_own_legs(monkeypatch):
     scene = scene_of(static(), replace(ASKED, goals=(), profiles=4), None)
-    mapping = Mapping(scene.known, scene.mean, np.zeros((1, 2)), (0,), scene.start, scene.leg_time * np.arange(5.0), scene.speed, 4e-4)
+    mapping = Mapping(
+        scene.known,
+        scene.mean,
+        np.zeros((1, 2)),
+        (0,),
+        scene.start,
+        scene.leg_time * np.arange(5.0),
+        scene.speed,
+        4e-4,
+    )
     survey, turned = random_waypoints(mapping, np.random.default_rng(0), 1), []
-    monkeypatch.setattr("planners.learning.mapping._turned", lambda held, *_: turned.append(held) or held[None])
+    monkeypatch.setattr(
+        "planners.learning.mapping._turned", lambda held, *_: turned.append(held) or held[None]
+    )
     same, error = refined(mapping, lambda begins, ends: np.ones(ends.shape, dtype=bool), survey, 0)
     np.testing.assert_allclose(same.ends, survey.ends, atol=1e-6)
     assert error == pytest.approx(mapping.errors(survey)[0])
@@ -217,7 +311,9 @@ def test_a_survey_is_refined_from_its_own_legs(monkeypatch):
 
 def test_a_leg_is_turned_and_in_half_of_the_tries_the_next_one_back():
     held = np.array([0.2 + 0.1j, 0.1 - 0.05j, -0.1 + 0.02j])
-    tried = np.concatenate([_turned(held, 0.5, np.random.default_rng(seed), 0.25) for seed in range(5)])
+    tried = np.concatenate(
+        [_turned(held, 0.5, np.random.default_rng(seed), 0.25) for seed in range(5)]
+    )
     assert np.all(np.abs(tried) < 0.25 * (1.0 + 1e-9))
     angles = np.angle(tried / held)
     moved = np.abs(angles) > 1e-12
@@ -231,12 +327,22 @@ def test_a_leg_is_turned_and_in_half_of_the_tries_the_next_one_back():
 
 
 def test_missions_with_fixes_are_told_to_go_straight_where_no_detour_pays():
-    asked = replace(ASKED, start=spot(-25e3, 0.0), goals=(spot(25e3, 5e3),), settings=replace(SETTINGS, dives=4, samples=20))
+    asked = replace(
+        ASKED,
+        start=spot(-25e3, 0.0),
+        goals=(spot(25e3, 5e3),),
+        settings=replace(SETTINGS, dives=4, samples=20),
+    )
     plan = plan_detour(static(), asked)
     assert "no detour pays" in plan.message
     assert candidate(plan, "straight ahead").chosen
-    assert candidate(plan, "straight ahead").found <= candidate(plan, "straight ahead, nothing learnt").found
-    np.testing.assert_allclose(to_local(GRID.projection, *plan.legs[-1].ends_at), [25e3, 5e3], atol=1.0)
+    assert (
+        candidate(plan, "straight ahead").found
+        <= candidate(plan, "straight ahead, nothing learnt").found
+    )
+    np.testing.assert_allclose(
+        to_local(GRID.projection, *plan.legs[-1].ends_at), [25e3, 5e3], atol=1.0
+    )
 
 
 def test_a_detour_pays_only_beyond_two_standard_errors():
@@ -248,7 +354,11 @@ def test_a_detour_pays_only_beyond_two_standard_errors():
 def test_a_voyage_in_a_known_sea_arrives_when_it_must():
     still = replace(known(), root=1e-6 * known().root)
     sea = drawn_sea(known(), np.zeros(1), 2, 0)
-    calm = replace(sea, known=still, truth=replace(sea.truth, coefficients=np.zeros_like(sea.truth.coefficients)))
+    calm = replace(
+        sea,
+        known=still,
+        truth=replace(sea.truth, coefficients=np.zeros_like(sea.truth.coefficients)),
+    )
     calm = replace(calm, mean=replace(sea.mean, coefficients=np.zeros_like(sea.mean.coefficients)))
     voyage = Voyage(-15e3 + 0j, 15e3 + 0j, 0.0, 0.3, 2.0 * HOUR, 40, 0.02)
     arrival = fly_voyage(calm, voyage, np.zeros((2, 40, 2)))
@@ -306,7 +416,9 @@ def test_a_box_on_land_or_inside_out_is_refused():
     flow = replace(static(), grid=replace(GRID, wet=wet))
     east = float(GRID.longitude.max())
     with pytest.raises(PlanError, match="on land"):
-        plan_map(flow, replace(ASKED, goals=(), profiles=3), Box(east - 0.2, -39.8, east - 0.05, -39.5))
+        plan_map(
+            flow, replace(ASKED, goals=(), profiles=3), Box(east - 0.2, -39.8, east - 0.05, -39.5)
+        )
     with pytest.raises(PlanError, match="west below east"):
         Box(2.0, 0.0, 1.0, 1.0)
     with pytest.raises(PlanError, match="profiles of a map"):

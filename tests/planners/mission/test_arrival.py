@@ -8,7 +8,13 @@ import pytest
 
 from planners import MissionPlan, MissionRequest, MissionSettings, NoGo, plan_mission
 from planners.front.current import shares_of_levels
-from planners.mission.arrival import _second_order, bound_of, initial_guess, passage_past_goals, water_of
+from planners.mission.arrival import (
+    _second_order,
+    bound_of,
+    initial_guess,
+    passage_past_goals,
+    water_of,
+)
 from planners.mission.attempt import is_feasible
 from planners.mission.course import habit
 from planners.mission.departures import _missing_legs
@@ -21,7 +27,9 @@ from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform
 SETTINGS = MissionSettings(depth=300.0, surface_time=600.0)
 
 
-def request_in(flow: FlowEstimate, begin: tuple[float, float], end: tuple[float, float], **more: object) -> MissionRequest:
+def request_in(
+    flow: FlowEstimate, begin: tuple[float, float], end: tuple[float, float], **more: object
+) -> MissionRequest:
     asked = MissionRequest(place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=SETTINGS)
     return replace(asked, **more)  # type: ignore[arg-type]
 
@@ -33,18 +41,31 @@ def test_a_mission_is_told_against_a_bound_that_it_does_not_beat(seed: int):
     above = float(plan.statistics["above_bound_percent"])
     assert plan.status == "reached"
     assert 0.0 < above < 8.0
-    assert f"{above:.1f} % above the earliest arrival that any vehicle of this speed could make" in plan.message
-    assert plan.duration / 3600.0 == pytest.approx(float(plan.statistics["bound_h"]) * (1.0 + above / 100.0))
+    assert (
+        f"{above:.1f} % above the earliest arrival that any vehicle of this speed could make"
+        in plan.message
+    )
+    assert plan.duration / 3600.0 == pytest.approx(
+        float(plan.statistics["bound_h"]) * (1.0 + above / 100.0)
+    )
 
 
-def test_the_shear_that_raises_the_bounds_speed_is_that_of_the_region(monkeypatch: pytest.MonkeyPatch):
+def test_the_shear_that_raises_the_bounds_speed_is_that_of_the_region(
+    monkeypatch: pytest.MonkeyPatch,
+):
     flow = eddying_flow(1, speed=0.1)
-    low, high = (np.array([pick(flow.grid.east), pick(flow.grid.north)]) for pick in (np.min, np.max))
+    low, high = (
+        np.array([pick(flow.grid.east), pick(flow.grid.north)]) for pick in (np.min, np.max)
+    )
     begin, end = (tuple(share * high) for share in (0.9, 0.2))
     task = mission_task(flow, request_in(flow, begin, end))
     seen, kind = list[Array](), type(flow.horizontal)
     velocity = kind.velocity
-    monkeypatch.setattr(kind, "velocity", lambda self, points, latent: (seen.append(points), velocity(self, points, latent))[1])
+    monkeypatch.setattr(
+        kind,
+        "velocity",
+        lambda self, points, latent: (seen.append(points), velocity(self, points, latent))[1],
+    )
     # functions on a lattice are no current at all beyond it
     water, _ = bound_of(task)
     points = np.concatenate(seen)
@@ -69,16 +90,31 @@ def test_what_shear_gives_grows_with_its_square_and_a_dive_s_time_and_is_none_wi
     task = mission_task(eddying_flow(1), request_in(eddying_flow(1), (-10e3, -2e3), (10e3, 4e3)))
     gain = _second_order(task)
     assert 0.0 < gain < 0.1
-    assert _second_order(mission_task(still_flow(), request_in(still_flow(), (-10e3, -2e3), (10e3, 4e3)))) == 0.0
+    assert (
+        _second_order(
+            mission_task(still_flow(), request_in(still_flow(), (-10e3, -2e3), (10e3, 4e3)))
+        )
+        == 0.0
+    )
     twice = replace(eddying_flow(1), latent=2.0 * eddying_flow(1).latent)
-    assert _second_order(mission_task(twice, request_in(twice, (-10e3, -2e3), (10e3, 4e3)))) == pytest.approx(4.0 * gain)
+    assert _second_order(
+        mission_task(twice, request_in(twice, (-10e3, -2e3), (10e3, 4e3)))
+    ) == pytest.approx(4.0 * gain)
     # Wirtinger's bound of the largest mean square deviation anywhere, looked for place by place
     flow, share = task.flow, SETTINGS.surface_time / task.leg_time(task.vehicle.angles[0])
-    shares, places = shares_of_levels(flow, SETTINGS.depth, share), np.random.default_rng(0).uniform(-20e3, 20e3, (300, 2))
+    shares, places = (
+        shares_of_levels(flow, SETTINGS.depth, share),
+        np.random.default_rng(0).uniform(-20e3, 20e3, (300, 2)),
+    )
     squares = []
     for where in places:
         at = np.array([flow.velocity(*where, level) for level in flow.levels])
-        squares.append(sum(part * np.sum((one - shares @ at) ** 2) for part, one in zip(shares, at, strict=True)))
+        squares.append(
+            sum(
+                part * np.sum((one - shares @ at) ** 2)
+                for part, one in zip(shares, at, strict=True)
+            )
+        )
     length = min(flow.horizontal.kernel.length_east, flow.horizontal.kernel.length_north)
     dive = task.leg_time(task.vehicle.angles[0])
     assert gain == pytest.approx(dive * max(squares) / (2.0 * np.pi * length), rel=0.5)
@@ -91,7 +127,11 @@ def test_a_goal_by_a_wall_is_reached_though_the_margin_would_forbid_it():
     area = NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), "range")
     plan = plan_mission(flow, request_in(flow, (-8e3, 1e3), (0.0, 0.0), no_go=(area,)))
     assert plan.status == "reached"
-    assert np.isfinite(bound_of(mission_task(flow, request_in(flow, (-8e3, 1e3), (0.0, 0.0), no_go=(area,))))[1].time)
+    assert np.isfinite(
+        bound_of(mission_task(flow, request_in(flow, (-8e3, 1e3), (0.0, 0.0), no_go=(area,))))[
+            1
+        ].time
+    )
 
 
 def test_the_front_gives_the_number_of_legs_and_the_bound_the_fewest():
@@ -103,7 +143,9 @@ def test_the_front_gives_the_number_of_legs_and_the_bound_the_fewest():
     assert likely == int(np.ceil(20e3 / (600.0 / np.tan(np.deg2rad(15.0)))))
     assert likely - 1 <= _fewest_legs(task, bound) <= likely
     assert _more_legs(task, 8) == [9, 10, 12, 16]
-    assert _more_legs(replace(task, request=replace(task.request, settings=replace(SETTINGS, max_legs=10))), 8) == [9, 10]
+    assert _more_legs(
+        replace(task, request=replace(task.request, settings=replace(SETTINGS, max_legs=10))), 8
+    ) == [9, 10]
 
 
 def test_a_guess_is_the_route_cut_into_legs_of_equal_time():
@@ -145,5 +187,9 @@ def test_legs_that_are_missing_are_those_that_make_good_what_is_missed(miss, leg
     task = mission_task(still_flow(), request_in(still_flow(), (-10e3, 0.0), (10e3, 0.0)))
     path = np.array([task.start[:2], task.start[:2] + np.array([3000.0, 0.0])])
     miss_of_goals = np.array([0.0, miss + SETTINGS.tolerance])
-    attempt = SimpleNamespace(flight=SimpleNamespace(place=path[None]), legs=SimpleNamespace(headings=[0.0] * 3), miss=miss_of_goals)
+    attempt = SimpleNamespace(
+        flight=SimpleNamespace(place=path[None]),
+        legs=SimpleNamespace(headings=[0.0] * 3),
+        miss=miss_of_goals,
+    )
     assert _missing_legs(task, attempt) == legs

@@ -37,7 +37,11 @@ LONGITUDE, LATITUDE = np.linspace(151.9, 153.1, 121), np.linspace(-40.45, -39.55
 def bathymetry(depth) -> Bathymetry:
     """Return a bathymetry of a function of longitude and latitude."""
     longitude, latitude = np.meshgrid(LONGITUDE, LATITUDE)
-    return Bathymetry(longitude, latitude, np.broadcast_to(depth(longitude, latitude), longitude.shape).astype(float))
+    return Bathymetry(
+        longitude,
+        latitude,
+        np.broadcast_to(depth(longitude, latitude), longitude.shape).astype(float),
+    )
 
 
 def least_height(flow: FlowEstimate, track: Array, bottom: Bathymetry) -> float:
@@ -45,13 +49,22 @@ def least_height(flow: FlowEstimate, track: Array, bottom: Bathymetry) -> float:
     fine = [np.linspace(a, b, int(np.linalg.norm(b - a)) + 2) for a, b in pairwise(track)]
     points = np.concatenate(fine)
     longitude, latitude = to_geographic(flow.grid.projection, points[:, 0], points[:, 1])
-    depth = RegularGridInterpolator((LATITUDE, LONGITUDE), bottom.depth)(np.column_stack([latitude, longitude]))
+    depth = RegularGridInterpolator((LATITUDE, LONGITUDE), bottom.depth)(
+        np.column_stack([latitude, longitude])
+    )
     return float(np.min(depth - points[:, 2]))
 
 
-def request(flow: FlowEstimate, begin: float, end: float, depth: float, bottom: Bathymetry | None) -> MissionRequest:
+def request(
+    flow: FlowEstimate, begin: float, end: float, depth: float, bottom: Bathymetry | None
+) -> MissionRequest:
     settings = MissionSettings(depth=depth, max_legs=90)
-    return MissionRequest(place(flow, begin, 0.0, 0.0), (place(flow, end, 0.0, 0.0),), settings=settings, bathymetry=bottom)
+    return MissionRequest(
+        place(flow, begin, 0.0, 0.0),
+        (place(flow, end, 0.0, 0.0),),
+        settings=settings,
+        bathymetry=bottom,
+    )
 
 
 def turns(plan: MissionPlan) -> list[float]:
@@ -78,7 +91,10 @@ def test_the_mask_limits_dives_where_no_bathymetry_is_given():
 
 
 def test_towards_a_goal_out_of_reach_dives_from_the_shelf_turn_above_the_bottom():
-    flow, bottom = still_flow(), bathymetry(lambda x, y: 100.0 + 0.0 * x + np.where(x > 152.6, 900.0, 0.0))
+    flow, bottom = (
+        still_flow(),
+        bathymetry(lambda x, y: 100.0 + 0.0 * x + np.where(x > 152.6, 900.0, 0.0)),
+    )
     asked = request(flow, -9e3, 25e3, 300.0, bottom)
     plan = plan_mission(flow, replace(asked, settings=replace(asked.settings, max_legs=6)))
     assert plan.status == "unreachable"
@@ -105,7 +121,9 @@ def test_from_the_shelf_into_deep_water_each_dive_turns_above_the_bottom_beneath
 @pytest.mark.full
 def test_a_bank_is_gone_round_at_full_depth_where_that_is_possible():
     flow = still_flow()
-    bottom = bathymetry(lambda x, y: np.where((np.abs(x - 152.5) < 0.02) & (y > -40.03), 150.0, 900.0))
+    bottom = bathymetry(
+        lambda x, y: np.where((np.abs(x - 152.5) < 0.02) & (y > -40.03), 150.0, 900.0)
+    )
     plan = plan_mission(flow, request(flow, -7e3, 7e3, 390.0, bottom))
     assert (plan.status, set(turns(plan))) == ("reached", {390.0})
     assert plan.track[:, 1].min() < -3e3
@@ -123,7 +141,10 @@ def test_a_sill_across_the_region_is_passed_by_dives_that_turn_above_it():
 
 def test_a_start_or_a_goal_without_room_for_a_dive_cannot_be_asked_for():
     flow, bottom = still_flow(), bathymetry(lambda x, y: np.where(x < 152.5, 25.0, 900.0))
-    with pytest.raises(PlanError, match="start is where dives to 10 m may not go: the bottom less a clearance of 20 m leaves 5 m"):
+    with pytest.raises(
+        PlanError,
+        match="start is where dives to 10 m may not go: the bottom less a clearance of 20 m leaves 5 m",
+    ):
         plan_mission(flow, request(flow, -4e3, 6e3, 300.0, bottom))
     with pytest.raises(PlanError, match="goal is where dives to 10 m"):
         plan_mission(flow, request(flow, 6e3, -4e3, 300.0, bottom))
@@ -136,7 +157,9 @@ def test_the_clearance_is_the_one_asked_for():
     flow, bottom = still_flow(), bathymetry(lambda x, y: 100.0 + 0.0 * x)
     asked = request(flow, -2e3, 2e3, 300.0, bottom)
     for clearance in (0.0, 35.0):
-        plan = plan_mission(flow, replace(asked, settings=replace(asked.settings, clearance=clearance)))
+        plan = plan_mission(
+            flow, replace(asked, settings=replace(asked.settings, clearance=clearance))
+        )
         assert set(turns(plan)) == {100.0 - clearance}
 
 
@@ -152,7 +175,10 @@ def test_shallows_count_for_the_legs_that_dive_too_deep_for_them():
     assert apart[0] < 1.2e3 < apart[1] == pytest.approx(apart[0] + 400.0)
     found = clearances(task, first)
     edge, shallows = found
-    assert (edge, shallows) == ("the edge of the region that the forecast covers", "shallower than 320 m")
+    assert (edge, shallows) == (
+        "the edge of the region that the forecast covers",
+        "shallower than 320 m",
+    )
     # the second leg dives above the bottom; the second flight is farther from the shallows than a step of its first leg is long
     np.testing.assert_allclose(found[shallows], [apart[0], np.inf])
     assert check(task, replace(first, place=place_[:1])) is None
@@ -161,16 +187,25 @@ def test_shallows_count_for_the_legs_that_dive_too_deep_for_them():
     assert set(deep) == {edge, shallows, "shallower than 220 m"}
     assert np.all(deep["shallower than 220 m"] <= 0.0)
     # over all the region's shallows, where no cell is beside a deeper one
-    flat = mission_task(flow, request(flow, -3e3, 6e3, 50.0, bathymetry(lambda x, y: 100.0 + 0.0 * x)))
+    flat = mission_task(
+        flow, request(flow, -3e3, 6e3, 50.0, bathymetry(lambda x, y: 100.0 + 0.0 * x))
+    )
     np.testing.assert_array_equal(clearances(flat, first)["the bottom"], 0.0)
 
 
 @pytest.mark.parametrize("legs", [None, 9])
-def test_a_route_is_cut_into_legs_as_deep_as_the_water_along_it_and_no_longer_than_their_dives_last(legs: int | None):
+def test_a_route_is_cut_into_legs_as_deep_as_the_water_along_it_and_no_longer_than_their_dives_last(
+    legs: int | None,
+):
     flow, bottom = still_flow(), bathymetry(lambda x, y: 280.0 + 240.0 * np.sin(50.0 * x))
     asked = request(flow, -9e3, 0.0, 250.0, bottom)
     goals = replace(asked.goals[0], depth=35.0), place(flow, 8e3, 3e3, 0.0)
-    task = mission_task(flow, replace(asked, goals=goals, settings=replace(asked.settings, legs=legs, surface_time=600.0)))
+    task = mission_task(
+        flow,
+        replace(
+            asked, goals=goals, settings=replace(asked.settings, legs=legs, surface_time=600.0)
+        ),
+    )
     points = np.array([[-9e3, 0.0], [-4e3, 1e3], [0.0, 0.0], [8e3, 3e3]])
     times = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))) / 0.25
     route, passed, drift = Route(points, times, True), times[2:], 600.0
@@ -186,7 +221,9 @@ def test_a_route_is_cut_into_legs_as_deep_as_the_water_along_it_and_no_longer_th
 
     # a leg is first tried as long as the deepest dives take, and made shorter to the depth that this allows
     tried = 0.0 if legs else 0.9 * task.leg_time(task.vehicle.angles[0])
-    water = [(deepest(a - 400.0, max(a + tried, b) + 400.0), deepest(a, b)) for a, b in pairwise(ends)]
+    water = [
+        (deepest(a - 400.0, max(a + tried, b) + 400.0), deepest(a, b)) for a, b in pairwise(ends)
+    ]
     for k, (turn, (least, most)) in enumerate(zip(turns, water, strict=True)):
         goal = max((goals[i].depth for i, leg in enumerate(goal_legs) if leg == k + 1), default=0.0)
         assert max(least, goal) <= turn <= max(most, goal)
@@ -225,4 +262,12 @@ def test_a_free_path_keeps_above_the_bottom():
     free = plan_path(flow, PathRequest(*ends))
     assert free.track[:, 2].max() > 130.0
     with pytest.raises(PlanError, match="goal at 140 m is below the bottom"):
-        plan_path(flow, PathRequest(ends[0], replace(ends[1], depth=140.0), settings=AuvSettings(free_depth=False), bathymetry=bottom))
+        plan_path(
+            flow,
+            PathRequest(
+                ends[0],
+                replace(ends[1], depth=140.0),
+                settings=AuvSettings(free_depth=False),
+                bathymetry=bottom,
+            ),
+        )

@@ -26,22 +26,36 @@ ELLIPSOID = Geod(ellps="WGS84")
 
 def moved(flow: FlowEstimate, frame: Projection, east: float, north: float) -> FlowEstimate:
     """Return a flow moved by a distance [m] within another frame."""
-    grid = replace(flow.grid, projection=frame, east=flow.grid.east + east, north=flow.grid.north + north)
+    grid = replace(
+        flow.grid, projection=frame, east=flow.grid.east + east, north=flow.grid.north + north
+    )
     longitude, latitude = to_geographic(frame, grid.east, grid.north)
-    return replace(flow, grid=replace(grid, longitude=longitude, latitude=latitude), horizontal=flow.horizontal.at_nodes(grid.nodes))
+    return replace(
+        flow,
+        grid=replace(grid, longitude=longitude, latitude=latitude),
+        horizontal=flow.horizontal.at_nodes(grid.nodes),
+    )
 
 
-def stepped(longitude: float, latitude: float, velocity: np.ndarray, seconds: float) -> tuple[float, float]:
+def stepped(
+    longitude: float, latitude: float, velocity: np.ndarray, seconds: float
+) -> tuple[float, float]:
     """Return where a velocity towards true east and north [m/s] leads on the ellipsoid."""
     azimuth = np.rad2deg(np.arctan2(*velocity))
-    longitude, latitude, _ = ELLIPSOID.fwd(longitude, latitude, azimuth, seconds * float(np.hypot(*velocity)))
+    longitude, latitude, _ = ELLIPSOID.fwd(
+        longitude, latitude, azimuth, seconds * float(np.hypot(*velocity))
+    )
     return longitude, latitude
 
 
 def water_at(flow: FlowEstimate, at: tuple[float, float], depth: float) -> np.ndarray:
     """Return the current towards true east and north at a place [degrees]."""
     frame = flow.grid.projection
-    return np.array(rotate_to_geographic(frame, *at, *flow.velocity(*(float(value) for value in to_local(frame, *at)), depth)))
+    return np.array(
+        rotate_to_geographic(
+            frame, *at, *flow.velocity(*(float(value) for value in to_local(frame, *at)), depth)
+        )
+    )
 
 
 @pytest.mark.parametrize("latitude", [0.0, 35.0, -45.0, 60.0, 80.0])
@@ -59,14 +73,25 @@ def test_the_rate_in_the_frame_is_that_of_a_metre_on_the_ellipsoid(latitude: flo
 @pytest.mark.parametrize("heading", [0.0, 60.0, 200.0, 315.0])
 def test_a_leg_at_the_region_s_edge_ends_within_a_metre_of_one_held_by_a_compass(heading: float):
     # 300 km from the centre, at 60 degrees north, where true north turns by half a degree within 20 km
-    flow, frame, vehicle = moved(eddying_flow(1), Projection(10.0, 60.0), 250e3, 165e3), Projection(10.0, 60.0), Glider()
+    flow, frame, vehicle = (
+        moved(eddying_flow(1), Projection(10.0, 60.0), 250e3, 165e3),
+        Projection(10.0, 60.0),
+        Glider(),
+    )
     depths = leg_depths((0.0, *(400.0, 0.0) * 2), flow.levels, 40)
-    legs = Legs(np.array([np.deg2rad(heading)]), np.array([np.deg2rad(5.0)]), (depths,), np.zeros(1))
+    legs = Legs(
+        np.array([np.deg2rad(heading)]), np.array([np.deg2rad(5.0)]), (depths,), np.zeros(1)
+    )
     start = np.array([250e3, 165e3])
     flight = fly_legs(currents_of(flow), vehicle, start, legs)
-    along, at = float(vehicle.speeds(np, legs.angles[0])[0]), tuple(float(value) for value in to_geographic(frame, *start))
+    along, at = (
+        float(vehicle.speeds(np, legs.angles[0])[0]),
+        tuple(float(value) for value in to_geographic(frame, *start)),
+    )
     through = along * np.array([np.sin(legs.headings[0]), np.cos(legs.headings[0])])
-    for first, last in zip(np.arange(flight.time.size - 1), np.arange(1, flight.time.size), strict=True):
+    for first, last in zip(
+        np.arange(flight.time.size - 1), np.arange(1, flight.time.size), strict=True
+    ):
         steps, duration = 16, flight.time[last] - flight.time[first]
         for share in (np.arange(steps) + 0.5) / steps:
             depth = flight.depth[first] + share * (flight.depth[last] - flight.depth[first])
@@ -78,6 +103,13 @@ def test_a_leg_at_the_region_s_edge_ends_within_a_metre_of_one_held_by_a_compass
 
 def test_the_turn_of_a_leg_is_that_of_true_north_halfway():
     frame = Projection(10.0, 60.0)
-    begins, ends = np.array([[200e3, 10e3], [-50e3, 80e3]]), np.array([[220e3, 20e3], [-50e3, 60e3]])
+    begins, ends = (
+        np.array([[200e3, 10e3], [-50e3, 80e3]]),
+        np.array([[220e3, 20e3], [-50e3, 60e3]]),
+    )
     halfway = to_geographic(frame, np.array([210e3, -50e3]), np.array([15e3, 70e3]))
-    np.testing.assert_allclose(true_north_halfway(frame, begins, ends), grid_bearing_of_true_north(frame, *halfway), rtol=1e-12)
+    np.testing.assert_allclose(
+        true_north_halfway(frame, begins, ends),
+        grid_bearing_of_true_north(frame, *halfway),
+        rtol=1e-12,
+    )

@@ -8,7 +8,12 @@ import pytest
 from planners import MissionRequest, MissionSettings, MonteCarloSummary, plan_scenarios
 from planners.mission import scenarios
 from planners.mission.safety_margin import SafetyMargin
-from planners.mission.scenarios import _widen_margin, most_violations_allowed, points_at, summarise_flights
+from planners.mission.scenarios import (
+    _widen_margin,
+    most_violations_allowed,
+    points_at,
+    summarise_flights,
+)
 from planners.mission.search import solve_attempts
 from planners.mission.task import mission_task
 from tests.planners.flow_samples import place, uniform_flow
@@ -45,19 +50,27 @@ def outcomes(monkeypatch, problem, *clear: list[float]) -> list[SafetyMargin]:
     return asked
 
 
-def test_a_margin_that_falls_short_is_widened_by_more_than_it_falls_short(monkeypatch, problem) -> None:
+def test_a_margin_that_falls_short_is_widened_by_more_than_it_falls_short(
+    monkeypatch, problem
+) -> None:
     asked = outcomes(monkeypatch, problem, [-300.0] * 4, [-80.0, -30.0], [-10.0], [])
     plan, summary = plan_scenarios(FLOW, [FLOW] * N, REQUEST)
     # the first time by what the samples deviate alone; then by 1.15 times what the worst falls short, and by 50 m at least
     assert [margin.extra for margin in asked] == pytest.approx([0.0, 92.0, 142.0])
     assert {margin.share for margin in asked} == {0.9}
-    assert (summary.safe, plan.statistics["margins_tried"], plan.statistics["attempts"]) == (1.0, 4, 4)
+    assert (summary.safe, plan.statistics["margins_tried"], plan.statistics["attempts"]) == (
+        1.0,
+        4,
+        4,
+    )
     assert plan.statistics["extra_margin_m"] == pytest.approx(142.0)
 
 
 def test_the_samples_that_may_trespass_do_not_count_as_falling_short(monkeypatch, problem) -> None:
     # where three in ten are allowed, three of twenty may trespass: the fourth decides
-    asked = outcomes(monkeypatch, problem, [-300.0] * 9, [-900.0, -800.0, -700.0, -600.0, -200.0], [])
+    asked = outcomes(
+        monkeypatch, problem, [-300.0] * 9, [-900.0, -800.0, -700.0, -600.0, -200.0], []
+    )
     plan_scenarios(FLOW, [FLOW] * N, REQUEST, allowed=0.3)
     most = most_violations_allowed(N, 0.3)
     assert most == 3
@@ -65,7 +78,9 @@ def test_the_samples_that_may_trespass_do_not_count_as_falling_short(monkeypatch
     assert asked[-1].extra == pytest.approx(1.15 * worst[most])
 
 
-def test_four_margins_are_tried_and_the_safest_is_kept_when_none_is_enough(monkeypatch, problem) -> None:
+def test_four_margins_are_tried_and_the_safest_is_kept_when_none_is_enough(
+    monkeypatch, problem
+) -> None:
     outcomes(monkeypatch, problem, [-300.0] * 6, [-80.0] * 3, [-80.0] * 4, [-80.0] * 5)
     plan, summary = plan_scenarios(FLOW, [FLOW] * N, REQUEST)
     assert plan.statistics["margins_tried"] == 4
@@ -75,12 +90,18 @@ def test_four_margins_are_tried_and_the_safest_is_kept_when_none_is_enough(monke
 
 def test_on_the_edge_of_an_area_is_in_it(monkeypatch, problem) -> None:
     task, attempt = problem
-    monkeypatch.setattr(scenarios, "clearances", lambda *_: {"range": np.array([0.0]), "land": np.array([3.0])})
-    summary, clear = summarise_flights(task, attempt.flight, points_at(attempt.flight, attempt.flight.time[-1:]))
+    monkeypatch.setattr(
+        scenarios, "clearances", lambda *_: {"range": np.array([0.0]), "land": np.array([3.0])}
+    )
+    summary, clear = summarise_flights(
+        task, attempt.flight, points_at(attempt.flight, attempt.flight.time[-1:])
+    )
     assert (summary.safe, summary.violations, clear.tolist()) == (0.0, {"range": 1.0}, [0.0])
 
 
-def legs_tried(monkeypatch, problem, settings: MissionSettings, *found: tuple[bool, float]) -> tuple[list[int], float]:
+def legs_tried(
+    monkeypatch, problem, settings: MissionSettings, *found: tuple[bool, float]
+) -> tuple[list[int], float]:
     """Return the numbers of legs solved for, each safe at the goal or not and so far beyond a half-plane, and how far the one kept is."""
     task, before = replace(problem[0], request=replace(REQUEST, settings=settings)), problem[1]
     given, tried = iter(found), []
@@ -95,15 +116,25 @@ def legs_tried(monkeypatch, problem, settings: MissionSettings, *found: tuple[bo
     return tried, kept.plane_violation
 
 
-def test_more_legs_are_tried_only_where_the_margin_leaves_the_goal_out_of_reach(monkeypatch, problem) -> None:
+def test_more_legs_are_tried_only_where_the_margin_leaves_the_goal_out_of_reach(
+    monkeypatch, problem
+) -> None:
     free = replace(SETTINGS, legs=None)
     assert legs_tried(monkeypatch, problem, free, (True, 4.0)) == ([5], 4.0)
     # at the goal, but not clear by the margin; or clear, but not at the goal
     assert legs_tried(monkeypatch, problem, free, (True, 6.0), (True, 1.0)) == ([5, 6], 1.0)
     assert legs_tried(monkeypatch, problem, free, (False, 0.0), (True, 2.0)) == ([5, 6], 2.0)
     # two more at most, no more than are allowed, and none where their number is given
-    assert legs_tried(monkeypatch, problem, free, (False, 9.0), (False, 7.0), (False, 8.0)) == ([5, 6, 7], 7.0)
-    assert legs_tried(monkeypatch, problem, replace(free, max_legs=6), (False, 9.0), (False, 7.0)) == ([5, 6], 7.0)
+    assert legs_tried(monkeypatch, problem, free, (False, 9.0), (False, 7.0), (False, 8.0)) == (
+        [5, 6, 7],
+        7.0,
+    )
+    assert legs_tried(
+        monkeypatch, problem, replace(free, max_legs=6), (False, 9.0), (False, 7.0)
+    ) == ([5, 6], 7.0)
     assert legs_tried(monkeypatch, problem, SETTINGS, (False, 9.0)) == ([5], 9.0)
     # what is at the goal comes before what is beyond a half-plane by less
-    assert legs_tried(monkeypatch, problem, free, (False, 0.0), (True, 30.0), (False, 1.0)) == ([5, 6, 7], 30.0)
+    assert legs_tried(monkeypatch, problem, free, (False, 0.0), (True, 30.0), (False, 1.0)) == (
+        [5, 6, 7],
+        30.0,
+    )

@@ -6,7 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import Bathymetry, Glider, MissionPlan, MissionRequest, MissionSettings, NoGo, Weights, plan_mission
+from planners import (
+    Bathymetry,
+    Glider,
+    MissionPlan,
+    MissionRequest,
+    MissionSettings,
+    NoGo,
+    Weights,
+    plan_mission,
+)
 from planners.mission.arrival import bound_of
 from planners.mission.flight import Legs, currents_of, currents_of_samples, fly_legs, refine_steps
 from planners.mission.goal_legs import add_leg, goal_legs_of
@@ -26,8 +35,13 @@ SETTINGS = MissionSettings(depth=300.0)
 FLAT, STEEP = np.deg2rad([15.0, 35.0])
 
 
-def _area(flow: FlowEstimate, west: float, south: float, east: float, north: float, **kind: bool) -> NoGo:
-    corners = [place(flow, *corner, 0.0) for corner in ((west, south), (east, south), (east, north), (west, north))]
+def _area(
+    flow: FlowEstimate, west: float, south: float, east: float, north: float, **kind: bool
+) -> NoGo:
+    corners = [
+        place(flow, *corner, 0.0)
+        for corner in ((west, south), (east, south), (east, north), (west, north))
+    ]
     return NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), "range", **kind)
 
 
@@ -40,10 +54,17 @@ def test_a_leg_is_flown_as_by_an_adaptive_method():
     for yo_depths in ((0.0, 300.0, 0.0), (60.0, 350.0, 0.0, 200.0)):
         depths = leg_depths(yo_depths, flow.levels, steps_needed(yo_depths, flow.levels, 1))
         assert set(yo_depths) <= set(depths)
-        flight = fly_legs(currents_of(flow), GLIDER, np.array([3e3, -4e3]), Legs(np.array([1.0]), np.array([0.3]), (depths,), np.zeros(1)))
+        flight = fly_legs(
+            currents_of(flow),
+            GLIDER,
+            np.array([3e3, -4e3]),
+            Legs(np.array([1.0]), np.array([0.3]), (depths,), np.zeros(1)),
+        )
         slowly = fly_leg_slowly(flow, np.array([3e3, -4e3]), 1.0, 0.3, GLIDER.speed, yo_depths)
         np.testing.assert_allclose(flight.place[0, -1], slowly, atol=0.05)
-        assert flight.time[-1] == pytest.approx(np.sum(np.abs(np.diff(yo_depths))) / (0.3 * np.sin(0.3)), rel=1e-12)
+        assert flight.time[-1] == pytest.approx(
+            np.sum(np.abs(np.diff(yo_depths))) / (0.3 * np.sin(0.3)), rel=1e-12
+        )
 
 
 def test_the_integrators_have_their_order_and_the_optimiser_s_ends_within_a_metre():
@@ -55,7 +76,10 @@ def test_the_integrators_have_their_order_and_the_optimiser_s_ends_within_a_metr
         depths = refine_steps(steps, cut)
 
         def rate(at: np.ndarray, depth: float, _: float) -> np.ndarray:
-            return np.array([0.2, 0.1]) + velocity.velocity(at[None], velocity.weights(np.array([depth]))[0], 0.0)[0]
+            return (
+                np.array([0.2, 0.1])
+                + velocity.velocity(at[None], velocity.weights(np.array([depth]))[0], 0.0)[0]
+            )
 
         return method(rate, start, 0.0, depths, np.full(cut, 4e4 / cut), cut)[-1][0]
 
@@ -65,8 +89,15 @@ def test_the_integrators_have_their_order_and_the_optimiser_s_ends_within_a_metr
         assert order - 0.4 < -np.polyfit(np.log(cuts), np.log(errors), 1)[0] < order + 1.0
     depths = leg_depths((0.0, 300.0, 0.0), flow.levels, 10)
     latent = stage_latent(flow.latent, flow.levels, flow.depth_functions, depths)
-    places, time = leg_function(flow, GLIDER, 10, None, True)(start, 0.0, 1.0, 0.3, depths, 900.0, latent)
-    flight = fly_legs(currents_of(flow), GLIDER, start, Legs(np.array([1.0]), np.array([0.3]), (depths,), np.array([900.0])))
+    places, time = leg_function(flow, GLIDER, 10, None, True)(
+        start, 0.0, 1.0, 0.3, depths, 900.0, latent
+    )
+    flight = fly_legs(
+        currents_of(flow),
+        GLIDER,
+        start,
+        Legs(np.array([1.0]), np.array([0.3]), (depths,), np.array([900.0])),
+    )
     np.testing.assert_allclose(np.asarray(places)[:, -1], flight.place[0, -1], atol=0.3)
     assert float(time) == pytest.approx(flight.time[-1], rel=1e-12)
 
@@ -74,35 +105,54 @@ def test_the_integrators_have_their_order_and_the_optimiser_s_ends_within_a_metr
 def test_many_currents_are_flown_at_once_and_a_drift_is_the_surface_current():
     flows = [eddying_flow(seed) for seed in (4, 5)]
     depths = leg_depths((0.0, 300.0, 0.0), flows[0].levels, 8)
-    legs = Legs(np.array([0.3, 2.0]), np.array([0.3, 0.5]), (depths, depths), np.array([900.0, 0.0]))
+    legs = Legs(
+        np.array([0.3, 2.0]), np.array([0.3, 0.5]), (depths, depths), np.array([900.0, 0.0])
+    )
     both = fly_legs(currents_of_samples(flows), GLIDER, np.zeros(2), legs)
     for k, flow in enumerate(flows):
         alone = fly_legs(currents_of(flow), GLIDER, np.zeros(2), legs)
         np.testing.assert_allclose(both.place[k], alone.place[0], rtol=1e-12, atol=1e-9)
     up, down = both.ends[0] - 2, both.ends[0]
     assert both.time[down] - both.time[up] == pytest.approx(900.0)
-    np.testing.assert_allclose(both.place[1, down] - both.place[1, up], 900.0 * flows[1].velocity(*both.place[1, up], 0.0), atol=0.5)
+    np.testing.assert_allclose(
+        both.place[1, down] - both.place[1, up],
+        900.0 * flows[1].velocity(*both.place[1, up], 0.0),
+        atol=0.5,
+    )
     with pytest.raises(PlanError, match="sample 1"):
         currents_of_samples([flows[0], eddying_flow(4, levels=(5.0, 50.0))])
 
 
 def test_still_water_is_crossed_straight_at_the_shallowest_angle_that_fits():
     flow = still_flow()
-    result = plan_mission(flow, MissionRequest(place(flow, -12e3, 0.0, 0.0), (place(flow, 4e3, 9e3, 0.0),), settings=SETTINGS))
+    result = plan_mission(
+        flow,
+        MissionRequest(
+            place(flow, -12e3, 0.0, 0.0), (place(flow, 4e3, 9e3, 0.0),), settings=SETTINGS
+        ),
+    )
     way, legs = float(np.hypot(16e3, 9e3)), len(result.headings_deg)
     # n dives to 300 m at the glide angle a lead 600 n / tan(a) metres far
     assert result.status == "reached"
     assert legs == np.ceil(way / (600.0 / np.tan(FLAT)))
-    assert result.duration == pytest.approx(way / 0.3 / np.cos(np.arctan(600.0 * legs / way)), rel=1e-4)
-    np.testing.assert_allclose(result.glide_angles_deg, np.rad2deg(np.arctan(600.0 * legs / way)), atol=0.1)
+    assert result.duration == pytest.approx(
+        way / 0.3 / np.cos(np.arctan(600.0 * legs / way)), rel=1e-4
+    )
+    np.testing.assert_allclose(
+        result.glide_angles_deg, np.rad2deg(np.arctan(600.0 * legs / way)), atol=0.1
+    )
     assert result.closest_approach[0] < 1.0
-    assert result.energy == pytest.approx(GLIDER.hotel * result.duration + legs * GLIDER.pump_work(300.0), rel=1e-12)
+    assert result.energy == pytest.approx(
+        GLIDER.hotel * result.duration + legs * GLIDER.pump_work(300.0), rel=1e-12
+    )
     assert result.surfacing_times[-1] == result.duration == result.track_time[-1]
 
 
 def test_a_uniform_current_is_headed_off():
     flow, begin, end = uniform_flow(0.08, -0.04), np.array([-10e3, -2e3]), np.array([6e3, 4e3])
-    result = plan_mission(flow, MissionRequest(place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=SETTINGS))
+    result = plan_mission(
+        flow, MissionRequest(place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=SETTINGS)
+    )
     made_good = (end - begin) / result.duration - [0.08, -0.04]
     along = 600.0 * len(result.headings_deg) / result.duration
     assert result.status == "reached"
@@ -112,13 +162,21 @@ def test_a_uniform_current_is_headed_off():
 def test_a_warm_start_ends_where_the_cold_one_does_and_goes_on_from_the_next_surfacing():
     flow = eddying_flow(6)
     goal = place(flow, 9e3, 6e3, 0.0)
-    cold = plan_mission(flow, MissionRequest(place(flow, -9e3, -6e3, 0.0), (goal,), settings=SETTINGS))
-    again = plan_mission(flow, MissionRequest(place(flow, -9e3, -6e3, 0.0), (goal,), settings=SETTINGS), warm=cold)
+    cold = plan_mission(
+        flow, MissionRequest(place(flow, -9e3, -6e3, 0.0), (goal,), settings=SETTINGS)
+    )
+    again = plan_mission(
+        flow, MissionRequest(place(flow, -9e3, -6e3, 0.0), (goal,), settings=SETTINGS), warm=cold
+    )
     assert again.duration == pytest.approx(cold.duration, rel=1e-4)
     assert again.statistics["attempts"] == 1
     here = Place(*(float(x) for x in cold.surfacings[1]), 0.0)
     later = plan_mission(
-        flow, MissionRequest(here, (goal,), settings=SETTINGS, start_time_ns=int(cold.surfacing_times[1] * 1e9)), warm=cold
+        flow,
+        MissionRequest(
+            here, (goal,), settings=SETTINGS, start_time_ns=int(cold.surfacing_times[1] * 1e9)
+        ),
+        warm=cold,
     )
     assert len(later.headings_deg) == len(cold.headings_deg) - 2
     assert later.duration == pytest.approx(cold.duration - cold.surfacing_times[1], rel=1e-3)
@@ -127,24 +185,49 @@ def test_a_warm_start_ends_where_the_cold_one_does_and_goes_on_from_the_next_sur
 @pytest.mark.full
 def test_goals_are_met_in_order_at_the_surface_on_the_way_down_or_up_and_at_the_end():
     flow = eddying_flow(7)
-    goals = (place(flow, -4e3, 8e3, 0.0), place(flow, 2e3, 4e3, 120.0), place(flow, 10e3, 2e3, 200.0))
-    result = plan_mission(flow, MissionRequest(place(flow, -12e3, -4e3, 40.0), goals, settings=replace(SETTINGS, surface_time=600.0)))
+    goals = (
+        place(flow, -4e3, 8e3, 0.0),
+        place(flow, 2e3, 4e3, 120.0),
+        place(flow, 10e3, 2e3, 200.0),
+    )
+    result = plan_mission(
+        flow,
+        MissionRequest(
+            place(flow, -12e3, -4e3, 40.0), goals, settings=replace(SETTINGS, surface_time=600.0)
+        ),
+    )
     assert result.status == "reached"
     # thirteen dives of the optimiser's coarser steps
     assert np.all(result.closest_approach < 3.0)
     assert result.yo_depths[0][0] == 40.0
     assert result.track[-1, 2] == result.yo_depths[-1][-1] == 200.0
-    assert result.goal_legs[0] < result.goal_legs[1] < result.goal_legs[2] == len(result.headings_deg)
+    assert (
+        result.goal_legs[0] < result.goal_legs[1] < result.goal_legs[2] == len(result.headings_deg)
+    )
     # at its time the track is at the second goal's depth, within a leg
-    met = [np.interp(result.goal_times, result.track_time, result.track[:, axis]) for axis in range(3)]
+    met = [
+        np.interp(result.goal_times, result.track_time, result.track[:, axis]) for axis in range(3)
+    ]
     np.testing.assert_allclose(met[2], [0.0, 120.0, 200.0], atol=1e-6)
-    assert np.hypot(met[0][1] - 2e3, met[1][1] - 4e3) == pytest.approx(result.closest_approach[1], abs=0.1)
+    assert np.hypot(met[0][1] - 2e3, met[1][1] - 4e3) == pytest.approx(
+        result.closest_approach[1], abs=0.1
+    )
     assert result.goal_times[1] not in result.surfacing_times
     # from the surfacing after the first goal, at the same steps of the legs that are left
     begun = result.goal_legs[0]
-    here, now = Place(*(float(x) for x in result.surfacings[begun - 1]), 0.0), result.surfacing_times[begun - 1]
+    here, now = (
+        Place(*(float(x) for x in result.surfacings[begun - 1]), 0.0),
+        result.surfacing_times[begun - 1],
+    )
     later = plan_mission(
-        flow, MissionRequest(here, goals[1:], settings=replace(SETTINGS, surface_time=600.0), start_time_ns=int(now * 1e9)), warm=result
+        flow,
+        MissionRequest(
+            here,
+            goals[1:],
+            settings=replace(SETTINGS, surface_time=600.0),
+            start_time_ns=int(now * 1e9),
+        ),
+        warm=result,
     )
     assert (later.status, later.statistics["attempts"]) == ("reached", 1)
     np.testing.assert_allclose(later.goal_times + now, result.goal_times[1:], rtol=1e-3)
@@ -156,11 +239,17 @@ def test_coming_close_is_weighed_against_time(worth_of_a_kilometre: float, comes
     # a kilometre more at the glide angle a takes cos(a) / 0.3 / 3.6 hours: for less it is not gone, and no second dive is worth it
     angle = np.arccos(0.8 * 0.3 * 3.6)
     weights = Weights(time=1.0, closest=worth_of_a_kilometre)
-    request = MissionRequest(place(flow, -2e3, 0.0, 0.0), (place(flow, 2e3, 0.0, 0.0),), settings=replace(SETTINGS, objective=weights))
+    request = MissionRequest(
+        place(flow, -2e3, 0.0, 0.0),
+        (place(flow, 2e3, 0.0, 0.0),),
+        settings=replace(SETTINGS, objective=weights),
+    )
     result = plan_mission(flow, request)
     assert (result.status == "reached") == comes_close
     assert len(result.headings_deg) == (2 if comes_close else 1)
-    assert result.closest_approach[0] == pytest.approx(0.0 if comes_close else 4e3 - 600.0 / np.tan(angle), abs=15.0)
+    assert result.closest_approach[0] == pytest.approx(
+        0.0 if comes_close else 4e3 - 600.0 / np.tan(angle), abs=15.0
+    )
     assert ("limit: the weights" in result.message) != comes_close
 
 
@@ -183,7 +272,10 @@ def test_each_goal_has_a_leg_of_its_own():
 def test_a_single_dive_from_below_the_surface_may_end_at_the_depth_it_began():
     flow = still_flow()
     way = place(flow, 1.2e3, 0.0, 150.0)
-    result = plan_mission(flow, MissionRequest(place(flow, -0.4e3, 0.0, 150.0), (way,), settings=replace(SETTINGS, legs=1)))
+    result = plan_mission(
+        flow,
+        MissionRequest(place(flow, -0.4e3, 0.0, 150.0), (way,), settings=replace(SETTINGS, legs=1)),
+    )
     assert result.yo_depths == ((150.0, 300.0, 150.0),)
     assert result.status == "unreachable"
     assert result.closest_approach[0] == pytest.approx(1600.0 - 300.0 / np.tan(FLAT), abs=1.0)
@@ -204,12 +296,18 @@ def test_a_flow_that_changes_is_planned_in_as_it_will_be():
 def test_a_forbidden_area_is_gone_round_or_passed_under(surface_only: bool):
     flow = eddying_flow(8, speed=0.1)
     area = _area(flow, -0.7e3, -6e3, 0.7e3, -1e3, surface_only=surface_only)
-    request = MissionRequest(place(flow, -5e3, -3e3, 0.0), (place(flow, 6e3, -3e3, 0.0),), settings=replace(SETTINGS, depth=390.0))
+    request = MissionRequest(
+        place(flow, -5e3, -3e3, 0.0),
+        (place(flow, 6e3, -3e3, 0.0),),
+        settings=replace(SETTINGS, depth=390.0),
+    )
     free, clear = (plan_mission(flow, replace(request, no_go=areas)) for areas in ((), (area,)))
     assert clear.status == "reached"
     assert clear.duration >= free.duration * (1.0 - 1e-4)
     (ring,) = no_go_rings(flow.grid.projection, area)
-    track = np.vstack([np.linspace(a, b, 100) for a, b in zip(clear.track[:-1], clear.track[1:], strict=True)])
+    track = np.vstack(
+        [np.linspace(a, b, 100) for a, b in zip(clear.track[:-1], clear.track[1:], strict=True)]
+    )
     assert not ring.forbids(_local(flow, clear)).any()
     assert ring.forbids(track[:, :2]).any() == surface_only
 
@@ -221,7 +319,9 @@ def test_land_and_shallows_are_gone_round():
     wet[3:, 2:, 4] = False
     dry = replace(flow, grid=replace(flow.grid, wet=wet))
     deep = replace(SETTINGS, depth=390.0)
-    request = MissionRequest(place(dry, -16e3, -17e3, 0.0), (place(dry, -1e3, -17e3, 0.0),), settings=deep)
+    request = MissionRequest(
+        place(dry, -16e3, -17e3, 0.0), (place(dry, -1e3, -17e3, 0.0),), settings=deep
+    )
     result = plan_mission(dry, request)
     assert result.status == "reached"
     assert result.track[:, 1].min() < -22e3
@@ -229,10 +329,17 @@ def test_land_and_shallows_are_gone_round():
     shallow = replace(request, settings=replace(deep, depth=110.0, legs=26))
     assert plan_mission(dry, shallow).track[:, 1].min() > -18e3
     # the same shelf on a finer grid; between its points the shallower of two holds
-    longitude, latitude = np.meshgrid(np.linspace(152.0, 152.9, 361), np.linspace(-40.32, -39.76, 281))
+    longitude, latitude = np.meshgrid(
+        np.linspace(152.0, 152.9, 361), np.linspace(-40.32, -39.76, 281)
+    )
     bottom = np.where((np.abs(longitude - 152.4) < 0.049) & (latitude > -40.199), 250.0, 1000.0)
     bathymetry = Bathymetry(longitude, latitude, bottom)
-    same = plan_mission(flow, replace(request, settings=replace(deep, legs=len(result.headings_deg)), bathymetry=bathymetry))
+    same = plan_mission(
+        flow,
+        replace(
+            request, settings=replace(deep, legs=len(result.headings_deg)), bathymetry=bathymetry
+        ),
+    )
     assert same.status == "reached"
     assert same.duration == pytest.approx(result.duration, rel=0.03)
 
@@ -241,10 +348,15 @@ def test_too_far_and_against_too_strong_a_current_are_unreachable_and_say_so():
     flow = still_flow()
     start, goal = place(flow, -20e3, 0.0, 0.0), place(flow, 20e3, 0.0, 0.0)
     few = plan_mission(flow, MissionRequest(start, (goal,), settings=replace(SETTINGS, legs=3)))
-    assert (few.status, few.closest_approach[0]) == ("unreachable", pytest.approx(40e3 - 3 * 600.0 / np.tan(FLAT), abs=1.0))
+    assert (few.status, few.closest_approach[0]) == (
+        "unreachable",
+        pytest.approx(40e3 - 3 * 600.0 / np.tan(FLAT), abs=1.0),
+    )
     assert "limit: 3 legs" in few.message
     assert f"misses the goal by {few.closest_approach[0]:.1f} m" in few.message
-    strong = plan_mission(uniform_flow(-0.4, 0.0), MissionRequest(start, (goal,), settings=SETTINGS))
+    strong = plan_mission(
+        uniform_flow(-0.4, 0.0), MissionRequest(start, (goal,), settings=SETTINGS)
+    )
     assert strong.status == "unreachable"
     # at 15 degrees it makes 0.29 m/s of the current's 0.4
     assert "current" in strong.message
@@ -268,7 +380,10 @@ def test_what_is_out_of_reach_is_told_from_what_is_not_and_takes_no_iterations()
     assert is_out_of_reach(0.0, replace(SETTINGS, legs=4))
     flow = uniform_flow(0.9, 0.0)
     goal = place(flow, -30e3, 0.0, 0.0)
-    result = plan_mission(flow, MissionRequest(place(flow, -20e3, 0.0, 0.0), (goal,), settings=replace(SETTINGS, legs=30)))
+    result = plan_mission(
+        flow,
+        MissionRequest(place(flow, -20e3, 0.0, 0.0), (goal,), settings=replace(SETTINGS, legs=30)),
+    )
     assert result.status == "unsafe"
     assert "edge of the region" in result.message
     assert "limit: 30 legs" in result.message
@@ -279,7 +394,13 @@ def test_a_way_that_is_walled_off_is_not_called_reached():
     flow = still_flow()
     wall = _area(flow, -2e3, -60e3, 2e3, 60e3)
     result = plan_mission(
-        flow, MissionRequest(place(flow, -9e3, 0.0, 0.0), (place(flow, 9e3, 0.0, 0.0),), settings=SETTINGS, no_go=(wall,))
+        flow,
+        MissionRequest(
+            place(flow, -9e3, 0.0, 0.0),
+            (place(flow, 9e3, 0.0, 0.0),),
+            settings=SETTINGS,
+            no_go=(wall,),
+        ),
     )
     assert result.status in ("unreachable", "unsafe")
     assert result.status == "unreachable" or "range" in result.message
@@ -288,7 +409,12 @@ def test_a_way_that_is_walled_off_is_not_called_reached():
 def test_a_flow_that_is_not_a_number_fails_as_a_value():
     flow = still_flow()
     bad = replace(flow, latent=np.full_like(flow.latent, np.nan))
-    result = plan_mission(bad, MissionRequest(place(flow, -9e3, 0.0, 0.0), (place(flow, 9e3, 0.0, 0.0),), settings=SETTINGS))
+    result = plan_mission(
+        bad,
+        MissionRequest(
+            place(flow, -9e3, 0.0, 0.0), (place(flow, 9e3, 0.0, 0.0),), settings=SETTINGS
+        ),
+    )
     assert (result.status, len(result.headings_deg)) == ("failed", 0)
     assert "not a number" in result.message
 
@@ -299,34 +425,60 @@ def test_a_flow_that_is_not_a_number_fails_as_a_value():
         ((), SETTINGS, "needs a goal"),
         ((Place(152.5, -40.0, 0.0),), replace(SETTINGS, depth=401.0), "deepest level, 400 m"),
         ((Place(152.5, -40.0, 350.0),), SETTINGS, "deeper than the dives"),
-        ((Place(152.5, -40.0, 310.0), Place(152.55, -40.0, 0.0)), SETTINGS, "deeper than the dives"),
-        ((Place(152.5, -40.0, 0.0), Place(152.55, -40.0, 0.0)), replace(SETTINGS, legs=1), "2 goals need as many legs"),
+        (
+            (Place(152.5, -40.0, 310.0), Place(152.55, -40.0, 0.0)),
+            SETTINGS,
+            "deeper than the dives",
+        ),
+        (
+            (Place(152.5, -40.0, 0.0), Place(152.55, -40.0, 0.0)),
+            replace(SETTINGS, legs=1),
+            "2 goals need as many legs",
+        ),
         ((Place(152.5, -40.1, 0.0),), SETTINGS, "goal is where the vehicle may not go: range"),
         ((Place(160.0, -40.0, 0.0),), SETTINGS, "outside the forecast"),
-        ((Place(152.5, -40.0, 0.0),), replace(SETTINGS, objective=Weights(time=1.0, closest=0.0)), "a weight of 0"),
+        (
+            (Place(152.5, -40.0, 0.0),),
+            replace(SETTINGS, objective=Weights(time=1.0, closest=0.0)),
+            "a weight of 0",
+        ),
     ],
 )
-def test_missions_that_cannot_be_asked_for(goals: tuple[Place, ...], settings: MissionSettings, words: str):
+def test_missions_that_cannot_be_asked_for(
+    goals: tuple[Place, ...], settings: MissionSettings, words: str
+):
     flow = still_flow()
     area = _area(flow, -5e3, -16e3, 5e3, -6e3)
     with pytest.raises(PlanError, match=words):
-        plan_mission(flow, MissionRequest(Place(152.4, -40.0, 0.0), goals, settings=settings, no_go=(area,)))
+        plan_mission(
+            flow, MissionRequest(Place(152.4, -40.0, 0.0), goals, settings=settings, no_go=(area,))
+        )
 
 
 def test_a_channel_between_areas_is_passed_and_one_that_is_walled_off_is_out_of_reach():
     flow, settings = still_flow(), replace(SETTINGS, max_legs=20)
     # long edges may be meant as parallels, which are hundreds of metres off the straight line
     bands = ((-90e3, -0.2e3), (0.2e3, 90e3))
-    areas = tuple(_area(flow, west, south, west + 20.1e3, north) for west in np.arange(-60e3, 60e3, 20e3) for south, north in bands)
-    request = MissionRequest(place(flow, -9e3, 0.0, 0.0), (place(flow, 9e3, 0.0, 0.0),), settings=settings, no_go=areas)
+    areas = tuple(
+        _area(flow, west, south, west + 20.1e3, north)
+        for west in np.arange(-60e3, 60e3, 20e3)
+        for south, north in bands
+    )
+    request = MissionRequest(
+        place(flow, -9e3, 0.0, 0.0), (place(flow, 9e3, 0.0, 0.0),), settings=settings, no_go=areas
+    )
     assert plan_mission(flow, request).status == "reached"
-    walled = plan_mission(flow, replace(request, no_go=(*areas, _area(flow, 2e3, -1e3, 2.5e3, 1e3))))
+    walled = plan_mission(
+        flow, replace(request, no_go=(*areas, _area(flow, 2e3, -1e3, 2.5e3, 1e3)))
+    )
     assert walled.status == "unreachable"
     assert "the goal is out of reach" in walled.message
     assert "no vehicle of this speed comes nearer than about 7.0 km" in walled.message
 
 
-@pytest.mark.parametrize("wrong", [{"depth": 0.0}, {"legs": 0}, {"surface_time": -1.0}, {"tolerance": float("nan")}])
+@pytest.mark.parametrize(
+    "wrong", [{"depth": 0.0}, {"legs": 0}, {"surface_time": -1.0}, {"tolerance": float("nan")}]
+)
 def test_settings_that_cannot_be_are_refused(wrong: dict[str, float]):
     with pytest.raises(PlanError, match="expected"):
         MissionSettings(**wrong)
@@ -349,7 +501,10 @@ def test_a_sliver_between_two_areas_does_not_hide_the_way_round_them():
     flow = still_flow()
     areas = (_area(flow, -1e3, -20e3, 1e3, 560.0), _area(flow, -1e3, 640.0, 1e3, 3e3))
     request = MissionRequest(
-        place(flow, -6e3, 0.0, 0.0), (place(flow, 6e3, 0.0, 0.0),), settings=replace(SETTINGS, depth=390.0), no_go=areas
+        place(flow, -6e3, 0.0, 0.0),
+        (place(flow, 6e3, 0.0, 0.0),),
+        settings=replace(SETTINGS, depth=390.0),
+        no_go=areas,
     )
     plan = plan_mission(flow, request)
     assert plan.status == "reached"

@@ -9,7 +9,14 @@ from planners import Glider, MissionRequest, MissionSettings
 from planners.front.route import Route
 from planners.mission.attempt import GoalSteps, LegsProblem
 from planners.mission.flight import Flight
-from planners.mission.program import MissionData, MissionGuess, MissionModel, MissionShape, _unknowns, solve_mission
+from planners.mission.program import (
+    MissionData,
+    MissionGuess,
+    MissionModel,
+    MissionShape,
+    _unknowns,
+    solve_mission,
+)
 from planners.mission.reference_path import along_line, near_place
 from planners.mission.solve import _points_along, _reference_weights_and_limits
 from planners.mission.task import REFINED, MissionTask, mission_task
@@ -27,25 +34,37 @@ def _data(goal: np.ndarray, n_legs: int, **more: object) -> MissionData:
     drifts = np.array([*[600.0] * (n_legs - 1), 0.0])
     planes = given.pop("planes", None)
     walls = None if planes is None else Walls(np.ones(planes.shape[:3]), planes)
-    return MissionData(np.zeros(2), 0.0, goal[None], (DIVE,), drifts, walls, latent=FLOW.latent, **given)
+    return MissionData(
+        np.zeros(2), 0.0, goal[None], (DIVE,), drifts, walls, latent=FLOW.latent, **given
+    )
 
 
 def _shape(n_legs: int, **more: object) -> MissionShape:
-    return MissionShape(n_legs, 10, (n_legs,), (0,) * n_legs, **({"n_planes": 0, "drifts": True} | more))
+    return MissionShape(
+        n_legs, 10, (n_legs,), (0,) * n_legs, **({"n_planes": 0, "drifts": True} | more)
+    )
 
 
 def _straight(goal: np.ndarray, n_legs: int, angle: float = 0.4) -> MissionGuess:
     heading = float(np.arctan2(*goal))
-    return MissionGuess(goal * np.arange(1, n_legs + 1)[:, None] / n_legs, np.full(n_legs, heading), np.full(n_legs, angle))
+    return MissionGuess(
+        goal * np.arange(1, n_legs + 1)[:, None] / n_legs,
+        np.full(n_legs, heading),
+        np.full(n_legs, angle),
+    )
 
 
 def test_a_guess_begins_with_the_times_of_its_dives_and_drifts_and_with_what_it_misses() -> None:
     goal, angles = np.array([3e3, -2e3]), np.array([0.3, 0.5, 0.4])
-    guess = MissionGuess(np.array([[1e3, 0.0], [2e3, -1e3], [2.5e3, -1.2e3]]), np.array([0.1, 0.2, 0.3]), angles)
+    guess = MissionGuess(
+        np.array([[1e3, 0.0], [2e3, -1e3], [2.5e3, -1.2e3]]), np.array([0.1, 0.2, 0.3]), angles
+    )
     unknowns, lower, upper = _unknowns(GLIDER, _shape(3), _data(goal, 3), guess)
     legs = unknowns[:15].reshape(3, 5)
     np.testing.assert_allclose(legs[:, :2], guess.places / KM)
-    np.testing.assert_allclose(legs[:, 2], np.cumsum(600.0 / 0.3 / np.sin(angles) + [600.0, 600.0, 0.0]) / HOUR)
+    np.testing.assert_allclose(
+        legs[:, 2], np.cumsum(600.0 / 0.3 / np.sin(angles) + [600.0, 600.0, 0.0]) / HOUR
+    )
     np.testing.assert_allclose(legs[:, 3:], np.column_stack([guess.headings, angles]))
     # 500 m short to the east, 800 m too far north
     np.testing.assert_allclose(unknowns[15:], [0.0, 0.8, 0.5, 0.0])
@@ -60,11 +79,15 @@ def test_a_guess_begins_with_the_times_of_its_dives_and_drifts_and_with_what_it_
     assert unknowns[15:].tolist() == pytest.approx([0.0, 0.8, 0.5, 0.0, 0.0, 0.0])
 
 
-def test_time_is_the_objective_where_the_goal_is_met_and_the_penalty_is_added_where_it_is_not() -> None:
+def test_time_is_the_objective_where_the_goal_is_met_and_the_penalty_is_added_where_it_is_not() -> (
+    None
+):
     flattest = float(np.cos(np.deg2rad(15.0)) / np.sin(np.deg2rad(15.0))) * 600.0
     for goal_at, short in ((0.8 * 2 * flattest, 0.0), (2 * flattest + 1e3, 1.0)):
         goal = np.array([0.0, goal_at])
-        found = solve_mission(MissionModel(FLOW, GLIDER, _shape(2)), _data(goal, 2), _straight(goal, 2))
+        found = solve_mission(
+            MissionModel(FLOW, GLIDER, _shape(2)), _data(goal, 2), _straight(goal, 2)
+        )
         angle = float(np.mean(found.guess.angles))
         hours = (2 * 600.0 / 0.3 / np.sin(angle) + 600.0) / HOUR
         assert found.objective == pytest.approx(hours + 50.0 * short, rel=1e-3)
@@ -88,14 +111,18 @@ def test_half_planes_are_kept_rather_than_the_goal_and_what_is_trespassed_by_is_
     planes = np.zeros((1, 11, 1, 3))
     planes[0, 9] = [[0.0, 1.0, 1000.0]]
     data = replace(_data(goal, 1, planes=planes), drifts=np.zeros(1))
-    found = solve_mission(MissionModel(FLOW, GLIDER, _shape(1, n_planes=1)), data, _straight(goal, 1))
+    found = solve_mission(
+        MissionModel(FLOW, GLIDER, _shape(1, n_planes=1)), data, _straight(goal, 1)
+    )
     assert found.guess.places[0, 1] == pytest.approx(1000.0, abs=5.0)
     assert found.plane_violation == pytest.approx(0.0, abs=5.0)
     # the steepest leads 857 m: wherever it heads it comes out of a box of 600 m by 200 m, least of all objectives towards the goal
     planes = np.zeros((1, 11, 4, 3))
     planes[0, 9] = [[0.0, 1.0, 300.0], [0.0, -1.0, 300.0], [1.0, 0.0, 100.0], [-1.0, 0.0, 100.0]]
     found = solve_mission(
-        MissionModel(FLOW, GLIDER, _shape(1, n_planes=4)), replace(data, walls=Walls(np.ones(planes.shape[:3]), planes)), _straight(goal, 1)
+        MissionModel(FLOW, GLIDER, _shape(1, n_planes=4)),
+        replace(data, walls=Walls(np.ones(planes.shape[:3]), planes)),
+        _straight(goal, 1),
     )
     hop = 600.0 / np.tan(np.deg2rad(35.0))
     np.testing.assert_allclose(found.guess.places[0], [0.0, hop], atol=5.0)
@@ -107,20 +134,39 @@ def test_half_planes_are_kept_rather_than_the_goal_and_what_is_trespassed_by_is_
 def test_guides_weigh_hours_and_distances_as_they_were_asked_to() -> None:
     mooring = near_place(np.zeros(2), 1e3, 4.0 * HOUR, True)
     # a mission's length at a kilometre's distance costs one, however long it is
-    assert (mooring.weight, mooring.least_duration, mooring.limit, mooring.surfacings_only) == (0.25, 4.0 * HOUR, 1e3, True)
+    assert (mooring.weight, mooring.least_duration, mooring.limit, mooring.surfacings_only) == (
+        0.25,
+        4.0 * HOUR,
+        1e3,
+        True,
+    )
     line = along_line(np.zeros(2), np.array([0.0, 5e3]), 3.0, 2e3)
-    assert (line.weight, line.least_duration, line.limit, line.surfacings_only) == (3.0, 0.0, 2e3, False)
+    assert (line.weight, line.least_duration, line.limit, line.surfacings_only) == (
+        3.0,
+        0.0,
+        2e3,
+        False,
+    )
     # farther along the line is no distance from it
     np.testing.assert_allclose(line.distances(np.array([[0.0, 9e3], [-700.0, -1e3]])), [0.0, 700.0])
 
 
 def _task(**more: float) -> MissionTask:
     settings = MissionSettings(depth=300.0, **more)
-    return mission_task(FLOW, MissionRequest(place(FLOW, -1e3, 0.0, 0.0), (place(FLOW, 3e3, 2e3, 0.0),), GLIDER, settings))
+    return mission_task(
+        FLOW,
+        MissionRequest(
+            place(FLOW, -1e3, 0.0, 0.0), (place(FLOW, 3e3, 2e3, 0.0),), GLIDER, settings
+        ),
+    )
 
 
-def test_a_guide_s_weight_goes_by_the_time_of_each_step_and_its_limit_stops_short_of_what_is_checked() -> None:
-    task = replace(_task(surface_time=900.0), reference_path=near_place(np.zeros(2), 2e3, 4.0 * HOUR, False))
+def test_a_guide_s_weight_goes_by_the_time_of_each_step_and_its_limit_stops_short_of_what_is_checked() -> (
+    None
+):
+    task = replace(
+        _task(surface_time=900.0), reference_path=near_place(np.zeros(2), 2e3, 4.0 * HOUR, False)
+    )
     shape = _shape(2, has_reference=True)
     angles = np.array([0.3, 0.5])
     hours = np.abs(np.diff(DIVE)) / (0.3 * np.sin(angles))[:, None] / HOUR
@@ -131,7 +177,9 @@ def test_a_guide_s_weight_goes_by_the_time_of_each_step_and_its_limit_stops_shor
     np.testing.assert_allclose(limits, 2e3 - 50.0)
     # of a narrow limit the margin takes half at most
     narrow = replace(task, reference_path=replace(task.reference_path, limit=60.0))
-    np.testing.assert_allclose(_reference_weights_and_limits(narrow, angles, shape, [DIVE, DIVE], 2.0)[1], 30.0)
+    np.testing.assert_allclose(
+        _reference_weights_and_limits(narrow, angles, shape, [DIVE, DIVE], 2.0)[1], 30.0
+    )
     # surfacings alone have the weight of their whole legs, and nothing limits what is between them
     few = replace(task, reference_path=replace(task.reference_path, surfacings_only=True))
     weights, limits = _reference_weights_and_limits(few, angles, shape, [DIVE, DIVE], 2.0)
@@ -149,8 +197,12 @@ def test_half_planes_are_first_laid_along_the_route_and_then_straight_from_leg_t
     n_places, problem = task.n_steps(yo_depths), LegsProblem(task, 2, GoalSteps((2,), (0,)))
     straight = _points_along(problem, guess)
     share = np.arange(1, n_places + 1)[:, None] / n_places
-    np.testing.assert_allclose(straight[0], task.start[:2] + share * (guess.places[0] - task.start[:2]), rtol=1e-12)
-    np.testing.assert_allclose(straight[1], guess.places[0] + share * (guess.places[1] - guess.places[0]), rtol=1e-12)
+    np.testing.assert_allclose(
+        straight[0], task.start[:2] + share * (guess.places[0] - task.start[:2]), rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        straight[1], guess.places[0] + share * (guess.places[1] - guess.places[0]), rtol=1e-12
+    )
     # by a route with a corner, gone at its own pace: half of the time for the first leg
     route = Route(np.array([[-1e3, 0.0], [-1e3, 3e3], [3e3, 3e3]]), np.array([0.0, 1e4, 4e4]), True)
     along = _points_along(problem, guess, route).reshape(-1, 2)
@@ -158,9 +210,23 @@ def test_half_planes_are_first_laid_along_the_route_and_then_straight_from_leg_t
     expected = [np.interp(times, route.times, route.points[:, i]) for i in (0, 1)]
     np.testing.assert_allclose(along, np.column_stack(expected), rtol=1e-9, atol=1e-6)
     # a drift is one more place after each leg
-    assert _points_along(replace(problem, task=_task(surface_time=600.0)), guess).shape == (2, n_places + 1, 2)
+    assert _points_along(replace(problem, task=_task(surface_time=600.0)), guess).shape == (
+        2,
+        n_places + 1,
+        2,
+    )
 
 
 def test_goals_are_met_at_the_end_of_a_leg_or_after_so_many_of_its_steps() -> None:
-    flight = Flight(np.arange(61.0), np.zeros(61), np.zeros((1, 61, 2)), np.zeros(61, dtype=int), np.array([20, 40, 60]))
-    assert GoalSteps((1, 2, 3), (3, 0, 4)).points(flight).tolist() == [3 * REFINED, 40, 40 + 4 * REFINED]
+    flight = Flight(
+        np.arange(61.0),
+        np.zeros(61),
+        np.zeros((1, 61, 2)),
+        np.zeros(61, dtype=int),
+        np.array([20, 40, 60]),
+    )
+    assert GoalSteps((1, 2, 3), (3, 0, 4)).points(flight).tolist() == [
+        3 * REFINED,
+        40,
+        40 + 4 * REFINED,
+    ]

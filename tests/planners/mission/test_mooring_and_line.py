@@ -7,7 +7,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from planners import Line, MissionPlan, MissionRequest, MissionSettings, Mooring, NoGo, Weights, plan_line, plan_mission, plan_mooring
+from planners import (
+    Line,
+    MissionPlan,
+    MissionRequest,
+    MissionSettings,
+    Mooring,
+    NoGo,
+    Weights,
+    plan_line,
+    plan_mission,
+    plan_mooring,
+)
 from planners.mission.attempt import ranking_key
 from planners.mission.program import MissionShape
 from planners.mission.reference_path import ReferencePath, along_line, near_place
@@ -26,19 +37,36 @@ def test_distances_from_a_place_and_a_line_are_those_point_by_point():
     points = np.random.default_rng(0).uniform(-5e3, 5e3, (20, 2))
     begin, end = np.array([1e3, -2e3]), np.array([-3e3, 4e3])
     place_, line = near_place(begin, 1e3, HOURS, False), along_line(begin, end, 1.0, 1e3)
-    np.testing.assert_allclose(place_.distances(points), [distance_from_place(point, begin) for point in points], rtol=1e-12)
-    np.testing.assert_allclose(line.distances(points), [distance_from_line(point, begin, end) for point in points], rtol=1e-10)
+    np.testing.assert_allclose(
+        place_.distances(points),
+        [distance_from_place(point, begin) for point in points],
+        rtol=1e-12,
+    )
+    np.testing.assert_allclose(
+        line.distances(points),
+        [distance_from_line(point, begin, end) for point in points],
+        rtol=1e-10,
+    )
     # over time half of it is spent at 0 and half at 300 m; of its two ends of legs one is there
-    path, time = begin + np.array([[0.0, 0.0], [0.0, 0.0], [300.0, 0.0], [300.0, 0.0]]), np.array([0.0, 50.0, 50.0, 100.0])
-    assert place_.farthest_and_rms(time, path, np.array([1, 3])) == pytest.approx((300.0, 300.0 / np.sqrt(2.0)))
+    path, time = (
+        begin + np.array([[0.0, 0.0], [0.0, 0.0], [300.0, 0.0], [300.0, 0.0]]),
+        np.array([0.0, 50.0, 50.0, 100.0]),
+    )
+    assert place_.farthest_and_rms(time, path, np.array([1, 3])) == pytest.approx(
+        (300.0, 300.0 / np.sqrt(2.0))
+    )
     few = replace(place_, surfacings_only=True)
-    assert few.farthest_and_rms(time, path, np.array([1, 2, 3])) == pytest.approx((300.0, 300.0 * np.sqrt(2.0 / 3.0)))
+    assert few.farthest_and_rms(time, path, np.array([1, 2, 3])) == pytest.approx(
+        (300.0, 300.0 * np.sqrt(2.0 / 3.0))
+    )
 
 
 def _task(reference: ReferencePath | None, weights: Weights) -> MissionTask:
     flow = still_flow()
     settings = replace(SETTINGS, surface_time=900.0, margin=100.0, objective=weights)
-    request = MissionRequest(place(flow, 0.0, 0.0, 0.0), (place(flow, 5e3, 0.0, 0.0),), Glider(hotel=2.0), settings)
+    request = MissionRequest(
+        place(flow, 0.0, 0.0, 0.0), (place(flow, 5e3, 0.0, 0.0),), Glider(hotel=2.0), settings
+    )
     return replace(mission_task(flow, request), reference_path=reference)
 
 
@@ -46,42 +74,60 @@ def test_of_the_weights_the_largest_is_one():
     # two watts are 7.2 kJ in an hour
     assert _weights(_task(None, Weights(time=0.1, energy=0.05))) == (pytest.approx(1.0), None, 0.0)
     assert _weights(_task(None, Weights(time=0.1, closest=0.4))) == pytest.approx((0.25, 1.0, 0.0))
-    assert _weights(_task(along_line(np.zeros(2), np.array([1e3, 0.0]), 5.0, 1e3), Weights(time=2.0))) == (0.4, None, 1.0)
+    assert _weights(
+        _task(along_line(np.zeros(2), np.array([1e3, 0.0]), 5.0, 1e3), Weights(time=2.0))
+    ) == (0.4, None, 1.0)
 
 
 def test_being_off_a_guide_costs_by_the_hour_and_the_squared_kilometre():
     task = _task(along_line(np.zeros(2), np.array([1e3, 0.0]), 5.0, 1e3), Weights(time=2.0))
     legs = SimpleNamespace(headings=np.zeros(2), angles=np.zeros(2))
     attempt = SimpleNamespace(
-        legs=legs, yo_depths=(), flight=SimpleNamespace(time=np.array([0.0, 3.0 * HOURS])), miss=np.zeros(1), violation=None
+        legs=legs,
+        yo_depths=(),
+        flight=SimpleNamespace(time=np.array([0.0, 3.0 * HOURS])),
+        miss=np.zeros(1),
+        violation=None,
     )
     # three hours at two, and three times five a squared kilometre
-    assert ranking_key(task, SimpleNamespace(**vars(attempt), deviation=(800.0, 200.0))) == pytest.approx((False, 0.0, 6.0 + 15.0 * 0.04))
+    assert ranking_key(
+        task, SimpleNamespace(**vars(attempt), deviation=(800.0, 200.0))
+    ) == pytest.approx((False, 0.0, 6.0 + 15.0 * 0.04))
     # 400 m beyond the width
-    assert ranking_key(task, SimpleNamespace(**vars(attempt), deviation=(1400.0, 1000.0))) == pytest.approx((True, 400.0, 21.0))
+    assert ranking_key(
+        task, SimpleNamespace(**vars(attempt), deviation=(1400.0, 1000.0))
+    ) == pytest.approx((True, 400.0, 21.0))
 
 
 @pytest.mark.parametrize("surfacings_only", [False, True])
 def test_a_place_near_a_guide_counts_for_as_long_as_the_glider_takes_to_it(surfacings_only: bool):
     # two legs of two equal steps, one down and one up, and a drift of a quarter of an hour between the legs
-    task = _task(replace(near_place(np.zeros(2), 1e3, HOURS, surfacings_only), weight=3.0), Weights(time=1.0))
+    task = _task(
+        replace(near_place(np.zeros(2), 1e3, HOURS, surfacings_only), weight=3.0), Weights(time=1.0)
+    )
     shape = MissionShape(2, 2, (2,), (0, 0), 0, True, (0,), True)
     angles, depths = np.array([0.3, 0.5]), [np.array([0.0, 300.0, 0.0])] * 2
     cost, limits = _reference_weights_and_limits(task, angles, shape, depths, 2.0)
     down = 300.0 / (0.3 * np.sin(angles)) / HOURS
     if surfacings_only:
-        np.testing.assert_allclose(cost, 2.0 * np.array([[0.0, 0.0, 2.0 * down[0] + 0.25], [0.0, 0.0, 2.0 * down[1]]]))
+        np.testing.assert_allclose(
+            cost, 2.0 * np.array([[0.0, 0.0, 2.0 * down[0] + 0.25], [0.0, 0.0, 2.0 * down[1]]])
+        )
         assert np.all(limits[:, -1] == 900.0)
         assert np.all(limits[:, :-1] >= 1e6)  # a thousand kilometres are no limit
     else:
-        np.testing.assert_allclose(cost, 2.0 * np.array([[down[0], down[0], 0.25], [down[1], down[1], 0.0]]))
+        np.testing.assert_allclose(
+            cost, 2.0 * np.array([[down[0], down[0], 0.25], [down[1], down[1], 0.0]])
+        )
         assert np.all(limits == 900.0)
 
 
 def test_a_mooring_heads_against_a_uniform_current_at_the_angle_that_makes_no_way():
     flow, bearing = uniform_flow(0.27 * np.sin(0.7), 0.27 * np.cos(0.7)), np.rad2deg(0.7)
     here = place(flow, 0.0, 0.0, 0.0)
-    result = plan_mooring(flow, MissionRequest(here, (here,), settings=SETTINGS), Mooring(1000.0, 10.0 * HOURS))
+    result = plan_mooring(
+        flow, MissionRequest(here, (here,), settings=SETTINGS), Mooring(1000.0, 10.0 * HOURS)
+    )
     assert result.status == "reached"
     np.testing.assert_allclose(result.headings_deg, bearing + 180.0, atol=1.0)
     # 0.3 m/s through water: the glide angle whose cosine makes 0.27 m/s of it
@@ -95,7 +141,11 @@ def test_a_mooring_heads_against_a_uniform_current_at_the_angle_that_makes_no_wa
 def test_in_still_water_a_glider_cannot_stand_but_surfaces_to_either_side():
     flow = still_flow()
     here = place(flow, 0.0, 0.0, 0.0)
-    result = plan_mooring(flow, MissionRequest(here, (here,), settings=SETTINGS), Mooring(900.0, 10.0 * HOURS, surfacings_only=True))
+    result = plan_mooring(
+        flow,
+        MissionRequest(here, (here,), settings=SETTINGS),
+        Mooring(900.0, 10.0 * HOURS, surfacings_only=True),
+    )
     hop = 600.0 / np.tan(np.deg2rad(35.0))
     assert result.status == "reached"
     # from the mooring the first dive leads a hop away; after that half a hop is the least that all can be away
@@ -106,7 +156,9 @@ def test_in_still_water_a_glider_cannot_stand_but_surfaces_to_either_side():
 def test_a_current_that_is_too_strong_carries_out_of_the_mooring_and_that_is_said():
     flow = uniform_flow(0.4, 0.0)
     here = place(flow, -5e3, 0.0, 0.0)
-    result = plan_mooring(flow, MissionRequest(here, (here,), settings=SETTINGS), Mooring(1000.0, 6.0 * HOURS))
+    result = plan_mooring(
+        flow, MissionRequest(here, (here,), settings=SETTINGS), Mooring(1000.0, 6.0 * HOURS)
+    )
     assert result.status == "unreachable"
     assert "farther than 1000 m" in result.message
     np.testing.assert_allclose(result.headings_deg, 270.0, atol=1.0)
@@ -114,7 +166,12 @@ def test_a_current_that_is_too_strong_carries_out_of_the_mooring_and_that_is_sai
 
 def test_a_line_is_held_by_a_crab_angle():
     flow = uniform_flow(0.0, 0.12)
-    result = plan_line(flow, MissionRequest(place(flow, -6e3, 0.0, 0.0), (place(flow, 5e3, 0.0, 0.0),), settings=SETTINGS))
+    result = plan_line(
+        flow,
+        MissionRequest(
+            place(flow, -6e3, 0.0, 0.0), (place(flow, 5e3, 0.0, 0.0),), settings=SETTINGS
+        ),
+    )
     crab = np.rad2deg(np.arcsin(0.12 / 0.3 / np.cos(np.deg2rad(result.glide_angles_deg))))
     assert result.status == "reached"
     np.testing.assert_allclose(result.headings_deg, 90.0 + crab, atol=0.3)
@@ -126,12 +183,17 @@ def test_a_line_costs_time_and_the_more_it_weighs_the_nearer_it_is():
     begin, end = place(flow, -8e3, -4e3, 0.0), place(flow, 6e3, 6e3, 0.0)
     settings = replace(SETTINGS, legs=6)
     free = plan_mission(flow, MissionRequest(begin, (end,), settings=settings))
-    loose, tight = (plan_line(flow, MissionRequest(begin, (end,), settings=settings), Line(weight=weight)) for weight in (0.0, 30.0))
+    loose, tight = (
+        plan_line(flow, MissionRequest(begin, (end,), settings=settings), Line(weight=weight))
+        for weight in (0.0, 30.0)
+    )
     assert loose.status == tight.status == "reached"
     assert loose.duration == pytest.approx(free.duration, rel=1e-3)
     off = along_line(free.track[0, :2], np.array([6e3, 6e3]), 1.0, np.inf).farthest_and_rms
     ends = np.searchsorted(free.track_time, free.surfacing_times)
-    assert loose.statistics["rms_m"] == pytest.approx(off(free.track_time, free.track[:, :2], ends)[1], rel=0.05)
+    assert loose.statistics["rms_m"] == pytest.approx(
+        off(free.track_time, free.track[:, :2], ends)[1], rel=0.05
+    )
     assert tight.duration > free.duration
     assert tight.statistics["rms_m"] < 0.3 * loose.statistics["rms_m"]
 
@@ -139,7 +201,12 @@ def test_a_line_costs_time_and_the_more_it_weighs_the_nearer_it_is():
 @pytest.mark.full
 def test_the_end_of_a_line_is_reached_also_where_the_way_leads_far_from_it():
     flow = eddying_flow(4, speed=0.4)
-    result = plan_line(flow, MissionRequest(place(flow, -8e3, -4e3, 0.0), (place(flow, 10e3, 5e3, 0.0),), settings=SETTINGS))
+    result = plan_line(
+        flow,
+        MissionRequest(
+            place(flow, -8e3, -4e3, 0.0), (place(flow, 10e3, 5e3, 0.0),), settings=SETTINGS
+        ),
+    )
     assert result.status == "reached", result.message
     # the current carries it off, and no line is worth missing the end for
     assert result.statistics["farthest_m"] > 5e3
@@ -148,10 +215,17 @@ def test_the_end_of_a_line_is_reached_also_where_the_way_leads_far_from_it():
 @pytest.mark.full
 def test_a_line_that_an_area_lies_on_is_left_rather_than_followed_into_it():
     flow = still_flow()
-    corners = [place(flow, *corner, 0.0) for corner in ((-1e3, -2e3), (1e3, -2e3), (1e3, 1.5e3), (-1e3, 1.5e3))]
+    corners = [
+        place(flow, *corner, 0.0)
+        for corner in ((-1e3, -2e3), (1e3, -2e3), (1e3, 1.5e3), (-1e3, 1.5e3))
+    ]
     area = NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), "range")
     ends = place(flow, -5e3, 0.0, 0.0), (place(flow, 5e3, 0.0, 0.0),)
-    result = plan_line(flow, MissionRequest(*ends, settings=replace(SETTINGS, legs=6), no_go=(area,)), Line(width=300.0))
+    result = plan_line(
+        flow,
+        MissionRequest(*ends, settings=replace(SETTINGS, legs=6), no_go=(area,)),
+        Line(width=300.0),
+    )
     assert result.status == "unreachable"
     assert "farther than 300 m" in result.message
     # the corner is the nearest that it can stay
@@ -162,14 +236,22 @@ def test_a_line_that_an_area_lies_on_is_left_rather_than_followed_into_it():
 def _mooring(radius: float = 1e3, duration: float = 10.0 * HOURS, east: float = 0.0) -> MissionPlan:
     flow = still_flow()
     return plan_mooring(
-        flow, MissionRequest(place(flow, east, 0.0, 0.0), (place(flow, 0.0, 0.0, 0.0),), settings=SETTINGS), Mooring(radius, duration)
+        flow,
+        MissionRequest(
+            place(flow, east, 0.0, 0.0), (place(flow, 0.0, 0.0, 0.0),), settings=SETTINGS
+        ),
+        Mooring(radius, duration),
     )
 
 
 def _line(east: float = 5e3, weight: float = 1.0) -> MissionPlan:
     flow = still_flow()
     return plan_line(
-        flow, MissionRequest(place(flow, 0.0, 0.0, 0.0), (place(flow, east, 0.0, 0.0),), settings=SETTINGS), Line(weight=weight)
+        flow,
+        MissionRequest(
+            place(flow, 0.0, 0.0, 0.0), (place(flow, east, 0.0, 0.0),), settings=SETTINGS
+        ),
+        Line(weight=weight),
     )
 
 

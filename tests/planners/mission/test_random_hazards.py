@@ -10,14 +10,18 @@ from tests.reference.vehicle import fly_commands
 
 
 # 39 goes by an island to a goal over a shoal
-@pytest.mark.parametrize("seed", [0, 39, *(pytest.param(seed, marks=pytest.mark.full) for seed in range(1, 14))])
+@pytest.mark.parametrize(
+    "seed", [0, 39, *(pytest.param(seed, marks=pytest.mark.full) for seed in range(1, 14))]
+)
 def test_what_is_called_reached_crosses_nothing_when_it_is_flown(seed: int):
     mission = random_mission(seed)
     plan = plan_mission(mission.flow, mission.request)
     assert plan.status == "reached"
     assert harm_done(mission, plan.track) is None
     assert harm_done(mission, fly_commands(mission.sea, plan)) is None
-    few = waypoints_of(mission.flow, plan, no_go=mission.request.no_go, bathymetry=mission.request.bathymetry)
+    few = waypoints_of(
+        mission.flow, plan, no_go=mission.request.no_go, bathymetry=mission.request.bathymetry
+    )
     assert few.violation is not None or set(harm_of_files(mission, plan, few).values()) == {None}
 
 

@@ -6,13 +6,26 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from planners import MissionRequest, MissionSettings, Pilot, fly_scenarios, plan_mission, plan_scenarios
+from planners import (
+    MissionRequest,
+    MissionSettings,
+    Pilot,
+    fly_scenarios,
+    plan_mission,
+    plan_scenarios,
+)
 from planners.mission.check import bends, check, clearances
 from planners.mission.feedback import aim, fly_corrected
 from planners.mission.flight import Flight, currents_of, currents_of_samples, fly_legs
 from planners.mission.flights import fly_mission, legs_of_plan
 from planners.mission.safety_margin import SafetyMargin, tolerance_factor
-from planners.mission.scenarios import most_violations_allowed, passes_binomial_test, points_at, summarise_flights, with_n_legs
+from planners.mission.scenarios import (
+    most_violations_allowed,
+    passes_binomial_test,
+    points_at,
+    summarise_flights,
+    with_n_legs,
+)
 from planners.mission.search import solve_attempts
 from planners.mission.task import mission_task, turns_of
 from planners.vehicle import Glider
@@ -29,14 +42,26 @@ AREA = _area(FLOW, -0.7e3, -6e3, 0.7e3, -1e3)
 def _drawn(n: int, seed: int) -> list:
     rng = np.random.default_rng(seed)
     east, north = uniform_flow(0.1, 0.0).latent, uniform_flow(0.0, 0.1).latent
-    return [replace(FLOW, latent=FLOW.latent + 0.1 * rng.standard_normal() * east + 0.1 * rng.standard_normal() * north) for _ in range(n)]
+    return [
+        replace(
+            FLOW,
+            latent=FLOW.latent
+            + 0.1 * rng.standard_normal() * east
+            + 0.1 * rng.standard_normal() * north,
+        )
+        for _ in range(n)
+    ]
 
 
 @pytest.mark.full
 def test_margins_widen_until_the_samples_keep_clear():
-    plan, summary = plan_scenarios(FLOW, _drawn(20, 1), MissionRequest(START, (GOAL,), settings=SETTINGS, no_go=(AREA,)))
+    plan, summary = plan_scenarios(
+        FLOW, _drawn(20, 1), MissionRequest(START, (GOAL,), settings=SETTINGS, no_go=(AREA,))
+    )
     narrow = plan_mission(FLOW, MissionRequest(START, (GOAL,), settings=SETTINGS, no_go=(AREA,)))
-    wide_summary, narrow_summary = (fly_scenarios(FLOW, _drawn(200, 2), one, no_go=(AREA,)) for one in (plan, narrow))
+    wide_summary, narrow_summary = (
+        fly_scenarios(FLOW, _drawn(200, 2), one, no_go=(AREA,)) for one in (plan, narrow)
+    )
     assert plan.status == narrow.status == "reached"
     assert narrow_summary.safe < 0.8 < 0.88 <= wide_summary.safe
     assert narrow_summary.violations == {"range": pytest.approx(1.0 - narrow_summary.safe)}
@@ -49,7 +74,12 @@ def test_a_flight_is_clear_where_the_dense_check_finds_nothing():
     plan = plan_mission(FLOW, MissionRequest(START, (GOAL,), settings=SETTINGS, no_go=(AREA,)))
     lane = replace(_area(FLOW, 2e3, -4e3, 5e3, -2e3), name="lane", surface_only=True)
     task = mission_task(FLOW, MissionRequest(START, (GOAL,), plan.vehicle, SETTINGS, (AREA, lane)))
-    flight = fly_legs(currents_of_samples(_drawn(40, 3)), task.vehicle, task.start[:2], legs_of_plan(plan, task.flow, 1))
+    flight = fly_legs(
+        currents_of_samples(_drawn(40, 3)),
+        task.vehicle,
+        task.start[:2],
+        legs_of_plan(plan, task.flow, 1),
+    )
     _, clear = summarise_flights(task, flight, points_at(flight, plan.goal_times))
     found = [check(task, replace(flight, place=flight.place[k : k + 1])) for k in range(40)]
     assert [one is None for one in found] == (clear > 0.0).tolist()
@@ -63,19 +93,32 @@ def test_a_path_bends_between_its_points_as_its_velocity_changes_from_step_to_st
     rng, count = np.random.default_rng(8), 12
     depth = np.array([0.0, 0.0, 80.0, 160.0, 80.0, 0.0, 0.0, 0.0, 90.0, 0.0, 70.0, 0.0])
     leg = np.array([0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 2, 2])
-    time, place_ = np.cumsum(rng.uniform(50.0, 150.0, count)), rng.uniform(-500.0, 500.0, (1, count, 2))
+    time, place_ = (
+        np.cumsum(rng.uniform(50.0, 150.0, count)),
+        rng.uniform(-500.0, 500.0, (1, count, 2)),
+    )
     flight = Flight(time, depth, place_, leg, np.array([7, 9, 11]))
     steps = range(count - 1)
     velocity = [(place_[0, k + 1] - place_[0, k]) / (time[k + 1] - time[k]) for k in steps]
     part = [(leg[k + 1], depth[k] == depth[k + 1] == 0.0) for k in steps]
     expected = []
     for k in steps:
-        changes = [np.hypot(*(velocity[j] - velocity[k])) for j in (k - 1, k + 1) if j in steps and part[j] == part[k]]
+        changes = [
+            np.hypot(*(velocity[j] - velocity[k]))
+            for j in (k - 1, k + 1)
+            if j in steps and part[j] == part[k]
+        ]
         expected.append(max(changes, default=0.0) * (time[k + 1] - time[k]) / 4.0)
     np.testing.assert_allclose(bends(flight), expected)
     # on a circle twice the sagitta of each chord
     angle, times = np.linspace(0.0, 1.0, 101), np.linspace(0.0, 1e3, 101)
-    circle = Flight(times, np.full(101, 50.0), 1e3 * np.stack([np.cos(angle), np.sin(angle)], 1)[None], np.zeros(101, int), np.array([100]))
+    circle = Flight(
+        times,
+        np.full(101, 50.0),
+        1e3 * np.stack([np.cos(angle), np.sin(angle)], 1)[None],
+        np.zeros(101, int),
+        np.array([100]),
+    )
     np.testing.assert_allclose(bends(circle), 2.0 * 1e3 * (1.0 - np.cos(0.005)), rtol=1e-3)
 
 
@@ -84,14 +127,18 @@ def test_a_margin_of_few_samples_holds_its_share_nearly_always():
     held = []
     for _ in range(400):
         # along the normal the deviations have a standard deviation of 5 m
-        deviations = 5.0 * rng.standard_normal((20, 1, 1)) * np.array([0.6, 0.8]) + np.zeros((20, 3, 2))
+        deviations = 5.0 * rng.standard_normal((20, 1, 1)) * np.array([0.6, 0.8]) + np.zeros(
+            (20, 3, 2)
+        )
         margins = SafetyMargin(deviations, 0.9, 2.0).margins(normal)
         np.testing.assert_allclose(margins, margins[0, 0], rtol=1e-12)
         held.append(norm.cdf((margins[0, 0] - 2.0) / 5.0) >= 0.9)
     assert 0.97 < np.mean(held) < 1.0
     assert tolerance_factor(10**6, 0.9) == pytest.approx(norm.ppf(0.9), abs=0.01)
     # a half-plane that holds nothing is not moved
-    np.testing.assert_array_equal(SafetyMargin(np.ones((5, 3, 2)), 0.9, 2.0).margins(np.zeros((4, 2, 2))), 0.0)
+    np.testing.assert_array_equal(
+        SafetyMargin(np.ones((5, 3, 2)), 0.9, 2.0).margins(np.zeros((4, 2, 2))), 0.0
+    )
 
 
 def test_few_samples_that_trespass_tell_little():
@@ -105,7 +152,10 @@ def test_few_samples_that_trespass_tell_little():
 
 def test_a_leg_is_aimed_so_that_it_ends_where_it_should():
     glider = Glider()
-    way, current = np.array([[3e3, 1e3], [1.5e3, -1.5e3], [30e3, 0.0]]), np.array([[0.05, 0.02], [-0.03, 0.0], [0.0, 0.0]])
+    way, current = (
+        np.array([[3e3, 1e3], [1.5e3, -1.5e3], [30e3, 0.0]]),
+        np.array([[0.05, 0.02], [-0.03, 0.0], [0.0, 0.0]]),
+    )
     headings, angles = aim(glider, way, current, 800.0, 300.0)
     along, down = glider.speeds(np, angles)
     ends = (along * 800.0 / down)[:, None] * np.column_stack([np.sin(headings), np.cos(headings)])
@@ -118,7 +168,9 @@ def test_a_leg_is_aimed_so_that_it_ends_where_it_should():
 def test_a_pilot_who_is_right_changes_nothing_and_one_who_errs_corrects():
     flow = eddying_flow(5, speed=0.1)
     start, goal = place(flow, -7e3, -3e3, 0.0), place(flow, 6e3, 2e3, 0.0)
-    plan = plan_mission(flow, MissionRequest(start, (goal,), settings=replace(SETTINGS, legs=6, surface_time=600.0)))
+    plan = plan_mission(
+        flow, MissionRequest(start, (goal,), settings=replace(SETTINGS, legs=6, surface_time=600.0))
+    )
     task = mission_task(flow, MissionRequest(start, (goal,), plan.vehicle, plan.settings))
     legs, here = legs_of_plan(plan, task.flow, 1), task.start[:2]
     asked = fly_legs(currents_of(flow), task.vehicle, here, legs)
@@ -127,8 +179,17 @@ def test_a_pilot_who_is_right_changes_nothing_and_one_who_errs_corrects():
     np.testing.assert_allclose(same.flight.time[0], asked.time, rtol=5e-3)
     np.testing.assert_allclose(same.headings[0], legs.headings, atol=0.01)
     rng = np.random.default_rng(6)
-    drawn = [replace(flow, latent=flow.latent + 0.5 * rng.standard_normal() * eddying_flow(7, speed=0.1).latent) for _ in range(60)]
-    held, placed, told = (fly_scenarios(flow, drawn, plan, pilot=pilot) for pilot in (None, Pilot(persistence=0.0), Pilot()))
+    drawn = [
+        replace(
+            flow,
+            latent=flow.latent + 0.5 * rng.standard_normal() * eddying_flow(7, speed=0.1).latent,
+        )
+        for _ in range(60)
+    ]
+    held, placed, told = (
+        fly_scenarios(flow, drawn, plan, pilot=pilot)
+        for pilot in (None, Pilot(persistence=0.0), Pilot())
+    )
     assert told.miss_90_percent < placed.miss_90_percent < 0.5 * held.miss_90_percent
     assert told.reached >= placed.reached > held.reached
     with pytest.raises(PlanError, match="persistence"):
@@ -136,9 +197,16 @@ def test_a_pilot_who_is_right_changes_nothing_and_one_who_errs_corrects():
 
 
 def test_a_certain_current_needs_no_margin_and_no_samples_are_refused():
-    plan, summary = plan_scenarios(FLOW, [FLOW] * 3, MissionRequest(START, (GOAL,), settings=SETTINGS))
+    plan, summary = plan_scenarios(
+        FLOW, [FLOW] * 3, MissionRequest(START, (GOAL,), settings=SETTINGS)
+    )
     assert plan.statistics["extra_margin_m"] == 0.0
-    assert (plan.statistics["margins_tried"], summary.safe, summary.reached, summary.violations) == (1, 1.0, 1.0, {})
+    assert (
+        plan.statistics["margins_tried"],
+        summary.safe,
+        summary.reached,
+        summary.violations,
+    ) == (1, 1.0, 1.0, {})
     assert summary.miss_90_percent < 1.0
     with pytest.raises(PlanError, match="needs some"):
         plan_scenarios(FLOW, [], MissionRequest(START, (GOAL,)))
@@ -162,14 +230,26 @@ def test_none_is_few_enough_also_of_so_few_samples_that_they_prove_nothing():
 
 def test_chances_count_every_goal_and_the_last_goal_s_misses():
     settings = MissionSettings(depth=390.0, tolerance=100.0)
-    task = mission_task(FLOW, MissionRequest(START, (place(FLOW, -3e3, -3e3, 0.0), GOAL), Glider(), settings, (AREA,)))
+    task = mission_task(
+        FLOW,
+        MissionRequest(START, (place(FLOW, -3e3, -3e3, 0.0), GOAL), Glider(), settings, (AREA,)),
+    )
     # five flights of two points after the start: off the first goal and off the last one by so much, all south of the area
-    off_first, off_last = np.array([0.0, 100.0, 101.0, 0.0, 0.0]), np.array([10.0, 20.0, 30.0, 40.0, 500.0])
+    off_first, off_last = (
+        np.array([0.0, 100.0, 101.0, 0.0, 0.0]),
+        np.array([10.0, 20.0, 30.0, 40.0, 500.0]),
+    )
     places = np.zeros((5, 3, 2))
     places[:, 0] = task.start[:2] + np.array([-2e4, -2e4])
     places[:, 1] = task.goals[0, :2] - np.column_stack([np.zeros(5), off_first])
     places[:, 2] = task.goals[1, :2] - np.column_stack([np.zeros(5), off_last])
-    flight = Flight(np.array([0.0, 1e4, 2e4]), np.array([0.0, 0.0, 0.0]), places, np.array([0, 0, 1]), np.array([1, 2]))
+    flight = Flight(
+        np.array([0.0, 1e4, 2e4]),
+        np.array([0.0, 0.0, 0.0]),
+        places,
+        np.array([0, 0, 1]),
+        np.array([1, 2]),
+    )
     summary, clear = summarise_flights(task, flight, np.array([1, 2]))
     # the third misses the first goal, the fifth the second
     assert summary.reached == pytest.approx(3.0 / 5.0)
@@ -179,7 +259,13 @@ def test_chances_count_every_goal_and_the_last_goal_s_misses():
 
 
 def test_points_are_those_nearest_in_time():
-    flight = Flight(np.array([0.0, 10.0, 20.0, 30.0]), np.zeros(4), np.zeros((1, 4, 2)), np.zeros(4, dtype=int), np.array([3]))
+    flight = Flight(
+        np.array([0.0, 10.0, 20.0, 30.0]),
+        np.zeros(4),
+        np.zeros((1, 4, 2)),
+        np.zeros(4, dtype=int),
+        np.array([3]),
+    )
     assert points_at(flight, np.array([0.0, 14.0, 16.0, 99.0])).tolist() == [0, 1, 2, 3]
 
 
@@ -193,9 +279,17 @@ def test_a_way_cut_anew_has_legs_of_equal_time_on_the_same_path():
     np.testing.assert_allclose(same.guess.angles, before.legs.angles, atol=0.01)
     lasts = before.flight.time[-1]
     for k, at in enumerate(more.guess.places, start=1):
-        np.testing.assert_allclose(at, [np.interp(lasts * k / 6, before.flight.time, before.flight.place[0, :, i]) for i in (0, 1)])
+        np.testing.assert_allclose(
+            at,
+            [
+                np.interp(lasts * k / 6, before.flight.time, before.flight.place[0, :, i])
+                for i in (0, 1)
+            ],
+        )
     # six in the time of five are steeper
-    np.testing.assert_allclose([task.leg_time(angle) for angle in more.guess.angles], lasts / 6, rtol=0.02)
+    np.testing.assert_allclose(
+        [task.leg_time(angle) for angle in more.guess.angles], lasts / 6, rtol=0.02
+    )
     assert (same.goals.legs, more.goals.legs) == ((5,), (6,))
 
 
@@ -204,22 +298,40 @@ def test_headings_of_a_way_cut_anew_are_those_at_the_middle_of_each_leg_the_shor
     before = solve_attempts(task)[0]
     # five legs of an hour, known where each ends alone, from a little west of north to a little east of it
     hours, turning = 3600.0 * np.arange(6), np.array([-0.1, 0.1, 0.2, 0.3, 0.4])
-    flight = Flight(hours, np.zeros(6), np.zeros((1, 6, 2)), np.array([0, 0, 1, 2, 3, 4]), np.arange(1, 6))
+    flight = Flight(
+        hours, np.zeros(6), np.zeros((1, 6, 2)), np.array([0, 0, 1, 2, 3, 4]), np.arange(1, 6)
+    )
     legs = replace(before.legs, headings=turning % (2.0 * np.pi))
     headings = with_n_legs(task, replace(before, flight=flight, legs=legs), 4).guess.headings
     # the middles of four legs are after 0.625, 1.875, 3.125 and 4.375 hours
     expected = np.interp([0.625, 1.875, 3.125, 4.375], np.arange(6), turning[flight.leg])
-    np.testing.assert_allclose(np.column_stack([np.sin(headings), np.cos(headings)]), np.column_stack([np.sin(expected), np.cos(expected)]))
+    np.testing.assert_allclose(
+        np.column_stack([np.sin(headings), np.cos(headings)]),
+        np.column_stack([np.sin(expected), np.cos(expected)]),
+    )
 
 
 def test_dives_of_a_way_cut_anew_turn_as_high_as_the_highest_that_they_replace():
     task = mission_task(FLOW, MissionRequest(START, (GOAL,), Glider(), SETTINGS))
     before = solve_attempts(task)[0]
-    hours = Flight(3600.0 * np.arange(6), np.zeros(6), before.flight.place[:, :6], np.array([0, 0, 1, 2, 3, 4]), np.arange(1, 6))
+    hours = Flight(
+        3600.0 * np.arange(6),
+        np.zeros(6),
+        before.flight.place[:, :6],
+        np.array([0, 0, 1, 2, 3, 4]),
+        np.arange(1, 6),
+    )
     turns = (300.0, 250.0, 200.0, 280.0, 300.0)
     limited = replace(before, flight=hours, yo_depths=tuple((0.0, turn, 0.0) for turn in turns))
     # legs of 50 minutes: the second lies over hours 0 and 1, ..., the last within hour 4
-    assert turns_of(with_n_legs(task, limited, 6).yo_depths) == (300.0, 250.0, 200.0, 200.0, 280.0, 300.0)
+    assert turns_of(with_n_legs(task, limited, 6).yo_depths) == (
+        300.0,
+        250.0,
+        200.0,
+        200.0,
+        280.0,
+        300.0,
+    )
     assert turns_of(with_n_legs(task, limited, 5).yo_depths) == turns
 
 
@@ -246,7 +358,9 @@ def test_one_sample_has_no_spread_and_two_have_little_to_tell():
     rng = np.random.default_rng(9)
     for count in (2, 5, 20):
         drawn = rng.standard_normal((40_000, count))
-        held = drawn.mean(axis=1) + tolerance_factor(count, 0.9) * drawn.std(axis=1, ddof=1) >= norm.ppf(0.9)
+        held = drawn.mean(axis=1) + tolerance_factor(count, 0.9) * drawn.std(
+            axis=1, ddof=1
+        ) >= norm.ppf(0.9)
         assert np.mean(held) == pytest.approx(0.99, abs=0.002)
     # all of a normal distribution has no bound
     assert np.isfinite(tolerance_factor(20, 1.0))
@@ -256,13 +370,17 @@ def test_samples_that_change_are_flown_as_they_change_and_on_the_clock_of_the_mi
     day = 86400 * 10**9
     first, other = replace(FLOW, time_ns=day), replace(uniform_flow(-0.05, 0.04), time_ns=2 * day)
     changing = [first, other]
-    plan = plan_mission(changing, MissionRequest(START, (GOAL,), settings=SETTINGS, start_time_ns=day + day // 4))
+    plan = plan_mission(
+        changing, MissionRequest(START, (GOAL,), settings=SETTINGS, start_time_ns=day + day // 4)
+    )
     assert plan.closest_approach[0] < 50.0
     # in the changing current that was planned on a mission with held headings arrives; in the first one alone it does not
     still = [first, replace(first, time_ns=2 * day)]
     told, frozen = (fly_scenarios(changing, [sample], plan) for sample in (changing, still))
     assert told.miss_median < 50.0 < 500.0 < frozen.miss_median
-    np.testing.assert_allclose(fly_mission([changing], plan).miss[0], plan.closest_approach, atol=1.0)
+    np.testing.assert_allclose(
+        fly_mission([changing], plan).miss[0], plan.closest_approach, atol=1.0
+    )
     assert fly_mission([changing, still], plan).miss[1, 0] > 500.0
     # the same where the clock of the samples begins later than that of the estimate
     middle = replace(first, latent=0.9 * first.latent + 0.1 * other.latent, time_ns=day + day // 10)
@@ -271,4 +389,8 @@ def test_samples_that_change_are_flown_as_they_change_and_on_the_clock_of_the_mi
     with pytest.raises(PlanError, match="sample 1 holds for other times"):
         fly_scenarios(changing, [changing, [*still, replace(first, time_ns=3 * day)]], plan)
     with pytest.raises(PlanError, match="not on the nodes"):
-        fly_scenarios(changing, [[replace(eddying_flow(1), time_ns=day), replace(eddying_flow(1), time_ns=2 * day)]], plan)
+        fly_scenarios(
+            changing,
+            [[replace(eddying_flow(1), time_ns=day), replace(eddying_flow(1), time_ns=2 * day)]],
+            plan,
+        )

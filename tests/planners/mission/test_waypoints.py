@@ -13,7 +13,13 @@ from hypothesis import strategies as st
 
 from planners import MissionRequest, MissionSettings, Mooring, plan_mission, plan_mooring
 from planners.mission import waypoints
-from planners.mission.waypoints import _dead_reckoned_current, _distance_to_legs, heading_for, kept_surfacings, waypoints_of
+from planners.mission.waypoints import (
+    _dead_reckoned_current,
+    _distance_to_legs,
+    heading_for,
+    kept_surfacings,
+    waypoints_of,
+)
 from planners.output.waypoints import _minutes, waypoint_json, waypoint_text
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
@@ -25,10 +31,17 @@ FLOW = eddying_flow(7)
 PLAN = plan_mission(
     FLOW,
     MissionRequest(
-        place(FLOW, -8e3, -6e3, 0.0), (place(FLOW, -1e3, 4e3, 0.0), place(FLOW, 8e3, 1e3, 0.0)), settings=replace(SETTINGS, legs=8)
+        place(FLOW, -8e3, -6e3, 0.0),
+        (place(FLOW, -1e3, 4e3, 0.0), place(FLOW, 8e3, 1e3, 0.0)),
+        settings=replace(SETTINGS, legs=8),
     ),
 )
-PLACES = np.column_stack(to_local(FLOW.grid.projection, *np.vstack([[PLAN.start.longitude, PLAN.start.latitude], PLAN.surfacings]).T))
+PLACES = np.column_stack(
+    to_local(
+        FLOW.grid.projection,
+        *np.vstack([[PLAN.start.longitude, PLAN.start.latitude], PLAN.surfacings]).T,
+    )
+)
 
 
 TIMES = np.concatenate([[0.0], PLAN.surfacing_times])
@@ -47,7 +60,12 @@ def test_what_is_left_out_is_within_the_tolerance_and_goals_are_kept():
 @pytest.mark.parametrize("depth", [0.0, 120.0])
 def test_in_a_uniform_current_one_waypoint_loses_nothing(depth: float):
     flow = uniform_flow(0.1, 0.05)
-    plan = plan_mission(flow, MissionRequest(place(flow, -6e3, -3e3, depth), (place(flow, 6e3, 3e3, 0.0),), settings=SETTINGS))
+    plan = plan_mission(
+        flow,
+        MissionRequest(
+            place(flow, -6e3, -3e3, depth), (place(flow, 6e3, 3e3, 0.0),), settings=SETTINGS
+        ),
+    )
     one = waypoints_of(flow, plan)
     assert one.times.size == 1
     assert one.off_end < 20.0
@@ -68,7 +86,12 @@ def test_what_eddies_and_another_flow_cost_is_measured_by_flying():
     against = waypoints_of(uniform_flow(-0.4, 0.0), PLAN)
     assert np.isnan(against.times[-1])
     assert "; 0 reached within" in against.message
-    assert json.loads(json.dumps(waypoint_json(against), allow_nan=False))["waypoints"][-1]["reached_s"] is None
+    assert (
+        json.loads(json.dumps(waypoint_json(against), allow_nan=False))["waypoints"][-1][
+            "reached_s"
+        ]
+        is None
+    )
 
 
 def test_in_a_somewhat_stronger_current_a_wider_radius_is_better():
@@ -84,35 +107,56 @@ def test_a_heading_is_held_off_against_the_current_and_a_near_waypoint_ends_a_di
     assert heading == pytest.approx(np.pi / 2 + np.arcsin(0.1 / speed))
     assert share == 1.0
     lasts = 600.0 / 0.3 / np.sin(angle)
-    assert heading_for(plan, np.array([0.0, 0.4 * speed * lasts]), angle, np.zeros(2)) == pytest.approx((0.0, 0.4))
+    assert heading_for(
+        plan, np.array([0.0, 0.4 * speed * lasts]), angle, np.zeros(2)
+    ) == pytest.approx((0.0, 0.4))
     # no dive is shallower than a tenth of the depth
-    assert heading_for(plan, np.array([0.0, 0.02 * speed * lasts]), angle, np.zeros(2)) == pytest.approx((0.0, 0.1))
+    assert heading_for(
+        plan, np.array([0.0, 0.02 * speed * lasts]), angle, np.zeros(2)
+    ) == pytest.approx((0.0, 0.1))
 
 
 def test_the_current_reckoned_of_a_leg_is_the_one_that_carried_it():
     angle, heading, lasts, current = 0.4, 1.1, 9000.0, np.array([0.05, -0.12])
     under = lasts - PLAN.settings.surface_time
-    way = 0.3 * np.cos(angle) * under * np.array([np.sin(heading), np.cos(heading)]) + current * lasts
-    np.testing.assert_allclose(_dead_reckoned_current(PLAN, way, lasts, heading, angle), current, rtol=1e-12)
+    way = (
+        0.3 * np.cos(angle) * under * np.array([np.sin(heading), np.cos(heading)]) + current * lasts
+    )
+    np.testing.assert_allclose(
+        _dead_reckoned_current(PLAN, way, lasts, heading, angle), current, rtol=1e-12
+    )
 
 
 def test_files_hold_the_waypoints():
     few = waypoints_of(FLOW, PLAN, 50.0)
     rows = list(csv.DictReader(io.StringIO(waypoint_text(few, Path("a.csv")))))
-    assert [float(row["longitude"]) for row in rows] == pytest.approx(few.longitude.tolist(), abs=1e-6)
+    assert [float(row["longitude"]) for row in rows] == pytest.approx(
+        few.longitude.tolist(), abs=1e-6
+    )
     assert [row["waypoint"] for row in rows] == [str(k + 1) for k in range(len(rows))]
     features = json.loads(waypoint_text(few, Path("a.geojson")))["features"]
-    points = [feature["properties"] for feature in features if feature["geometry"]["type"] == "Point"]
-    assert {type(properties[name]) for properties in points for name in ("waypoint", "dives")} == {int}
+    points = [
+        feature["properties"] for feature in features if feature["geometry"]["type"] == "Point"
+    ]
+    assert {type(properties[name]) for properties in points for name in ("waypoint", "dives")} == {
+        int
+    }
     assert len(features) == 1 + len(rows)
     assert json.loads(waypoint_text(few, Path("a.json")))["off_end_m"] == few.off_end
     slocum = waypoint_text(few, Path("goto_l10.ma"))
     listed = slocum.split("<start:waypoints>\n")[1].split("<end")[0].splitlines()[1:]
     assert f"num_waypoints(nodim) {len(listed)}" in slocum
-    np.testing.assert_allclose([_degrees(text) for text in listed[0].split()], [few.longitude[0], few.latitude[0]], atol=1e-6)
+    np.testing.assert_allclose(
+        [_degrees(text) for text in listed[0].split()],
+        [few.longitude[0], few.latitude[0]],
+        atol=1e-6,
+    )
     targets = waypoint_text(few, Path("targets")).splitlines()[1:]
     words = dict(word.split("=") for word in targets[-1].split()[1:])
-    assert (_degrees(words["lat"]), words["goto"]) == (pytest.approx(few.latitude[-1], abs=1e-6), targets[-1].split()[0])
+    assert (_degrees(words["lat"]), words["goto"]) == (
+        pytest.approx(few.latitude[-1], abs=1e-6),
+        targets[-1].split()[0],
+    )
     with pytest.raises(PlanError, match=r"one of \.csv"):
         waypoint_text(few, Path("a.txt"))
 
@@ -133,7 +177,10 @@ def test_a_mooring_and_a_mission_without_legs_have_no_waypoints():
     flow = still_flow()
     here = place(flow, 0.0, 0.0, 0.0)
     with pytest.raises(PlanError, match="a mooring has no waypoints"):
-        waypoints_of(flow, plan_mooring(flow, MissionRequest(here, (here,), settings=SETTINGS), Mooring(2e3, 6e3)))
+        waypoints_of(
+            flow,
+            plan_mooring(flow, MissionRequest(here, (here,), settings=SETTINGS), Mooring(2e3, 6e3)),
+        )
     with pytest.raises(PlanError, match="without legs"):
         waypoints_of(flow, replace(PLAN, headings_deg=np.zeros(0)))
 
@@ -147,24 +194,38 @@ def test_a_heading_counts_the_drift_at_the_surface_on_the_way_and_the_current_ah
     assert share == 1.0
     # the last dive surfaces at the waypoint: no drift after it, and a current ahead shortens it
     way = 0.5 * (speed + 0.05) * under
-    assert heading_for(PLAN, np.array([0.0, way]), angle, np.array([0.0, 0.05])) == pytest.approx((0.0, 0.5))
+    assert heading_for(PLAN, np.array([0.0, way]), angle, np.array([0.0, 0.05])) == pytest.approx(
+        (0.0, 0.5)
+    )
     twice = replace(PLAN, settings=replace(PLAN.settings, yos=2))
-    assert heading_for(twice, np.array([0.0, way]), angle, np.array([0.0, 0.05])) == pytest.approx((0.0, 0.25))
+    assert heading_for(twice, np.array([0.0, way]), angle, np.array([0.0, 0.05])) == pytest.approx(
+        (0.0, 0.25)
+    )
     # never shallower than a tenth; against a current that is too strong, with all of a dive
     assert heading_for(PLAN, np.array([0.0, 1.0]), angle, np.zeros(2)) == pytest.approx((0.0, 0.1))
-    assert heading_for(PLAN, np.array([0.0, 500.0]), angle, np.array([0.0, -0.5])) == pytest.approx((0.0, 1.0))
+    assert heading_for(PLAN, np.array([0.0, 500.0]), angle, np.array([0.0, -0.5])) == pytest.approx(
+        (0.0, 1.0)
+    )
     # a current across that is faster than the glider is met head-on, on either side
     for across, bearing in ((0.5, -np.pi / 2), (-0.5, np.pi / 2)):
-        assert heading_for(PLAN, np.array([0.0, 5e4]), angle, np.array([across, 0.0]))[0] == pytest.approx(bearing)
+        assert heading_for(PLAN, np.array([0.0, 5e4]), angle, np.array([across, 0.0]))[
+            0
+        ] == pytest.approx(bearing)
 
 
 def test_the_current_reckoned_of_a_leg_is_its_drift_beside_the_way_through_water():
     angle, heading, lasts = np.deg2rad(20.0), 0.8, 5000.0
     through = 0.3 * np.cos(angle) * (lasts - 600.0) * np.array([np.sin(heading), np.cos(heading)])
     current = np.array([0.07, -0.02])
-    np.testing.assert_allclose(_dead_reckoned_current(PLAN, through + current * lasts, lasts, heading, angle), current, atol=1e-12)
+    np.testing.assert_allclose(
+        _dead_reckoned_current(PLAN, through + current * lasts, lasts, heading, angle),
+        current,
+        atol=1e-12,
+    )
     # a leg shorter than its drift went nowhere through water
-    np.testing.assert_allclose(_dead_reckoned_current(PLAN, 300.0 * current, 300.0, heading, angle), current, atol=1e-12)
+    np.testing.assert_allclose(
+        _dead_reckoned_current(PLAN, 300.0 * current, 300.0, heading, angle), current, atol=1e-12
+    )
 
 
 def test_a_goal_below_the_surface_keeps_both_ends_of_its_leg():
@@ -198,8 +259,13 @@ def test_a_dive_that_begins_below_the_surface_ends_at_it_and_the_last_drift_is_n
 
 
 @pytest.mark.parametrize(("seed", "tolerances"), [(5, 1.0), (6, 2.0)])
-def test_the_radius_that_ends_within_the_tolerance_and_then_the_one_that_loses_least_time_is_chosen(monkeypatch, seed, tolerances):
-    flow, tolerance = replace(FLOW, latent=FLOW.latent + eddying_flow(seed, speed=0.08).latent), PLAN.settings.tolerance
+def test_the_radius_that_ends_within_the_tolerance_and_then_the_one_that_loses_least_time_is_chosen(
+    monkeypatch, seed, tolerances
+):
+    flow, tolerance = (
+        replace(FLOW, latent=FLOW.latent + eddying_flow(seed, speed=0.08).latent),
+        PLAN.settings.tolerance,
+    )
     chosen, alone = waypoints_of(flow, PLAN), {}
     for radii in (1.0, 2.0, 8.0):
         monkeypatch.setattr(waypoints, "_RADII", np.array([radii]))

@@ -14,7 +14,11 @@ from tests.planners.mission.test_bottom import bathymetry
 from tests.planners.mission.test_mission import _area
 
 FLOW = still_flow()
-REQUEST = MissionRequest(place(FLOW, -7e3, 0.0, 0.0), (place(FLOW, 7e3, 0.0, 0.0),), settings=MissionSettings(depth=300.0))
+REQUEST = MissionRequest(
+    place(FLOW, -7e3, 0.0, 0.0),
+    (place(FLOW, 7e3, 0.0, 0.0),),
+    settings=MissionSettings(depth=300.0),
+)
 
 
 @pytest.mark.full
@@ -27,10 +31,14 @@ def test_a_long_tolerance_does_not_lead_through_an_area():
     assert clear.times.size > 1
     assert clear.violation is None
     ring = no_go_rings(FLOW.grid.projection, area)[0]
-    places = np.vstack([[-7e3, 0.0], np.column_stack(to_local(FLOW.grid.projection, *clear.surfacings.T))])
+    places = np.vstack(
+        [[-7e3, 0.0], np.column_stack(to_local(FLOW.grid.projection, *clear.surfacings.T))]
+    )
     dense = np.vstack([np.linspace(a, b, 4000) for a, b in pairwise(places)])
     assert not ring.forbids(dense).any()
-    through = np.linspace(places[0], np.column_stack(to_local(FLOW.grid.projection, *blind.surfacings.T))[-1], 4000)
+    through = np.linspace(
+        places[0], np.column_stack(to_local(FLOW.grid.projection, *blind.surfacings.T))[-1], 4000
+    )
     assert ring.forbids(through).any()
 
 

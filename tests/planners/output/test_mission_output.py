@@ -12,7 +12,14 @@ import pytest
 
 from planners import MissionRequest, MissionSettings, plan_mission
 from planners.mission.flights import MissionFlights, fly_mission, surfacing_ellipses
-from planners.output.mission import as_glide, ellipse_outline, legs_table, to_csv, to_geojson, to_json
+from planners.output.mission import (
+    as_glide,
+    ellipse_outline,
+    legs_table,
+    to_csv,
+    to_geojson,
+    to_json,
+)
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
@@ -24,7 +31,12 @@ SETTINGS = MissionSettings(depth=390.0, surface_time=600.0)
 
 @cache
 def planned():
-    return plan_mission(FLOW, MissionRequest(place(FLOW, -6e3, -4e3, 0.0), (place(FLOW, 5e3, 4e3, 100.0),), settings=SETTINGS))
+    return plan_mission(
+        FLOW,
+        MissionRequest(
+            place(FLOW, -6e3, -4e3, 0.0), (place(FLOW, 5e3, 4e3, 100.0),), settings=SETTINGS
+        ),
+    )
 
 
 @cache
@@ -40,14 +52,19 @@ def test_a_mission_flown_in_its_own_flow_goes_as_planned():
     assert flown.time[-1] == pytest.approx(planned().duration, rel=1e-12)
     # headings are of true north: another projection makes nothing of them but rounding and the turn within a leg
     moved = replace(FLOW, grid=replace(FLOW.grid, projection=Projection(152.7, -40.2)))
-    assert fly_mission(replace(moved, latent=0.0 * FLOW.latent), planned()).miss[0, -1] == pytest.approx(
+    assert fly_mission(replace(moved, latent=0.0 * FLOW.latent), planned()).miss[
+        0, -1
+    ] == pytest.approx(
         fly_mission(replace(FLOW, latent=0.0 * FLOW.latent), planned()).miss[0, -1], abs=3.0
     )
 
 
 def test_ellipses_hold_ninety_percent_of_the_surfacings():
     rng = np.random.default_rng(0)
-    flows = [replace(FLOW, latent=FLOW.latent * (1.0 + 0.1 * rng.standard_normal(FLOW.latent.shape))) for _ in range(60)]
+    flows = [
+        replace(FLOW, latent=FLOW.latent * (1.0 + 0.1 * rng.standard_normal(FLOW.latent.shape)))
+        for _ in range(60)
+    ]
     flown = fly_mission(flows, planned())
     ellipses = surfacing_ellipses(flown, planned())
     places = flown.place[:, np.searchsorted(flown.time, planned().surfacing_times - 1e-6)]
@@ -55,7 +72,11 @@ def test_ellipses_hold_ninety_percent_of_the_surfacings():
     for k, (_, _, major, minor, bearing) in enumerate(ellipses):
         along = np.array([np.sin(np.deg2rad(bearing)), np.cos(np.deg2rad(bearing))])
         away = places[:, k] - places[:, k].mean(axis=0)
-        held.append(np.mean((away @ along / major) ** 2 + (away @ [along[1], -along[0]] / minor) ** 2 <= 1.0))
+        held.append(
+            np.mean(
+                (away @ along / major) ** 2 + (away @ [along[1], -along[0]] / minor) ** 2 <= 1.0
+            )
+        )
         assert major >= minor > 0.0
     assert 0.82 < np.mean(held) < 0.97
     with pytest.raises(PlanError, match="three flights"):
@@ -70,7 +91,9 @@ def test_an_ellipse_lies_where_the_surfacings_do_and_its_bearing_is_of_true_nort
     longitudes = 180.0 + 1e-3 * (-1.0) ** np.arange(9)
     places = np.column_stack(to_local(frame, longitudes, latitudes))
     plan = replace(planned(), surfacing_times=np.array([1.0]))
-    flights = MissionFlights(np.array([1.0]), np.zeros(1), places[:, None], np.zeros((9, 1, 2)), np.zeros((9, 1)), frame)
+    flights = MissionFlights(
+        np.array([1.0]), np.zeros(1), places[:, None], np.zeros((9, 1, 2)), np.zeros((9, 1)), frame
+    )
     ((longitude, latitude, major, minor, bearing),) = ellipses = surfacing_ellipses(flights, plan)
     assert abs(longitude) == pytest.approx(180.0, abs=1e-3)
     assert latitude == pytest.approx(-60.0, abs=1e-3)
@@ -88,13 +111,19 @@ def test_tables_say_what_the_plan_says():
     assert rows[-1]["depth_m"] == max(planned().yo_depths[-1])
     assert all(row["dives"] == 1 for row in rows)
     parsed = list(csv.DictReader(io.StringIO(to_csv(planned(), np.ones((len(rows), 5))))))
-    assert [float(row["heading_deg"]) for row in parsed] == pytest.approx(planned().headings_deg.tolist(), abs=1e-6)
+    assert [float(row["heading_deg"]) for row in parsed] == pytest.approx(
+        planned().headings_deg.tolist(), abs=1e-6
+    )
     assert float(parsed[0]["ellipse_major_m"]) == 1.0
     features = json.loads(to_geojson(planned(), FLOW.grid.projection, None))["features"]
     kinds = [feature["geometry"]["type"] for feature in features]
     assert kinds == ["LineString"] + ["Point"] * (2 + len(rows))
-    assert features[0]["geometry"]["coordinates"][0] == pytest.approx([planned().start.longitude, planned().start.latitude], abs=1e-6)
-    goal = next(feature for feature in features if feature["properties"]["name"] == "goal 1")["properties"]
+    assert features[0]["geometry"]["coordinates"][0] == pytest.approx(
+        [planned().start.longitude, planned().start.latitude], abs=1e-6
+    )
+    goal = next(feature for feature in features if feature["properties"]["name"] == "goal 1")[
+        "properties"
+    ]
     assert (goal["met_s"], goal["depth_m"]) == (planned().goal_times[0], 100.0)
     answer = json.loads(json.dumps(to_json(planned(), None), allow_nan=False))
     assert answer["goals"][0]["off_m"] == planned().closest_approach[0]
@@ -103,7 +132,9 @@ def test_tables_say_what_the_plan_says():
 
 def test_an_ellipse_is_drawn_by_its_axes_and_bearing():
     ellipse = np.array([152.5, -40.0, 300.0, 100.0, 90.0])
-    features = json.loads(to_geojson(planned(), FLOW.grid.projection, np.tile(ellipse, (len(planned().yo_depths), 1))))["features"]
+    features = json.loads(
+        to_geojson(planned(), FLOW.grid.projection, np.tile(ellipse, (len(planned().yo_depths), 1)))
+    )["features"]
     outline = np.array(features[-1]["geometry"]["coordinates"][0])
     np.testing.assert_array_equal(outline[0], outline[-1])
     east, north = to_local(FLOW.grid.projection, *outline.T)
@@ -111,7 +142,9 @@ def test_an_ellipse_is_drawn_by_its_axes_and_bearing():
 
 
 @pytest.mark.parametrize("bearing", [0.0, 30.0, 90.0, 200.0, 359.0])
-@pytest.mark.parametrize(("longitude", "latitude"), [(152.5, -40.0), (-179.999, 62.0), (152.6, 40.0)])
+@pytest.mark.parametrize(
+    ("longitude", "latitude"), [(152.5, -40.0), (-179.999, 62.0), (152.6, 40.0)]
+)
 def test_polygons_are_closed_and_run_counter_clockwise(bearing, longitude, latitude):
     frame = Projection(longitude, latitude)
     ring = ellipse_outline(np.array([longitude, latitude, 300.0, 100.0, bearing]), frame)
@@ -124,7 +157,11 @@ def test_polygons_are_closed_and_run_counter_clockwise(bearing, longitude, latit
 def test_the_rings_of_a_mission_s_geojson_run_counter_clockwise():
     ellipses = np.tile([152.5, -40.0, 300.0, 100.0, 20.0], (len(planned().yo_depths), 1))
     features = json.loads(to_geojson(planned(), FLOW.grid.projection, ellipses))["features"]
-    polygons = [feature["geometry"]["coordinates"] for feature in features if feature["geometry"]["type"] == "Polygon"]
+    polygons = [
+        feature["geometry"]["coordinates"]
+        for feature in features
+        if feature["geometry"]["type"] == "Polygon"
+    ]
     assert len(polygons) == len(planned().yo_depths)
     for (ring,) in polygons:
         assert ring[0] == ring[-1]
@@ -135,20 +172,33 @@ def test_what_is_counted_is_written_as_an_integer():
     features = json.loads(to_geojson(planned(), FLOW.grid.projection, None))["features"]
     told = [feature["properties"] for feature in features if "leg" in feature["properties"]]
     surfacings = [properties for properties in told if properties["name"].startswith("surfacing")]
-    assert [repr(properties["leg"]) for properties in surfacings] == [str(k + 1) for k in range(len(planned().yo_depths))]
+    assert [repr(properties["leg"]) for properties in surfacings] == [
+        str(k + 1) for k in range(len(planned().yo_depths))
+    ]
     answer = json.loads(json.dumps(to_json(planned(), None)))
-    rows = [*told, *answer["legs"], *answer["goals"], json.loads(str(as_glide(planned(), FLOW.grid.projection).statistics["leg_001"]))]
+    rows = [
+        *told,
+        *answer["legs"],
+        *answer["goals"],
+        json.loads(str(as_glide(planned(), FLOW.grid.projection).statistics["leg_001"])),
+    ]
     assert {type(row[name]) for row in rows for name in ("leg", "dives") if name in row} == {int}
     assert to_csv(planned(), None).splitlines()[1].startswith("1,")
 
 
 def test_a_mission_is_also_a_plan_for_the_result_s_messages():
     glide = as_glide(planned(), FLOW.grid.projection)
-    assert (glide.status, glide.heading_deg, glide.duration) == ("reached", planned().headings_deg[0], planned().duration)
+    assert (glide.status, glide.heading_deg, glide.duration) == (
+        "reached",
+        planned().headings_deg[0],
+        planned().duration,
+    )
     assert np.linalg.norm(glide.velocity_through_water) == pytest.approx(0.3)
     assert json.loads(str(glide.statistics["leg_001"]))["heading_deg"] == planned().headings_deg[0]
     none = as_glide(failed(), FLOW.grid.projection)
     assert (none.status, none.duration) == ("failed", 0.0)
     assert to_csv(failed(), None) == "leg\n"
     assert json.loads(json.dumps(to_json(failed(), None), allow_nan=False))["legs"] == []
-    assert len(json.loads(to_geojson(failed(), still_flow().grid.projection, None))["features"]) == 2
+    assert (
+        len(json.loads(to_geojson(failed(), still_flow().grid.projection, None))["features"]) == 2
+    )

@@ -26,8 +26,12 @@ def test_a_qgroundcontrol_plan_has_each_waypoint_and_its_radius():
     ]
     parameters = [item["params"] for item in items]
     np.testing.assert_allclose([[p[5], p[4]] for p in parameters], PLACES, atol=6e-8)
-    assert {(p[0], p[1], p[2], p[3], p[6]) for p in parameters} == {(0.0, FEW.radius, 0.0, None, 0.0)}
-    np.testing.assert_allclose(read["mission"]["plannedHomePosition"], [PLACES[0, 1], PLACES[0, 0], 0.0], atol=6e-8)
+    assert {(p[0], p[1], p[2], p[3], p[6]) for p in parameters} == {
+        (0.0, FEW.radius, 0.0, None, 0.0)
+    }
+    np.testing.assert_allclose(
+        read["mission"]["plannedHomePosition"], [PLACES[0, 1], PLACES[0, 0], 0.0], atol=6e-8
+    )
 
 
 def test_a_kml_has_each_waypoint_and_the_way():
@@ -35,7 +39,9 @@ def test_a_kml_has_each_waypoint_and_the_way():
     space = "{http://www.opengis.net/kml/2.2}"
     points = [point.findtext(f"{space}coordinates") for point in read.iter(f"{space}Point")]
     np.testing.assert_allclose(
-        [[float(part) for part in text.split(",")] for text in points], np.column_stack([PLACES, 0.0 * PLACES[:, 0]]), atol=6e-8
+        [[float(part) for part in text.split(",")] for text in points],
+        np.column_stack([PLACES, 0.0 * PLACES[:, 0]]),
+        atol=6e-8,
     )
     (way,) = read.iter(f"{space}LineString")
     assert way.findtext(f"{space}coordinates").split() == points
@@ -60,24 +66,41 @@ def test_a_slocum_s_goto_list_has_each_waypoint():
 def test_a_slocum_s_yo_has_the_dives():
     behaviour, arguments, places = read_mission_arguments(waypoint_text(FEW, Path("yo10.ma")))
     assert (behaviour, places.size) == ("yo", 0)
-    assert (arguments["d_target_depth(m)"], arguments["num_half_cycles_to_do(nodim)"]) == (FEW.depths.min(), 2 * FEW.yos)
-    assert arguments["d_pitch_value(X)"] == pytest.approx(-np.deg2rad(FEW.pitches_deg.mean()), abs=5e-5)
+    assert (arguments["d_target_depth(m)"], arguments["num_half_cycles_to_do(nodim)"]) == (
+        FEW.depths.min(),
+        2 * FEW.yos,
+    )
+    assert arguments["d_pitch_value(X)"] == pytest.approx(
+        -np.deg2rad(FEW.pitches_deg.mean()), abs=5e-5
+    )
     assert arguments["c_pitch_value(X)"] == -arguments["d_pitch_value(X)"]
 
 
 def test_a_seaglider_s_targets_lead_from_each_waypoint_to_the_next():
     targets = read_targets(waypoint_text(FEW, Path("targets")))
-    np.testing.assert_allclose([[one["lon"], one["lat"]] for one in targets.values()], PLACES, atol=0.5e-4 / 60.0 + 1e-12)
+    np.testing.assert_allclose(
+        [[one["lon"], one["lat"]] for one in targets.values()], PLACES, atol=0.5e-4 / 60.0 + 1e-12
+    )
     assert {one["radius"] for one in targets.values()} == {FEW.radius}
     names = list(targets)
     assert [one["goto"] for one in targets.values()] == [*names[1:], names[-1]]
 
 
-@pytest.mark.parametrize("degrees", [-179.9999999, -70.5, -0.00001, 0.0, 0.99999999, 7.05, 152.9876543, 180.0])
+@pytest.mark.parametrize(
+    "degrees", [-179.9999999, -70.5, -0.00001, 0.0, 0.99999999, 7.05, 152.9876543, 180.0]
+)
 def test_minutes_are_read_as_they_were_written(degrees: float):
-    there = replace(FEW, longitude=FEW.longitude[:1] * 0.0 + degrees, latitude=FEW.latitude[:1], times=FEW.times[:1])
+    there = replace(
+        FEW,
+        longitude=FEW.longitude[:1] * 0.0 + degrees,
+        latitude=FEW.latitude[:1],
+        times=FEW.times[:1],
+    )
     for places in (
         read_mission_arguments(waypoint_text(there, Path("goto_l10.ma")))[2],
-        [[one["lon"], one["lat"]] for one in read_targets(waypoint_text(there, Path("a.targets"))).values()],
+        [
+            [one["lon"], one["lat"]]
+            for one in read_targets(waypoint_text(there, Path("a.targets"))).values()
+        ],
     ):
         np.testing.assert_allclose(places, [[degrees, FEW.latitude[0]]], atol=0.5e-4 / 60.0 + 1e-12)

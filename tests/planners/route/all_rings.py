@@ -5,7 +5,9 @@ from planners.route.hazards import NoGo, Ring
 from planners.route.region import Region
 
 
-def all_rings(region: Region, depth: float, no_go: tuple[NoGo, ...] = (), bathymetry: Bathymetry | None = None) -> tuple[Ring, ...]:
+def all_rings(
+    region: Region, depth: float, no_go: tuple[NoGo, ...] = (), bathymetry: Bathymetry | None = None
+) -> tuple[Ring, ...]:
     """Return the edge of the region first, then no-go areas, then land and shallows: one ring for each cell beside water."""
     bottom = bottom_of(region, bathymetry, 20.0)
     return (*fixed_rings(region, no_go, bottom), *bottom.rings(depth))

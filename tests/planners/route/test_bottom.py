@@ -19,7 +19,9 @@ GRID = still_flow().grid
 def step(limit_east: float) -> Bottom:
     """Return two cells of a kilometre: no limit of consequence in the west, a limit in the east."""
     east, north = np.meshgrid([0.0, 1e3, 2e3], [0.0, 1e3])
-    return Bottom((DepthCells(np.stack([east, north], axis=-1), np.array([[5e3, limit_east]]), None),), 20.0)
+    return Bottom(
+        (DepthCells(np.stack([east, north], axis=-1), np.array([[5e3, limit_east]]), None),), 20.0
+    )
 
 
 def segment(begin: tuple[float, float], end: tuple[float, float]) -> np.ndarray:
@@ -48,7 +50,9 @@ def test_a_profile_is_held_against_the_bottom_beneath_it(begin, end, depths, bel
 
 def test_a_path_that_may_bend_counts_as_wide_as_that():
     path, depths = segment((500.0, 500.0), (998.0, 500.0)), np.array([[0.0, 200.0]])
-    assert [bool(step(100.0).is_below(path, depths, np.array([skin]))[0]) for skin in (1.0, 3.0)] == [False, True]
+    assert [
+        bool(step(100.0).is_below(path, depths, np.array([skin]))[0]) for skin in (1.0, 3.0)
+    ] == [False, True]
 
 
 def test_limits_are_those_of_the_shallowest_cell_within_a_distance():
@@ -69,7 +73,11 @@ def test_the_lowest_wet_level_is_the_limit_without_a_bathymetry():
     # levels are 5, 40, 110, 230 and 400 m
     assert bottom.limit_at(points).tolist() == [40.0, np.inf, -np.inf]
     everywhere = np.full(GRID.longitude.shape, 300.0)
-    known = bottom_of(region_of(replace(GRID, wet=wet)), Bathymetry(GRID.longitude, GRID.latitude, everywhere), 20.0)
+    known = bottom_of(
+        region_of(replace(GRID, wet=wet)),
+        Bathymetry(GRID.longitude, GRID.latitude, everywhere),
+        20.0,
+    )
     assert known.limit_at(points).tolist() == [110.0, 280.0, -np.inf]
     assert known.edge is None
 
@@ -79,14 +87,21 @@ def test_between_points_of_a_bathymetry_the_shallowest_of_four_holds():
     depth[3, 4] = 100.0
     bottom = bottom_of(region_of(GRID), Bathymetry(GRID.longitude, GRID.latitude, depth), 20.0)
     here = np.array([GRID.east[3, 4], GRID.north[3, 4]])
-    assert bottom.limit_at(here + np.array([[9e2, 0.0], [-7e3, 0.0], [0.0, 8e3], [-12e3, 0.0]])).tolist() == [80.0, 80.0, 80.0, 480.0]
+    assert bottom.limit_at(
+        here + np.array([[9e2, 0.0], [-7e3, 0.0], [0.0, 8e3], [-12e3, 0.0]])
+    ).tolist() == [80.0, 80.0, 80.0, 480.0]
 
 
 def test_water_that_the_bathymetry_does_not_cover_is_forbidden():
     part = np.s_[:, :5]
-    bathymetry = Bathymetry(GRID.longitude[part], GRID.latitude[part], np.full(GRID.longitude[part].shape, 900.0))
+    bathymetry = Bathymetry(
+        GRID.longitude[part], GRID.latitude[part], np.full(GRID.longitude[part].shape, 900.0)
+    )
     rings = all_rings(region_of(GRID), 300.0, bathymetry=bathymetry)
-    assert [ring.name for ring in rings] == ["the edge of the region that the forecast covers", "the edge of the bathymetry"]
+    assert [ring.name for ring in rings] == [
+        "the edge of the region that the forecast covers",
+        "the edge of the bathymetry",
+    ]
     places = np.array([[GRID.east[3, k], GRID.north[3, k]] for k in (2, 7)])
     assert rings[1].forbids(places).tolist() == [False, True]
 
@@ -95,7 +110,9 @@ def test_a_region_that_is_shallow_everywhere_has_no_ring_and_still_a_limit():
     shallow = Bathymetry(GRID.longitude, GRID.latitude, np.full(GRID.longitude.shape, 100.0))
     bottom = bottom_of(region_of(GRID), shallow, 20.0)
     assert (bottom.rings(300.0), bottom.deepest) == ((), 80.0)
-    assert bottom.is_below(segment((0.0, 0.0), (500.0, 0.0)), np.array([[0.0, 300.0]]), np.zeros(1)).tolist() == [True]
+    assert bottom.is_below(
+        segment((0.0, 0.0), (500.0, 0.0)), np.array([[0.0, 300.0]]), np.zeros(1)
+    ).tolist() == [True]
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 2), (2, 3), (4, 1)])
@@ -107,7 +124,9 @@ def test_corners_of_cells_lie_halfway_between_points_and_as_far_beyond_the_edge(
 
     # a single point has no spacing of its own: its cell is one wide
     by_row, by_column = (7.0 if shape[0] > 1 else 1.0), (-3.0 if shape[1] > 1 else 1.0)
-    corners = _cell_corners(plane(*np.meshgrid(np.arange(float(shape[0])), np.arange(float(shape[1])), indexing="ij")))
+    corners = _cell_corners(
+        plane(*np.meshgrid(np.arange(float(shape[0])), np.arange(float(shape[1])), indexing="ij"))
+    )
     np.testing.assert_allclose(corners, by_row * (rows - 0.5) + by_column * (columns - 0.5))
 
 
@@ -116,22 +135,36 @@ def test_long_edges_forbid_what_either_reading_of_them_encloses():
     area = NoGo(((-3.0, 60.0), (3.0, 60.0), (3.0, 60.5), (-3.0, 60.5)), "band")
     (ring,) = no_go_rings(projection, area)
     # the parallel is 60.0 N; the shortest line between the corners bulges two kilometres north of it in the middle, at 60.5 N too
-    places = np.column_stack(to_local(projection, [0.0, 0.0, 0.0, 2.9], [60.001, 59.999, 60.515, 59.999]))
+    places = np.column_stack(
+        to_local(projection, [0.0, 0.0, 0.0, 2.9], [60.001, 59.999, 60.515, 59.999])
+    )
     assert ring.forbids(places).tolist() == [True, False, True, False]
-    west = no_go_rings(projection, NoGo(((357.0, 60.0), (3.0, 60.0), (3.0, 60.5), (357.0, 60.5)), "band"))[0]
+    west = no_go_rings(
+        projection, NoGo(((357.0, 60.0), (3.0, 60.0), (3.0, 60.5), (357.0, 60.5)), "band")
+    )[0]
     np.testing.assert_allclose(west.area.area, ring.area.area, rtol=1e-12)
 
 
 def test_an_outline_that_crosses_itself_is_several_rings():
-    rings = no_go_rings(Projection(0.0, 0.0), NoGo(((0.0, 0.0), (0.1, 0.1), (0.1, 0.0), (0.0, 0.1)), "bow"))
+    rings = no_go_rings(
+        Projection(0.0, 0.0), NoGo(((0.0, 0.0), (0.1, 0.1), (0.1, 0.0), (0.0, 0.1)), "bow")
+    )
     assert [ring.name for ring in rings] == ["bow", "bow"]
-    centres = np.column_stack(to_local(Projection(0.0, 0.0), [0.01, 0.09, 0.05], [0.05, 0.05, 0.01]))
+    centres = np.column_stack(
+        to_local(Projection(0.0, 0.0), [0.01, 0.09, 0.05], [0.05, 0.05, 0.01])
+    )
     assert np.any([ring.forbids(centres) for ring in rings], axis=0).tolist() == [True, True, False]
 
 
 def test_an_area_two_metres_wide_is_seen_and_where_it_is_crossed():
     thin = np.array([[0.0, 99.0], [0.0, 101.0], [500.0, 101.0], [500.0, 99.0]])
-    path = np.array([[[200.0, -1e3], [200.0, -100.0]], [[200.0, -100.0], [200.0, 900.0]], [[200.0, 900.0], [900.0, 900.0]]])
+    path = np.array(
+        [
+            [[200.0, -1e3], [200.0, -100.0]],
+            [[200.0, -100.0], [200.0, 900.0]],
+            [[200.0, 900.0], [900.0, 900.0]],
+        ]
+    )
     ring = Ring(thin, False, "cable", drawn=True)
     name, number, share = first_crossing((ring,), path, np.zeros(3))
     assert (name, number, share) == ("cable", 1, pytest.approx(199.0 / 1000.0))

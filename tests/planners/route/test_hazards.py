@@ -18,7 +18,11 @@ from tests.reference import polygon
 def _rings() -> list[Ring]:
     rng = np.random.default_rng(0)
     # corners in random order cross their own line
-    return [Ring(rng.uniform(-1e3, 1e3, (n, 2)), outside, "area") for n in (3, 4, 5, 7) for outside in (False, True)]
+    return [
+        Ring(rng.uniform(-1e3, 1e3, (n, 2)), outside, "area")
+        for n in (3, 4, 5, 7)
+        for outside in (False, True)
+    ]
 
 
 def _distance(corners: np.ndarray, point: np.ndarray) -> float:
@@ -37,8 +41,12 @@ def test_a_ring_is_its_slow_twin_point_by_point(ring: Ring) -> None:
     away = np.array([_distance(ring.corners, point) for point in points])
     np.testing.assert_array_equal(ring.inside(points), inside)
     np.testing.assert_array_equal(ring.forbids(points), inside != ring.outside)
-    np.testing.assert_allclose(ring.clearance(points), np.where(inside != ring.outside, -away, away), rtol=1e-10, atol=1e-9)
-    np.testing.assert_allclose(np.linalg.norm(ring.nearest(points) - points, axis=1), away, rtol=1e-10, atol=1e-9)
+    np.testing.assert_allclose(
+        ring.clearance(points), np.where(inside != ring.outside, -away, away), rtol=1e-10, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        np.linalg.norm(ring.nearest(points) - points, axis=1), away, rtol=1e-10, atol=1e-9
+    )
 
 
 def test_land_and_shallows_are_the_dry_cells_beside_water() -> None:
@@ -53,7 +61,9 @@ def test_land_and_shallows_are_the_dry_cells_beside_water() -> None:
     held = np.array([ring.forbids(nodes) for ring in land])
     assert held.sum(axis=0).tolist() == [1, 1, 1, 1, 0, 1, 1, 1, 1]
     bottom = np.where(wet[0], 500.0, np.nan)
-    shallows = all_rings(region_of(grid), 300.0, bathymetry=Bathymetry(grid.longitude, grid.latitude, bottom))[1:]
+    shallows = all_rings(
+        region_of(grid), 300.0, bathymetry=Bathymetry(grid.longitude, grid.latitude, bottom)
+    )[1:]
     # of the four by four cells that have an unknown corner the inner four are beside none that is deep enough
     assert (len(shallows), {ring.name for ring in shallows}) == (12, {"shallower than 320 m"})
     corner = np.array([grid.east[1, 2], grid.north[1, 2]])

@@ -38,9 +38,13 @@ def test_what_is_dry_below_the_dives_is_no_land():
 
 
 @pytest.mark.parametrize(("row", "column"), [(3, 3), (0, 0), (6, 7)])
-def test_a_cell_s_corners_are_halfway_to_its_neighbours_also_at_the_edge_of_the_grid(row: int, column: int):
+def test_a_cell_s_corners_are_halfway_to_its_neighbours_also_at_the_edge_of_the_grid(
+    row: int, column: int
+):
     (ring,) = land(np.s_[row : row + 1, column : column + 1])
     here = np.array([GRID.east[row, column], GRID.north[row, column]])
     size = np.ptp(ring.corners, axis=0)
     np.testing.assert_allclose(ring.corners.mean(axis=0), here, atol=60.0)
-    np.testing.assert_allclose(size, [np.diff(GRID.east, axis=1).mean(), np.diff(GRID.north, axis=0).mean()], rtol=0.02)
+    np.testing.assert_allclose(
+        size, [np.diff(GRID.east, axis=1).mean(), np.diff(GRID.north, axis=0).mean()], rtol=0.02
+    )

@@ -17,8 +17,16 @@ GLIDER, START = Glider(), np.array([2e3, -5e3])
 
 def _legs(count: int, drift: float) -> Legs:
     rng = np.random.default_rng(3)
-    depths = tuple(refine_steps(leg_depths((0.0, deepest, 0.0), np.array(LEVELS), 10), 2) for deepest in rng.choice([90.0, 300.0], count))
-    return Legs(rng.uniform(0.0, 1.0, count), rng.uniform(0.3, 0.5, count), depths, np.append(np.full(count - 1, drift), 0.0))
+    depths = tuple(
+        refine_steps(leg_depths((0.0, deepest, 0.0), np.array(LEVELS), 10), 2)
+        for deepest in rng.choice([90.0, 300.0], count)
+    )
+    return Legs(
+        rng.uniform(0.0, 1.0, count),
+        rng.uniform(0.3, 0.5, count),
+        depths,
+        np.append(np.full(count - 1, drift), 0.0),
+    )
 
 
 def _currents(changing: bool) -> Currents:
@@ -27,7 +35,9 @@ def _currents(changing: bool) -> Currents:
 
 
 @pytest.mark.parametrize(("changing", "drift"), [(False, 0.0), (False, 900.0), (True, 900.0)])
-def test_legs_flown_at_once_are_those_flown_one_after_the_other(changing: bool, drift: float) -> None:
+def test_legs_flown_at_once_are_those_flown_one_after_the_other(
+    changing: bool, drift: float
+) -> None:
     currents, legs = _currents(changing), _legs(5, drift)
     slowly = fly_legs(currents, GLIDER, START, legs, 500.0)
     # begins that are kilometres off, and no derivatives: only the commands are known
@@ -44,14 +54,20 @@ def test_legs_flown_at_once_are_those_flown_one_after_the_other(changing: bool, 
 def test_a_current_that_is_not_a_number_is_flown_without_end() -> None:
     currents, legs = _currents(False), _legs(3, 0.0)
     broken = replace(currents, latent=np.full(currents.latent.shape, np.nan))
-    solution = MissionSolution(MissionGuess(np.zeros((3, 2)), legs.headings, legs.angles), 0.0, 0.0, 0, "", None)
+    solution = MissionSolution(
+        MissionGuess(np.zeros((3, 2)), legs.headings, legs.angles), 0.0, 0.0, 0, "", None
+    )
     assert np.isnan(fly_solution(broken, GLIDER, START, legs, 0.0, solution).place[0, -1]).all()
 
 
 def test_a_plan_is_the_same_whatever_was_planned_before_with_its_program() -> None:
     flows = [eddying_flow(6), eddying_flow(7)]
     requests = [
-        MissionRequest(place(flow, -6e3, -6e3, 0.0), (place(flow, 2e3, 2e3, 0.0),), settings=MissionSettings(depth=300.0, legs=6))
+        MissionRequest(
+            place(flow, -6e3, -6e3, 0.0),
+            (place(flow, 2e3, 2e3, 0.0),),
+            settings=MissionSettings(depth=300.0, legs=6),
+        )
         for flow in flows
     ]
     first = plan_mission(flows[0], requests[0])

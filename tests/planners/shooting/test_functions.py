@@ -23,15 +23,26 @@ GOAL_STEP = 2
 
 def _mission(changing: bool, planes: int, guided: bool) -> tuple[MissionModel, MissionData]:
     """Return three legs of two depths past a goal on the way, in a flow of random eddies."""
-    rng, flow, n_legs, n_steps = np.random.default_rng(5), eddying_flow(1, "gaussian" if changing else "hat"), 3, 6
+    rng, flow, n_legs, n_steps = (
+        np.random.default_rng(5),
+        eddying_flow(1, "gaussian" if changing else "hat"),
+        3,
+        6,
+    )
     times, latent = None, flow.latent
     if changing:
-        dated = [replace(eddying_flow(1 + k, "gaussian"), time_ns=10**15 + int(k * 2e12)) for k in range(3)]
+        dated = [
+            replace(eddying_flow(1 + k, "gaussian"), time_ns=10**15 + int(k * 2e12))
+            for k in range(3)
+        ]
         times, latent = latent_over_time(dated)
     shape = MissionShape(n_legs, n_steps, (2, 3), (0, 1, 0), planes, True, (GOAL_STEP, 0), guided)
     vehicle = Glider(flight=SteadyFlight()) if guided else Glider()
     places = (n_legs, shape.n_places)
-    half_planes = np.concatenate([rng.standard_normal((*places, planes, 2)), rng.uniform(-2e3, 2e3, (*places, planes, 1))], axis=-1)
+    half_planes = np.concatenate(
+        [rng.standard_normal((*places, planes, 2)), rng.uniform(-2e3, 2e3, (*places, planes, 1))],
+        axis=-1,
+    )
     walls = Walls(np.ones(half_planes.shape[:3]), half_planes) if planes else None
     data = MissionData(
         np.array([2e3, -1e3]),
@@ -49,33 +60,58 @@ def _mission(changing: bool, planes: int, guided: bool) -> tuple[MissionModel, M
     if guided:
         line = along_line(np.zeros(2), np.array([2e3, 3e3]), 2.0, 900.0)
         weights, limits = rng.uniform(0.1, 1.0, places), rng.uniform(500.0, 2e3, places)
-        data = replace(data, reference_path=line, reference_weights=weights, reference_limits=limits)
+        data = replace(
+            data, reference_path=line, reference_weights=weights, reference_limits=limits
+        )
     return MissionModel(flow, vehicle, shape, times), data
 
 
-@pytest.mark.parametrize(("changing", "planes", "guided"), [(False, 2, False), (True, 0, True), (True, 1, False)])
-def test_the_functions_and_their_derivatives_are_those_of_the_graph(changing: bool, planes: int, guided: bool) -> None:
+@pytest.mark.parametrize(
+    ("changing", "planes", "guided"), [(False, 2, False), (True, 0, True), (True, 1, False)]
+)
+def test_the_functions_and_their_derivatives_are_those_of_the_graph(
+    changing: bool, planes: int, guided: bool
+) -> None:
     model, data = _mission(changing, planes, guided)
     graph, numbers, rng = program_graph(model), parameters_of(model, data), np.random.default_rng(6)
     program = model.program
     functions, layout = program.functions, program.functions.layout
     functions.give(_case(model, data))
     legs = np.column_stack(
-        [rng.uniform(-3.0, 3.0, (3, 2)), 900.0 / HOUR + np.arange(1.0, 4.0), rng.uniform(-3, 3, 3), rng.uniform(0.3, 0.6, 3)]
+        [
+            rng.uniform(-3.0, 3.0, (3, 2)),
+            900.0 / HOUR + np.arange(1.0, 4.0),
+            rng.uniform(-3, 3, 3),
+            rng.uniform(0.3, 0.6, 3),
+        ]
     )
     x = np.concatenate([legs.ravel(), rng.uniform(0.1, 1.0, layout.n_unknowns - 15)])
     multipliers = rng.standard_normal(layout.n_equal + layout.n_limited)
     lagrangian = 0.8 * graph["f"] + ca.dot(multipliers, graph["g"])
-    wanted = [graph["f"], graph["g"], ca.gradient(graph["f"], graph["x"]), ca.jacobian(graph["g"], graph["x"])]
-    evaluate = ca.Function("all", [graph["x"], graph["p"]], [*wanted, ca.hessian(lagrangian, graph["x"])[0]])
+    wanted = [
+        graph["f"],
+        graph["g"],
+        ca.gradient(graph["f"], graph["x"]),
+        ca.jacobian(graph["g"], graph["x"]),
+    ]
+    evaluate = ca.Function(
+        "all", [graph["x"], graph["p"]], [*wanted, ca.hessian(lagrangian, graph["x"])[0]]
+    )
     cost, constraints, gradient, jacobian, hessian = (one.full() for one in evaluate(x, numbers))
     found_cost, found = functions.value(x)
     assert found_cost == pytest.approx(float(cost[0, 0]), rel=1e-11)
     np.testing.assert_allclose(found, constraints.ravel(), rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(functions.gradient(x), gradient.ravel(), rtol=1e-9, atol=1e-11)
-    np.testing.assert_allclose(_dense(functions.jacobian.sparsity, functions.jacobian_entries(x)), jacobian, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(
+        _dense(functions.jacobian.sparsity, functions.jacobian_entries(x)),
+        jacobian,
+        rtol=1e-7,
+        atol=1e-9,
+    )
     upper = _dense(functions.hessian.sparsity, functions.hessian_entries(x, 0.8, multipliers))
-    np.testing.assert_allclose(upper, np.triu(hessian), rtol=1e-6, atol=1e-7 * np.abs(hessian).max())
+    np.testing.assert_allclose(
+        upper, np.triu(hessian), rtol=1e-6, atol=1e-7 * np.abs(hessian).max()
+    )
     # what is found at other unknowns does not stay
     assert functions.value(x + 1e-3)[0] != found_cost
     assert functions.value(x)[0] == found_cost
@@ -98,15 +134,26 @@ def test_half_planes_that_follow_the_places_have_the_derivatives_of_their_distan
     functions = model.program.functions
     functions.give(_case(model, replace(data, walls=walls)))
     at = np.vstack([data.start / KM, rng.uniform(-3.0, 3.0, (2, 2))])
-    legs = np.column_stack([np.roll(at, -1, axis=0), 0.25 + np.arange(1.0, 4.0), rng.uniform(-3, 3, 3), rng.uniform(0.3, 0.6, 3)])
+    legs = np.column_stack(
+        [
+            np.roll(at, -1, axis=0),
+            0.25 + np.arange(1.0, 4.0),
+            rng.uniform(-3, 3, 3),
+            rng.uniform(0.3, 0.6, 3),
+        ]
+    )
     x = np.concatenate([legs.ravel(), rng.uniform(0.1, 1.0, functions.layout.n_unknowns - 15)])
     found = functions.value(x)[1]
     first = 9 + 2 * len(data.goals)
     places = functions.places(x)
-    begins = np.concatenate([np.vstack([data.start, legs[:-1, :2] * KM])[:, None], places[:, :-1]], axis=1)
+    begins = np.concatenate(
+        [np.vstack([data.start, legs[:-1, :2] * KM])[:, None], places[:, :-1]], axis=1
+    )
     for number, beyond in enumerate(found[first:]):
         leg, place_, plane = np.unravel_index(number, size)
-        point = begins[leg, place_] + walls.shares[leg, place_, plane] * (places[leg, place_] - begins[leg, place_])
+        point = begins[leg, place_] + walls.shares[leg, place_, plane] * (
+            places[leg, place_] - begins[leg, place_]
+        )
         which = near.which[number]
         expected = -1e6 if which < 0 else (50.0 - rings[which].clearance(point[None])[0]) / KM
         assert beyond + x[-1] == pytest.approx(expected, abs=1e-9)
@@ -118,10 +165,16 @@ def test_half_planes_that_follow_the_places_have_the_derivatives_of_their_distan
         return np.asarray(0.8 * functions.gradient(x) + multipliers @ entries)
 
     steps = 1e-6 * np.eye(x.size)
-    rows = np.column_stack([(functions.value(x + step)[1] - functions.value(x - step)[1]) / 2e-6 for step in steps])
+    rows = np.column_stack(
+        [(functions.value(x + step)[1] - functions.value(x - step)[1]) / 2e-6 for step in steps]
+    )
     # what has no ring is a thousand kilometres inside, too far for differences
     kept = np.arange(found.size) != first + 4
-    np.testing.assert_allclose(_dense(functions.jacobian.sparsity, functions.jacobian_entries(x))[kept], rows[kept], atol=1e-6)
+    np.testing.assert_allclose(
+        _dense(functions.jacobian.sparsity, functions.jacobian_entries(x))[kept],
+        rows[kept],
+        atol=1e-6,
+    )
     upper = _dense(functions.hessian.sparsity, functions.hessian_entries(x, 0.8, multipliers))
     bends = np.column_stack([(slope(x + step) - slope(x - step)) / 2e-6 for step in steps])
     np.testing.assert_allclose(upper, np.triu(bends), rtol=1e-5, atol=1e-5 * np.abs(bends).max())

@@ -14,9 +14,17 @@ def check_figures(page: str) -> dict[str, dict[str, Any]]:
     assert list(shown) == list(found)
     assert all(len(text) > 20 for _, text in elements(page, "figcaption"))
     plots = [attrs for attrs, _ in elements(page, "div") if attrs.get("class") == "plot"]
-    assert all(len(attrs["aria-label"] or "") > 30 and attrs["tabindex"] == "0" and attrs["role"] == "group" for attrs in plots)
+    assert all(
+        len(attrs["aria-label"] or "") > 30
+        and attrs["tabindex"] == "0"
+        and attrs["role"] == "group"
+        for attrs in plots
+    )
     pictures = [attrs for attrs, _ in elements(page, "img")]
-    assert all(len(attrs["alt"] or "") > 20 and (attrs["src"] or "").startswith("data:image/png;base64,") for attrs in pictures)
+    assert all(
+        len(attrs["alt"] or "") > 20 and (attrs["src"] or "").startswith("data:image/png;base64,")
+        for attrs in pictures
+    )
     assert len(plots) + len(pictures) == len(found)
     offered = {(attrs["data-figure"], attrs["data-table"]) for attrs, _ in elements(page, "button")}
     assert offered == {(key, table) for key, figure in found.items() for table in figure["tables"]}
@@ -33,7 +41,10 @@ def _check_axes(key: str, layout: dict[str, Any]) -> None:
         # an axis that names what stands beside it has no unit
         if re.fullmatch(r"[xy]axis\d?", name) and ("title" in axis or "ticktext" not in axis):
             text = axis["title"]["text"]
-            assert re.search(r"\[.+\]|UTC|NIS|dive|density|innovation /|values|pings", text), (key, name)
+            assert re.search(r"\[.+\]|UTC|NIS|dive|density|innovation /|values|pings", text), (
+                key,
+                name,
+            )
 
 
 def _check_data(key: str, figure: dict[str, Any]) -> None:
@@ -49,7 +60,12 @@ def _check_data(key: str, figure: dict[str, Any]) -> None:
 
 
 def _check_nothing_is_fetched(page: str) -> None:
-    fetching = [attrs["src"] for tag in ("script", "link", "img", "iframe") for attrs, _ in elements(page, tag) if attrs.get("src")]
+    fetching = [
+        attrs["src"]
+        for tag in ("script", "link", "img", "iframe")
+        for attrs, _ in elements(page, tag)
+        if attrs.get("src")
+    ]
     assert [url for url in fetching if not (url or "").startswith("data:")] == []
     assert [attrs["href"] for attrs, _ in elements(page, "link")] == ["data:,"]
     own = re.sub(r'<script type="application/octet-stream".*?</script>', "", page, flags=re.DOTALL)

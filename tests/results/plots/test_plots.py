@@ -24,7 +24,11 @@ from tests.synthetic_flow import synthetic_flow
 
 def words(figure):
     """Return all text of a figure as one line."""
-    texts = [text.get_text() for axes in figure.axes for text in [*axes.texts, axes.title, axes._left_title]]
+    texts = [
+        text.get_text()
+        for axes in figure.axes
+        for text in [*axes.texts, axes.title, axes._left_title]
+    ]
     return " ".join(" ".join([*texts, figure.get_supxlabel()]).split())
 
 
@@ -51,7 +55,9 @@ def test_figures_have_panels_with_letters(contents, kind, letters, says):
         figure = drawn(contents, kind, columns=columns)
         assert figure.get_figwidth() == width
         titles = [axes.get_title(loc="left") for axes in figure.axes]
-        assert [title[:4] for title in titles if title[:1] == "("] == [f"({chr(ord('a') + k)}) " for k in range(letters)]
+        assert [title[:4] for title in titles if title[:1] == "("] == [
+            f"({chr(ord('a') + k)}) " for k in range(letters)
+        ]
         assert says in words(figure)
 
 
@@ -60,7 +66,11 @@ def test_figures_have_panels_with_letters(contents, kind, letters, says):
 @pytest.mark.parametrize(
     ("kind", "ending"),
     [
-        pytest.param(kind, ending, marks=() if kind == "map" or (kind, ending) == ("plan", ".svg") else pytest.mark.full)
+        pytest.param(
+            kind,
+            ending,
+            marks=() if kind == "map" or (kind, ending) == ("plan", ".svg") else pytest.mark.full,
+        )
         for kind, ending in product(KINDS, ENDINGS)
         if kind != "dac"
     ],
@@ -90,7 +100,18 @@ def empty(path, flow, innovation, plan):
 
 def failed_plan(path, flow, innovation, plan):
     empty_track = np.empty((0, 3))
-    write(path, flow, [innovation], replace(plan, status="failed", track=empty_track, track_time=empty_track[:, 0], message="no path"))
+    write(
+        path,
+        flow,
+        [innovation],
+        replace(
+            plan,
+            status="failed",
+            track=empty_track,
+            track_time=empty_track[:, 0],
+            message="no path",
+        ),
+    )
 
 
 def across_the_antimeridian(path, flow, innovation, plan):
@@ -103,17 +124,33 @@ def far_north(path, flow, innovation, plan):
 
 SAID = [
     (no_estimate, "map", "The result holds no estimate: the map shows the last published current."),
-    (no_estimate, "section", "The result holds no estimate: the section shows measured minus estimated alone"),
+    (
+        no_estimate,
+        "section",
+        "The result holds no estimate: the section shows measured minus estimated alone",
+    ),
     (nothing_of_the_current, "map", "The result holds no current: the map shows positions alone."),
     (nothing_of_the_current, "series", "The result holds no published current."),
     (nothing_of_the_current, "trust", "Fewer than two grids with a standard error were published"),
-    (no_plan_and_one_ping, "plan", "The result holds no plan: no goal was given, or none was due; replay-kit plan makes one"),
+    (
+        no_plan_and_one_ping,
+        "plan",
+        "The result holds no plan: no goal was given, or none was due; replay-kit plan makes one",
+    ),
     (no_plan_and_one_ping, "series", "The current was published once: there is no series."),
     (no_plan_and_one_ping, "trust", "There are fewer than two dives to predict from each other."),
     (empty, "map", "The result holds neither a current nor a position."),
-    (empty, "section", "The result holds no profile that was used, and no estimate along its track."),
+    (
+        empty,
+        "section",
+        "The result holds no profile that was used, and no estimate along its track.",
+    ),
     (empty, "series", "The result holds no published current."),
-    (empty, "trust", "The result holds no measurement: there is nothing to compare the estimate with."),
+    (
+        empty,
+        "trust",
+        "The result holds no measurement: there is nothing to compare the estimate with.",
+    ),
     (failed_plan, "plan", "The last plan has no track: no path."),
 ]
 
@@ -135,7 +172,9 @@ def test_a_figure_says_what_there_is_not(tmp_path, flow, innovation, plan, case,
         (far_north, ["map"]),
     ],
 )
-def test_the_figures_of_difficult_results_can_be_laid_out(tmp_path, flow, innovation, plan, case, kinds):
+def test_the_figures_of_difficult_results_can_be_laid_out(
+    tmp_path, flow, innovation, plan, case, kinds
+):
     case(tmp_path / "case.mcap", flow, innovation, plan)
     contents = Contents(open_result(tmp_path / "case.mcap"))
     for kind in kinds:
@@ -162,14 +201,19 @@ def test_the_library_draws_a_panel_into_axes_of_its_own(contents):
         contents.result.plot.trust(axes, panel=4)
     with pytest.raises(ConfigError, match="columns: expected 1 or 2, got 3"):
         contents.result.plot.map(columns=3)
-    with pytest.raises(ConfigError, match="figure: expected one of map, section, series, dac, trust, plan, got 'maps'"):
+    with pytest.raises(
+        ConfigError,
+        match="figure: expected one of map, section, series, dac, trust, plan, got 'maps'",
+    ):
         drawn(contents, "maps")
     for name in KINDS:
         assert isinstance(getattr(contents.result.plot, name)(), Figure)
 
 
 def test_a_place_outside_the_region_is_said(contents):
-    assert "is on land, below the bottom, or outside the region" in words(drawn(contents, "series", (6.0, 62.0, 10.0)))
+    assert "is on land, below the bottom, or outside the region" in words(
+        drawn(contents, "series", (6.0, 62.0, 10.0))
+    )
 
 
 def test_the_depth_asked_for_is_that_of_the_map(contents):
@@ -186,18 +230,34 @@ def test_a_series_is_that_of_its_cell_towards_true_north():
     longitude, latitude = (float(value) for value in to_geographic(projection, 1_400.0, -600.0))
     series = series_at(slices, projection, (longitude, latitude, 56.0))
     assert series.depth == 100.0
-    u, v = rotate_to_geographic(projection, longitude, latitude, fields[1, :, 0, 0, 1], fields[1, :, 1, 0, 1])
+    u, v = rotate_to_geographic(
+        projection, longitude, latitude, fields[1, :, 0, 0, 1], fields[1, :, 1, 0, 1]
+    )
     np.testing.assert_array_equal([series.u, series.v], [u, v])
     np.testing.assert_array_equal(series.u_standard_error, fields[1, :, 2, 0, 1])
     np.testing.assert_array_equal(series.v_standard_error, fields[1, :, 3, 0, 1])
-    for x, y, inside in ((2_490.0, 0.0, True), (2_510.0, 0.0, False), (0.0, 490.0, True), (0.0, 510.0, False)):
+    for x, y, inside in (
+        (2_490.0, 0.0, True),
+        (2_510.0, 0.0, False),
+        (0.0, 490.0, True),
+        (0.0, 510.0, False),
+    ):
         place = (*(float(value) for value in to_geographic(projection, x, y)), 10.0)
         assert np.isfinite(series_at(slices, projection, place).u).all() == inside
 
 
-@pytest.mark.parametrize(("depths", "expected"), [([300.0, np.nan, 500.0], 250.0), ([250.0], 250.0), ([2.0], 5.0), ([], 5.0)])
+@pytest.mark.parametrize(
+    ("depths", "expected"),
+    [([300.0, np.nan, 500.0], 250.0), ([250.0], 250.0), ([2.0], 5.0), ([], 5.0)],
+)
 def test_the_typical_depth_is_the_last_one_published_above_the_measurements(depths, expected):
-    slices = CurrentSlices(np.array([5.0, 250.0, 750.0]), np.array([0]), np.zeros(2), np.zeros(2), np.zeros((3, 1, 4, 2, 2)))
+    slices = CurrentSlices(
+        np.array([5.0, 250.0, 750.0]),
+        np.array([0]),
+        np.zeros(2),
+        np.zeros(2),
+        np.zeros((3, 1, 4, 2, 2)),
+    )
     assert typical_depth(slices, np.array(depths)) == expected
 
 
@@ -207,11 +267,18 @@ def test_the_typical_depth_without_grids_is_the_median():
 
 
 def test_labels_of_degrees_and_of_arrows():
-    assert [_degrees_text(value, "NS") for value in (-40.25, 0.0, 62.5)] == ["40.25°S", "0°", "62.5°N"]
+    assert [_degrees_text(value, "NS") for value in (-40.25, 0.0, 62.5)] == [
+        "40.25°S",
+        "0°",
+        "62.5°N",
+    ]
     assert [_nice(value) for value in (0.19, 0.2, 0.51, 1.7, 0.099)] == [0.1, 0.2, 0.5, 1.0, 0.05]
 
 
-@pytest.mark.parametrize(("minutes", "most"), list(product([1, 9, 50, 100, 200, 1_500, 4_000, 6_000, 20_000, 90_000, 10**6], [4, 7])))
+@pytest.mark.parametrize(
+    ("minutes", "most"),
+    list(product([1, 9, 50, 100, 200, 1_500, 4_000, 6_000, 20_000, 90_000, 10**6], [4, 7])),
+)
 def test_an_axis_of_time_has_a_step_for_every_span(minutes, most):
     axes = Figure().add_subplot()
     start = np.datetime64("2018-11-16T00:00")

@@ -30,7 +30,11 @@ def shrunk(figure: Figure) -> np.ndarray:
     pixels = matplotlib.image.imread(io.BytesIO(saved(figure, ".png")))[..., :3]
     block = pixels.shape[1] // WIDTH
     rows = pixels.shape[0] // block
-    means = pixels[: rows * block, : WIDTH * block].reshape(rows, block, WIDTH, block, 3).mean(axis=(1, 3))
+    means = (
+        pixels[: rows * block, : WIDTH * block]
+        .reshape(rows, block, WIDTH, block, 3)
+        .mean(axis=(1, 3))
+    )
     return np.rint(255.0 * means) / 255.0
 
 
@@ -50,7 +54,10 @@ def pictures(tmp_path, innovation, plan):
         path = tmp_path / f"{factor:g}.mcap"
         if not path.exists():
             residuals = [factor * (k + 1) * innovation.residual for k in range(5)]
-            growing = [replace(innovation, dive=k + 1, residual=each, nis=6.0 * k + 1.0) for k, each in enumerate(residuals)]
+            growing = [
+                replace(innovation, dive=k + 1, residual=each, nis=6.0 * k + 1.0)
+                for k, each in enumerate(residuals)
+            ]
             write(path, synthetic_flow(), growing, plan)
         return shrunk(drawn(Contents(open_result(path)), kind))
 

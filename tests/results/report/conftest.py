@@ -21,7 +21,9 @@ GOAL = (153.05, -40.2, 150.0)
 @pytest.fixture(scope="session")
 def replayed(tmp_path_factory: pytest.TempPathFactory) -> rk.Result:
     out = tmp_path_factory.mktemp("report") / "short.mcap"
-    return rk.replay(SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc", goal=GOAL, settings=SETTINGS, out=out)
+    return rk.replay(
+        SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc", goal=GOAL, settings=SETTINGS, out=out
+    )
 
 
 @pytest.fixture(scope="session")

@@ -50,7 +50,9 @@ def elements(page: str, tag: str) -> list[tuple[dict[str, str | None], str]]:
 def figures(page: str) -> dict[str, dict[str, Any]]:
     """Return the data of the figures by their keys."""
     (packed,) = (text for attrs, text in elements(page, "script") if attrs.get("id") == "figures")
-    return {figure["key"]: figure for figure in json.loads(gzip.decompress(base64.b64decode(packed)))}
+    return {
+        figure["key"]: figure for figure in json.loads(gzip.decompress(base64.b64decode(packed)))
+    }
 
 
 def unpacked(packed: dict[str, Any]) -> np.ndarray:
@@ -67,5 +69,7 @@ def text_of(page: str, section: str) -> str:
 
 def table(page: str, caption: str) -> list[list[str]]:
     """Return the rows of a table by its caption."""
-    (html,) = re.findall(rf"<caption><span>{re.escape(caption)}</span></caption>.*?<tbody>(.*?)</tbody>", page)
+    (html,) = re.findall(
+        rf"<caption><span>{re.escape(caption)}</span></caption>.*?<tbody>(.*?)</tbody>", page
+    )
     return [re.findall(r"<td>(.*?)</td>", row) for row in re.findall(r"<tr>(.*?)</tr>", html)]

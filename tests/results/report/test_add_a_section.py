@@ -12,7 +12,10 @@ from tests.results.report.html_of import elements, text_of
 
 def _mine(contents: Contents) -> Section:
     data = {"depths": {"depth_m": contents.track.depth.tolist()}}
-    layout = {"yaxis": {"title": {"text": "depth [m]"}}, "xaxis": {"title": {"text": "position [number]"}}}
+    layout = {
+        "yaxis": {"title": {"text": "depth [m]"}},
+        "xaxis": {"title": {"text": "position [number]"}},
+    }
     figure = Figure(
         "mine",
         "Depths",
@@ -22,10 +25,18 @@ def _mine(contents: Contents) -> Section:
         [{"y": "$depths.depth_m"}],
         layout,
     )
-    return Section("mine", "Depths of mine", f"<p>{contents.track.depth.size} positions</p>", [figure], ["What is not there."])
+    return Section(
+        "mine",
+        "Depths of mine",
+        f"<p>{contents.track.depth.size} positions</p>",
+        [figure],
+        ["What is not there."],
+    )
 
 
-def test_an_added_section_is_on_the_page_with_its_figure(replayed: rk.Result, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_added_section_is_on_the_page_with_its_figure(
+    replayed: rk.Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(report, "SECTIONS", (*report.SECTIONS[:1], _mine))
     page = report.report_html(rk.open_result(replayed.path))
     assert [attrs["id"] for attrs, _ in elements(page, "section")] == ["answer", "mine"]

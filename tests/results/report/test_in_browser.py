@@ -17,7 +17,16 @@ from replay_kit.forecast import read_truth
 from replay_kit.results.report import report_html
 from replay_kit.results.views.steering import Dives, GriddedCurrents, fly_to_waypoints
 from replay_kit.studies.twins import Twin, make_twin
-from tests.browser import MARKS, SCHEMES, WIDTHS, check_accessible, check_drawn, chromium, opened, seconds_to_first_picture
+from tests.browser import (
+    MARKS,
+    SCHEMES,
+    WIDTHS,
+    check_accessible,
+    check_drawn,
+    chromium,
+    opened,
+    seconds_to_first_picture,
+)
 from tests.places import DATA, ROOT, SAMPLES
 from tests.results.report.html_of import elements, figures, unpacked
 
@@ -42,14 +51,23 @@ def browser() -> Iterator[Any]:
 
 def _sample(folder: Path) -> Path:
     out, settings = folder / "sample.mcap", {"estimator": {"modes": 40}}
-    rk.replay(SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc", goal=(152.8, -40.1, 300.0), settings=settings, out=out)
+    rk.replay(
+        SAMPLES / "glider.mcap",
+        SAMPLES / "ensemble.nc",
+        goal=(152.8, -40.1, 300.0),
+        settings=settings,
+        out=out,
+    )
     return out
 
 
 def _seaglider(folder: Path) -> Path:
     if not DIVES:
         pytest.skip("needs the Seaglider dives in ../shared/data")
-    out, settings = folder / "seaglider.mcap", {"estimator": {"modes": 40}, "forecast": {"place": True}}
+    out, settings = (
+        folder / "seaglider.mcap",
+        {"estimator": {"modes": 40}, "forecast": {"place": True}},
+    )
     rk.replay(DIVES, SAMPLES / "ensemble.nc", settings=settings, out=out)
     return out
 
@@ -57,14 +75,20 @@ def _seaglider(folder: Path) -> Path:
 def _month(folder: Path) -> Path:
     """Return a result of 30 days with a ping every ten minutes."""
     log, out = folder / "twin.mcap", folder / "month.mcap"
-    make_twin(read_truth(str(SAMPLES / "truth.nc"), ForecastConfig()), Twin("glider", 4320, 0.05, 3, interval_s=600.0), log)
+    make_twin(
+        read_truth(str(SAMPLES / "truth.nc"), ForecastConfig()),
+        Twin("glider", 4320, 0.05, 3, interval_s=600.0),
+        log,
+    )
     settings = {"estimator": {"modes": 10}, "forecast": {"levels": [5, 150, 500]}}
     rk.replay(log, SAMPLES / "ensemble.nc", settings=settings, out=out)
     return out
 
 
 @pytest.mark.parametrize(("result", "largest"), [(_sample, 4e6), (_seaglider, 4e6), (_month, 12e6)])
-def test_a_report_is_written_draws_itself_and_obeys(browser: Any, result: Any, largest: float, tmp_path: Path) -> None:
+def test_a_report_is_written_draws_itself_and_obeys(
+    browser: Any, result: Any, largest: float, tmp_path: Path
+) -> None:
     page = tmp_path / "page.html"
     _write(result(tmp_path), page)
     assert page.stat().st_size < largest
@@ -109,11 +133,14 @@ def _check_controls(tab: Any) -> None:
     for control, value in (("current-map-1", "1"), ("current-map-2", "0")):
         tab.locator(f"#{control}").fill(value)
         tab.wait_for_function(
-            "([k, v]) => document.querySelector('#current-map .plot').dataset.choices.split(',')[k] === v", arg=[int(control[-1]), value]
+            "([k, v]) => document.querySelector('#current-map .plot').dataset.choices.split(',')[k] === v",
+            arg=[int(control[-1]), value],
         )
         pictures.append(picture.screenshot())
     tab.locator("#current-map-0").select_option("1")
-    tab.wait_for_function("() => document.querySelector('#current-map .plot').dataset.choices.startsWith('1')")
+    tab.wait_for_function(
+        "() => document.querySelector('#current-map .plot').dataset.choices.startsWith('1')"
+    )
     pictures.append(picture.screenshot())
     assert len(set(pictures)) == 4
 
@@ -127,23 +154,47 @@ def _check_data(tab: Any) -> None:
     assert len(lines) > 100
     with tab.expect_download() as download:
         tab.locator("button[data-table=current]").click()
-    assert Path(download.value.path()).read_text().startswith("depth_m,time,longitude,latitude,u_m_s,v_m_s,")
+    assert (
+        Path(download.value.path())
+        .read_text()
+        .startswith("depth_m,time,longitude,latitude,u_m_s,v_m_s,")
+    )
 
 
 def flown(page: str, waypoints: list[list[float]]) -> list[tuple[float, float, bool]]:
     """Return duration [s], miss [m] and whether the goal is reached over waypoints in the estimate and its samples, flown in Python."""
     figure = figures(page)["waypoint"]
-    flight, axes = figure["flight"], [np.array(figure["flight"][name]) for name in ("depths", "east", "north")]
+    flight, axes = (
+        figure["flight"],
+        [np.array(figure["flight"][name]) for name in ("depths", "east", "north")],
+    )
     currents, own = GriddedCurrents(*axes, unpacked(figure["packed"]["currents"])), flight["dives"]
-    dives = Dives(own["speed"], np.rad2deg(own["angle"]), own["depth"], own["surfaceTime"], own["radius"], own["maxDuration"])
+    dives = Dives(
+        own["speed"],
+        np.rad2deg(own["angle"]),
+        own["depth"],
+        own["surfaceTime"],
+        own["radius"],
+        own["maxDuration"],
+    )
     way = [np.array(place) for place in (*waypoints, flight["goal"])]
-    found = [fly_to_waypoints(currents, k, dives, np.array(flight["start"]), way) for k in range(len(currents.velocity))]
+    found = [
+        fly_to_waypoints(currents, k, dives, np.array(flight["start"]), way)
+        for k in range(len(currents.velocity))
+    ]
     return [(arrival.duration, arrival.miss, arrival.arrived) for arrival in found]
 
 
 def test_the_moved_waypoint_is_flown_as_in_python(browser: Any) -> None:
     settings = {"estimator": {"modes": 20}, "forecast": {"levels": [5, 150, 500]}}
-    page = report_html(rk.replay(SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc", goal=(152.8, -40.1, 300.0), settings=settings))
+    page = report_html(
+        rk.replay(
+            SAMPLES / "glider.mcap",
+            SAMPLES / "ensemble.nc",
+            goal=(152.8, -40.1, 300.0),
+            settings=settings,
+        )
+    )
     (before,) = [text for attrs, text in elements(page, "p") if attrs.get("class") == "readout"]
     with opened(browser, page) as tab:
         _check_moves(tab, page, before)
@@ -173,7 +224,9 @@ def _check_moves(tab: Any, page: str, before: str) -> None:
         places.append(figure["waypoints"])
         expected = np.array(flown(page, figure["waypoints"]))
         assert len(expected) == 17
-        np.testing.assert_allclose(np.array(figure["duration_h"]) * 3600.0, expected[:, 0], rtol=0.01)
+        np.testing.assert_allclose(
+            np.array(figure["duration_h"]) * 3600.0, expected[:, 0], rtol=0.01
+        )
         np.testing.assert_allclose(figure["miss_m"], expected[:, 1], atol=50.0)
         radius = figures(page)["waypoint"]["flight"]["dives"]["radius"]
         near = np.mean((expected[1:, 2] == 1.0) & (expected[1:, 1] <= radius))
@@ -183,5 +236,9 @@ def _check_moves(tab: Any, page: str, before: str) -> None:
     assert odds[0] != odds[2]
     own = figures(page)["waypoint"]["flight"]
     # keys moved the second waypoint alone, at last as far as the map goes
-    assert [k for k, (one, other) in enumerate(zip(places[0], own["waypoints"], strict=True)) if one != other] == [1]
+    assert [
+        k
+        for k, (one, other) in enumerate(zip(places[0], own["waypoints"], strict=True))
+        if one != other
+    ] == [1]
     assert places[2][1] == [axis[-1] for axis in own["places"]]

@@ -30,12 +30,16 @@ def test_the_sections_are_an_answer_from_top_to_bottom(page: str) -> None:
     assert titles[5] == "What to do next"
 
 
-def test_every_figure_has_caption_text_alternative_data_and_units_and_nothing_is_fetched(page: str) -> None:
+def test_every_figure_has_caption_text_alternative_data_and_units_and_nothing_is_fetched(
+    page: str,
+) -> None:
     assert [key for key in check_figures(page) if key in KEYS] == KEYS
     assert all(len(text) > 60 for _, text in elements(page, "figcaption"))
 
 
-def test_the_same_result_gives_the_same_page_and_it_is_small(page: str, replayed: rk.Result) -> None:
+def test_the_same_result_gives_the_same_page_and_it_is_small(
+    page: str, replayed: rk.Result
+) -> None:
     assert report_html(rk.open_result(replayed.path)) == page
     assert len(page) < 4e6
     assert str(replayed.path.parent) not in page
@@ -43,8 +47,16 @@ def test_the_same_result_gives_the_same_page_and_it_is_small(page: str, replayed
 
 def test_the_numbers_are_those_of_json(page: str, replayed: rk.Result) -> None:
     assert replayed.summary is not None
-    expected = {path: value for path, value in leaves(to_json(replayed.summary)) if not path.startswith("seconds.")}
-    numbers = {path: value for path, value in expected.items() if isinstance(value, int | float) and not isinstance(value, bool)}
+    expected = {
+        path: value
+        for path, value in leaves(to_json(replayed.summary))
+        if not path.startswith("seconds.")
+    }
+    numbers = {
+        path: value
+        for path, value in expected.items()
+        if isinstance(value, int | float) and not isinstance(value, bool)
+    }
     assert len(numbers) > 40
     carried: dict[str, set[str]] = {}
     for attrs, text in elements(page, "data"):
@@ -57,7 +69,11 @@ def test_the_numbers_are_those_of_json(page: str, replayed: rk.Result) -> None:
             digits = len(shown.partition(".")[2]) if "e" not in shown else 17
             assert abs(float(shown) - factor * value) <= 0.5000001 * 10.0**-digits, attrs
     assert set(carried) == set(numbers)
-    assert all(str(value) in text_of(page, "again") for value in expected.values() if isinstance(value, str))
+    assert all(
+        str(value) in text_of(page, "again")
+        for value in expected.values()
+        if isinstance(value, str)
+    )
 
 
 def test_words_say_what_was_measured_found_and_not_used(page: str, replayed: rk.Result) -> None:
@@ -66,7 +82,10 @@ def test_words_say_what_was_measured_found_and_not_used(page: str, replayed: rk.
     means = summary.mean_currents
     assert means > 1
     values = f"{summary.bins_used:,} values: {means} mean currents, {summary.bins_used - means:,} depth bins of profiles"
-    assert f"gave {summary.profiles_used} measurements of the current that were used ({values}), on 3 dives" in words
+    assert (
+        f"gave {summary.profiles_used} measurements of the current that were used ({values}), on 3 dives"
+        in words
+    )
     change = 100.0 * (1.0 - summary.rms_before / summary.rms_prior)
     assert f"differed from it by {100 * summary.rms_before:.2f} cm/s (RMS of a component)" in words
     assert f"the estimate is {change:.0f} % closer" in words
@@ -92,7 +111,9 @@ def test_the_map_holds_the_published_current(page: str, replayed: rk.Result) -> 
     wet = np.isfinite(got[..., 0])
     np.testing.assert_allclose(got[wet][:, :2], flow.velocity(east, north, 150.0)[wet], atol=3e-4)
     known = np.isfinite(got[..., 2])
-    np.testing.assert_allclose(got[known][:, 2:], flow.standard_error(east, north, 150.0)[known], atol=3e-4)
+    np.testing.assert_allclose(
+        got[known][:, 2:], flow.standard_error(east, north, 150.0)[known], atol=3e-4
+    )
     names = [trace.get("name") for trace in figure["traces"]]
     assert {"track", "fixes", "last plan", "goal"} <= set(names)
     track = figure["tables"]["track"]
@@ -102,7 +123,10 @@ def test_the_map_holds_the_published_current(page: str, replayed: rk.Result) -> 
 
 def test_the_command_and_settings_are_named(page: str) -> None:
     text = text_of(page, "again")
-    assert "replay-kit replay glider.mcap --ensemble ensemble.nc --config config.toml --goal=153.05,-40.2,150.0 -o short.mcap" in text
+    assert (
+        "replay-kit replay glider.mcap --ensemble ensemble.nc --config config.toml --goal=153.05,-40.2,150.0 -o short.mcap"
+        in text
+    )
     codes = [text for _, text in elements(page, "code")]
     assert {"estimator.modes", "forecast.levels", "logs.end", "output.interval"} <= set(codes)
     assert "estimator.prior" not in codes

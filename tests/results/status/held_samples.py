@@ -35,7 +35,14 @@ def plan(time_ns: int, **values: Any) -> Any:
         }
         for k in range(2)
     ]
-    odds = {"n_samples": 10, "reached": 0.9, "reached_held": 0.5, "safe": 1.0, "miss_median": 100.0, "miss_90_percent": 300.0}
+    odds = {
+        "n_samples": 10,
+        "reached": 0.9,
+        "reached_held": 0.5,
+        "safe": 1.0,
+        "miss_median": 100.0,
+        "miss_90_percent": 300.0,
+    }
     held = {
         "timestamp": stamp(time_ns),
         "status": "reached",
@@ -50,7 +57,9 @@ def plan(time_ns: int, **values: Any) -> Any:
         "energy": 250_000.0,
         "battery": 1_000_000.0,
         "odds": odds,
-        "statistics": [{"name": f"leg_{k + 1:03d}", "value": json.dumps(leg)} for k, leg in enumerate(legs)],
+        "statistics": [
+            {"name": f"leg_{k + 1:03d}", "value": json.dumps(leg)} for k, leg in enumerate(legs)
+        ],
     }
     return decode("Plan", encode("Plan", held | values))
 
@@ -73,10 +82,25 @@ def outcome(time_ns: int, planned_ns: int, *, inside: bool) -> Any:
     )
 
 
-def mean_current(time_ns: int, measured: tuple[float, float], predicted: tuple[float, float], std: float) -> Any:
-    current = dict(zip(("measured_east", "measured_north", "predicted_east", "predicted_north"), (*measured, *predicted), strict=True))
-    held = {"timestamp": stamp(time_ns), "dive": 7, "innovation_std_east": [std], "innovation_std_north": [std]}
-    return decode("Innovation", encode("Innovation", held | {"mean_current": {"kind": "dac", **current}}))
+def mean_current(
+    time_ns: int, measured: tuple[float, float], predicted: tuple[float, float], std: float
+) -> Any:
+    current = dict(
+        zip(
+            ("measured_east", "measured_north", "predicted_east", "predicted_north"),
+            (*measured, *predicted),
+            strict=True,
+        )
+    )
+    held = {
+        "timestamp": stamp(time_ns),
+        "dive": 7,
+        "innovation_std_east": [std],
+        "innovation_std_north": [std],
+    }
+    return decode(
+        "Innovation", encode("Innovation", held | {"mean_current": {"kind": "dac", **current}})
+    )
 
 
 def held(**values: Any) -> Held:
@@ -86,11 +110,21 @@ def held(**values: Any) -> Held:
         "name": "r.mcap",
         "first_ns": START_NS,
         "last_ns": end,
-        "metadata": {"replay_kit.forecast": {"first": "2023-11-14T00:00:00Z", "last": "2023-11-18T00:00:00Z", "evolves": "true"}},
+        "metadata": {
+            "replay_kit.forecast": {
+                "first": "2023-11-14T00:00:00Z",
+                "last": "2023-11-18T00:00:00Z",
+                "evolves": "true",
+            }
+        },
         "settings": {"measurements": {"fix_std": 20.0}},
         "summary": {"verdict": ["all fits"], "consistency": [], "nis_per_dof": 1.0},
         "projection": Projection(5.0, 62.0),
-        "fixes": [Fix(START_NS, 4.65, 62.0, False), Fix(end - 25 * HOUR_NS, 4.9, 62.0, False), Fix(end, 5.0, 62.0, False)],
+        "fixes": [
+            Fix(START_NS, 4.65, 62.0, False),
+            Fix(end - 25 * HOUR_NS, 4.9, 62.0, False),
+            Fix(end, 5.0, 62.0, False),
+        ],
         "reckoned": None,
         "plans": [plan(end - 4 * HOUR_NS, heading_2=60.0), plan(end)],
         "outcomes": [outcome(end, end - 4 * HOUR_NS, inside=True)],

@@ -30,7 +30,15 @@ AREAS = (
     Area("lane", True, ((5.1, 62.0), (5.12, 62.0), (5.12, 62.02))),
 )
 LEGS = [
-    {"leg": 1, "heading_deg": 45.4, "glide_angle_deg": 15.0, "depth_m": 100.0, "surfacing_s": 1800.0, "longitude": 5.01, "latitude": 62.0}
+    {
+        "leg": 1,
+        "heading_deg": 45.4,
+        "glide_angle_deg": 15.0,
+        "depth_m": 100.0,
+        "surfacing_s": 1800.0,
+        "longitude": 5.01,
+        "latitude": 62.0,
+    }
 ]
 ELLIPSE = {
     "ellipse_longitude": 5.01,
@@ -39,7 +47,11 @@ ELLIPSE = {
     "ellipse_minor_m": 300.0,
     "ellipse_bearing_deg": 30.0,
 }
-SEABED = Seabed(np.linspace(-15e3, 15e3, 7), np.linspace(-10e3, 10e3, 5), np.add.outer(50.0 * np.arange(5.0), 20.0 * np.arange(7.0)) - 30.0)
+SEABED = Seabed(
+    np.linspace(-15e3, 15e3, 7),
+    np.linspace(-10e3, 10e3, 5),
+    np.add.outer(50.0 * np.arange(5.0), 20.0 * np.arange(7.0)) - 30.0,
+)
 INPUTS = {"replay_kit.inputs": {"bathymetry": "bottom.nc sha256:00ff"}}
 
 
@@ -58,7 +70,13 @@ def written(path, plan, seabed=None, metadata=METADATA, estimate=False):
 @pytest.fixture
 def full(plan):
     legs = {"leg_001": json.dumps({**LEGS[0], **ELLIPSE}), "leg_002": json.dumps(LEGS[0])}
-    known = {"energy": 92_400.0, "battery": 2e6, "odds": ODDS, "areas": AREAS, "bottom": np.array([300.0, np.nan, 130.0])}
+    known = {
+        "energy": 92_400.0,
+        "battery": 2e6,
+        "odds": ODDS,
+        "areas": AREAS,
+        "bottom": np.array([300.0, np.nan, 130.0]),
+    }
     return replace(plan, status="uncertain", statistics={**plan.statistics, **legs}, **known)
 
 
@@ -70,27 +88,48 @@ def contents(full, tmp_path):
 def test_what_was_written_is_read_back(contents, full):
     found = contents.last_plan
     assert (found.row["status"], found.energy, found.battery) == ("uncertain", 92_400.0, 2e6)
-    expected = {"n_samples": 40, "reached": 0.725, "reached_held": 0.05, "safe": 0.9, "miss_median": 80.5, "miss_90_percent": 1309.0}
+    expected = {
+        "n_samples": 40,
+        "reached": 0.725,
+        "reached_held": 0.05,
+        "safe": 0.9,
+        "miss_median": 80.5,
+        "miss_90_percent": 1309.0,
+    }
     assert found.odds == expected
     np.testing.assert_array_equal(found.bottom, full.bottom)
     assert [area.name for area in found.areas] == ["range", "lane"]
     assert [area.surface_only for area in found.areas] == [False, True]
     np.testing.assert_allclose(found.areas[0].corners, AREAS[0].corners, atol=1e-7)
-    np.testing.assert_allclose(found.along, [0.0, np.hypot(500.0, 600.0), 2.0 * np.hypot(500.0, 600.0)], rtol=1e-6)
+    np.testing.assert_allclose(
+        found.along, [0.0, np.hypot(500.0, 600.0), 2.0 * np.hypot(500.0, 600.0)], rtol=1e-6
+    )
     assert [leg["leg"] for leg in found.legs] == [1, 1]
     (outline,) = found.ellipses
-    np.testing.assert_array_equal(outline, Ellipse(5.01, 62.0, 900.0, 300.0, 30.0).outline(contents.projection))
+    np.testing.assert_array_equal(
+        outline, Ellipse(5.01, 62.0, 900.0, 300.0, 30.0).outline(contents.projection)
+    )
     seabed = contents.seabed
     for name in ("east", "north", "depth"):
         np.testing.assert_allclose(getattr(seabed, name), getattr(SEABED, name), atol=1e-6)
     assert contents.summary["plan"]["odds"] == expected
-    assert (contents.summary["plan"]["energy_j"], contents.summary["plan"]["battery_j"]) == (92_400.0, 2e6)
+    assert (contents.summary["plan"]["energy_j"], contents.summary["plan"]["battery_j"]) == (
+        92_400.0,
+        2e6,
+    )
 
 
 def test_a_plan_without_all_that_says_so(plan, tmp_path):
     contents = written(tmp_path / "out.mcap", plan)
     found = contents.last_plan
-    assert (found.energy, found.battery, found.odds, found.bottom, list(found.areas), list(found.ellipses)) == (
+    assert (
+        found.energy,
+        found.battery,
+        found.odds,
+        found.bottom,
+        list(found.areas),
+        list(found.ellipses),
+    ) == (
         None,
         None,
         None,
@@ -100,7 +139,11 @@ def test_a_plan_without_all_that_says_so(plan, tmp_path):
     )
     assert contents.seabed is None
     text = text_of(report_html(contents.result), "plan")
-    for missing in ("holds no energy of the plan", "no odds of arriving: [planner] samples = 40", "no depth of the bottom: --bathymetry"):
+    for missing in (
+        "holds no energy of the plan",
+        "no odds of arriving: [planner] samples = 40",
+        "no depth of the bottom: --bathymetry",
+    ):
         assert missing in text
     assert "battery" not in text
     assert not {"energy_j", "odds", "battery_j"} & set(contents.summary["plan"])
@@ -108,13 +151,19 @@ def test_a_plan_without_all_that_says_so(plan, tmp_path):
 
 def test_energy_of_earlier_versions_is_unknown(plan, tmp_path):
     """A field that a message does not have reads as 0."""
-    assert written(tmp_path / "out.mcap", replace(plan, energy=0.0, battery=0.0)).last_plan.energy is None
+    assert (
+        written(tmp_path / "out.mcap", replace(plan, energy=0.0, battery=0.0)).last_plan.energy
+        is None
+    )
 
 
 def test_the_page_shows_them(contents):
     page = report_html(contents.result)
     rows = dict(table(page, "The last plan"))
-    assert "<strong>uncertain</strong>: the predicted path passes the goal, but fewer samples" in rows["status"]
+    assert (
+        "<strong>uncertain</strong>: the predicted path passes the goal, but fewer samples"
+        in rows["status"]
+    )
     assert ">92 kJ<" in rows["energy"]
     assert "4.6 % of" in rows["energy"]
     assert ">2 MJ<" in rows["energy"]
@@ -124,16 +173,23 @@ def test_the_page_shows_them(contents):
     assert rows["bathymetry"] == "bottom.nc, SHA-256 <code>00ff</code>"
     assert rows["least height above the bottom"] == "30 m"
     assert "The result holds no" not in text_of(page, "plan")
-    assert "The plan is uncertain: too few samples of the estimate arrive. It is to steer" in text_of(page, "answer")
+    assert (
+        "The plan is uncertain: too few samples of the estimate arrive. It is to steer"
+        in text_of(page, "answer")
+    )
     found = figures(page)
     profile = found["plan-profile"]
     assert profile["tables"]["plan"]["bottom_m"] == [300.0, None, 130.0]
     assert profile["layout"]["yaxis"]["range"] == [1.05 * 250.0, 0.0]
     assert [trace.get("name") for trace in profile["traces"]] == [None, "bottom", "planned depth"]
-    assert "Where it is not seen it lies deeper than 262 m: it is 130 to 300 m deep." in text_of(page, "plan")
+    assert "Where it is not seen it lies deeper than 262 m: it is 130 to 300 m deep." in text_of(
+        page, "plan"
+    )
     traces = {trace.get("name"): trace for trace in found["current-map"]["traces"]}
     assert traces["depth of the bottom [m]"]["contours"]["start"] == 50.0
-    np.testing.assert_allclose(unpacked(found["current-map"]["packed"]["seabed"])[0, 0], SEABED.depth, atol=0.25)
+    np.testing.assert_allclose(
+        unpacked(found["current-map"]["packed"]["seabed"])[0, 0], SEABED.depth, atol=0.25
+    )
     assert len(traces["no-go area"]["x"]) == 2 * 5
     assert traces["no-go area"]["text"] == ["range"] * 4 + [""] + ["lane (surface only)"] * 4 + [""]
     assert len(traces["90 % of planned surfacings"]["x"]) == 38
@@ -163,7 +219,9 @@ def test_a_bottom_that_is_flat_or_out_of_sight_has_no_contours(plan, tmp_path):
     axes.set_xlim(100.0, 101.0)
     draw_hazards(contents, axes)
     assert not axes.texts
-    unknown = written(tmp_path / "unknown.mcap", plan, replace_depth(np.full(SEABED.depth.shape, np.nan)))
+    unknown = written(
+        tmp_path / "unknown.mcap", plan, replace_depth(np.full(SEABED.depth.shape, np.nan))
+    )
     assert "current-map" in figures(report_html(unknown.result))
 
 
@@ -172,7 +230,16 @@ def replace_depth(depth):
 
 
 @pytest.mark.parametrize(
-    ("span", "step"), [(0.0, 2.0), (14.0, 2.0), (14.1, 5.0), (35.0, 5.0), (70.0, 10.0), (3500.0, 500.0), (4000.0, 1000.0)]
+    ("span", "step"),
+    [
+        (0.0, 2.0),
+        (14.0, 2.0),
+        (14.1, 5.0),
+        (35.0, 5.0),
+        (70.0, 10.0),
+        (3500.0, 500.0),
+        (4000.0, 1000.0),
+    ],
 )
 def test_contours_are_few_and_round(span, step):
     assert contour_step(span) == step
@@ -180,19 +247,38 @@ def test_contours_are_few_and_round(span, step):
 
 @pytest.mark.parametrize(
     ("depth", "ground", "floor"),
-    [([100.0], None, 105.0), ([100.0], [180.0], 189.0), ([100.0], [900.0], 262.5), ([100.0], [60.0, np.nan], 105.0), ([0.0], None, 1.05)],
+    [
+        ([100.0], None, 105.0),
+        ([100.0], [180.0], 189.0),
+        ([100.0], [900.0], 262.5),
+        ([100.0], [60.0, np.nan], 105.0),
+        ([0.0], None, 1.05),
+    ],
 )
 def test_a_profile_ends_below_the_bottom_or_in_sight_of_the_dives(depth, ground, floor):
-    assert profile_floor(np.array(depth), None if ground is None else np.array(ground)) == pytest.approx(floor)
+    assert profile_floor(
+        np.array(depth), None if ground is None else np.array(ground)
+    ) == pytest.approx(floor)
 
 
 def test_geojson_kml_and_the_channel_hold_areas_and_ellipses(contents, tmp_path):
     export(contents, tmp_path / "x.geojson")
     features = json.loads((tmp_path / "x.geojson").read_text())["features"]
     names = [feature["properties"]["name"] for feature in features]
-    assert names == ["last plan", "90 % ellipse of planned surfacing 1", "no-go area range", "no-go area lane"]
+    assert names == [
+        "last plan",
+        "90 % ellipse of planned surfacing 1",
+        "no-go area range",
+        "no-go area lane",
+    ]
     about = features[0]["properties"]
-    assert (about["status"], about["energy_j"], about["battery_j"], about["samples"], about["reached_share"]) == (
+    assert (
+        about["status"],
+        about["energy_j"],
+        about["battery_j"],
+        about["samples"],
+        about["reached_share"],
+    ) == (
         "uncertain",
         92_400.0,
         2e6,
@@ -205,6 +291,8 @@ def test_geojson_kml_and_the_channel_hold_areas_and_ellipses(contents, tmp_path)
     export(contents, tmp_path / "x.kml")
     assert "5.0200000,62.0100000 5.0400000,62.0100000" in (tmp_path / "x.kml").read_text()
     with contents.result.path.open("rb") as file:
-        ((_, _, _, value),) = make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(topics="/plan/geojson")
+        ((_, _, _, value),) = make_reader(
+            file, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages(topics="/plan/geojson")
     kinds = [feature["properties"].get("kind") for feature in json.loads(value.geojson)["features"]]
     assert kinds == [None, None, None, "ellipse", "no_go", "no_go"]

@@ -25,15 +25,30 @@ def test_it_is_the_estimate_at_each_place_and_depth_once_there_is_one() -> None:
     times = HOUR * np.arange(9)
     east, north = np.linspace(-9e3, 9e3, 9), np.linspace(-4e3, 5e3, 9)
     depth = np.array([0.0, 40.0, np.nan, 60.0, 0.0, 30.0, 50.0, 20.0, 0.0])
-    track = Track(times, east, north, depth, east, north, np.hypot(east - east[0], north - north[0]), np.zeros(9, dtype=bool))
+    track = Track(
+        times,
+        east,
+        north,
+        depth,
+        east,
+        north,
+        np.hypot(east - east[0], north - north[0]),
+        np.zeros(9, dtype=bool),
+    )
     bins = estimate_along_track(track, _History(flow), flow)
     # down to the deepest position, not below the last level
     assert 0.0 < bins.depth.min() < bins.depth.max() < min(60.0, flow.levels[-1])
     known = bins.time_ns >= 2 * HOUR
     at_east, at_north, _ = track.at(bins.time_ns)
     for k in np.flatnonzero(known)[::97]:
-        np.testing.assert_allclose(bins.estimated[k], flow.velocity(at_east[k], at_north[k], bins.depth[k]), atol=1e-12)
-        np.testing.assert_allclose(bins.standard_error[k], flow.standard_error(at_east[k], at_north[k], bins.depth[k]), atol=1e-12)
+        np.testing.assert_allclose(
+            bins.estimated[k], flow.velocity(at_east[k], at_north[k], bins.depth[k]), atol=1e-12
+        )
+        np.testing.assert_allclose(
+            bins.standard_error[k],
+            flow.standard_error(at_east[k], at_north[k], bins.depth[k]),
+            atol=1e-12,
+        )
     assert np.isnan(bins.estimated[~known]).all()
     assert np.isfinite(bins.estimated[known]).all()
     assert np.isnan(bins.residual).all()
@@ -46,4 +61,9 @@ def test_a_track_outside_the_region_of_the_estimate_has_no_section() -> None:
     flow, times, far = synthetic_flow(), HOUR * np.arange(3, 6), np.full(3, 9e6)
     track = Track(times, far, far, np.full(3, 20.0), far, far, 0.0 * far, np.zeros(3, dtype=bool))
     bins = estimate_along_track(track, _History(flow), flow)
-    assert (bins.time_ns.size, bins.depth.size, bins.estimated.shape, bins.profiles) == (0, 0, (0, 2), 0)
+    assert (bins.time_ns.size, bins.depth.size, bins.estimated.shape, bins.profiles) == (
+        0,
+        0,
+        (0, 2),
+        0,
+    )

@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.results.views.steering import Dives, GriddedCurrents, fly_to_waypoints, gridded_currents
+from replay_kit.results.views.steering import (
+    Dives,
+    GriddedCurrents,
+    fly_to_waypoints,
+    gridded_currents,
+)
 
 DIVES = Dives(0.5, 30.0, 100.0, 0.0, 10.0, 1e6)
 ALONG, DIVE = 0.5 * np.cos(np.pi / 6), 200.0 / 0.25
@@ -55,26 +60,48 @@ def test_a_sample_is_met_with_the_expectation_of_the_mean() -> None:
 
 def test_too_strong_a_current_is_given_up() -> None:
     dives = Dives(0.5, 30.0, 100.0, 60.0, 10.0, 5.5 * (DIVE + 60.0))
-    found = fly_to_waypoints(uniform((0.0, -1.0)), 0, dives, np.array([0.0, 2e4]), [np.array([0.0, 2.1e4]), np.array([1e4, 2e4])])
+    found = fly_to_waypoints(
+        uniform((0.0, -1.0)),
+        0,
+        dives,
+        np.array([0.0, 2e4]),
+        [np.array([0.0, 2.1e4]), np.array([1e4, 2e4])],
+    )
     assert not found.arrived
     assert found.duration == pytest.approx(6.0 * (DIVE + 60.0), rel=1e-12)
-    np.testing.assert_allclose(found.surfacings[-1], [0.0, 2e4 - 6.0 * ((1.0 - ALONG) * DIVE + 60.0)], rtol=1e-9)
+    np.testing.assert_allclose(
+        found.surfacings[-1], [0.0, 2e4 - 6.0 * ((1.0 - ALONG) * DIVE + 60.0)], rtol=1e-9
+    )
     assert found.miss == pytest.approx(np.hypot(1e4, found.surfacings[-1][1] - 2e4), rel=1e-12)
 
 
 def test_currents_are_linear_between_points_and_constant_beyond(flow: FlowEstimate) -> None:
-    depths, east, north = np.array([0.0, 50.0, 200.0]), np.array([0.0, 10.0, 20.0]), np.array([-5.0, 5.0])
+    depths, east, north = (
+        np.array([0.0, 50.0, 200.0]),
+        np.array([0.0, 10.0, 20.0]),
+        np.array([-5.0, 5.0]),
+    )
     z, y, x = np.meshgrid(depths, north, east, indexing="ij")
     velocity = np.stack([1.0 + 0.1 * x - 0.2 * y + 0.01 * z, 2.0 - 0.3 * x], axis=1)[None]
     currents = GriddedCurrents(depths, east, north, velocity)
     for e, n, d in ((3.0, 1.0, 20.0), (20.0, 5.0, 200.0), (15.0, -5.0, 120.0)):
-        np.testing.assert_allclose(currents.at(0, np.array([e, n]), d), [1.0 + 0.1 * e - 0.2 * n + 0.01 * d, 2.0 - 0.3 * e], rtol=1e-12)
-    np.testing.assert_allclose(currents.at(0, np.array([99.0, -99.0]), 999.0), currents.at(0, np.array([20.0, -5.0]), 200.0), rtol=1e-12)
+        np.testing.assert_allclose(
+            currents.at(0, np.array([e, n]), d),
+            [1.0 + 0.1 * e - 0.2 * n + 0.01 * d, 2.0 - 0.3 * e],
+            rtol=1e-12,
+        )
+    np.testing.assert_allclose(
+        currents.at(0, np.array([99.0, -99.0]), 999.0),
+        currents.at(0, np.array([20.0, -5.0]), 200.0),
+        rtol=1e-12,
+    )
     one = GriddedCurrents(depths[:1], east, north, velocity[:, :1])
     np.testing.assert_allclose(one.at(0, np.array([3.0, 1.0]), 70.0), [1.1, 1.1], rtol=1e-12)
     gridded = gridded_currents(flow, flow.levels, 2, 7)
     assert gridded.velocity.shape == (3, 3, 2, 5, 7)
     place = float(gridded.east[3]), float(gridded.north[2])
     for k, each in enumerate((flow, *flow.sample(2, 7))):
-        np.testing.assert_allclose(gridded.at(k, np.array(place), 50.0), each.velocity(*place, 50.0), rtol=1e-9)
+        np.testing.assert_allclose(
+            gridded.at(k, np.array(place), 50.0), each.velocity(*place, 50.0), rtol=1e-9
+        )
     assert (gridded.velocity[:, :, :, 0, 0] == 0.0).all()

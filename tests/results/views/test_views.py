@@ -12,8 +12,17 @@ from replay_kit.core.geodesy import distance, to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.surfacing import Ellipse
 from replay_kit.results import ResultWriter, open_result
-from replay_kit.results.report.sections.sections_along_track import QUANTITIES, limits_of, quantities_of
-from replay_kit.results.views.along_track import EstimateHistory, bins_along_track, mean_current_topics, mean_currents
+from replay_kit.results.report.sections.sections_along_track import (
+    QUANTITIES,
+    limits_of,
+    quantities_of,
+)
+from replay_kit.results.views.along_track import (
+    EstimateHistory,
+    bins_along_track,
+    mean_current_topics,
+    mean_currents,
+)
 from replay_kit.results.views.record import changed_settings, leaves
 from replay_kit.results.views.slices import published_slices, slices_of
 from replay_kit.results.views.track import thinned, track_of
@@ -24,7 +33,10 @@ from tests.synthetic_flow import TIME_NS
 SECOND = 10**9
 
 
-@pytest.mark.parametrize(("count", "most", "kept"), [(0, 3, []), (3, 3, [0, 1, 2]), (5, 3, [0, 2, 4]), (10, 2, [0, 9]), (4, 1, [0])])
+@pytest.mark.parametrize(
+    ("count", "most", "kept"),
+    [(0, 3, []), (3, 3, [0, 1, 2]), (5, 3, [0, 2, 4]), (10, 2, [0, 9]), (4, 1, [0])],
+)
 def test_thinned_keeps_the_ends(count: int, most: int, kept: list[int]) -> None:
     assert thinned(count, most).tolist() == kept
 
@@ -32,13 +44,25 @@ def test_thinned_keeps_the_ends(count: int, most: int, kept: list[int]) -> None:
 def test_a_track_is_sorted_and_measured() -> None:
     times = pd.to_datetime([TIME_NS + 2 * SECOND, TIME_NS, TIME_NS + SECOND])
     fixes = pd.DataFrame(
-        {"longitude": [5.02, 5.0, 5.01], "latitude": 62.0, "depth": [1.0, np.nan, 3.0], "dead_reckoned": [0, 1, 1]}, index=times
+        {
+            "longitude": [5.02, 5.0, 5.01],
+            "latitude": 62.0,
+            "depth": [1.0, np.nan, 3.0],
+            "dead_reckoned": [0, 1, 1],
+        },
+        index=times,
     )
     track = track_of(fixes, Projection(5.0, 62.0))
     assert track.longitude.tolist() == [5.0, 5.01, 5.02]
     assert track.dead_reckoned.tolist() == [True, True, False]
-    np.testing.assert_allclose(track.distance, [0.0, distance(5.0, 62.0, 5.01, 62.0), distance(5.0, 62.0, 5.02, 62.0)], rtol=1e-5)
-    east, north, along = track.at(np.array([TIME_NS - SECOND, TIME_NS + SECOND // 2, TIME_NS + 9 * SECOND]))
+    np.testing.assert_allclose(
+        track.distance,
+        [0.0, distance(5.0, 62.0, 5.01, 62.0), distance(5.0, 62.0, 5.02, 62.0)],
+        rtol=1e-5,
+    )
+    east, north, along = track.at(
+        np.array([TIME_NS - SECOND, TIME_NS + SECOND // 2, TIME_NS + 9 * SECOND])
+    )
     np.testing.assert_allclose(east, [0.0, track.east[1] / 2, track.east[2]], atol=1e-6)
     np.testing.assert_allclose(along, [0.0, track.distance[1] / 2, track.distance[2]], atol=1e-6)
     np.testing.assert_allclose(north, [0.0, track.north[1] / 2, track.north[2]], atol=1e-6)
@@ -63,8 +87,14 @@ def test_published_slices_are_those_of_the_flow(flow: FlowEstimate, tmp_path: Pa
     np.testing.assert_allclose(slices.fields[:, 1, :2], 2.0 * own.fields[:, 0, :2], rtol=1e-6)
     np.testing.assert_array_equal(slices.east, own.east)
     np.testing.assert_array_equal(slices.north, own.north)
-    np.testing.assert_allclose(own.fields[1, 0, :2, 2, 3], flow.velocity(own.east[3], own.north[2], 120.0), rtol=1e-12)
-    np.testing.assert_allclose(own.fields[1, 0, 2:, 2, 3], flow.standard_error(own.east[3], own.north[2], 120.0), rtol=1e-12)
+    np.testing.assert_allclose(
+        own.fields[1, 0, :2, 2, 3], flow.velocity(own.east[3], own.north[2], 120.0), rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        own.fields[1, 0, 2:, 2, 3],
+        flow.standard_error(own.east[3], own.north[2], 120.0),
+        rtol=1e-12,
+    )
     assert np.isnan(slices.fields[:, :, :, 0, 0]).all()
     few = published_slices(tmp_path / "out.mcap", most_values=2 * 2 * slices.fields[0, 0].size)
     assert few is not None
@@ -87,11 +117,25 @@ def test_the_measured_current_is_the_estimate_at_its_time_and_the_residual(
             writer.estimate(TIME_NS + k * SECOND, scale * weights, flow.levels)
         for dive in (2, 3):
             one = {
-                name: getattr(innovation, name)[:1] for name in ("depth", "innovation", "innovation_std", "residual", "prior_innovation")
+                name: getattr(innovation, name)[:1]
+                for name in (
+                    "depth",
+                    "innovation",
+                    "innovation_std",
+                    "residual",
+                    "prior_innovation",
+                )
             }
-            one |= {"flags": innovation.flags[:1], "reasons": innovation.reasons[:1], "dof": 2, "dive": dive}
+            one |= {
+                "flags": innovation.flags[:1],
+                "reasons": innovation.reasons[:1],
+                "dof": 2,
+                "dive": dive,
+            }
             source = replace(innovation.source, topic="/dac")
-            writer.innovation(replace(innovation, time_ns=TIME_NS + (dive + 1) * SECOND, source=source, **one))
+            writer.innovation(
+                replace(innovation, time_ns=TIME_NS + (dive + 1) * SECOND, source=source, **one)
+            )
         writer.finish(flow)
     result = open_result(tmp_path / "out.mcap")
     track = track_of(result.fixes, flow.grid.projection)
@@ -100,11 +144,17 @@ def test_the_measured_current_is_the_estimate_at_its_time_and_the_residual(
     bins = bins_along_track(result, track, history, result.estimate, 10)
     assert (bins.profiles, bins.left_out, bins.depth.tolist()) == (2, 0, [10.0, 20.0, 40.0] * 2)
     east, north = to_local(flow.grid.projection, 5.01, 62.02)
-    np.testing.assert_allclose(bins.estimated[3:], flow.velocity(east, north, bins.depth[3:]), rtol=1e-9)
+    np.testing.assert_allclose(
+        bins.estimated[3:], flow.velocity(east, north, bins.depth[3:]), rtol=1e-9
+    )
     before = replace(flow, latent=flow.latent - 0.5 * flow.modes @ weights.reshape(3, 4).T)
-    np.testing.assert_allclose(bins.estimated[:3], before.velocity(east, north, bins.depth[:3]), rtol=1e-9)
+    np.testing.assert_allclose(
+        bins.estimated[:3], before.velocity(east, north, bins.depth[:3]), rtol=1e-9
+    )
     np.testing.assert_array_equal(bins.residual[:3], innovation.residual[[0, 1, 3]])
-    np.testing.assert_allclose(bins.standard_error, flow.standard_error(east, north, bins.depth), rtol=1e-9)
+    np.testing.assert_allclose(
+        bins.standard_error, flow.standard_error(east, north, bins.depth), rtol=1e-9
+    )
     assert history.after(TIME_NS - 1) is None
     thin = bins_along_track(result, track, EstimateHistory(result.path, None), None, 1)
     assert (thin.profiles, thin.left_out) == (1, 1)
@@ -112,15 +162,27 @@ def test_the_measured_current_is_the_estimate_at_its_time_and_the_residual(
     assert np.isnan(thin.standard_error).all()
     means = mean_currents(result, track, history)
     assert means.dive.tolist() == [2, 3]
-    np.testing.assert_allclose(means.estimated[0], flow.velocity(east, north, state.depth), rtol=1e-9)
+    np.testing.assert_allclose(
+        means.estimated[0], flow.velocity(east, north, state.depth), rtol=1e-9
+    )
     np.testing.assert_array_equal(means.residual, innovation.residual[[0, 0]])
     np.testing.assert_array_equal(means.standard_error, innovation.innovation_std[[0, 0]])
     assert information_by_dive(result.observations).to_dict() == {2: 3 * 3.25, 3: 3.25}
 
 
-def test_mean_currents_are_those_that_the_log_states(flow: FlowEstimate, state, innovation, tmp_path: Path) -> None:
+def test_mean_currents_are_those_that_the_log_states(
+    flow: FlowEstimate, state, innovation, tmp_path: Path
+) -> None:
     """Without an estimate too; the drift at the surface is no mean current of a dive, and profiles have none."""
-    names = ("depth", "innovation", "innovation_std", "residual", "prior_innovation", "flags", "reasons")
+    names = (
+        "depth",
+        "innovation",
+        "innovation_std",
+        "residual",
+        "prior_innovation",
+        "flags",
+        "reasons",
+    )
     one = {name: getattr(innovation, name)[:1] for name in names} | {"dof": 2}
     measured = np.array([0.015, 0.23])
     with ResultWriter(tmp_path / "out.mcap") as writer:
@@ -129,8 +191,15 @@ def test_mean_currents_are_those_that_the_log_states(flow: FlowEstimate, state, 
         writer.innovation(innovation)
         for number, kind in enumerate(("dac", "drift", "dac")):
             source = replace(innovation.source, topic="/dac" if kind == "dac" else "/fix")
-            stated = {"mean_current": measured + number, "mean_kind": kind, "dive": number + 1, "source": source}
-            writer.innovation(replace(innovation, time_ns=TIME_NS + (number + 1) * SECOND, **stated, **one))
+            stated = {
+                "mean_current": measured + number,
+                "mean_kind": kind,
+                "dive": number + 1,
+                "source": source,
+            }
+            writer.innovation(
+                replace(innovation, time_ns=TIME_NS + (number + 1) * SECOND, **stated, **one)
+            )
     result = open_result(tmp_path / "out.mcap")
     table = result.observations
     assert table["mean_current_kind"].tolist()[1:] == ["dac", "drift", "dac"]
@@ -142,11 +211,15 @@ def test_mean_currents_are_those_that_the_log_states(flow: FlowEstimate, state, 
     assert mean_current_topics(table, result.innovations) == ["/dac", "/fix"]
     means = mean_currents(result, track, EstimateHistory(result.path, None))
     assert means.dive.tolist() == [1, 3]
-    np.testing.assert_allclose(means.estimated + means.residual, [measured, measured + 2.0], rtol=1e-12)
+    np.testing.assert_allclose(
+        means.estimated + means.residual, [measured, measured + 2.0], rtol=1e-12
+    )
     np.testing.assert_array_equal(means.residual, innovation.residual[[0, 0]])
 
 
-def test_a_smoothed_result_keeps_the_estimate_before_smoothing(flow: FlowEstimate, state, innovation, weights, tmp_path: Path) -> None:
+def test_a_smoothed_result_keeps_the_estimate_before_smoothing(
+    flow: FlowEstimate, state, innovation, weights, tmp_path: Path
+) -> None:
     before = innovation.residual + np.array([0.01, -0.02])
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
@@ -159,17 +232,34 @@ def test_a_smoothed_result_keeps_the_estimate_before_smoothing(flow: FlowEstimat
     table = result.innovations
     assert table["replayed_residual_east"].iloc[:4].isna().all()
     np.testing.assert_array_equal(table["replayed_residual_north"].iloc[4:], before[:, 1])
-    bins = bins_along_track(result, track_of(result.fixes, flow.grid.projection), EstimateHistory(result.path, flow), flow, 10)
+    bins = bins_along_track(
+        result,
+        track_of(result.fixes, flow.grid.projection),
+        EstimateHistory(result.path, flow),
+        flow,
+        10,
+    )
     assert np.isnan(bins.replayed[:3]).all()
-    np.testing.assert_allclose(bins.replayed[3:], bins.estimated[3:] - np.array([0.01, -0.02]), rtol=1e-9)
+    np.testing.assert_allclose(
+        bins.replayed[3:], bins.estimated[3:] - np.array([0.01, -0.02]), rtol=1e-9
+    )
     names, values = quantities_of(bins)
-    assert names[1:5] == ("estimated before smoothing", "smoothed", "measured minus before", "measured minus smoothed")
+    assert names[1:5] == (
+        "estimated before smoothing",
+        "smoothed",
+        "measured minus before",
+        "measured minus smoothed",
+    )
     np.testing.assert_allclose(values[0], bins.estimated + bins.residual, rtol=1e-12)
     np.testing.assert_allclose(values[3][3:], before[[0, 1, 3]], rtol=1e-9)
     np.testing.assert_array_equal(values[4], bins.residual)
     np.testing.assert_array_equal(values[5], bins.standard_error)
-    assert quantities_of(replace(bins, replayed=np.full_like(bins.replayed, np.nan)))[0] == QUANTITIES
-    limits = limits_of(names, np.stack([np.full((2, 3), value) for value in (0.1, 0.3, np.nan, 0.02, 0.04, 0.005)]))
+    assert (
+        quantities_of(replace(bins, replayed=np.full_like(bins.replayed, np.nan)))[0] == QUANTITIES
+    )
+    limits = limits_of(
+        names, np.stack([np.full((2, 3), value) for value in (0.1, 0.3, np.nan, 0.02, 0.04, 0.005)])
+    )
     assert limits == [0.3, 0.3, 0.3, 0.04, 0.04, 0.005]
 
 
@@ -197,7 +287,10 @@ def test_the_outline_of_an_ellipse_is_where_the_ellipse_ends() -> None:
     centre = np.array(to_local(projection, 5.1, 62.05))
     for scale, inside in ((0.99, True), (1.01, False)):
         places = to_geographic(projection, *(centre + scale * (outline - centre)).T)
-        assert all(ellipse.holds(float(lon), float(lat)) is inside for lon, lat in zip(*places, strict=True))
+        assert all(
+            ellipse.holds(float(lon), float(lat)) is inside
+            for lon, lat in zip(*places, strict=True)
+        )
 
 
 def test_changed_settings_and_leaves() -> None:
@@ -205,4 +298,8 @@ def test_changed_settings_and_leaves() -> None:
         ("estimator.modes", 4, 300),
         ("estimator.new", 1, None),
     ]
-    assert list(leaves({"a": [1, {"b": None}], "c": "d"})) == [("a.0", 1), ("a.1.b", None), ("c", "d")]
+    assert list(leaves({"a": [1, {"b": None}], "c": "d"})) == [
+        ("a.0", 1),
+        ("a.1.b", None),
+        ("c", "d"),
+    ]

@@ -22,18 +22,33 @@ from tests.studies.results import final
 
 MEMBERS = synthetic.ensemble(n_members=6, shape=(5, 6))
 CONFIG = EstimatorConfig(modes=20)
-KEYS = {"method", "pings", "rel_error", "rel_error_by_seed", "rmse", "bound", "nis_per_dof", "coverage50", "coverage90", "crps"}
+KEYS = {
+    "method",
+    "pings",
+    "rel_error",
+    "rel_error_by_seed",
+    "rmse",
+    "bound",
+    "nis_per_dof",
+    "coverage50",
+    "coverage90",
+    "crps",
+}
 
 
 @pytest.fixture(scope="module")
 def result():
-    return final(run_accuracy(MEMBERS, None, CONFIG, AccuracyJob(leave_out="2", pings=(2, 6), seeds=2)))
+    return final(
+        run_accuracy(MEMBERS, None, CONFIG, AccuracyJob(leave_out="2", pings=(2, 6), seeds=2))
+    )
 
 
 def test_a_row_for_each_method_and_number_of_pings(result):
     answer = json.loads(json.dumps(to_json(result), allow_nan=False))
     assert set(answer) == {"results", "ensemble", "truth", "modes", "noise", "versions"}
-    assert [(row["method"], row["pings"]) for row in answer["results"]] == [(method, n) for method in METHODS for n in (2, 6)]
+    assert [(row["method"], row["pings"]) for row in answer["results"]] == [
+        (method, n) for method in METHODS for n in (2, 6)
+    ]
     assert all(set(row) == KEYS for row in answer["results"])
     assert answer["truth"] == "synthetic#2"
     for row in answer["results"]:
@@ -72,7 +87,9 @@ def test_scores_on_the_way_are_those_of_a_shorter_run(result):
     error = estimator.flow(state).velocity(*at.place) - at.velocity
     speed = np.sqrt(np.mean(np.sum(at.velocity**2, axis=1)))
     row = next(row for row in result.rows if row.method == "default" and row.pings == 2)
-    assert row.rel_error_by_seed[0] == pytest.approx(np.sqrt(np.mean(np.sum(error**2, axis=1))) / speed)
+    assert row.rel_error_by_seed[0] == pytest.approx(
+        np.sqrt(np.mean(np.sum(error**2, axis=1))) / speed
+    )
 
 
 def test_altered_cases_are_anomalies_about_other_means():
@@ -81,7 +98,10 @@ def test_altered_cases_are_anomalies_about_other_means():
     (case,) = altered_cases(MEMBERS, cases(MEMBERS, None, "2"), alteration)
     np.testing.assert_allclose(case.truth.velocity[0], MEMBERS.velocity[2] + mean)
     np.testing.assert_allclose(case.ensemble.velocity, MEMBERS.velocity[[0, 4]] + 3.0 * mean)
-    with pytest.raises(ConfigError, match="--every: expected a number that leaves at least 2 members, got 4: 1 is left"):
+    with pytest.raises(
+        ConfigError,
+        match="--every: expected a number that leaves at least 2 members, got 4: 1 is left",
+    ):
         next(altered_cases(MEMBERS, cases(MEMBERS, None, "4"), Alteration(every=4)))
     with pytest.raises(ConfigError, match="--every: expected at least 1, got 0"):
         AccuracyJob(leave_out="0", alteration=Alteration(every=0)).check()
@@ -90,9 +110,16 @@ def test_altered_cases_are_anomalies_about_other_means():
 def test_a_wrong_mean_is_found_by_an_estimator_that_expects_it():
     """The truth has half of what all members agree on; 90 % intervals are of use only where this is expected."""
     strong = replace(MEMBERS, velocity=MEMBERS.velocity + 2.0 * MEMBERS.velocity[0])
-    job = AccuracyJob(leave_out="2", pings=(8,), seeds=1, methods=("default",), alteration=Alteration(mean_factors=(1.0, 0.5)))
+    job = AccuracyJob(
+        leave_out="2",
+        pings=(8,),
+        seeds=1,
+        methods=("default",),
+        alteration=Alteration(mean_factors=(1.0, 0.5)),
+    )
     certain, uncertain = (
-        final(run_accuracy(strong, None, config, job)).rows[0] for config in (CONFIG.model_copy(update={"mean_variance": 0.0}), CONFIG)
+        final(run_accuracy(strong, None, config, job)).rows[0]
+        for config in (CONFIG.model_copy(update={"mean_variance": 0.0}), CONFIG)
     )
     assert uncertain.rel_error < 0.8 * certain.rel_error
     assert uncertain.crps < certain.crps
@@ -102,8 +129,15 @@ def test_a_wrong_mean_is_found_by_an_estimator_that_expects_it():
 def test_all_members_in_turn_with_their_means():
     seen = []
     job = AccuracyJob(leave_out="all", pings=(2,), seeds=1, methods=("nearest", "etkf"))
-    result = final(run_accuracy(MEMBERS, None, CONFIG, job, lambda done, total, what: seen.append((done, total))))
-    assert [row.truth for row in result.rows] == [k for k in range(6) for _ in range(2)] + ["mean", "mean"]
+    result = final(
+        run_accuracy(
+            MEMBERS, None, CONFIG, job, lambda done, total, what: seen.append((done, total))
+        )
+    )
+    assert [row.truth for row in result.rows] == [k for k in range(6) for _ in range(2)] + [
+        "mean",
+        "mean",
+    ]
     each = [row.rel_error for row in result.rows if row.method == "etkf" and row.truth != "mean"]
     assert result.rows[-1].rel_error == pytest.approx(np.mean(each))
     assert result.truth == "all"
@@ -113,14 +147,24 @@ def test_all_members_in_turn_with_their_means():
 
 def test_a_truth_of_its_own():
     truth = Ensemble(MEMBERS.grid, MEMBERS.velocity[5:], None, "truth.nc")
-    result = final(run_accuracy(MEMBERS, truth, CONFIG, AccuracyJob(pings=(3,), seeds=1, noise=0.0, methods=("nearest",))))
+    result = final(
+        run_accuracy(
+            MEMBERS,
+            truth,
+            CONFIG,
+            AccuracyJob(pings=(3,), seeds=1, noise=0.0, methods=("nearest",)),
+        )
+    )
     # the truth is among the members, and without noise it is found
     assert result.rows[0].rel_error < 0.02
     assert result.truth == "truth.nc"
 
 
 def test_the_most_distant_member_is_the_farthest_from_the_others_mean():
-    distance = [np.mean((MEMBERS.velocity[k] - np.delete(MEMBERS.velocity, k, axis=0).mean(axis=0)) ** 2) for k in range(6)]
+    distance = [
+        np.mean((MEMBERS.velocity[k] - np.delete(MEMBERS.velocity, k, axis=0).mean(axis=0)) ** 2)
+        for k in range(6)
+    ]
     assert most_distant(MEMBERS) == int(np.argmax(distance))
     (case,) = cases(MEMBERS, None, "most-distant")
     assert case.member == most_distant(MEMBERS)
@@ -179,5 +223,8 @@ def test_the_bound_is_the_least_error_of_the_span(method):
 def test_the_bound_of_all_modes_is_what_the_kernel_cannot_say():
     case = leave_out(MEMBERS, 1)
     at = scored_points(MEMBERS.grid, case.truth)
-    few, all_of_them = (bound(build_method("default", case.ensemble, EstimatorConfig(modes=m)), at) for m in (5, None))
+    few, all_of_them = (
+        bound(build_method("default", case.ensemble, EstimatorConfig(modes=m)), at)
+        for m in (5, None)
+    )
     assert all_of_them < 0.3 * few

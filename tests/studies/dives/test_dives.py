@@ -31,7 +31,9 @@ from tests.reference import dives as slow
 MEMBERS = synthetic.ensemble(n_members=9, shape=(5, 6))
 TRUTH = Ensemble(MEMBERS.grid, MEMBERS.velocity[:1], None, "truth")
 FORECAST = Ensemble(MEMBERS.grid, MEMBERS.velocity[1:], None, "forecast")
-TIME = TimeConfig(oscillators=("steady",), oscillator_std=0.1, oscillator_depth_length=60.0, oscillator_scale=3e5)
+TIME = TimeConfig(
+    oscillators=("steady",), oscillator_std=0.1, oscillator_depth_length=60.0, oscillator_scale=3e5
+)
 DEPTH = np.arange(10.0, 300.0, 20.0)
 _HOUR_NS = 3600 * 10**9
 
@@ -55,14 +57,20 @@ def dives(log):
 
 def legs(n_dives, shared_std, rng):
     """Two profiles a dive of no current at all, whose errors are partly the dive's own."""
-    alike = np.linalg.cholesky(np.exp(-0.5 * ((DEPTH[:, None] - DEPTH) / 30.0) ** 2) + 1e-9 * np.eye(DEPTH.size))
+    alike = np.linalg.cholesky(
+        np.exp(-0.5 * ((DEPTH[:, None] - DEPTH) / 30.0) ** 2) + 1e-9 * np.eye(DEPTH.size)
+    )
     out = []
     for dive in range(1, n_dives + 1):
         shared = shared_std * alike @ rng.standard_normal((DEPTH.size, 2))
         for leg in range(2):
             values = shared + 0.03 * rng.standard_normal(shared.shape)
             time_ns = (3 * dive + leg) * _HOUR_NS
-            out.append(synthetic.profile(MEMBERS.grid, 2e3 * dive, 500.0 * leg, DEPTH, values, 0.03, time_ns, dive))
+            out.append(
+                synthetic.profile(
+                    MEMBERS.grid, 2e3 * dive, 500.0 * leg, DEPTH, values, 0.03, time_ns, dive
+                )
+            )
     return out
 
 
@@ -70,13 +78,25 @@ def test_withheld_values_are_conditioned_as_by_the_precision_matrix():
     rng = np.random.default_rng(0)
     root = rng.standard_normal((9, 9))
     error, known = rng.standard_normal(9), np.arange(9) % 4 != 3
-    for got, expected in zip(conditional(error, root @ root.T, known), slow.conditional(error, root @ root.T, known), strict=True):
+    for got, expected in zip(
+        conditional(error, root @ root.T, known),
+        slow.conditional(error, root @ root.T, known),
+        strict=True,
+    ):
         np.testing.assert_allclose(got, expected, rtol=1e-10)
 
 
 def test_the_likelihood_is_that_of_all_bins_of_all_dives_at_once(estimator):
-    profiles = [replace(profile, correlation_depth=20.0) for profile in legs(2, 0.1, np.random.default_rng(1))]
-    static = replace(estimator, state_space=replace(estimator.state_space, scales=np.full_like(estimator.state_space.scales, np.inf)))
+    profiles = [
+        replace(profile, correlation_depth=20.0)
+        for profile in legs(2, 0.1, np.random.default_rng(1))
+    ]
+    static = replace(
+        estimator,
+        state_space=replace(
+            estimator.state_space, scales=np.full_like(estimator.state_space.scales, np.inf)
+        ),
+    )
     whole = with_dive_error(static, 0.12, 40.0)
     mean, cov, values = slow.joint(whole, profiles)
     dense = multivariate_normal(mean, cov).logpdf(values) + 0.5 * values.size * np.log(2.0 * np.pi)
@@ -89,12 +109,18 @@ def test_an_estimator_in_fewer_unknowns_expects_the_same(estimator, dives):
     assert small.state_space.size < estimator.state_space.size
     states = [of.initial() for of in (small, estimator)]
     for observation in observations:
-        ours, theirs = (expect(of, state, observation) for of, state in zip((small, estimator), states, strict=True))
+        ours, theirs = (
+            expect(of, state, observation)
+            for of, state in zip((small, estimator), states, strict=True)
+        )
         assert (ours is None) == (theirs is None)
         if ours is not None and theirs is not None:
             np.testing.assert_allclose(ours.error, theirs.error, atol=1e-8)
             np.testing.assert_allclose(ours.cov, theirs.cov, atol=1e-9)
-        states = [of.step(state, observation)[0] for of, state in zip((small, estimator), states, strict=True)]
+        states = [
+            of.step(state, observation)[0]
+            for of, state in zip((small, estimator), states, strict=True)
+        ]
 
 
 def test_a_new_dive_knows_nothing_of_its_own_error_and_all_of_the_sea(estimator):
@@ -104,7 +130,9 @@ def test_a_new_dive_knows_nothing_of_its_own_error_and_all_of_the_sea(estimator)
     assert np.any(state.mean[part] != 0.0)
     assert not after.mean[part].any()
     np.testing.assert_array_equal(after.cov[part, part], np.eye(part.stop - part.start))
-    np.testing.assert_array_equal(after.cov[: part.start, : part.start], state.cov[: part.start, : part.start])
+    np.testing.assert_array_equal(
+        after.cov[: part.start, : part.start], state.cov[: part.start, : part.start]
+    )
     assert new_dive(estimator, estimator.initial()).mean.size == estimator.state_space.size
 
 
@@ -112,7 +140,10 @@ def test_a_new_dive_knows_nothing_of_its_own_error_and_all_of_the_sea(estimator)
 @pytest.mark.parametrize("shared", [0.0, 0.15])
 def test_the_log_says_whether_a_dive_s_profiles_err_alike(estimator, shared):
     profiles = legs(4, shared, np.random.default_rng(4))
-    small = observed_subspace_estimator(fitted_estimator(estimator, TimeConfig(), initial_settings(estimator, TimeConfig())), profiles)
+    small = observed_subspace_estimator(
+        fitted_estimator(estimator, TimeConfig(), initial_settings(estimator, TimeConfig())),
+        profiles,
+    )
     found = fit_to_log(small, TimeConfig(), profiles, initial_settings(small, TimeConfig()))
     assert (found.dive_error_std >= 0.1) == (shared > 0.0)
     assert found.error_factor <= 1.4
@@ -126,7 +157,9 @@ def test_a_column_is_the_mean_at_each_depth():
     known = column(profiles)
     np.testing.assert_allclose(known.depth, DEPTH)
     np.testing.assert_allclose(known.velocity, slow.column(profiles, DEPTH), rtol=1e-12)
-    np.testing.assert_allclose(known.at(np.array([0.0, 20.0])), [known.velocity[0], known.velocity[:2].mean(axis=0)])
+    np.testing.assert_allclose(
+        known.at(np.array([0.0, 20.0])), [known.velocity[0], known.velocity[:2].mean(axis=0)]
+    )
     assert column([replace(profiles[1], flags=np.full(DEPTH.size, Flag.FAIL, np.int8))]) is None
 
 
@@ -141,26 +174,55 @@ def test_dives_of_a_twin_have_their_parts(dives):
     assert first.fixes is not None
     assert first.fixes[0].time_ns < first.profiles[0].time_ns + _HOUR_NS
     predicted = baseline_profiles(dives[:2], DEPTH)
-    np.testing.assert_array_equal(predicted["last_dac"], np.tile(dives[1].mean.velocity, (DEPTH.size, 1)))
-    np.testing.assert_allclose(baseline_means(dives[:2])["mean_so_far"][0], np.mean([dive.mean.velocity for dive in dives[:2]], axis=0))
+    np.testing.assert_array_equal(
+        predicted["last_dac"], np.tile(dives[1].mean.velocity, (DEPTH.size, 1))
+    )
+    np.testing.assert_allclose(
+        baseline_means(dives[:2])["mean_so_far"][0],
+        np.mean([dive.mean.velocity for dive in dives[:2]], axis=0),
+    )
 
 
 def test_a_dive_is_predicted_from_the_dives_before_it_alone(estimator, dives):
     config = RunConfig()
     # mean currents take the fit a second each
     dives = [replace(dive, given=dive.profiles[::2]) for dive in dives]
-    other = [*dives[:2], replace(dives[2], given=(), profiles=tuple(replace(p, velocity=p.velocity + 0.2) for p in dives[2].profiles))]
-    (*partial, ours), (*_, theirs) = (run_dives(estimator, which, config, True, "e.nc") for which in (dives[:3], other))
-    assert [(len(part.dives), to_json(part).get("unfinished")) for part in (*partial, ours)] == [(1, True), (2, True), (3, None)]
+    other = [
+        *dives[:2],
+        replace(
+            dives[2],
+            given=(),
+            profiles=tuple(replace(p, velocity=p.velocity + 0.2) for p in dives[2].profiles),
+        ),
+    ]
+    (*partial, ours), (*_, theirs) = (
+        run_dives(estimator, which, config, True, "e.nc") for which in (dives[:3], other)
+    )
+    assert [(len(part.dives), to_json(part).get("unfinished")) for part in (*partial, ours)] == [
+        (1, True),
+        (2, True),
+        (3, None),
+    ]
     assert partial[1].dives[1].settings == ours.dives[1].settings
     assert ours.dives[2].settings == theirs.dives[2].settings
-    np.testing.assert_allclose(ours.dives[1].errors["profiles"]["estimate"], theirs.dives[1].errors["profiles"]["estimate"], atol=1e-9)
-    shift = theirs.dives[2].errors["profiles"]["estimate"] - ours.dives[2].errors["profiles"]["estimate"]
+    np.testing.assert_allclose(
+        ours.dives[1].errors["profiles"]["estimate"],
+        theirs.dives[1].errors["profiles"]["estimate"],
+        atol=1e-9,
+    )
+    shift = (
+        theirs.dives[2].errors["profiles"]["estimate"]
+        - ours.dives[2].errors["profiles"]["estimate"]
+    )
     np.testing.assert_allclose(np.hypot(*shift.T), 0.2 * np.sqrt(2.0), atol=1e-6)
     answer = json.loads(json.dumps(to_json(ours), allow_nan=False))
     level = MEMBERS.grid.levels[-1]
-    seen = np.concatenate([p.velocity[usable(p.flags) & (p.depth <= level)] for p in dives[1].profiles])
-    assert answer["dives"][1]["rmse_profiles"]["zero"] == pytest.approx(np.sqrt(np.mean(np.sum(seen**2, axis=1))), rel=1e-9)
+    seen = np.concatenate(
+        [p.velocity[usable(p.flags) & (p.depth <= level)] for p in dives[1].profiles]
+    )
+    assert answer["dives"][1]["rmse_profiles"]["zero"] == pytest.approx(
+        np.sqrt(np.mean(np.sum(seen**2, axis=1))), rel=1e-9
+    )
     assert answer["dives"][1]["bins"] == len(seen)
     assert [row["dive"] for row in answer["dives"]] == [1, 2, 3]
     assert answer["dives"][0]["rmse_profiles"] == {}
@@ -189,11 +251,23 @@ def test_one_dive_is_none_to_predict(tmp_path):
 
 @pytest.mark.full
 def test_the_command_says_what_it_found_and_refuses_other_estimators(log, tmp_path):
-    synthetic.dataset(n_members=9, shape=(5, 6)).to_netcdf(tmp_path / "ensemble.nc", engine="h5netcdf")
+    synthetic.dataset(n_members=9, shape=(5, 6)).to_netcdf(
+        tmp_path / "ensemble.nc", engine="h5netcdf"
+    )
     (tmp_path / "paper.toml").write_text('[estimator]\npreset = "paper"\n')
-    command = ["experiment", "dives", str(log), "--ensemble", str(tmp_path / "ensemble.nc"), "--modes", "6"]
+    command = [
+        "experiment",
+        "dives",
+        str(log),
+        "--ensemble",
+        str(tmp_path / "ensemble.nc"),
+        "--modes",
+        "6",
+    ]
     answer = tmp_path / "dives.json"
-    done = invoke([*command, "--time-scale", "86400", "--oscillators", "inertial,M2", "--json", str(answer)])
+    done = invoke(
+        [*command, "--time-scale", "86400", "--oscillators", "inertial,M2", "--json", str(answer)]
+    )
     assert done.exit_code == 0, done.output
     assert "Surfacings:" in done.output
     found = json.loads(answer.read_text())
@@ -202,7 +276,9 @@ def test_the_command_says_what_it_found_and_refuses_other_estimators(log, tmp_pa
     assert found["rmse"]["profiles"]["estimate"] < found["rmse"]["profiles"]["zero"]
     refused = invoke([*command, "--config", str(tmp_path / "paper.toml")])
     assert isinstance(refused.exception, ConfigError)
-    synthetic.dataset(n_members=9, shape=(5, 6), west=20.0).to_netcdf(tmp_path / "far.nc", engine="h5netcdf")
+    synthetic.dataset(n_members=9, shape=(5, 6), west=20.0).to_netcdf(
+        tmp_path / "far.nc", engine="h5netcdf"
+    )
     elsewhere = invoke([*command[:3], "--ensemble", str(tmp_path / "far.nc"), "--modes", "6"])
     assert isinstance(elsewhere.exception, MeasurementError)
     assert "--place-ensemble" in str(elsewhere.exception)
@@ -211,11 +287,20 @@ def test_the_command_says_what_it_found_and_refuses_other_estimators(log, tmp_pa
 @pytest.mark.full
 @pytest.mark.skipif(not DATA.is_dir(), reason="the shared data are not on this machine")
 def test_real_mean_currents_and_surfacings_are_told_as_well_as_by_the_last_one():
-    config = load_config(None, {"forecast": {"place": True, "levels": (25, 150, 355, 725)}, "estimator": {"modes": 20}})
+    config = load_config(
+        None,
+        {"forecast": {"place": True, "levels": (25, 150, 355, 725)}, "estimator": {"modes": 20}},
+    )
     logs = sorted((DATA / "seaglider").glob("p24900*.nc"))
     place_at, first_ns = look_ahead(logs, config)
     series = read_forecasts(DATA / "qg" / "climatology.nc", config, first_ns, place_at).series
-    *_, result = run_dives(build_evolving(series, config.estimator, config.time), read_dives(logs, config), config, False, "qg")
+    *_, result = run_dives(
+        build_evolving(series, config.estimator, config.time),
+        read_dives(logs, config),
+        config,
+        False,
+        "qg",
+    )
     rmse = result.rmse("mean")
     assert rmse["estimate"] <= min(rmse["last_dac"], rmse["zero"], rmse["ensemble_mean"])
     assert sum(dive.surfacing.in_outer for dive in result.dives if dive.surfacing is not None) >= 5

@@ -45,7 +45,12 @@ def series(n_times=3, days=0.6, speed=0.3) -> list[Ensemble]:
     first, last = (synthetic.ensemble(seed, n_members=6, levels=LEVELS) for seed in (0, 50))
     shares = np.linspace(0.0, 1.0, n_times)
     return [
-        Ensemble(first.grid, speed * (np.cos(s) * first.velocity + np.sin(s) * last.velocity), DAY + int(s * days * DAY), "synthetic")
+        Ensemble(
+            first.grid,
+            speed * (np.cos(s) * first.velocity + np.sin(s) * last.velocity),
+            DAY + int(s * days * DAY),
+            "synthetic",
+        )
         for s in shares
     ]
 
@@ -74,17 +79,29 @@ def result():
 
 
 def value_of(result, study, method, figure):
-    (row,) = (row for row in result.rows if (row.study, row.method, row.figure) == (study, method, figure))
+    (row,) = (
+        row for row in result.rows if (row.study, row.method, row.figure) == (study, method, figure)
+    )
     return row
 
 
 def test_parts_add_up_over_their_wholes():
-    missions = [[Figure("m", "ratio", 1.0, 2.0, at_most=0.3)], [Figure("m", "ratio", 1.0, 6.0, at_most=0.3)]]
+    missions = [
+        [Figure("m", "ratio", 1.0, 2.0, at_most=0.3)],
+        [Figure("m", "ratio", 1.0, 6.0, at_most=0.3)],
+    ]
     (row,) = over_missions("s", missions)
     assert (row.value, row.by_mission, row.met) == (0.25, (0.5, 1.0 / 6.0), True)
     assert math.isnan(row.at_least)
     below, undefined, unasked = over_missions(
-        "s", [[Figure("m", "a", 1.0, at_least=2.0), Figure("m", "b", 1.0, 0.0, at_most=9.0), Figure("m", "c", 7.0)]]
+        "s",
+        [
+            [
+                Figure("m", "a", 1.0, at_least=2.0),
+                Figure("m", "b", 1.0, 0.0, at_most=9.0),
+                Figure("m", "c", 7.0),
+            ]
+        ],
     )
     assert (below.met, undefined.met, unasked.met) == (False, False, None)
     assert math.isnan(undefined.value)
@@ -95,19 +112,38 @@ def test_the_truth_is_withheld_and_linear_between_the_forecasts_times():
     assert all(one.n_members == 5 for one in withheld().forecasts)
     quarter = DAY + int(0.25 * 0.6 * DAY)
     j, i = 2, 3
-    point = int(np.flatnonzero((withheld().at.index[0] == 1) & (withheld().at.index[1] == j) & (withheld().at.index[2] == i))[0])
+    point = int(
+        np.flatnonzero(
+            (withheld().at.index[0] == 1)
+            & (withheld().at.index[1] == j)
+            & (withheld().at.index[2] == i)
+        )[0]
+    )
     expected = 0.5 * (forecasts[0].velocity[1, :, 1, j, i] + forecasts[1].velocity[1, :, 1, j, i])
-    np.testing.assert_allclose(withheld().at_time(withheld().truth, quarter)[point], expected, rtol=1e-12)
-    np.testing.assert_array_equal(withheld().at_time(withheld().truth, 99 * DAY), withheld().truth[-1])
+    np.testing.assert_allclose(
+        withheld().at_time(withheld().truth, quarter)[point], expected, rtol=1e-12
+    )
+    np.testing.assert_array_equal(
+        withheld().at_time(withheld().truth, 99 * DAY), withheld().truth[-1]
+    )
     others = np.delete(forecasts[2].velocity, 1, axis=0)[:, :, 1, j, i]
     np.testing.assert_allclose(withheld().mean[2][point], others.mean(axis=0), rtol=1e-12)
     error = withheld().mean[2] - withheld().truth[2]
-    assert withheld().mean_rmse([99 * DAY]) == pytest.approx(math.sqrt(sum(float(e @ e) for e in error) / len(error)))
+    assert withheld().mean_rmse([99 * DAY]) == pytest.approx(
+        math.sqrt(sum(float(e @ e) for e in error) / len(error))
+    )
 
 
 def test_a_mission_ends_with_the_truth_and_its_course_does_not_depend_on_faults():
-    sound, faulty = measurements(flown()), measurements(flown(), Faults("platform", 0.02, 5.0, 0.03))
-    assert [m.time_ns for m in sound] == flown().mission.pings.time_ns.tolist() == [m.time_ns for m in faulty]
+    sound, faulty = (
+        measurements(flown()),
+        measurements(flown(), Faults("platform", 0.02, 5.0, 0.03)),
+    )
+    assert (
+        [m.time_ns for m in sound]
+        == flown().mission.pings.time_ns.tolist()
+        == [m.time_ns for m in faulty]
+    )
     assert flown().mission.positions[-1].time_ns <= sea().time_ns[-1]
     # the pings fill the time that there is, but for one dive
     assert sound[-1].time_ns - sound[0].time_ns > 0.7 * 0.6 * DAY
@@ -144,7 +180,9 @@ def test_a_course_that_leaves_the_water_is_tried_elsewhere():
 
     assert staying(fly, 7) is flown()
     assert tried == [7, 10_007, 20_007]
-    torrent = [replace(truth, velocity=np.full_like(truth.velocity, 4.0)) for truth in withheld().truths]
+    torrent = [
+        replace(truth, velocity=np.full_like(truth.velocity, 4.0)) for truth in withheld().truths
+    ]
     with pytest.raises(ForecastError, match="out of the truth's water"):
         staying(partial(fly_pings, build_field(*torrent), 10, 20.0, 0.05), 0)
 
@@ -153,9 +191,15 @@ def test_a_course_that_leaves_the_water_is_tried_elsewhere():
 def test_a_mission_that_is_lost_leaves_the_others_and_is_said():
     forecasts = series()
     job = replace(JOB, studies=("outliers",), evaluations=1)
-    torrents = [replace(f, velocity=np.where(np.arange(6)[:, None, None, None, None] == 3, 4.0, f.velocity)) for f in forecasts]
+    torrents = [
+        replace(f, velocity=np.where(np.arange(6)[:, None, None, None, None] == 3, 4.0, f.velocity))
+        for f in forecasts
+    ]
     *partial, left = run_missions(torrents, CONFIG, job)
-    assert [(part.unfinished, len(part.lost), len(part.rows) > 0) for part in partial] == [(True, 0, True), (True, 1, True)]
+    assert [(part.unfinished, len(part.lost), len(part.rows) > 0) for part in partial] == [
+        (True, 0, True),
+        (True, 1, True),
+    ]
     assert to_json(partial[0])["unfinished"] is True
     assert "unfinished" not in to_json(left)
     # nothing is known yet where the first mission is lost
@@ -179,10 +223,17 @@ def test_innovations_are_counted_and_a_covariance_grows_by_its_factor():
     given = measurements(flown())
     # the static estimator averages over the variance of the mean's amplitude where none is stated
     settings = CONFIG.estimator.model_copy(update={"mean_variance": 0.1})
-    estimator = build_evolving([withheld().forecasts[1]], settings, TimeConfig(scale="static", dropped_std=0.0))
+    estimator = build_evolving(
+        [withheld().forecasts[1]], settings, TimeConfig(scale="static", dropped_std=0.0)
+    )
     place = withheld().at.place
     plain = follow(estimator, given, 2, lambda flow, time_ns: flow.velocity(*place))
-    static = follow(build_estimator(withheld().forecasts[1], settings), given, 2, lambda flow, time_ns: flow.velocity(*place))
+    static = follow(
+        build_estimator(withheld().forecasts[1], settings),
+        given,
+        2,
+        lambda flow, time_ns: flow.velocity(*place),
+    )
     # what is compared with as a static filter is one
     np.testing.assert_allclose(plain.values[-1], static.values[-1], atol=1e-6)
     nis, inside = static.nis("m", required=True)
@@ -196,7 +247,9 @@ def test_innovations_are_counted_and_a_covariance_grows_by_its_factor():
     state, factor = estimator.initial(), 1.5
     for before, observation in zip([None, *given[:-1]], given, strict=True):
         if before is not None:
-            state = replace(state, cov=factor ** ((observation.time_ns - before.time_ns) / DAY) * state.cov)
+            state = replace(
+                state, cov=factor ** ((observation.time_ns - before.time_ns) / DAY) * state.cov
+            )
         state, _ = estimator.step(state, observation)
     grown = follow(estimator, given, 1, lambda flow, time_ns: time_ns, daily_inflation=factor)
     np.testing.assert_allclose(grown.state.mean, state.mean, rtol=1e-9, atol=1e-12)
@@ -215,7 +268,9 @@ def test_intervals_are_counted_apart_near_to_pings_and_far():
     np.testing.assert_array_equal(near, np.hypot(*(withheld().at.points - pinged).T) <= 10e3)
     assert 0 < near.sum() < near.size
     assert not near[0]
-    hits = coverage_module._hits(SimpleNamespace(case=withheld()), flow, int(withheld().times_ns[0]), near, "now")
+    hits = coverage_module._hits(
+        SimpleNamespace(case=withheld()), flow, int(withheld().times_ns[0]), near, "now"
+    )
     observed, unobserved = 2 * int(near.sum()), 2 * int((~near).sum()) - 2
     assert hits == {
         ("observed", "now", 0.5): (0, observed),
@@ -236,7 +291,10 @@ def test_every_study_has_figures_with_limits(result):
         assert any(row.met is not None for row in result.rows if row.study == study)
     for row in result.rows:
         assert 1 <= len(row.by_mission) <= 2
-    error, static = (value_of(result, "time", method, "RMSE [m/s]") for method in ("through time", "static, middle time"))
+    error, static = (
+        value_of(result, "time", method, "RMSE [m/s]")
+        for method in ("through time", "static, middle time")
+    )
     ratio = value_of(result, "time", "through time", "RMSE over the best static one's")
     best = [
         min(values)
@@ -244,18 +302,27 @@ def test_every_study_has_figures_with_limits(result):
             *(
                 row.by_mission
                 for row in result.rows
-                if row.method.startswith("static, ") and row.figure == "RMSE [m/s]" and "best" not in row.method
+                if row.method.startswith("static, ")
+                and row.figure == "RMSE [m/s]"
+                and "best" not in row.method
             ),
             strict=True,
         )
     ]
-    assert ratio.by_mission == pytest.approx([a / b for a, b in zip(error.by_mission, best, strict=True)])
+    assert ratio.by_mission == pytest.approx(
+        [a / b for a, b in zip(error.by_mission, best, strict=True)]
+    )
     assert ratio.value == pytest.approx(sum(error.by_mission) / sum(best))
     assert (ratio.at_most, ratio.met) == (0.75, ratio.value <= 0.75)
     assert static.met is None
     peer = value_of(result, "time", "static, best inflation", "RMSE [m/s]")
     assert all(a <= b for a, b in zip(peer.by_mission, best, strict=True))
-    assert value_of(result, "outliers", "with outliers, gate reject", "outliers rejected or softened").value == 1.0
+    assert (
+        value_of(
+            result, "outliers", "with outliers, gate reject", "outliers rejected or softened"
+        ).value
+        == 1.0
+    )
     observed = value_of(result, "coverage", "observed places, now", "share inside 90 % intervals")
     assert (observed.at_least, observed.at_most) == (0.86, 0.94)
 
@@ -295,13 +362,17 @@ def test_what_needs_time_or_the_projects_own_estimator_is_said():
     with pytest.raises(ConfigError, match="reference-time"):
         final(run_missions(series()[:1], CONFIG, JOB))
     for settings in ({"name": "etkf"}, {"preset": "paper"}):
-        config = CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update=settings)})
+        config = CONFIG.model_copy(
+            update={"estimator": CONFIG.estimator.model_copy(update=settings)}
+        )
         with pytest.raises(ConfigError, match="own estimator"):
             final(run_missions(series(), config, replace(JOB, studies=("dac",))))
 
 
 def test_the_command_writes_tables_and_replaces_none_unasked(tmp_path, monkeypatch, capsys):
-    ds = synthetic.dataset(n_members=4, levels=LEVELS).map(lambda v: 0.3 * v.expand_dims(lead=[0.0, 0.6]), keep_attrs=True)
+    ds = synthetic.dataset(n_members=4, levels=LEVELS).map(
+        lambda v: 0.3 * v.expand_dims(lead=[0.0, 0.6]), keep_attrs=True
+    )
     ds["lead"].attrs["units"] = "days"
     ds.to_netcdf(tmp_path / "e.nc", engine="h5netcdf")
     monkeypatch.chdir(tmp_path)

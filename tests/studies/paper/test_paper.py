@@ -23,7 +23,15 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.basis.modes import build_basis
 from replay_kit.studies.accuracy.methods import build_method
-from replay_kit.studies.paper import FILES, PaperJob, figures, print_paper, run_paper, to_json, write_paper
+from replay_kit.studies.paper import (
+    FILES,
+    PaperJob,
+    figures,
+    print_paper,
+    run_paper,
+    to_json,
+    write_paper,
+)
 from replay_kit.studies.paper.diagnostics import coherence, depth_kernel, level_correlation
 from replay_kit.studies.paper.findings import sparse_logs
 from replay_kit.studies.paper.report import rows_to_csv, text_tables, to_markdown
@@ -33,7 +41,11 @@ from replay_kit.studies.reports.pictures import Drawn
 from replay_kit.studies.scoring.scores import bootstrap_median, bound
 from replay_kit.studies.twins import reachable
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.profiles import IDEAL_ERROR_STD, grid_observations, random_observations
+from replay_kit.studies.twins.profiles import (
+    IDEAL_ERROR_STD,
+    grid_observations,
+    random_observations,
+)
 from replay_kit.studies.twins.reachable import draw_pairs
 from replay_kit.studies.twins.truths import Case, leave_out
 from replay_kit.workflows.replay.scoring import scored_points
@@ -55,7 +67,11 @@ def study():
     seen = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(planners, "plan", PLAN)
-        tables, shown = final(run_paper(MEMBERS, None, CONFIG, JOB, lambda done, total, what: seen.append((done, total))))
+        tables, shown = final(
+            run_paper(
+                MEMBERS, None, CONFIG, JOB, lambda done, total, what: seen.append((done, total))
+            )
+        )
     return tables, shown, seen
 
 
@@ -83,7 +99,12 @@ def without_planning(monkeypatch):
 def combination() -> Case:
     """A truth that is a linear combination of the members, slice by slice."""
     weights = np.array([0.5, -0.3, 0.2, 0.4, 0.1, 0.1])
-    truth = Ensemble(MEMBERS.grid, np.einsum("e,ecz...->cz...", weights, MEMBERS.velocity)[None], None, "combination")
+    truth = Ensemble(
+        MEMBERS.grid,
+        np.einsum("e,ecz...->cz...", weights, MEMBERS.velocity)[None],
+        None,
+        "combination",
+    )
     return Case(None, truth, MEMBERS)
 
 
@@ -96,7 +117,9 @@ def with_land(ensemble):
     """An ensemble with one dry column, and one of two levels."""
     wet = ensemble.grid.wet.copy()
     wet[2:, 0, 0] = wet[:, 3, 3] = False
-    return Ensemble(replace(ensemble.grid, wet=wet), np.where(wet, ensemble.velocity, np.nan), None, "land")
+    return Ensemble(
+        replace(ensemble.grid, wet=wet), np.where(wet, ensemble.velocity, np.nan), None, "land"
+    )
 
 
 def test_a_truth_in_the_span_is_found():
@@ -125,7 +148,10 @@ def test_the_bound_counts_what_the_basis_keeps_whole():
     """The default's weights are anomalies: the ensemble's mean lies in its span whatever the modes are."""
     mean = Ensemble(MEMBERS.grid, MEMBERS.velocity.mean(axis=0, keepdims=True), None, "mean")
     at = scored_points(MEMBERS.grid, mean)
-    least = {preset: bound(build_method(preset, MEMBERS, EstimatorConfig(modes=1)), at) for preset in ("default", "paper")}
+    least = {
+        preset: bound(build_method(preset, MEMBERS, EstimatorConfig(modes=1)), at)
+        for preset in ("default", "paper")
+    }
     assert least["default"] < 1e-3 < 0.02 < least["paper"]
 
 
@@ -134,15 +160,28 @@ def test_rows_are_those_that_exist():
     rows = table_of(leave_out(ensemble, 0))
     # five members of four levels: 20 slices, 16 anomalies about the mean and the mean; no 400, 300 or 200
     asked = [(row.method, row.rung, row.modes) for row in rows if row.rung]
-    assert asked == [("paper", "full", 20), ("paper", "members", 5), ("default", "full", 20), ("default", "members", 5)]
+    assert asked == [
+        ("paper", "full", 20),
+        ("paper", "members", 5),
+        ("default", "full", 20),
+        ("default", "members", 5),
+    ]
     elements = {row.method: row.elements for row in rows if row.rung in ("members", "")}
     # the latent values of a level times r, on a lattice and at the nodes, and for whole flows 2 N Z a mode
-    assert elements == {"naive3d": 40 * 4 * 5, "paper": 200, "default": 19 * 18 * 5, "nearest": None, "ensemble_mean": None}
+    assert elements == {
+        "naive3d": 40 * 4 * 5,
+        "paper": 200,
+        "default": 19 * 18 * 5,
+        "nearest": None,
+        "ensemble_mean": None,
+    }
 
 
 def test_the_paper_is_shown_in_cells_where_the_grid_is_coarser():
     coarse = synthetic.ensemble(n_members=4, shape=(4, 4), step=0.3)
-    assert {rung.method for rung in rungs(coarse, None)} - {rung.method for rung in rungs(MEMBERS, None)} == {"paper_cells"}
+    assert {rung.method for rung in rungs(coarse, None)} - {
+        rung.method for rung in rungs(MEMBERS, None)
+    } == {"paper_cells"}
 
 
 def test_numerics_that_fail_are_a_row_with_the_reason():
@@ -174,10 +213,17 @@ def test_a_study_goes_on_around_land_and_without_a_method_that_fails(monkeypatch
     tables, shown = final(run_paper(with_land(MEMBERS), None, CONFIG, replace(JOB, pairs=1)))
     assert {row.flow: row.pairs for row in tables.table3}["paper"] == 0
     assert "no estimate" in {row.flow: row.note for row in tables.table3}["paper"]
-    assert {row.method for row in tables.table1 if row.note} == {row.method for row in tables.table2 if row.note} == {"paper"}
+    assert (
+        {row.method for row in tables.table1 if row.note}
+        == {row.method for row in tables.table2 if row.note}
+        == {"paper"}
+    )
     assert "cannot be built: Singular matrix" in to_markdown(tables)
     assert to_json(tables)["sparse"][0]["rel_error"] is None
-    assert [name for name, _ in islice(figures.draw(tables, shown), 2)] == ["singular_values", "modes_top"]
+    assert [name for name, _ in islice(figures.draw(tables, shown), 2)] == [
+        "singular_values",
+        "modes_top",
+    ]
 
 
 def test_the_ideal_profiles_are_the_grid_points():
@@ -194,13 +240,19 @@ def test_the_ideal_profiles_are_the_grid_points():
 
 def test_the_way_through_the_pings_ends_in_table_2(study):
     tables = study[0]
-    assert [(row.pings, row.method) for row in tables.sparse] == [(n, m) for n in (3, 10) for m in ("paper", "default", "ensemble_mean")]
+    assert [(row.pings, row.method) for row in tables.sparse] == [
+        (n, m) for n in (3, 10) for m in ("paper", "default", "ensemble_mean")
+    ]
     last = {row.method: row.rel_error for row in tables.sparse if row.pings == 10}
     # the first row of a method has as many modes as plans are made on, the next fewer
     first = {row.method: row.rel_error for row in reversed(tables.table2)}
     assert last == {method: first[method] for method in last}
     said = sparse_logs(tables)[0]
-    worse = [row for row in tables.sparse if row.method == "paper" and row.rel_error >= last["ensemble_mean"]]
+    worse = [
+        row
+        for row in tables.sparse
+        if row.method == "paper" and row.rel_error >= last["ensemble_mean"]
+    ]
     assert ("worse than the ensemble mean" in said.split(";")[0]) == bool(worse)
 
 
@@ -209,7 +261,10 @@ def test_the_order_of_the_modes_is_blamed_only_where_the_paper_s_span_is_the_far
     number = next(row.modes for row in tables.table1 if row.rung and row.method == "default")
 
     def said(bound_of_paper):
-        rows = [replace(row, modes=number, bound=bound_of_paper if row.method == "paper" else 0.05) for row in tables.table1]
+        rows = [
+            replace(row, modes=number, bound=bound_of_paper if row.method == "paper" else 0.05)
+            for row in tables.table1
+        ]
         return sparse_logs(replace(tables, table1=tuple(rows)))[-1]
 
     assert "explains no error" not in said(0.06)
@@ -219,7 +274,15 @@ def test_the_order_of_the_modes_is_blamed_only_where_the_paper_s_span_is_the_far
 
 def test_targets_are_reached_by_the_truth_s_own_plans(study):
     rows = {row.flow: row for row in study[0].table3}
-    assert list(rows) == ["truth", "depth_averaged_truth", "naive3d", "paper", "default", "nearest", "ensemble_mean"]
+    assert list(rows) == [
+        "truth",
+        "depth_averaged_truth",
+        "naive3d",
+        "paper",
+        "default",
+        "nearest",
+        "ensemble_mean",
+    ]
     assert rows["truth"].within_250 == 2
     assert max(rows["truth"].closest_approach) < 10.0
     for row in rows.values():
@@ -248,7 +311,10 @@ def test_pairs_stay_in_the_water_of_both_grids(monkeypatch):
 
 def test_the_bootstrap_interval_holds_the_median_as_often_as_it_says():
     rng = np.random.default_rng(5)
-    held = [low <= 0.0 <= high for low, high in (bootstrap_median(rng.standard_normal(40)) for _ in range(200))]
+    held = [
+        low <= 0.0 <= high
+        for low, high in (bootstrap_median(rng.standard_normal(40)) for _ in range(200))
+    ]
     assert 0.84 <= np.mean(held) <= 0.96
 
 
@@ -260,10 +326,29 @@ def test_progress_ends_at_its_total(study):
 
 def test_over_truths_the_median_and_the_worst():
     row = ErrorRow("paper", "full", 9, 90, 0.2, 0.02, 0.01, 0.2, 0.02, (0.2,), 1.0, "")
-    bad = replace(row, rel_error=0.6, rmse=0.06, rel_error_worst=0.6, rmse_worst=0.06, rel_error_by_truth=(0.6,))
-    failed = replace(row, rel_error=math.nan, rmse=math.nan, rel_error_worst=math.nan, rel_error_by_truth=(math.nan,), note="singular")
+    bad = replace(
+        row,
+        rel_error=0.6,
+        rmse=0.06,
+        rel_error_worst=0.6,
+        rmse_worst=0.06,
+        rel_error_by_truth=(0.6,),
+    )
+    failed = replace(
+        row,
+        rel_error=math.nan,
+        rmse=math.nan,
+        rel_error_worst=math.nan,
+        rel_error_by_truth=(math.nan,),
+        note="singular",
+    )
     (both,) = over_truths([[row], [row], [bad]])
-    assert (both.rel_error, both.rel_error_worst, both.rmse_worst, both.rel_error_by_truth) == (0.2, 0.6, 0.06, (0.2, 0.2, 0.6))
+    assert (both.rel_error, both.rel_error_worst, both.rmse_worst, both.rel_error_by_truth) == (
+        0.2,
+        0.6,
+        0.06,
+        (0.2, 0.2, 0.6),
+    )
     (some,) = over_truths([[row], [failed]])
     assert (some.rel_error, some.note) == (0.2, "1 of 2 truths: singular")
 
@@ -272,26 +357,43 @@ def test_over_truths_the_median_and_the_worst():
 @pytest.mark.full
 def test_all_members_in_turn(tmp_path):
     few = Ensemble(MEMBERS.grid, MEMBERS.velocity[:3], None, "three")
-    *partial, (tables, shown) = run_paper(few, None, CONFIG, PaperJob("all", most_modes=4, plan_modes=4, pings=(2,), pairs=1))
-    assert [(part.unfinished, part.truths, len(part.table3)) for part, _ in partial] == [(True, 1, 0), (True, 2, 0), (True, 3, 0)]
+    *partial, (tables, shown) = run_paper(
+        few, None, CONFIG, PaperJob("all", most_modes=4, plan_modes=4, pings=(2,), pairs=1)
+    )
+    assert [(part.unfinished, part.truths, len(part.table3)) for part, _ in partial] == [
+        (True, 1, 0),
+        (True, 2, 0),
+        (True, 3, 0),
+    ]
     assert partial[-1][0].table1 == tables.table1
     assert len(partial[0][0].table2[0].rel_error_by_truth) == 1
     assert not tables.unfinished
     # of a study that is not finished the tables are written, and what is not known yet is not
     write_paper(tmp_path, *partial[0])
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["paper.json", "sparse.csv", "table1.csv", "table2.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "paper.json",
+        "sparse.csv",
+        "table1.csv",
+        "table2.csv",
+    ]
     assert json.loads((tmp_path / "paper.json").read_text())["unfinished"] is True
     assert "unfinished" not in to_json(tables)
     assert (tables.truth, tables.truths) == ("all", 3)
     assert shown.case.member is not None
     assert tables.shown_truth == f"three#{shown.case.member}"
-    assert all(len(row.rel_error_by_truth) == 3 and row.rel_error <= row.rel_error_worst for row in tables.table1)
+    assert all(
+        len(row.rel_error_by_truth) == 3 and row.rel_error <= row.rel_error_worst
+        for row in tables.table1
+    )
     headings = text_tables(tables)[0].columns
     assert "worst rel. error" in headings
 
 
 def test_the_depth_kernel_sags_between_wide_levels_and_is_singular_between_close_ones():
-    wide, close = depth_kernel(np.array([0.0, 300.0]), 100.0), depth_kernel(np.array([0.0, 5.0, 10.0]), 100.0)
+    wide, close = (
+        depth_kernel(np.array([0.0, 300.0]), 100.0),
+        depth_kernel(np.array([0.0, 5.0, 10.0]), 100.0),
+    )
     assert wide.condition < 1.1
     assert wide.least_share == pytest.approx(2.0 * math.exp(-0.5 * 1.5**2) / (1.0 + math.exp(-4.5)))
     assert wide.least_depth == pytest.approx(150.0)
@@ -313,7 +415,12 @@ def test_files_say_the_same_numbers(study, folder):
     assert answer == json.loads(json.dumps(to_json(tables), allow_nan=False))
     assert {"replay-kit", "numpy", "matplotlib"} <= set(answer["versions"])
     assert answer["seed"] == 0
-    for name, kind in (("table1", ErrorRow), ("table2", ErrorRow), ("table3", GlideRow), ("sparse", SparseRow)):
+    for name, kind in (
+        ("table1", ErrorRow),
+        ("table2", ErrorRow),
+        ("table3", GlideRow),
+        ("sparse", SparseRow),
+    ):
         rows = list(csv.DictReader(io.StringIO((folder / f"{name}.csv").read_text())))
         assert list(rows[0]) == [field.name for field in fields(kind)] == list(answer[name][0])
         for row, in_json, value in zip(rows, answer[name], getattr(tables, name), strict=True):
@@ -321,7 +428,10 @@ def test_files_say_the_same_numbers(study, folder):
             for key, cell in asdict(value).items():
                 if isinstance(cell, float):
                     assert float(row[key]) == in_json[key] == cell
-    assert rows_to_csv([replace(tables.table1[0], rel_error=math.nan)]).splitlines()[1].split(",")[4] == ""
+    assert (
+        rows_to_csv([replace(tables.table1[0], rel_error=math.nan)]).splitlines()[1].split(",")[4]
+        == ""
+    )
 
 
 def test_console_and_report_show_the_rows(study, folder):
@@ -360,7 +470,10 @@ def test_figures_are_drawn_and_labelled(folder, name):
     colours = np.unique(np.round(31 * picture[..., :3]) @ [1, 32, 1024])
     assert colours.size > 10
     root = ET.parse(folder / f"{name}.svg").getroot()
-    words = {"".join(element.itertext()).strip() for element in root.iter("{http://www.w3.org/2000/svg}text")}
+    words = {
+        "".join(element.itertext()).strip()
+        for element in root.iter("{http://www.w3.org/2000/svg}text")
+    }
     for label in LABELS[name]:
         assert label in words, words
 
@@ -387,13 +500,21 @@ def test_the_page_has_the_tables_the_findings_and_the_figures(study, folder):
         "Figures of the paper",
         "Make it again",
     ]
-    assert [row[0] for row in table(page, text_tables(tables)[0].title)] == [str(row[0]) for row in text_tables(tables)[0].rows]
+    assert [row[0] for row in table(page, text_tables(tables)[0].title)] == [
+        str(row[0]) for row in text_tables(tables)[0].rows
+    ]
     (row,) = [row for row in tables.sparse if (row.method, row.pings) == ("default", 10)]
     values = found["sparse"]["tables"]["values"]
     assert values["2.5D default: pings"] == [3.0, 10.0]
-    assert values["2.5D default: RMSE / RMS speed of the truth [1]"][1] == pytest.approx(row.rel_error, rel=1e-4)
+    assert values["2.5D default: RMSE / RMS speed of the truth [1]"][1] == pytest.approx(
+        row.rel_error, rel=1e-4
+    )
     (glide,) = [row for row in tables.table3 if row.flow == "nearest"]
-    assert found["glides"]["tables"]["values"]["nearest member: share of the plans [1]"] == [0.0, 0.5, 1.0]
+    assert found["glides"]["tables"]["values"]["nearest member: share of the plans [1]"] == [
+        0.0,
+        0.5,
+        1.0,
+    ]
     drawn = found["glides"]["tables"]["values"]["nearest member: miss distance in the truth [m]"]
     np.testing.assert_allclose(drawn[1:], np.sort(glide.closest_approach), rtol=1e-4)
     pings = found["truth-top"]["tables"]["drawn"]
@@ -401,7 +522,15 @@ def test_the_page_has_the_tables_the_findings_and_the_figures(study, folder):
     assert len(set(pings["panel"])) == 2
 
 
-@pytest.mark.parametrize("job", [PaperJob("0", pings=()), PaperJob("0", pings=(5, 3)), PaperJob("0", pairs=0), PaperJob("0", seed=-1)])
+@pytest.mark.parametrize(
+    "job",
+    [
+        PaperJob("0", pings=()),
+        PaperJob("0", pings=(5, 3)),
+        PaperJob("0", pairs=0),
+        PaperJob("0", seed=-1),
+    ],
+)
 def test_wrong_jobs_are_said(job):
     with pytest.raises(ConfigError):
         final(run_paper(MEMBERS, None, CONFIG, job))
@@ -418,7 +547,9 @@ def ocean(tmp_path_factory):
 
 
 def paper(ocean, *arguments):
-    return invoke(["experiment", "paper", "--ensemble", str(ocean / "ensemble.nc"), *map(str, arguments)])
+    return invoke(
+        ["experiment", "paper", "--ensemble", str(ocean / "ensemble.nc"), *map(str, arguments)]
+    )
 
 
 def refused(ocean, *arguments):
@@ -438,7 +569,10 @@ def refused(ocean, *arguments):
         (["-o", "file", "--leave-out", "0"], "is a file"),
         (["-o", "absent/new", "--leave-out", "0"], "there is no folder"),
         (["-o", "new", "--leave-out", "0", "--modes", "none"], "modes"),
-        (["-o", "new", "--truth", "t.json", "--json", "t.json", "--overwrite"], "an input is never overwritten"),
+        (
+            ["-o", "new", "--truth", "t.json", "--json", "t.json", "--overwrite"],
+            "an input is never overwritten",
+        ),
     ],
 )
 def test_wrong_options_end_with_code_2(ocean, monkeypatch, arguments, said):
@@ -453,7 +587,9 @@ def test_wrong_options_end_with_code_2(ocean, monkeypatch, arguments, said):
 @pytest.mark.usefixtures("without_planning")
 @pytest.mark.full
 def test_the_command_writes_a_folder_and_replaces_it_when_told(ocean, monkeypatch):
-    monkeypatch.setattr(figures, "draw", lambda tables, shown: iter([("sparse", Drawn({"png": b"drawn"}, {}))]))
+    monkeypatch.setattr(
+        figures, "draw", lambda tables, shown: iter([("sparse", Drawn({"png": b"drawn"}, {}))])
+    )
     options = [
         "--leave-out",
         "most-distant",
@@ -474,7 +610,9 @@ def test_the_command_writes_a_folder_and_replaces_it_when_told(ocean, monkeypatc
     assert json.loads((ocean / "a.json").read_text()) == {"format_version": 2, **kept}
     assert (ocean / "full" / "table1.csv").read_text().startswith("method,")
     # the naive basis has more modes than the limit of those a level, and is planned on all the same
-    assert "naive3d" in [row["flow"] for row in json.loads((ocean / "a.json").read_text())["table3"]]
+    assert "naive3d" in [
+        row["flow"] for row in json.loads((ocean / "a.json").read_text())["table3"]
+    ]
     assert (ocean / "full" / "sparse.png").read_bytes() == b"drawn"
 
 

@@ -11,7 +11,16 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.studies.planning.changing import Sailed, _around, figures, report_of, sail
 from replay_kit.studies.planning.job import PlanningJob
-from replay_kit.studies.planning.voyages import PASSED, Crossing, follow_plan, frozen, head_at_goal, replan, sea_of, with_error
+from replay_kit.studies.planning.voyages import (
+    PASSED,
+    Crossing,
+    follow_plan,
+    frozen,
+    head_at_goal,
+    replan,
+    sea_of,
+    with_error,
+)
 from replay_kit.workflows.planning.currents import uniform_currents
 from tests import synthetic
 from tests.command import invoke
@@ -19,9 +28,18 @@ from tests.planners.flow_samples import place, uniform_flow
 
 NOON = 1_767_268_800 * 10**9
 HOUR = 3600 * 10**9
-SEA = tuple(replace(uniform_flow(*velocity), time_ns=NOON + k * 24 * HOUR) for k, velocity in enumerate([(0.1, 0.1), (-0.1, -0.1)]))
+SEA = tuple(
+    replace(uniform_flow(*velocity), time_ns=NOON + k * 24 * HOUR)
+    for k, velocity in enumerate([(0.1, 0.1), (-0.1, -0.1)])
+)
 SETTINGS = MissionSettings(depth=390.0)
-CROSSING = Crossing(place(SEA[0], -8e3, 0.0, 0.0), place(SEA[0], 6e3, 0.0, 0.0), NOON, Glider(0.3, None, 15.0, 35.0), SETTINGS)
+CROSSING = Crossing(
+    place(SEA[0], -8e3, 0.0, 0.0),
+    place(SEA[0], 6e3, 0.0, 0.0),
+    NOON,
+    Glider(0.3, None, 15.0, 35.0),
+    SETTINGS,
+)
 JOB = PlanningJob(("changing",), "1", crossings=1, crossing=(12e3, 14e3))
 
 
@@ -52,10 +70,17 @@ def test_replanning_in_a_known_sea_passes_the_goal_when_its_first_plan_does_and_
 def test_the_error_of_a_leg_s_current_is_planned_with_for_a_day():
     sea, now = (*SEA, replace(SEA[1], time_ns=NOON + 60 * HOUR)), NOON + 12 * HOUR
     told = with_error(sea, uniform_currents(SEA[0]), np.array([0.05, -0.02]), now)
-    assert [flow.time_ns for flow in told] == [now, NOON + 24 * HOUR, NOON + 36 * HOUR, NOON + 60 * HOUR]
+    assert [flow.time_ns for flow in told] == [
+        now,
+        NOON + 24 * HOUR,
+        NOON + 36 * HOUR,
+        NOON + 60 * HOUR,
+    ]
     for flow, share in zip(told, (1.0, 0.5, 0.0, 0.0), strict=True):
         before = frozen(sea, flow.time_ns).velocity(0.0, 0.0, 100.0)
-        np.testing.assert_allclose(flow.velocity(0.0, 0.0, 100.0) - before, share * np.array([0.05, -0.02]), atol=1e-3)
+        np.testing.assert_allclose(
+            flow.velocity(0.0, 0.0, 100.0) - before, share * np.array([0.05, -0.02]), atol=1e-3
+        )
 
 
 def test_a_frozen_current_is_that_between_its_times():
@@ -66,10 +91,15 @@ def test_a_frozen_current_is_that_between_its_times():
 
 def test_a_sea_is_the_mean_of_the_members_on_functions_that_all_share():
     config, two = EstimatorConfig(), series()
-    alone = [sea_of([replace(one, velocity=one.velocity[k : k + 1]) for one in two], config) for k in range(4)]
+    alone = [
+        sea_of([replace(one, velocity=one.velocity[k : k + 1]) for one in two], config)
+        for k in range(4)
+    ]
     mean = sea_of(two, config)
     for t in (0, 1):
-        np.testing.assert_allclose(mean[t].latent, np.mean([sea[t].latent for sea in alone], axis=0), atol=1e-7)
+        np.testing.assert_allclose(
+            mean[t].latent, np.mean([sea[t].latent for sea in alone], axis=0), atol=1e-7
+        )
     assert [flow.time_ns for flow in mean] == [one.time_ns for one in two]
 
 
@@ -87,12 +117,25 @@ def test_a_mission_is_flown_in_all_ways():
 
 
 def sailed(**how):
-    base = {"earliest": 100.0, "perfect": 10.0, "held": 9e3, "replanned": 101.0, "habit": 104.0, "known": 99.0, "known_habit": 103.0}
+    base = {
+        "earliest": 100.0,
+        "perfect": 10.0,
+        "held": 9e3,
+        "replanned": 101.0,
+        "habit": 104.0,
+        "known": 99.0,
+        "known_habit": 103.0,
+    }
     return Sailed(1, 8e4, **{**base, **how})
 
 
 def test_figures_count_what_arrives_and_what_is_later():
-    rows = [sailed(), sailed(replanned=inf), sailed(replanned=106.0, perfect=20.0), sailed(habit=inf, known=104.0)]
+    rows = [
+        sailed(),
+        sailed(replanned=inf),
+        sailed(replanned=106.0, perfect=20.0),
+        sailed(habit=inf, known=104.0),
+    ]
     found = figures(rows)
     assert (found["arrive"], found["habit_arrive"]) == (0.75, 0.75)
     assert found["over_earliest"] == pytest.approx(1.01)
@@ -111,7 +154,20 @@ def test_figures_count_what_arrives_and_what_is_later():
 def test_the_study_is_made_of_a_forecast_of_several_times_and_refuses_others(tmp_path):
     path = tmp_path / "one.nc"
     synthetic.dataset(n_members=4).to_netcdf(path, engine="h5netcdf")
-    done = invoke(["experiment", "planning", "--ensemble", str(path), "-o", str(tmp_path / "out"), "--study", "changing", "--json", "-"])
+    done = invoke(
+        [
+            "experiment",
+            "planning",
+            "--ensemble",
+            str(path),
+            "-o",
+            str(tmp_path / "out"),
+            "--study",
+            "changing",
+            "--json",
+            "-",
+        ]
+    )
     assert "expected a forecast of several dated times" in (done.output + str(done.exception))
 
 

@@ -21,7 +21,13 @@ from replay_kit.core.plan import Place
 from replay_kit.studies.jobs.progress import Advance
 from replay_kit.studies.planning import STUDIES, PlanningJob
 from replay_kit.studies.planning.arrival_tables import Arrival, order_of, place_of_average
-from replay_kit.studies.planning.flights import corners_of, crossed, draw_missions, fly_plan, winds_around
+from replay_kit.studies.planning.flights import (
+    corners_of,
+    crossed,
+    draw_missions,
+    fly_plan,
+    winds_around,
+)
 from replay_kit.studies.planning.infeasible import cases, infeasible
 from replay_kit.studies.planning.masked import masked
 from replay_kit.studies.planning.masks import draw_masked, with_land
@@ -58,8 +64,19 @@ def criterion(report, words):
 @pytest.fixture(scope="module")
 def answer(tmp_path_factory):
     folder = tmp_path_factory.mktemp("planning")
-    synthetic.dataset(n_members=6, shape=(8, 9)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
-    command = ["experiment", "planning", "--ensemble", str(folder / "ensemble.nc"), "-o", str(folder / "out"), "--modes", "8"]
+    synthetic.dataset(n_members=6, shape=(8, 9)).to_netcdf(
+        folder / "ensemble.nc", engine="h5netcdf"
+    )
+    command = [
+        "experiment",
+        "planning",
+        "--ensemble",
+        str(folder / "ensemble.nc"),
+        "-o",
+        str(folder / "out"),
+        "--modes",
+        "8",
+    ]
     command += [
         "--leave-out",
         "1,4",
@@ -81,7 +98,9 @@ def answer(tmp_path_factory):
     # one start, coarse steps and few legs: plans are tested elsewhere
     plan, settings = planners.plan, planners.MissionSettings
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(planners, "plan", partial(plan, settings=planners.GlideSettings(starts=1, n_steps=8)))
+        patch.setattr(
+            planners, "plan", partial(plan, settings=planners.GlideSettings(starts=1, n_steps=8))
+        )
         patch.setattr(planners, "MissionSettings", lambda **how: settings(**{**how, "max_legs": 3}))
         done = invoke([*command, "--study", ",".join(DRAWN), "--json", str(folder / "answer.json")])
     assert done.exit_code == 0, done.output
@@ -128,7 +147,11 @@ def test_plans_on_the_truth_meet_goals_that_the_truth_reaches(answer):
         assert max(on_truth) < least
         assert max(row["miss [m]"] for row in rows) > 10.0 * max(on_truth)
         assert {row["truth"] for row in rows} == {1}
-    met = {one["what"]: one["met"] for reported in answer[1]["studies"].values() for one in reported["criteria"]}
+    met = {
+        one["what"]: one["met"]
+        for reported in answer[1]["studies"].values()
+        for one in reported["criteria"]
+    }
     assert all(met[what] for what in met if "crossings" in what or "recomputed" in what)
 
 
@@ -136,12 +159,16 @@ def test_paths_flown_by_two_codes_end_at_one_place_and_goals_are_of_the_reachabl
     withheld = world().truths[0]
     (pair,) = draw_missions(withheld, withheld.truth, 1, 300.0, 3, 0)
     settings = planners.MissionSettings(depth=300.0, legs=3)
-    plan = planners.plan_mission(withheld.truth, planners.MissionRequest(pair.start, (pair.target,), settings=settings))
+    plan = planners.plan_mission(
+        withheld.truth, planners.MissionRequest(pair.start, (pair.target,), settings=settings)
+    )
     assert plan.status == "reached"
     path = fly_plan(withheld.truth, plan, 300.0)
     assert np.linalg.norm(path[-1, :2] - fly_mission(withheld.truth, plan).place[0, -1]) < 1.0
     assert path[:, 2].max() == pytest.approx(300.0)
-    goal = np.ravel(to_local(withheld.truth.grid.projection, pair.target.longitude, pair.target.latitude))
+    goal = np.ravel(
+        to_local(withheld.truth.grid.projection, pair.target.longitude, pair.target.latitude)
+    )
     assert np.linalg.norm(path[-1, :2] - goal) < 5.0
 
 
@@ -149,7 +176,9 @@ def test_winding_is_crossing_counted_point_by_point():
     rng = np.random.default_rng(3)
     for _ in range(5):
         bearings = np.sort(rng.uniform(0.0, 2.0 * np.pi, 7))
-        corners = rng.uniform(0.3, 1.0, (7, 1)) * np.column_stack([np.cos(bearings), np.sin(bearings)])
+        corners = rng.uniform(0.3, 1.0, (7, 1)) * np.column_stack(
+            [np.cos(bearings), np.sin(bearings)]
+        )
         points = rng.uniform(-1.0, 1.0, (60, 2))
         found = winds_around(corners, points)
         assert found.any()
@@ -159,7 +188,10 @@ def test_winding_is_crossing_counted_point_by_point():
 def test_a_path_over_land_or_an_area_is_found_between_its_points():
     flow = uniform_flow(0.0, 0.0)
     ends = np.array([[-9e3, 0.0, 0.0], [9e3, 0.0, 0.0]])
-    area = tuple((spot.longitude, spot.latitude) for spot in (place(flow, *corner, 0.0) for corner in 0.05 * SQUARE))
+    area = tuple(
+        (spot.longitude, spot.latitude)
+        for spot in (place(flow, *corner, 0.0) for corner in 0.05 * SQUARE)
+    )
     assert crossed(flow.grid, (), ends) is None
     assert crossed(flow.grid, (area,), ends) == "area"
     assert crossed(flow.grid, (area,), ends + np.array([0.0, 60.0, 0.0])) is None
@@ -174,7 +206,9 @@ def test_land_leaves_the_current_as_it_was_elsewhere():
     masked_flow = with_land(flow, dry, 1e-9)
     east, north = masked_flow.nodes.T
     assert 0 < dry.sum() == len(flow.nodes) - len(masked_flow.nodes)
-    np.testing.assert_allclose(masked_flow.velocity(east, north, 60.0), flow.velocity(east, north, 60.0), atol=1e-5)
+    np.testing.assert_allclose(
+        masked_flow.velocity(east, north, 60.0), flow.velocity(east, north, 60.0), atol=1e-5
+    )
     case = draw_masked(flow, 300.0, 1e-6, np.random.default_rng(0))
     assert case.blocked
     assert corners_of(flow.grid, case.areas[0]).shape[1] == 2
@@ -183,10 +217,27 @@ def test_land_leaves_the_current_as_it_was_elsewhere():
 def test_a_planner_that_goes_straight_over_land_is_caught(monkeypatch):
     def straight(flow, request):
         start, (goal,) = request.start, request.goals
-        ends = np.column_stack(to_local(flow.grid.projection, [start.longitude, goal.longitude], [start.latitude, goal.latitude]))
-        one = {"headings_deg": np.zeros(1), "glide_angles_deg": np.full(1, 20.0), "surfacings": np.array([[goal.longitude, goal.latitude]])}
+        ends = np.column_stack(
+            to_local(
+                flow.grid.projection,
+                [start.longitude, goal.longitude],
+                [start.latitude, goal.latitude],
+            )
+        )
+        one = {
+            "headings_deg": np.zeros(1),
+            "glide_angles_deg": np.full(1, 20.0),
+            "surfacings": np.array([[goal.longitude, goal.latitude]]),
+        }
         track = np.column_stack([ends, np.zeros(2)])
-        return SimpleNamespace(status="reached", message="", start=start, closest_approach=np.zeros(1), track=track, **one)
+        return SimpleNamespace(
+            status="reached",
+            message="",
+            start=start,
+            closest_approach=np.zeros(1),
+            track=track,
+            **one,
+        )
 
     monkeypatch.setattr(planners, "plan_mission", straight)
     report = masked(world())
@@ -214,12 +265,23 @@ def test_an_end_without_its_reason_is_counted(monkeypatch):
     monkeypatch.setattr(planners, "plan", lambda *_: silent)
     monkeypatch.setattr(planners, "plan_mission", lambda *_, **__: silent)
     report = infeasible(world())
-    assert (criterion(report, "named reason").value, criterion(report, "named reason").met) == (10, False)
-    assert [case.name for case in cases(eddying_flow(1), 1e-6)] == list(dict.fromkeys(row[0] for row in report.tables[0].rows))
+    assert (criterion(report, "named reason").value, criterion(report, "named reason").met) == (
+        10,
+        False,
+    )
+    assert [case.name for case in cases(eddying_flow(1), 1e-6)] == list(
+        dict.fromkeys(row[0] for row in report.tables[0].rows)
+    )
 
 
 def test_odds_are_of_samples_and_of_a_truth_on_the_nodes_of_the_estimate(monkeypatch):
-    small = build_world(MEMBERS, None, CONFIG, replace(JOB, studies=("odds",), pairs=2, fresh=5), lambda what, steps=1: None)
+    small = build_world(
+        MEMBERS,
+        None,
+        CONFIG,
+        replace(JOB, studies=("odds",), pairs=2, fresh=5),
+        lambda what, steps=1: None,
+    )
     monkeypatch.setattr("replay_kit.studies.planning.odds.JUDGING", 4)
     monkeypatch.setattr("replay_kit.studies.planning.odds.ARRIVING", 0.0)
     report = odds(small)
@@ -233,8 +295,13 @@ def test_odds_are_of_samples_and_of_a_truth_on_the_nodes_of_the_estimate(monkeyp
     arrived = [row[4] <= planners.MissionSettings().tolerance for row in flown_in]
     assert criterion(report, "withheld truth").value == pytest.approx(np.mean(arrived))
     estimate, truth = small.truths[0].estimate(), small.truths[0].truth
-    same, at = as_sample(estimate, truth), (np.array([-8e3, 5e3]), np.array([3e3, -4e3]), np.array([20.0, 90.0]))
-    assert estimate.horizontal.kernel.speed != pytest.approx(truth.horizontal.kernel.speed, rel=1e-6)
+    same, at = (
+        as_sample(estimate, truth),
+        (np.array([-8e3, 5e3]), np.array([3e3, -4e3]), np.array([20.0, 90.0])),
+    )
+    assert estimate.horizontal.kernel.speed != pytest.approx(
+        truth.horizontal.kernel.speed, rel=1e-6
+    )
     np.testing.assert_allclose(same.velocity(*at), truth.velocity(*at), rtol=1e-9, atol=1e-12)
     monkeypatch.setattr("replay_kit.studies.planning.odds.ARRIVING", 1.1)
     none = odds(small)
@@ -244,13 +311,17 @@ def test_odds_are_of_samples_and_of_a_truth_on_the_nodes_of_the_estimate(monkeyp
 def test_the_area_lies_downstream_and_entries_are_counted_flight_by_flight():
     flow = uniform_flow(0.02, 0.1)
     track = np.column_stack([np.linspace(-9e3, 9e3, 40), np.zeros(40), np.full(40, 50.0)])
-    flights = SimpleNamespace(place=track[None, :, :2] + np.array([-300.0, 0.0, 300.0])[:, None, None] * [0.0, 1.0])
+    flights = SimpleNamespace(
+        place=track[None, :, :2] + np.array([-300.0, 0.0, 300.0])[:, None, None] * [0.0, 1.0]
+    )
     corners = corners_of(flow.grid, area_downstream(flow, SimpleNamespace(track=track)))
     assert corners[:, 1].min() == pytest.approx(-100.0, abs=1.0)
     assert corners[:, 1].max() == pytest.approx(9.9e3, abs=1.0)
     # an end that bends back beside the middle is not in the area
     bent = np.vstack([track, [[0.0, 4e3, 50.0]]])
-    assert corners_of(flow.grid, area_downstream(flow, SimpleNamespace(track=bent)))[:, 1].max() < 4e3
+    assert (
+        corners_of(flow.grid, area_downstream(flow, SimpleNamespace(track=bent)))[:, 1].max() < 4e3
+    )
     assert entering(corners, flights.place).tolist() == [False, True, True]
     # between its points a path may cut a corner
     sparse = np.array([[[-9e3, 0.0], [0.0, -120.0], [9e3, 0.0]]])
@@ -258,10 +329,18 @@ def test_the_area_lies_downstream_and_entries_are_counted_flight_by_flight():
 
 
 def test_the_order_is_as_asked_or_not():
-    right = [flown(flow, miss) for flow, miss in (("truth", 1.0), ("default", 50.0), ("naive3d", 90.0), ("nearest", 400.0))]
+    right = [
+        flown(flow, miss)
+        for flow, miss in (("truth", 1.0), ("default", 50.0), ("naive3d", 90.0), ("nearest", 400.0))
+    ]
     assert [one.met for one in order_of(right)] == [True] * 3
     wrong = [
-        replace(one, miss=60.0) if one.flow == "naive3d" else replace(one, miss=70.0) if one.flow == "default" else one for one in right
+        replace(one, miss=60.0)
+        if one.flow == "naive3d"
+        else replace(one, miss=70.0)
+        if one.flow == "default"
+        else one
+        for one in right
     ]
     assert [one.met for one in order_of(wrong)] == [True, False, True]
     words = place_of_average([*right, flown("depth_averaged_truth", 25.0, 0.3)], 0.9, once=True)
@@ -274,7 +353,12 @@ def test_a_ratio_of_medians_is_resampled_case_by_case():
     others = rng.lognormal(size=60)
     low, high = bootstrap_ratio(2.0 * others, others)
     assert (low, high) == (pytest.approx(2.0), pytest.approx(2.0))
-    held = [low <= 1.0 <= high for low, high in (bootstrap_ratio(*rng.lognormal(sigma=0.5, size=(2, 40))) for _ in range(100))]
+    held = [
+        low <= 1.0 <= high
+        for low, high in (
+            bootstrap_ratio(*rng.lognormal(sigma=0.5, size=(2, 40))) for _ in range(100)
+        )
+    ]
     assert 0.82 <= np.mean(held) <= 1.0
 
 
@@ -295,7 +379,16 @@ def test_what_is_refused(changed, words):
 
 
 def test_a_wrong_option_makes_no_folder(tmp_path):
-    command = ["experiment", "planning", "--ensemble", str(tmp_path / "none.nc"), "-o", str(tmp_path / "out"), "--study", "glide"]
+    command = [
+        "experiment",
+        "planning",
+        "--ensemble",
+        str(tmp_path / "none.nc"),
+        "-o",
+        str(tmp_path / "out"),
+        "--study",
+        "glide",
+    ]
     assert "expected some of glides" in str(invoke(command).exception)
     assert not (tmp_path / "out").exists()
 
@@ -304,7 +397,9 @@ def test_a_truth_of_its_own_leaves_no_member_out():
     truth = synthetic.ensemble(5, n_members=1, shape=(8, 9))
     with pytest.raises(ConfigError, match="--truth and --leave-out"):
         build_world(MEMBERS, truth, CONFIG, JOB, lambda what, steps=1: None)
-    (withheld,) = build_world(MEMBERS, truth, CONFIG, replace(JOB, leave_out=None), lambda what, steps=1: None).truths
+    (withheld,) = build_world(
+        MEMBERS, truth, CONFIG, replace(JOB, leave_out=None), lambda what, steps=1: None
+    ).truths
     assert (withheld.case.ensemble.n_members, withheld.member) == (6, 6)
     assert withheld.case.truth is truth
 

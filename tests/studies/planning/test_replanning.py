@@ -23,11 +23,17 @@ from tests import synthetic
 from tests.studies.twins.truths import CENTRE, make_truth
 
 PLANNER = MissionPlanner.of(PlannerConfig(kind="mission", depth=300.0))
-UNIFORM = build_field(make_truth(lambda east, north, depth: (0.12 + 0.0 * (east + depth), -0.07 + 0.0 * (east + depth))))
+UNIFORM = build_field(
+    make_truth(
+        lambda east, north, depth: (0.12 + 0.0 * (east + depth), -0.07 + 0.0 * (east + depth))
+    )
+)
 
 
 def test_a_leg_in_a_uniform_current_ends_where_the_velocities_add_up():
-    leg = Leg(heading_deg=60.0, along=0.28, down=0.1, depths=(0.0, 300.0, 0.0, 200.0, 0.0), drift=700.0)
+    leg = Leg(
+        heading_deg=60.0, along=0.28, down=0.1, depths=(0.0, 300.0, 0.0, 200.0, 0.0), drift=700.0
+    )
     flight = fly_leg(UNIFORM, np.array([2e3, -3e3]), EPOCH_NS, leg)
     under, current = 1000.0 / 0.1, np.array([0.12, -0.07])
     bearing = np.arctan2(*flight.through_water)
@@ -41,15 +47,21 @@ def test_a_leg_in_a_uniform_current_ends_where_the_velocities_add_up():
 
 
 def test_a_leg_is_measured_where_it_went_and_its_mean_current_is_the_water_s():
-    flight = fly_leg(UNIFORM, np.zeros(2), EPOCH_NS, Leg(200.0, 0.28, 0.1, (0.0, 300.0, 0.0), 900.0))
+    flight = fly_leg(
+        UNIFORM, np.zeros(2), EPOCH_NS, Leg(200.0, 0.28, 0.1, (0.0, 300.0, 0.0), 900.0)
+    )
     given = measured(UNIFORM, flight, 1e-6, np.random.default_rng(0))
-    true = np.array(rotate_to_geographic(CENTRE, CENTRE.longitude, CENTRE.latitude, 0.12, -0.07)).ravel()
+    true = np.array(
+        rotate_to_geographic(CENTRE, CENTRE.longitude, CENTRE.latitude, 0.12, -0.07)
+    ).ravel()
     profiles = [one for one in given if isinstance(one, Observation)]
     assert len(profiles) == 10
     for profile in profiles:
         seen = np.isfinite(profile.velocity).all(axis=1)
         # the axes turn by some hundredths of a degree over the leg
-        np.testing.assert_allclose(profile.velocity[seen], np.tile(true, (seen.sum(), 1)), atol=3e-4)
+        np.testing.assert_allclose(
+            profile.velocity[seen], np.tile(true, (seen.sum(), 1)), atol=3e-4
+        )
         assert seen.sum() > 10
     (mean,) = (one for one in given if isinstance(one, PathMean))
     np.testing.assert_allclose(mean.velocity, true, atol=1e-4)
@@ -87,7 +99,9 @@ def test_two_missions_end_nearer_to_the_goal_when_they_are_replanned():
     config = RunConfig(estimator=EstimatorConfig(modes=20, sample_share=0.5))
     reported = []
     job = PlanningJob(("replanning",), replans=2, legs=4, depth=300.0)
-    rows = run_replanning([ensemble], config, job, (0, 4), PLANNER, lambda what, steps=1: reported.append(what))
+    rows = run_replanning(
+        [ensemble], config, job, (0, 4), PLANNER, lambda what, steps=1: reported.append(what)
+    )
     assert [row.member for row in rows] == [0, 4]
     assert [row.seed for row in rows] == [0, 1]
     assert reported == ["replanning, mission 0, member 0", "replanning, mission 1, member 4"]
@@ -106,7 +120,10 @@ def flown(miss: float, hours: float) -> Outcome:
 def test_the_figures_count_every_mission_and_compare_times_only_where_both_arrive():
     pairs = [(1000.0, 100.0), (400.0, 200.0), (2000.0, 600.0), (450.0, 450.0)]
     hours = [(10.0, 9.0), (10.0, 12.0), (10.0, 5.0), (10.0, 10.0)]
-    rows = [ReplanRow(0, 0, 1e4, 1e5, flown(a, p), flown(b, q), ()) for (a, b), (p, q) in zip(pairs, hours, strict=True)]
+    rows = [
+        ReplanRow(0, 0, 1e4, 1e5, flown(a, p), flown(b, q), ())
+        for (a, b), (p, q) in zip(pairs, hours, strict=True)
+    ]
     found = summarise(rows)
     assert found["both_near"] == 2
     # ratios 0.1, 0.5, 0.3, 1.0

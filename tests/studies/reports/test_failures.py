@@ -21,7 +21,9 @@ from tests.studies.results import final
 
 MEMBERS = synthetic.ensemble(n_members=5, shape=(5, 6))
 CONFIG = EstimatorConfig(modes=6)
-JOB = AccuracyJob(leave_out="2", pings=(1, 3), seeds=2, methods=("nearest", "etkf", "ensemble_mean"))
+JOB = AccuracyJob(
+    leave_out="2", pings=(1, 3), seeds=2, methods=("nearest", "etkf", "ensemble_mean")
+)
 
 
 class Killed(BaseException):
@@ -68,9 +70,13 @@ def failing(monkeypatch):
     return fail
 
 
-@pytest.mark.parametrize("error", [np.linalg.LinAlgError("not positive definite"), EstimatorError("no update")])
+@pytest.mark.parametrize(
+    "error", [np.linalg.LinAlgError("not positive definite"), EstimatorError("no update")]
+)
 @pytest.mark.parametrize("after", [None, 0, 2])
-def test_a_method_that_fails_is_a_row_with_its_reason_and_keeps_what_was_scored(failing, error, after):
+def test_a_method_that_fails_is_a_row_with_its_reason_and_keeps_what_was_scored(
+    failing, error, after
+):
     whole = final(run_accuracy(MEMBERS, None, CONFIG, JOB))
     failing(error, after)
     result = final(run_accuracy(MEMBERS, None, CONFIG, JOB))
@@ -86,7 +92,9 @@ def test_a_method_that_fails_is_a_row_with_its_reason_and_keeps_what_was_scored(
     assert all(row["rmse"] is None for row in said if "failed" in row)
 
 
-@pytest.mark.parametrize("error", [TypeError("wrong"), IndexError("wrong"), ConfigError("an option")])
+@pytest.mark.parametrize(
+    "error", [TypeError("wrong"), IndexError("wrong"), ConfigError("an option")]
+)
 def test_errors_of_the_program_and_of_options_end_the_run(failing, error):
     failing(error)
     with pytest.raises(type(error), match=str(error)):
@@ -97,7 +105,10 @@ def test_a_mean_over_truths_says_on_how_many_a_method_failed(failing):
     failing(np.linalg.LinAlgError("singular"), 1)
     rows = final(run_accuracy(MEMBERS, None, CONFIG, replace(JOB, leave_out="all", seeds=1))).rows
     by_key = {(row.method, row.pings): row for row in rows if row.truth == "mean"}
-    assert by_key["etkf", 3].failed == "failed on 5 of 5 truths, first on member 0: seed 0: LinAlgError: singular"
+    assert (
+        by_key["etkf", 3].failed
+        == "failed on 5 of 5 truths, first on member 0: seed 0: LinAlgError: singular"
+    )
     assert by_key["etkf", 1].failed == by_key["nearest", 3].failed == ""
     assert np.isfinite(by_key["etkf", 1].rmse)
 
@@ -105,19 +116,48 @@ def test_a_mean_over_truths_says_on_how_many_a_method_failed(failing):
 def test_a_run_that_is_killed_leaves_the_methods_that_were_done(failing, ensemble, tmp_path):
     failing(Killed(), 0)
     answer = tmp_path / "answer.json"
-    command = ["experiment", "accuracy", "--ensemble", str(ensemble), "--leave-out", "2", "--pings", "1,3", "--seeds", "1", "--modes", "6"]
+    command = [
+        "experiment",
+        "accuracy",
+        "--ensemble",
+        str(ensemble),
+        "--leave-out",
+        "2",
+        "--pings",
+        "1,3",
+        "--seeds",
+        "1",
+        "--modes",
+        "6",
+    ]
     with pytest.raises(Killed):
         invoke([*command, "--methods", "nearest,etkf,ensemble_mean", "--json", str(answer)])
     said = json.loads(answer.read_text())
     assert said["unfinished"] is True
-    assert [(row["method"], row["pings"]) for row in said["results"]] == [("nearest", 1), ("nearest", 3)]
+    assert [(row["method"], row["pings"]) for row in said["results"]] == [
+        ("nearest", 1),
+        ("nearest", 3),
+    ]
     assert [path.name for path in tmp_path.iterdir()] == ["answer.json"]
 
 
 def test_a_command_whose_methods_all_fail_writes_why_and_is_no_success(failing, ensemble, tmp_path):
     failing(np.linalg.LinAlgError("singular"))
     answer = tmp_path / "answer.json"
-    command = ["experiment", "accuracy", "--ensemble", str(ensemble), "--leave-out", "2", "--pings", "1", "--seeds", "1", "--modes", "6"]
+    command = [
+        "experiment",
+        "accuracy",
+        "--ensemble",
+        str(ensemble),
+        "--leave-out",
+        "2",
+        "--pings",
+        "1",
+        "--seeds",
+        "1",
+        "--modes",
+        "6",
+    ]
     done = invoke([*command, "--methods", "etkf", "--json", str(answer)])
     assert isinstance(done.exception, EstimatorError)
     assert "etkf after 1 pings: LinAlgError: singular" in done.output
@@ -135,23 +175,37 @@ def studies(monkeypatch):
             def made_up(world):
                 if isinstance(outcome, BaseException):
                     raise outcome
-                return StudyReport(name, name, (Table(f"{name}-rows", "Rows", ("n",), ((outcome,),)),))
+                return StudyReport(
+                    name, name, (Table(f"{name}-rows", "Rows", ("n",), ((outcome,),)),)
+                )
 
             return Study(made_up, lambda job: 1)
 
-        monkeypatch.setattr(planning_run, "STUDIES", {name: study(name, outcome) for name, outcome in outcomes.items()})
+        monkeypatch.setattr(
+            planning_run,
+            "STUDIES",
+            {name: study(name, outcome) for name, outcome in outcomes.items()},
+        )
         return PlanningJob(tuple(outcomes), "1", pairs=1, pings=1)
 
     return made
 
 
-@pytest.mark.parametrize("error", [np.linalg.LinAlgError("singular"), PlanError("too little water")])
+@pytest.mark.parametrize(
+    "error", [np.linalg.LinAlgError("singular"), PlanError("too little water")]
+)
 def test_a_study_that_fails_says_why_and_the_others_go_on(studies, error):
     job = studies(glides=1, missions=error, masked=3)
     kept = list(run_planning(MEMBERS, None, CONFIG, job))
     result = kept[-1]
-    assert [report.failed for report in result.reports] == ["", f"{type(error).__name__}: {error}", ""]
-    assert [[report.study for report in each.reports] for each in kept] == [list(job.studies)[:n] for n in range(4)]
+    assert [report.failed for report in result.reports] == [
+        "",
+        f"{type(error).__name__}: {error}",
+        "",
+    ]
+    assert [[report.study for report in each.reports] for each in kept] == [
+        list(job.studies)[:n] for n in range(4)
+    ]
 
 
 @pytest.mark.parametrize("error", [TypeError("wrong"), ConfigError("an option")])
@@ -161,13 +215,29 @@ def test_a_study_with_a_fault_of_the_program_ends_the_run(studies, error):
 
 
 def planning(ensemble, out, *more):
-    return invoke(["experiment", "planning", "--ensemble", str(ensemble), "-o", str(out), "--modes", "6", *more])
+    return invoke(
+        [
+            "experiment",
+            "planning",
+            "--ensemble",
+            str(ensemble),
+            "-o",
+            str(out),
+            "--modes",
+            "6",
+            *more,
+        ]
+    )
 
 
-def test_a_planning_run_that_is_killed_leaves_the_studies_that_were_done(studies, ensemble, tmp_path):
+def test_a_planning_run_that_is_killed_leaves_the_studies_that_were_done(
+    studies, ensemble, tmp_path
+):
     studies(glides=1, missions=PlanError("no way"), masked=Killed())
     with pytest.raises(Killed):
-        planning(ensemble, tmp_path / "out", "--leave-out", "1", "--study", "glides,missions,masked")
+        planning(
+            ensemble, tmp_path / "out", "--leave-out", "1", "--study", "glides,missions,masked"
+        )
     said = json.loads((tmp_path / "out" / "planning.json").read_text())
     assert list(said["studies"]) == ["glides", "missions"]
     assert said["studies"]["glides"]["tables"] == {"glides-rows": [{"n": 1}]}
@@ -176,14 +246,22 @@ def test_a_planning_run_that_is_killed_leaves_the_studies_that_were_done(studies
     report = (tmp_path / "out" / "report.md").read_text()
     assert "The study failed: PlanError: no way" in report
     assert "Not done when this was written: masked." in report
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["glides-rows.csv", "index.html", "planning.json", "report.md"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "glides-rows.csv",
+        "index.html",
+        "planning.json",
+        "report.md",
+    ]
 
 
 def test_a_planning_run_whose_studies_all_fail_is_no_success(studies, ensemble, tmp_path):
     studies(glides=PlanError("no way"))
     done = planning(ensemble, tmp_path / "out", "--leave-out", "1", "--study", "glides")
     assert isinstance(done.exception, EstimatorError)
-    assert json.loads((tmp_path / "out" / "planning.json").read_text())["studies"]["glides"]["failed"] == "PlanError: no way"
+    assert (
+        json.loads((tmp_path / "out" / "planning.json").read_text())["studies"]["glides"]["failed"]
+        == "PlanError: no way"
+    )
 
 
 def test_a_member_that_is_not_there_makes_no_folder(ensemble, tmp_path):

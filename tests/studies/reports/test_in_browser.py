@@ -14,9 +14,14 @@ pytestmark = MARKS
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
 def test_pages_of_studies_draw_themselves(width: int, scheme: str) -> None:
     planned = planning_result()
-    pictures = {picture.name: drawn(picture) for report in planned.reports for picture in report.pictures}
+    pictures = {
+        picture.name: drawn(picture) for report in planned.reports for picture in report.pictures
+    }
     with chromium() as browser:
-        for page, figures in ((missions_page(mission_result()), 3), (planning_page(planned, pictures), 2)):
+        for page, figures in (
+            (missions_page(mission_result()), 3),
+            (planning_page(planned, pictures), 2),
+        ):
             with opened(browser, page, width, scheme) as tab:
                 assert check_drawn(tab, width) == figures
                 check_accessible(tab)

@@ -9,7 +9,14 @@ import pytest
 from replay_kit import __version__
 from replay_kit.studies import accuracy, dives, missions, planning
 from replay_kit.studies.accuracy.page import accuracy_page
-from replay_kit.studies.reports.charts import Axis, Chart, Series, _log_ticks, chart_figure, misses_chart
+from replay_kit.studies.reports.charts import (
+    Axis,
+    Chart,
+    Series,
+    _log_ticks,
+    chart_figure,
+    misses_chart,
+)
 from replay_kit.studies.reports.page import words_html
 from replay_kit.studies.reports.pictures import drawn, saved
 from replay_kit.studies.reports.tables import Picture, Table
@@ -31,7 +38,9 @@ def test_a_page_lies_beside_the_tables_and_is_whole(write, result, keys, tmp_pat
     write(tmp_path, result())
     page = (tmp_path / "index.html").read_text()
     assert list(check_figures(page)) == keys
-    assert [attrs["href"] for attrs, _ in elements(page, "a")] == [f"#{attrs['id']}" for attrs, _ in elements(page, "section")]
+    assert [attrs["href"] for attrs, _ in elements(page, "a")] == [
+        f"#{attrs['id']}" for attrs, _ in elements(page, "section")
+    ]
     ids = [attrs["id"] for tag in ("section", "figure") for attrs, _ in elements(page, tag)]
     assert len(set(ids)) == len(ids)
     assert ["replay-kit", __version__] in table(page, "Versions")
@@ -53,19 +62,29 @@ def test_an_unfinished_study_has_no_page(write, result, tmp_path: Path) -> None:
 def test_the_comparison_says_which_method_errs_least_and_which_failed() -> None:
     page = accuracy_page(accuracy_result())
     words = text_of(page, "answer")
-    assert "3 methods estimate a truth, truth.nc, from the same pings at random places with 0.09 m/s of noise." in words
+    assert (
+        "3 methods estimate a truth, truth.nc, from the same pings at random places with 0.09 m/s of noise."
+        in words
+    )
     assert "figures are means over 2 surveys." in words
     said = "After 5 pings 2.5D default errs least: 0.400 of the truth's RMS speed, 12.0 cm/s; the ensemble mean, which uses no ping: 0.500."
     assert said in words
     assert "etkf after 50 pings has no figures: seed 0: LinAlgError: <singular>." in words
     assert "<singular>" not in page.split("<script")[0]
     values = check_figures(page)["nis"]["tables"]["values"]
-    assert values == {"2.5D default: pings": [5.0, 50.0], "2.5D default: NIS per degree of freedom [1]": [1.1, 1.1]}
+    assert values == {
+        "2.5D default: pings": [5.0, 50.0],
+        "2.5D default: NIS per degree of freedom [1]": [1.1, 1.1],
+    }
 
 
 def test_of_truths_in_turn_the_means_are_shown() -> None:
     result = accuracy_result()
-    each = [replace(row, truth=truth, rel_error=row.rel_error + add) for truth, add in ((3, 9.0), ("mean", 0.0)) for row in result.rows]
+    each = [
+        replace(row, truth=truth, rel_error=row.rel_error + add)
+        for truth, add in ((3, 9.0), ("mean", 0.0))
+        for row in result.rows
+    ]
     page = accuracy_page(replace(result, rows=tuple(each), truth="all"))
     values = check_figures(page)["error"]["tables"]["values"]
     assert values["ensemble mean: RMSE / RMS speed of the truth [1]"] == [0.5, 0.5]
@@ -77,15 +96,23 @@ def test_dives_say_how_the_estimate_compares(tmp_path: Path) -> None:
     dives.write_dives(tmp_path, dives_result())
     page = (tmp_path / "index.html").read_text()
     words, rms = text_of(page, "answer"), 100.0 * np.sqrt((2 * 0.1**2 + 2 * 0.2**2) / 2.0)
-    assert f"Profiles of the current: the estimate errs by {rms:.1f} cm/s (RMS length), the best of the others, last dive, by" in words
+    assert (
+        f"Profiles of the current: the estimate errs by {rms:.1f} cm/s (RMS length), the best of the others, last dive, by"
+        in words
+    )
     assert (
         "Surfacings: 2 expected from the dives before each: 0 inside the 50 % ellipse, 2 inside the 90 % one; median distance 854 m"
         in words
     )
     found = check_figures(page)
     assert found["errors-profiles"]["tables"]["values"]["estimate: dive [number]"] == [2.0, 3.0]
-    np.testing.assert_allclose(found["errors-profiles"]["tables"]["values"]["estimate: RMS error [cm/s]"], [14.142, 28.284])
-    assert found["surfacings"]["tables"]["values"]["shorter half axis: distance [m]"] == [700.0, 700.0]
+    np.testing.assert_allclose(
+        found["errors-profiles"]["tables"]["values"]["estimate: RMS error [cm/s]"], [14.142, 28.284]
+    )
+    assert found["surfacings"]["tables"]["values"]["shorter half axis: distance [m]"] == [
+        700.0,
+        700.0,
+    ]
     lines = (tmp_path / "dives.csv").read_text().splitlines()
     assert lines[:2] == ["dive,kind,method,rmse", "2,profiles,estimate,0.14142135623730953"]
     assert len(lines) == 7
@@ -103,7 +130,9 @@ def test_missions_say_what_does_not_keep_to_its_limit(tmp_path: Path) -> None:
     assert values["limit: value [1]"] == [0.86, 0.94]
     assert values["each mission: value [1]"] == [0.89, 0.91]
     assert values["all missions: value [1]"] == [0.9, None]
-    assert check_figures(page)["coverage-1"]["layout"]["yaxis"]["ticktext"] == ["observed places, now:<br>share inside 90 %<br>intervals"]
+    assert check_figures(page)["coverage-1"]["layout"]["yaxis"]["ticktext"] == [
+        "observed places, now:<br>share inside 90 %<br>intervals"
+    ]
 
 
 def test_plans_say_which_criteria_are_not_met(tmp_path: Path) -> None:
@@ -127,16 +156,36 @@ def test_plans_say_which_criteria_are_not_met(tmp_path: Path) -> None:
 
 def test_a_chart_says_its_data_in_words_and_fills_short_series() -> None:
     axes = Axis("pings", log=True), Axis("error [m/s]")
-    series = Series("a.b", [1, 10, 100], [3.0, np.nan, 1.0]), Series("c", [2], [5.0]), Series("none", [np.nan], [np.nan])
+    series = (
+        Series("a.b", [1, 10, 100], [3.0, np.nan, 1.0]),
+        Series("c", [2], [5.0]),
+        Series("none", [np.nan], [np.nan]),
+    )
     figure = chart_figure(Chart("key", "Title", "What to see.", axes, series, 0.5))
-    assert figure.alternative == "Title: error [m/s] against pings. a.b: 3 at 1 to 1 at 100. c: 5 at 2. none: no values."
+    assert (
+        figure.alternative
+        == "Title: error [m/s] against pings. a.b: 3 at 1 to 1 at 100. c: 5 at 2. none: no values."
+    )
     assert figure.tables["values"]["c: pings"] == [2.0, None, None]
     assert figure.tables["values"]["a.b: error [m/s]"] == [3.0, None, 1.0]
     assert figure.traces[0]["x"] == "$values.a.b: pings"
     assert figure.layout["xaxis"]["type"] == "log"
-    assert figure.layout["xaxis"]["ticktext"] == ["0.5", "1", "2", "5", "10", "20", "50", "100", "200"]
+    assert figure.layout["xaxis"]["ticktext"] == [
+        "0.5",
+        "1",
+        "2",
+        "5",
+        "10",
+        "20",
+        "50",
+        "100",
+        "200",
+    ]
     assert figure.layout["shapes"][0]["y0"] == 0.5
-    assert len({(str(trace["line"]["color"]), trace["marker"]["symbol"]) for trace in figure.traces}) == 3
+    assert (
+        len({(str(trace["line"]["color"]), trace["marker"]["symbol"]) for trace in figure.traces})
+        == 3
+    )
     axes = Axis("value [1]"), Axis("name", labels=("first", "second"))
     named = chart_figure(Chart("k", "T", "C", axes, (Series("s", [1.0, 2.0], [1, 0]),)))
     assert named.alternative == "T: name against value [1]. s: second 1; first 2."
@@ -150,7 +199,9 @@ def test_a_chart_says_its_data_in_words_and_fills_short_series() -> None:
         (1.0, 1e6, [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6]),
     ],
 )
-def test_a_logarithmic_axis_has_round_ticks(least: float, largest: float, expected: list[float]) -> None:
+def test_a_logarithmic_axis_has_round_ticks(
+    least: float, largest: float, expected: list[float]
+) -> None:
     assert _log_ticks(least, largest) == expected
 
 
@@ -164,7 +215,9 @@ def test_what_is_drawn_is_listed() -> None:
         left.plot([1.0, 2.0], [3.0, np.nan], label="line")
         left.scatter([5.0], [6.0])
         left.set_title("left\npanel")
-        mesh = right.pcolormesh([0.0, 1.0], [10.0, 20.0], [[1.0, np.nan], [3.0, 4.0]], shading="nearest")
+        mesh = right.pcolormesh(
+            [0.0, 1.0], [10.0, 20.0], [[1.0, np.nan], [3.0, 4.0]], shading="nearest"
+        )
         right.quiver([0.5], [15.0], [0.25], [-0.125])
         figure.colorbar(mesh, ax=right)
 
@@ -206,5 +259,10 @@ def test_misses_of_no_plan_are_no_line() -> None:
 
 
 def test_a_text_is_no_formula_in_a_table_as_csv() -> None:
-    table = Table("names", "Names", ("=name", "value"), (("@SUM(1)", -1.5), ("plain", (-1.0, 2.0)), ("+1", float("nan"))))
+    table = Table(
+        "names",
+        "Names",
+        ("=name", "value"),
+        (("@SUM(1)", -1.5), ("plain", (-1.0, 2.0)), ("+1", float("nan"))),
+    )
     assert to_csv(table) == "'=name,value\n'@SUM(1),-1.5\nplain,-1.0 2.0\n'+1,\n"

@@ -18,7 +18,9 @@ TRUTH = Ensemble(MEMBERS.grid, MEMBERS.velocity[:1], None, "truth")
 
 @pytest.mark.parametrize(("error", "std"), [(0.0, 1.0), (0.7, 0.5), (-2.0, 0.8), (0.3, 2.0)])
 def test_crps_equals_the_integral(error, std):
-    assert float(crps_gaussian(np.array(error), np.array(std))) == pytest.approx(slow.crps_by_quadrature(error, std), abs=1e-7)
+    assert float(crps_gaussian(np.array(error), np.array(std))) == pytest.approx(
+        slow.crps_by_quadrature(error, std), abs=1e-7
+    )
 
 
 def test_crps_without_spread_is_the_absolute_error():
@@ -31,7 +33,10 @@ def test_coverage_of_gaussian_errors_is_their_share(share):
     std = rng.uniform(0.1, 2.0, 40_000)
     error = std * rng.standard_normal(std.size)
     assert coverage(error, std, share) == pytest.approx(share, abs=0.01)
-    inside = sum(abs(e) <= {0.5: 0.6744897501960817, 0.9: 1.6448536269514722}[share] * s for e, s in zip(error, std, strict=True))
+    inside = sum(
+        abs(e) <= {0.5: 0.6744897501960817, 0.9: 1.6448536269514722}[share] * s
+        for e, s in zip(error, std, strict=True)
+    )
     assert coverage(error, std, share) == inside / std.size
 
 
@@ -39,7 +44,9 @@ def test_a_flow_that_is_zero_has_relative_error_one():
     grid = MEMBERS.grid
     size = 2 * len(grid.nodes)
     functions, hats = _functions_and_hats(grid.nodes)
-    nothing = FlowEstimate(grid, functions, hats, np.zeros((size, 2)), np.empty((size, 0)), np.empty((0, 0)), None)
+    nothing = FlowEstimate(
+        grid, functions, hats, np.zeros((size, 2)), np.empty((size, 0)), np.empty((0, 0)), None
+    )
     scores = score(nothing, scored_points(grid, TRUTH))
     assert scores.rel_error == pytest.approx(1.0)
     assert scores.rmse == pytest.approx(np.sqrt(np.mean(np.sum(TRUTH.velocity[0] ** 2, axis=0))))
@@ -51,14 +58,22 @@ def test_only_wet_points_inside_region_and_levels_are_scored():
     wet = TRUTH.grid.wet.copy()
     wet[1, 2, 3] = False
     grid = type(TRUTH.grid)(
-        **{name: getattr(TRUTH.grid, name) for name in ("projection", "longitude", "latitude", "east", "north", "levels")}, wet=wet
+        **{
+            name: getattr(TRUTH.grid, name)
+            for name in ("projection", "longitude", "latitude", "east", "north", "levels")
+        },
+        wet=wet,
     )
     at = scored_points(MEMBERS.grid, Ensemble(grid, TRUTH.velocity, None, "holed"))
     assert at.depth.size == wet.sum()
     assert rms_length(np.array([[3.0, 4.0]])) == 5.0
-    elsewhere = synthetic.ensemble(n_members=2, shape=(4, 5), levels=np.array([5.0, 90.0]), west=10.0)
+    elsewhere = synthetic.ensemble(
+        n_members=2, shape=(4, 5), levels=np.array([5.0, 90.0]), west=10.0
+    )
     with pytest.raises(MeasurementError, match="no wet point"):
-        scored_points(MEMBERS.grid, Ensemble(elsewhere.grid, elsewhere.velocity[:1], None, "elsewhere"))
+        scored_points(
+            MEMBERS.grid, Ensemble(elsewhere.grid, elsewhere.velocity[:1], None, "elsewhere")
+        )
 
 
 def _functions_and_hats(nodes):

@@ -29,7 +29,11 @@ def test_speed_and_spread_are_those_of_an_eddying_ocean(seed: int) -> None:
 def test_divergence_is_zero_at_every_depth() -> None:
     rng = np.random.default_rng(0)
     eddies, jet = synthetic._draw_common_eddies(rng), synthetic._draw_jet(rng)
-    east, north, depth = rng.uniform(-8e4, 8e4, 300), rng.uniform(-5e4, 5e4, 300), rng.uniform(0.0, 750.0, 300)
+    east, north, depth = (
+        rng.uniform(-8e4, 8e4, 300),
+        rng.uniform(-5e4, 5e4, 300),
+        rng.uniform(0.0, 750.0, 300),
+    )
     h = 10.0
 
     def at(d_east: float, d_north: float) -> tuple[np.ndarray, np.ndarray]:
@@ -43,7 +47,9 @@ def test_divergence_is_zero_at_every_depth() -> None:
 
 
 def test_the_truth_does_not_depend_on_the_number_of_members() -> None:
-    np.testing.assert_array_equal(synthetic.synthesize(5, 2)[1].uo, synthetic.synthesize(5, 9)[1].uo)
+    np.testing.assert_array_equal(
+        synthetic.synthesize(5, 2)[1].uo, synthetic.synthesize(5, 9)[1].uo
+    )
 
 
 def test_files_are_the_same_bytes_twice_and_small(tmp_path: Path) -> None:
@@ -57,11 +63,15 @@ def test_files_are_the_same_bytes_twice_and_small(tmp_path: Path) -> None:
 
 
 def test_files_are_read_as_a_forecast(tmp_path: Path) -> None:
-    members, truth = synthetic.write_ensemble(tmp_path / "e.nc", tmp_path / "t.nc", n_members=3, seed=4)
+    members, truth = synthetic.write_ensemble(
+        tmp_path / "e.nc", tmp_path / "t.nc", n_members=3, seed=4
+    )
     read = read_ensemble(tmp_path / "e.nc", ForecastConfig())
     assert read.velocity.shape == (3, 2, 6, 13, 21)
     assert read.time_ns == 1_542_326_400_000_000_000
-    assert np.sqrt(np.nanmean(read.velocity**2)) == pytest.approx(float(np.sqrt((members.uo**2 + members.vo**2).mean() / 2)), rel=1e-3)
+    assert np.sqrt(np.nanmean(read.velocity**2)) == pytest.approx(
+        float(np.sqrt((members.uo**2 + members.vo**2).mean() / 2)), rel=1e-3
+    )
     again = read_truth(str(tmp_path / "t.nc"), ForecastConfig())
     assert np.abs(again.velocity[0, 0, 0] - truth.uo.values[0]).max() < 0.02
 

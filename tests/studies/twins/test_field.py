@@ -10,7 +10,9 @@ from tests.studies.twins.truths import LEVELS, eddy, make_truth
 
 def _with_land(truth: Ensemble, wet: np.ndarray) -> Ensemble:
     grid = truth.grid
-    masked = Grid(grid.projection, grid.longitude, grid.latitude, grid.east, grid.north, grid.levels, wet)
+    masked = Grid(
+        grid.projection, grid.longitude, grid.latitude, grid.east, grid.north, grid.levels, wet
+    )
     return Ensemble(masked, np.where(wet, truth.velocity, np.nan), None, truth.source)
 
 
@@ -20,7 +22,9 @@ def _inner_places(truth: Ensemble, count: int) -> np.ndarray:
     field = build_field(truth)
     rows, columns = truth.grid.east.shape
     index = rng.uniform([0.3, 0.3], [rows - 1.3, columns - 1.3], (count, 2))
-    return np.column_stack([field.place_spline(index), rng.uniform(0.0, truth.grid.levels[-1], count)])
+    return np.column_stack(
+        [field.place_spline(index), rng.uniform(0.0, truth.grid.levels[-1], count)]
+    )
 
 
 def test_grid_points_are_returned_exactly() -> None:
@@ -56,7 +60,9 @@ def test_interpolation_is_of_fourth_order() -> None:
     errors = []
     for refine in (1, 2, 4):
         levels = np.linspace(0.0, 700.0, 8 * refine + 1)
-        truth = make_truth(rows=10 * refine + 1, columns=16 * refine + 1, cell=8000.0 / refine, levels=levels)
+        truth = make_truth(
+            rows=10 * refine + 1, columns=16 * refine + 1, cell=8000.0 / refine, levels=levels
+        )
         places = _inner_places(make_truth(rows=7, columns=12, cell=8000.0), 400) * [1.0, 1.0, 0.9]
         exact = np.column_stack(eddy(*places.T))
         errors.append(np.abs(build_field(truth).velocity(*places.T) - exact).max())
@@ -66,12 +72,16 @@ def test_interpolation_is_of_fourth_order() -> None:
 
 def test_outside_of_the_grid_and_below_it_is_nan() -> None:
     field = build_field(make_truth())
-    assert np.isnan(field.velocity([2e5, 0.0, 0.0, np.nan], [0.0, -2e5, 0.0, 0.0], [10.0, 10.0, 751.0, 10.0])).all()
+    assert np.isnan(
+        field.velocity([2e5, 0.0, 0.0, np.nan], [0.0, -2e5, 0.0, 0.0], [10.0, 10.0, 751.0, 10.0])
+    ).all()
 
 
 def test_above_the_first_level_is_the_first_level() -> None:
     field = build_field(make_truth())
-    np.testing.assert_array_equal(field.velocity(1e3, 2e3, 0.0), field.velocity(1e3, 2e3, LEVELS[0]))
+    np.testing.assert_array_equal(
+        field.velocity(1e3, 2e3, 0.0), field.velocity(1e3, 2e3, LEVELS[0])
+    )
 
 
 def test_a_cell_with_a_dry_corner_is_nan_and_no_other() -> None:
@@ -81,11 +91,18 @@ def test_a_cell_with_a_dry_corner_is_nan_and_no_other() -> None:
     field = build_field(_with_land(truth, wet))
     index = np.array([(5.5, 9.5), (6.5, 10.5), (4.5, 9.5), (6.5, 11.5)])
     east, north = field.place_spline(index).T
-    assert np.isnan(field.velocity(east, north, 200.0)).all(axis=-1).tolist() == [True, True, False, False]
+    assert np.isnan(field.velocity(east, north, 200.0)).all(axis=-1).tolist() == [
+        True,
+        True,
+        False,
+        False,
+    ]
     assert np.isfinite(field.velocity(east, north, 150.0)).all()
 
 
-@pytest.mark.parametrize("levels", [np.array([10.0]), np.array([10.0, 60.0]), np.array([5.0, 20.0, 90.0])])
+@pytest.mark.parametrize(
+    "levels", [np.array([10.0]), np.array([10.0, 60.0]), np.array([5.0, 20.0, 90.0])]
+)
 def test_few_levels_are_enough(levels: np.ndarray) -> None:
     truth = make_truth(levels=levels)
     sampled = build_field(truth).velocity(truth.grid.east, truth.grid.north, levels[-1])

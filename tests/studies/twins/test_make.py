@@ -70,9 +70,16 @@ def test_a_ping_is_the_documented_json(tmp_path: Path) -> None:
     with out.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         header = reader.get_header()
-        read = [(schema.name, channel.topic, json.loads(message.data)) for schema, channel, message in reader.iter_messages()]
+        read = [
+            (schema.name, channel.topic, json.loads(message.data))
+            for schema, channel, message in reader.iter_messages()
+        ]
     assert header.library == "replay-kit"
-    pings = [payload for schema, topic, payload in read if (schema, topic) == ("replay_kit.AdcpPing", "/adcp")]
+    pings = [
+        payload
+        for schema, topic, payload in read
+        if (schema, topic) == ("replay_kit.AdcpPing", "/adcp")
+    ]
     assert len(pings) == 30
     for number, ping in enumerate(pings):
         assert list(ping) == _PING_KEYS
@@ -80,7 +87,9 @@ def test_a_ping_is_the_documented_json(tmp_path: Path) -> None:
         assert len(ping["velocity"]) == ping["n_cells"] == 22
         assert {len(cell) for cell in ping["velocity"]} == {3}
     assert pings[0]["velocity"][-1] == [None, None, None]
-    assert {schema for schema, topic, _ in read if topic.startswith("/vehicle")} == {"foxglove.LocationFix"}
+    assert {schema for schema, topic, _ in read if topic.startswith("/vehicle")} == {
+        "foxglove.LocationFix"
+    }
     assert {topic for _, topic, _ in read} == {"/adcp", "/vehicle/fix", "/vehicle/position", "/dac"}
 
 
@@ -100,7 +109,13 @@ def test_a_tlog_is_read_by_pymavlink(tmp_path: Path) -> None:
     assert names["HEARTBEAT"] == names["SYSTEM_TIME"] == names["ATTITUDE"] == 30
     assert 0 < names["GPS_RAW_INT"] < names["GLOBAL_POSITION_INT"]
     assert "BAD_DATA" not in names
-    assert [name for _, _, name in frames[:5]] == ["ADCP_CFG", "ADCP_E", "ADCP_N", "ADCP_U", "ADCP_STD"]
+    assert [name for _, _, name in frames[:5]] == [
+        "ADCP_CFG",
+        "ADCP_E",
+        "ADCP_N",
+        "ADCP_U",
+        "ADCP_STD",
+    ]
     assert [array_id for _, array_id, _ in frames[::5]] == list(range(30))
 
 
@@ -114,7 +129,9 @@ def test_both_carriers_give_the_same_observations(tmp_path: Path, vehicle: str) 
     for ours, theirs in pairs:
         assert ours.time_ns == theirs.time_ns
         # degE7 and float32 are what the wire carries
-        assert (ours.longitude, ours.latitude) == pytest.approx((theirs.longitude, theirs.latitude), abs=1.1e-7)
+        assert (ours.longitude, ours.latitude) == pytest.approx(
+            (theirs.longitude, theirs.latitude), abs=1.1e-7
+        )
         np.testing.assert_allclose(ours.velocity, theirs.velocity, atol=1e-7)
         np.testing.assert_allclose(ours.depth, theirs.depth, atol=1e-3)
         np.testing.assert_allclose(ours.error_std, theirs.error_std, rtol=1e-6)
@@ -123,7 +140,9 @@ def test_both_carriers_give_the_same_observations(tmp_path: Path, vehicle: str) 
 
 def test_a_noise_free_log_states_no_error(tmp_path: Path) -> None:
     make_twin(make_truth(), Twin("vessel", 3, 0.0, 0), tmp_path / "a.mcap")
-    pings = [message for message in open_log(tmp_path / "a.mcap").messages() if message.topic == "/adcp"]
+    pings = [
+        message for message in open_log(tmp_path / "a.mcap").messages() if message.topic == "/adcp"
+    ]
     assert [ping.payload["velocity_std"] for ping in pings] == [None] * 3
 
 

@@ -10,18 +10,24 @@ from replay_kit.studies.twins.vehicle import EPOCH_NS, Mission, survey
 from tests.studies.twins.truths import CENTRE, LEVELS, make_truth
 
 
-def _no_flow(east: np.ndarray, north: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _no_flow(
+    east: np.ndarray, north: np.ndarray, depth: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     still = np.zeros(np.broadcast_shapes(east.shape, depth.shape))
     return still, still
 
 
-def _uniform(east: np.ndarray, north: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _uniform(
+    east: np.ndarray, north: np.ndarray, depth: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     still, _ = _no_flow(east, north, depth)
     return still + 0.06, still - 0.03
 
 
 def _fly(flow: object, pings: int = 60, seed: int = 0) -> Mission:
-    return glider.mission(build_field(make_truth(flow)), pings, EPOCH_NS, np.random.default_rng(seed))  # type: ignore[arg-type]
+    return glider.mission(
+        build_field(make_truth(flow)), pings, EPOCH_NS, np.random.default_rng(seed)
+    )  # type: ignore[arg-type]
 
 
 def test_a_survey_covers_the_region_at_five_metres_a_second() -> None:
@@ -31,7 +37,13 @@ def test_a_survey_covers_the_region_at_five_metres_a_second() -> None:
     steps = np.hypot(np.diff(east), np.diff(north))
     np.testing.assert_allclose(np.diff(made.pings.time_ns) * 1e-9 * 5.0, steps, atol=0.01)
     # nearest first: far shorter than a random order
-    assert steps.sum() < 0.25 * np.hypot(*(np.diff(np.random.default_rng(0).permutation(part)) for part in (east, north))).sum()
+    assert (
+        steps.sum()
+        < 0.25
+        * np.hypot(
+            *(np.diff(np.random.default_rng(0).permutation(part)) for part in (east, north))
+        ).sum()
+    )
     assert np.isfinite(build_field(truth).velocity(east, north, 0.0)).all()
     # each quarter of the grid has its share
     _, i, _ = grid_indices(build_field(truth), east, north)
@@ -41,7 +53,10 @@ def test_a_survey_covers_the_region_at_five_metres_a_second() -> None:
 
 
 def test_each_ping_has_a_logged_position_at_its_time() -> None:
-    for made in (_fly(_uniform), survey(build_field(make_truth()), 30, EPOCH_NS, np.random.default_rng(1))):
+    for made in (
+        _fly(_uniform),
+        survey(build_field(make_truth()), 30, EPOCH_NS, np.random.default_rng(1)),
+    ):
         logged = {position.time_ns: position for position in made.positions}
         assert len(logged) == len(made.positions)
         for k, time_ns in enumerate(made.pings.time_ns.tolist()):
@@ -55,7 +70,10 @@ def test_a_glider_pings_every_ten_minutes_on_a_sawtooth() -> None:
     assert np.unique(np.diff(made.pings.time_ns)).tolist() == [600 * 10**9]
     depth, pitch = made.pings.depth, made.pings.pitch_deg
     assert 400.0 < depth.max() <= 500.0
-    assert (np.sort(np.unique(pitch)) == [-20.0, 0.0, 20.0]).all() or set(np.unique(pitch)) == {-20.0, 20.0}
+    assert (np.sort(np.unique(pitch)) == [-20.0, 0.0, 20.0]).all() or set(np.unique(pitch)) == {
+        -20.0,
+        20.0,
+    }
     rate = np.abs(np.diff(depth)) / 600.0
     assert np.median(rate) == pytest.approx(0.3 * np.sin(np.deg2rad(20.0)), rel=0.03)
 
@@ -64,9 +82,13 @@ def test_in_still_water_dead_reckoning_is_exact_and_the_mean_current_zero() -> N
     made = _fly(_no_flow)
     for dive in made.dives:
         assert np.abs(dive.current).max() < 1e-12
-    east, north = to_local(CENTRE, [p.longitude for p in made.positions], [p.latitude for p in made.positions])
+    east, north = to_local(
+        CENTRE, [p.longitude for p in made.positions], [p.latitude for p in made.positions]
+    )
     time_s = np.array([p.time_ns for p in made.positions]) * 1e-9
-    at = np.column_stack([np.interp(made.pings.time_ns * 1e-9, time_s, part) for part in (east, north)])
+    at = np.column_stack(
+        [np.interp(made.pings.time_ns * 1e-9, time_s, part) for part in (east, north)]
+    )
     np.testing.assert_allclose(at, np.column_stack([made.pings.east, made.pings.north]), atol=0.1)
 
 
@@ -91,19 +113,27 @@ def test_dead_reckoning_errs_by_less_than_a_cell_in_shear() -> None:
 
 
 def test_a_dive_goes_no_deeper_than_the_truth() -> None:
-    made = glider.mission(build_field(make_truth(levels=LEVELS[:3])), 40, EPOCH_NS, np.random.default_rng(0))
+    made = glider.mission(
+        build_field(make_truth(levels=LEVELS[:3])), 40, EPOCH_NS, np.random.default_rng(0)
+    )
     assert 100.0 < made.pings.depth.max() <= 150.0
 
 
 @pytest.mark.full
 def test_a_long_mission_turns_and_stays_inside() -> None:
     made = _fly(_uniform, 700)
-    assert np.isfinite(build_field(make_truth(_uniform)).velocity(made.pings.east, made.pings.north, made.pings.depth)).all()
+    assert np.isfinite(
+        build_field(make_truth(_uniform)).velocity(
+            made.pings.east, made.pings.north, made.pings.depth
+        )
+    ).all()
     assert np.unique(np.round(made.pings.heading_deg, -1)).size > 3
 
 
 def test_a_glider_swept_out_of_the_truth_says_where() -> None:
-    def torrent(east: np.ndarray, north: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def torrent(
+        east: np.ndarray, north: np.ndarray, depth: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         still, _ = _no_flow(east, north, depth)
         return still + 2.0, still
 
@@ -123,7 +153,9 @@ def test_bins_measure_the_truth_in_true_axes() -> None:
     # longitude times sin(latitude), so that a vector seen from true axes is turned anticlockwise.
     longitude, latitude = to_geographic(CENTRE, made.pings.east, made.pings.north)
     turn = np.arctan2(velocity[:, 0, 1], velocity[:, 0, 0]) - np.arctan2(-0.03, 0.06)
-    np.testing.assert_allclose(turn, -np.deg2rad((longitude - CENTRE.longitude) * np.sin(np.deg2rad(latitude))), atol=3e-4)
+    np.testing.assert_allclose(
+        turn, -np.deg2rad((longitude - CENTRE.longitude) * np.sin(np.deg2rad(latitude))), atol=3e-4
+    )
 
 
 def test_bins_below_the_last_level_are_nan() -> None:

@@ -32,7 +32,9 @@ def profiles(found) -> list[Observation]:
     return [each for each in found if isinstance(each, Observation)]
 
 
-def test_relative_pings_with_the_platforms_velocity_give_the_absolute_ones_back(tmp_path: Path) -> None:
+def test_relative_pings_with_the_platforms_velocity_give_the_absolute_ones_back(
+    tmp_path: Path,
+) -> None:
     absolute = profiles(made(tmp_path))
     relative = profiles(made(tmp_path, faults=Faults("platform")))
     stated = profiles(made(tmp_path, faults=Faults("platform", platform_std=0.02)))
@@ -50,11 +52,19 @@ def test_relative_pings_with_the_platforms_velocity_give_the_absolute_ones_back(
 
 
 def test_the_platform_moves_through_the_water_and_with_it(tmp_path: Path) -> None:
-    still = make_truth(lambda east, north, depth: (0.1 + 0.0 * (east + depth), -0.05 + 0.0 * (north + depth)))
-    diving = [each for each in profiles(made(tmp_path, still, faults=Faults("platform"))) if each.depth[0] > 30.0]
+    still = make_truth(
+        lambda east, north, depth: (0.1 + 0.0 * (east + depth), -0.05 + 0.0 * (north + depth))
+    )
+    diving = [
+        each
+        for each in profiles(made(tmp_path, still, faults=Faults("platform")))
+        if each.depth[0] > 30.0
+    ]
     assert len(diving) > 10
     for each in diving:
-        current = np.column_stack(rotate_to_local(still.grid.projection, each.longitude, each.latitude, *each.velocity.T))
+        current = np.column_stack(
+            rotate_to_local(still.grid.projection, each.longitude, each.latitude, *each.velocity.T)
+        )
         speed = np.hypot(*np.nanmean(current, axis=0))
         # what a glider sees of a sea that carries it is its own way through the water alone
         assert speed == pytest.approx(0.3 * np.cos(np.deg2rad(20.0)), abs=0.05)
@@ -62,17 +72,29 @@ def test_the_platform_moves_through_the_water_and_with_it(tmp_path: Path) -> Non
 
 def test_compass_and_scale_act_on_what_is_measured_relative_to_the_platform(tmp_path: Path) -> None:
     relative = profiles(made(tmp_path, faults=Faults("platform")))
-    faulty = profiles(made(tmp_path, faults=Faults("platform", heading_bias_deg=5.0, scale_error=0.03)))
+    faulty = profiles(
+        made(tmp_path, faults=Faults("platform", heading_bias_deg=5.0, scale_error=0.03))
+    )
     back = profiles(made(tmp_path, faults=Faults("earth", heading_bias_deg=5.0, scale_error=0.03)))
     absolute = profiles(made(tmp_path))
     for right, wrong, ours, theirs in zip(relative, faulty, absolute, back, strict=True):
-        turned = np.array([complex(north, east) for east, north in right.velocity]) * 1.03 * np.exp(1j * np.deg2rad(5.0))
-        np.testing.assert_allclose(wrong.velocity, np.column_stack([turned.imag, turned.real]), atol=2e-4)
-        np.testing.assert_allclose(theirs.velocity - ours.velocity, wrong.velocity - right.velocity, atol=3e-4)
+        turned = (
+            np.array([complex(north, east) for east, north in right.velocity])
+            * 1.03
+            * np.exp(1j * np.deg2rad(5.0))
+        )
+        np.testing.assert_allclose(
+            wrong.velocity, np.column_stack([turned.imag, turned.real]), atol=2e-4
+        )
+        np.testing.assert_allclose(
+            theirs.velocity - ours.velocity, wrong.velocity - right.velocity, atol=3e-4
+        )
 
 
 def test_a_share_of_the_pings_is_off_by_a_metre_a_second(tmp_path: Path) -> None:
-    clean, spoiled = (profiles(made(tmp_path, faults=Faults(outliers=share))) for share in (0.0, 0.2))
+    clean, spoiled = (
+        profiles(made(tmp_path, faults=Faults(outliers=share))) for share in (0.0, 0.2)
+    )
     offsets = [theirs.velocity - ours.velocity for ours, theirs in zip(clean, spoiled, strict=True)]
     off = [float(np.hypot(*np.nanmean(offset, axis=0))) for offset in offsets]
     assert sorted(np.round(off, 3).tolist()) == [0.0] * 14 + [1.0] * 4
@@ -87,7 +109,9 @@ def test_mean_currents_alone_are_the_means_along_their_paths(tmp_path: Path) -> 
         assert isinstance(mean, PathMean)
         east, north = to_local(truth.grid.projection, mean.longitude, mean.latitude)
         local = mean.weight @ field.velocity(east, north, mean.depth)
-        stated = rotate_to_local(truth.grid.projection, mean.longitude.mean(), mean.latitude.mean(), *mean.velocity)
+        stated = rotate_to_local(
+            truth.grid.projection, mean.longitude.mean(), mean.latitude.mean(), *mean.velocity
+        )
         # the path between fixes is dead-reckoned with one current, and a position comes every ten minutes
         np.testing.assert_allclose(local, stated, atol=0.01)
         assert mean.weight @ mean.depth == pytest.approx(250.0, abs=8.0)
@@ -96,11 +120,20 @@ def test_mean_currents_alone_are_the_means_along_their_paths(tmp_path: Path) -> 
 def test_a_sea_that_changes_is_linear_between_its_times() -> None:
     early = replace(make_truth(), time_ns=EPOCH_NS)
     late = replace(early, velocity=-2.0 * early.velocity, time_ns=EPOCH_NS + DAY_NS)
-    field, place = build_field(early, late), (np.array([5e3, -2e4]), np.array([1e4, 3e3]), np.array([20.0, 400.0]))
+    field, place = (
+        build_field(early, late),
+        (np.array([5e3, -2e4]), np.array([1e4, 3e3]), np.array([20.0, 400.0])),
+    )
     at_first = build_field(early).velocity(*place)
     # two places at two times
-    np.testing.assert_allclose(field.velocity(*place, EPOCH_NS + np.array([0, DAY_NS // 2])), at_first * [[1.0], [-0.5]], atol=1e-12)
-    np.testing.assert_allclose(field.velocity(*place, EPOCH_NS + DAY_NS), -2.0 * at_first, atol=1e-12)
+    np.testing.assert_allclose(
+        field.velocity(*place, EPOCH_NS + np.array([0, DAY_NS // 2])),
+        at_first * [[1.0], [-0.5]],
+        atol=1e-12,
+    )
+    np.testing.assert_allclose(
+        field.velocity(*place, EPOCH_NS + DAY_NS), -2.0 * at_first, atol=1e-12
+    )
     with pytest.raises(ForecastError, match="goes beyond"):
         field.velocity(*place, EPOCH_NS + DAY_NS + 1)
     with pytest.raises(ForecastError, match="times that grow"):
@@ -119,7 +152,11 @@ def test_a_mission_through_a_sea_that_changes_measures_it(tmp_path: Path) -> Non
         if each.dive == 0:
             east, north = to_local(early.grid.projection, each.longitude, each.latitude)
             expected = (1.0 - k / 24.0) * field.velocity(east, north, each.depth)
-            measured = np.column_stack(rotate_to_local(early.grid.projection, each.longitude, each.latitude, *each.velocity.T))
+            measured = np.column_stack(
+                rotate_to_local(
+                    early.grid.projection, each.longitude, each.latitude, *each.velocity.T
+                )
+            )
             np.testing.assert_allclose(measured, expected, atol=2e-3)
     assert {each.dive for each in found} > {0}
     with pytest.raises(ForecastError, match="goes beyond"):
@@ -154,6 +191,8 @@ def test_a_truth_is_read_at_all_its_leads(tmp_path: Path) -> None:
         ({"faults": Faults(platform_std=0.1)}, "a.mcap", "reference platform"),
     ],
 )
-def test_options_that_do_not_fit_are_refused(tmp_path: Path, options: dict[str, object], name: str, said: str) -> None:
+def test_options_that_do_not_fit_are_refused(
+    tmp_path: Path, options: dict[str, object], name: str, said: str
+) -> None:
     with pytest.raises(ConfigError, match=said):
         make_twin(make_truth(), replace(PLAIN, **options), tmp_path / name)  # type: ignore[arg-type]

@@ -21,14 +21,26 @@ def eddy(east: Array, north: Array, depth: Array) -> tuple[Array, Array]:
 
 
 def make_truth(
-    flow: Flow = eddy, rows: int = 13, columns: int = 21, cell: float = 9000.0, bend: float = 0.08, levels: Array = LEVELS
+    flow: Flow = eddy,
+    rows: int = 13,
+    columns: int = 21,
+    cell: float = 9000.0,
+    bend: float = 0.08,
+    levels: Array = LEVELS,
 ) -> Ensemble:
     """Return a truth on a curvilinear grid: turned by 20 degrees and bent."""
-    x, y = np.meshgrid((np.arange(columns) - (columns - 1) / 2) * cell, (np.arange(rows) - (rows - 1) / 2) * cell)
+    x, y = np.meshgrid(
+        (np.arange(columns) - (columns - 1) / 2) * cell, (np.arange(rows) - (rows - 1) / 2) * cell
+    )
     x, y = x + bend * 30e3 * np.sin(y / 40e3), y + bend * 30e3 * np.cos(x / 50e3)
     cos, sin = np.cos(np.deg2rad(20.0)), np.sin(np.deg2rad(20.0))
     east, north = cos * x - sin * y, sin * x + cos * y
     longitude, latitude = to_geographic(CENTRE, east, north)
     velocity = np.array(flow(east, north, levels[:, None, None]))
     wet = np.ones(velocity.shape[1:], dtype=np.bool_)
-    return Ensemble(Grid(CENTRE, longitude, latitude, east, north, levels, wet), velocity[None], None, "made here")
+    return Ensemble(
+        Grid(CENTRE, longitude, latitude, east, north, levels, wet),
+        velocity[None],
+        None,
+        "made here",
+    )

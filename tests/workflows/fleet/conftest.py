@@ -15,7 +15,9 @@ def table(tmp_path_factory):
 def scheduler():
     from distributed import LocalCluster
 
-    made = LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=":0", protocol="tcp")
+    made = LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=False, dashboard_address=":0", protocol="tcp"
+    )
     yield made.scheduler_address
     made.close()
 

@@ -21,22 +21,36 @@ ONE = '[[mission]]\nlogs = "twin00.mcap"\n'
         (GOOD + ONE + 'each = "*.mcap"\n', 2, "mission 1: expected one of logs and each"),
         (GOOD + '[[mission]]\neach = "*.mcap"\nname = "a"\n', 2, "leave name a out"),
         (GOOD + ONE + ONE, 2, "twin00: two missions have this name"),
-        (GOOD + ONE + '[[mission]]\nlogs = "twin01.mcap"\nname = "TWIN00"\n', 2, "TWIN00: two missions have this name"),
+        (
+            GOOD + ONE + '[[mission]]\nlogs = "twin01.mcap"\nname = "TWIN00"\n',
+            2,
+            "TWIN00: two missions have this name",
+        ),
         (GOOD + ONE + 'name = "../up"\n', 2, "'mission.0.name'"),
         (GOOD + '[[mission]]\nlogs = "none.mcap"\n', 2, "none.mcap: there is no such file"),
         (GOOD + '[[mission]]\neach = "none*.mcap"\n', 3, "none*.mcap: no log has such a name"),
         (GOOD + ONE + 'truth = "none.nc"\n', 2, "none.nc: there is no such file"),
         ('[all]\nensemble = "none*.nc"\n' + ONE, 2, "none*.nc"),
         (ONE, 2, "twin00: no ensemble is given"),
-        (GOOD + ONE + "settings.estimator.mode = 3\n", 2, "mission twin00.mcap: options: unknown key 'estimator.mode'"),
-        (GOOD + ONE + "speed = 3\n", 2, "unknown key 'mission.0.speed'; known here: config, each, ensemble, goal, logs"),
+        (
+            GOOD + ONE + "settings.estimator.mode = 3\n",
+            2,
+            "mission twin00.mcap: options: unknown key 'estimator.mode'",
+        ),
+        (
+            GOOD + ONE + "speed = 3\n",
+            2,
+            "unknown key 'mission.0.speed'; known here: config, each, ensemble, goal, logs",
+        ),
         ('[all]\nname = "a"\n' + ONE, 2, "[all] has no name, logs or each"),
     ],
 )
 def test_a_table_that_cannot_be_run_is_refused(table, tmp_path, text, code, said):
     bad = table.parent / "bad.toml"
     bad.write_text(text)
-    done = invoke(["fleet", str(bad), "-o", str(tmp_path / "out"), "--scheduler", "tcp://127.0.0.1:1"])
+    done = invoke(
+        ["fleet", str(bad), "-o", str(tmp_path / "out"), "--scheduler", "tcp://127.0.0.1:1"]
+    )
     assert said in done.stderr, done.output
     assert done.exit_code == code
     assert not (tmp_path / "out").exists()
@@ -53,15 +67,23 @@ def test_missions_of_which_some_cannot_begin_are_all_named(table, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["fleet.toml", "--ensemble", "ensemble.nc"], "fleet.toml says which ensemble a mission has"),
+        (
+            ["fleet.toml", "--ensemble", "ensemble.nc"],
+            "fleet.toml says which ensemble a mission has",
+        ),
         (["twin00.mcap"], "expected a table (TOML), or logs with --ensemble FILE"),
-        (["fleet.toml", "--scheduler", "tcp://127.0.0.1:1", "--workers", "2"], "has workers of its own; leave --workers out"),
+        (
+            ["fleet.toml", "--scheduler", "tcp://127.0.0.1:1", "--workers", "2"],
+            "has workers of its own; leave --workers out",
+        ),
         (["fleet.toml", "--scheduler", "nowhere"], "the scheduler does not answer in 0.5 s"),
     ],
 )
 def test_options_that_do_not_fit(table, tmp_path, words, said, monkeypatch):
     monkeypatch.setattr(clusters, "TIMEOUT_S", 0.5)
-    words = [str(table.parent / word) if "." in word and ":" not in word else word for word in words]
+    words = [
+        str(table.parent / word) if "." in word and ":" not in word else word for word in words
+    ]
     done = invoke(["fleet", *words, "-o", str(tmp_path / "out")])
     assert said in done.stderr, done.output
 
@@ -73,7 +95,9 @@ def opening(address):
 
 def test_a_scheduler_that_does_not_answer_is_given_up(monkeypatch):
     monkeypatch.setattr(clusters, "TIMEOUT_S", 0.3)
-    with pytest.raises(UnreachableError, match=r"tcp://127.0.0.1:1: the scheduler does not answer in 0.3 s"):
+    with pytest.raises(
+        UnreachableError, match=r"tcp://127.0.0.1:1: the scheduler does not answer in 0.3 s"
+    ):
         opening("tcp://127.0.0.1:1")
 
 
@@ -83,7 +107,9 @@ def test_a_scheduler_without_workers_is_given_up(monkeypatch):
     monkeypatch.setattr(clusters, "TIMEOUT_S", 0.3)
     empty = LocalCluster(n_workers=0, processes=False, dashboard_address=":0", protocol="tcp")
     try:
-        with pytest.raises(UnreachableError, match=r"has no worker in 0.3 s; begin: dask worker tcp"):
+        with pytest.raises(
+            UnreachableError, match=r"has no worker in 0.3 s; begin: dask worker tcp"
+        ):
             opening(empty.scheduler_address)
     finally:
         empty.close()
@@ -102,14 +128,28 @@ class Workers:
 @pytest.mark.parametrize(
     ("answer", "said"),
     [
-        (ModuleNotFoundError("No module named 'replay_kit'"), "cannot run replay-kit: ModuleNotFoundError"),
-        (({**package_versions(), "replay-kit": "0.0.1"}, [], True), r"has other versions, .*: replay-kit 0.0.1 \(here "),
-        ((package_versions(), ["/data/a.mcap"], True), "sees another file as /data/a.mcap, or none"),
-        ((package_versions(), [], False), "cannot write to /out; choose a folder on a disk that all workers share"),
+        (
+            ModuleNotFoundError("No module named 'replay_kit'"),
+            "cannot run replay-kit: ModuleNotFoundError",
+        ),
+        (
+            ({**package_versions(), "replay-kit": "0.0.1"}, [], True),
+            r"has other versions, .*: replay-kit 0.0.1 \(here ",
+        ),
+        (
+            (package_versions(), ["/data/a.mcap"], True),
+            "sees another file as /data/a.mcap, or none",
+        ),
+        (
+            (package_versions(), [], False),
+            "cannot write to /out; choose a folder on a disk that all workers share",
+        ),
     ],
 )
 def test_workers_that_cannot_do_the_work(answer, said, tmp_path):
-    with pytest.raises(ConfigError, match=f"tcp://there: the worker {said}".replace("/out", str(tmp_path))):
+    with pytest.raises(
+        ConfigError, match=f"tcp://there: the worker {said}".replace("/out", str(tmp_path))
+    ):
         check_workers(Workers(answer), (), tmp_path)
     assert not list(tmp_path.iterdir())
 

@@ -40,7 +40,9 @@ def die(number):
 def test_values_come_in_their_order(cluster):
     large = np.ones(100_000)
     with called_by(cluster.starmap):
-        assert list(each_call(later, ((0.5, large, number) for number in range(4)))) == [100_000.5 + number for number in range(4)]
+        assert list(each_call(later, ((0.5, large, number) for number in range(4)))) == [
+            100_000.5 + number for number in range(4)
+        ]
 
 
 def test_what_a_call_raises_is_raised_at_its_place(cluster):
@@ -52,7 +54,14 @@ def test_what_a_call_raises_is_raised_at_its_place(cluster):
 
 def test_growth_is_a_power_of_the_size_between_and_beyond_what_was_measured():
     measured = [(10.0, 1.0), (100.0, 100.0), (1000.0, 1000.0)]
-    for size, expected in ((10.0, 1.0), (31.6227766, 10.0), (100.0, 100.0), (500.0, 500.0), (1e4, 1e4), (1.0, 0.01)):
+    for size, expected in (
+        (10.0, 1.0),
+        (31.6227766, 10.0),
+        (100.0, 100.0),
+        (500.0, 500.0),
+        (1e4, 1e4),
+        (1.0, 0.01),
+    ):
         assert grown(size, measured) == pytest.approx(expected)
 
 
@@ -65,7 +74,10 @@ def test_missions_are_given_to_whoever_is_free():
 
 @pytest.mark.full
 def test_a_call_that_kills_its_workers_ends_with_an_error_and_others_are_made():
-    with dask.config.set({"distributed.scheduler.allowed-failures": 0}), open_cluster(None, 2) as cluster:
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        open_cluster(None, 2) as cluster,
+    ):
         by_number = {number: error for number, _, error in cluster.completed(die, [(0,)])}
         assert isinstance(by_number[0], LostCallError)
         assert list(cluster.starmap(refuse, [(0,), (2,)])) == [0, 2]
@@ -84,12 +96,23 @@ def test_workers_that_are_killed_again_and_again_change_no_byte(tmp_path):
                 killed += 1
     assert killed == 3
     assert not any(outcome.failed for outcome in outcomes)
-    assert [mission.result.read_bytes() for mission in missions] == [mission.result.read_bytes() for mission in again]
+    assert [mission.result.read_bytes() for mission in missions] == [
+        mission.result.read_bytes() for mission in again
+    ]
 
 
 def started(*words):
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "60s"}
-    return subprocess.Popen([sys.executable, "-m", *words], env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(ROOT),
+        "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "60s",
+    }
+    return subprocess.Popen(
+        [sys.executable, "-m", *words],
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
 
 
 @pytest.mark.full
@@ -98,8 +121,24 @@ def test_a_scheduler_that_is_killed_and_comes_back_loses_nothing(tmp_path):
         free.bind(("127.0.0.1", 0))
         port = str(free.getsockname()[1])
     address = f"tcp://127.0.0.1:{port}"
-    scheduler = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard"]
-    worker = ["distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--death-timeout", "60"]
+    scheduler = [
+        "distributed.cli.dask_scheduler",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        port,
+        "--no-dashboard",
+    ]
+    worker = [
+        "distributed.cli.dask_worker",
+        address,
+        "--nthreads",
+        "1",
+        "--no-nanny",
+        "--no-dashboard",
+        "--death-timeout",
+        "60",
+    ]
     processes = [started(*scheduler), started(*worker)]
     missions = missions_in(make_fleet(tmp_path, 6, 40), tmp_path / "out")
 

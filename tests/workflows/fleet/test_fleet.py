@@ -36,9 +36,15 @@ def last(each):
     return list(each)[-1]
 
 
-def test_a_fleet_gives_the_bytes_of_its_missions_one_by_one_and_makes_their_basis_once(table, alone, cluster, tmp_path, monkeypatch):
+def test_a_fleet_gives_the_bytes_of_its_missions_one_by_one_and_makes_their_basis_once(
+    table, alone, cluster, tmp_path, monkeypatch
+):
     made = []
-    monkeypatch.setattr(basis_store, "build", lambda *given, build=basis_store.build: made.append(1) or build(*given))
+    monkeypatch.setattr(
+        basis_store,
+        "build",
+        lambda *given, build=basis_store.build: made.append(1) or build(*given),
+    )
     missions = missions_in(table, tmp_path)
     told = []
     outcomes = last(run_fleet(missions, cluster, False, lambda *step: told.append(step[:2])))
@@ -47,11 +53,19 @@ def test_a_fleet_gives_the_bytes_of_its_missions_one_by_one_and_makes_their_basi
     assert contents(tmp_path) == alone
     assert len(made) == 1
     assert told == [(0, 2), (1, 2), (2, 2)]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["basis", "twin00.json", "twin00.mcap", "twin01.json", "twin01.mcap"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "basis",
+        "twin00.json",
+        "twin00.mcap",
+        "twin01.json",
+        "twin01.mcap",
+    ]
     assert [path.suffix for path in sorted((tmp_path / "basis").iterdir())] == [".basis", ".lock"]
 
 
-def test_what_is_done_is_not_done_again_unless_its_inputs_or_its_result_are_other_ones(table, cluster, tmp_path):
+def test_what_is_done_is_not_done_again_unless_its_inputs_or_its_result_are_other_ones(
+    table, cluster, tmp_path
+):
     folder = tmp_path / "data"
     shutil.copytree(table.parent, folder)
     missions = missions_in(folder / table.name, tmp_path / "out")
@@ -68,11 +82,20 @@ def test_what_is_done_is_not_done_again_unless_its_inputs_or_its_result_are_othe
     assert [outcome.kept for outcome in last(run_fleet(missions, cluster, True))] == [False, False]
 
 
-def test_a_mission_that_fails_is_listed_with_its_reason_and_the_others_go_on(table, tmp_path, scheduler):
+def test_a_mission_that_fails_is_listed_with_its_reason_and_the_others_go_on(
+    table, tmp_path, scheduler
+):
     folder = tmp_path / "data"
     shutil.copytree(table.parent, folder)
     (folder / "twin02.mcap").write_bytes(b"no log")
-    arguments = ["fleet", str(folder / "fleet.toml"), "-o", str(tmp_path / "out"), "--scheduler", scheduler]
+    arguments = [
+        "fleet",
+        str(folder / "fleet.toml"),
+        "-o",
+        str(tmp_path / "out"),
+        "--scheduler",
+        scheduler,
+    ]
     done = invoke([*arguments, "--json", str(tmp_path / "fleet.json")])
     assert done.exit_code == 3, done.output
     assert "3 missions: 2 replayed, 0 were there already, 1 failed" in done.stdout
@@ -92,7 +115,19 @@ def test_a_mission_that_fails_is_listed_with_its_reason_and_the_others_go_on(tab
 
 
 def test_a_dry_run_reads_everything_and_writes_nothing(table, tmp_path, scheduler):
-    done = invoke(["fleet", str(table), "-o", str(tmp_path / "out"), "--scheduler", scheduler, "--dry-run", "--json", "-"])
+    done = invoke(
+        [
+            "fleet",
+            str(table),
+            "-o",
+            str(tmp_path / "out"),
+            "--scheduler",
+            scheduler,
+            "--dry-run",
+            "--json",
+            "-",
+        ]
+    )
     answer = json.loads(done.stdout)
     assert (answer["status"], answer["exit_code"], answer["workers"]) == ("dry run", 0, 2)
     assert [mission["profiles"] for mission in answer["missions"]] == [6, 6]
@@ -101,13 +136,22 @@ def test_a_dry_run_reads_everything_and_writes_nothing(table, tmp_path, schedule
 
 
 def test_logs_without_a_table_are_missions_of_their_own(table, tmp_path, scheduler):
-    words = ["fleet", str(table.parent / "twin*.mcap"), "--ensemble", str(table.parent / "ensemble.nc"), "-o", str(tmp_path / "out")]
+    words = [
+        "fleet",
+        str(table.parent / "twin*.mcap"),
+        "--ensemble",
+        str(table.parent / "ensemble.nc"),
+        "-o",
+        str(tmp_path / "out"),
+    ]
     done = invoke([*words, "--scheduler", scheduler, "--dry-run"])
     assert "2 missions on 2 workers" in done.stdout, done.output
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="file size limits are POSIX")
-def test_on_a_full_disk_a_mission_fails_in_words_and_leaves_nothing_half_done(table, alone, tmp_path):
+def test_on_a_full_disk_a_mission_fails_in_words_and_leaves_nothing_half_done(
+    table, alone, tmp_path
+):
     from tests.workflows.disk import full_disk
 
     missions = missions_in(table, tmp_path)

@@ -35,12 +35,20 @@ def both(cluster, study):
 def alike(cells, others):
     """Return whether values are the same: numbers but for the last digits, which depend on where in memory an array lies."""
     assert len(cells) == len(others)
-    return all(one == pytest.approx(other, nan_ok=True) for one, other in zip(cells, others, strict=True))
+    return all(
+        one == pytest.approx(other, nan_ok=True) for one, other in zip(cells, others, strict=True)
+    )
 
 
 def test_accuracy(cluster):
-    job, told = AccuracyJob(leave_out="0,3", pings=(2, 4), seeds=2, methods=("default", "etkf", "nearest")), []
-    here, there = both(cluster, lambda: final(run_accuracy(MEMBERS, None, MODES, job, lambda *step: told.append(step[:2]))))
+    job, told = (
+        AccuracyJob(leave_out="0,3", pings=(2, 4), seeds=2, methods=("default", "etkf", "nearest")),
+        [],
+    )
+    here, there = both(
+        cluster,
+        lambda: final(run_accuracy(MEMBERS, None, MODES, job, lambda *step: told.append(step[:2]))),
+    )
     # undefined figures are unequal to themselves
     assert repr(here) == repr(there)
     # here each ping is a step, of workers what a call has done
@@ -55,16 +63,26 @@ def test_fit(cluster):
 @pytest.mark.full
 def test_missions(cluster):
     slow = replace(MEMBERS, velocity=0.3 * MEMBERS.velocity)
-    job = MissionJob("1,3", studies=("relative", "outliers"), pings=6, days=2.0, dives=2, evaluations=2)
-    here, there = both(cluster, lambda: final(run_missions((slow,), RunConfig(estimator=MODES), job)))
+    job = MissionJob(
+        "1,3", studies=("relative", "outliers"), pings=6, days=2.0, dives=2, evaluations=2
+    )
+    here, there = both(
+        cluster, lambda: final(run_missions((slow,), RunConfig(estimator=MODES), job))
+    )
     assert repr(here) == repr(there)
 
 
 def test_dives(cluster, tmp_path):
     truth = Ensemble(MEMBERS.grid, MEMBERS.velocity[:1], None, "truth")
     make_twin(truth, Twin("glider", 12, 0.05, 3, interval_s=1200.0), tmp_path / "glider.mcap")
-    found, estimator = read_dives([tmp_path / "glider.mcap"], RunConfig()), build_evolving((MEMBERS,), MODES, TimeConfig())
-    here, there = both(cluster, lambda: to_json(final(run_dives(estimator, found, RunConfig(), False, "ensemble.nc"))))
+    found, estimator = (
+        read_dives([tmp_path / "glider.mcap"], RunConfig()),
+        build_evolving((MEMBERS,), MODES, TimeConfig()),
+    )
+    here, there = both(
+        cluster,
+        lambda: to_json(final(run_dives(estimator, found, RunConfig(), False, "ensemble.nc"))),
+    )
     assert here == there
 
 
@@ -72,8 +90,15 @@ def test_dives(cluster, tmp_path):
 def test_paper(cluster):
     job = PaperJob(leave_out="0,2", most_modes=4, plan_modes=4, pings=(3,), pairs=1)
     here, there = both(cluster, lambda: final(run_paper(MEMBERS, None, MODES, job))[0])
-    for one, other in zip((here.table1, here.table2, here.table3), (there.table1, there.table2, there.table3), strict=True):
-        cells, those = ([value for row in rows for value in astuple(replace(row, seconds=0.0))] for rows in (one, other))
+    for one, other in zip(
+        (here.table1, here.table2, here.table3),
+        (there.table1, there.table2, there.table3),
+        strict=True,
+    ):
+        cells, those = (
+            [value for row in rows for value in astuple(replace(row, seconds=0.0))]
+            for rows in (one, other)
+        )
         assert alike(cells, those)
 
 
@@ -81,26 +106,55 @@ def test_paper(cluster):
 @pytest.mark.parametrize("study", ["glides", "missions", "scenarios", "masked", "replanning"])
 def test_planning(cluster, study):
     slow = replace(MEMBERS, velocity=0.3 * MEMBERS.velocity)
-    job = PlanningJob((study,), "1,3", 2, 6, legs=2, scenarios=2, fresh=10, masks=2, replans=2, samples=4)
+    job = PlanningJob(
+        (study,), "1,3", 2, 6, legs=2, scenarios=2, fresh=10, masks=2, replans=2, samples=4
+    )
     here, there = both(cluster, lambda: final(run_planning(slow, None, MODES, job)).reports[0])
     assert here.failed == there.failed == ""
-    timeless = [[k for k, name in enumerate(table.columns) if "seconds" not in name] for table in here.tables]
+    timeless = [
+        [k for k, name in enumerate(table.columns) if "seconds" not in name]
+        for table in here.tables
+    ]
     for one, other, kept in zip(here.tables, there.tables, timeless, strict=True):
         cells, those = ([row[k] for row in rows for k in kept] for rows in (one.rows, other.rows))
         assert alike(cells, those)
 
 
-def test_the_switch_is_on_every_command_of_the_studies_and_gives_the_same_table(scheduler, table, tmp_path):
-    words = ["experiment", "accuracy", "--ensemble", str(table.parent / "ensemble.nc"), "--leave-out", "1", "--pings", "2", "--seeds", "1"]
+def test_the_switch_is_on_every_command_of_the_studies_and_gives_the_same_table(
+    scheduler, table, tmp_path
+):
+    words = [
+        "experiment",
+        "accuracy",
+        "--ensemble",
+        str(table.parent / "ensemble.nc"),
+        "--leave-out",
+        "1",
+        "--pings",
+        "2",
+        "--seeds",
+        "1",
+    ]
     words += ["--methods", "nearest,ensemble_mean", "--json"]
     assert invoke([*words, str(tmp_path / "here.json")]).exit_code == 0
     done = invoke([*words, str(tmp_path / "there.json"), "--scheduler", scheduler])
     assert done.exit_code == 0, done.output
     assert (tmp_path / "here.json").read_bytes() == (tmp_path / "there.json").read_bytes()
-    for command in ("experiment accuracy", "experiment missions", "experiment planning", "experiment dives", "experiment paper", "fit"):
-        assert {"--scheduler", "--workers"} <= set(invoke([*command.split(), "--help-all"]).stdout.split())
+    for command in (
+        "experiment accuracy",
+        "experiment missions",
+        "experiment planning",
+        "experiment dives",
+        "experiment paper",
+        "fit",
+    ):
+        assert {"--scheduler", "--workers"} <= set(
+            invoke([*command.split(), "--help-all"]).stdout.split()
+        )
 
 
 def test_rows_of_arrays_arrive_as_they_were_sent(cluster):
     given = [(np.arange(10_000.0).reshape(100, 100).T, k) for k in range(3)]
-    assert [value.tolist() for value in cluster.starmap(np.add, given)] == [(array + k).tolist() for array, k in given]
+    assert [value.tolist() for value in cluster.starmap(np.add, given)] == [
+        (array + k).tolist() for array, k in given
+    ]

@@ -18,7 +18,10 @@ from replay_kit.workflows.replay.replay import replay
 
 GOAL = Place(152.3, -39.8, 150.0)
 #: As little as shows everything: each replay of a dive builds the estimator anew.
-CONFIG = RunConfig(planner=PlannerConfig(kind="glide"), estimator=EstimatorConfig(modes=6, sample_share=0.5, shift_distance=0.0))
+CONFIG = RunConfig(
+    planner=PlannerConfig(kind="glide"),
+    estimator=EstimatorConfig(modes=6, sample_share=0.5, shift_distance=0.0),
+)
 #: Waits shorter than this are those between two looks at a file that must not change; nothing arrives in them.
 INTERVAL = 10.0
 
@@ -26,16 +29,33 @@ INTERVAL = 10.0
 class Sea:
     """A vehicle's shore station: deliveries that happen one at each wait."""
 
-    def __init__(self, ocean: Path, folder: Path, goal: Place | None = GOAL, now_ns: Callable[[], int] = lambda: 1_600_000_000 * 10**9):
+    def __init__(
+        self,
+        ocean: Path,
+        folder: Path,
+        goal: Place | None = GOAL,
+        now_ns: Callable[[], int] = lambda: 1_600_000_000 * 10**9,
+    ):
         self.inbox, self.out = folder / "inbox", folder / "result.mcap"
         self.inbox.mkdir(exist_ok=True)
         self.job = ReplayJob((self.inbox,), ocean / "ensemble.nc", self.out, goal=goal)
         self.told: list[str] = []
-        self.options = FollowOptions(folder / "states", folder / "status.html", INTERVAL, 2.5 * INTERVAL, tell=self.told.append)
+        self.options = FollowOptions(
+            folder / "states",
+            folder / "status.html",
+            INTERVAL,
+            2.5 * INTERVAL,
+            tell=self.told.append,
+        )
         self._now_ns = now_ns
         self._passed = 0.0
 
-    def follow(self, deliveries: Sequence[Callable[[], object]] = (), config: RunConfig = CONFIG, **options: object):
+    def follow(
+        self,
+        deliveries: Sequence[Callable[[], object]] = (),
+        config: RunConfig = CONFIG,
+        **options: object,
+    ):
         """Follow the inbox while deliveries arrive, and return the last summary."""
         waiting = list(deliveries)
 
@@ -54,8 +74,14 @@ class Sea:
     def at_once(self, out: Path, config: RunConfig = CONFIG) -> Path:
         """Replay what is in the inbox in the end, planned at the same times."""
         when = config.planner.model_copy(update={"when": "surfacing"})
-        logs = tuple(sorted(path for path in self.inbox.iterdir() if path.suffix in (".mcap", ".tlog")))
-        replay(replace(self.job, logs=logs, out=out), config.model_copy(update={"planner": when}), planner_of)
+        logs = tuple(
+            sorted(path for path in self.inbox.iterdir() if path.suffix in (".mcap", ".tlog"))
+        )
+        replay(
+            replace(self.job, logs=logs, out=out),
+            config.model_copy(update={"planner": when}),
+            planner_of,
+        )
         return out
 
 
@@ -65,5 +91,6 @@ def contents(path: Path) -> tuple[dict[str, bytes], list[tuple[str, int, bytes]]
         reader = make_reader(file)
         attached = {record.name: record.data for record in reader.iter_attachments()}
         return attached, [
-            (channel.topic, message.log_time, message.data) for _, channel, message in reader.iter_messages(log_time_order=False)
+            (channel.topic, message.log_time, message.data)
+            for _, channel, message in reader.iter_messages(log_time_order=False)
         ]

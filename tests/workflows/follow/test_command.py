@@ -21,7 +21,9 @@ ENSEMBLE = ("--ensemble", "sample_logs/ensemble.nc")
     ],
 )
 def test_options_that_do_not_go_together_are_refused(options, words, tmp_path):
-    done = invoke(["replay", str(tmp_path), *ENSEMBLE, "-o", str(tmp_path.parent / "out.mcap"), *options])
+    done = invoke(
+        ["replay", str(tmp_path), *ENSEMBLE, "-o", str(tmp_path.parent / "out.mcap"), *options]
+    )
     assert done.exit_code == 2
     assert words in done.stderr
 
@@ -30,7 +32,20 @@ def test_a_folder_in_which_no_log_comes_ends_with_exit_code_3_and_what_was_there
     inbox, out = tmp_path / "inbox", tmp_path / "out.mcap"
     inbox.mkdir()
     (inbox / "notes.txt").write_text("none")
-    done = invoke(["replay", str(inbox), *ENSEMBLE, "-o", str(out), "--follow", "--interval", "0.1", "--until-idle", "0"])
+    done = invoke(
+        [
+            "replay",
+            str(inbox),
+            *ENSEMBLE,
+            "-o",
+            str(out),
+            "--follow",
+            "--interval",
+            "0.1",
+            "--until-idle",
+            "0",
+        ]
+    )
     assert done.exit_code == 3
     assert "notes.txt not used" in done.stdout
     assert "no log that can be replayed has come" in done.stderr

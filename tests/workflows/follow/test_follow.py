@@ -50,7 +50,10 @@ def test_dives_out_of_order_and_one_corrected_give_the_bytes_of_one_replay(ocean
     summary = sea.follow([sea.put(one.name, one.data) for one in arrive])
     assert same(sea, tmp_path)
     assert [row.dive for row in summary.by_dive] == list(range(1, len(summary.by_dive) + 1))
-    assert any(text.startswith("dive003.mcap") and ("grew" in text or "written anew" in text) for text in sea.told)
+    assert any(
+        text.startswith("dive003.mcap") and ("grew" in text or "written anew" in text)
+        for text in sea.told
+    )
     assert sea.options.status.is_file()
     assert not (sea.out.with_name("result.mcap.part")).exists()
 
@@ -63,22 +66,33 @@ def test_what_did_not_change_is_not_replayed_again(ocean, dives, tmp_path):
     sea.put(dives[-1].name, dives[-1].data)()
 
     def messages_of(replay: Callable[[], object]) -> int:
-        with mock.patch.object(replaying, "interpret_block", wraps=replaying.interpret_block) as interpreted:
+        with mock.patch.object(
+            replaying, "interpret_block", wraps=replaying.interpret_block
+        ) as interpreted:
             replay()
         return sum(len(call.args[1]) for call in interpreted.call_args_list)
 
     # the last block of observations before the new dive was not complete
-    assert 0 < messages_of(sea.follow) < messages_of(lambda: sea.at_once(tmp_path / "at-once.mcap")) // 2
+    assert (
+        0
+        < messages_of(sea.follow)
+        < messages_of(lambda: sea.at_once(tmp_path / "at-once.mcap")) // 2
+    )
 
 
 @pytest.mark.full
-def test_a_follower_that_is_killed_again_and_again_goes_on_and_loses_nothing(ocean, dives, tmp_path):
+def test_a_follower_that_is_killed_again_and_again_goes_on_and_loses_nothing(
+    ocean, dives, tmp_path
+):
     sea = Sea(ocean, tmp_path)
     kills = 0
     for k, one in enumerate(dives):
         sea.put(one.name, one.data)()
         place = ("_begin_result", "conclude", "check_unchanged")[k % 3]
-        with mock.patch(f"replay_kit.workflows.replay.replay.{place}", side_effect=Killed), pytest.raises(Killed):
+        with (
+            mock.patch(f"replay_kit.workflows.replay.replay.{place}", side_effect=Killed),
+            pytest.raises(Killed),
+        ):
             sea.follow()
         kills += 1
         (sea.inbox.parent / "result.mcap.part").write_bytes(b"left behind")
@@ -94,10 +108,18 @@ def test_an_interrupt_leaves_whole_files_alone(ocean, dives, tmp_path):
     sea.follow()
     before = sea.out.read_bytes()
     sea.put(dives[1].name, dives[1].data)()
-    with mock.patch("replay_kit.workflows.replay.replay.conclude", side_effect=KeyboardInterrupt), pytest.raises(KeyboardInterrupt):
+    with (
+        mock.patch("replay_kit.workflows.replay.replay.conclude", side_effect=KeyboardInterrupt),
+        pytest.raises(KeyboardInterrupt),
+    ):
         sea.follow()
     assert sea.out.read_bytes() == before
-    assert {path.name for path in tmp_path.iterdir()} == {"inbox", "result.mcap", "states", "status.html"}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "inbox",
+        "result.mcap",
+        "states",
+        "status.html",
+    }
 
 
 @pytest.mark.full
@@ -157,18 +179,29 @@ def test_a_goal_that_moves_is_taken_at_once_and_earlier_plans_keep_theirs(ocean,
     file.write_text("# first\n152.3,-39.8,150\n")
     for one in dives[:2]:
         sea.put(one.name, one.data)()
-    deliveries = [lambda: file.write_text("152.2,-39.7,100\n"), lambda: file.write_text("nowhere\n"), sea.put(dives[2].name, dives[2].data)]
+    deliveries = [
+        lambda: file.write_text("152.2,-39.7,100\n"),
+        lambda: file.write_text("nowhere\n"),
+        sea.put(dives[2].name, dives[2].data),
+    ]
     sea.follow(deliveries, goal_file=file)
     goals = read_memory(sea.options.states).goals
-    assert [(place.longitude, place.depth) for _, place in goals] == [(152.3, 150.0), (152.2, 100.0)]
+    assert [(place.longitude, place.depth) for _, place in goals] == [
+        (152.3, 150.0),
+        (152.2, 100.0),
+    ]
     assert any("the goal moved to 152.2000 E" in text for text in sea.told)
-    assert any("expected a line LON,LAT,DEPTH" in text and "the goal stays" in text for text in sea.told)
+    assert any(
+        "expected a line LON,LAT,DEPTH" in text and "the goal stays" in text for text in sea.told
+    )
     planned = open_result(sea.out).plans
     assert planned["goal_longitude"].iloc[[0, -1]].tolist() == [152.3, 152.2]
 
 
 @pytest.mark.full
-def test_a_newer_forecast_is_taken_with_the_next_dive_and_the_result_before_it_is_kept(ocean, dives, tmp_path):
+def test_a_newer_forecast_is_taken_with_the_next_dive_and_the_result_before_it_is_kept(
+    ocean, dives, tmp_path
+):
     sea = Sea(ocean, tmp_path, goal=None)
     forecast = tmp_path / "forecast.nc"
     shutil.copy(ocean / "ensemble.nc", forecast)
@@ -186,14 +219,18 @@ def test_a_newer_forecast_is_taken_with_the_next_dive_and_the_result_before_it_i
 
 
 @pytest.mark.full
-def test_a_newer_forecast_that_cannot_be_used_is_told_and_the_one_before_stays(ocean, dives, tmp_path):
+def test_a_newer_forecast_that_cannot_be_used_is_told_and_the_one_before_stays(
+    ocean, dives, tmp_path
+):
     sea = Sea(ocean, tmp_path, goal=None)
     forecast = tmp_path / "forecast.nc"
     shutil.copy(ocean / "ensemble.nc", forecast)
     sea.job = ReplayJob((sea.inbox,), forecast, sea.out)
     sea.put(dives[0].name, dives[0].data)()
     sea.follow([lambda: forecast.write_bytes(b"cut off"), sea.put(dives[1].name, dives[1].data)])
-    assert any("the newer forecast cannot be used, and the one before stays" in text for text in sea.told)
+    assert any(
+        "the newer forecast cannot be used, and the one before stays" in text for text in sea.told
+    )
     shutil.copy(ocean / "ensemble.nc", forecast)
     assert same(sea, tmp_path)
 
@@ -212,7 +249,10 @@ def test_each_alarm_is_given_once_to_the_command_also_after_a_restart(ocean, div
     got = tmp_path / "alarms.jsonl"
     command = f'{sys.executable} -c \'import sys; open("{got}", "a").write(sys.stdin.read())\''
     sea.put(dives[0].name, dives[0].data)()
-    bad = mock.patch("replay_kit.results.status.alarms._BAD_PLANS", ("reached", "unreachable", "uncertain", "unsafe"))
+    bad = mock.patch(
+        "replay_kit.results.status.alarms._BAD_PLANS",
+        ("reached", "unreachable", "uncertain", "unsafe"),
+    )
     with bad:
         sea.follow(command=command)
         sea.follow(command=command)
@@ -222,4 +262,6 @@ def test_each_alarm_is_given_once_to_the_command_also_after_a_restart(ocean, div
     with bad:
         sea.put(dives[1].name, dives[1].data)()
         sea.follow(command="exit 3")
-    assert not any("--notify" in text for text in sea.told) or any("ended with 3" in text for text in sea.told)
+    assert not any("--notify" in text for text in sea.told) or any(
+        "ended with 3" in text for text in sea.told
+    )

@@ -17,7 +17,16 @@ from replay_kit.results.status.status import Status
 from replay_kit.workflows.follow.goals import read_goal, with_goal
 from replay_kit.workflows.follow.memory import Memory, read_memory, write_memory
 from replay_kit.workflows.follow.notify import alarm_line, key_of, new_alarms, notify, standing
-from replay_kit.workflows.follow.sources import Source, change_words, examine, judged, look, mission_words, order, settled
+from replay_kit.workflows.follow.sources import (
+    Source,
+    change_words,
+    examine,
+    judged,
+    look,
+    mission_words,
+    order,
+    settled,
+)
 from replay_kit.workflows.follow.watch import Clock, Watched, look_again
 from replay_kit.workflows.replay.followed import FollowedStates, _Known, message_digest, thinned
 
@@ -38,9 +47,13 @@ def test_a_file_of_another_vehicle_or_of_a_clock_that_jumped_or_given_twice_is_s
     own = source("a.nc", mission="sg171 mission 1")
     assert judge(source("b.nc", mission="sg171 mission 1"), own) == ""
     assert judge(source("b.nc"), own) == ""
-    assert "is of sg999 mission 2, not of sg171 mission 1" in judge(source("b.nc", mission="sg999 mission 2"), own)
+    assert "is of sg999 mission 2, not of sg171 mission 1" in judge(
+        source("b.nc", mission="sg999 mission 2"), own
+    )
     assert "same bytes as a.nc" in judge(source("b.nc", sha256="sha of a.nc"), own)
-    assert "far from the present: its clock was wrong" in judge(source("b.nc", NOW_NS + 2 * DAY_NS), own)
+    assert "far from the present: its clock was wrong" in judge(
+        source("b.nc", NOW_NS + 2 * DAY_NS), own
+    )
     assert "far from the others" in judge(source("b.nc", NOW_NS - 500 * DAY_NS), own)
     assert judge(source("b.nc", NOW_NS - 300 * DAY_NS), own) == ""
     assert judge(source("b.nc", None), own) == "has no message yet"
@@ -51,7 +64,10 @@ def test_a_file_of_another_vehicle_or_of_a_clock_that_jumped_or_given_twice_is_s
 def test_files_of_another_mission_are_taken_when_those_that_came_before_them_go(tmp_path):
     payload = {"longitude": 152.0, "latitude": -40.0}
     for name, day in (("a.mcap", 600), ("b.mcap", 0), ("c.mcap", 1)):
-        write_mcap_log(tmp_path / name, [Message(day * DAY_NS, "/vehicle/fix", "foxglove.LocationFix", payload, 0, 0)])
+        write_mcap_log(
+            tmp_path / name,
+            [Message(day * DAY_NS, "/vehicle/fix", "foxglove.LocationFix", payload, 0, 0)],
+        )
     clock = Clock(now_ns=lambda: NOW_NS, wait=lambda _: None)
     watched = Watched((tmp_path,), (), RunConfig().logs, clock, 1.0)
     known, said, _ = look_again(watched, {})
@@ -68,14 +84,21 @@ def test_files_of_another_mission_are_taken_when_those_that_came_before_them_go(
 
 def test_which_mission_is_followed_and_which_is_left_out_is_said_when_another_one_comes():
     first, second = (source(f"p171{k}.nc", mission="sg171") for k in range(2))
-    other, third = (source(f"p{number}.nc", mission=f"sg{number[:3]}", aside="is of it") for number in ("2490", "3000"))
+    other, third = (
+        source(f"p{number}.nc", mission=f"sg{number[:3]}", aside="is of it")
+        for number in ("2490", "3000")
+    )
     telemetry = source("a.tlog")
 
     def words(before: tuple[Source, ...], *now: Source) -> list[str]:
-        return mission_words({one.path: one for one in before}, {one.path: one for one in (*before, *now)})
+        return mission_words(
+            {one.path: one for one in before}, {one.path: one for one in (*before, *now)}
+        )
 
     (said,) = words((), first, second, other, telemetry)
-    assert said.startswith("follows sg171 (p171*), whose files came first, and leaves out sg249 (p2490.nc): ")
+    assert said.startswith(
+        "follows sg171 (p171*), whose files came first, and leaves out sg249 (p2490.nc): "
+    )
     assert words((first, other), second) == []
     assert "leaves out sg249 (p2490.nc) and sg300 (p3000.nc): " in words((first, other), third)[0]
     # a file of the mission itself that was set aside, such as a copy, is no other mission
@@ -90,13 +113,25 @@ def test_what_happened_to_a_file_is_told_in_words(tmp_path):
     assert "goes back before it" in change_words(None, before, {Path("b"): source("b", NOW_NS + 1)})
     assert change_words(before, replace(before, stamp=(1, 2, 100, 5)), {}) == ""
     path.write_bytes(b"x" * 150)
-    assert change_words(before, replace(before, stamp=(1, 2, 150, 5), sha256="other"), {}) == "grew from 100 to 150 bytes"
+    assert (
+        change_words(before, replace(before, stamp=(1, 2, 150, 5), sha256="other"), {})
+        == "grew from 100 to 150 bytes"
+    )
     path.write_bytes(b"y" * 150)
-    assert "was written anew" in change_words(before, replace(before, stamp=(1, 2, 150, 5), sha256="other"), {})
-    assert "was replaced" in change_words(before, replace(before, stamp=(1, 3, 150, 5), sha256="other"), {})
-    assert "shrank" in change_words(before, replace(before, stamp=(1, 2, 50, 5), sha256="other"), {})
+    assert "was written anew" in change_words(
+        before, replace(before, stamp=(1, 2, 150, 5), sha256="other"), {}
+    )
+    assert "was replaced" in change_words(
+        before, replace(before, stamp=(1, 3, 150, 5), sha256="other"), {}
+    )
+    assert "shrank" in change_words(
+        before, replace(before, stamp=(1, 2, 50, 5), sha256="other"), {}
+    )
     assert change_words(None, replace(before, aside="is no log"), {}) == "not used: it is no log"
-    assert change_words(replace(before, aside="is no log"), replace(before, aside="is no log"), {}) == ""
+    assert (
+        change_words(replace(before, aside="is no log"), replace(before, aside="is no log"), {})
+        == ""
+    )
 
 
 def test_a_file_that_grew_since_it_was_looked_at_is_known_by_the_bytes_it_had(tmp_path):
@@ -113,7 +148,9 @@ def test_files_are_taken_when_they_are_whole_in_the_order_of_a_replay_of_the_fol
     (tmp_path / "own.mcap").write_bytes(b"x")
     found = look([tmp_path, tmp_path / "missing.nc"], [tmp_path / "own.mcap"])
     assert [path.name for path in found] == ["p9.nc", "p10.nc", "b.mcap"]
-    assert sorted([Path("b.mcap"), Path("sea1.2.pld1.sub.10.gz"), Path("sea1.2.pld1.sub.9.gz")], key=order)[0].name.endswith("9.gz")
+    assert sorted(
+        [Path("b.mcap"), Path("sea1.2.pld1.sub.10.gz"), Path("sea1.2.pld1.sub.9.gz")], key=order
+    )[0].name.endswith("9.gz")
     later = {path: (stamp[0], stamp[1], stamp[2] + 1, stamp[3]) for path, stamp in found.items()}
     assert [path.name for path in settled(found, later)] == ["b.mcap"]
     assert settled(found, found) == found
@@ -136,12 +173,21 @@ def test_the_goal_s_file_is_read_and_a_goal_holds_from_its_time_on(tmp_path):
     assert with_goal(first, goal, 99) == first
     assert with_goal(first, other, 99) == (*first, (99, other))
     # moved twice before anything new came
-    assert with_goal((*first, (99, other)), Place(4.0, 5.0, 6.0), 99) == (*first, (99, Place(4.0, 5.0, 6.0)))
+    assert with_goal((*first, (99, other)), Place(4.0, 5.0, 6.0), 99) == (
+        *first,
+        (99, Place(4.0, 5.0, 6.0)),
+    )
 
 
 def test_what_is_remembered_is_read_back_and_damage_is_nothing_remembered(tmp_path):
     memory = Memory(
-        {Path("a"): source("a", mission="m")}, ((0, Place(1.0, 2.0, 3.0)),), ("said",), ("plan: unsafe",), "f sha256:0", 2, "null"
+        {Path("a"): source("a", mission="m")},
+        ((0, Place(1.0, 2.0, 3.0)),),
+        ("said",),
+        ("plan: unsafe",),
+        "f sha256:0",
+        2,
+        "null",
     )
     write_memory(tmp_path, memory)
     assert read_memory(tmp_path) == memory
@@ -153,7 +199,9 @@ def test_what_is_remembered_is_read_back_and_damage_is_nothing_remembered(tmp_pa
 
 def test_an_alarm_is_given_once_for_what_it_is_about_and_again_when_it_comes_back():
     alarm = Alarm("plan", "the plan is unsafe: it crosses land", NOW_NS, "unsafe")
-    status = Status("r.mcap", NOW_NS, (), (alarm,), {"result": "r.mcap", "position": {"latitude": 1.0}})
+    status = Status(
+        "r.mcap", NOW_NS, (), (alarm,), {"result": "r.mcap", "position": {"latitude": 1.0}}
+    )
     calm = replace(status, alarms=())
     assert new_alarms(status, ()) == (alarm,)
     assert new_alarms(status, (key_of(alarm),)) == ()
@@ -172,7 +220,9 @@ def test_states_that_are_kept_are_the_latest_and_older_ones_ever_farther_apart()
     states: list[_Known] = []
     for count in range(1, 200):
         states = thinned([*states, _Known(count, "", 0)])
-        assert [state.messages for state in states][-3:] == list(range(max(1, count - 2), count + 1))
+        assert [state.messages for state in states][-3:] == list(
+            range(max(1, count - 2), count + 1)
+        )
         assert len(states) <= 6
     gaps = [b.messages - a.messages for a, b in pairwise(states)]
     assert gaps == sorted(gaps, reverse=True)
@@ -191,7 +241,9 @@ def test_a_message_s_digest_tells_every_part_of_it_whatever_it_holds():
     ]
     digests = {message_digest(message) for message in (base, *changed)}
     assert len(digests) == 7
-    assert message_digest(base) == message_digest(Message(1, "/a", "s", {"x": [1.0, float("nan")], "b": b"\x00\x01"}, 0, 5))
+    assert message_digest(base) == message_digest(
+        Message(1, "/a", "s", {"x": [1.0, float("nan")], "b": b"\x00\x01"}, 0, 5)
+    )
 
 
 def test_states_of_another_run_or_with_a_damaged_index_are_not_used(tmp_path):

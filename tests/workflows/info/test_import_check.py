@@ -18,26 +18,43 @@ from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.consistency.speeds import ensemble_speeds
-from replay_kit.measurements.consistency.usual_faults import declination_of, depth_faults, direction_faults
+from replay_kit.measurements.consistency.usual_faults import (
+    declination_of,
+    depth_faults,
+    direction_faults,
+)
 from replay_kit.studies.twins import Twin, make_twin
-from replay_kit.workflows.info.import_check import ImportCheck, check_import, check_logs, import_check_json, soundings
+from replay_kit.workflows.info.import_check import (
+    ImportCheck,
+    check_import,
+    check_logs,
+    import_check_json,
+    soundings,
+)
 from tests.benchmarks.fault_kinds import FAULTS
 from tests.command import invoke
 from tests.measurements.samples import mavlink_frames, ping
 from tests.places import SAMPLES
 from tests.planted import NAMES, PINGS, planted
 
-CONFIG = load_config(None, {"forecast": {"levels": (5.0, 150.0, 500.0)}, "estimator": {"modes": 60}})
+CONFIG = load_config(
+    None, {"forecast": {"levels": (5.0, 150.0, 500.0)}, "estimator": {"modes": 60}}
+)
 
 
 @pytest.fixture(scope="module")
 def estimator():
-    return build_estimator(read_ensemble(SAMPLES / "ensemble.nc", CONFIG.forecast), CONFIG.estimator)
+    return build_estimator(
+        read_ensemble(SAMPLES / "ensemble.nc", CONFIG.forecast), CONFIG.estimator
+    )
 
 
 @pytest.fixture(scope="module")
 def surveys(tmp_path_factory):
-    folder, truth = tmp_path_factory.mktemp("twins"), read_truth(str(SAMPLES / "truth.nc"), CONFIG.forecast)
+    folder, truth = (
+        tmp_path_factory.mktemp("twins"),
+        read_truth(str(SAMPLES / "truth.nc"), CONFIG.forecast),
+    )
     for seed in range(4):
         make_twin(truth, Twin("vessel", 30, 0.09, seed), folder / f"{seed}.mcap")
     return [list(open_log(folder / f"{seed}.mcap").messages()) for seed in range(4)]
@@ -46,7 +63,11 @@ def surveys(tmp_path_factory):
 @pytest.fixture(scope="module")
 def glider():
     messages = open_log(SAMPLES / "glider.mcap").messages()
-    return [message for message in messages if message.topic != "/adcp" or message.payload["ping"] % 4 == 0]
+    return [
+        message
+        for message in messages
+        if message.topic != "/adcp" or message.payload["ping"] % 4 == 0
+    ]
 
 
 def check(messages, fault, estimator) -> ImportCheck:
@@ -61,8 +82,13 @@ def of_replay(messages, fault):
     return [finding.name for finding in state.findings]
 
 
-@pytest.mark.parametrize(("fault", "seed"), [(fault, k % 3) for k, fault in enumerate(PINGS) if "sign" in fault or "declin" in fault])
-def test_a_planted_fault_is_told_as_a_contradiction_with_the_ensemble(surveys, estimator, fault, seed):
+@pytest.mark.parametrize(
+    ("fault", "seed"),
+    [(fault, k % 3) for k, fault in enumerate(PINGS) if "sign" in fault or "declin" in fault],
+)
+def test_a_planted_fault_is_told_as_a_contradiction_with_the_ensemble(
+    surveys, estimator, fault, seed
+):
     if fault.startswith("the sign of depth"):
         assert of_replay(surveys[seed], fault) == ["depths above the surface"]
         return
@@ -86,7 +112,9 @@ def test_a_sound_survey_is_not_accused_and_tells_of_every_fault(surveys, estimat
 def test_a_sound_glider_is_not_accused_and_cannot_tell_a_declination(glider, estimator):
     found = check(glider, "sound", estimator)
     assert found.findings == ()
-    assert {"the declination was not applied", "the declination was applied twice"} <= set(found.undetermined)
+    assert {"the declination was not applied", "the declination was applied twice"} <= set(
+        found.undetermined
+    )
 
 
 def test_a_fault_in_a_gliders_log_is_named(glider, estimator):
@@ -96,7 +124,10 @@ def test_a_fault_in_a_gliders_log_is_named(glider, estimator):
 
 
 def test_without_a_stated_declination_it_is_said_not_to_be_looked_for(surveys, estimator):
-    assert "states no magnetic declination" in check_import(soundings(surveys[0], CONFIG.measurements)[0], estimator).note
+    assert (
+        "states no magnetic declination"
+        in check_import(soundings(surveys[0], CONFIG.measurements)[0], estimator).note
+    )
 
 
 def test_too_few_profiles_and_a_log_elsewhere(surveys, estimator):
@@ -105,7 +136,9 @@ def test_too_few_profiles_and_a_log_elsewhere(surveys, estimator):
     assert check_import([], estimator).profiles == 0
 
 
-@pytest.mark.parametrize("fault", [fault for fault in PINGS if "depth" not in fault and "speeds" not in fault])
+@pytest.mark.parametrize(
+    "fault", [fault for fault in PINGS if "depth" not in fault and "speeds" not in fault]
+)
 def test_undoing_a_fault_gives_what_was_measured(surveys, fault):
     sound, _ = soundings(planted(surveys[0][:6], "sound"), CONFIG.measurements)
     wrong, _ = soundings(planted(surveys[0][:6], fault), CONFIG.measurements)
@@ -114,13 +147,18 @@ def test_undoing_a_fault_gives_what_was_measured(surveys, fault):
         assert known == []
         return
     for ours, theirs in zip([known[0].undo(sounding) for sounding in wrong], sound, strict=True):
-        np.testing.assert_allclose(ours.velocity, theirs.observation.velocity, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(
+            ours.velocity, theirs.observation.velocity, rtol=1e-9, atol=1e-12
+        )
         np.testing.assert_allclose(ours.error_std, theirs.observation.error_std, rtol=1e-9)
 
 
 def test_undoing_a_wrong_depth_gives_the_true_one(glider):
     sound, wrong = (
-        max(soundings(planted(glider[:40], fault), CONFIG.measurements)[0], key=lambda sounding: sounding.vehicle_depth)
+        max(
+            soundings(planted(glider[:40], fault), CONFIG.measurements)[0],
+            key=lambda sounding: sounding.vehicle_depth,
+        )
         for fault in ("sound", "the sign of depth is wrong: orientation")
     )
     assert sound.vehicle_depth > 100.0
@@ -142,7 +180,16 @@ def test_a_check_in_json_has_the_findings_of_a_replay():
     answer = import_check_json(ImportCheck(3, (finding,), ("e",), "f"))
     assert answer == {
         "profiles": 3,
-        "consistency": [{"name": "a", "since": None, "evidence": "b", "likely_cause": "c", "set": "d", "severity": "warning"}],
+        "consistency": [
+            {
+                "name": "a",
+                "since": None,
+                "evidence": "b",
+                "likely_cause": "c",
+                "set": "d",
+                "severity": "warning",
+            }
+        ],
         "undetermined": ["e"],
         "note": "f",
     }
@@ -162,45 +209,82 @@ def test_an_ensemble_in_another_unit_is_named_and_the_log_is_not_blamed(tmp_path
         scaled.to_netcdf(tmp_path / "cm.nc", engine="h5netcdf")
     found = check_logs(written(tmp_path, surveys[0]), (tmp_path / "cm.nc",), CONFIG)
     assert [finding.name for finding in found.findings] == ["unit of the ensemble"]
-    assert (found.profiles, found.undetermined, found.note) == (0, (), "the log was not compared with the ensemble")
+    assert (found.profiles, found.undetermined, found.note) == (
+        0,
+        (),
+        "the log was not compared with the ensemble",
+    )
 
 
-@pytest.mark.parametrize(("fault", "name"), [("knots", "velocities in knots"), ("frozen positions", "frozen positions")])
+@pytest.mark.parametrize(
+    ("fault", "name"), [("knots", "velocities in knots"), ("frozen positions", "frozen positions")]
+)
 def test_info_names_what_a_replay_names(tmp_path, glider, fault, name):
     edit = next(known.edit for known in FAULTS if known.name == fault)
-    found = check_logs(written(tmp_path, list(edit(iter(glider)))), (SAMPLES / "ensemble.nc",), CONFIG)
+    found = check_logs(
+        written(tmp_path, list(edit(iter(glider)))), (SAMPLES / "ensemble.nc",), CONFIG
+    )
     assert name in [finding.name for finding in found.findings]
 
 
 def test_speeds_in_another_unit_leave_directions_alone(tmp_path, surveys):
-    found = check_logs(written(tmp_path, planted(surveys[0], "speeds are in cm/s")), (SAMPLES / "ensemble.nc",), CONFIG)
+    found = check_logs(
+        written(tmp_path, planted(surveys[0], "speeds are in cm/s")),
+        (SAMPLES / "ensemble.nc",),
+        CONFIG,
+    )
     assert [finding.name for finding in found.findings] == ["unit of the velocities"]
     assert (found.profiles, found.note) == (0, "the directions were not compared with the ensemble")
 
 
 def test_info_with_an_ensemble(tmp_path, surveys):
-    write_mcap_log(tmp_path / "wrong.mcap", planted(surveys[0], "the declination was applied twice"))
-    (tmp_path / "run.toml").write_text("[forecast]\nlevels = [5, 150, 500]\n[estimator]\nmodes = 60\n")
+    write_mcap_log(
+        tmp_path / "wrong.mcap", planted(surveys[0], "the declination was applied twice")
+    )
+    (tmp_path / "run.toml").write_text(
+        "[forecast]\nlevels = [5, 150, 500]\n[estimator]\nmodes = 60\n"
+    )
     options = ["--config", str(tmp_path / "run.toml"), "--ensemble", str(SAMPLES / "ensemble.nc")]
     done = invoke(["info", str(tmp_path / "wrong.mcap"), *options])
     assert done.exit_code == 0
     said = done.stdout
-    assert "WARNING: log and ensemble contradict each other: with this undone the profiles are e^" in said
+    assert (
+        "WARNING: log and ensemble contradict each other: with this undone the profiles are e^"
+        in said
+    )
     assert "likely cause: the declination was applied twice; check whether the instrument" in said
 
 
 def test_a_malformed_ping_states_no_declination():
     assert math.isnan(declination_of(Message(0, "/x", "ds_sensor_msgs/Adcp", {}, 0, 0)))
-    assert math.isnan(declination_of(Message(0, "/x", "DEBUG_FLOAT_ARRAY", {"name": "ADCP_CFG"}, 0, 0)))
+    assert math.isnan(
+        declination_of(Message(0, "/x", "DEBUG_FLOAT_ARRAY", {"name": "ADCP_CFG"}, 0, 0))
+    )
 
 
 def test_a_mission_in_two_files_is_checked_as_one(tmp_path, surveys):
     messages = list(planted(surveys[1], "the sign of east is wrong"))
     files = [tmp_path / "nav.mcap", tmp_path / "adcp.mcap"]
     for file, pings in zip(files, (False, True), strict=True):
-        write_mcap_log(file, [message for message in messages if (message.topic == "/adcp") == pings])
-    (tmp_path / "run.toml").write_text("[forecast]\nlevels = [5, 150, 500]\n[estimator]\nmodes = 60\n")
-    options = ["--config", tmp_path / "run.toml", "--ensemble", SAMPLES / "ensemble.nc", "--json", tmp_path / "info.json"]
-    assert invoke(["info", *map(str, [*files, *options])]).stdout.count("likely cause: the sign of east is wrong") == 1
+        write_mcap_log(
+            file, [message for message in messages if (message.topic == "/adcp") == pings]
+        )
+    (tmp_path / "run.toml").write_text(
+        "[forecast]\nlevels = [5, 150, 500]\n[estimator]\nmodes = 60\n"
+    )
+    options = [
+        "--config",
+        tmp_path / "run.toml",
+        "--ensemble",
+        SAMPLES / "ensemble.nc",
+        "--json",
+        tmp_path / "info.json",
+    ]
+    assert (
+        invoke(["info", *map(str, [*files, *options])]).stdout.count(
+            "likely cause: the sign of east is wrong"
+        )
+        == 1
+    )
     answer = json.loads((tmp_path / "info.json").read_text())
     assert (answer["import_check"]["profiles"], len(answer["logs"])) == (30, 2)

@@ -28,7 +28,13 @@ def described(*words):
 @pytest.mark.parametrize(
     ("files", "dialect", "grids", "size", "wet"),
     [
-        (("nemo_ORCA025_U.nc", "nemo_ORCA025_V.nc", "nemo_ORCA025_coordinates.nc"), "NEMO", 1, [200, 150, 75], 0.69),
+        (
+            ("nemo_ORCA025_U.nc", "nemo_ORCA025_V.nc", "nemo_ORCA025_coordinates.nc"),
+            "NEMO",
+            1,
+            [200, 150, 75],
+            0.69,
+        ),
         (("nemo_ORCA025_U.nc", "nemo_ORCA025_V.nc"), "NEMO", 0, [200, 150, 75], 0.69),
         (("access_om2_u.nc", "access_om2_v.nc"), "MOM5 (B-grid)", 0, [8, 11, 4], 1.0),
         (("roms_ocean_his_0001.nc", "roms_grid.nc"), "ROMS or CROCO", 1, [7, 12, 3], 1.0),
@@ -48,7 +54,9 @@ def test_real_files_of_models(files, dialect, grids, size, wet):
 @pytest.mark.skipif(not MODELS.exists(), reason="the shared data are not on this machine")
 def test_a_file_of_a_grid_is_told_to_hold_no_current():
     found, _ = described(MODELS / "enkfc_grid_spec.nc")
-    assert found["use"].startswith("no current: a file of the grid or of other variables (depth_t, lat, lon, num_levels, zt)")
+    assert found["use"].startswith(
+        "no current: a file of the grid or of other variables (depth_t, lat, lon, num_levels, zt)"
+    )
     assert found["grid_files"] == ["enkfc_grid_spec.nc"]
     assert found["members"] == []
 
@@ -60,10 +68,23 @@ def test_a_log_says_which_of_several_times_of_a_forecast_is_taken(tmp_path):
     fields = [(1.0 + 0.1 * np.sin(k)) * ds for k in range(days.size)]
     save(xr.concat(fields, xr.DataArray(days, dims="time", name="time")), tmp_path / "days.nc")
     fix = {"longitude": float(longitude.mean()), "latitude": float(latitude.mean())}
-    write_mcap_log(tmp_path / "log.mcap", [Message(int(days[3].astype(np.int64)), "/vehicle/fix", "foxglove.LocationFix", fix, 0, 0)])
+    write_mcap_log(
+        tmp_path / "log.mcap",
+        [Message(int(days[3].astype(np.int64)), "/vehicle/fix", "foxglove.LocationFix", fix, 0, 0)],
+    )
     rule = ("--members", "times:4d")
     assert described(tmp_path / "days.nc", *rule)[0]["time"] == "2020-01-09T00:00:00Z"
-    done = invoke(["info", str(tmp_path / "log.mcap"), "--ensemble", str(tmp_path / "days.nc"), *rule, "--json", "-"])
+    done = invoke(
+        [
+            "info",
+            str(tmp_path / "log.mcap"),
+            "--ensemble",
+            str(tmp_path / "days.nc"),
+            *rule,
+            "--json",
+            "-",
+        ]
+    )
     assert json.loads(done.stdout)["forecast"]["time"] == "2020-01-04T00:00:00Z"
 
 

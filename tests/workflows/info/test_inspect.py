@@ -18,10 +18,28 @@ from tests.measurements.samples import fix, ping
 @pytest.fixture
 def log(tmp_path):
     path = tmp_path / "vendor.mcap"
-    known = [(k, message.topic, message.schema, message.payload) for k, message in enumerate((fix(0), ping(1)))]
-    nav = [(k, "/vendor/nav", "vendor.Nav", {"pos": {"lat": -40.0, "lon": 152.0 + k}, "depth": 5.0 * k}) for k in range(3)]
+    known = [
+        (k, message.topic, message.schema, message.payload)
+        for k, message in enumerate((fix(0), ping(1)))
+    ]
+    nav = [
+        (
+            k,
+            "/vendor/nav",
+            "vendor.Nav",
+            {"pos": {"lat": -40.0, "lon": 152.0 + k}, "depth": 5.0 * k},
+        )
+        for k in range(3)
+    ]
     dull = [(9, "/vendor/text", "vendor.Text", {"words": "none"})]
-    raw = [(9, "mavlink/1/1/VFR_HUD", "mavlink.1.1.VFR_HUD", {"header": {}, "message": {"type": "VFR_HUD", "alt": 3.0}})]
+    raw = [
+        (
+            9,
+            "mavlink/1/1/VFR_HUD",
+            "mavlink.1.1.VFR_HUD",
+            {"header": {}, "message": {"type": "VFR_HUD", "alt": 3.0}},
+        )
+    ]
     path.write_bytes(json_mcap([*known, *nav, *dull, *raw]))
     return path
 
@@ -52,7 +70,16 @@ def test_a_suggested_mapping_makes_the_topic_usable(log, tmp_path):
 
 def test_a_depth_averaged_current_is_no_position(tmp_path):
     (tmp_path / "dac.mcap").write_bytes(
-        json_mcap([(0, "/dac", "replay_kit.DepthAveragedCurrent", {"start_fix": {"lat": 1.0, "lon": 2.0}})])
+        json_mcap(
+            [
+                (
+                    0,
+                    "/dac",
+                    "replay_kit.DepthAveragedCurrent",
+                    {"start_fix": {"lat": 1.0, "lon": 2.0}},
+                )
+            ]
+        )
     )
     found = inspect_logs([tmp_path / "dac.mcap"], load_config(None))[0]
     assert found.unknown == {}
@@ -61,8 +88,16 @@ def test_a_depth_averaged_current_is_no_position(tmp_path):
 
 def test_every_note_of_the_reader_and_what_is_damaged_or_unchecked_is_printed(log):
     found = inspect_logs([log], load_config(None))[0]
-    told = {"notes": ("the clock was set twice",), "undecodable": {"/raw": (7, "no schema")}, "unchecked": {"chunks": 3}}
+    told = {
+        "notes": ("the clock was set twice",),
+        "undecodable": {"/raw": (7, "no schema")},
+        "unchecked": {"chunks": 3},
+    }
     text = io.StringIO()
     print_info(replace(found, report=replace(found.report, **told)), Console(file=text, width=200))
-    for words in ("Note: the clock was set twice", "Cannot be decoded: 7 x /raw: no schema", "Without a checksum"):
+    for words in (
+        "Note: the clock was set twice",
+        "Cannot be decoded: 7 x /raw: no schema",
+        "Without a checksum",
+    ):
         assert words in text.getvalue()

@@ -18,7 +18,10 @@ TOO_MANY = {"profiles", "bins", "mean_currents", "positions", "dives", "box", "d
 def log(tmp_path, monkeypatch):
     """A log of 400 fixes, 2 pings and 400 messages of an unknown type, which counts as large; the last of which is late."""
     monkeypatch.setattr(overview, "FEW_MESSAGES", 10)
-    known = [(k, message.topic, message.schema, message.payload) for k, message in enumerate((fix(0), ping(1), fix(2), ping(3)))]
+    known = [
+        (k, message.topic, message.schema, message.payload)
+        for k, message in enumerate((fix(0), ping(1), fix(2), ping(3)))
+    ]
     (_, topic, schema, payload) = known[0]
     fixes = [(1000 + k, topic, schema, payload) for k in range(398)]
     other = [(k, "/vendor/text", "vendor.Text", {"n": k}) for k in (*range(399), 50)]
@@ -31,9 +34,19 @@ def test_a_large_log_is_described_by_its_index(log):
     found = inspect_logs([log], load_config(None))[0]
     # a hundred of each topic that has so many
     assert found.sampled == 202
-    assert {name: topic.messages for name, topic in found.topics.items()} == {"/adcp": 2, "/vehicle/fix": 400, "/vendor/text": 400}
+    assert {name: topic.messages for name, topic in found.topics.items()} == {
+        "/adcp": 2,
+        "/vehicle/fix": 400,
+        "/vendor/text": 400,
+    }
     text = found.topics["/vendor/text"]
-    assert (text.schema, text.first_ns, text.last_ns, text.late, text.gap_ns) == ("vendor.Text", 0, 398 * 10**9, None, None)
+    assert (text.schema, text.first_ns, text.last_ns, text.late, text.gap_ns) == (
+        "vendor.Text",
+        0,
+        398 * 10**9,
+        None,
+        None,
+    )
     assert found.report.read["/vendor/text"] == 400
     assert found.use == "replay: it has positions and profiles of the current"
 
@@ -56,11 +69,18 @@ def test_full_counts_everything_and_decodes_what_can_be_used(log):
     (answer,) = json.loads(done.stdout)["logs"]
     assert answer["read"] == {"whole": True, "messages": 802}
     assert (answer["profiles"], answer["positions"]) == (2, 400)
-    assert {topic["topic"]: topic["late"] for topic in answer["topics"]} == {"/adcp": 0, "/vehicle/fix": 0, "/vendor/text": 400}
+    assert {topic["topic"]: topic["late"] for topic in answer["topics"]} == {
+        "/adcp": 0,
+        "/vehicle/fix": 0,
+        "/vendor/text": 400,
+    }
     fixes = next(topic for topic in answer["topics"] if topic["topic"] == "/vehicle/fix")
     assert fixes["longest_gap_s"] == 998.0
     assert "Gap: /vehicle/fix has no message for 998 s from 1970-01-01T00:00:02Z" in done.stderr
-    assert "Late, by more than the reorder window, so that a replay leaves them out: 400 x /vendor/text" in done.stderr
+    assert (
+        "Late, by more than the reorder window, so that a replay leaves them out: 400 x /vendor/text"
+        in done.stderr
+    )
     # one of them was decoded
     (reason,) = answer["not_used"]["/vendor/text"]
     assert reason["count"] == 400

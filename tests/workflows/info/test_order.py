@@ -26,7 +26,10 @@ class Said:
 
 
 def messages(times_s, topics="a"):
-    return [Message(round(t * SECOND), topics[k % len(topics)], "S", {}, 0, k) for k, t in enumerate(times_s)]
+    return [
+        Message(round(t * SECOND), topics[k % len(topics)], "S", {}, 0, k)
+        for k, t in enumerate(times_s)
+    ]
 
 
 def ordered(said, size, window_s=1.0):
@@ -41,7 +44,9 @@ def ordered(said, size, window_s=1.0):
 @pytest.mark.parametrize("jitter_s", [0.0, 0.4, 3.0, 30.0])
 def test_late_messages_are_those_that_a_replay_leaves_out(size, jitter_s):
     rng = np.random.default_rng(3)
-    said = messages(100.0 + 0.1 * np.arange(400) - jitter_s * (rng.random(400) < 0.2) * rng.random(400), "abc")
+    said = messages(
+        100.0 + 0.1 * np.arange(400) - jitter_s * (rng.random(400) < 0.2) * rng.random(400), "abc"
+    )
     merged = merge([Said(said)], 1.0)
     used = Counter(message.topic for message in merged)
     found = ordered(said, size)
@@ -57,7 +62,9 @@ DAY = 86_400.0
 
 
 @pytest.mark.parametrize("size", [1, 7, 64, 1000])
-@pytest.mark.parametrize("wrong", ["stray stamps", "a clock set back", "a clock set back twice and late ones"])
+@pytest.mark.parametrize(
+    "wrong", ["stray stamps", "a clock set back", "a clock set back twice and late ones"]
+)
 def test_a_wrong_clock_makes_late_what_it_makes_late_in_a_replay(size, wrong):
     times = 1000.0 * DAY + np.arange(300.0)
     if wrong == "stray stamps":
@@ -95,24 +102,44 @@ def test_the_longest_gap_is_counted_from_the_newest_message_before_it(size):
 
 @pytest.mark.parametrize(
     ("gap_s", "messages", "span_s", "stands_out"),
-    [(60.0, 101, 600.0, True), (59.0, 101, 500.0, False), (60.0, 101, 601.0, False), (60.0, 1, 0.0, False)],
+    [
+        (60.0, 101, 600.0, True),
+        (59.0, 101, 500.0, False),
+        (60.0, 101, 601.0, False),
+        (60.0, 1, 0.0, False),
+    ],
 )
-def test_a_gap_stands_out_from_a_minute_and_ten_times_the_mean_on(gap_s, messages, span_s, stands_out):
+def test_a_gap_stands_out_from_a_minute_and_ten_times_the_mean_on(
+    gap_s, messages, span_s, stands_out
+):
     info = TopicInfo("S", messages, 0, round(span_s * SECOND), 0, round(gap_s * SECOND), 0)
     assert info.has_gap is stands_out
 
 
 def test_what_is_late_and_the_longest_gaps_are_said():
-    gappy = {f"/t{k}": TopicInfo("S", 101, 0, 600 * SECOND, 0, (60 + k) * SECOND, 5 * SECOND) for k in range(7)}
+    gappy = {
+        f"/t{k}": TopicInfo("S", 101, 0, 600 * SECOND, 0, (60 + k) * SECOND, 5 * SECOND)
+        for k in range(7)
+    }
     lines = list(late_and_gaps({"/a": TopicInfo(late=3), **gappy}))
-    assert lines[0] == "Late, by more than the reorder window, so that a replay leaves them out: 3 x /a"
+    assert (
+        lines[0]
+        == "Late, by more than the reorder window, so that a replay leaves them out: 3 x /a"
+    )
     assert lines[1] == "Gap: /t6 has no message for 66 s from 1970-01-01T00:00:05Z"
-    assert lines[5:] == ["Gap: /t2 has no message for 62 s from 1970-01-01T00:00:05Z", "Gaps on 2 more topics; --json has them"]
+    assert lines[5:] == [
+        "Gap: /t2 has no message for 62 s from 1970-01-01T00:00:05Z",
+        "Gaps on 2 more topics; --json has them",
+    ]
 
 
 def test_blocks_hold_all_messages_in_order():
     said = messages(range(5000), "ab")
     found = list(blocks_of(said))
     assert [message for block in found for message in block.messages] == said
-    assert [block.kinds[k][0] for block in found for k in block.kind] == [message.topic for message in said]
-    assert np.concatenate([block.time_ns for block in found]).tolist() == [message.time_ns for message in said]
+    assert [block.kinds[k][0] for block in found for k in block.kind] == [
+        message.topic for message in said
+    ]
+    assert np.concatenate([block.time_ns for block in found]).tolist() == [
+        message.time_ns for message in said
+    ]

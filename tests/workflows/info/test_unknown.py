@@ -21,8 +21,15 @@ def _cells(path: Path) -> Path:
         messages.append(Message(k * 10**9, "/gps", "sensor_msgs/msg/NavSatFix", fix, 0, 0))
         for cell in (1, 2):
             linear = {"x": 0.1 * cell, "y": -0.05, "z": 0.0}
-            payload = {"header": {"frame_id": "enu"}, "twist": {"linear": linear, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}}}
-            messages.append(Message(k * 10**9, f"/adcp/cell_{cell}", "geometry_msgs/msg/TwistStamped", payload, 0, 0))
+            payload = {
+                "header": {"frame_id": "enu"},
+                "twist": {"linear": linear, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}},
+            }
+            messages.append(
+                Message(
+                    k * 10**9, f"/adcp/cell_{cell}", "geometry_msgs/msg/TwistStamped", payload, 0, 0
+                )
+            )
     messages.append(Message(5 * 10**9, "/battery", "vendor.Battery", {"volts": 24.0}, 0, 0))
     write_mcap_log(path, messages)
     return path
@@ -31,7 +38,10 @@ def _cells(path: Path) -> Path:
 def test_topics_of_unknown_types_are_named_with_what_to_type(tmp_path):
     log = _cells(tmp_path / "a.mcap")
     said = invoke(["info", str(log)]).stdout
-    assert "Missing for a replay: profiles of the current, or mean currents of dives with their fixes" in said
+    assert (
+        "Missing for a replay: profiles of the current, or mean currents of dives with their fixes"
+        in said
+    )
     for cell in (1, 2):
         assert f"Unknown type: /adcp/cell_{cell} looks like a velocity" in said
     assert "Unknown type: 1 more topics" in said
@@ -50,13 +60,27 @@ def test_the_mapping_suggested_makes_the_cells_usable(tmp_path):
     done = invoke(arguments)
     (found,) = json.loads(answer.read_text())["logs"]
     assert (found["profiles"], found["bins"], found["missing"]) == (10, 10, "")
-    assert done.stdout.rstrip().endswith(f"Next: replay-kit replay {log} --ensemble FORECAST.nc --config {mapping} -o RESULT.mcap")
+    assert done.stdout.rstrip().endswith(
+        f"Next: replay-kit replay {log} --ensemble FORECAST.nc --config {mapping} -o RESULT.mcap"
+    )
 
 
 def test_a_netcdf_file_of_no_known_dialect(tmp_path):
     track = made.samples(600.0)
-    rows = {"t": track["time"], "lat": track["latitude"], "lon": track["longitude"], "u": np.full(10, 0.1), "v": np.full(10, 0.2)}
-    log = made.write(tmp_path / "lab.nc", {name: (("obs",), values, made.EPOCH if name == "t" else {}) for name, values in rows.items()})
+    rows = {
+        "t": track["time"],
+        "lat": track["latitude"],
+        "lon": track["longitude"],
+        "u": np.full(10, 0.1),
+        "v": np.full(10, 0.2),
+    }
+    log = made.write(
+        tmp_path / "lab.nc",
+        {
+            name: (("obs",), values, made.EPOCH if name == "t" else {})
+            for name, values in rows.items()
+        },
+    )
     said = invoke(["info", str(log)]).stdout
     assert "each row over t is a message on netcdf/t, with lat, lon, u, v" in said
     assert "Unknown type: netcdf/t looks like a velocity" in said
@@ -65,25 +89,57 @@ def test_a_netcdf_file_of_no_known_dialect(tmp_path):
     text = mapping.read_text()
     assert 'reference = "unknown"' in text
     mapping.write_text(text.replace('"unknown"', '"earth"'))
-    assert "10 profiles with 10 usable bins" in invoke(["info", str(log), "--config", str(mapping)]).stdout
+    assert (
+        "10 profiles with 10 usable bins"
+        in invoke(["info", str(log), "--config", str(mapping)]).stdout
+    )
 
 
 def test_a_netcdf_file_without_rows_is_no_log(tmp_path):
     u = (("t", "y", "x"), np.full((10, 2, 2), 0.1), {})
-    log = made.write(tmp_path / "grid.nc", {"t": (("t",), made.samples(600.0)["time"], made.EPOCH), "u": u})
+    log = made.write(
+        tmp_path / "grid.nc", {"t": (("t",), made.samples(600.0)["time"], made.EPOCH), "u": u}
+    )
     done = invoke(["info", str(log)])
     assert done.exit_code == 3
-    assert "got no variable along t alone: t, u; a forecast is given with --ensemble, not as a log" in done.stderr
+    assert (
+        "got no variable along t alone: t, u; a forecast is given with --ensemble, not as a log"
+        in done.stderr
+    )
 
 
 def test_the_next_command_has_the_ensemble_that_was_given(tmp_path):
     log = made.bodc(tmp_path / "a.nc")
     forecast = tmp_path / "e.nc"
-    assert invoke(["synthesize", "--ensemble", str(forecast), "--truth", str(tmp_path / "t.nc"), "--members", "3"]).exit_code == 0
+    assert (
+        invoke(
+            [
+                "synthesize",
+                "--ensemble",
+                str(forecast),
+                "--truth",
+                str(tmp_path / "t.nc"),
+                "--members",
+                "3",
+            ]
+        ).exit_code
+        == 0
+    )
     said = invoke(["info", str(log), "--ensemble", str(forecast)]).stdout
-    assert said.rstrip().endswith(f"Next: replay-kit replay {log} --ensemble {forecast} -o RESULT.mcap")
+    assert said.rstrip().endswith(
+        f"Next: replay-kit replay {log} --ensemble {forecast} -o RESULT.mcap"
+    )
     # and the settings, under the names that do not depend on the command
-    options = ["--levels", "5,150", "--measurements.no-use-inverted", "--measurements.use-drift", "--remap", "/a b=/c", "--remap", "/d=/e"]
+    options = [
+        "--levels",
+        "5,150",
+        "--measurements.no-use-inverted",
+        "--measurements.use-drift",
+        "--remap",
+        "/a b=/c",
+        "--remap",
+        "/d=/e",
+    ]
     said = invoke(["info", str(log), "--ensemble", str(forecast), *options]).stdout
     words = [
         "--forecast.levels=5,150",
@@ -124,13 +180,21 @@ def test_the_command_printed_runs(tmp_path, monkeypatch):
     assert invoke(shlex.split(first.removeprefix("Next: replay-kit "))).exit_code == 0
     mapping.write_text(mapping.read_text().replace('"unknown"', '"earth"'))
     done = invoke(shlex.split(then.removeprefix("Correct map.toml, then: replay-kit ")))
-    assert invoke(["synthesize", "--ensemble", "FORECAST.nc", "--truth", "T.nc", "--members", "3"]).exit_code == 0
+    assert (
+        invoke(
+            ["synthesize", "--ensemble", "FORECAST.nc", "--truth", "T.nc", "--members", "3"]
+        ).exit_code
+        == 0
+    )
     command = shlex.split(done.stdout.splitlines()[-1].removeprefix("Next: replay-kit "))
     assert invoke([*command, "--place-ensemble", "--modes", "5"]).exit_code in (0, 6)
     assert (tmp_path / "RESULT.mcap").exists()
 
 
-@pytest.mark.parametrize(("write", "ending"), [(made.bodc, "--ensemble FORECAST.nc -o RESULT.mcap"), (made.spray, "-o RESULT.mcap")])
+@pytest.mark.parametrize(
+    ("write", "ending"),
+    [(made.bodc, "--ensemble FORECAST.nc -o RESULT.mcap"), (made.spray, "-o RESULT.mcap")],
+)
 def test_a_gliders_log_is_ready_for_a_replay(tmp_path, write, ending):
     said = invoke(["info", str(write(tmp_path / "a b.nc"))]).stdout
     assert f"Next: replay-kit replay '{tmp_path / 'a b.nc'}'" in said

@@ -27,7 +27,9 @@ def region(longitude, latitude) -> Grid:
     """A region of 3 x 4 points between two longitudes and two latitudes, continuous."""
     projection = Projection((np.mean(longitude) + 180.0) % 360.0 - 180.0, float(np.mean(latitude)))
     x, y = np.meshgrid(np.linspace(*longitude, 4), np.linspace(*latitude, 3))
-    return Grid(projection, x, y, *to_local(projection, x, y), np.array([5.0]), np.full((1, 3, 4), True))
+    return Grid(
+        projection, x, y, *to_local(projection, x, y), np.array([5.0]), np.full((1, 3, 4), True)
+    )
 
 
 WHOLE = region((151.9, 153.1), (-40.5, -39.5))
@@ -35,7 +37,9 @@ WHOLE = region((151.9, 153.1), (-40.5, -39.5))
 
 def gebco() -> xr.Dataset:
     attributes = {"standard_name": "height_above_mean_sea_level", "units": "m"}
-    return xr.Dataset({"elevation": (("lat", "lon"), -DEPTH, attributes)}, {"lat": LATITUDE, "lon": LONGITUDE})
+    return xr.Dataset(
+        {"elevation": (("lat", "lon"), -DEPTH, attributes)}, {"lat": LATITUDE, "lon": LONGITUDE}
+    )
 
 
 def etopo() -> xr.Dataset:
@@ -45,14 +49,20 @@ def etopo() -> xr.Dataset:
 
 
 def nemo() -> xr.Dataset:
-    fields = {"Bathymetry": (("y", "x"), DEPTH), "nav_lon": (("y", "x"), CURVED[0]), "nav_lat": (("y", "x"), CURVED[1])}
+    fields = {
+        "Bathymetry": (("y", "x"), DEPTH),
+        "nav_lon": (("y", "x"), CURVED[0]),
+        "nav_lat": (("y", "x"), CURVED[1]),
+    }
     return xr.Dataset(fields)
 
 
 def static() -> xr.Dataset:
     attributes = {"standard_name": "sea_floor_depth_below_geoid", "units": "km"}
     depth = ("time", "longitude", "latitude"), DEPTH.T[None] / 1e3, attributes
-    return xr.Dataset({"deptho": depth}, {"time": [0.0], "longitude": LONGITUDE + 360.0, "latitude": LATITUDE})
+    return xr.Dataset(
+        {"deptho": depth}, {"time": [0.0], "longitude": LONGITUDE + 360.0, "latitude": LATITUDE}
+    )
 
 
 def roms() -> xr.Dataset:
@@ -74,15 +84,21 @@ def written(path: Path, dataset: xr.Dataset) -> Path:
 def test_depths_are_positive_down_in_metres(make, tmp_path):
     read = read_bathymetry(written(tmp_path, make()), WHOLE)
     wet = DEPTH > 0.0
-    np.testing.assert_allclose(read.depth[wet], np.maximum(DEPTH, 10.0)[wet] if make is roms else DEPTH[wet], rtol=1e-12)
+    np.testing.assert_allclose(
+        read.depth[wet], np.maximum(DEPTH, 10.0)[wet] if make is roms else DEPTH[wet], rtol=1e-12
+    )
     assert not np.any(read.depth[~wet] > 0.0)
     np.testing.assert_allclose(np.mod(read.longitude, 360.0), CURVED[0], rtol=1e-12)
     np.testing.assert_allclose(read.latitude, CURVED[1], rtol=1e-12)
 
 
 def test_a_single_number_is_no_axis(tmp_path):
-    read = read_bathymetry(written(tmp_path, gebco().assign_coords(longitude=5.0, latitude=60.0)), WHOLE)
-    np.testing.assert_array_equal(read.longitude, read_bathymetry(written(tmp_path, gebco()), WHOLE).longitude)
+    read = read_bathymetry(
+        written(tmp_path, gebco().assign_coords(longitude=5.0, latitude=60.0)), WHOLE
+    )
+    np.testing.assert_array_equal(
+        read.longitude, read_bathymetry(written(tmp_path, gebco()), WHOLE).longitude
+    )
 
 
 def test_the_attribute_positive_decides_the_sign(tmp_path):
@@ -107,10 +123,20 @@ def test_attributes_that_are_not_understood_are_refused(change, words, tmp_path)
 
 
 def test_a_sign_that_leaves_no_water_and_axes_that_are_missing_are_refused(tmp_path):
-    with pytest.raises(ForecastError, match='elevation as a height, positive up, has no water; give it the attribute positive = "down"'):
-        read_bathymetry(written(tmp_path, gebco().assign(elevation=(("lat", "lon"), DEPTH + 60.0))), WHOLE)
-    with pytest.raises(ForecastError, match='depth, positive down, has no water; give it the attribute positive = "up"'):
-        read_bathymetry(written(tmp_path, nemo().assign(Bathymetry=(("y", "x"), -DEPTH - 60.0))), WHOLE)
+    with pytest.raises(
+        ForecastError,
+        match='elevation as a height, positive up, has no water; give it the attribute positive = "down"',
+    ):
+        read_bathymetry(
+            written(tmp_path, gebco().assign(elevation=(("lat", "lon"), DEPTH + 60.0))), WHOLE
+        )
+    with pytest.raises(
+        ForecastError,
+        match='depth, positive down, has no water; give it the attribute positive = "up"',
+    ):
+        read_bathymetry(
+            written(tmp_path, nemo().assign(Bathymetry=(("y", "x"), -DEPTH - 60.0))), WHOLE
+        )
     with pytest.raises(ForecastError, match="on longitude and latitude, found z"):
         read_bathymetry(written(tmp_path, xr.Dataset({"z": (("y", "x"), -DEPTH)})), WHOLE)
 
@@ -123,7 +149,10 @@ def test_gaps_wide_cells_and_water_that_is_not_covered_are_noted():
     (gaps,) = bathymetry_notes(Bathymetry(longitude, latitude, holed), grid)
     assert "no depth at 2 of its" in gaps
     wide = np.s_[::3, ::6]
-    (coarse,) = bathymetry_notes(Bathymetry(longitude[wide], latitude[wide], DEPTH[wide]), replace(grid, latitude=grid.latitude))[:1]
+    (coarse,) = bathymetry_notes(
+        Bathymetry(longitude[wide], latitude[wide], DEPTH[wide]),
+        replace(grid, latitude=grid.latitude),
+    )[:1]
     assert "are 25.6 km apart, wider than the forecast's, 8.5 km" in coarse
     part = np.s_[:, :20]
     (short,) = bathymetry_notes(Bathymetry(longitude[part], latitude[part], DEPTH[part]), grid)
@@ -133,7 +162,9 @@ def test_gaps_wide_cells_and_water_that_is_not_covered_are_noted():
 def test_a_replay_s_missions_turn_above_the_bottom(tmp_path):
     flat = gebco().assign(elevation=(("lat", "lon"), np.full(DEPTH.shape, -100.0)))
     path, flow = written(tmp_path, flat), still_flow()
-    planner = planner_of(PlannerConfig(kind="mission", depth=300.0, bathymetry=str(path), clearance=30.0), flow.grid)
+    planner = planner_of(
+        PlannerConfig(kind="mission", depth=300.0, bathymetry=str(path), clearance=30.0), flow.grid
+    )
     assert isinstance(planner, MissionPlanner)
     found = planner.plan(flow, place(flow, -2e3, 0.0, 0.0), place(flow, 2e3, 0.0, 0.0), 0, None)
     made = found.memory
@@ -153,7 +184,9 @@ def test_a_glide_ends_above_the_bottom(tmp_path):
     above = planner.plan(flow, start, place(flow, 2e3, 0.0, 69.0), 0, None).plan
     assert (above.status, above.track[-1, 2]) == ("reached", pytest.approx(69.0, abs=0.1))
     np.testing.assert_allclose(above.bottom, 100.0, rtol=1e-12)
-    with pytest.raises(PlanError, match="goal at 71 m is below the bottom less the clearance of 30 m; move it up"):
+    with pytest.raises(
+        PlanError, match="goal at 71 m is below the bottom less the clearance of 30 m; move it up"
+    ):
         planner.plan(flow, start, place(flow, 2e3, 0.0, 71.0), 0, None)
 
 
@@ -174,8 +207,12 @@ def test_no_more_of_a_grid_of_the_world_is_read_than_lies_around_the_region(tmp_
     # half a cell off the ends, and two points beyond
     assert here.depth.shape == (60 + 4, 120 + 4)
     assert (here.depth == 4000.0).all()
-    np.testing.assert_allclose(here.longitude[0, [0, -1]], [10.0 - 1.5 * step, 10.5 + 1.5 * step], rtol=1e-12)
-    np.testing.assert_allclose(here.latitude[[0, -1], 0], [60.0 - 1.5 * step, 60.25 + 1.5 * step], rtol=1e-12)
+    np.testing.assert_allclose(
+        here.longitude[0, [0, -1]], [10.0 - 1.5 * step, 10.5 + 1.5 * step], rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        here.latitude[[0, -1], 0], [60.0 - 1.5 * step, 60.25 + 1.5 * step], rtol=1e-12
+    )
     seam = read_bathymetry(tmp_path / "world.nc", region((179.9, 180.2), (-89.6, -89.55)))
     assert seam.depth.shape == (12 + 4, 72 + 4)
     np.testing.assert_allclose(np.diff(seam.longitude[0]), step, rtol=1e-6)
@@ -195,7 +232,10 @@ def test_a_window_of_a_curved_grid_is_cut_by_rows_and_columns(tmp_path):
 
 def test_the_bottom_under_a_track_is_linear_between_the_points(tmp_path):
     bathymetry = read_bathymetry(written(tmp_path, gebco()), WHOLE)
-    longitude, latitude = np.array([152.0, 152.025, 152.333, 151.0]), np.array([-40.0, -40.05, -39.9, -40.0])
+    longitude, latitude = (
+        np.array([152.0, 152.025, 152.333, 151.0]),
+        np.array([-40.0, -40.05, -39.9, -40.0]),
+    )
     track = np.column_stack([*to_local(WHOLE.projection, longitude, latitude), np.zeros(4)])
     found = depth_along(bathymetry, WHOLE.projection, track)
     expected = -50.0 + 1000.0 * (latitude + 40.5) + 140.0 * (longitude - 151.9)
@@ -209,6 +249,8 @@ def test_the_grid_of_results_has_at_most_160_cells_a_side():
     inner = region((152.0, 153.0), (-40.4, -39.6))
     found = seabed_of(Bathymetry(x, y, 100.0 + 1000.0 * (y + 40.5)), inner)
     assert found.depth.shape == (160, 160)
-    np.testing.assert_allclose([found.east[0], found.east[-1]], [inner.east.min(), inner.east.max()])
+    np.testing.assert_allclose(
+        [found.east[0], found.east[-1]], [inner.east.min(), inner.east.max()]
+    )
     latitude = to_geographic(inner.projection, *np.meshgrid(found.east, found.north))[1]
     np.testing.assert_allclose(found.depth, 100.0 + 1000.0 * (latitude + 40.5), atol=0.01)

@@ -6,7 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import MissionRequest, MissionSettings, best_departure, cut_at_horizon, plan_departures, plan_mission
+from planners import (
+    MissionRequest,
+    MissionSettings,
+    best_departure,
+    cut_at_horizon,
+    plan_departures,
+    plan_mission,
+)
 from planners.mission.flights import fly_mission
 from planners.mission.horizon import first_legs
 from replay_kit.config.run import EstimatorConfig
@@ -40,8 +47,18 @@ def evolving(hours=(0.0, 24.0, 48.0), scale=1e6) -> FlowEstimate:
     local = np.zeros((2, n_levels, 2))
     local[0, :, 0], local[1, :, 1] = 0.2, 0.2
     times = NOON + np.array([round(hour * HOUR) for hour in hours])
-    process = ProcessModel(times, mean, np.zeros((len(hours), 0, n_levels, 2)), np.ones(len(hours)), local, np.inf, scale)
-    evolution = Evolution(process, np.zeros_like(before.latent), np.zeros(2), lambda: 0.01 * np.eye(2), NOON)
+    process = ProcessModel(
+        times,
+        mean,
+        np.zeros((len(hours), 0, n_levels, 2)),
+        np.ones(len(hours)),
+        local,
+        np.inf,
+        scale,
+    )
+    evolution = Evolution(
+        process, np.zeros_like(before.latent), np.zeros(2), lambda: 0.01 * np.eye(2), NOON
+    )
     return evolution.flow(replace(before, modes=modes), NOON)
 
 
@@ -58,7 +75,9 @@ def saved(tmp_path_factory):
 
 def ask(flow, *more):
     start, goal = (f"{one.longitude},{one.latitude},0" for one in (START, GOAL))
-    return invoke(["plan", str(flow), f"--start={start}", f"--goal={goal}", "--depth", "390", *map(str, more)])
+    return invoke(
+        ["plan", str(flow), f"--start={start}", f"--goal={goal}", "--depth", "390", *map(str, more)]
+    )
 
 
 def answer(flow, *more):
@@ -71,11 +90,16 @@ def test_a_saved_estimate_is_planned_through_its_evolution_and_not_frozen(saved)
     said = answer(saved, "--samples", 0)
     assert (said["status"], said["notes"]) == ("reached", [])
     known = KnownCurrent((CHANGING,), 43200.0)
-    plan = plan_mission(known.flow(NOON, 2e5), MissionRequest(START, (GOAL,), settings=SETTINGS, start_time_ns=NOON))
+    plan = plan_mission(
+        known.flow(NOON, 2e5), MissionRequest(START, (GOAL,), settings=SETTINGS, start_time_ns=NOON)
+    )
     assert said["duration_s"] == pytest.approx(plan.duration, rel=1e-3)
     # flown on finer steps it meets the goal as well; what is planned on the first current alone misses it
     finer = [CHANGING.at(NOON + k * HOUR) for k in range(49)]
-    frozen = plan_mission(replace(CHANGING, later=None), MissionRequest(START, (GOAL,), settings=SETTINGS, start_time_ns=NOON))
+    frozen = plan_mission(
+        replace(CHANGING, later=None),
+        MissionRequest(START, (GOAL,), settings=SETTINGS, start_time_ns=NOON),
+    )
     changing, held = (float(fly_mission([finer], one).miss[0, 0]) for one in (plan, frozen))
     assert changing < 60.0 < 200.0 < held
 
@@ -98,10 +122,15 @@ def test_a_departure_table_has_the_best_of_single_plans_in_it(saved):
     single = [answer(saved, "--samples", 0, "--start-time", row["departure"]) for row in rows]
     assert [row["departure"] for row in rows] == [time_text(NOON + k * 6 * HOUR) for k in range(3)]
     # a plan that starts from its neighbour may be better than one by itself
-    assert all(row["duration_s"] <= 1.002 * one["duration_s"] for row, one in zip(rows, single, strict=True))
+    assert all(
+        row["duration_s"] <= 1.002 * one["duration_s"]
+        for row, one in zip(rows, single, strict=True)
+    )
     best = min(single, key=lambda one: one["duration_s"])
     assert said["duration_s"] == pytest.approx(best["duration_s"], rel=1e-3)
-    assert [row["best"] for row in rows if "planned" in row["best"]] == [rows[single.index(best)]["best"]]
+    assert [row["best"] for row in rows if "planned" in row["best"]] == [
+        rows[single.index(best)]["best"]
+    ]
     arrivals = [row["arrival"] for row in rows]
     assert [row["arrival"] for row in rows if "arrives first" in row["best"]] == [min(arrivals)]
     # leaving at once, the current sets towards the goal, later against it
@@ -111,12 +140,24 @@ def test_a_departure_table_has_the_best_of_single_plans_in_it(saved):
 def test_odds_of_departures_and_the_result_name_them(saved, tmp_path):
     from mcap.reader import make_reader
 
-    done = ask(saved, "--samples", 5, "--depart", f"{time_text(NOON)},{time_text(NOON + 8 * HOUR)},8h", "-o", tmp_path / "plan.mcap")
+    done = ask(
+        saved,
+        "--samples",
+        5,
+        "--depart",
+        f"{time_text(NOON)},{time_text(NOON + 8 * HOUR)},8h",
+        "-o",
+        tmp_path / "plan.mcap",
+    )
     assert done.exit_code == 0, done.output
     assert "Departures compared" in done.output
     assert "arrives first" in done.output
     with (tmp_path / "plan.mcap").open("rb") as file:
-        (rows,) = [record.metadata for record in make_reader(file).iter_metadata() if record.name == "departures"]
+        (rows,) = [
+            record.metadata
+            for record in make_reader(file).iter_metadata()
+            if record.name == "departures"
+        ]
     said = [json.loads(row) for row in rows.values()]
     assert [0.0 <= row["reached"] <= 1.0 for row in said] == [True, True]
     done = invoke(["report", str(tmp_path / "plan.mcap"), "-o", str(tmp_path / "plan.html")])
@@ -129,13 +170,18 @@ def test_odds_of_departures_and_the_result_name_them(saved, tmp_path):
 @pytest.mark.full
 def test_fewer_legs_are_tried_where_a_later_departure_needs_fewer():
     speeds = ((-0.1, 0), (-0.1, 20), (0.2, 24), (0.2, 96))
-    flows = [replace(uniform_flow(speed, 0.0), time_ns=NOON + hours * HOUR) for speed, hours in speeds]
+    flows = [
+        replace(uniform_flow(speed, 0.0), time_ns=NOON + hours * HOUR) for speed, hours in speeds
+    ]
     request = MissionRequest(START, (GOAL,), settings=SETTINGS)
     against, along = plan_departures(flows, request, [NOON, NOON + 26 * HOUR])
     alone = plan_mission(flows, replace(request, start_time_ns=NOON + 26 * HOUR))
     assert len(along.headings_deg) == len(alone.headings_deg) < len(against.headings_deg)
     assert along.duration == pytest.approx(alone.duration, rel=1e-3)
-    assert (best_departure([against, along]), best_departure([replace(along, status="unreachable"), against])) == (1, 1)
+    assert (
+        best_departure([against, along]),
+        best_departure([replace(along, status="unreachable"), against]),
+    ) == (1, 1)
     with pytest.raises(PlanError, match="expected one or more that increase"):
         plan_departures(flows, request, [NOON, NOON])
 
@@ -166,7 +212,9 @@ def test_the_first_legs_of_a_mission_end_where_it_surfaces_first():
     flown = fly_mission([flow], first)
     np.testing.assert_allclose(flown.place[0, -1], first.track[-1, :2], atol=1.0)
     assert first.track[-1, 2] == pytest.approx(0.0, abs=1e-6)
-    assert first_legs(plan, len(plan.headings_deg), projection).duration == pytest.approx(plan.duration)
+    assert first_legs(plan, len(plan.headings_deg), projection).duration == pytest.approx(
+        plan.duration
+    )
     assert cut_at_horizon(plan, plan.duration + 1.0, projection) is plan
     with pytest.raises(PlanError, match="the first leg ends after"):
         cut_at_horizon(plan, 0.5 * plan.surfacing_times[0], projection)
@@ -175,19 +223,64 @@ def test_the_first_legs_of_a_mission_end_where_it_surfaces_first():
 @pytest.mark.parametrize(
     ("more", "code", "words"),
     [
-        (["--start-time", "2025-01-01T00:00Z"], 3, "--start-time: expected a time within the forecast, 2026-01-01 12:00:00Z to 2026-01-03"),
-        (["--start-time", "2026-01-04T00:00Z"], 3, "--start-time: expected a time within the forecast"),
+        (
+            ["--start-time", "2025-01-01T00:00Z"],
+            3,
+            "--start-time: expected a time within the forecast, 2026-01-01 12:00:00Z to 2026-01-03",
+        ),
+        (
+            ["--start-time", "2026-01-04T00:00Z"],
+            3,
+            "--start-time: expected a time within the forecast",
+        ),
         (["--start-time", "tomorrow"], 2, "--start-time: 'tomorrow' is no time"),
-        (["--depart", "2026-01-01T12:00Z,2026-01-09T00:00Z,24h"], 3, "--depart: expected a time within the forecast"),
-        (["--depart", "2026-01-01T12:00Z,2026-01-02T00:00Z,0h"], 2, "--depart: expected a step above 0, got '0h'"),
+        (
+            ["--depart", "2026-01-01T12:00Z,2026-01-09T00:00Z,24h"],
+            3,
+            "--depart: expected a time within the forecast",
+        ),
+        (
+            ["--depart", "2026-01-01T12:00Z,2026-01-02T00:00Z,0h"],
+            2,
+            "--depart: expected a step above 0, got '0h'",
+        ),
         (["--depart", "2026-01-01T12:00Z,2026-01-02T00:00Z,6"], 2, "'6' is no duration"),
         (["--depart", "2026-01-01T12:00Z,2026-01-02T00:00Z"], 2, "--depart: expected T0,T1,STEP"),
-        (["--depart", "2026-01-02T12:00Z,2026-01-02T00:00Z,6h"], 2, "the first departure before the last"),
-        (["--depart", "2026-01-01T12:00Z,2026-01-02T12:00Z,1min"], 2, "at most 100 departures, got 1441"),
-        (["--depart", "2026-01-01T12:00Z,2026-01-02T00:00Z,6h", "--start-time", "2026-01-02T00:00Z"], 2, "expected one of them"),
-        (["--depart", "2026-01-01T12:00Z,2026-01-02T00:00Z,6h", "--risk", "0.1"], 2, "compare departures first"),
-        (["--depart", "2026-01-01T12:00Z,2026-01-02T00:00Z,6h", "--horizon", "9h"], 2, "leave out one"),
-        (["--horizon", "72h"], 3, "--horizon: expected at most 48.0 h, to the end of the forecast at 2026-01-03 12:00:00Z, got 72 h"),
+        (
+            ["--depart", "2026-01-02T12:00Z,2026-01-02T00:00Z,6h"],
+            2,
+            "the first departure before the last",
+        ),
+        (
+            ["--depart", "2026-01-01T12:00Z,2026-01-02T12:00Z,1min"],
+            2,
+            "at most 100 departures, got 1441",
+        ),
+        (
+            [
+                "--depart",
+                "2026-01-01T12:00Z,2026-01-02T00:00Z,6h",
+                "--start-time",
+                "2026-01-02T00:00Z",
+            ],
+            2,
+            "expected one of them",
+        ),
+        (
+            ["--depart", "2026-01-01T12:00Z,2026-01-02T00:00Z,6h", "--risk", "0.1"],
+            2,
+            "compare departures first",
+        ),
+        (
+            ["--depart", "2026-01-01T12:00Z,2026-01-02T00:00Z,6h", "--horizon", "9h"],
+            2,
+            "leave out one",
+        ),
+        (
+            ["--horizon", "72h"],
+            3,
+            "--horizon: expected at most 48.0 h, to the end of the forecast at 2026-01-03 12:00:00Z, got 72 h",
+        ),
         (["--horizon", "0h"], 2, "--horizon: expected a duration above 0"),
         (["--horizon", "1h"], 3, "the first leg ends after"),
         (["--horizon", "20h", "--line"], 2, "expected no --depart and no --horizon"),
@@ -209,8 +302,12 @@ def test_a_current_of_one_time_says_for_how_long_it_holds(tmp_path):
     assert f"frozen at {time_text(NOON)}; beyond {frozen.hours_known:.0f} h this is a guess" in note
     assert "The mission" not in note
     (note,) = frozen.notes(NOON - 300 * 24 * HOUR, NOON)
-    assert note.endswith("The mission begins 300 days before that time: it is planned in a current of which little is known")
-    assert frozen.notes(NOON, NOON + 100 * HOUR)[0].endswith("The mission ends 100 h after that time")
+    assert note.endswith(
+        "The mission begins 300 days before that time: it is planned in a current of which little is known"
+    )
+    assert frozen.notes(NOON, NOON + 100 * HOUR)[0].endswith(
+        "The mission ends 100 h after that time"
+    )
     (still,) = KnownCurrent((still_flow(),), 43200.0).notes(0, HOUR)
     assert "for how long that holds is not known" in still
     known = KnownCurrent((evolving(hours=(0.0,), scale=1e5),), 43200.0)
@@ -220,7 +317,10 @@ def test_a_current_of_one_time_says_for_how_long_it_holds(tmp_path):
     replace(eddying_flow(3), later=constant, time_ns=NOON).save(path)
     assert "the current is frozen at 2026-01-01 12:00:00Z; beyond" in answer(path)["notes"][0]
     done = ask(path, "--depart", "2026-01-01T12:00Z,2026-01-02T00:00Z,6h")
-    assert "--depart: expected a current that changes, got one that is frozen at 2026-01-01 12:00:00Z" in str(done.exception)
+    assert (
+        "--depart: expected a current that changes, got one that is frozen at 2026-01-01 12:00:00Z"
+        in str(done.exception)
+    )
 
 
 def test_oscillations_that_the_estimate_knows_carry_a_mission(tmp_path):
@@ -239,28 +339,39 @@ def test_oscillations_that_the_estimate_knows_carry_a_mission(tmp_path):
         known = KnownCurrent((estimate,), 43200.0)
         through = known.flow(NOON, 86400.0)
         # eight times in the twelve hours of the tide
-        assert through[1].time_ns - through[0].time_ns == pytest.approx(12.4206 / 8 * HOUR, rel=1e-4)
+        assert through[1].time_ns - through[0].time_ns == pytest.approx(
+            12.4206 / 8 * HOUR, rel=1e-4
+        )
         drawn = known.samples(NOON, 86400.0, 3, 1)
         for k in (0, 3, 7):
             seconds = (through[k].time_ns - NOON) / 1e9
             later = estimator.state_space.predict_mean(state.mean, seconds)[part]
             still = zero.copy()
-            turning = np.repeat(operator.oscillations.omega != 0.0, 2 * operator.oscillations.knots.size)
+            turning = np.repeat(
+                operator.oscillations.omega != 0.0, 2 * operator.oscillations.knots.size
+            )
             still[turning] = later[turning]
-            expected = [operator.oscillations.weights(depth) @ operator.oscillations.factor(c) @ still for c in (0, 1)]
+            expected = [
+                operator.oscillations.weights(depth) @ operator.oscillations.factor(c) @ still
+                for c in (0, 1)
+            ]
             slow = flow.at(through[k].time_ns)
             here = flow.nodes[len(flow.nodes) // 2]
             found = through[k].velocity(*here, depth) - slow.velocity(*here, depth)
             np.testing.assert_allclose(found, np.column_stack(expected), atol=2e-3)
             assert np.abs(found).max() > 0.02
             plain = sample_through(flow, [one.time_ns for one in through], 3, 1)
-            np.testing.assert_allclose(drawn[2][k].latent - plain[2][k].latent, through[k].latent - slow.latent, atol=1e-9)
+            np.testing.assert_allclose(
+                drawn[2][k].latent - plain[2][k].latent, through[k].latent - slow.latent, atol=1e-9
+            )
 
 
 def test_a_mission_longer_than_the_forecast_is_told():
     known = KnownCurrent((CHANGING,), 43200.0)
     (note,) = known.notes(NOON, NOON + 60 * HOUR)
-    assert note.startswith(f"the forecast ends at {time_text(NOON + 48 * HOUR)}, 12.0 h before the mission does")
+    assert note.startswith(
+        f"the forecast ends at {time_text(NOON + 48 * HOUR)}, 12.0 h before the mission does"
+    )
     assert known.notes(NOON, NOON + 40 * HOUR) == ()
 
 
@@ -270,17 +381,31 @@ def test_files_that_do_not_follow_each_other_are_refused(tmp_path):
     for second, words in (
         (first, "b.nc: expected a time after that of .*a.nc"),
         (replace(first, time_ns=None), "got no time"),
-        (replace(uniform_flow(0.1, 0.0), time_ns=NOON + HOUR), "b.nc: expected the region, levels and functions of .*a.nc"),
+        (
+            replace(uniform_flow(0.1, 0.0), time_ns=NOON + HOUR),
+            "b.nc: expected the region, levels and functions of .*a.nc",
+        ),
     ):
         with pytest.raises(PlanError, match=words):
             known_current([(files[0], first), (files[1], second)], 43200.0)
     later = replace(eddying_flow(2), time_ns=NOON + HOUR)
     known = known_current([(files[0], first), (files[1], later)], 43200.0)
-    assert (known.changes, known.ends_ns, known.flow(NOON, 1e5)) == (True, NOON + HOUR, (first, later))
+    assert (known.changes, known.ends_ns, known.flow(NOON, 1e5)) == (
+        True,
+        NOON + HOUR,
+        (first, later),
+    )
 
 
 def test_durations_and_departures_are_read():
-    assert [parse_duration(text) for text in ("90s", "30min", "6h", "1.5d")] == [90.0, 1800.0, 21600.0, 129600.0]
+    assert [parse_duration(text) for text in ("90s", "30min", "6h", "1.5d")] == [
+        90.0,
+        1800.0,
+        21600.0,
+        129600.0,
+    ]
     with pytest.raises(ConfigError, match="'-3h' is no duration"):
         parse_duration("-3h")
-    assert departures_of("2026-01-01T12:00Z, 2026-01-02T01:00Z,6h") == tuple(NOON + k * 6 * HOUR for k in range(3))
+    assert departures_of("2026-01-01T12:00Z, 2026-01-02T01:00Z,6h") == tuple(
+        NOON + k * 6 * HOUR for k in range(3)
+    )

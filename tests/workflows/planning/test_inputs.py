@@ -13,7 +13,11 @@ from tests.planners.flow_samples import still_flow
 
 
 def test_files_that_hold_no_areas_or_depths(tmp_path):
-    for text in ("{}", "[1]", '{"type": "Feature", "geometry": {"type": "Point", "coordinates": [1, 2]}}'):
+    for text in (
+        "{}",
+        "[1]",
+        '{"type": "Feature", "geometry": {"type": "Point", "coordinates": [1, 2]}}',
+    ):
         path = tmp_path / "areas.geojson"
         path.write_text(text)
         with pytest.raises(PlanError, match="expected GeoJSON"):
@@ -24,12 +28,22 @@ def test_files_that_hold_no_areas_or_depths(tmp_path):
     assert len(str(told.value)) < 400
     polygon = {"type": "Polygon", "coordinates": [[[1, 2], [2, 2], [2, 3]]]}
     for value, below in ((True, True), (0, False), (None, False)):
-        path.write_text(json.dumps({"type": "Feature", "properties": {"surface_only": value}, "geometry": polygon}))
+        path.write_text(
+            json.dumps(
+                {"type": "Feature", "properties": {"surface_only": value}, "geometry": polygon}
+            )
+        )
         assert read_areas(path)[0].surface_only == below
-    path.write_text(json.dumps({"type": "Feature", "properties": {"surface_only": "false"}, "geometry": polygon}))
+    path.write_text(
+        json.dumps(
+            {"type": "Feature", "properties": {"surface_only": "false"}, "geometry": polygon}
+        )
+    )
     with pytest.raises(PlanError, match="neither true nor false"):
         read_areas(path)
-    xr.Dataset({"speed": (("y", "x"), np.zeros((2, 2)))}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
+    xr.Dataset({"speed": (("y", "x"), np.zeros((2, 2)))}).to_netcdf(
+        tmp_path / "other.nc", engine="h5netcdf"
+    )
     with pytest.raises(ForecastError, match="expected one of"):
         read_bathymetry(tmp_path / "other.nc", still_flow().grid)
     with pytest.raises(ForecastError, match="cannot read"):

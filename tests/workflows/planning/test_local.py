@@ -25,14 +25,18 @@ BEGIN, SECONDS = NOON + 2 * HOUR, 20 * 3600.0
 
 def local(mean, std, cov=0.0) -> LocalCurrent:
     one = np.ones(1)
-    return LocalCurrent(one, std * one, 24.0 * 3600.0 * one, np.array([mean]), cov * np.eye(2)[None], NOON)
+    return LocalCurrent(
+        one, std * one, 24.0 * 3600.0 * one, np.array([mean]), cov * np.eye(2)[None], NOON
+    )
 
 
 def estimate(beside) -> FlowEstimate:
     flow = uniform_flow(0.05, 0.0)
     modes = flow.latent[:, :1]
     covariance = 1e-4 * np.eye(flow.levels.size)
-    return replace(flow, modes=modes, covariance=covariance, time_ns=NOON, later=constant, local=beside)
+    return replace(
+        flow, modes=modes, covariance=covariance, time_ns=NOON, later=constant, local=beside
+    )
 
 
 def water(currents, time_ns, count=1):
@@ -48,7 +52,9 @@ def test_an_expected_current_is_planned_with_and_forgotten():
     assert len(flows) > 1
     for flow in flows:
         np.testing.assert_allclose(
-            flow.velocity(0.0, 0.0, 20.0) - known.first.velocity(0.0, 0.0, 20.0), known.local.velocity(flow.time_ns), atol=2e-3
+            flow.velocity(0.0, 0.0, 20.0) - known.first.velocity(0.0, 0.0, 20.0),
+            known.local.velocity(flow.time_ns),
+            atol=2e-3,
         )
     (note,) = local_notes(known.local, NOON)
     assert "10 cm/s towards 0 degrees" in note
@@ -74,16 +80,28 @@ def test_samples_have_the_mean_and_the_spread_of_estimate_and_current_beside_it(
     for time_ns in (BEGIN, BEGIN + 7 * HOUR, BEGIN + 18 * HOUR):
         difference = water(currents, time_ns, count) - water(without, time_ns, count)
         error = beside.standard_error(time_ns)
-        np.testing.assert_allclose(difference.mean(axis=0), beside.velocity(time_ns), atol=4.0 * error / np.sqrt(count) + 2e-3)
+        np.testing.assert_allclose(
+            difference.mean(axis=0),
+            beside.velocity(time_ns),
+            atol=4.0 * error / np.sqrt(count) + 2e-3,
+        )
         np.testing.assert_allclose(difference.std(axis=0), error, rtol=0.2)
     shifted = currents.since(BEGIN)
-    np.testing.assert_allclose(water(shifted.since(0), 0, count), water(currents, BEGIN, count), rtol=1e-9)
+    np.testing.assert_allclose(
+        water(shifted.since(0), 0, count), water(currents, BEGIN, count), rtol=1e-9
+    )
 
 
 def test_odds_and_ellipses_know_of_it():
-    sure, unsure = (KnownCurrent((estimate(beside),), 6 * 3600.0) for beside in (None, local([0.0, 0.0], 0.1, 0.01)))
+    sure, unsure = (
+        KnownCurrent((estimate(beside),), 6 * 3600.0)
+        for beside in (None, local([0.0, 0.0], 0.1, 0.01))
+    )
     request = MissionRequest(
-        place(sure.first, -4e3, 0.0, 0.0), (place(sure.first, 3e3, 0.0, 0.0),), settings=MissionSettings(depth=390.0), start_time_ns=BEGIN
+        place(sure.first, -4e3, 0.0, 0.0),
+        (place(sure.first, 3e3, 0.0, 0.0),),
+        settings=MissionSettings(depth=390.0),
+        start_time_ns=BEGIN,
     )
     plan = plan_mission(sure.first, request)
     widths = []

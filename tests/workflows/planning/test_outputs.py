@@ -18,14 +18,30 @@ SAFE, CROSSING = SimpleNamespace(violation=None), SimpleNamespace(violation="cro
         (SAFE, "unsafe", None, None, "waypoints of a plan that is not safe"),
         (CROSSING, "reached", 0.1, 1.0, "the waypoints are not safe"),
         (SAFE, "reached", 0.1, 0.9, None),
-        (SAFE, "reached", 0.1, 0.85, "the risk of 10 % cannot be kept: the least found is 15 %, from banks 15 %, land 5 %"),
-        (None, "unsafe", 0.1, 0.95, "the risk of 10 % cannot be kept: the least found is 5 %, from banks 15 %, land 5 %"),
+        (
+            SAFE,
+            "reached",
+            0.1,
+            0.85,
+            "the risk of 10 % cannot be kept: the least found is 15 %, from banks 15 %, land 5 %",
+        ),
+        (
+            None,
+            "unsafe",
+            0.1,
+            0.95,
+            "the risk of 10 % cannot be kept: the least found is 5 %, from banks 15 %, land 5 %",
+        ),
         (None, "unsafe", 0.1, None, None),
     ],
 )
-def test_a_mission_is_handed_over_where_it_is_safe_or_no_one_asked(waypoints, status, risk, safe, why):
+def test_a_mission_is_handed_over_where_it_is_safe_or_no_one_asked(
+    waypoints, status, risk, safe, why
+):
     samples = None if safe is None else {"safe": safe, "violations": {"land": 0.05, "banks": 0.15}}
-    planned = SimpleNamespace(waypoints=waypoints, samples=samples, plan=SimpleNamespace(status=status))
+    planned = SimpleNamespace(
+        waypoints=waypoints, samples=samples, plan=SimpleNamespace(status=status)
+    )
     assert unsafe_reason(planned, SimpleNamespace(risk=risk)) == why
 
 

@@ -21,13 +21,23 @@ from tests.measurements.carriers import json_mcap
 from tests.measurements.samples import fix, ping
 from tests.places import ROOT
 
-CELLS = {"n_cells": 5, "cell_size": 20.0, "bin0_distance": 10.0, "velocity": [[0.1, 0.2, 0.0]] * 4 + [None]}
+CELLS = {
+    "n_cells": 5,
+    "cell_size": 20.0,
+    "bin0_distance": 10.0,
+    "velocity": [[0.1, 0.2, 0.0]] * 4 + [None],
+}
 
 
 @pytest.fixture
 def log(tmp_path):
     """A vessel's log: a sound ping, one with a failed and a suspect bin, one that leans so far that it loses everything."""
-    low = ping(2, **CELLS, correlation=[90.0, 10.0, 90.0, 90.0, 90.0], percent_good=[90.0, 90.0, 40.0, 90.0, 90.0])
+    low = ping(
+        2,
+        **CELLS,
+        correlation=[90.0, 10.0, 90.0, 90.0, 90.0],
+        percent_good=[90.0, 90.0, 40.0, 90.0, 90.0],
+    )
     messages = [
         fix(0),
         ping(1, **CELLS),
@@ -37,7 +47,9 @@ def log(tmp_path):
         fix(5),
     ]
     path = tmp_path / "survey.mcap"
-    path.write_bytes(json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in messages]))
+    path.write_bytes(
+        json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in messages])
+    )
     return path
 
 
@@ -55,8 +67,14 @@ def test_each_test_says_what_it_did(log):
     assert topic["bins"] == {"good": 6, "not_evaluated": 0, "suspect": 1, "fail": 5, "missing": 3}
     tests = {test["test"]: test for test in topic["tests"]}
     correlation = tests["correlation"]
-    assert (correlation["evaluated"], correlation["failed"], correlation["fail_when"]) == (4, 1, "< 25 %")
-    assert correlation["not_evaluated"] == [{"code": "the_ping_has_no_correlation", "reason": "the ping has no correlation", "count": 8}]
+    assert (correlation["evaluated"], correlation["failed"], correlation["fail_when"]) == (
+        4,
+        1,
+        "< 25 %",
+    )
+    assert correlation["not_evaluated"] == [
+        {"code": "the_ping_has_no_correlation", "reason": "the ping has no correlation", "count": 8}
+    ]
     assert correlation["bit"] == Reason.LOW_CORRELATION
     assert (tests["tilt"]["evaluated"], tests["tilt"]["failed"]) == (4, 4)
     (lost,) = topic["pings_lost"]
@@ -69,7 +87,9 @@ def test_each_test_says_what_it_did(log):
 
 
 def test_the_configuration_moves_the_limits(log, tmp_path):
-    (tmp_path / "run.toml").write_text('[measurements.quality]\ntilt_fail = "off"\ntilt_suspect = "off"\ncorrelation_fail = 5.0\n')
+    (tmp_path / "run.toml").write_text(
+        '[measurements.quality]\ntilt_fail = "off"\ntilt_suspect = "off"\ncorrelation_fail = 5.0\n'
+    )
     _, said = run_qc(log, "--config", tmp_path / "run.toml", "--json", "-")
     (topic,) = json.loads(said.stdout)["topics"]
     assert topic["bins"]["fail"] == 0
@@ -78,8 +98,14 @@ def test_the_configuration_moves_the_limits(log, tmp_path):
 
 def test_a_dive_is_told(tmp_path):
     depths = [0.0, 20.0, 60.0, 100.0, 60.0, 20.0, 0.0, 0.0]
-    messages = [m for k, depth in enumerate(depths) for m in (fix(60 * k, depth=depth), ping(60 * k, **{**CELLS, "pressure": None}))]
-    (tmp_path / "glider.mcap").write_bytes(json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in messages]))
+    messages = [
+        m
+        for k, depth in enumerate(depths)
+        for m in (fix(60 * k, depth=depth), ping(60 * k, **{**CELLS, "pressure": None}))
+    ]
+    (tmp_path / "glider.mcap").write_bytes(
+        json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in messages])
+    )
     _, said = run_qc(tmp_path / "glider.mcap", "--json", "-")
     track = json.loads(said.stdout)["track"]
     assert (track["dives"], track["yos"], track["legs"]) == (1, 1, 2)
@@ -91,16 +117,28 @@ def test_a_dive_is_told(tmp_path):
 
 
 def test_a_pressure_is_shown_as_a_depth(tmp_path):
-    messages = [fix(0), *(ping(60 * k, **{**CELLS, "pressure": p}) for k, p in enumerate([0.0, 500.0, 1000.0, 500.0, 0.0]))]
-    (tmp_path / "glider.mcap").write_bytes(json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in messages]))
+    messages = [
+        fix(0),
+        *(
+            ping(60 * k, **{**CELLS, "pressure": p})
+            for k, p in enumerate([0.0, 500.0, 1000.0, 500.0, 0.0])
+        ),
+    ]
+    (tmp_path / "glider.mcap").write_bytes(
+        json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in messages])
+    )
     deepest = float(check_quality([tmp_path / "glider.mcap"], RunConfig()).depth.max())
     assert deepest == pytest.approx(-gsw.z_from_p(1000.0, -40.0), rel=1e-12)
 
 
 def test_a_log_without_pings_is_unusable_and_says_what_it_has(tmp_path):
     alone = [fix(0), ping(1, **CELLS, coordinate_system="instrument")]
-    (tmp_path / "none.mcap").write_bytes(json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in alone]))
-    with pytest.raises(MeasurementError, match=r"expected ADCP pings.*1 x /adcp: heading is magnetic") as found:
+    (tmp_path / "none.mcap").write_bytes(
+        json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in alone])
+    )
+    with pytest.raises(
+        MeasurementError, match=r"expected ADCP pings.*1 x /adcp: heading is magnetic"
+    ) as found:
         check_quality([tmp_path / "none.mcap"], RunConfig())
     assert found.value.exit_code == 3
 
@@ -111,10 +149,16 @@ def test_a_damaged_log_says_so(log):
 
 
 SEAGLIDER = sorted((ROOT.parent / "shared" / "data" / "seaglider").glob("p17101*.nc"))
-REAL = pytest.param(SEAGLIDER, marks=pytest.mark.skipif(not SEAGLIDER, reason="../shared/data/seaglider is not there"), id="seaglider")
+REAL = pytest.param(
+    SEAGLIDER,
+    marks=pytest.mark.skipif(not SEAGLIDER, reason="../shared/data/seaglider is not there"),
+    id="seaglider",
+)
 
 
-@pytest.mark.parametrize("logs", [[ROOT / "sample_logs" / "survey.mcap"], [ROOT / "sample_logs" / "glider.mcap"], REAL])
+@pytest.mark.parametrize(
+    "logs", [[ROOT / "sample_logs" / "survey.mcap"], [ROOT / "sample_logs" / "glider.mcap"], REAL]
+)
 def test_sound_logs_lose_nothing(logs):
     """Bins that a test fails: none; suspect of anything but being at the surface: one in a thousand."""
     report = check_quality(logs, RunConfig())
@@ -142,7 +186,9 @@ def test_settings_are_checked_and_come_back_from_a_result(tmp_path):
 
 
 def test_a_replay_publishes_flags_and_reasons_and_uses_what_is_left(log, tmp_path):
-    synthetic.dataset(seed=4, n_members=8, shape=(5, 5)).to_netcdf(tmp_path / "ensemble.nc", engine="h5netcdf")
+    synthetic.dataset(seed=4, n_members=8, shape=(5, 5)).to_netcdf(
+        tmp_path / "ensemble.nc", engine="h5netcdf"
+    )
     alone = RunConfig(time=TimeConfig(window=0.0))
     summary, _ = replay(ReplayJob((log,), tmp_path / "ensemble.nc", tmp_path / "out.mcap"), alone)
     assert (summary.profiles_used, summary.profiles_rejected, summary.bins_used) == (2, 1, 7)
@@ -152,7 +198,19 @@ def test_a_replay_publishes_flags_and_reasons_and_uses_what_is_left(log, tmp_pat
         found = [message for *_, message in reader.iter_decoded_messages(topics="/flow/innovation")]
     assert [message.accepted for message in found] == [True, True, False]
     assert list(found[1].flags) == [1, 4, 3, 1, 9]
-    assert list(found[1].reasons) == [0, Reason.LOW_CORRELATION, Reason.LOW_PERCENT_GOOD, 0, Reason.MISSING]
-    assert [value == value for value in found[1].innovation_east] == [True, False, True, True, False]
+    assert list(found[1].reasons) == [
+        0,
+        Reason.LOW_CORRELATION,
+        Reason.LOW_PERCENT_GOOD,
+        0,
+        Reason.MISSING,
+    ]
+    assert [value == value for value in found[1].innovation_east] == [
+        True,
+        False,
+        True,
+        True,
+        False,
+    ]
     assert list(found[2].flags) == [4, 4, 4, 4, 9]
     assert list(found[2].reasons) == [Reason.TILT] * 4 + [Reason.TILT | Reason.MISSING]

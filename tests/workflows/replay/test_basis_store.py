@@ -16,7 +16,16 @@ from replay_kit.workflows.replay.inputs import ReplayJob
 from tests import synthetic
 
 SETTINGS = {"estimator": {"modes": 6}}
-KINDS = ["naive3d", "nearest", "ensemble_mean", "etkf", "letkf", "gp", "depth_average", "reduced_basis"]
+KINDS = [
+    "naive3d",
+    "nearest",
+    "ensemble_mean",
+    "etkf",
+    "letkf",
+    "gp",
+    "depth_average",
+    "reduced_basis",
+]
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +36,9 @@ def ocean(tmp_path_factory) -> Path:
 
 
 def job_in(ocean, folder):
-    return ReplayJob((), (ocean / "ensemble.nc",), goal=Place(152.3, -39.8, 100.0), basis_store=folder)
+    return ReplayJob(
+        (), (ocean / "ensemble.nc",), goal=Place(152.3, -39.8, 100.0), basis_store=folder
+    )
 
 
 def forecasts_in(ocean, config):
@@ -35,10 +46,21 @@ def forecasts_in(ocean, config):
 
 
 def innovations(estimator, grid):
-    return [innovation.innovation for _, innovation in estimator.steps(estimator.initial(), synthetic.random_profiles(grid, 3))]
+    return [
+        innovation.innovation
+        for _, innovation in estimator.steps(
+            estimator.initial(), synthetic.random_profiles(grid, 3)
+        )
+    ]
 
 
-@pytest.mark.parametrize("settings", [*({"estimator": {"name": name, "modes": 6}} for name in KINDS), {**SETTINGS, "time": {"scale": 3e5}}])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        *({"estimator": {"name": name, "modes": 6}} for name in KINDS),
+        {**SETTINGS, "time": {"scale": 3e5}},
+    ],
+)
 def test_what_is_read_gives_what_was_built(ocean, tmp_path, settings):
     config = load_config(None, settings)
     forecasts = forecasts_in(ocean, config)
@@ -50,11 +72,15 @@ def test_what_is_read_gives_what_was_built(ocean, tmp_path, settings):
     assert len(list(tmp_path.glob("*.basis"))) == 1
 
 
-def test_other_settings_parts_and_versions_have_estimators_of_their_own(ocean, tmp_path, monkeypatch):
+def test_other_settings_parts_and_versions_have_estimators_of_their_own(
+    ocean, tmp_path, monkeypatch
+):
     config = load_config(None, SETTINGS)
     job = job_in(ocean, tmp_path)
     part = load_config(None, {**SETTINGS, "forecast": {"levels": [5.0, 60.0]}})
-    for count, given in enumerate((config, part, load_config(None, {"estimator": {"modes": 5}})), start=1):
+    for count, given in enumerate(
+        (config, part, load_config(None, {"estimator": {"modes": 5}})), start=1
+    ):
         built(forecasts_in(ocean, given), given, job)
         assert len(list(tmp_path.glob("*.basis"))) == count
     built(forecasts_in(ocean, config), config, replace(job, goal=None))
@@ -82,13 +108,19 @@ def test_a_damaged_file_is_named_and_not_used(ocean, tmp_path, change, said):
     data = change(path.read_bytes())
     path.unlink()
     path.write_bytes(data)
-    with pytest.raises(LogError, match=f"{path}: the basis kept there cannot be used: .*{said}|{said}"):
+    with pytest.raises(
+        LogError, match=f"{path}: the basis kept there cannot be used: .*{said}|{said}"
+    ):
         built(forecasts, config, job_in(ocean, tmp_path))
 
 
 def test_nothing_is_left_of_a_file_that_cannot_be_written(ocean, tmp_path, monkeypatch):
     config = load_config(None, SETTINGS)
-    monkeypatch.setattr(basis_store, "_pad", lambda file: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    monkeypatch.setattr(
+        basis_store,
+        "_pad",
+        lambda file: (_ for _ in ()).throw(OSError(28, "No space left on device")),
+    )
     with pytest.raises(Exception, match="is the disk full"):
         built(forecasts_in(ocean, config), config, job_in(ocean, tmp_path))
     assert not [path for path in tmp_path.iterdir() if path.suffix != ".lock"]

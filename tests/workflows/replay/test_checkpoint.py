@@ -31,7 +31,10 @@ from replay_kit.workflows.replay.values import dump
 from replay_kit.workflows.verify import verify
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until, truth_in
 
-CONFIG = RunConfig(planner=PlannerConfig(kind="glide"), output=OutputConfig(checkpoint_interval=600.0, interval=7200.0))
+CONFIG = RunConfig(
+    planner=PlannerConfig(kind="glide"),
+    output=OutputConfig(checkpoint_interval=600.0, interval=7200.0),
+)
 GOAL = Place(152.3, -39.8, 150.0)
 
 
@@ -42,9 +45,26 @@ def ocean(tmp_path_factory) -> Path:
     return folder
 
 
-def run(ocean, out, checkpoint=None, stop_after=None, config=CONFIG, goal=GOAL, logs=("glider.mcap",), include_inputs=False):
+def run(
+    ocean,
+    out,
+    checkpoint=None,
+    stop_after=None,
+    config=CONFIG,
+    goal=GOAL,
+    logs=("glider.mcap",),
+    include_inputs=False,
+):
     paths = tuple(ocean / log for log in logs)
-    job = ReplayJob(paths, ocean / "ensemble.nc", out, goal=goal, checkpoint=checkpoint, overwrite=True, include_inputs=include_inputs)
+    job = ReplayJob(
+        paths,
+        ocean / "ensemble.nc",
+        out,
+        goal=goal,
+        checkpoint=checkpoint,
+        overwrite=True,
+        include_inputs=include_inputs,
+    )
     return run_until(job, config, stop_after)
 
 
@@ -105,14 +125,18 @@ def grouped(ocean, tmp_path_factory):
 
 @pytest.mark.full
 @pytest.mark.parametrize("block", [1, 5, 1000])
-def test_blocks_of_the_replay_change_no_byte_of_profiles_that_count_together(ocean, tmp_path, grouped, block, monkeypatch):
+def test_blocks_of_the_replay_change_no_byte_of_profiles_that_count_together(
+    ocean, tmp_path, grouped, block, monkeypatch
+):
     monkeypatch.setattr(ReducedBasisEstimator, "block_size", block)
     run(ocean, tmp_path / "out.mcap", config=WINDOW, goal=None)
     assert (tmp_path / "out.mcap").read_bytes() == grouped.read_bytes()
 
 
 @pytest.mark.full
-def test_a_run_stopped_within_a_group_goes_on_to_the_same_bytes_and_is_verified(ocean, tmp_path, grouped, monkeypatch):
+def test_a_run_stopped_within_a_group_goes_on_to_the_same_bytes_and_is_verified(
+    ocean, tmp_path, grouped, monkeypatch
+):
     out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
     kept = []
 
@@ -132,9 +156,15 @@ def test_a_run_stopped_within_a_group_goes_on_to_the_same_bytes_and_is_verified(
 
 
 @pytest.mark.full
-def test_a_resumed_run_scores_the_truth_near_all_profiles_used_not_only_those_since_the_checkpoint(ocean, tmp_path):
+def test_a_resumed_run_scores_the_truth_near_all_profiles_used_not_only_those_since_the_checkpoint(
+    ocean, tmp_path
+):
     job = ReplayJob(
-        (ocean / "glider.mcap",), ocean / "ensemble.nc", tmp_path / "out.mcap", truth=str(ocean / "truth.nc"), truth_radius_km=8.0
+        (ocean / "glider.mcap",),
+        ocean / "ensemble.nc",
+        tmp_path / "out.mcap",
+        truth=str(ocean / "truth.nc"),
+        truth_radius_km=8.0,
     )
     whole, _ = replay(job, CONFIG)
     resumed = replace(job, checkpoint=tmp_path / "run.ck", overwrite=True)
@@ -150,7 +180,9 @@ def test_a_resumed_run_scores_the_truth_near_all_profiles_used_not_only_those_si
 
 
 @pytest.mark.full
-def test_copied_inputs_of_several_logs_are_copied_once_however_often_a_run_is_stopped(ocean, tmp_path):
+def test_copied_inputs_of_several_logs_are_copied_once_however_often_a_run_is_stopped(
+    ocean, tmp_path
+):
     logs = ("glider.mcap", "survey.mcap")
     run(ocean, tmp_path / "whole.mcap", logs=logs, include_inputs=True)
     out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
@@ -169,9 +201,24 @@ def test_checkpoints_change_nothing_in_the_result(ocean, tmp_path, whole):
 
 def command_line(ocean, folder, *more):
     """The run of ``whole`` as a command, its result in a folder."""
-    (folder / "run.toml").write_text('[output]\ncheckpoint_interval = 600.0\ninterval = 7200.0\n[planner]\nkind = "glide"\n')
-    command = [sys.executable, "-c", "from replay_kit.cli.app import main; main()", "replay", str(ocean / "glider.mcap")]
-    options = ["--ensemble", str(ocean / "ensemble.nc"), "--config", str(folder / "run.toml"), "--goal=152.3,-39.8,150", "--overwrite"]
+    (folder / "run.toml").write_text(
+        '[output]\ncheckpoint_interval = 600.0\ninterval = 7200.0\n[planner]\nkind = "glide"\n'
+    )
+    command = [
+        sys.executable,
+        "-c",
+        "from replay_kit.cli.app import main; main()",
+        "replay",
+        str(ocean / "glider.mcap"),
+    ]
+    options = [
+        "--ensemble",
+        str(ocean / "ensemble.nc"),
+        "--config",
+        str(folder / "run.toml"),
+        "--goal=152.3,-39.8,150",
+        "--overwrite",
+    ]
     return [*command, *options, "-o", str(folder / "out.mcap"), *more]
 
 
@@ -179,7 +226,9 @@ def command_line(ocean, folder, *more):
 def test_a_process_that_is_killed_goes_on(ocean, tmp_path, whole):
     out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
     command = command_line(ocean, tmp_path, "--checkpoint", str(checkpoint))
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
     while not checkpoint.exists() and process.poll() is None:
         time.sleep(0.002)
     os.killpg(process.pid, signal.SIGKILL)
@@ -199,14 +248,20 @@ def test_the_caller_s_environment_changes_nothing(ocean, tmp_path, whole):
         "LC_ALL": "C",
         "LANG": "C",
     }
-    subprocess.run(command_line(ocean, tmp_path), check=True, capture_output=True, env={**os.environ, **other})
+    subprocess.run(
+        command_line(ocean, tmp_path), check=True, capture_output=True, env={**os.environ, **other}
+    )
     assert (tmp_path / "out.mcap").read_bytes() == whole[0]
 
 
 @pytest.mark.parametrize("what", ["settings", "goal"])
 def test_a_checkpoint_of_another_run_is_refused(ocean, stopped, what):
     out, checkpoint = stopped
-    other = CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update={"modes": 5})}) if what == "settings" else CONFIG
+    other = (
+        CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update={"modes": 5})})
+        if what == "settings"
+        else CONFIG
+    )
     with pytest.raises(ConfigError, match="another run"):
         run(ocean, out, checkpoint, config=other, goal=None if what == "goal" else GOAL)
 
@@ -255,7 +310,9 @@ def test_a_checkpoint_harms_no_other_file(ocean, tmp_path, name):
 def test_a_journal_gives_back_what_it_was_told_and_forgets_what_was_not_confirmed(tmp_path):
     path = tmp_path / "journal"
     journal = Journal(path)
-    entries = [({"kind": "message", "n": n}, np.random.default_rng(n).bytes(n * 37)) for n in range(5)]
+    entries = [
+        ({"kind": "message", "n": n}, np.random.default_rng(n).bytes(n * 37)) for n in range(5)
+    ]
     for entry in entries[:3]:
         journal.append(*entry)
     length = journal.flushed()

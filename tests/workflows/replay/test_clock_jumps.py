@@ -20,10 +20,16 @@ YEAR_2200 = 84_006 * DAY
 def ocean(tmp_path_factory) -> Path:
     """A sound log, and the same log with two fixes more in the year 2200, one of them first, whose clock jumps back by 30 days halfway."""
     folder = make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 30)
-    messages = [message for message in open_log(folder / "glider.mcap").messages() if message.topic != "/dac"]
+    messages = [
+        message
+        for message in open_log(folder / "glider.mcap").messages()
+        if message.topic != "/dac"
+    ]
     write_mcap_log(folder / "sound.mcap", messages)
     half = len(messages) // 2
-    broken = [m if k < half else m._replace(time_ns=m.time_ns - 30 * DAY) for k, m in enumerate(messages)]
+    broken = [
+        m if k < half else m._replace(time_ns=m.time_ns - 30 * DAY) for k, m in enumerate(messages)
+    ]
     stray = next(m for m in messages if m.topic == "/vehicle/fix")._replace(time_ns=YEAR_2200)
     broken = [stray, *broken[:20], stray, *broken[20:]]
     write_mcap_log(folder / "broken.mcap", broken)
@@ -31,7 +37,13 @@ def ocean(tmp_path_factory) -> Path:
 
 
 def run(ocean, log, out, checkpoint=None, stop_after=None):
-    return run_until(ReplayJob((ocean / log,), ocean / "ensemble.nc", out, checkpoint=checkpoint, overwrite=True), CONFIG, stop_after)
+    return run_until(
+        ReplayJob(
+            (ocean / log,), ocean / "ensemble.nc", out, checkpoint=checkpoint, overwrite=True
+        ),
+        CONFIG,
+        stop_after,
+    )
 
 
 def test_a_wrong_clock_costs_the_stray_stamps_alone_and_is_told(ocean, tmp_path):
@@ -44,7 +56,10 @@ def test_a_wrong_clock_costs_the_stray_stamps_alone_and_is_told(ocean, tmp_path)
     (jump,) = (note for note in broken.notes if "clock jumps" in note)
     assert jump.startswith(f"{ocean / 'broken.mcap'}: the clock jumps from ")
     assert jump.endswith("days were added to their stamps")
-    assert "2 messages on /vehicle/fix were set aside: their stamps are more than a day from those before and after" in broken.notes
+    assert (
+        "2 messages on /vehicle/fix were set aside: their stamps are more than a day from those before and after"
+        in broken.notes
+    )
     assert not any("clock jumps" in note or "set aside" in note for note in sound.notes)
 
 

@@ -25,7 +25,8 @@ from tests.command import invoke
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until, truth_in
 
 CONFIG = RunConfig(
-    estimator={"modes": 20, "sample_share": 0.5, "shift_distance": 0.0}, output={"interval": 7200.0, "checkpoint_interval": 600.0}
+    estimator={"modes": 20, "sample_share": 0.5, "shift_distance": 0.0},
+    output={"interval": 7200.0, "checkpoint_interval": 600.0},
 )
 EDITS = {fault.name: fault.edit for fault in FAULTS}
 PINGS = 60
@@ -49,7 +50,9 @@ def faulty(ocean, name):
 
 
 def run(ocean, log, config=CONFIG, **job):
-    summary, _ = replay(ReplayJob((log,), ocean / "ensemble.nc", ocean / "out.mcap", overwrite=True, **job), config)
+    summary, _ = replay(
+        ReplayJob((log,), ocean / "ensemble.nc", ocean / "out.mcap", overwrite=True, **job), config
+    )
     return summary
 
 
@@ -73,7 +76,9 @@ def test_a_sound_log_has_no_finding_and_a_verdict(summary_of):
     assert summary.profiles_used + summary.profiles_rejected == PINGS + 6
     # six pings lie outside the water of the ensemble
     assert answer["verdict"][:2] == ["60 of 66 observations used", "no contradiction found"]
-    assert answer["verdict"][2].startswith(f"RMS difference to the measurements {100.0 * summary.rms_prior:.1f} -> ")
+    assert answer["verdict"][2].startswith(
+        f"RMS difference to the measurements {100.0 * summary.rms_prior:.1f} -> "
+    )
 
 
 def test_a_turned_instrument_is_left_out_and_the_estimate_is_rebuilt_without_it(ocean):
@@ -82,18 +87,28 @@ def test_a_turned_instrument_is_left_out_and_the_estimate_is_rebuilt_without_it(
     assert finding.name == "compass or instrument turned"
     assert "turned by +180 degrees clockwise" in finding.evidence
     assert summary.exit_code == 6
-    means = {key: value for key, value in to_json(summary)["observations"].items() if key in ("used", "rejected")}
+    means = {
+        key: value
+        for key, value in to_json(summary)["observations"].items()
+        if key in ("used", "rejected")
+    }
     assert means["rejected"] == PINGS
     assert means["used"] == 6
     turned = Result(ocean / "out.mcap")
     estimate, events = turned.estimate, turned.events
     # the estimate is that of the mean currents alone
-    messages = [message for message in open_log(ocean / "turned.mcap").messages() if message.schema != "replay_kit.AdcpPing"]
+    messages = [
+        message
+        for message in open_log(ocean / "turned.mcap").messages()
+        if message.schema != "replay_kit.AdcpPing"
+    ]
     (ocean / "means.mcap").unlink(missing_ok=True)
     write_mcap_log(ocean / "means.mcap", messages)
     run(ocean, ocean / "means.mcap")
     places = np.array([0.0, 2e4]), np.array([0.0, -1e4]), np.array([20.0, 60.0])
-    assert Result(ocean / "out.mcap").estimate.velocity(*places) == pytest.approx(estimate.velocity(*places), abs=1e-9)
+    assert Result(ocean / "out.mcap").estimate.velocity(*places) == pytest.approx(
+        estimate.velocity(*places), abs=1e-9
+    )
     assert (events["level"] == "warning").sum() == 1
     assert events["message"].iloc[0] == str(finding)
 
@@ -109,25 +124,43 @@ def test_two_sources_that_contradict_each_other_are_both_kept(ocean):
     assert (summary.profiles_used, summary.profiles_rejected) == (PINGS, 6)
     assert not [note for note in summary.notes if "were rejected" in note]
     with pytest.raises(MeasurementError, match="two sources of the current contradict each other"):
-        run(ocean, log, CONFIG.model_copy(update={"consistency": RunConfig(consistency={"on_failure": "stop"}).consistency}))
-    ignored = run(ocean, log, CONFIG.model_copy(update={"consistency": RunConfig(consistency={"on_failure": "ignore"}).consistency}))
+        run(
+            ocean,
+            log,
+            CONFIG.model_copy(
+                update={"consistency": RunConfig(consistency={"on_failure": "stop"}).consistency}
+            ),
+        )
+    ignored = run(
+        ocean,
+        log,
+        CONFIG.model_copy(
+            update={"consistency": RunConfig(consistency={"on_failure": "ignore"}).consistency}
+        ),
+    )
     assert (ignored.findings, ignored.exit_code) == ((), 0)
     assert ignored.doubts[0] == "no consistency check was made (consistency.on_failure)"
 
 
 def test_a_wrong_unit_ends_the_run_unless_it_is_stated(ocean, summary_of):
     log = faulty(ocean, "cm/s")
-    with pytest.raises(MeasurementError, match=r'state measurements\.velocity_unit = "cm/s"') as error:
+    with pytest.raises(
+        MeasurementError, match=r'state measurements\.velocity_unit = "cm/s"'
+    ) as error:
         run(ocean, log)
     assert error.value.exit_code == 3
-    stated = CONFIG.model_copy(update={"measurements": RunConfig(measurements={"velocity_unit": "cm/s"}).measurements})
+    stated = CONFIG.model_copy(
+        update={"measurements": RunConfig(measurements={"velocity_unit": "cm/s"}).measurements}
+    )
     sound, mended = summary_of(), run(ocean, log, stated)
     assert mended.findings == ()
     assert mended.rms_after == pytest.approx(sound.rms_after, rel=1e-9)
 
 
 def test_an_odd_unit_that_is_stated_is_told_and_used(ocean):
-    stated = CONFIG.model_copy(update={"measurements": RunConfig(measurements={"velocity_unit": "m/s"}).measurements})
+    stated = CONFIG.model_copy(
+        update={"measurements": RunConfig(measurements={"velocity_unit": "m/s"}).measurements}
+    )
     summary = run(ocean, faulty(ocean, "cm/s"), stated)
     assert summary.findings[0].name == "unit of the velocities"
     assert summary.exit_code == 6
@@ -144,7 +177,9 @@ def test_dead_profiles_are_dropped_and_counted(summary_of):
 
 def test_a_dead_instrument_without_anything_else_is_no_log(ocean):
     log = faulty(ocean, "all zero")
-    no_means = CONFIG.model_copy(update={"measurements": RunConfig(measurements={"without": ("dac",)}).measurements})
+    no_means = CONFIG.model_copy(
+        update={"measurements": RunConfig(measurements={"without": ("dac",)}).measurements}
+    )
     with pytest.raises(MeasurementError, match=rf"{PINGS} ADCP pings, none usable: .* bins dead"):
         run(ocean, log, no_means)
 
@@ -154,7 +189,9 @@ def test_profiles_at_impossible_depths_are_not_used(ocean, name):
     summary = run(ocean, faulty(ocean, name))
     assert [finding.name for finding in summary.findings] == ["depths above the surface"]
     assert summary.profiles_rejected == PINGS
-    no_means = CONFIG.model_copy(update={"measurements": RunConfig(measurements={"without": ("dac",)}).measurements})
+    no_means = CONFIG.model_copy(
+        update={"measurements": RunConfig(measurements={"without": ("dac",)}).measurements}
+    )
     alone = run(ocean, faulty(ocean, name), no_means)
     assert (alone.profiles_used, alone.exit_code) == (0, 6)
     assert "no observation changed the estimate: it is the ensemble's" in alone.verdict
@@ -168,7 +205,11 @@ def test_pings_at_frozen_positions_are_not_used(ocean):
 
 
 def test_frozen_positions_of_a_log_without_measurements_are_no_result(ocean):
-    positions = [message for message in open_log(faulty(ocean, "frozen positions")).messages() if "latitude" in message.payload]
+    positions = [
+        message
+        for message in open_log(faulty(ocean, "frozen positions")).messages()
+        if "latitude" in message.payload
+    ]
     write_mcap_log(ocean / "positions.mcap", positions)
     with pytest.raises(MeasurementError, match="no usable ADCP ping"):
         run(ocean, ocean / "positions.mcap")
@@ -184,11 +225,22 @@ def test_an_ensemble_in_another_unit_is_refused_unless_checks_are_ignored(ocean,
     job = ReplayJob((ocean / "glider.mcap",), tmp_path / "cm.nc")
     with pytest.raises(ForecastError, match=r"unit of the ensemble: .*cm\.nc: RMS speed") as error:
         replay(job, CONFIG)
-    assert [(finding.name, finding.severity) for finding in error.value.findings] == [("unit of the ensemble", "unusable")]
+    assert [(finding.name, finding.severity) for finding in error.value.findings] == [
+        ("unit of the ensemble", "unusable")
+    ]
     answer = failure_json(error.value)
-    assert (answer["exit_codes"], answer["error"], answer["status"]) == ([3], str(error.value), "failed")
-    assert answer["consistency"][0]["likely_cause"] == "velocities in cm/s or knots that the file calls m/s"
-    ignoring = CONFIG.model_copy(update={"consistency": RunConfig(consistency={"on_failure": "ignore"}).consistency})
+    assert (answer["exit_codes"], answer["error"], answer["status"]) == (
+        [3],
+        str(error.value),
+        "failed",
+    )
+    assert (
+        answer["consistency"][0]["likely_cause"]
+        == "velocities in cm/s or knots that the file calls m/s"
+    )
+    ignoring = CONFIG.model_copy(
+        update={"consistency": RunConfig(consistency={"on_failure": "ignore"}).consistency}
+    )
     assert replay(job, ignoring)[0].exit_code == 0
 
 
@@ -202,31 +254,72 @@ def test_loss_goes_before_contradiction_and_both_are_listed(summary_of):
 def invoked(ocean, log, tmp_path, more=""):
     """Exit code, JSON and standard error of a replay on the command line."""
     settings, answer = tmp_path / "run.toml", tmp_path / "answer.json"
-    settings.write_text("[estimator]\nmodes = 20\nsample_share = 0.5\nshift_distance = 0.0\n" + more)
+    settings.write_text(
+        "[estimator]\nmodes = 20\nsample_share = 0.5\nshift_distance = 0.0\n" + more
+    )
     out = tmp_path / "out.mcap"
-    named = ["replay", log, "--ensemble", ocean / "ensemble.nc", "--config", settings, "-o", out, "--json", answer, "--overwrite"]
+    named = [
+        "replay",
+        log,
+        "--ensemble",
+        ocean / "ensemble.nc",
+        "--config",
+        settings,
+        "-o",
+        out,
+        "--json",
+        answer,
+        "--overwrite",
+    ]
     done = invoke([str(word) for word in named])
     return done, json.loads(answer.read_text())
 
 
 def test_a_contradiction_ends_with_six_and_is_in_the_answer(ocean, tmp_path):
     done, answer = invoked(ocean, faulty(ocean, "profiles: both signs"), tmp_path)
-    assert (done.exit_code, answer["exit_code"], answer["exit_codes"], answer["status"]) == (6, 6, [6], "inconsistent")
+    assert (done.exit_code, answer["exit_code"], answer["exit_codes"], answer["status"]) == (
+        6,
+        6,
+        [6],
+        "inconsistent",
+    )
     (finding,) = answer["consistency"]
     assert set(finding) == {"name", "since", "evidence", "likely_cause", "set", "severity"}
     assert finding["name"] == "two sources of the current contradict each other"
     assert finding["since"].endswith("Z")
-    assert answer["verdict"][1] == "1 contradiction: two sources of the current contradict each other"
+    assert (
+        answer["verdict"][1] == "1 contradiction: two sources of the current contradict each other"
+    )
     lines = done.stdout.splitlines()
     assert lines[0].startswith("Verdict: 60 of 66 observations used; 1 contradiction: two sources")
-    assert any(line.startswith("CONTRADICTION: two sources of the current contradict each other (since ") for line in lines)
-    assert [row["topic"] for row in answer["messages"]] == ["/adcp", "/dac", "/vehicle/fix", "/vehicle/position"]
+    assert any(
+        line.startswith("CONTRADICTION: two sources of the current contradict each other (since ")
+        for line in lines
+    )
+    assert [row["topic"] for row in answer["messages"]] == [
+        "/adcp",
+        "/dac",
+        "/vehicle/fix",
+        "/vehicle/position",
+    ]
 
 
 def test_a_run_that_a_contradiction_stops_says_so_in_its_answer(ocean, tmp_path):
-    done, answer = invoked(ocean, faulty(ocean, "profiles: both signs"), tmp_path, '[consistency]\non_failure = "stop"\n')
-    assert (done.exit_code, answer["exit_code"], answer["exit_codes"], answer["status"]) == (3, 3, [3, 6], "failed")
-    assert [finding["name"] for finding in answer["consistency"]] == ["two sources of the current contradict each other"]
+    done, answer = invoked(
+        ocean,
+        faulty(ocean, "profiles: both signs"),
+        tmp_path,
+        '[consistency]\non_failure = "stop"\n',
+    )
+    assert (done.exit_code, answer["exit_code"], answer["exit_codes"], answer["status"]) == (
+        3,
+        3,
+        [3, 6],
+        "failed",
+    )
+    assert [finding["name"] for finding in answer["consistency"]] == [
+        "two sources of the current contradict each other"
+    ]
     assert answer["error"] in done.stderr
     assert answer["error"].startswith("two sources of the current contradict each other (since ")
     assert answer["messages"][0]["topic"] == "/adcp"
@@ -234,7 +327,9 @@ def test_a_run_that_a_contradiction_stops_says_so_in_its_answer(ocean, tmp_path)
 
 
 def test_a_run_without_a_usable_profile_says_what_is_dead(ocean, tmp_path):
-    done, answer = invoked(ocean, faulty(ocean, "all zero"), tmp_path, "[measurements]\nwithout = ['dac']\n")
+    done, answer = invoked(
+        ocean, faulty(ocean, "all zero"), tmp_path, "[measurements]\nwithout = ['dac']\n"
+    )
     assert (done.exit_code, answer["exit_codes"]) == (3, [3, 6])
     assert [finding["name"] for finding in answer["consistency"]] == ["dead or stale instrument"]
 
@@ -261,8 +356,18 @@ def test_a_run_stopped_around_a_finding_gives_the_same_bytes(ocean, tmp_path):
 
 
 def test_a_telemetry_log_of_another_place_is_named_and_ends_with_6(ocean, tmp_path):
-    positions = [message for message in open_log(ocean / "glider.mcap").messages() if message.schema == "foxglove.LocationFix"]
-    write_tlog(tmp_path / "other.tlog", [one._replace(payload={**one.payload, "longitude": -30.0, "latitude": 60.0}) for one in positions])
+    positions = [
+        message
+        for message in open_log(ocean / "glider.mcap").messages()
+        if message.schema == "foxglove.LocationFix"
+    ]
+    write_tlog(
+        tmp_path / "other.tlog",
+        [
+            one._replace(payload={**one.payload, "longitude": -30.0, "latitude": 60.0})
+            for one in positions
+        ],
+    )
     job = ReplayJob((ocean / "glider.mcap", tmp_path / "other.tlog"), ocean / "ensemble.nc")
     summary, _ = replay(job, CONFIG)
     (finding,) = (finding for finding in summary.findings if finding.name == PLACES)

@@ -9,7 +9,12 @@ from replay_kit.core.dive_forecast import ellipse_of
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, PathMean, Source
-from replay_kit.workflows.replay.dive_forecasts import ForecastState, dive_mean, forecast_mean, next_surfacing
+from replay_kit.workflows.replay.dive_forecasts import (
+    ForecastState,
+    dive_mean,
+    forecast_mean,
+    next_surfacing,
+)
 
 WAY = np.array([0.15, 0.1])
 
@@ -18,13 +23,27 @@ def mean(k, velocity=(0.05, -0.02), seconds=7200):
     """Dive k of a straight course, two hours long, three hours after the one before."""
     begin = k * 3 * 3600 * 10**9
     start = Fix(begin, 5.0 + 0.01 * k, 62.0)
-    longitude, latitude = to_geographic(Projection(start.longitude, start.latitude), *(seconds * (WAY + velocity)))
+    longitude, latitude = to_geographic(
+        Projection(start.longitude, start.latitude), *(seconds * (WAY + velocity))
+    )
     end = Fix(begin + seconds * 10**9, float(longitude), float(latitude))
     two = np.array([0.0, 200.0])
     times = np.array([start.time_ns, end.time_ns])
     place = np.array([start.longitude, end.longitude]), np.array([start.latitude, end.latitude])
     source = Source(0, "/dac", k, end.time_ns)
-    return PathMean(end.time_ns, times, *place, two, np.array([0.5, 0.5]), velocity, 0.01, "dac", k + 1, source, (start, end))
+    return PathMean(
+        end.time_ns,
+        times,
+        *place,
+        two,
+        np.array([0.5, 0.5]),
+        velocity,
+        0.01,
+        "dac",
+        k + 1,
+        source,
+        (start, end),
+    )
 
 
 def after(*means):
@@ -48,13 +67,20 @@ def test_in_a_steady_current_surfacings_come_to_lie_where_they_were_expected():
     assert distances[-1] < 0.1 * distances[0]
     assert all(one.in_outer for one in state.outcomes)
     following = next_surfacing(state)
-    expected = to_local(Projection(following.longitude, following.latitude), *state.outcomes[-1].fix[1:])
-    np.testing.assert_allclose(-np.array(expected), 7200.0 * (WAY + np.array([0.05, -0.02])), atol=30.0)
+    expected = to_local(
+        Projection(following.longitude, following.latitude), *state.outcomes[-1].fix[1:]
+    )
+    np.testing.assert_allclose(
+        -np.array(expected), 7200.0 * (WAY + np.array([0.05, -0.02])), atol=30.0
+    )
 
 
 def test_the_current_of_a_dive_does_not_move_its_own_ellipse():
     before = after(mean(0), mean(1))
-    plain, other = (forecast_mean(before, mean(2, velocity))[0].outcomes[-1] for velocity in ((0.05, -0.02), (-0.3, 0.4)))
+    plain, other = (
+        forecast_mean(before, mean(2, velocity))[0].outcomes[-1]
+        for velocity in ((0.05, -0.02), (-0.3, 0.4))
+    )
     assert plain.forecast.outer.major == pytest.approx(other.forecast.outer.major)
     assert plain.forecast.longitude == pytest.approx(other.forecast.longitude, abs=1e-6)
     assert other.distance > plain.distance
@@ -63,7 +89,10 @@ def test_the_current_of_a_dive_does_not_move_its_own_ellipse():
 
 def test_a_drift_at_the_surface_or_a_mean_without_fixes_is_no_dive():
     for other in (replace(mean(0), kind="drift"), replace(mean(0), fixes=None)):
-        assert forecast_mean(ForecastState(), other) == (ForecastState(), ()) or after(other).outcomes == ()
+        assert (
+            forecast_mean(ForecastState(), other) == (ForecastState(), ())
+            or after(other).outcomes == ()
+        )
     assert next_surfacing(ForecastState()) is None
 
 

@@ -9,7 +9,12 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Flag, Observation
-from replay_kit.workflows.replay.flight_bias import FlightState, as_used, corrected, with_dive_profile
+from replay_kit.workflows.replay.flight_bias import (
+    FlightState,
+    as_used,
+    corrected,
+    with_dive_profile,
+)
 from tests.workflows.replay.test_dive_forecasts import mean
 
 CURRENT, BIAS = complex(0.05, -0.02), 0.5
@@ -20,7 +25,10 @@ def dive(k, bias=BIAS):
     way = 0.25 * np.exp(2.1j * k)
     stated = CURRENT + bias * way
     start = mean(k).fixes[0]
-    end = to_geographic(Projection(start.longitude, start.latitude), *(7200.0 * np.array([(way + stated).real, (way + stated).imag])))
+    end = to_geographic(
+        Projection(start.longitude, start.latitude),
+        *(7200.0 * np.array([(way + stated).real, (way + stated).imag])),
+    )
     fixes = (start, Fix(start.time_ns + 7200 * 10**9, *map(float, end)))
     return replace(mean(k, (stated.real, stated.imag)), fixes=fixes)
 
@@ -30,7 +38,19 @@ def profile(k):
     depth = np.array([50.0, 150.0])
     flags, reasons = np.full(2, Flag.GOOD, np.int8), np.zeros(2, np.int32)
     velocity = np.tile([CURRENT.real, CURRENT.imag], (2, 1))
-    return Observation(mean(k).time_ns - 1, 5.0, 62.0, depth, velocity, np.full(2, 0.05), "earth", flags, reasons, k + 1, mean(k).source)
+    return Observation(
+        mean(k).time_ns - 1,
+        5.0,
+        62.0,
+        depth,
+        velocity,
+        np.full(2, 0.05),
+        "earth",
+        flags,
+        reasons,
+        k + 1,
+        mean(k).source,
+    )
 
 
 @pytest.mark.parametrize("with_profiles", [False, True])

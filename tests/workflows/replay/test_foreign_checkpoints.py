@@ -16,7 +16,9 @@ from replay_kit.workflows.replay.replay import replay
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
 
 MAGIC, IDENTITY = b"replay-kit checkpoint 6\nnull\n", "0" * 64
-CONFIG = RunConfig(output=OutputConfig(checkpoint_interval=600.0), estimator=EstimatorConfig(modes=2))
+CONFIG = RunConfig(
+    output=OutputConfig(checkpoint_interval=600.0), estimator=EstimatorConfig(modes=2)
+)
 
 
 def sealed(body: bytes, identity: bytes = IDENTITY.encode()) -> bytes:
@@ -29,7 +31,10 @@ def sealed(body: bytes, identity: bytes = IDENTITY.encode()) -> bytes:
         (b"", "pickle exhausted before seeing STOP"),
         (b"\x80\x05\x95" + b"\xff" * 8, "pickle exhausted before seeing STOP"),
         # a place in the memo that would take 32 GB
-        (b"\x80\x05Nr" + struct.pack("<I", 2**31 - 1) + b".", "it holds LONG_BINPUT, which no checkpoint does"),
+        (
+            b"\x80\x05Nr" + struct.pack("<I", 2**31 - 1) + b".",
+            "it holds LONG_BINPUT, which no checkpoint does",
+        ),
         (b"\x80\x05\x96" + struct.pack("<Q", 2**40) + b".", "expected 1099511627776 bytes"),
         (b"cos\nsystem\n(S'true'\ntR.", "it holds GLOBAL, which no checkpoint does"),
         (pickle.dumps([1, 2], 5), "expected a checkpoint, got list"),
@@ -37,16 +42,24 @@ def sealed(body: bytes, identity: bytes = IDENTITY.encode()) -> bytes:
         (pickle.dumps(Checkpoint("state", 3, None, 0, (0, None)), 5), "AttributeError"),
     ],
 )
-def test_contents_that_are_no_checkpoint_are_refused(tmp_path: Path, body: bytes, words: str) -> None:
+def test_contents_that_are_no_checkpoint_are_refused(
+    tmp_path: Path, body: bytes, words: str
+) -> None:
     (tmp_path / "run.ck").write_bytes(sealed(body))
-    with pytest.raises(LogError, match=f"the checkpoint cannot be used: .*{words}.*; delete it to begin anew"):
+    with pytest.raises(
+        LogError, match=f"the checkpoint cannot be used: .*{words}.*; delete it to begin anew"
+    ):
         CheckpointFile(tmp_path / "run.ck", IDENTITY, 600.0, None).read()
 
 
 def test_a_checkpoint_with_parts_of_other_kinds_ends_the_run_with_its_name(tmp_path: Path) -> None:
     make_ocean(tmp_path, CONFIG, 30)
     job = ReplayJob(
-        (tmp_path / "glider.mcap",), tmp_path / "ensemble.nc", tmp_path / "out.mcap", checkpoint=tmp_path / "run.ck", overwrite=True
+        (tmp_path / "glider.mcap",),
+        tmp_path / "ensemble.nc",
+        tmp_path / "out.mcap",
+        checkpoint=tmp_path / "run.ck",
+        overwrite=True,
     )
     with pytest.raises(Killed):
         run_until(job, CONFIG, 40)
@@ -63,7 +76,10 @@ def test_a_checkpoint_with_parts_of_other_kinds_ends_the_run_with_its_name(tmp_p
     ):
         body = pickle.dumps(wrong, 5)
         (tmp_path / "run.ck").write_bytes(sealed(body, identity))
-        with pytest.raises(LogError, match=r"run\.ck: the checkpoint cannot be used: \w+Error: .*; delete it to begin anew"):
+        with pytest.raises(
+            LogError,
+            match=r"run\.ck: the checkpoint cannot be used: \w+Error: .*; delete it to begin anew",
+        ):
             replay(job, CONFIG)
 
 
@@ -74,5 +90,8 @@ def test_errors_of_a_run_that_began_anew_stay_what_they_are(tmp_path: Path) -> N
     (tmp_path / "run.ck").touch()
     with pytest.raises(ConfigError), resuming(tmp_path / "run.ck"):
         raise ConfigError("of an option")
-    with pytest.raises(LogError, match="ZeroDivisionError: of nought"), resuming(tmp_path / "run.ck"):
+    with (
+        pytest.raises(LogError, match="ZeroDivisionError: of nought"),
+        resuming(tmp_path / "run.ck"),
+    ):
         raise ZeroDivisionError("of nought")

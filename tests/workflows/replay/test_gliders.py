@@ -15,18 +15,37 @@ from tests.command import invoke
 from tests.logs.glider import glider_samples as made
 from tests.places import DATA
 
-FAST = ["--modes", "20", "--place-ensemble", "--overwrite", "--estimator.sample-share", "0.5", "--estimator.shift-distance", "0"]
+FAST = [
+    "--modes",
+    "20",
+    "--place-ensemble",
+    "--overwrite",
+    "--estimator.sample-share",
+    "0.5",
+    "--estimator.shift-distance",
+    "0",
+]
 
 
 @pytest.fixture(scope="module")
 def ocean(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("ocean")
-    synthetic.dataset(seed=4, n_members=12, shape=(5, 5)).to_netcdf(folder / "E.nc", engine="h5netcdf")
+    synthetic.dataset(seed=4, n_members=12, shape=(5, 5)).to_netcdf(
+        folder / "E.nc", engine="h5netcdf"
+    )
     return folder
 
 
 def replay(ocean: Path, *arguments: str | Path) -> tuple[dict, str]:
-    given = [*map(str, arguments), "--ensemble", str(ocean / "E.nc"), "-o", str(ocean / "out.mcap"), "--json", str(ocean / "out.json")]
+    given = [
+        *map(str, arguments),
+        "--ensemble",
+        str(ocean / "E.nc"),
+        "-o",
+        str(ocean / "out.mcap"),
+        "--json",
+        str(ocean / "out.json"),
+    ]
     done = invoke(["replay", *given, *FAST])
     assert done.exit_code == 0, done.output
     return json.loads((ocean / "out.json").read_text()), done.output
@@ -36,7 +55,10 @@ def test_mean_currents_alone_estimate_a_field_and_say_so(ocean, tmp_path):
     answer, said = replay(ocean, made.bodc(tmp_path / "a.nc"))
     assert answer["observations"]["used"] == 2
     assert "Observations: 2 mean currents used, 0 rejected" in said
-    assert "the estimate rests on 2 mean currents of dives and 0 drifts between fixes alone (measurements.use_drift = true adds" in said
+    assert (
+        "the estimate rests on 2 mean currents of dives and 0 drifts between fixes alone (measurements.use_drift = true adds"
+        in said
+    )
     assert answer["rms_innovation"]["after"] < answer["rms_innovation"]["prior"]
     (tmp_path / "drift.toml").write_text("[measurements]\nuse_drift = true\n")
     answer, said = replay(ocean, tmp_path / "a.nc", "--config", tmp_path / "drift.toml")
@@ -63,7 +85,16 @@ def test_absolute_profiles_are_used_directly_by_every_command(ocean, tmp_path):
     assert done.exit_code == 0, done.output
     again, _ = replay(ocean, tmp_path / "a.mcap")
     assert again["rms_innovation"] == answer["rms_innovation"]
-    done = invoke(["experiment", "dives", str(made.bodc(tmp_path / "b.nc")), "--ensemble", str(ocean / "E.nc"), "--place-ensemble"])
+    done = invoke(
+        [
+            "experiment",
+            "dives",
+            str(made.bodc(tmp_path / "b.nc")),
+            "--ensemble",
+            str(ocean / "E.nc"),
+            "--place-ensemble",
+        ]
+    )
     assert done.exit_code == 0, done.output
     assert "dive" in done.stdout
 
@@ -88,10 +119,20 @@ def _log(path: Path, reference: str | None, *, last_fix: float = 4000.0) -> Path
         "transducer_depth": 0.0,
     }
     fixes = [
-        Message(round(t * 1e9), "/fix", "foxglove.LocationFix", {"longitude": 152.0 + 1e-5 * t, "latitude": -40.0}, 0, 0)
+        Message(
+            round(t * 1e9),
+            "/fix",
+            "foxglove.LocationFix",
+            {"longitude": 152.0 + 1e-5 * t, "latitude": -40.0},
+            0,
+            0,
+        )
         for t in (0.0, last_fix)
     ]
-    pings = [Message(round(t * 1e9), "/adcp", "replay_kit.AdcpPing", ping, 0, 0) for t in np.linspace(1.0, 3600.0, 10)]
+    pings = [
+        Message(round(t * 1e9), "/adcp", "replay_kit.AdcpPing", ping, 0, 0)
+        for t in np.linspace(1.0, 3600.0, 10)
+    ]
     write_mcap_log(path, sorted([*fixes, *pings], key=lambda message: message.time_ns))
     return path
 
@@ -111,14 +152,32 @@ def test_a_summary_begins_with_the_pings_that_a_setting_would_keep(ocean, tmp_pa
 
 def test_an_unknown_reference_ends_with_the_line_to_set(ocean, tmp_path):
     log = _log(tmp_path / "a.mcap", None)
-    done = invoke(["replay", str(log), "--ensemble", str(ocean / "E.nc"), "-o", str(tmp_path / "o.mcap"), *FAST])
+    done = invoke(
+        [
+            "replay",
+            str(log),
+            "--ensemble",
+            str(ocean / "E.nc"),
+            "-o",
+            str(tmp_path / "o.mcap"),
+            *FAST,
+        ]
+    )
     assert done.exit_code == 3
-    assert "10 of 10 pings on /adcp were not used: ping: expected reference to be one of earth, platform, got none" in done.output
-    assert 'measurements.reference = "earth" or "platform", whichever the velocities are relative to, would keep them' in done.output
+    assert (
+        "10 of 10 pings on /adcp were not used: ping: expected reference to be one of earth, platform, got none"
+        in done.output
+    )
+    assert (
+        'measurements.reference = "earth" or "platform", whichever the velocities are relative to, would keep them'
+        in done.output
+    )
 
 
 @pytest.mark.skipif(not (DATA / "glider").is_dir(), reason="../shared/data/glider is not there")
-@pytest.mark.parametrize(("name", "used"), [("seagliderOG1_sg033_delayed.nc", 18), ("og1_sp028_20230202T1637_R.nc", 9)])
+@pytest.mark.parametrize(
+    ("name", "used"), [("seagliderOG1_sg033_delayed.nc", 18), ("og1_sp028_20230202T1637_R.nc", 9)]
+)
 def test_mean_currents_of_real_files_are_used(ocean, name, used):
     answer, _ = replay(ocean, DATA / "glider" / name)
     (dac,) = (row for row in answer["messages"] if row["topic"] == "/dac")
@@ -132,11 +191,21 @@ def test_a_note_that_several_logs_have_is_given_once():
 
     notes = RunStatistics().notes([report("a.nc", "feet", "miles"), report("b.nc", "feet")])
     assert notes == ["2 logs: feet", "a.nc: miles"]
-    notes = RunStatistics().notes([report("a.nc", "1 fixes"), report("b.nc", "3 fixes", "read as time: t, depth: z")])
-    assert notes == ["2 logs: 1 to 3 fixes", "b.nc: 2 variables were read by their names, which replay-kit info lists"]
+    notes = RunStatistics().notes(
+        [report("a.nc", "1 fixes"), report("b.nc", "3 fixes", "read as time: t, depth: z")]
+    )
+    assert notes == [
+        "2 logs: 1 to 3 fixes",
+        "b.nc: 2 variables were read by their names, which replay-kit info lists",
+    ]
 
 
 def test_logs_of_several_missions_are_told(tmp_path):
-    of = [LogReport(f"{name}.nc", "seaglider", {}, {}, (), mission=name) for name in ("sg1", "sg2", "sg2")]
-    assert RunStatistics().notes(of) == ["the logs are of 2 missions, merged as if one vehicle had made them: sg1, sg2"]
+    of = [
+        LogReport(f"{name}.nc", "seaglider", {}, {}, (), mission=name)
+        for name in ("sg1", "sg2", "sg2")
+    ]
+    assert RunStatistics().notes(of) == [
+        "the logs are of 2 missions, merged as if one vehicle had made them: sg1, sg2"
+    ]
     assert RunStatistics().notes(of[1:]) == []

@@ -10,7 +10,12 @@ from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.observation import Fix, Flag, Observation, PathMean, Source, VehicleState
 from replay_kit.results.surfacings.summary import surfacings_json
 from replay_kit.results.surfacings.words import surfacings_sentences
-from replay_kit.workflows.replay.dive_forecasts import ForecastState, forecast_end, forecast_step, next_surfacing
+from replay_kit.workflows.replay.dive_forecasts import (
+    ForecastState,
+    forecast_end,
+    forecast_step,
+    next_surfacing,
+)
 from replay_kit.workflows.replay.estimation import Step
 from tests import synthetic
 from tests.reference import next_dive as slow
@@ -38,8 +43,15 @@ def dive(k, place, current, way=WAY):
     begin = k * (SECONDS + PAUSE)
     times, depths = np.array([0.0, 0.4 * SECONDS, SECONDS]), np.array([0.0, 300.0, 0.0])
     end = place + SECONDS * (way + slow.mean_along(times, depths, LEVELS, current))
-    under = [position(begin + t, place, np.interp(t, times, depths), True) for t in np.arange(600.0, SECONDS, 600.0)]
-    return [position(begin, place, 0.0, False), *under, position(begin + SECONDS, end, 0.0, False)], end
+    under = [
+        position(begin + t, place, np.interp(t, times, depths), True)
+        for t in np.arange(600.0, SECONDS, 600.0)
+    ]
+    return [
+        position(begin, place, 0.0, False),
+        *under,
+        position(begin + SECONDS, end, 0.0, False),
+    ], end
 
 
 def mission(flows, begin=(-4000.0, -4000.0), way=WAY):
@@ -55,7 +67,9 @@ def estimate(flows):
 
     def at(time_ns):
         k = min(round(time_ns / ((SECONDS + PAUSE) * 1e9)), len(flows) - 1)
-        return SimpleNamespace(grid=GRID, levels=LEVELS, velocity=lambda east, north, depth, true_axes: flows[k])
+        return SimpleNamespace(
+            grid=GRID, levels=LEVELS, velocity=lambda east, north, depth, true_axes: flows[k]
+        )
 
     return at
 
@@ -80,7 +94,9 @@ def test_an_estimate_of_the_current_makes_the_ellipses_small():
     assert [one.forecast.earlier for one in known] == list(range(9))
     assert {one.forecast.basis for one in known} == {"estimate"}
     assert all(one.distance < 150.0 for one in known[2:])
-    assert np.mean([one.forecast.radius for one in known[4:]]) < 0.5 * np.mean([one.forecast.radius for one in unknown[4:]])
+    assert np.mean([one.forecast.radius for one in known[4:]]) < 0.5 * np.mean(
+        [one.forecast.radius for one in unknown[4:]]
+    )
     assert all(one.in_outer for one in known)
 
 
@@ -133,7 +149,18 @@ def test_a_mean_current_takes_the_place_of_what_its_displacement_tells():
     fixes = tuple(Fix(each.time_ns, each.longitude, each.latitude) for each in (first, end))
     two = np.array([0.0, 200.0])
     mean = PathMean(
-        end.time_ns, np.array([first.time_ns, end.time_ns]), two, two, two, two / 200.0, (0.1, 0.0), 0.01, "dac", 1, SOURCE, fixes
+        end.time_ns,
+        np.array([first.time_ns, end.time_ns]),
+        two,
+        two,
+        two,
+        two / 200.0,
+        (0.1, 0.0),
+        0.01,
+        "dac",
+        1,
+        SOURCE,
+        fixes,
     )
     state, written = followed([*events[:per_dive], mean, *events[per_dive:]], flow_at)
     assert [one.forecast.basis for one in written] == ["mean_currents"]
@@ -151,7 +178,19 @@ def test_where_positions_have_no_depths_the_number_of_the_dive_tells():
             flags = np.full(1, Flag.GOOD, np.int8)
             reasons = np.zeros(1, np.int32)
             here = (event.time_ns, event.longitude, event.latitude)
-            events.append(Observation(*here, 300.0 * one, np.zeros((1, 2)), 0.1 * one, "earth", flags, reasons, number, SOURCE))
+            events.append(
+                Observation(
+                    *here,
+                    300.0 * one,
+                    np.zeros((1, 2)),
+                    0.1 * one,
+                    "earth",
+                    flags,
+                    reasons,
+                    number,
+                    SOURCE,
+                )
+            )
     outcomes = expected(events, flow_at)
     # the last surfacing is seen with the next dive, which does not come
     assert [one.forecast.dive for one in outcomes] == [1, 2, 3]
@@ -178,7 +217,11 @@ def test_the_coming_surfacing_is_of_a_dive_like_the_last_in_the_estimates_curren
 
 
 @pytest.mark.parametrize(
-    ("begin", "said"), [((-4000.0, -4000.0), "the current of the estimate"), ((4e5, 4e5), "before each, without mean")]
+    ("begin", "said"),
+    [
+        ((-4000.0, -4000.0), "the current of the estimate"),
+        ((4e5, 4e5), "before each, without mean"),
+    ],
 )
 def test_the_summary_says_what_surfacings_were_expected_from(begin, said):
     flows = currents(4)
@@ -188,6 +231,9 @@ def test_the_summary_says_what_surfacings_were_expected_from(begin, said):
     assert said in words
     assert "beside the last dive's velocity over ground" in words
     assert found["next"]["basis"] == outcomes[0].forecast.basis
-    plain = surfacings_json([replace(one, forecast=replace(one.forecast, basis="mean_currents")) for one in outcomes], None)
+    plain = surfacings_json(
+        [replace(one, forecast=replace(one.forecast, basis="mean_currents")) for one in outcomes],
+        None,
+    )
     assert all("basis" not in one for one in plain["each"])
     assert "4 expected from the dives before each:" in "; ".join(surfacings_sentences(plain))

@@ -16,7 +16,14 @@ START = int(np.datetime64("2026-01-01T00:00:00", "ns").astype(np.int64))
 
 
 def fix(seconds, longitude, latitude, topic="/vehicle/fix"):
-    return Message(START + int(seconds * NS), topic, "foxglove.LocationFix", {"longitude": longitude, "latitude": latitude}, 0, 0)
+    return Message(
+        START + int(seconds * NS),
+        topic,
+        "foxglove.LocationFix",
+        {"longitude": longitude, "latitude": latitude},
+        0,
+        0,
+    )
 
 
 def settings(place=True, **logs):
@@ -36,7 +43,9 @@ def written(path, messages):
 def log(tmp_path):
     """Four fixes ten seconds apart, and a home position on a topic that comes once, before them."""
     home = fix(-50, 10.0, 50.0, "/vehicle/config")
-    return written(tmp_path / "log.mcap", [home, *(fix(10 * k, 152.0 + k, -40.0 + 0.5 * k) for k in range(4))])
+    return written(
+        tmp_path / "log.mcap", [home, *(fix(10 * k, 152.0 + k, -40.0 + 0.5 * k) for k in range(4))]
+    )
 
 
 @pytest.mark.parametrize(
@@ -69,13 +78,20 @@ def test_the_first_time_used_is_not_before_the_start(log, place):
 
 
 def test_late_messages_are_left_out_as_in_the_replay(tmp_path):
-    log = written(tmp_path / "log.mcap", [fix(0, 152.0, -40.0), fix(10, 153.0, -40.0), fix(20, 154.0, -40.0), fix(5, 170.0, -40.0)])
+    log = written(
+        tmp_path / "log.mcap",
+        [fix(0, 152.0, -40.0), fix(10, 153.0, -40.0), fix(20, 154.0, -40.0), fix(5, 170.0, -40.0)],
+    )
     assert look_ahead([log], settings())[0] == pytest.approx((153.0, -40.0))
-    assert look_ahead([log], settings(reorder_window=30.0))[0] == pytest.approx((mean_longitude(152.0, 153.0, 154.0, 170.0), -40.0))
+    assert look_ahead([log], settings(reorder_window=30.0))[0] == pytest.approx(
+        (mean_longitude(152.0, 153.0, 154.0, 170.0), -40.0)
+    )
 
 
 def test_a_span_without_a_position_is_said(log):
-    with pytest.raises(MeasurementError, match=r"no position between 2026-01-02.*widen --start and --end"):
+    with pytest.raises(
+        MeasurementError, match=r"no position between 2026-01-02.*widen --start and --end"
+    ):
         look_ahead([log], settings(start="2026-01-02T00:00:00Z"))
 
 

@@ -35,9 +35,13 @@ from tests import synthetic
 from tests.command import invoke
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
 
-PLANNER = PlannerConfig(kind="mission", when="surfacing", depth=300.0, surface_time=240.0, samples=3, tolerance=500.0)
+PLANNER = PlannerConfig(
+    kind="mission", when="surfacing", depth=300.0, surface_time=240.0, samples=3, tolerance=500.0
+)
 CONFIG = RunConfig(
-    estimator=EstimatorConfig(modes=12, sample_share=0.5), planner=PLANNER, output=OutputConfig(checkpoint_interval=600.0, interval=7200.0)
+    estimator=EstimatorConfig(modes=12, sample_share=0.5),
+    planner=PLANNER,
+    output=OutputConfig(checkpoint_interval=600.0, interval=7200.0),
 )
 GOAL = Place(152.42, -39.66, 0.0)
 
@@ -48,7 +52,14 @@ def ocean(tmp_path_factory) -> Path:
 
 
 def run(ocean, out, checkpoint=None, stop_after=None, config=CONFIG, goal=GOAL):
-    job = ReplayJob((ocean / "glider.mcap",), ocean / "ensemble.nc", out, goal=goal, checkpoint=checkpoint, overwrite=True)
+    job = ReplayJob(
+        (ocean / "glider.mcap",),
+        ocean / "ensemble.nc",
+        out,
+        goal=goal,
+        checkpoint=checkpoint,
+        overwrite=True,
+    )
     return run_until(job, config, stop_after)[0]
 
 
@@ -64,7 +75,12 @@ def stopped(ocean):
 
 def decoded(path, topic):
     with path.open("rb") as stream:
-        return [one[3] for one in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(topics=[topic])]
+        return [
+            one[3]
+            for one in make_reader(
+                stream, decoder_factories=[DecoderFactory()]
+            ).iter_decoded_messages(topics=[topic])
+        ]
 
 
 def ns(stamp) -> int:
@@ -73,7 +89,9 @@ def ns(stamp) -> int:
 
 def test_a_mission_is_planned_at_each_surfacing_and_kept_beside_what_then_happened(stopped):
     path, summary, _ = stopped
-    plans, outcomes, fixes = (decoded(path, topic) for topic in ("/plan/controls", "/plan/outcome", "/vehicle/fix"))
+    plans, outcomes, fixes = (
+        decoded(path, topic) for topic in ("/plan/controls", "/plan/outcome", "/vehicle/fix")
+    )
     depths = [(ns(fix.timestamp), -fix.altitude, fix) for fix in fixes]
     # the first fix not below the surface depth after each dive
     surfaced = [after for before, after in pairwise(depths) if before[1] > 3.0 >= after[1]]
@@ -85,9 +103,13 @@ def test_a_mission_is_planned_at_each_surfacing_and_kept_beside_what_then_happen
     for outcome, plan, (_, _, fix) in zip(outcomes, plans, surfaced[1:], strict=False):
         assert ns(outcome.planned_time) == ns(plan.timestamp)
         assert (outcome.actual.longitude, outcome.actual.latitude) == (fix.longitude, fix.latitude)
-        away = distance(outcome.predicted.longitude, outcome.predicted.latitude, fix.longitude, fix.latitude)
+        away = distance(
+            outcome.predicted.longitude, outcome.predicted.latitude, fix.longitude, fix.latitude
+        )
         assert outcome.distance == pytest.approx(float(away), rel=1e-6)
-        assert outcome.delay == pytest.approx((ns(outcome.timestamp) - ns(outcome.predicted_time)) / 1e9)
+        assert outcome.delay == pytest.approx(
+            (ns(outcome.timestamp) - ns(outcome.predicted_time)) / 1e9
+        )
         # the first leg in the plan ends after its drift
         leg = json.loads(next(item.value for item in plan.statistics if item.name == "leg_001"))
         reached = (ns(outcome.predicted_time) - ns(plan.timestamp)) / 1e9
@@ -97,7 +119,9 @@ def test_a_mission_is_planned_at_each_surfacing_and_kept_beside_what_then_happen
         assert outcome.ellipse_major >= outcome.ellipse_minor > 0.0
     figures = to_json(summary)["surfacings"]
     assert figures["count"] == len(outcomes) == len(figures["each"])
-    assert figures["distance_median_m"] == pytest.approx(np.median([outcome.distance for outcome in outcomes]))
+    assert figures["distance_median_m"] == pytest.approx(
+        np.median([outcome.distance for outcome in outcomes])
+    )
     assert figures["inside_ellipse"] == np.mean([outcome.inside_ellipse for outcome in outcomes])
     said = io.StringIO()
     print_summary(summary, Console(file=said, width=200))
@@ -115,7 +139,14 @@ def test_a_run_stopped_between_surfacings_is_that_of_a_run_that_was_not(ocean, s
 
 
 def position(seconds: float, depth: float, dead_reckoned: bool = False) -> VehicleState:
-    return VehicleState(int(seconds * 1e9), 152.0, -40.0, depth, dead_reckoned, Source(0, "/fix", int(seconds), int(seconds * 1e9)))
+    return VehicleState(
+        int(seconds * 1e9),
+        152.0,
+        -40.0,
+        depth,
+        dead_reckoned,
+        Source(0, "/fix", int(seconds), int(seconds * 1e9)),
+    )
 
 
 def seen_in(events) -> list[float]:
@@ -130,12 +161,24 @@ def seen_in(events) -> list[float]:
 
 def test_a_surfacing_is_a_fix_after_a_dive_or_before_the_next_one():
     nan = float("nan")
-    dives = [position(0, 0.0), position(10, 4.0), position(20, 0.0), position(30, 90.0), position(40, 1.0, True), position(50, 1.0)]
+    dives = [
+        position(0, 0.0),
+        position(10, 4.0),
+        position(20, 0.0),
+        position(30, 90.0),
+        position(40, 1.0, True),
+        position(50, 1.0),
+    ]
     # 4 m is no dive, a computed position no fix
-    assert seen_in([*dives, position(60, 0.0), position(70, 50.0), position(80, nan)]) == [50.0, 80.0]
+    assert seen_in([*dives, position(60, 0.0), position(70, 50.0), position(80, nan)]) == [
+        50.0,
+        80.0,
+    ]
     grid = synthetic.ensemble().grid
     profiles = [
-        synthetic.profile(grid, 0.0, 0.0, np.array([50.0]), np.zeros((1, 2)), time_ns=int(t * 1e9), dive=dive)
+        synthetic.profile(
+            grid, 0.0, 0.0, np.array([50.0]), np.zeros((1, 2)), time_ns=int(t * 1e9), dive=dive
+        )
         for t, dive in ((15, 1), (20, 1), (45, 2), (75, 3))
     ]
     # positions without depths: the last before the next dive's first profile, and none where there is no position
@@ -145,7 +188,9 @@ def test_a_surfacing_is_a_fix_after_a_dive_or_before_the_next_one():
 
 
 def test_an_outcome_says_how_far_and_which_way_the_surfacing_was():
-    longitude, latitude = (float(value) for value in to_geographic(Projection(152.0, -40.0), -300.0, 400.0))
+    longitude, latitude = (
+        float(value) for value in to_geographic(Projection(152.0, -40.0), -300.0, 400.0)
+    )
     fix = VehicleState(90 * 10**9, longitude, latitude, 0.0, False, Source(0, "/fix", 0, 0))
     found = outcome_of(0, Surfacing(100 * 10**9, 152.0, -40.0), fix)
     assert found.distance == pytest.approx(500.0)
@@ -153,26 +198,48 @@ def test_an_outcome_says_how_far_and_which_way_the_surfacing_was():
     assert (found.late, found.inside) == (-10.0, None)
 
 
-@given(st.floats(10.0, 5e3), st.floats(0.1, 1.0), st.floats(0.0, 179.9), st.floats(0.0, 6.28), st.sampled_from([0.97, 1.03]))
+@given(
+    st.floats(10.0, 5e3),
+    st.floats(0.1, 1.0),
+    st.floats(0.0, 179.9),
+    st.floats(0.0, 6.28),
+    st.sampled_from([0.97, 1.03]),
+)
 def test_an_ellipse_holds_what_lies_inside(major, ratio, bearing, angle, share):
     minor, centre = ratio * major, Projection(152.0, -40.0)
     along, across = share * major * np.cos(angle), share * minor * np.sin(angle)
     turn = np.deg2rad(bearing)
-    east, north = along * np.sin(turn) + across * np.cos(turn), along * np.cos(turn) - across * np.sin(turn)
+    east, north = (
+        along * np.sin(turn) + across * np.cos(turn),
+        along * np.cos(turn) - across * np.sin(turn),
+    )
     longitude, latitude = (float(value) for value in to_geographic(centre, east, north))
     assert Ellipse(152.0, -40.0, major, minor, bearing).holds(longitude, latitude) == (share < 1.0)
 
 
 def test_settings_that_contradict_each_other_are_refused(tmp_path, ocean):
     path = tmp_path / "run.toml"
-    for text, said in (("min_angle = 40.0", "min_angle 40 is above max_angle 35"), ("samples = 2", "needs three or more")):
+    for text, said in (
+        ("min_angle = 40.0", "min_angle 40 is above max_angle 35"),
+        ("samples = 2", "needs three or more"),
+    ):
         path.write_text(f"[planner]\n{text}\n")
         with pytest.raises(ConfigError, match=said):
             load_config(path)
     # asked for on the command line; a glide has no dives that could be too deep
-    path.write_text(run_settings_toml(CONFIG.model_copy(update={"planner": PlannerConfig(depth=900.0)})))
-    logs = [str(ocean / "glider.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "-o", str(tmp_path / "out.mcap")]
-    done = invoke(["replay", *logs, "--config", str(path), "--goal=152.42,-39.66,0", "--planner", "mission"])
+    path.write_text(
+        run_settings_toml(CONFIG.model_copy(update={"planner": PlannerConfig(depth=900.0)}))
+    )
+    logs = [
+        str(ocean / "glider.mcap"),
+        "--ensemble",
+        str(ocean / "ensemble.nc"),
+        "-o",
+        str(tmp_path / "out.mcap"),
+    ]
+    done = invoke(
+        ["replay", *logs, "--config", str(path), "--goal=152.42,-39.66,0", "--planner", "mission"]
+    )
     assert "[planner] depth is 900 m" in str(done.exception)
 
 
@@ -192,14 +259,37 @@ def test_a_stated_number_of_legs_is_that_of_the_first_plan():
 
 def test_a_mission_is_planned_on_estimates_for_the_time_that_it_may_take():
     still = replace(embed_member(synthetic.ensemble(), 0, EstimatorConfig()), time_ns=10**15)
-    growing = replace(still, later=lambda _, time_ns: replace(still, latent=still.latent * (time_ns / 10**15) ** 20, time_ns=time_ns))
+    growing = replace(
+        still,
+        later=lambda _, time_ns: replace(
+            still, latent=still.latent * (time_ns / 10**15) ** 20, time_ns=time_ns
+        ),
+    )
     same = replace(still, later=lambda _, time_ns: replace(still, time_ns=time_ns))
     start, goal = Place(152.15, -39.85, 0.0), Place(152.3, -39.8, 0.0)
-    planner = MissionPlanner.of(PlannerConfig(kind="mission", depth=300.0, legs=5, flow_step=36000.0))
+    planner = MissionPlanner.of(
+        PlannerConfig(kind="mission", depth=300.0, legs=5, flow_step=36000.0)
+    )
     # 14 km take 13.4 h at 0.29 m/s, and may take twice as long: steps to 10, 20 and 30 h, and to 40 h as they come in fours
     flows = [growing, *(growing.at(10**15 + k * 36000 * 10**9) for k in (1, 2, 3, 4))]
-    expected = plan_mission(flows, MissionRequest(start, (goal,), vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15))
-    np.testing.assert_array_equal(planner.plan(growing, start, goal, 10**15, None).plan.track, expected.track)
-    once = plan_mission(still, MissionRequest(start, (goal,), vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15))
-    np.testing.assert_array_equal(planner.plan(same, start, goal, 10**15, None).plan.track, once.track)
-    assert np.abs(once.track[: len(expected.track)] - expected.track[: len(once.track)]).max() > 50.0
+    expected = plan_mission(
+        flows,
+        MissionRequest(
+            start, (goal,), vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15
+        ),
+    )
+    np.testing.assert_array_equal(
+        planner.plan(growing, start, goal, 10**15, None).plan.track, expected.track
+    )
+    once = plan_mission(
+        still,
+        MissionRequest(
+            start, (goal,), vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15
+        ),
+    )
+    np.testing.assert_array_equal(
+        planner.plan(same, start, goal, 10**15, None).plan.track, once.track
+    )
+    assert (
+        np.abs(once.track[: len(expected.track)] - expected.track[: len(once.track)]).max() > 50.0
+    )

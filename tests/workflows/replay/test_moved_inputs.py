@@ -26,13 +26,16 @@ def folders(tmp_path_factory) -> tuple[Path, Path]:
     (first / "glider.mcap").write_bytes(log[: len(log) * 9 // 10])
     lon, lat = np.linspace(150.0, 155.0, 8), np.linspace(-42.0, -38.0, 8)
     xr.Dataset(
-        {"elevation": (("lat", "lon"), np.full((8, 8), -2000.0), {"units": "m", "positive": "up"})}, {"lat": lat, "lon": lon}
+        {"elevation": (("lat", "lon"), np.full((8, 8), -2000.0), {"units": "m", "positive": "up"})},
+        {"lat": lat, "lon": lon},
     ).to_netcdf(first / "bottom.nc", engine="h5netcdf")
     second = tmp_path_factory.mktemp("another-place-altogether")
     for path in first.iterdir():
         shutil.copy(path, second / path.name)
     for folder in (first, second):
-        (folder / "run.toml").write_text(f'[planner]\nkind = "glide"\ninterval = 1e9\nbathymetry = "{folder / "bottom.nc"}"\n')
+        (folder / "run.toml").write_text(
+            f'[planner]\nkind = "glide"\ninterval = 1e9\nbathymetry = "{folder / "bottom.nc"}"\n'
+        )
     return first, second
 
 
@@ -41,7 +44,13 @@ def results(folders) -> tuple[Path, Path]:
     """The results of the two folders."""
     for folder in folders:
         config = load_config(folder / "run.toml")
-        job = ReplayJob((folder / "glider.mcap",), folder / "ensemble.nc", folder / "out.mcap", goal=GOAL, truth=str(folder / "truth.nc"))
+        job = ReplayJob(
+            (folder / "glider.mcap",),
+            folder / "ensemble.nc",
+            folder / "out.mcap",
+            goal=GOAL,
+            truth=str(folder / "truth.nc"),
+        )
         run_until(job, config, None)
     return folders[0] / "out.mcap", folders[1] / "out.mcap"
 
@@ -69,7 +78,13 @@ def test_verify_finds_the_bathymetry_by_its_name_and_content(folders, results, t
 
 def test_a_bathymetry_that_nothing_reads_is_no_input(folders, tmp_path):
     config = RunConfig.model_validate({"planner": {"bathymetry": str(tmp_path / "nowhere.nc")}})
-    run_until(ReplayJob((folders[0] / "glider.mcap",), folders[0] / "ensemble.nc", tmp_path / "out.mcap"), config, None)
+    run_until(
+        ReplayJob((folders[0] / "glider.mcap",), folders[0] / "ensemble.nc", tmp_path / "out.mcap"),
+        config,
+        None,
+    )
     with (tmp_path / "out.mcap").open("rb") as file:
-        inputs = {record.name: record.metadata for record in make_reader(file).iter_metadata()}["replay_kit.inputs"]
+        inputs = {record.name: record.metadata for record in make_reader(file).iter_metadata()}[
+            "replay_kit.inputs"
+        ]
     assert sorted(inputs) == ["ensemble", "log0"]

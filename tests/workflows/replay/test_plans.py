@@ -58,12 +58,21 @@ def profile(seconds):
 
 
 def fix(seconds, depth):
-    return VehicleState(int(seconds * SECOND), CENTRE.longitude, CENTRE.latitude, depth, False, Source(0, "/fix", 0, 0))
+    return VehicleState(
+        int(seconds * SECOND),
+        CENTRE.longitude,
+        CENTRE.latitude,
+        depth,
+        False,
+        Source(0, "/fix", 0, 0),
+    )
 
 
 def asked(events, **planner):
     planned, config = Asked(), RunConfig(planner=PlannerConfig(**planner))
-    problem = PlanningProblem(planned, Place(152.6, -40.0, 0.0), config.planner, config.measurements.surface_depth)
+    problem = PlanningProblem(
+        planned, Place(152.6, -40.0, 0.0), config.planner, config.measurements.surface_depth
+    )
     session = Session(Still(), FLOW.levels, config, problem)
     for event in events:
         session.take([event])
@@ -78,17 +87,36 @@ def test_plans_are_an_interval_apart():
 
 
 def test_a_plan_at_a_surfacing_puts_the_next_one_off_by_an_interval():
-    events = [fix(0, 0.0), profile(10), fix(20, 50.0), fix(90, 0.0), fix(95, 0.0), *map(profile, (120, 189, 190, 200, 289, 290))]
+    events = [
+        fix(0, 0.0),
+        profile(10),
+        fix(20, 50.0),
+        fix(90, 0.0),
+        fix(95, 0.0),
+        *map(profile, (120, 189, 190, 200, 289, 290)),
+    ]
     calls = asked(events, when="surfacing", interval=100.0, surface_time=600.0)
     # planned at the surfacing for the end of its drift; then nothing surfaces for an interval, twice
     assert [time for time, _ in calls] == [690.0, 190.0, 290.0]
 
 
 def test_a_mission_that_is_due_waits_for_a_surfacing_an_interval_at_most():
-    dives = [event for end in (60, 120, 180, 220) for event in (fix(end - 30, 50.0), fix(end, 0.0), fix(end + 5, 0.0))]
-    events = sorted([fix(0, 0.0), *dives, *map(profile, (10, 20, 110, 350, 419, 420, 619, 620))], key=lambda event: event.time_ns)
+    dives = [
+        event
+        for end in (60, 120, 180, 220)
+        for event in (fix(end - 30, 50.0), fix(end, 0.0), fix(end + 5, 0.0))
+    ]
+    events = sorted(
+        [fix(0, 0.0), *dives, *map(profile, (10, 20, 110, 350, 419, 420, 619, 620))],
+        key=lambda event: event.time_ns,
+    )
     # due at 110 and at 220, planned at the surfacings of 120 and 220; then nothing surfaces: due at 320 and 520, planned an interval later
-    assert [time for time, _ in asked(events, kind="mission", interval=100.0)] == [120.0, 220.0, 420.0, 620.0]
+    assert [time for time, _ in asked(events, kind="mission", interval=100.0)] == [
+        120.0,
+        220.0,
+        420.0,
+        620.0,
+    ]
 
 
 @pytest.mark.parametrize("seconds", [0.0, 600.0, 3600.0])

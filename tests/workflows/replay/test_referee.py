@@ -25,7 +25,11 @@ def folder(tmp_path_factory) -> Path:
     (folder / "other").mkdir()
     synthetic.write_ocean(folder / "other", 6)
     (folder / "other" / "ensemble.nc").rename(folder / "fewer.nc")
-    make_twin(read_truth(str(folder / "truth.nc"), ForecastConfig()), Twin("glider", 24, 0.05, 1), folder / "glider.mcap")
+    make_twin(
+        read_truth(str(folder / "truth.nc"), ForecastConfig()),
+        Twin("glider", 24, 0.05, 1),
+        folder / "glider.mcap",
+    )
     return folder
 
 
@@ -35,7 +39,14 @@ def run(*arguments) -> int:
 
 def test_the_referee_compares_what_each_forecast_made_of_the_same_dives(folder):
     out, table = folder / "out.mcap", folder / "out.json"
-    given = ["--ensemble", folder / "ensemble.nc", "--against", folder / "fewer.nc", "--without", "dives:1"]
+    given = [
+        "--ensemble",
+        folder / "ensemble.nc",
+        "--against",
+        folder / "fewer.nc",
+        "--without",
+        "dives:1",
+    ]
     assert run(folder / "glider.mcap", *given, "-o", out, "--json", table) == 0
     answer = json.loads(table.read_text())
     (against,) = answer["referee"]["against"]
@@ -44,16 +55,43 @@ def test_the_referee_compares_what_each_forecast_made_of_the_same_dives(folder):
     assert against["gain"] == pytest.approx(total - against["other_log_evidence"], rel=1e-9)
     dives = [each["dive"] for each in answer["evidence"]["by_dive"]]
     assert 1 not in dives
-    assert all("dives:1" in reason for row in answer["messages"] for reason in row["reasons"] if "left out" in reason)
+    assert all(
+        "dives:1" in reason
+        for row in answer["messages"]
+        for reason in row["reasons"]
+        if "left out" in reason
+    )
     alone = folder / "alone.json"
-    assert run(folder / "glider.mcap", *given[:2], *given[4:], "-o", folder / "alone.mcap", "--json", alone) == 0
+    assert (
+        run(
+            folder / "glider.mcap",
+            *given[:2],
+            *given[4:],
+            "-o",
+            folder / "alone.mcap",
+            "--json",
+            alone,
+        )
+        == 0
+    )
     assert json.loads(alone.read_text())["evidence"] == answer["evidence"]
     assert verify(out, [folder], planner_of).same
 
 
 def test_a_rule_that_leaves_nothing_out_has_no_result(folder):
     out = folder / "none.mcap"
-    assert run(folder / "glider.mcap", "--ensemble", folder / "fewer.nc", "--without", "dives:400", "-o", out) == 3
+    assert (
+        run(
+            folder / "glider.mcap",
+            "--ensemble",
+            folder / "fewer.nc",
+            "--without",
+            "dives:400",
+            "-o",
+            out,
+        )
+        == 3
+    )
     assert not out.exists()
 
 

@@ -8,7 +8,14 @@ import pytest
 import xarray as xr
 
 from replay_kit.config.gating import GatingConfig
-from replay_kit.config.run import EVERYWHERE, EstimatorConfig, ForecastConfig, OutputConfig, RunConfig, load_config
+from replay_kit.config.run import (
+    EVERYWHERE,
+    EstimatorConfig,
+    ForecastConfig,
+    OutputConfig,
+    RunConfig,
+    load_config,
+)
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
@@ -20,7 +27,11 @@ from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.checkpoint_head import head, recorded_region
 from replay_kit.workflows.replay.inputs import ReplayJob, forecasts_of
 from replay_kit.workflows.replay.outputs import write
-from replay_kit.workflows.replay.publishing import PublishingState, publish_windows, withdraw_windows
+from replay_kit.workflows.replay.publishing import (
+    PublishingState,
+    publish_windows,
+    withdraw_windows,
+)
 from replay_kit.workflows.replay.region import from_record, window_points
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.smooth import smooth
@@ -31,7 +42,11 @@ from tests.workflows.replay.test_inputs import NS, START, fix, written
 
 STRIP = Strip(14, 90, 20, 1.8, 420, 0)
 ESTIMATOR = EstimatorConfig(modes=60, sample_share=0.3)
-CONFIG = RunConfig(estimator=ESTIMATOR, gating=GatingConfig(gate="off"), output=OutputConfig(checkpoint_interval=600.0))
+CONFIG = RunConfig(
+    estimator=ESTIMATOR,
+    gating=GatingConfig(gate="off"),
+    output=OutputConfig(checkpoint_interval=600.0),
+)
 SMALL_WINDOWS = CONFIG.model_copy(update={"forecast": ForecastConfig(window_points=STRIP.window)})
 
 
@@ -40,9 +55,16 @@ def as_dataset(of: Sea, members: slice) -> xr.Dataset:
     names = (("uo", "eastward_sea_water_velocity"), ("vo", "northward_sea_water_velocity"))
     values = of.velocity[members]
     return xr.Dataset(
-        {name: (dims, values[:, k], {"standard_name": standard, "units": "m s-1"}) for k, (name, standard) in enumerate(names)},
         {
-            "depth": ("depth", LEVELS, {"positive": "down", "units": "m", "standard_name": "depth"}),
+            name: (dims, values[:, k], {"standard_name": standard, "units": "m s-1"})
+            for k, (name, standard) in enumerate(names)
+        },
+        {
+            "depth": (
+                "depth",
+                LEVELS,
+                {"positive": "down", "units": "m", "standard_name": "depth"},
+            ),
             "lat": ("lat", of.latitude, {"units": "degrees_north", "standard_name": "latitude"}),
             "lon": ("lon", of.longitude, {"units": "degrees_east", "standard_name": "longitude"}),
         },
@@ -114,24 +136,36 @@ def test_all_is_recorded_as_the_earth():
 
 def test_a_log_of_another_place_is_refused_before_anything_is_read(strip, tmp_path):
     elsewhere = written(tmp_path / "elsewhere.mcap", [fix(k, 20.0 + k, -40.0) for k in range(3)])
-    with pytest.raises(ForecastError, match=r"no position of the log lies there: they lie in 20\.\.22 E, -40\.\.-40 N"):
+    with pytest.raises(
+        ForecastError,
+        match=r"no position of the log lies there: they lie in 20\.\.22 E, -40\.\.-40 N",
+    ):
         forecasts_of(ReplayJob((elsewhere,), strip / "ensemble.nc"), CONFIG)
 
 
 def test_a_region_narrower_than_a_correlation_length_is_refused(strip):
-    config = CONFIG.model_copy(update={"forecast": ForecastConfig(region=(-12.0, 40.3, -11.9, 41.0))})
-    with pytest.raises(ForecastError, match=r"the region is .* km, and the forecast's correlation length .* km: widen --region"):
+    config = CONFIG.model_copy(
+        update={"forecast": ForecastConfig(region=(-12.0, 40.3, -11.9, 41.0))}
+    )
+    with pytest.raises(
+        ForecastError,
+        match=r"the region is .* km, and the forecast's correlation length .* km: widen --region",
+    ):
         forecasts_of(job(strip), config)
 
 
 def test_windows_smaller_than_the_margins_are_refused(strip):
     config = CONFIG.model_copy(update={"forecast": ForecastConfig(window_points=100)})
-    with pytest.raises(ForecastError, match=r"a window of 100 points reaches \d+ km, and \d+ km are needed"):
+    with pytest.raises(
+        ForecastError, match=r"a window of 100 points reaches \d+ km, and \d+ km are needed"
+    ):
         forecasts_of(job(strip, "long.mcap"), config)
 
 
 @pytest.mark.parametrize(("cells", "points"), [(1.0, 1600), (2.0, 1600), (10.0, 140**2)])
-def test_windows_are_squares_of_14_correlation_lengths_of_at_least_1600_points(strip, cells, points):
+def test_windows_are_squares_of_14_correlation_lengths_of_at_least_1600_points(
+    strip, cells, points
+):
     with open_extent(strip / "ensemble.nc", CONFIG.forecast, None) as extent:
         assert extent is not None
         east, north = extent.step
@@ -167,7 +201,9 @@ def test_a_continued_run_takes_the_region_of_its_checkpoint(strip, tmp_path):
 @pytest.fixture(scope="module")
 def followed(strip, tmp_path_factory):
     out = tmp_path_factory.mktemp("followed") / "long.mcap"
-    summary, flow = replay(job(strip, "long.mcap", out, truth=str(strip / "truth.nc")), SMALL_WINDOWS)
+    summary, flow = replay(
+        job(strip, "long.mcap", out, truth=str(strip / "truth.nc")), SMALL_WINDOWS
+    )
     return out, summary, flow
 
 
@@ -175,7 +211,9 @@ def test_windows_follow_the_vehicle_and_every_place_visited_stays_known(strip, f
     out, summary, flow = followed
     result, of = ResultFile(out), sea(STRIP)
     assert len(result.estimates) > 2
-    assert any(f"{len(result.estimates)} windows followed the vehicle" in note for note in summary.notes)
+    assert any(
+        f"{len(result.estimates)} windows followed the vehicle" in note for note in summary.notes
+    )
     assert summary.truth is not None
     assert np.array_equal(result.estimates[-1].latent, flow.latent)
     columns = np.arange(8, 70, 2)
@@ -208,8 +246,16 @@ def test_windows_of_an_estimate_that_was_rebuilt_do_not_count(followed, tmp_path
 def test_a_run_with_windows_that_was_stopped_gives_the_same_bytes(strip, followed, tmp_path):
     again, checkpoint = tmp_path / "long.mcap", tmp_path / "run.ck"
     with pytest.raises(Killed):
-        run_until(job(strip, "long.mcap", again, checkpoint=checkpoint, truth=str(strip / "truth.nc")), SMALL_WINDOWS, 45)
-    run_until(job(strip, "long.mcap", again, checkpoint=checkpoint, truth=str(strip / "truth.nc")), SMALL_WINDOWS, None)
+        run_until(
+            job(strip, "long.mcap", again, checkpoint=checkpoint, truth=str(strip / "truth.nc")),
+            SMALL_WINDOWS,
+            45,
+        )
+    run_until(
+        job(strip, "long.mcap", again, checkpoint=checkpoint, truth=str(strip / "truth.nc")),
+        SMALL_WINDOWS,
+        None,
+    )
     assert again.read_bytes() == followed[0].read_bytes()
 
 
@@ -219,5 +265,7 @@ def test_a_run_with_windows_is_verified(strip, followed):
 
 
 def test_windows_are_not_smoothed(strip, tmp_path):
-    with pytest.raises(ConfigError, match="windows that follow the vehicle are not smoothed; state one region"):
+    with pytest.raises(
+        ConfigError, match="windows that follow the vehicle are not smoothed; state one region"
+    ):
         smooth(job(strip, "long.mcap", tmp_path / "smooth.mcap"), SMALL_WINDOWS)

@@ -50,7 +50,12 @@ def ocean(tmp_path_factory) -> Path:
 
 
 def run(ocean, *logs, out=None, config=SETTINGS, **options):
-    job = ReplayJob(tuple(ocean / log for log in logs), options.pop("ensemble", ocean / "ensemble.nc"), out, **options)
+    job = ReplayJob(
+        tuple(ocean / log for log in logs),
+        options.pop("ensemble", ocean / "ensemble.nc"),
+        out,
+        **options,
+    )
     return replay(job, config, planner_of)
 
 
@@ -58,7 +63,9 @@ def decoded(path):
     with path.open("rb") as stream:
         return [
             (channel.topic, message)
-            for _, channel, _, message in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
+            for _, channel, _, message in make_reader(
+                stream, decoder_factories=[DecoderFactory()]
+            ).iter_decoded_messages()
         ]
 
 
@@ -78,7 +85,15 @@ def test_the_main_job_beats_the_ensemble_s_mean_and_publishes_every_channel(ocea
     assert summary.truth.rmse < 0.6 * summary.truth.ensemble_mean_rmse
     assert summary.rms_after < summary.rms_before < summary.rms_prior
     topics = {topic for topic, _ in decoded(out)}
-    fixed = {"/vehicle/fix", "/flow/estimate", "/flow/innovation", "/tf", "/plan/path", "/plan/geojson", "/plan/controls"}
+    fixed = {
+        "/vehicle/fix",
+        "/flow/estimate",
+        "/flow/innovation",
+        "/tf",
+        "/plan/path",
+        "/plan/geojson",
+        "/plan/controls",
+    }
     assert fixed < topics
     assert sum(topic.startswith("/flow/grid/") for topic in topics) == 3
     innovations = [message for topic, message in decoded(out) if topic == "/flow/innovation"]
@@ -101,7 +116,9 @@ def test_the_main_job_beats_the_ensemble_s_mean_and_publishes_every_channel(ocea
         ("glider.tlog", {}, "glide", 500.0),
     ],
 )
-def test_a_glider_s_replay_plans_missions_where_nothing_else_is_asked_for(ocean, log, asked, kind, depth):
+def test_a_glider_s_replay_plans_missions_where_nothing_else_is_asked_for(
+    ocean, log, asked, kind, depth
+):
     """The twin's forecast ends at 300 m, above the default depth of dives."""
     config = RunConfig(planner=PlannerConfig(**asked))
     job = ReplayJob((ocean / log,), ocean / "ensemble.nc", goal=GOAL)
@@ -112,7 +129,9 @@ def test_a_glider_s_replay_plans_missions_where_nothing_else_is_asked_for(ocean,
     assert with_planner_kind(without, open_readers(job.logs, config), config, 300.0) is config
 
 
-@pytest.mark.parametrize(("goal_depth", "expected"), [(150.0, 500.0), (600.0, 600.0), (900.0, 700.0)])
+@pytest.mark.parametrize(
+    ("goal_depth", "expected"), [(150.0, 500.0), (600.0, 600.0), (900.0, 700.0)]
+)
 def test_the_dives_of_a_mission_that_is_not_asked_for_reach_its_goal(goal_depth, expected):
     assert PlannerConfig().resolved(True, goal_depth, 700.0).depth == expected
     assert PlannerConfig(kind="mission").resolved(True, goal_depth, 700.0).depth == 500.0
@@ -141,7 +160,9 @@ def test_a_fitted_spread_is_in_the_metadata_and_the_notes(ocean, tmp_path):
     assert (tmp_path / "again.mcap").read_bytes() == (tmp_path / "out.mcap").read_bytes()
     run(ocean, "survey.mcap", out=tmp_path / "given.mcap")
     with (tmp_path / "given.mcap").open("rb") as stream:
-        assert "replay_kit.spread" not in {record.name for record in make_reader(stream).iter_metadata()}
+        assert "replay_kit.spread" not in {
+            record.name for record in make_reader(stream).iter_metadata()
+        }
 
 
 def test_mcap_and_tlog_of_a_mission_give_the_same_estimate(ocean):
@@ -164,7 +185,10 @@ def test_a_glider_s_dives_are_told_apart(ocean):
 
 def test_several_logs_are_one_mission(ocean, tmp_path):
     with (ocean / "survey.mcap").open("rb") as stream:
-        messages = [(channel.topic, schema.name, message) for schema, channel, message in make_reader(stream).iter_messages()]
+        messages = [
+            (channel.topic, schema.name, message)
+            for schema, channel, message in make_reader(stream).iter_messages()
+        ]
     for name, topic in (("adcp.mcap", "/adcp"), ("fix.mcap", "/vehicle/fix")):
         parts = [
             Message(message.log_time, of, schema, json.loads(message.data), 0, k)
@@ -182,7 +206,11 @@ def test_several_logs_are_one_mission(ocean, tmp_path):
 def test_start_and_end_cut_the_log(ocean):
     whole, _ = run(ocean, "survey.mcap")
     with (ocean / "survey.mcap").open("rb") as stream:
-        times = [message.log_time for _, channel, message in make_reader(stream).iter_messages() if channel.topic == "/adcp"]
+        times = [
+            message.log_time
+            for _, channel, message in make_reader(stream).iter_messages()
+            if channel.topic == "/adcp"
+        ]
     middle = str(np.datetime64(times[20], "ns"))
     first, _ = run(ocean, "survey.mcap", config=load_config(None, {"logs": {"end": middle}}))
     second, _ = run(ocean, "survey.mcap", config=load_config(None, {"logs": {"start": middle}}))
@@ -195,7 +223,9 @@ def test_a_truncated_log_is_used_as_far_as_it_is_whole_and_the_loss_said(ocean, 
     data = (ocean / "survey.mcap").read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(data[: len(data) // 2])
-    summary, _ = run(tmp_path, "cut.mcap", ensemble=ocean / "ensemble.nc", out=tmp_path / "out.mcap")
+    summary, _ = run(
+        tmp_path, "cut.mcap", ensemble=ocean / "ensemble.nc", out=tmp_path / "out.mcap"
+    )
     assert summary.exit_code == 4
     assert 0 < summary.profiles_used < 40
     assert summary.losses[0][1].bytes > 0
@@ -212,7 +242,9 @@ def test_an_interrupt_leaves_the_part_and_no_result(ocean, tmp_path):
 
     out = tmp_path / "out.mcap"
     with pytest.raises(Interrupted):
-        replay(ReplayJob((ocean / "survey.mcap",), ocean / "ensemble.nc", out), SETTINGS, None, stop)
+        replay(
+            ReplayJob((ocean / "survey.mcap",), ocean / "ensemble.nc", out), SETTINGS, None, stop
+        )
     assert not out.exists()
     assert out.with_name("out.mcap.part").stat().st_size > 0
 
@@ -242,7 +274,9 @@ def nan_pings(folder):
 
 
 def no_adcp(folder):
-    write_mcap_log(folder / "bad.mcap", [Message(1, "/camera", "sensor_msgs/msg/Image", {"x": 1}, 0, 0)])
+    write_mcap_log(
+        folder / "bad.mcap", [Message(1, "/camera", "sensor_msgs/msg/Image", {"x": 1}, 0, 0)]
+    )
 
 
 def empty_mcap(folder):
@@ -279,14 +313,21 @@ def test_a_log_of_another_place(ocean, tmp_path):
     synthetic.dataset(west=10.0, south=50.0).to_netcdf(tmp_path / "far.nc", engine="h5netcdf")
     with pytest.raises(MeasurementError, match="outside the ensemble's region: last position"):
         run(ocean, "survey.mcap", ensemble=tmp_path / "far.nc")
-    summary, flow = run(ocean, "survey.mcap", ensemble=tmp_path / "far.nc", config=load_config(None, {"forecast": {"place": True}}))
+    summary, flow = run(
+        ocean,
+        "survey.mcap",
+        ensemble=tmp_path / "far.nc",
+        config=load_config(None, {"forecast": {"place": True}}),
+    )
     assert summary.profiles_used > 0
     assert any("no forecast" in note for note in summary.notes)
     assert any(note.startswith("prior: sample share 0.") for note in summary.notes)
     assert abs(flow.grid.longitude.mean() - 152.3) < 0.3
 
 
-@pytest.mark.parametrize("goal", [Place(160.0, -39.8, 100.0), Place(152.3, -39.8, 5000.0), Place(152.6, -39.5, 100.0)])
+@pytest.mark.parametrize(
+    "goal", [Place(160.0, -39.8, 100.0), Place(152.3, -39.8, 5000.0), Place(152.6, -39.5, 100.0)]
+)
 def test_goals_outside_the_region_or_on_land(ocean, tmp_path, goal):
     with xr.open_dataset(ocean / "ensemble.nc", engine="h5netcdf") as ds:
         island = ds.load()
@@ -314,7 +355,14 @@ def test_an_ensemble_without_members(ocean):
 
 
 def test_the_command_line_answers_in_words_and_in_json(ocean, tmp_path):
-    arguments = ["replay", str(ocean / "glider.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "--goal", "152.3,-39.8,150"]
+    arguments = [
+        "replay",
+        str(ocean / "glider.mcap"),
+        "--ensemble",
+        str(ocean / "ensemble.nc"),
+        "--goal",
+        "152.3,-39.8,150",
+    ]
     arguments += [
         "--planner",
         "glide",
@@ -351,7 +399,15 @@ def test_the_command_line_answers_in_words_and_in_json(ocean, tmp_path):
 
 
 def test_info_says_what_a_log_is_good_for(ocean, tmp_path):
-    done = invoke(["info", str(ocean / "glider.mcap"), str(ocean / "glider.tlog"), "--json", str(tmp_path / "i.json")])
+    done = invoke(
+        [
+            "info",
+            str(ocean / "glider.mcap"),
+            str(ocean / "glider.tlog"),
+            "--json",
+            str(tmp_path / "i.json"),
+        ]
+    )
     assert done.exit_code == 0, done.output
     one, other = json.loads((tmp_path / "i.json").read_text())["logs"]
     assert one["use"].startswith("replay")
@@ -368,7 +424,14 @@ def test_info_says_what_a_log_is_good_for(ocean, tmp_path):
     ],
 )
 def test_bad_options_end_as_configuration_errors(ocean, tmp_path, arguments, error):
-    base = ["replay", str(ocean / "survey.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "-o", str(tmp_path / "o.mcap")]
+    base = [
+        "replay",
+        str(ocean / "survey.mcap"),
+        "--ensemble",
+        str(ocean / "ensemble.nc"),
+        "-o",
+        str(tmp_path / "o.mcap"),
+    ]
     done = invoke([*base, *arguments])
     assert isinstance(done.exception, error)
     assert done.exception.exit_code == 2
@@ -384,11 +447,24 @@ def test_a_dry_run_says_what_would_be_used_and_writes_nothing(ocean, tmp_path, m
 
     monkeypatch.setattr(dry_run, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
     monkeypatch.setattr(ReducedBasisEstimator, "weights", slow)
-    arguments = ["replay", str(ocean / "survey.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "--modes", "20", "--dry-run"]
+    arguments = [
+        "replay",
+        str(ocean / "survey.mcap"),
+        "--ensemble",
+        str(ocean / "ensemble.nc"),
+        "--modes",
+        "20",
+        "--dry-run",
+    ]
     done = invoke([*arguments, "-o", str(tmp_path / "o.mcap"), "--json", str(tmp_path / "d.json")])
     assert done.exit_code == 0, done.output
     answer = json.loads((tmp_path / "d.json").read_text())
-    assert (answer["profiles_used"], answer["members"], answer["modes"], answer["state_size"]) == (40, 40, 20, 80)
+    assert (answer["profiles_used"], answer["members"], answer["modes"], answer["state_size"]) == (
+        40,
+        40,
+        20,
+        80,
+    )
     assert answer["seconds"] == pytest.approx(80.0)
     assert [path.name for path in tmp_path.iterdir()] == ["d.json"]
 
@@ -396,12 +472,16 @@ def test_a_dry_run_says_what_would_be_used_and_writes_nothing(ocean, tmp_path, m
 def test_without_a_plan_or_with_a_failed_one_the_estimate_alone_is_scored(monkeypatch):
     monkeypatch.setattr(conclude, "score_against_truth", lambda *_: ("score", None))
     forecasts = SimpleNamespace(evolves=False, read=None, nearest=lambda _: None)
-    inputs = SimpleNamespace(job=SimpleNamespace(truth_radius_km=None), forecasts=forecasts, prior_flow=None)
+    inputs = SimpleNamespace(
+        job=SimpleNamespace(truth_radius_km=None), forecasts=forecasts, prior_flow=None
+    )
     failed = SimpleNamespace(plan=SimpleNamespace(status="failed"))
     for problem, result in ((None, None), ("problem", None), ("problem", failed)):
         positions = SimpleNamespace(profiles=SimpleNamespace(positions=[]))
         planning, config = SimpleNamespace(result=result), SimpleNamespace(estimator=None)
-        session = SimpleNamespace(config=config, statistics=positions, problem=problem, planning=planning)
+        session = SimpleNamespace(
+            config=config, statistics=positions, problem=problem, planning=planning
+        )
         assert conclude._score(session, inputs, None, SimpleNamespace(time_ns=0)) == ("score", [])
 
 
@@ -418,8 +498,12 @@ def test_a_truth_with_another_centre_is_compared_along_the_same_axes():
     part = synthetic.dataset(shape=(9, 16), south=70.0, step=1.0).isel(lon=slice(0, 5), member=[0])
     longitude, latitude = np.meshgrid(part["lon"].values, part["lat"].values)
     velocity = np.stack([part["uo"].values, part["vo"].values], axis=1)
-    grid = local_grid(longitude, latitude, part["depth"].values, np.ones(velocity.shape[2:], bool), None)
-    truth = Ensemble(grid, true_to_local(grid.projection, longitude, latitude, velocity), None, "part")
+    grid = local_grid(
+        longitude, latitude, part["depth"].values, np.ones(velocity.shape[2:], bool), None
+    )
+    truth = Ensemble(
+        grid, true_to_local(grid.projection, longitude, latitude, velocity), None, "part"
+    )
     score, _ = score_against_truth(flow, ensemble, truth, [(152.0, 70.0)], None, EstimatorConfig())
     grid = truth.grid
     east, north = to_local(grid.projection, grid.longitude, grid.latitude)
@@ -437,10 +521,18 @@ def test_a_truth_that_the_plan_leaves_costs_no_result(ocean, tmp_path):
     with xr.open_dataset(ocean / "truth.nc", engine="h5netcdf") as ds:
         ds.isel(lon=slice(0, 3)).to_netcdf(tmp_path / "west.nc", engine="h5netcdf")
     out = tmp_path / "out.mcap"
-    summary, _ = run(ocean, "survey.mcap", out=out, goal=Place(152.55, -39.6, 100.0), truth=str(tmp_path / "west.nc"))
+    summary, _ = run(
+        ocean,
+        "survey.mcap",
+        out=out,
+        goal=Place(152.55, -39.6, 100.0),
+        truth=str(tmp_path / "west.nc"),
+    )
     assert out.exists()
     assert summary.truth is not None
-    assert np.isfinite(summary.truth.closest_approach_m) or any("cannot be flown" in note for note in summary.notes)
+    assert np.isfinite(summary.truth.closest_approach_m) or any(
+        "cannot be flown" in note for note in summary.notes
+    )
     with pytest.raises(ForecastError, match="no such file"):
         run(ocean, "survey.mcap", out=tmp_path / "other.mcap", truth=str(tmp_path / "absent.nc"))
     assert not list(tmp_path.glob("other.mcap*"))
@@ -448,7 +540,9 @@ def test_a_truth_that_the_plan_leaves_costs_no_result(ocean, tmp_path):
 
 def test_a_log_given_twice_is_refused(ocean, tmp_path):
     (tmp_path / "copy.mcap").write_bytes((ocean / "survey.mcap").read_bytes())
-    job = ReplayJob((ocean / "survey.mcap", tmp_path / "copy.mcap"), ocean / "ensemble.nc", tmp_path / "o.mcap")
+    job = ReplayJob(
+        (ocean / "survey.mcap", tmp_path / "copy.mcap"), ocean / "ensemble.nc", tmp_path / "o.mcap"
+    )
     with pytest.raises(ConfigError, match="the same bytes"):
         replay(job, SETTINGS)
 
@@ -473,6 +567,14 @@ def test_nothing_is_claimed_to_be_known_outside_the_region(ocean):
 
 
 def test_a_dry_run_of_a_baseline_is_refused(ocean, tmp_path):
-    arguments = ["replay", str(ocean / "survey.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "--dry-run", "--estimator", "etkf"]
+    arguments = [
+        "replay",
+        str(ocean / "survey.mcap"),
+        "--ensemble",
+        str(ocean / "ensemble.nc"),
+        "--dry-run",
+        "--estimator",
+        "etkf",
+    ]
     done = invoke([*arguments, "-o", str(tmp_path / "o.mcap")])
     assert isinstance(done.exception, ConfigError)

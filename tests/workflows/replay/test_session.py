@@ -30,7 +30,10 @@ class Recorder(Estimator):
     def steps(self, state, measurements):
         for measurement in measurements:
             state = (*state, measurement)
-            yield state, replace(unused_innovation(PROFILE, PROFILE.flags, PROFILE.reasons), accepted=True)
+            yield (
+                state,
+                replace(unused_innovation(PROFILE, PROFILE.flags, PROFILE.reasons), accepted=True),
+            )
 
     def innovation(self, state, measurement):
         return np.zeros((PROFILE.depth.size, 2))
@@ -41,7 +44,9 @@ class Recorder(Estimator):
 
 def mean_current():
     two = np.array([1.0, 2.0])
-    return PathMean(5, np.array([1, 4]), two, two, two, two / 3.0, (0.1, 0.2), 0.02, "dac", 1, PROFILE.source)
+    return PathMean(
+        5, np.array([1, 4]), two, two, two, two / 3.0, (0.1, 0.2), 0.02, "dac", 1, PROFILE.source
+    )
 
 
 def given(supports_path_means):
@@ -76,7 +81,11 @@ def test_grids_and_digests_come_with_the_first_profile_and_then_at_the_interval_
     for seconds in range(0, 250, 25):
         session.take([replace(PROFILE, time_ns=seconds * 10**9)])
     session.assimilate_buffer()
-    assert published.grids_ns == published.digests_ns == [seconds * 10**9 for seconds in (0, 75, 150, 225)]
+    assert (
+        published.grids_ns
+        == published.digests_ns
+        == [seconds * 10**9 for seconds in (0, 75, 150, 225)]
+    )
 
 
 def test_windows_that_were_left_are_published_once_and_forgotten():
@@ -87,7 +96,11 @@ def test_windows_that_were_left_are_published_once_and_forgotten():
     for ping in pings:
         session.take([ping])
         if session.state is not None:
-            assert session.state.estimation.current.left == session.state.estimation.dive_start.left == ()
+            assert (
+                session.state.estimation.current.left
+                == session.state.estimation.dive_start.left
+                == ()
+            )
     session.assimilate_buffer(last=True)
     numbers = [call.args[0] for call in session.writer.window.call_args_list]
     assert numbers == list(range(1, session.estimation.current.number))

@@ -4,9 +4,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, OneTruth, existing, folder, name_page
+from replay_kit.cli.commands.experiment.truths import (
+    ESTIMATOR,
+    FOLDER,
+    OneTruth,
+    existing,
+    folder,
+    name_page,
+)
 from replay_kit.cli.console import console_beside, keep_json, progress, write_json
-from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Noise, Processes, numbers, option
+from replay_kit.cli.options import (
+    PART_OF_FORECAST,
+    TO_INPUTS,
+    TO_OPTIONS,
+    TO_OUTPUTS,
+    Answer,
+    Noise,
+    Processes,
+    numbers,
+    option,
+)
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.paths import check_folder, check_paths
@@ -16,9 +33,14 @@ from replay_kit.core.paths import check_folder, check_paths
 class Survey:
     """What is compared, on what."""
 
-    pings: Annotated[str, option("--pings", "Numbers of pings at which estimates are scored.", metavar="N1,N2,...")] = "5,10,25,50,150,450"
+    pings: Annotated[
+        str,
+        option("--pings", "Numbers of pings at which estimates are scored.", metavar="N1,N2,..."),
+    ] = "5,10,25,50,150,450"
     noise: Noise = 0.09
-    seeds: Annotated[int, option("--seeds", "Number of surveys of each truth, with seeds 0 to N-1.", least=1)] = 5
+    seeds: Annotated[
+        int, option("--seeds", "Number of surveys of each truth, with seeds 0 to N-1.", least=1)
+    ] = 5
     methods: Annotated[
         str | None,
         option(
@@ -27,7 +49,9 @@ class Survey:
             metavar="M1,M2,...",
         ),
     ] = None
-    every: Annotated[int, option("--every", "Give estimators every N-th member only, from the first.", least=1)] = 1
+    every: Annotated[
+        int, option("--every", "Give estimators every N-th member only, from the first.", least=1)
+    ] = 1
     mean_factors: Annotated[
         str,
         option(
@@ -96,8 +120,15 @@ def accuracy(
     alteration = Alteration(survey.every, (of_members, of_truth))
     job = AccuracyJob(truths.leave_out, counts, survey.noise, survey.seeds, methods, alteration)
     members, withheld = truths.read(config.forecast)
-    sources = None if survey.archive is None else read_sources(truths.ensemble, survey.archive, config.forecast)
-    with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads) as advance:
+    sources = (
+        None
+        if survey.archive is None
+        else read_sources(truths.ensemble, survey.archive, config.forecast)
+    )
+    with (
+        calls_made_by(processes.scheduler, processes.workers),
+        progress(config.output.threads) as advance,
+    ):
         for result in run_accuracy(members, withheld, config.estimator, job, advance, sources):
             if out is not None:
                 out.mkdir(exist_ok=True)
@@ -108,5 +139,7 @@ def accuracy(
     name_page(console, out)
     write_json(outputs.json_file, to_json(result))
     if all(row.failed for row in result.rows):
-        raise EstimatorError(f"experiment accuracy: every method failed, the first with {result.rows[0].failed}")
+        raise EstimatorError(
+            f"experiment accuracy: every method failed, the first with {result.rows[0].failed}"
+        )
     return 0

@@ -19,11 +19,18 @@ class Outputs(Answer):
     out: Annotated[Path | None, folder("a page, CSV and JSON"), FOLDER] = None
 
 
-@takes_settings("logs", "measurements", "forecast", "estimator", "time", "gating", without=ESTIMATOR)
+@takes_settings(
+    "logs", "measurements", "forecast", "estimator", "time", "gating", without=ESTIMATOR
+)
 def dives(
     *logs: Log,
     ensemble: Ensemble,
-    fit: Annotated[bool, flag("--fit", "Fit errors and oscillations to the dives before; observations are not gated.")] = False,
+    fit: Annotated[
+        bool,
+        flag(
+            "--fit", "Fit errors and oscillations to the dives before; observations are not gated."
+        ),
+    ] = False,
     settings: Settings,
     processes: Annotated[Processes, TO_OPTIONS] = Processes(),
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
@@ -36,7 +43,14 @@ def dives(
     config = settings.load()
 
     from replay_kit.estimator.evolving import build_evolving
-    from replay_kit.studies.dives import FILES, print_dives, read_dives, run_dives, to_json, write_dives
+    from replay_kit.studies.dives import (
+        FILES,
+        print_dives,
+        read_dives,
+        run_dives,
+        to_json,
+        write_dives,
+    )
     from replay_kit.workflows.fleet.workers import calls_made_by
     from replay_kit.workflows.replay.build import read_forecasts
     from replay_kit.workflows.replay.look_ahead import look_ahead
@@ -44,14 +58,21 @@ def dives(
 
     check_paths(read, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
     if config.estimator.name != "reduced_basis" or config.estimator.preset != "default":
-        raise ConfigError("experiment dives predicts with the project's own estimator and its default preset; leave name and preset out")
+        raise ConfigError(
+            "experiment dives predicts with the project's own estimator and its default preset; leave name and preset out"
+        )
     place_at, first_ns = look_ahead(logs, config)
     found = read_dives(list(logs), config)
     region = find_region(logs, ensemble, config, first_ns, None, may_follow=False)
     forecasts = read_forecasts(ensemble, config, first_ns, place_at, region)
-    with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads) as advance:
+    with (
+        calls_made_by(processes.scheduler, processes.workers),
+        progress(config.output.threads) as advance,
+    ):
         estimator = build_evolving(forecasts.series, config.estimator, config.time, config.gating)
-        for result in run_dives(estimator, found, config, fit, " ".join(map(str, ensemble)), advance):
+        for result in run_dives(
+            estimator, found, config, fit, " ".join(map(str, ensemble)), advance
+        ):
             if out is not None:
                 out.mkdir(exist_ok=True)
                 write_dives(out, result)

@@ -4,9 +4,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, existing, folder, name_page, parts
+from replay_kit.cli.commands.experiment.truths import (
+    ESTIMATOR,
+    FOLDER,
+    existing,
+    folder,
+    name_page,
+    parts,
+)
 from replay_kit.cli.console import console_beside, keep_json, progress, write_json
-from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Ensemble, Noise, Processes, option
+from replay_kit.cli.options import (
+    PART_OF_FORECAST,
+    TO_INPUTS,
+    TO_OPTIONS,
+    TO_OUTPUTS,
+    Answer,
+    Ensemble,
+    Noise,
+    Processes,
+    option,
+)
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.paths import check_folder, check_paths
 
@@ -16,7 +33,12 @@ class Truths:
     """The ensemble and the members withheld from it."""
 
     ensemble: Ensemble
-    leave_out: Annotated[str, option("--leave-out", "Members that are withheld as truths, in turn.", metavar="K,K,...|all")]
+    leave_out: Annotated[
+        str,
+        option(
+            "--leave-out", "Members that are withheld as truths, in turn.", metavar="K,K,...|all"
+        ),
+    ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,8 +47,22 @@ class Missions:
 
     study: Annotated[str | None, parts("time, relative, dac, outliers, bias, coverage")] = None
     pings: Annotated[int, option("--pings", "Number of pings of a mission.", least=1)] = 160
-    days: Annotated[float, option("--days", "Duration of a mission [days]; a truth that changes may end it sooner.", metavar="DAYS")] = 20.0
-    dives: Annotated[int, option("--dives", "Number of dives of the missions that have depth-averaged currents alone.", least=1)] = 30
+    days: Annotated[
+        float,
+        option(
+            "--days",
+            "Duration of a mission [days]; a truth that changes may end it sooner.",
+            metavar="DAYS",
+        ),
+    ] = 20.0
+    dives: Annotated[
+        int,
+        option(
+            "--dives",
+            "Number of dives of the missions that have depth-averaged currents alone.",
+            least=1,
+        ),
+    ] = 30
     noise: Noise = 0.09
     seeds: Annotated[int, option("--seeds", "Number of missions for each truth.", least=1)] = 1
 
@@ -55,7 +91,15 @@ def missions(
     config = settings.load()
 
     from replay_kit.forecast import read_series
-    from replay_kit.studies.missions import FILES, STUDIES, MissionJob, print_missions, run_missions, to_json, write_missions
+    from replay_kit.studies.missions import (
+        FILES,
+        STUDIES,
+        MissionJob,
+        print_missions,
+        run_missions,
+        to_json,
+        write_missions,
+    )
     from replay_kit.workflows.fleet.workers import calls_made_by
 
     check_paths(read, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
@@ -63,8 +107,13 @@ def missions(
     # the study of time needs a truth that changes
     usual = tuple(name for name in STUDIES if name != "time" or len(series) > 1)
     studies = usual if flown.study is None else tuple(flown.study.split(","))
-    job = MissionJob(truths.leave_out, studies, flown.pings, flown.days, flown.dives, flown.noise, flown.seeds)
-    with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads) as advance:
+    job = MissionJob(
+        truths.leave_out, studies, flown.pings, flown.days, flown.dives, flown.noise, flown.seeds
+    )
+    with (
+        calls_made_by(processes.scheduler, processes.workers),
+        progress(config.output.threads) as advance,
+    ):
         for result in run_missions(series, config, job, advance):
             if out is not None:
                 out.mkdir(exist_ok=True)

@@ -6,7 +6,15 @@ from typing import Annotated
 
 from replay_kit.cli.commands.experiment.truths import FOLDER, OneTruth, existing, folder, name_page
 from replay_kit.cli.console import console_beside, keep_json, progress, write_json
-from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Processes, option
+from replay_kit.cli.options import (
+    PART_OF_FORECAST,
+    TO_INPUTS,
+    TO_OPTIONS,
+    TO_OUTPUTS,
+    Answer,
+    Processes,
+    option,
+)
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.paths import check_folder, check_paths
 
@@ -30,8 +38,12 @@ class Sizes:
             metavar="N|all",
         ),
     ] = None
-    pairs: Annotated[int, option("--pairs", "Number of starts and targets of the glides.", least=1)] = 100
-    seed: Annotated[int, option("--seed", "Seed of places, noise, starts and targets.", least=0)] = 0
+    pairs: Annotated[
+        int, option("--pairs", "Number of starts and targets of the glides.", least=1)
+    ] = 100
+    seed: Annotated[
+        int, option("--seed", "Seed of places, noise, starts and targets.", least=0)
+    ] = 0
 
 
 @takes_settings(*PART_OF_FORECAST, file=False)
@@ -50,22 +62,40 @@ def paper(
     check_paths(truths.files, [outputs.json_file], outputs.overwrite)
     config = settings.load(estimator={"modes": sizes.modes})
 
-    from replay_kit.studies.paper import FILES, PaperJob, print_paper, run_paper, to_json, write_paper
+    from replay_kit.studies.paper import (
+        FILES,
+        PaperJob,
+        print_paper,
+        run_paper,
+        to_json,
+        write_paper,
+    )
     from replay_kit.workflows.fleet.workers import calls_made_by
 
     check_paths(truths.files, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
     most = None if sizes.modes is None else config.estimator.modes
-    job = PaperJob(leave_out=truths.leave_out, most_modes=most, plan_modes=config.estimator.modes, pairs=sizes.pairs, seed=sizes.seed)
+    job = PaperJob(
+        leave_out=truths.leave_out,
+        most_modes=most,
+        plan_modes=config.estimator.modes,
+        pairs=sizes.pairs,
+        seed=sizes.seed,
+    )
     members, withheld = truths.read(config.forecast)
     # made before the work, so that a folder that cannot be made is reported at once
     out.mkdir(exist_ok=True)
-    with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads) as advance:
+    with (
+        calls_made_by(processes.scheduler, processes.workers),
+        progress(config.output.threads) as advance,
+    ):
         for tables, shown in run_paper(members, withheld, config.estimator, job, advance):
             write_paper(out, tables, shown)
             keep_json(outputs.json_file, to_json(tables))
     console = console_beside(outputs.json_file)
     print_paper(tables, console)
-    console.print(f"{out}: report.md, paper.json, tables as CSV, figures as PNG and SVG", soft_wrap=True)
+    console.print(
+        f"{out}: report.md, paper.json, tables as CSV, figures as PNG and SVG", soft_wrap=True
+    )
     name_page(console, out)
     write_json(outputs.json_file, to_json(tables))
     return 0

@@ -4,9 +4,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, OneTruth, folder, name_page, parts
+from replay_kit.cli.commands.experiment.truths import (
+    ESTIMATOR,
+    FOLDER,
+    OneTruth,
+    folder,
+    name_page,
+    parts,
+)
 from replay_kit.cli.console import console_beside, progress, write_json
-from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Noise, Processes, flag, option
+from replay_kit.cli.options import (
+    PART_OF_FORECAST,
+    TO_INPUTS,
+    TO_OPTIONS,
+    TO_OUTPUTS,
+    Answer,
+    Noise,
+    Processes,
+    flag,
+    option,
+)
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError, EstimatorError
 from replay_kit.core.paths import check_folder, check_paths
@@ -20,7 +37,12 @@ class Truths(OneTruth):
     """The ensemble and its truths."""
 
     leave_out: Annotated[
-        str | None, option("--leave-out", "Members that are withheld as truths. Default: 20 evenly spread.", metavar="K,K,...|all")
+        str | None,
+        option(
+            "--leave-out",
+            "Members that are withheld as truths. Default: 20 evenly spread.",
+            metavar="K,K,...|all",
+        ),
     ] = None
 
 
@@ -34,18 +56,48 @@ class Sizes:
             "glides, missions, scenarios, masked, odds, infeasible, replanning; if named, learn, and changing for a forecast through time"
         ),
     ] = None
-    pairs: Annotated[int, option("--pairs", "Number of starts and goals of glides, missions and odds, over all truths.", least=1)] = 100
+    pairs: Annotated[
+        int,
+        option(
+            "--pairs",
+            "Number of starts and goals of glides, missions and odds, over all truths.",
+            least=1,
+        ),
+    ] = 100
     pings: Annotated[int, option("--pings", "Number of pings of each estimate.", least=1)] = 450
     legs: Annotated[int, option("--legs", "Number of dives of a mission.", least=1)] = 10
-    scenarios: Annotated[int, option("--scenarios", "Number of missions planned for samples.", least=1)] = 10
-    fresh: Annotated[int, option("--fresh", "Number of further samples that these and odds are flown through.", least=1)] = 500
-    masks: Annotated[int, option("--masks", "Number of random cases with islands and areas.", least=1)] = 200
-    replans: Annotated[int, option("--replans", "Number of missions planned anew at each surfacing.", least=1)] = 40
-    crossings: Annotated[int, option("--crossings", "Number of missions of days in a sea that changes.", least=1)] = 40
-    learn: Annotated[bool, flag("--learn", "Plans that learn alone: the same as --study learn.")] = False
-    surveys: Annotated[int, option("--surveys", "Number of surveys before a stretch without fixes, with --learn.", least=1)] = 60
+    scenarios: Annotated[
+        int, option("--scenarios", "Number of missions planned for samples.", least=1)
+    ] = 10
+    fresh: Annotated[
+        int,
+        option(
+            "--fresh", "Number of further samples that these and odds are flown through.", least=1
+        ),
+    ] = 500
+    masks: Annotated[
+        int, option("--masks", "Number of random cases with islands and areas.", least=1)
+    ] = 200
+    replans: Annotated[
+        int, option("--replans", "Number of missions planned anew at each surfacing.", least=1)
+    ] = 40
+    crossings: Annotated[
+        int, option("--crossings", "Number of missions of days in a sea that changes.", least=1)
+    ] = 40
+    learn: Annotated[
+        bool, flag("--learn", "Plans that learn alone: the same as --study learn.")
+    ] = False
+    surveys: Annotated[
+        int,
+        option(
+            "--surveys", "Number of surveys before a stretch without fixes, with --learn.", least=1
+        ),
+    ] = 60
     maps: Annotated[int, option("--maps", "Number of maps, with --learn.", least=1)] = 24
-    detours: Annotated[int, option("--detours", "Number of missions that may go by a detour, with --learn.", least=1)] = 36
+    detours: Annotated[
+        int,
+        option("--detours", "Number of missions that may go by a detour, with --learn.", least=1),
+    ] = 36
     noise: Noise = 0.09
     seed: Annotated[int, option("--seed", "Seed of everything that is drawn.", least=0)] = 0
 
@@ -86,9 +138,16 @@ def planning(
     # before anything is read or made
     job.check(study.STUDIES)
     members, withheld = truths.read(config.forecast)
-    series = read_series(truths.ensemble, config.forecast) if {study.THROUGH_TIME, study.LEARNING} & set(chosen) else ()
+    series = (
+        read_series(truths.ensemble, config.forecast)
+        if {study.THROUGH_TIME, study.LEARNING} & set(chosen)
+        else ()
+    )
 
-    with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads) as advance:
+    with (
+        calls_made_by(processes.scheduler, processes.workers),
+        progress(config.output.threads) as advance,
+    ):
         for result in study.run_planning(members, withheld, config.estimator, job, advance, series):
             # made before the first study, so that a folder that cannot be made is reported at once
             out.mkdir(exist_ok=True)
@@ -96,11 +155,15 @@ def planning(
                 study.write_planning(out, result)
     console = console_beside(outputs.json_file)
     study.print_planning(result, console)
-    console.print(f"{out}: report.md, planning.json, tables as CSV, pictures as PNG", soft_wrap=True)
+    console.print(
+        f"{out}: report.md, planning.json, tables as CSV, pictures as PNG", soft_wrap=True
+    )
     name_page(console, out)
     write_json(outputs.json_file, study.to_json(result))
     if all(report.failed for report in result.reports):
-        raise EstimatorError(f"experiment planning: every study failed, the first with {result.reports[0].failed}")
+        raise EstimatorError(
+            f"experiment planning: every study failed, the first with {result.reports[0].failed}"
+        )
     return 0
 
 
@@ -113,7 +176,9 @@ def _chosen(sizes: Sizes, own_truth: bool) -> tuple[str, ...]:
     from replay_kit.studies import planning as study
 
     if sizes.learn and sizes.study not in (None, study.LEARNING):
-        raise ConfigError(f"--learn and --study: expected one of them, or --study learn, got --study {sizes.study}")
+        raise ConfigError(
+            f"--learn and --study: expected one of them, or --study learn, got --study {sizes.study}"
+        )
     named = study.LEARNING if sizes.learn else sizes.study
     if named is not None:
         return tuple(named.split(","))

@@ -22,7 +22,11 @@ FOLDER = Ending()
 
 def parts(names: str) -> Parameter:
     """Return the option that chooses parts of a study."""
-    return option("--study", f"Parts of the study: {names}. Default: all that are possible.", metavar="S1,S2,...")
+    return option(
+        "--study",
+        f"Parts of the study: {names}. Default: all that are possible.",
+        metavar="S1,S2,...",
+    )
 
 
 def folder(what: str) -> Parameter:
@@ -51,9 +55,14 @@ class OneTruth:
 
     ensemble: Ensemble
     truth: Truth = None
-    leave_out: Annotated[str | None, option("--leave-out", "Members that are withheld as truths.", metavar="K,K,...|all|most-distant")] = (
-        None
-    )
+    leave_out: Annotated[
+        str | None,
+        option(
+            "--leave-out",
+            "Members that are withheld as truths.",
+            metavar="K,K,...|all|most-distant",
+        ),
+    ] = None
 
     @property
     def files(self) -> list[Path | None]:
@@ -69,4 +78,6 @@ class OneTruth:
         """Return the ensemble, and the truth where it is one of its own."""
         from replay_kit.forecast import read_ensemble, read_truth
 
-        return read_ensemble(self.ensemble, config), None if self.truth is None else read_truth(self.truth, config)
+        return read_ensemble(self.ensemble, config), None if self.truth is None else read_truth(
+            self.truth, config
+        )

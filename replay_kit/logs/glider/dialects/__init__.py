@@ -21,7 +21,9 @@ _FILES = (
     "seaexplorer",
 )
 #: All dialects, in that order.
-DIALECTS: tuple[Dialect, ...] = tuple(import_module(f"{__name__}.{name}").DIALECT for name in _FILES)
+DIALECTS: tuple[Dialect, ...] = tuple(
+    import_module(f"{__name__}.{name}").DIALECT for name in _FILES
+)
 
 
 def dialect_of(names: Collection[str], attributes: Mapping[str, Any]) -> Dialect | None:

@@ -21,18 +21,36 @@ def again_section(contents: Contents) -> Section:
         )
     elif inputs:
         made = "; replay-kit verify makes it again" if "replay_kit.plan" in record.metadata else ""
-        missing.append(f"The result is of replay-kit plan: the options of its command are below{made}.")
+        missing.append(
+            f"The result is of replay-kit plan: the options of its command are below{made}."
+        )
     else:
         missing.append("The result does not name its inputs.")
     if inputs:
-        html += table_html(["input", "file", "SHA-256"], [_input(name, text) for name, text in inputs.items()], "Inputs")
-    versions = {**record.metadata.get("contract", {}), **record.metadata.get("replay_kit.versions", {})}
+        html += table_html(
+            ["input", "file", "SHA-256"],
+            [_input(name, text) for name, text in inputs.items()],
+            "Inputs",
+        )
+    versions = {
+        **record.metadata.get("contract", {}),
+        **record.metadata.get("replay_kit.versions", {}),
+    }
     names = {"version": "contract of the result", "replay_kit": "replay-kit"}
     shown = {names.get(name, name): value for name, value in versions.items()}
-    html += table_html(["what", "version"], [[escape(name), escape(value)] for name, value in shown.items()], "Versions")
+    html += table_html(
+        ["what", "version"],
+        [[escape(name), escape(value)] for name, value in shown.items()],
+        "Versions",
+    )
     html += _settings(contents, missing)
-    region = {**record.metadata.get("replay_kit.region", {}), **record.metadata.get("replay_kit.options", {})}
-    rows = [[escape(name.replace("_", " ")), escape(value)] for name, value in region.items() if value]
+    region = {
+        **record.metadata.get("replay_kit.region", {}),
+        **record.metadata.get("replay_kit.options", {}),
+    }
+    rows = [
+        [escape(name.replace("_", " ")), escape(value)] for name, value in region.items() if value
+    ]
     html += table_html(["what", "value"], rows, "Region, basis and options") if rows else ""
     html += _numbers(contents)
     return Section("again", "Make it again", html, missing=missing)
@@ -43,7 +61,15 @@ def _command(contents: Contents) -> str:
     names = {key: text.rpartition(" sha256:")[0] for key, text in inputs.items()}
     logs = [names[key] for key in names if key.startswith("log")]
     goal = contents.record.metadata.get("replay_kit.options", {}).get("goal", "")
-    parts = ["replay-kit", "replay", *logs, "--ensemble", *_ensemble(names), "--config", "config.toml"]
+    parts = [
+        "replay-kit",
+        "replay",
+        *logs,
+        "--ensemble",
+        *_ensemble(names),
+        "--config",
+        "config.toml",
+    ]
     parts += [f"--goal={goal}"] if goal else []
     return (
         f"{shlex.join([*parts, '-o', contents.result.path.name])}\nreplay-kit verify "
@@ -68,14 +94,25 @@ def _settings(contents: Contents, missing: list[str]) -> str:
     changed = changed_settings(toml)
     if not changed:
         return "<p>All settings have their defaults.</p>"
-    rows = [[f"<code>{escape(key)}</code>", escape(json.dumps(value)), escape(json.dumps(default))] for key, value, default in changed]
-    return table_html(["setting", "value", "default"], rows, "Settings that differ from their defaults")
+    rows = [
+        [f"<code>{escape(key)}</code>", escape(json.dumps(value)), escape(json.dumps(default))]
+        for key, value, default in changed
+    ]
+    return table_html(
+        ["setting", "value", "default"], rows, "Settings that differ from their defaults"
+    )
 
 
 def _numbers(contents: Contents) -> str:
     rows = []
     for path, value in leaves(contents.summary):
         exact = isinstance(value, int | float) and not isinstance(value, bool)
-        shown = number(path, value, repr(value)) if exact else escape("undefined" if value is None else str(value))
+        shown = (
+            number(path, value, repr(value))
+            if exact
+            else escape("undefined" if value is None else str(value))
+        )
         rows.append([f"<code>{escape(path)}</code>", shown])
-    return table_html(["path in the summary", "value"], rows, "Every number of the summary, as --json has it")
+    return table_html(
+        ["path in the summary", "value"], rows, "Every number of the summary, as --json has it"
+    )

@@ -11,7 +11,13 @@ from replay_kit.results.page.colors import scale
 from replay_kit.results.page.section import Control, Figure, Section, column, pack, times
 from replay_kit.results.report.sections.map_frame import Extent, coastline, graticule
 from replay_kit.results.report.sections.map_hazards import area_marks, seabed_contours
-from replay_kit.results.report.sections.map_marks import DARK, POSITIONS, plan_marks, surfacing_marks, track_marks
+from replay_kit.results.report.sections.map_marks import (
+    DARK,
+    POSITIONS,
+    plan_marks,
+    surfacing_marks,
+    track_marks,
+)
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import bathymetry_name
 from replay_kit.results.views.slices import CurrentSlices
@@ -38,7 +44,12 @@ def map_section(contents: Contents) -> Section:
     bottom_table, contours, bottom = seabed_contours(contents)
     tables |= bottom_table
     traces += contours
-    for more_tables, more_traces in (area_marks(contents), track_marks(contents), surfacing_marks(contents), plan_marks(contents)):
+    for more_tables, more_traces in (
+        area_marks(contents),
+        track_marks(contents),
+        surfacing_marks(contents),
+        plan_marks(contents),
+    ):
         tables |= more_tables
         traces += more_traces
     lines, labels = graticule(contents.projection, extent)
@@ -49,7 +60,13 @@ def map_section(contents: Contents) -> Section:
     packed = {**({} if slices is None else {"current": pack(slices.fields, _STEP)}), **bottom}
     layout = {
         "height": 800,
-        "xaxis": {"title": {"text": "local east [km]"}, "constrain": "domain", "range": east, "showgrid": False, "zeroline": False},
+        "xaxis": {
+            "title": {"text": "local east [km]"},
+            "constrain": "domain",
+            "range": east,
+            "showgrid": False,
+            "zeroline": False,
+        },
         "yaxis": {
             "title": {"text": "local north [km]"},
             "scaleanchor": "x",
@@ -77,7 +94,12 @@ def _controls(slices: CurrentSlices, has_track: bool) -> list[Control]:
     return [
         Control("Show", "select", ("speed", "standard error")),
         Control("Depth", "range", [f"{depth:g} m" for depth in slices.depths]),
-        Control("Time", "range", [time_text(int(time))[:16] for time in slices.time_ns], len(slices.time_ns) - 1),
+        Control(
+            "Time",
+            "range",
+            [time_text(int(time))[:16] for time in slices.time_ns],
+            len(slices.time_ns) - 1,
+        ),
         *([Control("View", "select", ("region", "track"))] if has_track else []),
     ]
 
@@ -91,7 +113,10 @@ def _ranges(contents: Contents, extent: Extent, slices: CurrentSlices | None) ->
     # two cells of the current around the track show where it leads
     beyond = 2.0 * float(slices.east[1] - slices.east[0]) / 1e3
     near = Extent.around(track.east / 1e3, track.north / 1e3)
-    east, north = [near.west - beyond, near.east + beyond], [near.south - beyond, near.north + beyond]
+    east, north = (
+        [near.west - beyond, near.east + beyond],
+        [near.south - beyond, near.north + beyond],
+    )
     return {"$choose": 3, "of": [whole[0], east]}, {"$choose": 3, "of": [whole[1], north]}
 
 
@@ -106,7 +131,9 @@ def _extent(contents: Contents, slices: CurrentSlices | None) -> Extent:
     return Extent.around(np.concatenate(east) / 1e3, np.concatenate(north) / 1e3)
 
 
-def _field_traces(contents: Contents, slices: CurrentSlices | None) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+def _field_traces(
+    contents: Contents, slices: CurrentSlices | None
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Return the coloured field, land, coastline and arrows."""
     if slices is None:
         return {}, []
@@ -120,7 +147,9 @@ def _field_traces(contents: Contents, slices: CurrentSlices | None) -> tuple[dic
         "line": {"color": DARK, "width": 1.5},
         "hoverinfo": "skip",
     }
-    longitude, latitude = to_geographic(contents.projection, *np.meshgrid(slices.east, slices.north))
+    longitude, latitude = to_geographic(
+        contents.projection, *np.meshgrid(slices.east, slices.north)
+    )
     table = {
         "field": "current",
         "axes": {"depth_m": column(slices.depths), "time": times(slices.time_ns)},
@@ -128,15 +157,23 @@ def _field_traces(contents: Contents, slices: CurrentSlices | None) -> tuple[dic
         "names": ["u_m_s", "v_m_s", "u_standard_error_m_s", "v_standard_error_m_s"],
     }
     x, y = column(slices.east / 1e3), column(slices.north / 1e3)
-    return {"current": table}, [*_heatmaps(slices, x, y), *([coast] if shore[0] else []), *_arrows(slices, x, y)]
+    return {"current": table}, [
+        *_heatmaps(slices, x, y),
+        *([coast] if shore[0] else []),
+        *_arrows(slices, x, y),
+    ]
 
 
-def _heatmaps(slices: CurrentSlices, x: list[float | None], y: list[float | None]) -> list[dict[str, Any]]:
+def _heatmaps(
+    slices: CurrentSlices, x: list[float | None], y: list[float | None]
+) -> list[dict[str, Any]]:
     """Return speed or standard error, and the dry cells."""
     u, v, eu, ev = ({"$field": "current", "at": ["c1", "c2", k]} for k in range(4))
     speed, error = _limits(slices)
     # beside missing cells there is nothing to interpolate with
-    whole = [bool(np.isfinite(slices.fields[:, :, part]).all()) for part in (slice(0, 2), slice(2, 4))]
+    whole = [
+        bool(np.isfinite(slices.fields[:, :, part]).all()) for part in (slice(0, 2), slice(2, 4))
+    ]
     field = {
         "type": "heatmap",
         "x": x,
@@ -145,7 +182,13 @@ def _heatmaps(slices: CurrentSlices, x: list[float | None], y: list[float | None
         "colorscale": {"$choose": 0, "of": [scale("speed"), scale("amp")]},
         "zmin": 0.0,
         "zmax": {"$choose": 0, "of": [speed, error]},
-        "colorbar": {"title": {"text": {"$choose": 0, "of": ["speed [m/s]", "standard error [m/s]"]}, "side": "right"}, "thickness": 14},
+        "colorbar": {
+            "title": {
+                "text": {"$choose": 0, "of": ["speed [m/s]", "standard error [m/s]"]},
+                "side": "right",
+            },
+            "thickness": 14,
+        },
         "hovertemplate": "%{x:.1f} km east, %{y:.1f} km north: %{z:.3f} m/s<extra></extra>",
         "hoverongaps": False,
         "zsmooth": {"$choose": 0, "of": ["best" if known else False for known in whole]},
@@ -163,11 +206,15 @@ def _heatmaps(slices: CurrentSlices, x: list[float | None], y: list[float | None
     return [field, land]
 
 
-def _arrows(slices: CurrentSlices, x: list[float | None], y: list[float | None]) -> list[dict[str, Any]]:
+def _arrows(
+    slices: CurrentSlices, x: list[float | None], y: list[float | None]
+) -> list[dict[str, Any]]:
     """Return the arrows of the current, dark on a light halo, to be seen on both ends of the colour scale."""
     u, v = ({"$field": "current", "at": ["c1", "c2", k]} for k in range(2))
     step = -(-max(slices.east.size, slices.north.size) // _ARROWS)
-    cell = step * float(min(slices.east[1] - slices.east[0], slices.north[1] - slices.north[0])) / 1e3
+    cell = (
+        step * float(min(slices.east[1] - slices.east[0], slices.north[1] - slices.north[0])) / 1e3
+    )
     arrows = {
         "type": "arrows",
         "x": x,
@@ -204,15 +251,23 @@ def _caption(contents: Contents, slices: CurrentSlices | None) -> str:
             "that depth."
         )
         if slices.left_out:
-            texts.append(f"{slices.left_out} of {slices.left_out + slices.time_ns.size} published times are left out, evenly spread.")
+            texts.append(
+                f"{slices.left_out} of {slices.left_out + slices.time_ns.size} published times are left out, evenly spread."
+            )
     count = contents.track.time_ns.size
     if count:
-        texts.append("The track goes from dark (begin) to light (end); circles are fixes, the rest is dead reckoned.")
+        texts.append(
+            "The track goes from dark (begin) to light (end); circles are fixes, the rest is dead reckoned."
+        )
     if count > POSITIONS:
         texts.append(f"Of {count:,} positions {POSITIONS:,} are drawn, evenly spread.")
     if contents.seabed is not None:
-        texts.append(f"Labelled lines are depths of the bottom, of {escape(bathymetry_name(contents.record))}.")
-    texts.append("Axes are kilometres along the local frame of the result; thin lines are meridians and parallels.")
+        texts.append(
+            f"Labelled lines are depths of the bottom, of {escape(bathymetry_name(contents.record))}."
+        )
+    texts.append(
+        "Axes are kilometres along the local frame of the result; thin lines are meridians and parallels."
+    )
     return " ".join(texts)
 
 

@@ -8,7 +8,11 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.text import time_text
 from replay_kit.results.page.section import Section, cm, items_html, number, table_html
-from replay_kit.results.report.sections.warnings import next_steps, what_looks_wrong, what_was_chosen
+from replay_kit.results.report.sections.warnings import (
+    next_steps,
+    what_looks_wrong,
+    what_was_chosen,
+)
 from replay_kit.results.verdict import LEAST_NIS, MOST_NIS
 from replay_kit.results.views.along_track import mean_current_topics
 from replay_kit.results.views.contents import Contents
@@ -23,7 +27,11 @@ def words_section(contents: Contents) -> Section:
         + _part("How sure it is", [_sure(contents)])
         + _part("What was not used, and why", _not_used(contents))
         + "<h3>What looks wrong</h3>"
-        + (f'<div class="wrong">{items_html(wrong)}</div>' if wrong else "<p>Nothing that the tests of this page look for.</p>")
+        + (
+            f'<div class="wrong">{items_html(wrong)}</div>'
+            if wrong
+            else "<p>Nothing that the tests of this page look for.</p>"
+        )
         + f"<h3>What to do next</h3>{items_html(next_steps(contents))}"
         + _current_here(contents)
         + (f"<h3>How it was read and set up</h3>{items_html(chosen)}" if chosen else "")
@@ -33,7 +41,11 @@ def words_section(contents: Contents) -> Section:
 
 
 def _part(title: str, paragraphs: list[str]) -> str:
-    texts = (text if text.startswith("<ul>") else f'<p class="answer">{text}</p>' for text in paragraphs if text)
+    texts = (
+        text if text.startswith("<ul>") else f'<p class="answer">{text}</p>'
+        for text in paragraphs
+        if text
+    )
     return f"<h3>{escape(title)}</h3>{''.join(texts)}"
 
 
@@ -66,7 +78,12 @@ def _measured(contents: Contents) -> str:
 def _mean_currents_used(contents: Contents) -> int:
     """Return how many of the measurements that were used are mean currents, of dives or between fixes: they have no depth bins."""
     table = contents.result.observations
-    return int((table["source_topic"].isin(mean_current_topics(table, contents.result.innovations)) & (table["dof"] > 0)).sum())
+    return int(
+        (
+            table["source_topic"].isin(mean_current_topics(table, contents.result.innovations))
+            & (table["dof"] > 0)
+        ).sum()
+    )
 
 
 def _values(shown: str, values: int, mean_currents: int) -> str:
@@ -104,7 +121,13 @@ def _found(contents: Contents) -> list[str]:
     before, prior = rms["before"], rms["prior"]
     if before is not None and prior is not None:
         change = 100.0 * (1.0 - before / prior) if prior else 0.0
-        verdict = f"{change:.0f} % closer" if change > 0.5 else f"{-change:.0f} % further away" if change < -0.5 else "no closer"
+        verdict = (
+            f"{change:.0f} % closer"
+            if change > 0.5
+            else f"{-change:.0f} % further away"
+            if change < -0.5
+            else "no closer"
+        )
         out.append(
             f"The estimate, before it used a measurement, differed from it by {cm('rms_innovation.before', before)} "
             "(RMS of a component), the "
@@ -139,7 +162,9 @@ def _sure(contents: Contents) -> str:
             verdict = "above 1, so the true errors are larger than stated"
         else:
             verdict = "below 1, so the stated errors are larger than the true ones"
-        parts.append(f"The normalised innovation squared per degree of freedom is {number('nis_per_dof', nis, f'{nis:.2f}')}: {verdict}.")
+        parts.append(
+            f"The normalised innovation squared per degree of freedom is {number('nis_per_dof', nis, f'{nis:.2f}')}: {verdict}."
+        )
     return " ".join(parts) or "The result holds no uncertainty to judge."
 
 
@@ -148,14 +173,20 @@ def _not_used(contents: Contents) -> list[str]:
     observations = summary["observations"]
     bins = observations.get("bins_rejected", {})
     why = ", ".join(
-        f"{number(f'observations.bins_rejected.{name}', n, f'{n:,}')} {escape(name.replace('_', ' '))}" for name, n in bins.items()
+        f"{number(f'observations.bins_rejected.{name}', n, f'{n:,}')} {escape(name.replace('_', ' '))}"
+        for name, n in bins.items()
     )
     rejected = observations["rejected"]
     if not observations["used"] + rejected:
         return ["The result holds no measurement."]
     verb = "measurement was" if rejected == 1 else "measurements were"
-    first = f"{number('observations.rejected', rejected, f'{rejected:,}')} {verb} rejected as a whole." + (
-        f" Bins not used (a bin can have several reasons): {why}." if why else " Every bin of the others was used."
+    first = (
+        f"{number('observations.rejected', rejected, f'{rejected:,}')} {verb} rejected as a whole."
+        + (
+            f" Bins not used (a bin can have several reasons): {why}."
+            if why
+            else " Every bin of the others was used."
+        )
     )
     rows = [
         f"{escape(row['topic'])}: {number(f'messages.{k}.skipped', row['skipped'], format(row['skipped'], ','))} of "
@@ -168,7 +199,10 @@ def _not_used(contents: Contents) -> list[str]:
         if row["skipped"]
     ]
     if "messages" not in summary:
-        return [first, "The result does not hold the counts of messages: it is of an earlier version, or of a run that did not end."]
+        return [
+            first,
+            "The result does not hold the counts of messages: it is of an earlier version, or of a run that did not end.",
+        ]
     return [first, items_html(rows) if rows else "Every message that was read was used."]
 
 
@@ -181,9 +215,29 @@ def _current_here(contents: Contents) -> str:
     if not np.isfinite(found.u).any():
         return ""
     rows = []
-    for depth, u, v, eu, ev in zip(flow.levels, found.u, found.v, found.u_standard_error, found.v_standard_error, strict=True):
+    for depth, u, v, eu, ev in zip(
+        flow.levels, found.u, found.v, found.u_standard_error, found.v_standard_error, strict=True
+    ):
         if np.isfinite(u):
             error = f"{np.hypot(eu, ev) / np.sqrt(2.0):.3f}" if np.isfinite(eu) else "unknown"
-            rows.append([f"{depth:g}", f"{np.hypot(u, v):.3f}", f"{float(heading_deg(u, v)):.0f}", f"{u:+.3f}", f"{v:+.3f}", error])
-    heads = ["depth [m]", "speed [m/s]", "flows to [° true]", "eastward [m/s]", "northward [m/s]", "standard error [m/s]"]
-    return table_html(heads, rows, "The estimated current at the last position, at the end of the log")
+            rows.append(
+                [
+                    f"{depth:g}",
+                    f"{np.hypot(u, v):.3f}",
+                    f"{float(heading_deg(u, v)):.0f}",
+                    f"{u:+.3f}",
+                    f"{v:+.3f}",
+                    error,
+                ]
+            )
+    heads = [
+        "depth [m]",
+        "speed [m/s]",
+        "flows to [° true]",
+        "eastward [m/s]",
+        "northward [m/s]",
+        "standard error [m/s]",
+    ]
+    return table_html(
+        heads, rows, "The estimated current at the last position, at the end of the log"
+    )

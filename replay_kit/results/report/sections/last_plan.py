@@ -27,12 +27,25 @@ _STATUS = {
 def last_plan_html(contents: Contents, plan: LastPlan) -> str:
     """Return the outcome of the last plan as a table."""
     row = plan.row
-    rows = [["status", f"<strong>{escape(row['status'])}</strong>: {_STATUS.get(row['status'], '')}"], ["message", escape(row["message"])]]
+    rows = [
+        ["status", f"<strong>{escape(row['status'])}</strong>: {_STATUS.get(row['status'], '')}"],
+        ["message", escape(row["message"])],
+    ]
     rows += [["energy", _energy(plan.energy, plan.battery)]] if plan.energy is not None else []
     rows += [["odds of arriving", odds]] if (odds := _odds(plan)) else []
     if plan.areas:
-        rows.append(["no-go areas", ", ".join(escape(area.name + (" (surface only)" if area.surface_only else "")) for area in plan.areas)])
-    if (named := contents.record.metadata.get("replay_kit.inputs", {}).get("bathymetry")) is not None:
+        rows.append(
+            [
+                "no-go areas",
+                ", ".join(
+                    escape(area.name + (" (surface only)" if area.surface_only else ""))
+                    for area in plan.areas
+                ),
+            ]
+        )
+    if (
+        named := contents.record.metadata.get("replay_kit.inputs", {}).get("bathymetry")
+    ) is not None:
         name, _, digest = named.partition(" sha256:")
         rows.append(["bathymetry", f"{escape(name)}, SHA-256 <code>{escape(digest)}</code>"])
     if (bottom := plan.bottom) is not None:
@@ -46,16 +59,24 @@ def _energy(energy: float, battery: float | None) -> str:
     if battery is None:
         return f"{text}; the energy of the battery was not stated"
     stated = number("plan.battery_j", battery, f"{battery / 1e6:g} MJ")
-    return f"{text}, {100.0 * energy / battery:.1f} % of {stated}" + (": more than the battery holds" if energy > battery else "")
+    return f"{text}, {100.0 * energy / battery:.1f} % of {stated}" + (
+        ": more than the battery holds" if energy > battery else ""
+    )
 
 
 def _odds(plan: LastPlan) -> str:
     odds = plan.odds
     if odds is None:
         return ""
-    said = {name: number(f"plan.odds.{name}", odds[name], f"{100.0 * odds[name]:.0f} %") for name in ("reached", "reached_held", "safe")}
+    said = {
+        name: number(f"plan.odds.{name}", odds[name], f"{100.0 * odds[name]:.0f} %")
+        for name in ("reached", "reached_held", "safe")
+    }
     count = number("plan.odds.n_samples", odds["n_samples"], f"{odds['n_samples']:.0f}")
-    median, most = (number(f"plan.odds.{name}", odds[name], f"{odds[name]:,.0f} m") for name in ("miss_median", "miss_90_percent"))
+    median, most = (
+        number(f"plan.odds.{name}", odds[name], f"{odds[name]:,.0f} m")
+        for name in ("miss_median", "miss_90_percent")
+    )
     return (
         f"{said['reached']} of {count} samples of the estimate arrive with headings corrected at each surfacing, "
         f"{said['reached_held']} with headings held; "
@@ -67,13 +88,17 @@ def what_is_missing(plan: LastPlan) -> list[str]:
     """Return what the result does not hold of its last plan, and what would give it."""
     out = []
     if plan.energy is None:
-        out.append("The result holds no energy of the plan: a single glide has none, a mission (--planner mission) has.")
+        out.append(
+            "The result holds no energy of the plan: a single glide has none, a mission (--planner mission) has."
+        )
     if plan.odds is None and plan.row["status"] != "failed":
         out.append(
             "The result holds no odds of arriving: [planner] samples = 40 flies each mission through as many samples of the estimate."
         )
     if plan.bottom is None:
-        out.append("The result holds no depth of the bottom: --bathymetry keeps plans above it and shows it here.")
+        out.append(
+            "The result holds no depth of the bottom: --bathymetry keeps plans above it and shows it here."
+        )
     return out
 
 
@@ -102,17 +127,24 @@ def profile_figure(contents: Contents, plan: LastPlan) -> Figure:
         "hovertemplate": "%{text}<br>%{x:.1f} km, %{y:.0f} m<extra></extra>",
     }
     ground = None if plan.bottom is None else plan.bottom[kept]
-    level = None if ground is not None else _deepest_wet(contents, plan.east[kept], plan.north[kept])
+    level = (
+        None if ground is not None else _deepest_wet(contents, plan.east[kept], plan.north[kept])
+    )
     floor = profile_floor(depth, ground)
     under = [] if ground is None else _ground(along, ground, floor, table)
     if level is not None:
         table["deepest_wet_level_m"] = column(level)
         line = {"color": {"$color": "ink"}, "width": 1.5, "shape": "hvh"}
-        under = [{**path, "name": "deepest wet level", "y": "$plan.deepest_wet_level_m", "line": line}]
+        under = [
+            {**path, "name": "deepest wet level", "y": "$plan.deepest_wet_level_m", "line": line}
+        ]
     layout = {
         "height": 400,
         "xaxis": {"title": {"text": "distance along the plan [km]"}},
-        "yaxis": {"title": {"text": "depth [m]"}, **({"autorange": "reversed"} if ground is None else {"range": [floor, 0.0]})},
+        "yaxis": {
+            "title": {"text": "depth [m]"},
+            **({"autorange": "reversed"} if ground is None else {"range": [floor, 0.0]}),
+        },
     }
     caption = f"Depth that the last plan reaches along its predicted track, {along[-1]:.1f} km in {hours[-1]:.1f} hours. "
     return Figure(
@@ -134,16 +166,31 @@ def profile_floor(depth: Array, ground: Array | None) -> float:
         ground: shape (n,) [m], of the bottom, NaN where unknown; None without.
     """
     deepest = max(float(depth.max()), 1.0)
-    return 1.05 * (deepest if ground is None else max(deepest, min(float(np.nanmax(ground)), _BELOW * deepest)))
+    return 1.05 * (
+        deepest if ground is None else max(deepest, min(float(np.nanmax(ground)), _BELOW * deepest))
+    )
 
 
-def _ground(along: Array, ground: Array, floor: float, table: dict[str, Any]) -> list[dict[str, Any]]:
+def _ground(
+    along: Array, ground: Array, floor: float, table: dict[str, Any]
+) -> list[dict[str, Any]]:
     """Return the bottom as a line over a filled area, and add it to the table."""
     table["bottom_m"] = column(ground)
     common = {"type": "scatter", "mode": "lines", "x": "$plan.distance_km"}
-    below = {**common, "y": column(np.full(along.size, floor)), "line": {"width": 0}, "showlegend": False, "hoverinfo": "skip"}
+    below = {
+        **common,
+        "y": column(np.full(along.size, floor)),
+        "line": {"width": 0},
+        "showlegend": False,
+        "hoverinfo": "skip",
+    }
     hover = "%{x:.1f} km: bottom at %{y:.0f} m<extra></extra>"
-    look = {"fill": "tonexty", "fillcolor": {"$color": "land"}, "line": {"color": {"$color": "ink"}, "width": 1.5}, "hovertemplate": hover}
+    look = {
+        "fill": "tonexty",
+        "fillcolor": {"$color": "land"},
+        "line": {"color": {"$color": "ink"}, "width": 1.5},
+        "hovertemplate": hover,
+    }
     return [below, {**common, "name": "bottom", "y": "$plan.bottom_m", **look}]
 
 
@@ -168,7 +215,12 @@ def _deepest_wet(contents: Contents, east: Array, north: Array) -> Any:
     if contents.estimate is None:
         return None
     grid = contents.estimate.grid
-    nearest = [int(np.argmin((grid.east - e) ** 2 + (grid.north - n) ** 2)) for e, n in zip(east, north, strict=True)]
+    nearest = [
+        int(np.argmin((grid.east - e) ** 2 + (grid.north - n) ** 2))
+        for e, n in zip(east, north, strict=True)
+    ]
     wet = grid.wet.reshape(grid.levels.size, -1)
-    deepest = np.where(wet.any(axis=0), grid.levels[grid.levels.size - 1 - np.argmax(wet[::-1], axis=0)], 0.0)
+    deepest = np.where(
+        wet.any(axis=0), grid.levels[grid.levels.size - 1 - np.argmax(wet[::-1], axis=0)], 0.0
+    )
     return deepest[nearest]

@@ -56,14 +56,19 @@ def coastline(slices: CurrentSlices) -> tuple[list[float | None], list[float | N
     return (column(np.concatenate(x) / 1e3), column(np.concatenate(y) / 1e3)) if x else ([], [])
 
 
-def graticule(projection: Projection, extent: Extent) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+def graticule(
+    projection: Projection, extent: Extent
+) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Return meridians and parallels as one trace of lines in a list, and a trace of their labels.
 
     Args:
         projection: The local frame.
         extent: What the map shows.
     """
-    grid = np.meshgrid(np.linspace(extent.west, extent.east, 41) * 1e3, np.linspace(extent.south, extent.north, 41) * 1e3)
+    grid = np.meshgrid(
+        np.linspace(extent.west, extent.east, 41) * 1e3,
+        np.linspace(extent.south, extent.north, 41) * 1e3,
+    )
     longitude, latitude = to_geographic(projection, *grid)
     longitude = unwrap_longitude(longitude, projection.longitude)
     x: list[float | None] = []
@@ -72,16 +77,30 @@ def graticule(projection: Projection, extent: Extent) -> tuple[list[dict[str, An
     for values, others, is_meridian in ((longitude, latitude, True), (latitude, longitude, False)):
         along = np.linspace(others.min(), others.max(), 121)
         for value in _between(float(values.min()), float(values.max())):
-            places = (np.full_like(along, value), along) if is_meridian else (along, np.full_like(along, value))
+            places = (
+                (np.full_like(along, value), along)
+                if is_meridian
+                else (along, np.full_like(along, value))
+            )
             east, north = (each / 1e3 for each in to_local(projection, *places))
-            inside = (east >= extent.west) & (east <= extent.east) & (north >= extent.south) & (north <= extent.north)
+            inside = (
+                (east >= extent.west)
+                & (east <= extent.east)
+                & (north >= extent.south)
+                & (north <= extent.north)
+            )
             if inside.sum() < 2:
                 continue
             x += [*column(np.where(inside, east, np.nan)), None]
             y += [*column(np.where(inside, north, np.nan)), None]
             at = np.flatnonzero(inside)[np.argmin((north if is_meridian else east)[inside])]
             labels.append(
-                (float(east[at]), float(north[at]), _degrees(value, "EW" if is_meridian else "NS"), _beside(extent, east[at], north[at]))
+                (
+                    float(east[at]),
+                    float(north[at]),
+                    _degrees(value, "EW" if is_meridian else "NS"),
+                    _beside(extent, east[at], north[at]),
+                )
             )
     line = {"color": {"$color": "soft"}, "width": 0.6, "dash": "dot"}
     common = {"type": "scatter", "hoverinfo": "skip", "showlegend": False}
@@ -93,7 +112,11 @@ def graticule(projection: Projection, extent: Extent) -> tuple[list[dict[str, An
         "y": column([label[1] for label in labels]),
         "text": [label[2] for label in labels],
         "textposition": [label[3] for label in labels],
-        "textfont": {"size": 11, "color": "rgba(20,30,40,0.95)", "shadow": "0 0 3px white, 0 0 3px white"},
+        "textfont": {
+            "size": 11,
+            "color": "rgba(20,30,40,0.95)",
+            "shadow": "0 0 3px white, 0 0 3px white",
+        },
     }
     return [lines], text
 
@@ -107,7 +130,10 @@ def _beside(extent: Extent, east: float, north: float) -> str:
 
 def _between(least: float, most: float) -> list[float]:
     step = next((step for step in _STEPS if (most - least) / step <= _LINES), _STEPS[-1])
-    return [round(k * step, 6) for k in range(int(np.ceil(least / step)), int(np.floor(most / step)) + 1)]
+    return [
+        round(k * step, 6)
+        for k in range(int(np.ceil(least / step)), int(np.floor(most / step)) + 1)
+    ]
 
 
 def _degrees(value: float, letters: str) -> str:

@@ -50,18 +50,32 @@ def track_marks(contents: Contents) -> tuple[dict[str, Any], list[dict[str, Any]
         "text": "$track.time",
         "customdata": "$track.depth_m",
         "line": {"color": "rgba(255,255,255,0.85)", "width": 3},
-        "marker": {"size": 5, "color": "$track.hours", "colorscale": scale("thermal"), "showscale": False},
+        "marker": {
+            "size": 5,
+            "color": "$track.hours",
+            "colorscale": scale("thermal"),
+            "showscale": False,
+        },
         "hovertemplate": "%{text}<br>depth %{customdata} m<extra>track</extra>",
     }
     fixes = np.flatnonzero(~track.dead_reckoned[kept])
-    at = {"x": [table["east_km"][k] for k in fixes], "y": [table["north_km"][k] for k in fixes], "text": [table["time"][k] for k in fixes]}
+    at = {
+        "x": [table["east_km"][k] for k in fixes],
+        "y": [table["north_km"][k] for k in fixes],
+        "text": [table["time"][k] for k in fixes],
+    }
     fix = {
         "type": "scatter",
         "mode": "markers",
         "name": "fixes",
         **at,
         "visible": True if fixes.size <= _FIXES else "legendonly",
-        "marker": {"symbol": "circle-open", "size": 9, "color": mark_color(contents), "line": {"width": 1.4}},
+        "marker": {
+            "symbol": "circle-open",
+            "size": 9,
+            "color": mark_color(contents),
+            "line": {"width": 1.4},
+        },
         "hovertemplate": "fix %{text}<extra></extra>",
     }
     # of a vessel every position is a fix, and circles around all hide the track
@@ -75,7 +89,9 @@ def surfacing_marks(contents: Contents) -> tuple[dict[str, Any], list[dict[str, 
         return {}, []
     columns: dict[str, Any] = {"time": [str(time)[:19] for time in table.index]}
     for kind in ("predicted", "actual"):
-        longitude, latitude = (table[f"{kind}_{name}"].to_numpy(np.float64) for name in ("longitude", "latitude"))
+        longitude, latitude = (
+            table[f"{kind}_{name}"].to_numpy(np.float64) for name in ("longitude", "latitude")
+        )
         east, north = to_local(projection, longitude, latitude)
         columns |= {
             f"{kind}_longitude": column(longitude, 9),
@@ -84,23 +100,50 @@ def surfacing_marks(contents: Contents) -> tuple[dict[str, Any], list[dict[str, 
             f"{kind}_north_km": column(north / 1e3, 6),
         }
     columns |= {"distance_m": column(table["distance"]), "delay_s": column(table["delay"])}
-    outlines = [point for outline in outlines_of(table, projection) for point in [*(outline / 1e3).tolist(), [None, None]]]
-    common = {"type": "scatter", "mode": "markers", "text": "$surfacings.time", "customdata": "$surfacings.distance_m"}
+    outlines = [
+        point
+        for outline in outlines_of(table, projection)
+        for point in [*(outline / 1e3).tolist(), [None, None]]
+    ]
+    common = {
+        "type": "scatter",
+        "mode": "markers",
+        "text": "$surfacings.time",
+        "customdata": "$surfacings.distance_m",
+    }
     traces: list[dict[str, Any]] = [
         {
             **common,
             "name": f"surfacing, {kind}",
             "x": f"$surfacings.{kind}_east_km",
             "y": f"$surfacings.{kind}_north_km",
-            "marker": {"symbol": symbol, "size": 9, "color": color, "line": {"width": 1, "color": "white"}},
+            "marker": {
+                "symbol": symbol,
+                "size": 9,
+                "color": color,
+                "line": {"width": 1, "color": "white"},
+            },
             "hovertemplate": f"{kind} %{{text}}<br>%{{customdata:.0f}} m apart<extra></extra>",
         }
-        for kind, symbol, color in (("predicted", "diamond", {"$color": "four"}), ("actual", "x", mark_color(contents)))
+        for kind, symbol, color in (
+            ("predicted", "diamond", {"$color": "four"}),
+            ("actual", "x", mark_color(contents)),
+        )
     ]
     if outlines:
         x, y = ([point[k] for point in outlines] for k in (0, 1))
         line = {"color": {"$color": "four"}, "width": 1.2}
-        traces.append({"type": "scatter", "mode": "lines", "name": "90 % ellipse", "x": x, "y": y, "line": line, "hoverinfo": "skip"})
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "name": "90 % ellipse",
+                "x": x,
+                "y": y,
+                "line": line,
+                "hoverinfo": "skip",
+            }
+        )
     return {"surfacings": columns}, traces
 
 
@@ -137,7 +180,12 @@ def plan_marks(contents: Contents) -> tuple[dict[str, Any], list[dict[str, Any]]
         "name": "goal",
         "x": column(np.array([goal[0]]) / 1e3, 6),
         "y": column(np.array([goal[1]]) / 1e3, 6),
-        "marker": {"symbol": "star", "size": 15, "color": {"$color": "two"}, "line": {"width": 1, "color": {"$color": "ink"}}},
+        "marker": {
+            "symbol": "star",
+            "size": 15,
+            "color": {"$color": "two"},
+            "line": {"width": 1, "color": {"$color": "ink"}},
+        },
         "hovertemplate": "goal<extra></extra>",
     }
     return ({"plan": table} if len(last) else {}), [*([path] if len(last) else []), star]

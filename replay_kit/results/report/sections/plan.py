@@ -6,7 +6,11 @@ from html import escape
 import numpy as np
 
 from replay_kit.results.page.section import Figure, Section, column, number, table_html
-from replay_kit.results.report.sections.last_plan import last_plan_html, profile_figure, what_is_missing
+from replay_kit.results.report.sections.last_plan import (
+    last_plan_html,
+    profile_figure,
+    what_is_missing,
+)
 from replay_kit.results.report.sections.learning import learning_html, value_figure
 from replay_kit.results.report.sections.waypoint import waypoint_figure
 from replay_kit.results.views.contents import Contents
@@ -21,8 +25,14 @@ def plan_section(contents: Contents) -> Section:
     plan = contents.last_plan
     if plan is None:
         note = (contents.summary.get("plan") or {}).get("message", "")
-        why = f"No plan was found: {note}" if note else "The result holds no plan: no goal was given, or none was due"
-        return Section("plan", "Plan", missing=[f"{why}; replay-kit plan makes one on this estimate."])
+        why = (
+            f"No plan was found: {note}"
+            if note
+            else "The result holds no plan: no goal was given, or none was due"
+        )
+        return Section(
+            "plan", "Plan", missing=[f"{why}; replay-kit plan makes one on this estimate."]
+        )
     figures = [profile_figure(contents, plan)] if len(plan.track) else []
     value = value_figure(contents)
     if value is not None:
@@ -58,7 +68,15 @@ def _legs_html(plan: LastPlan) -> str:
                 f"{leg['latitude']:.4f}",
             ]
         )
-    heads = ["leg", "heading [° true]", "glide angle [°]", "depth [m]", "surfaces after [h]", "longitude", "latitude"]
+    heads = [
+        "leg",
+        "heading [° true]",
+        "glide angle [°]",
+        "depth [m]",
+        "surfaces after [h]",
+        "longitude",
+        "latitude",
+    ]
     return table_html(heads, rows, "Legs of the last plan") if rows else ""
 
 
@@ -77,7 +95,15 @@ def _departures_html(contents: Contents) -> str:
         ]
         for row in rows
     ]
-    heads = ["departure (UTC)", "status", "arrival (UTC)", "lasts [h]", "energy [kJ]", "samples that arrive", ""]
+    heads = [
+        "departure (UTC)",
+        "status",
+        "arrival (UTC)",
+        "lasts [h]",
+        "energy [kJ]",
+        "samples that arrive",
+        "",
+    ]
     return table_html(heads, cells, "Departures compared") if rows else ""
 
 
@@ -99,7 +125,15 @@ def _plans_html(contents: Contents) -> str:
             ]
         )
     thin = f"; {len(kept)} of {len(plans)}" if len(kept) < len(plans) else ""
-    heads = ["begins (UTC)", "status", "heading [° true]", "glide angle [°]", "lasts [h]", "misses the goal by [m]", "message"]
+    heads = [
+        "begins (UTC)",
+        "status",
+        "heading [° true]",
+        "glide angle [°]",
+        "lasts [h]",
+        "misses the goal by [m]",
+        "message",
+    ]
     return table_html(heads, rows, f"The plans, in the order in which they were made{thin}")
 
 
@@ -107,7 +141,11 @@ def _figures_of_surfacings(contents: Contents) -> str:
     figures = contents.summary.get("surfacings")
     if not figures:
         return ""
-    median, delay, share = figures["distance_median_m"], figures["delay_median_s"], figures["inside_ellipse"]
+    median, delay, share = (
+        figures["distance_median_m"],
+        figures["delay_median_s"],
+        figures["inside_ellipse"],
+    )
     text = (
         f"{number('surfacings.count', figures['count'], str(figures['count']))} surfacings were predicted by the plan "
         "before: in the median "
@@ -143,8 +181,17 @@ def _surfacings(contents: Contents) -> Figure:
     reach = float(f"{1.15 * max(distance.max(), 0.1):.3g}")
     layout = {
         "height": 420,
-        "xaxis": {"title": {"text": "actual minus predicted, east [km]"}, "range": [-reach, reach], "constrain": "domain"},
-        "yaxis": {"title": {"text": "north [km]"}, "scaleanchor": "x", "range": [-reach, reach], "constrain": "domain"},
+        "xaxis": {
+            "title": {"text": "actual minus predicted, east [km]"},
+            "range": [-reach, reach],
+            "constrain": "domain",
+        },
+        "yaxis": {
+            "title": {"text": "north [km]"},
+            "scaleanchor": "x",
+            "range": [-reach, reach],
+            "constrain": "domain",
+        },
         "showlegend": False,
     }
     caption = (

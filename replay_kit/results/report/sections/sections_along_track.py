@@ -16,10 +16,24 @@ from replay_kit.results.views.contents import Contents
 _COLUMNS, _ROWS, _PROFILES_A_COLUMN = 160, 40, 3
 _STEP = 5e-4
 #: Of a panel, at its upper left.
-_LABEL = {"xref": "paper", "yref": "paper", "x": 0.0, "xanchor": "left", "yanchor": "bottom", "showarrow": False}
+_LABEL = {
+    "xref": "paper",
+    "yref": "paper",
+    "x": 0.0,
+    "xanchor": "left",
+    "yanchor": "bottom",
+    "showarrow": False,
+}
 #: Quantities of ``gridded``, and those of a smoothed result.
 QUANTITIES = ("measured", "estimated", "measured minus estimated", "standard error")
-_SMOOTHED = ("measured", "estimated before smoothing", "smoothed", "measured minus before", "measured minus smoothed", "standard error")
+_SMOOTHED = (
+    "measured",
+    "estimated before smoothing",
+    "smoothed",
+    "measured minus before",
+    "measured minus smoothed",
+    "standard error",
+)
 
 
 def along_track_section(contents: Contents) -> Section:
@@ -28,10 +42,16 @@ def along_track_section(contents: Contents) -> Section:
     if bins.time_ns.size:
         figures.append(_profiles(bins))
     if not contents.bins.time_ns.size:
-        without = "the section shows the estimate along the track alone" if bins.time_ns.size else "there is no section"
+        without = (
+            "the section shows the estimate along the track alone"
+            if bins.time_ns.size
+            else "there is no section"
+        )
         missing.append(f"The result holds no profile of the current that was used: {without}.")
     if bins.time_ns.size and not np.isfinite(bins.estimated).any():
-        missing.append("Without an estimate, the section shows the difference to the estimate alone, which the result holds for each bin.")
+        missing.append(
+            "Without an estimate, the section shows the difference to the estimate alone, which the result holds for each bin."
+        )
     means = contents.mean_currents
     if means.time_ns.size:
         figures.append(_means(contents))
@@ -48,7 +68,14 @@ def quantities_of(bins: BinsAlongTrack) -> tuple[tuple[str, ...], Array]:
     measured = bins.estimated + bins.residual
     if not np.isfinite(bins.replayed).any():
         return QUANTITIES, np.stack([measured, bins.estimated, bins.residual, bins.standard_error])
-    each = (measured, bins.replayed, bins.estimated, measured - bins.replayed, bins.residual, bins.standard_error)
+    each = (
+        measured,
+        bins.replayed,
+        bins.estimated,
+        measured - bins.replayed,
+        bins.residual,
+        bins.standard_error,
+    )
     return _SMOOTHED, np.stack(each)
 
 
@@ -60,11 +87,18 @@ def limits_of(names: Sequence[str], values: Array) -> list[float]:
         values: shape (quantities, ...) [m/s].
     """
     kinds = [_kind(name) for name in names]
-    return [_limit(np.concatenate([values[k].ravel() for k, other in enumerate(kinds) if other == kind])) for kind in kinds]
+    return [
+        _limit(
+            np.concatenate([values[k].ravel() for k, other in enumerate(kinds) if other == kind])
+        )
+        for kind in kinds
+    ]
 
 
 def _kind(name: str) -> str:
-    return "error" if name == "standard error" else "difference" if " minus " in name else "velocity"
+    return (
+        "error" if name == "standard error" else "difference" if " minus " in name else "velocity"
+    )
 
 
 def gridded(bins: BinsAlongTrack) -> tuple[NDArray[np.int64], Array, Array]:
@@ -78,7 +112,10 @@ def gridded(bins: BinsAlongTrack) -> tuple[NDArray[np.int64], Array, Array]:
         ``quantities_of``; each east and north; NaN in empty cells.
     """
     first, last = int(bins.time_ns.min()), int(bins.time_ns.max())
-    columns = min(_COLUMNS, max(1, bins.profiles // _PROFILES_A_COLUMN if bins.profiles > 60 else bins.profiles))
+    columns = min(
+        _COLUMNS,
+        max(1, bins.profiles // _PROFILES_A_COLUMN if bins.profiles > 60 else bins.profiles),
+    )
     width = max(1.0, (last - first) / columns)
     deepest = max(float(bins.depth.max()), 1.0)
     rows = _rows(bins, deepest)
@@ -91,7 +128,9 @@ def gridded(bins: BinsAlongTrack) -> tuple[NDArray[np.int64], Array, Array]:
         for axis in range(2):
             known = np.isfinite(values[panel, :, axis])
             count = np.bincount(cell[known], minlength=rows * columns)
-            total = np.bincount(cell[known], weights=values[panel, known, axis], minlength=rows * columns)
+            total = np.bincount(
+                cell[known], weights=values[panel, known, axis], minlength=rows * columns
+            )
             mean = np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
             out[panel, axis] = mean.reshape(rows, columns)
     time_ns = first + np.rint(width * (np.arange(columns) + 0.5)).astype(np.int64)
@@ -109,7 +148,11 @@ def _profiles(bins: BinsAlongTrack) -> Figure:
     time_ns, depths, values = gridded(bins)
     names, _ = quantities_of(bins)
     traces: list[dict[str, Any]] = []
-    layout: dict[str, Any] = {"height": 205 * len(names), "annotations": [], "margin": {"l": 64, "r": 16, "t": 28, "b": 48}}
+    layout: dict[str, Any] = {
+        "height": 205 * len(names),
+        "annotations": [],
+        "margin": {"l": 64, "r": 16, "t": 28, "b": 48},
+    }
     limits = limits_of(names, values)
     shown = [panel for panel in range(len(names)) if np.isfinite(values[panel]).any()]
     height = 1.0 / len(shown)
@@ -117,9 +160,20 @@ def _profiles(bins: BinsAlongTrack) -> Figure:
         top = 1.0 - place * height
         bottom = top - height * 0.8
         axis = "" if place == 0 else str(place + 1)
-        bar = {"len": 0.8 * height, "y": 0.5 * (top + bottom), "thickness": 12, "title": {"text": "m/s", "side": "right"}}
+        bar = {
+            "len": 0.8 * height,
+            "y": 0.5 * (top + bottom),
+            "thickness": 12,
+            "title": {"text": "m/s", "side": "right"},
+        }
         traces.append(
-            {"x": times(time_ns), "y": column(depths), "yaxis": f"y{axis}", "colorbar": bar, **_panel(panel, names[panel], limits[panel])}
+            {
+                "x": times(time_ns),
+                "y": column(depths),
+                "yaxis": f"y{axis}",
+                "colorbar": bar,
+                **_panel(panel, names[panel], limits[panel]),
+            }
         )
         layout[f"yaxis{axis}"] = {
             "domain": [max(bottom, 0.0), top],
@@ -128,11 +182,18 @@ def _profiles(bins: BinsAlongTrack) -> Figure:
             "showgrid": False,
         }
         layout["annotations"].append({**_LABEL, "text": names[panel], "y": top})
-    layout["xaxis"] = {"title": {"text": "time (UTC)"}, "anchor": f"y{'' if len(shown) == 1 else len(shown)}", "showgrid": False}
+    layout["xaxis"] = {
+        "title": {"text": "time (UTC)"},
+        "anchor": f"y{'' if len(shown) == 1 else len(shown)}",
+        "showgrid": False,
+    }
     table = {
         "field": "section",
         "axes": {"quantity": list(names), "component": ["eastward", "northward"]},
-        "cells": {"time": [text for _ in depths for text in times(time_ns)], "depth_m": column(np.repeat(depths, time_ns.size))},
+        "cells": {
+            "time": [text for _ in depths for text in times(time_ns)],
+            "depth_m": column(np.repeat(depths, time_ns.size)),
+        },
         "names": ["velocity_m_s"],
     }
     # the script reads a table's fields by three indices, a panel and a component being two
@@ -177,7 +238,11 @@ def _caption(bins: BinsAlongTrack) -> str:
             "dives. How it changes with depth is known from the ensemble only. The standard error "
             "is that of the last estimate at these places."
         )
-    thinned = f" Of {bins.profiles + bins.left_out:,} profiles {bins.profiles:,} are shown, evenly spread." if bins.left_out else ""
+    thinned = (
+        f" Of {bins.profiles + bins.left_out:,} profiles {bins.profiles:,} are shown, evenly spread."
+        if bins.left_out
+        else ""
+    )
     smoothed = (
         " The result is smoothed: its estimate knows the measurements after each time too; before smoothing it is that of the replay."
         if np.isfinite(bins.replayed).any()
@@ -206,14 +271,23 @@ def _means(contents: Contents) -> Figure:
     traces: list[dict[str, Any]] = []
     for k, (name, color) in enumerate((("eastward", "one"), ("northward", "two"))):
         axis = "" if k == 0 else "2"
-        common = {"type": "scatter", "x": "$mean_currents.end", "yaxis": f"y{axis}", "text": "$mean_currents.dive"}
+        common = {
+            "type": "scatter",
+            "x": "$mean_currents.end",
+            "yaxis": f"y{axis}",
+            "text": "$mean_currents.dive",
+        }
         traces.append(
             {
                 **common,
                 "mode": "markers",
                 "name": f"measured, {name}",
                 "y": f"$mean_currents.measured_{name}_m_s",
-                "error_y": {"type": "data", "array": f"$mean_currents.standard_deviation_{name}_m_s", "thickness": 1},
+                "error_y": {
+                    "type": "data",
+                    "array": f"$mean_currents.standard_deviation_{name}_m_s",
+                    "thickness": 1,
+                },
                 "marker": {"color": {"$color": color}, "size": 8},
                 "hovertemplate": f"dive %{{text}}: %{{y:.3f}} m/s<extra>measured, {name}</extra>",
             }
@@ -241,4 +315,12 @@ def _means(contents: Contents) -> Figure:
         "over the positions of the dive, just after the update. Points that stay on one side of the line show a bias."
     )
     alternative = f"Measured and estimated mean current of {means.time_ns.size} dives, eastward and northward, against time."
-    return Figure("mean-currents", "Mean currents of the dives", caption, alternative, {"mean_currents": table}, traces, layout)
+    return Figure(
+        "mean-currents",
+        "Mean currents of the dives",
+        caption,
+        alternative,
+        {"mean_currents": table},
+        traces,
+        layout,
+    )

@@ -11,10 +11,20 @@ from replay_kit.core.arrays import Array
 from replay_kit.results.evidence.words import evidence_sentence, referee_sentences
 from replay_kit.results.page.section import Figure, Section, cm, column, number, table_html
 from replay_kit.results.report.sections.surfacings import surfacings_html
-from replay_kit.results.report.sections.trust_figures import calibration_figure, dives_figure, error_figure
+from replay_kit.results.report.sections.trust_figures import (
+    calibration_figure,
+    dives_figure,
+    error_figure,
+)
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.track import thinned
-from replay_kit.results.views.trust import EXPECTED, Calibration, calibration, error_through_time, information_by_dive
+from replay_kit.results.views.trust import (
+    EXPECTED,
+    Calibration,
+    calibration,
+    error_through_time,
+    information_by_dive,
+)
 
 _POINTS = 3000
 _SYMBOLS = ("circle", "diamond", "square", "triangle-up")
@@ -25,34 +35,62 @@ def trust_section(contents: Contents) -> Section:
     """Return innovations, calibration, the decrease of the error and the decisions of the gate."""
     result, slices = contents.result, contents.slices
     if not len(result.observations):
-        return Section("trust", "Trust", missing=["The result holds no measurement: there is nothing to compare the estimate with."])
+        return Section(
+            "trust",
+            "Trust",
+            missing=[
+                "The result holds no measurement: there is nothing to compare the estimate with."
+            ],
+        )
     found, missing = calibration(result.innovations), []
     figures = [_innovations(contents)]
     if found.standardized.size:
         figures.append(calibration_figure(found))
-    if slices is not None and slices.time_ns.size > 1 and np.isfinite(error_through_time(slices)).any():
+    if (
+        slices is not None
+        and slices.time_ns.size > 1
+        and np.isfinite(error_through_time(slices)).any()
+    ):
         figures.append(error_figure(slices))
     else:
-        missing.append("Fewer than two published grids with a standard error: how it decreased is not known.")
+        missing.append(
+            "Fewer than two published grids with a standard error: how it decreased is not known."
+        )
     dives = contents.summary.get("by_dive") or []
     if len(dives) > 1:
         figures.append(dives_figure(contents, dives))
-    surfacings = _evidence_html(contents) + surfacings_html(contents.summary.get("expected_surfacings"))
+    surfacings = _evidence_html(contents) + surfacings_html(
+        contents.summary.get("expected_surfacings")
+    )
     return Section(
-        "trust", "Trust", _coverage_html(found) + _gate_html(contents) + _dives_html(contents, dives) + surfacings, figures, missing
+        "trust",
+        "Trust",
+        _coverage_html(found) + _gate_html(contents) + _dives_html(contents, dives) + surfacings,
+        figures,
+        missing,
     )
 
 
 def _coverage_html(found: Calibration) -> str:
     if not found.coverage:
         return ""
-    rows = [[f"{limit:g}", f"{100 * EXPECTED[limit]:.1f} %", f"{100 * share:.1f} %"] for limit, share in found.coverage.items()]
-    return table_html(["standard deviations", "expected", "found"], rows, "Share of the innovations within the stated errors")
+    rows = [
+        [f"{limit:g}", f"{100 * EXPECTED[limit]:.1f} %", f"{100 * share:.1f} %"]
+        for limit, share in found.coverage.items()
+    ]
+    return table_html(
+        ["standard deviations", "expected", "found"],
+        rows,
+        "Share of the innovations within the stated errors",
+    )
 
 
 def _gate_html(contents: Contents) -> str:
     table = contents.result.observations
-    rows = [[escape(name), f"{count:,}"] for name, count in table["decision"].value_counts().sort_index().items()]
+    rows = [
+        [escape(name), f"{count:,}"]
+        for name, count in table["decision"].value_counts().sort_index().items()
+    ]
     inflated = int((table["prior_inflation"] > 1.0).sum())
     text = (
         f"<p>The estimate's covariance was inflated {inflated} times because the latest measurements lay outside it.</p>"
@@ -61,7 +99,13 @@ def _gate_html(contents: Contents) -> str:
     )
     notes = [note for note in contents.summary.get("notes", ()) if "bias" in note]
     biases = "".join(f"<p>{escape(note)}.</p>" for note in notes)
-    return table_html(["decision of the gate", "measurements"], rows, "What was done with the measurements") + text + biases
+    return (
+        table_html(
+            ["decision of the gate", "measurements"], rows, "What was done with the measurements"
+        )
+        + text
+        + biases
+    )
 
 
 def _evidence_html(contents: Contents) -> str:
@@ -69,7 +113,10 @@ def _evidence_html(contents: Contents) -> str:
     found, compared = contents.summary.get("evidence"), contents.summary.get("referee")
     if not found:
         return ""
-    sentences = [f"Log evidence: {evidence_sentence(found)}", *(referee_sentences(compared) if compared else ())]
+    sentences = [
+        f"Log evidence: {evidence_sentence(found)}",
+        *(referee_sentences(compared) if compared else ()),
+    ]
     return "".join(f"<p>{escape(sentence)}.</p>" for sentence in sentences)
 
 
@@ -101,12 +148,18 @@ def _dives_html(contents: Contents, dives: list[dict[str, Any]]) -> str:
         "NIS/dof",
         "independent values determined",
     ]
-    return table_html(heads, rows, "The dives: each predicted from the dives before it, and what it added")
+    return table_html(
+        heads, rows, "The dives: each predicted from the dives before it, and what it added"
+    )
 
 
 def _variances(bins: Any, axis: str, count: int) -> Array:
     """Return for each of ``count`` measurements the sum of a component's variances over its bins used [m^2/s^2], shape (count,)."""
-    squares = np.where(np.isfinite(bins[f"innovation_{axis}"]), np.nan_to_num(bins[f"innovation_std_{axis}"]) ** 2, 0.0)
+    squares = np.where(
+        np.isfinite(bins[f"innovation_{axis}"]),
+        np.nan_to_num(bins[f"innovation_std_{axis}"]) ** 2,
+        0.0,
+    )
     return np.bincount(bins["observation"], squares, minlength=count).astype(np.float64)
 
 
@@ -116,7 +169,9 @@ def _innovations(contents: Contents) -> Figure:
     per = sum(_variances(bins, axis, len(table)) for axis in ("east", "north"))
     dof = table["dof"].to_numpy(np.float64)
     expected = np.sqrt(np.divide(per, dof, out=np.full(dof.shape, np.nan), where=dof > 0))
-    nis = np.divide(table["nis"].to_numpy(np.float64), dof, out=np.full(dof.shape, np.nan), where=dof > 0)
+    nis = np.divide(
+        table["nis"].to_numpy(np.float64), dof, out=np.full(dof.shape, np.nan), where=dof > 0
+    )
     shown = table.iloc[kept]
     data: dict[str, Any] = {
         "time": [str(time)[:19] for time in shown.index],
@@ -133,7 +188,11 @@ def _innovations(contents: Contents) -> Figure:
     layout = {
         "height": 520,
         "xaxis": {"title": {"text": "time (UTC)"}, "anchor": "y2"},
-        "yaxis": {"title": {"text": "RMS innovation [m/s]"}, "domain": [0.54, 1.0], "rangemode": "tozero"},
+        "yaxis": {
+            "title": {"text": "RMS innovation [m/s]"},
+            "domain": [0.54, 1.0],
+            "rangemode": "tozero",
+        },
         "yaxis2": {"title": {"text": "NIS / dof"}, "domain": [0.0, 0.46], "rangemode": "tozero"},
         "shapes": _band(dof[dof > 0]),
     }
@@ -143,7 +202,12 @@ def _innovations(contents: Contents) -> Figure:
         "normalised innovation squared per "
         "degree of freedom, with the band in which 95 % should lie of measurements with the typical number of bins. "
         "Points above the band again and again mean that errors "
-        "are understated." + (f" Of {count:,} measurements {_POINTS:,} are drawn, evenly spread." if count > _POINTS else "")
+        "are understated."
+        + (
+            f" Of {count:,} measurements {_POINTS:,} are drawn, evenly spread."
+            if count > _POINTS
+            else ""
+        )
     )
     return Figure(
         "innovations",
@@ -168,7 +232,11 @@ def _innovation_traces(data: dict[str, Any]) -> list[dict[str, Any]]:
         for name, color in _DECISIONS.items():
             here = np.flatnonzero((decisions == name) & (topics == topic))
             if here.size:
-                marker = {"color": {"$color": color}, "size": 5, "symbol": _SYMBOLS[number_of % len(_SYMBOLS)]}
+                marker = {
+                    "color": {"$color": color},
+                    "size": 5,
+                    "symbol": _SYMBOLS[number_of % len(_SYMBOLS)],
+                }
                 group = f"{topic}, {name}"
                 common = {
                     "type": "scatter",
@@ -179,11 +247,19 @@ def _innovation_traces(data: dict[str, Any]) -> list[dict[str, Any]]:
                     "x": picked("time", here),
                 }
                 traces.append({**common, "y": picked("rms_innovation_m_s", here)})
-                traces.append({**common, "y": picked("nis_per_dof", here), "yaxis": "y2", "showlegend": False})
+                traces.append(
+                    {**common, "y": picked("nis_per_dof", here), "yaxis": "y2", "showlegend": False}
+                )
         here = np.flatnonzero(topics == topic)
-        line = {"color": {"$color": "ink"}, "width": 1.5, "dash": ("solid", "dash", "dot")[number_of % 3]}
+        line = {
+            "color": {"$color": "ink"},
+            "width": 1.5,
+            "dash": ("solid", "dash", "dot")[number_of % 3],
+        }
         expected = {"x": picked("time", here), "y": picked("expected_rms_m_s", here), "line": line}
-        traces.append({"type": "scatter", "mode": "lines", "name": f"{topic}, expected RMS", **expected})
+        traces.append(
+            {"type": "scatter", "mode": "lines", "name": f"{topic}, expected RMS", **expected}
+        )
     return traces
 
 
@@ -204,4 +280,13 @@ def _band(dof: Array) -> list[dict[str, Any]]:
         "line": {"width": 0},
         "layer": "below",
     }
-    return [band, {**across, "type": "line", "y0": 1, "y1": 1, "line": {"color": {"$color": "soft"}, "width": 1, "dash": "dot"}}]
+    return [
+        band,
+        {
+            **across,
+            "type": "line",
+            "y0": 1,
+            "y1": 1,
+            "line": {"color": {"$color": "soft"}, "width": 1, "dash": "dot"},
+        },
+    ]

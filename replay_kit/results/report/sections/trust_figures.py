@@ -14,7 +14,11 @@ _BINS = 41
 _DIVES_LAYOUT = {
     "height": 480,
     "xaxis": {"title": {"text": "dive"}, "anchor": "y2"},
-    "yaxis": {"title": {"text": "RMS innovation [m/s]"}, "domain": [0.45, 1.0], "rangemode": "tozero"},
+    "yaxis": {
+        "title": {"text": "RMS innovation [m/s]"},
+        "domain": [0.45, 1.0],
+        "rangemode": "tozero",
+    },
     "yaxis2": {"title": {"text": "values"}, "domain": [0.0, 0.34], "rangemode": "tozero"},
 }
 
@@ -112,7 +116,12 @@ def dives_figure(contents: Contents, dives: list[dict[str, Any]]) -> Figure:
     """Return how far each dive lay from its predictions, and what it determined; the dives are those of the summary."""
     information = information_by_dive(contents.result.observations)
     predicted, prior = (
-        column([np.nan if dive[f"rms_innovation_{name}"] is None else dive[f"rms_innovation_{name}"] for dive in dives])
+        column(
+            [
+                np.nan if dive[f"rms_innovation_{name}"] is None else dive[f"rms_innovation_{name}"]
+                for dive in dives
+            ]
+        )
         for name in ("predicted", "prior")
     )
     table = {

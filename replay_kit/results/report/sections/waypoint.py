@@ -10,7 +10,16 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
 from replay_kit.results.page.section import Control, Figure, column, pack
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.steering import LEAST_DIVE, STEPS, TRIES, Arrival, Dives, GriddedCurrents, fly_to_waypoints, gridded_currents
+from replay_kit.results.views.steering import (
+    LEAST_DIVE,
+    STEPS,
+    TRIES,
+    Arrival,
+    Dives,
+    GriddedCurrents,
+    fly_to_waypoints,
+    gridded_currents,
+)
 
 _SAMPLES, _SEED = 16, 0
 #: Weights of the largest estimate that is sampled: the time grows with their cube.
@@ -28,16 +37,28 @@ def waypoint_figure(contents: Contents) -> Figure | None:
         return None
     plan = plans.iloc[-1]
     start, goal = (
-        np.array(to_local(contents.projection, plan[f"{end}_longitude"], plan[f"{end}_latitude"]), dtype=np.float64)
+        np.array(
+            to_local(contents.projection, plan[f"{end}_longitude"], plan[f"{end}_latitude"]),
+            dtype=np.float64,
+        )
         for end in ("start", "goal")
     )
     dives = _dives(contents)
-    levels = flow.levels[np.unique(np.rint(np.linspace(0, flow.levels.size - 1, min(_LEVELS, flow.levels.size))).astype(int))]
+    levels = flow.levels[
+        np.unique(
+            np.rint(np.linspace(0, flow.levels.size - 1, min(_LEVELS, flow.levels.size))).astype(
+                int
+            )
+        )
+    ]
     samples = _SAMPLES if 0 < flow.n_modes * flow.levels.size <= _SAMPLED else 0
     currents = gridded_currents(flow, levels, samples, _SEED)
     waypoints = _waypoints(contents)
     places = _places(currents, np.vstack([start, *waypoints, goal]))
-    arrivals = [fly_to_waypoints(currents, k, dives, start, [*waypoints, goal]) for k in range(len(currents.velocity))]
+    arrivals = [
+        fly_to_waypoints(currents, k, dives, start, [*waypoints, goal])
+        for k in range(len(currents.velocity))
+    ]
     chosen = [int(np.argmin(np.abs(axis - waypoints[0][k]))) for k, axis in enumerate(places)]
     controls = [
         Control("Waypoint", "select", [str(k + 1) for k in range(len(waypoints))]),
@@ -56,7 +77,11 @@ def waypoint_figure(contents: Contents) -> Figure | None:
         _traces(currents, start, goal),
         _layout(places),
         controls,
-        {"currents": pack(currents.velocity, max(float(np.abs(currents.velocity).max()), 1e-3) / 32_000.0)},
+        {
+            "currents": pack(
+                currents.velocity, max(float(np.abs(currents.velocity).max()), 1e-3) / 32_000.0
+            )
+        },
         _flight(currents, dives, [start, *waypoints, goal], places),
         readout(arrivals, dives.radius),
     )
@@ -70,7 +95,11 @@ def readout(arrivals: list[Arrival], tolerance: float) -> str:
         tolerance: Within which the goal is reached [m].
     """
     mean, samples = arrivals[0], arrivals[1:]
-    verb = f"arrives after {mean.duration / 3600.0:.1f} h" if mean.arrived else f"has not arrived after {mean.duration / 3600.0:.1f} h"
+    verb = (
+        f"arrives after {mean.duration / 3600.0:.1f} h"
+        if mean.arrived
+        else f"has not arrived after {mean.duration / 3600.0:.1f} h"
+    )
     text = f"In the estimate the glider {verb}, {mean.miss:.0f} m from the goal."
     if not samples:
         return text
@@ -86,10 +115,19 @@ def readout(arrivals: list[Arrival], tolerance: float) -> str:
 def _dives(contents: Contents) -> Dives:
     """Return how the glider of the configuration dives."""
     known = tomllib.loads(contents.record.config_toml).get("planner", {})
-    settings = PlannerConfig(**{name: value for name, value in known.items() if name in PlannerConfig.model_fields})
+    settings = PlannerConfig(
+        **{name: value for name, value in known.items() if name in PlannerConfig.model_fields}
+    )
     assert contents.estimate is not None
     depth = min(settings.depth, float(contents.estimate.levels[-1]))
-    return Dives(settings.speed, settings.min_angle, max(depth, 1.0), settings.surface_time, settings.tolerance, settings.max_duration)
+    return Dives(
+        settings.speed,
+        settings.min_angle,
+        max(depth, 1.0),
+        settings.surface_time,
+        settings.tolerance,
+        settings.max_duration,
+    )
 
 
 def _waypoints(contents: Contents) -> list[Array]:
@@ -97,11 +135,19 @@ def _waypoints(contents: Contents) -> list[Array]:
     tracks, plans = contents.result.plan_tracks, contents.result.plans
     last, plan = tracks[tracks["plan"] == len(plans) - 1], plans.iloc[-1]
     if len(last) < _WAYPOINTS + 2:
-        ends = np.array([to_local(contents.projection, plan[f"{end}_longitude"], plan[f"{end}_latitude"]) for end in ("start", "goal")])
+        ends = np.array(
+            [
+                to_local(contents.projection, plan[f"{end}_longitude"], plan[f"{end}_latitude"])
+                for end in ("start", "goal")
+            ]
+        )
         return [ends.mean(axis=0)]
     seconds = (last.index - last.index[0]).total_seconds().to_numpy()
     at = np.linspace(0.0, seconds[-1], _WAYPOINTS + 2)[1:-1]
-    east, north = (np.interp(at, seconds, values) for values in to_local(contents.projection, last["longitude"], last["latitude"]))
+    east, north = (
+        np.interp(at, seconds, values)
+        for values in to_local(contents.projection, last["longitude"], last["latitude"])
+    )
     return list(np.column_stack([east, north]))
 
 
@@ -110,12 +156,17 @@ def _places(currents: GriddedCurrents, way: Array) -> tuple[Array, Array]:
     reach = max(0.3 * float(np.ptp(way, axis=0).max()), 5e3)
     axes = []
     for k, axis in enumerate((currents.east, currents.north)):
-        least, most = max(way[:, k].min() - reach, float(axis[0])), min(way[:, k].max() + reach, float(axis[-1]))
+        least, most = (
+            max(way[:, k].min() - reach, float(axis[0])),
+            min(way[:, k].max() + reach, float(axis[-1])),
+        )
         axes.append(np.linspace(least, most, _PLACES))
     return axes[0], axes[1]
 
 
-def _flight(currents: GriddedCurrents, dives: Dives, way: list[Array], places: tuple[Array, Array]) -> dict[str, Any]:
+def _flight(
+    currents: GriddedCurrents, dives: Dives, way: list[Array], places: tuple[Array, Array]
+) -> dict[str, Any]:
     return {
         "depths": currents.depths.tolist(),
         "east": currents.east.tolist(),
@@ -185,7 +236,12 @@ def _layout(places: tuple[Array, Array]) -> dict[str, Any]:
         "height": 700,
         "dragmode": False,
         "xaxis": {"title": {"text": "local east [km]"}, "range": east, **bare},
-        "yaxis": {"title": {"text": "local north [km]"}, "range": north, "scaleanchor": "x", **bare},
+        "yaxis": {
+            "title": {"text": "local north [km]"},
+            "range": north,
+            "scaleanchor": "x",
+            **bare,
+        },
     }
 
 
@@ -195,9 +251,17 @@ def _caption(samples: int, dives: Dives) -> str:
         "waypoints to the goal, "
         "dive by dive, and at each surfacing "
         "corrects for the mean current of its last dive. The thick line is its way in the estimate"
-        + (f", thin lines in {samples} samples of it: where they spread, the current is uncertain." if samples else ".")
+        + (
+            f", thin lines in {samples} samples of it: where they spread, the current is uncertain."
+            if samples
+            else "."
+        )
         + f" Dives to {dives.depth:.0f} m at {dives.speed:.2f} m/s and {dives.glide_angle_deg:.0f}° of glide; "
         "grey arrows are the current near the surface. "
         "The current is that of the end of the log, and does not change; land and constraints of the plan are not looked at."
     )
-    return text if samples else f"{text} The estimate is without uncertainty, or too large to be sampled here."
+    return (
+        text
+        if samples
+        else f"{text} The estimate is without uncertainty, or too large to be sampled here."
+    )
