@@ -8,7 +8,6 @@
 * ``plan_departures`` plans a mission for several departures, ``best_departure`` is the best of them; ``cut_at_horizon`` ends a mission
   where the forecast does.
 * ``waypoints_of`` reduces a mission to a list of few waypoints.
-* ``plan_path`` makes, for a ``PathRequest``, a free path of a vehicle of bounded speed.
 """
 
 from planners.glide.settings import GlideSettings
@@ -17,7 +16,7 @@ from planners.glide.solve import plan
 from planners.mission.departures import best_departure, plan_departures
 from planners.mission.feedback import Pilot
 from planners.mission.horizon import cut_at_horizon
-from planners.mission.objectives.objective import Weights
+from planners.mission.objectives import Weights
 from planners.mission.odds import MissionOdds, mission_odds, with_odds
 from planners.mission.plan import plan_line, plan_mission, plan_mooring
 from planners.mission.scenarios import fly_scenarios, plan_scenarios
@@ -30,16 +29,11 @@ from planners.mission.values import (
     Mooring,
 )
 from planners.mission.waypoints import Waypoints, waypoints_of
-from planners.path.plan import AuvPlan, plan_path
-from planners.path.settings import Auv, AuvSettings, PathRequest
 from planners.route.bottom import Bathymetry
 from planners.route.hazards import NoGo
 from planners.vehicle import Glider, SteadyFlight, fit_flight
 
 __all__ = [
-    "Auv",
-    "AuvPlan",
-    "AuvSettings",
     "Bathymetry",
     "GlideSettings",
     "Glider",
@@ -51,7 +45,6 @@ __all__ = [
     "MonteCarloSummary",
     "Mooring",
     "NoGo",
-    "PathRequest",
     "Pilot",
     "SteadyFlight",
     "Waypoints",
@@ -67,7 +60,6 @@ __all__ = [
     "plan_line",
     "plan_mission",
     "plan_mooring",
-    "plan_path",
     "plan_scenarios",
     "waypoints_of",
     "with_odds",

@@ -214,32 +214,24 @@ def time_since(flow: FlowEstimate, time_ns: int) -> float:
     return 0.0 if time_ns == 0 or flow.time_ns is None else (time_ns - flow.time_ns) / 1e9
 
 
-def path_function(
-    flow: FlowEstimate, n_steps: int, integrator: Integrator = "rk4", times: Array | None = None
-) -> ca.Function:
+def path_function(flow: FlowEstimate, n_steps: int, integrator: Integrator = "rk4") -> ca.Function:
     """Return the function (start, velocity, steps, latent) -> positions after each step.
-
-    Where the current changes, the time [s] is the fourth number of the start and of each position.
 
     The steps are written out in it, so that its derivatives evaluate a flow's value and Jacobian once where all need them; of a
     function for one step each derivative would evaluate its own.
     """
-    current, columns = (
-        field_function(flow, times),
-        flow.levels.size * (1 if times is None else times.size),
-    )
+    current = field_function(flow)
     of_inputs = (
-        ("start", 3 if times is None else 4),
+        ("start", 3),
         ("velocity", 3),
         ("steps", n_steps),
-        ("latent", flow.horizontal.size, columns),
+        ("latent", flow.horizontal.size, flow.levels.size),
     )
     inputs: list[Any] = [ca.MX.sym(*what) for what in of_inputs]
     start, velocity, steps, latent = inputs
-    passing = [] if times is None else [1.0]
 
     def over_ground(at: Any) -> Any:
-        return ca.vertcat(velocity + ca.vertcat(current(at, latent), 0.0), *passing)
+        return velocity + ca.vertcat(current(at, latent), 0.0)
 
     one_step = rk4_step if integrator == "rk4" else euler_step
     positions: list[Any] = [start]

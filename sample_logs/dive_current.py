@@ -11,17 +11,10 @@ dives = TABLES["dives"](contents, ()).dropna(subset="dac_eastward_measured")
 number = int(sys.argv[2]) if len(sys.argv) > 2 else int(dives["dive"].iloc[-1])
 (dive,) = dives[dives["dive"] == number].itertuples()
 bins = TABLES["section"](contents, ())
-print(
-    f"dive {number}, {dive.start:%Y-%m-%d %H:%M} to {dive.end:%H:%M} UTC: current to true east, to true north [cm/s]"
-)
+print(f"dive {number}, {dive.start:%Y-%m-%d %H:%M} to {dive.end:%H:%M} UTC: current [cm/s]")
 for kind in ("measured", "estimated"):
-    print(
-        f"  depth average, {kind:9}",
-        *(
-            f"{100 * getattr(dive, f'dac_{axis}_{kind}'):7.1f}"
-            for axis in ("eastward", "northward")
-        ),
-    )
+    means = (getattr(dive, f"dac_{axis}_{kind}") for axis in ("eastward", "northward"))
+    print(f"  depth average, {kind:9}", *(f"{100 * mean:7.1f}" for mean in means))
 within = bins[(bins["time"] >= dive.start) & (bins["time"] <= dive.end)]
 for depth, layer in within.groupby(within["depth"] // 100 * 100):
     values = " ".join(

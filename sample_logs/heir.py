@@ -1,4 +1,4 @@
-"""Four additions, each in one new file and one line elsewhere, to a copy of the program: python sample_logs/heir.py FOLDER.
+"""Four additions, each in one or two places, to a copy of the program: python sample_logs/heir.py FOLDER.
 
 A dialect of gliders' files, a check of pings, a section of the report and an objective of missions are added as the READMEs of their
 folders say, and then used.
@@ -14,11 +14,8 @@ import xarray as xr
 
 SAMPLES = Path(__file__).resolve().parent
 
-DIALECT = '''"""EGO, the French gliders' form."""
-
-from replay_kit.logs.glider.dialect import Dialect
-
-DIALECT = Dialect(
+DIALECT = """# EGO, the French gliders' form.
+_EGO = Dialect(
     "ego",
     "EGO",
     "juld current_east current_north",
@@ -32,7 +29,8 @@ DIALECT = Dialect(
         "dac_north": "current_north",
     },
 )
-'''
+
+"""
 CHECK = '''"""Pings whose time repeats: the clock of the instrument stands still."""
 
 from dataclasses import dataclass
@@ -73,41 +71,27 @@ def depths_section(contents: Contents) -> Section:
     """Return the deepest position in words."""
     return Section("depths", "Depths", f"<p>The deepest position lies at {np.nanmax(contents.track.depth):.0f} m.</p>")
 '''
-OBJECTIVE = '''"""Few surfacings: each is a risk."""
-
-from planners.mission.objectives.objective import Objective, Weights
-
-OBJECTIVE = Objective(Weights(time=1.0), lambda found: float(len(found.yo_depths)))
-'''
-# New file and its text; the file with the list, a line of it, and what stands there then.
+# each surfacing is a risk
+OBJECTIVE = """    "surfacings": Objective(Weights(time=1.0), lambda found: float(len(found.yo_depths))),
+"""
+# Of each addition the files, a line of each and what stands there then; a file without a line is new.
 ADDITIONS = (
+    ("replay_kit/logs/glider/dialects.py", "#: All dialects", f"{DIALECT}#: All dialects"),
+    ("replay_kit/logs/glider/dialects.py", "    _OG1,\n", "    _OG1,\n    _EGO,\n"),
+    ("replay_kit/measurements/consistency/repeated_times.py", "", CHECK),
     (
-        "replay_kit/logs/glider/dialects/ego.py",
-        DIALECT,
-        "replay_kit/logs/glider/dialects/__init__.py",
-        '    "og1",\n',
-        '    "og1",\n    "ego",\n',
+        "replay_kit/measurements/consistency/checks.py",
+        "_OF_PINGS = (\n",
+        '_OF_PINGS = (\n    "repeated_times:RepeatedTimes",\n',
     ),
+    ("replay_kit/results/report/sections/depths.py", "", SECTION),
     (
-        *("replay_kit/measurements/consistency/repeated_times.py", CHECK),
-        *(
-            "replay_kit/measurements/consistency/checks.py",
-            "_OF_PINGS = (\n",
-            '_OF_PINGS = (\n    "repeated_times:RepeatedTimes",\n',
-        ),
+        "replay_kit/results/report/page.py",
+        "_LISTED = (\n",
+        '_LISTED = (\n    "depths:depths_section",\n',
     ),
-    (
-        *("replay_kit/results/report/sections/depths.py", SECTION),
-        *(
-            "replay_kit/results/report/page.py",
-            "_LISTED = (\n",
-            '_LISTED = (\n    "depths:depths_section",\n',
-        ),
-    ),
-    (
-        *("planners/mission/objectives/surfacings.py", OBJECTIVE),
-        *("replay_kit/core/objective.py", '"closest"]', '"closest", "surfacings"]'),
-    ),
+    ("planners/mission/objectives.py", '    "energy": ', f'{OBJECTIVE}    "energy": '),
+    ("replay_kit/core/objective.py", '"closest"]', '"closest", "surfacings"]'),
 )
 
 
@@ -117,11 +101,10 @@ def add(folder: Path) -> None:
         shutil.copytree(
             SAMPLES.parent / package, folder / package, ignore=shutil.ignore_patterns("__pycache__")
         )
-    for new, text, listed, before, after in ADDITIONS:
-        (folder / new).write_text(text)
-        lines = (folder / listed).read_text()
-        assert lines.count(before) == 1, f"{listed}: expected one line {before!r}"
-        (folder / listed).write_text(lines.replace(before, after))
+    for name, before, after in ADDITIONS:
+        text = (folder / name).read_text() if before else ""
+        assert not before or text.count(before) == 1, f"{name}: expected one line {before!r}"
+        (folder / name).write_text(text.replace(before, after) if before else after)
 
 
 def use(folder: Path) -> None:

@@ -8,22 +8,15 @@ import sys
 import replay_kit as rk
 
 result = rk.open_result(sys.argv[1])
-last, estimate = result.fixes.iloc[-1], result.estimate
+last, now, estimate = result.fixes.iloc[-1], result.fixes.index[-1], result.estimate
+start = last["longitude"], last["latitude"], 0.0
 settings = {
     "planner": {"kind": "mission", "depth": 300, "max_duration": 3 * 86400.0, "surface_time": 600}
 }
-print(
-    "goal                    plan         hours  misses by [km]  steer [deg]  standard error there [m/s]"
-)
+print(f"{'goal':23} plan         hours  misses by [km]  steer [deg]  standard error there [m/s]")
 for text in sys.argv[2:]:
     goal = tuple(float(number) for number in text.split(","))
-    plan = rk.plan(
-        estimate,
-        (last["longitude"], last["latitude"], 0.0),
-        goal,
-        time=result.fixes.index[-1],
-        settings=settings,
-    )
+    plan = rk.plan(estimate, start, goal, time=now, settings=settings)
     known = estimate.velocity_at(*goal)
     error = (0.5 * (known.u_standard_error**2 + known.v_standard_error**2)) ** 0.5
     miss = plan.closest_approach / 1e3

@@ -104,6 +104,7 @@ def test_a_plan_is_one_call(result) -> None:
     plan = rk.plan(result.estimate, START, GOAL)
     assert plan.status == "reached"
     assert plan.start_time_ns == result.estimate.time_ns
+    assert plan.message.endswith("; assumed: 0.30 m/s")
     later = rk.plan(
         result.estimate,
         rk.Place(*START),
@@ -111,7 +112,11 @@ def test_a_plan_is_one_call(result) -> None:
         time="2018-11-17",
         settings={"planner": {"speed": 0.4}},
     )
-    assert (later.speed, later.start_time_ns) == (0.4, 1_542_412_800 * 10**9)
+    assert (later.speed, later.start_time_ns, "assumed" in later.message) == (
+        0.4,
+        1_542_412_800 * 10**9,
+        False,
+    )
     with pytest.raises(PlanError, match="goal"):
         rk.plan(result.estimate, START, (10.0, 50.0, 0.0))
 

@@ -100,6 +100,34 @@ class Front:
             np.argmin(np.where(np.isfinite(self.times), np.abs(self.sea.places - place), np.inf))
         )
 
+    def fastest_met(
+        self, begins: float, until: float, goal: tuple[complex, float] | None = None
+    ) -> float:
+        """Return the speed of the fastest current [m/s] that a vehicle may meet, wherever it goes.
+
+        Args:
+            begins: When the front begins [s].
+            until: When the vehicle's way ends at the latest [s].
+            goal: Place [m], east + i north, and radius [m] where it ends; None for any.
+        """
+        current, divisions = self.sea.current, self.sea.current.divisions
+        count = current.places.size
+        onward = (
+            np.zeros(count)
+            if goal is None
+            else np.maximum(np.abs(current.places - goal[0]) - goal[1], 0.0) / self.sea.fastest
+        )
+        useful = self.times[:count] + onward <= until
+        met = np.zeros(current.values.shape[1:], dtype=bool)
+        met[::divisions, ::divisions] = useful.reshape(current.shape)
+        # beside points that are reached, too: what stops the front
+        met = maximum_filter(met, size=2 * divisions + 1)
+        times = np.flatnonzero(
+            (np.append(current.times[1:], np.inf) > begins)
+            & (np.append(-np.inf, current.times[:-1]) < until)
+        )
+        return float(np.max(np.abs(current.values[times][:, met]), initial=0.0))
+
     def approach(self, place: complex, until: float) -> tuple[float, float]:
         """Return how near [m] and when [s] the vehicle comes to a place, on from a point of the front as far as time and water allow.
 

@@ -39,7 +39,8 @@ def relax(sea: Sea, route: Route, begins: float) -> Route:
         best = moved if moved[1][-1] < kept[1][-1] else kept
         found.append(best[0][1:])
         times.append(times[-1][-1] + best[1][1:])
-    if not times[-1][-1] <= route.times[-1]:
+    # a route that leads nowhere keeps the second that it is given, as its times are divided by
+    if not 0.0 < times[-1][-1] <= route.times[-1]:
         return route
     ends = np.concatenate(found)
     return Route(np.column_stack([ends.real, ends.imag]), np.concatenate(times), route.arrives)

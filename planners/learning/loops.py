@@ -77,17 +77,6 @@ def shapes(ahead: complex) -> Complex:
     return np.concatenate([np.zeros((1, 3)), loops])
 
 
-def random_shapes(rng: np.random.Generator, count: int) -> Complex:
-    """Return corners of loops at random, shape (count, 3), of any size, relative to the start."""
-    first, turn, size = (
-        rng.uniform(0.0, 2.0 * np.pi, count),
-        rng.uniform(-0.5 * np.pi, 0.5 * np.pi, count),
-        rng.uniform(0.3, 1.0, count),
-    )
-    one = np.exp(1j * first)
-    return np.stack([one, size * one * np.exp(1j * turn), np.zeros(count)], axis=1)
-
-
 def timed(
     known: Currents, start: complex, shape: Complex, span: tuple[float, float, int], speed: float
 ) -> Survey:

@@ -71,14 +71,3 @@ def _spaced(mapping: Mapping, corners: Complex) -> tuple[Complex, Complex]:
 def _over_ground(mapping: Mapping, place: complex, direction: complex, time: float) -> float:
     u = complex(mapping.mean.at(np.array([place]), time)[0]) * direction.conjugate()
     return max(float(np.sqrt(max((COUNTED * mapping.speed) ** 2 - u.imag**2, 0.0))) + u.real, 0.02)
-
-
-def random_waypoints(mapping: Mapping, rng: np.random.Generator, count: int) -> Survey:
-    """Return profiles on ways past places at random in the box, ``count`` of them."""
-    low, high = mapping.box.min(axis=0), mapping.box.max(axis=0)
-    ways = []
-    for _ in range(count):
-        places = rng.uniform(low, high, (mapping.times.size, 2))
-        ways.append(_spaced(mapping, places[:, 0] + 1j * places[:, 1]))
-    middles, ends = np.array([one[0] for one in ways]), np.array([one[1] for one in ways])
-    return Survey(ends, ends, middles, mapping.profile_times, np.ones(count, dtype=bool))

@@ -222,11 +222,7 @@ def _plan(
         flown["this survey"], stretch, scene.settings.tolerance
     )
     chosen = next(one for one in candidates if one.chosen)
-    if status == "reached" and (
-        rare := chosen.shortfall(
-            scene.settings, f"end within the tolerance of {scene.settings.tolerance:g} m"
-        )
-    ):
+    if status == "reached" and (rare := chosen.shortfall(scene.settings)):
         status, message = "uncertain", message + rare
     if status == "unreachable":
         message += (

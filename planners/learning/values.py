@@ -121,19 +121,18 @@ class Candidate:
     within: float
     chosen: bool = False
 
-    def shortfall(self, settings: LearnSettings, verb: str) -> str:
+    def shortfall(self, settings: LearnSettings) -> str:
         """Return the words of a message that too few samples meet the goal; none where enough do.
 
         Args:
             settings: Number of the samples, and the share that is asked for.
-            verb: What too few of them do.
         """
         # shares of a few samples are rounded by the last bit
         if self.within >= settings.arrive - 1e-9:
             return ""
         return (
-            f"; {100.0 * self.within:.0f} % of {settings.samples} samples of the estimate {verb}, "
-            f"{100.0 * settings.arrive:.0f} % are asked for"
+            f"; {100.0 * self.within:.0f} % of {settings.samples} samples of the estimate end within the tolerance of "
+            f"{settings.tolerance:g} m, {100.0 * settings.arrive:.0f} % are asked for"
         )
 
 
@@ -208,7 +207,7 @@ class LearnPlan:
         status: ``reached`` where the way after it leads to its goal, in the current that is known and in the share of the samples that is
             asked for; ``uncertain`` where too few of them meet it; ``unreachable`` or ``unsafe`` where the way does not lead there.
         message: The answer in words.
-        objective: ``survey``, ``mission`` or ``map``.
+        objective: ``survey`` or ``map``.
         request: What was asked for.
         goal: Where it ends.
         depth: Of the dives [m].

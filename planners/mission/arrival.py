@@ -5,7 +5,7 @@ every doubt: no margin, half-open water counts as open, it may wait, the goals' 
 terms of shear within a dive, and the time is lowered by the lattice's own error.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
@@ -23,6 +23,8 @@ from planners.front.front import sea_of, spread
 from planners.front.obstacles import as_complex, directions_around, obstacles_of
 from planners.front.relax import relax
 from planners.front.route import Route
+from planners.mission.beyond import bound_beyond, limit_of
+from planners.mission.lead import Lead, currents_around, lead_of
 from planners.mission.program import MissionGuess
 from planners.mission.task import LEAST_DIVE, MissionTask
 from planners.route.hazards import Ring
@@ -34,8 +36,8 @@ from replay_kit.core.geodesy import true_north_halfway
 _CALM_ERROR, _LATTICE_ERROR, _STRONG_ERROR = 0.998, 0.993, 0.985
 # These shares of the vehicle's speed: of calm and of strong currents. In strong ones the lattice has so many times more lines.
 _CALM, _STRONG, _FINER = 0.45, 0.75, 1.6
-# Kernel lengths around start and goals within which shear counts, and points that it is looked up at in each.
-_AROUND, _SAMPLES = 1.5, 2.0
+# Where a current within reach is faster than this share, a lattice may miss the quickest way by far.
+_TRUSTED = 0.9
 # Points on the edge of a goal's disc.
 _ON_DISC = 12
 # Margins of wider routes [m], the widest first, and the share of time that they may cost.
@@ -77,16 +79,7 @@ def water_of(task: MissionTask, finer: float = 1.0) -> Water:
     """
     flow, angle = task.flow, task.vehicle.angles[0]
     drift_share = task.settings.surface_time / task.leg_time(angle)
-    times, latent = np.zeros(1), task.currents.latent[0]
-    if task.currents.times is not None:
-        times = task.currents.times - task.start_time
-        last = longest_time(task)
-        # what lies before the start or after the end counts through the nearest time alone
-        keep = np.flatnonzero(
-            (np.append(times[1:], inf) > 0.0) & (np.append(-inf, times[:-1]) < last)
-        )
-        columns = (keep[:, None] * flow.levels.size + np.arange(flow.levels.size)).ravel()
-        times, latent = times[keep], latent[:, columns]
+    times, latent = _through(task)
     shares = shares_of_levels(flow, task.settings.depth, drift_share)
     along = float(task.vehicle.speeds(np, angle)[0])
     return Water(
@@ -95,11 +88,26 @@ def water_of(task: MissionTask, finer: float = 1.0) -> Water:
     )
 
 
+def _through(task: MissionTask) -> tuple[Array, Array]:
+    """Return the times that a mission may meet, shape (T,) [s] since its start, and the latent values then, shape (M, Z T)."""
+    if task.currents.times is None:
+        return np.zeros(1), task.currents.latent[0]
+    times, levels = task.currents.times - task.start_time, np.arange(task.flow.levels.size)
+    # what lies before the start or after the end counts through the nearest time alone
+    keep = np.flatnonzero(
+        (np.append(times[1:], inf) > 0.0)
+        & (np.append(-inf, times[:-1]) < task.settings.max_duration)
+    )
+    return times[keep], task.currents.latent[0][:, (keep[:, None] * levels.size + levels).ravel()]
+
+
 def longest_time(task: MissionTask) -> float:
     """Return the time of the longest mission considered [s]."""
     settings = task.settings
-    legs = (settings.legs or settings.max_legs) * task.leg_time(task.vehicle.angles[0])
-    return min(legs, settings.max_duration)
+    return min(
+        (settings.legs or settings.most_legs) * task.leg_time(task.vehicle.angles[0]),
+        settings.max_duration,
+    )
 
 
 def passage_past_goals(
@@ -122,7 +130,7 @@ def passage_past_goals(
         quick: Whether to stay on the lattice: a route that is somewhat longer.
     """
     shallows = task.bottom.rings(task.settings.depth if depth is None else depth)
-    places = _places(task)
+    places = task.places
     obstacles = obstacles_of(
         (*rings, *shallows), task.settings.margin if margin is None else margin, places
     )
@@ -174,52 +182,66 @@ def bound_of(task: MissionTask) -> tuple[Water, Bound]:
     Where the current is about as fast as the vehicle, few edges lead where it can go, and a finer lattice is needed.
     """
     water = water_of(task)
-    bound = _bound_in(task, water, _LATTICE_ERROR, _STRONG * water.speed)
+    lead = _lead(task, water)
+    bound = _bound_in(task, water, lead, _LATTICE_ERROR, _STRONG * water.speed)
     if bound is not None:
         return water, bound
     finer = water_of(task, _FINER)
-    bound = _bound_in(task, finer, _STRONG_ERROR, inf)
+    bound = _bound_in(task, finer, lead, _STRONG_ERROR, inf)
     assert bound is not None, "no current is faster than infinity"
+    if bound.goal >= 0 and not bound.limit:
+        bound = replace(bound, limit=limit_of(task, water.current, water.speed, bound.goal))
     # to come near a goal that is out of reach needs no finer lattice
     return (finer if bound.goal < 0 else water), bound
 
 
-def _bound_in(task: MissionTask, water: Water, error: float, strong: float) -> Bound | None:
+def _bound_in(
+    task: MissionTask, water: Water, lead: Lead, error: float, strong: float
+) -> Bound | None:
     """Return the bound on one lattice; None where that is not to be trusted.
 
     Args:
         task: The problem.
         water: Of the lattice.
+        lead: Of the vehicle.
         error: What its times are multiplied by where the current on the way is not calm.
         strong: A current on the way [m/s], or a goal out of reach, for which it is not to be trusted; infinite to trust it always.
     """
-    places, most, radius = _places(task), longest_time(task), task.settings.tolerance
+    places, most = task.places, longest_time(task)
+    radii = np.append(lead.start, task.settings.tolerance + lead.goals)
     discs = [
-        np.append(directions_around(complex(place), radius, _ON_DISC), place)
-        for place in places[1:]
+        _disc(complex(place), float(radius)) for place, radius in zip(places, radii, strict=True)
     ]
     obstacles = obstacles_of((*task.rings, *task.bottom.rings(LEAST_DIVE)), 0.0, places)
-    sea = sea_of(
-        water.current,
-        water.speed + _second_order(task),
-        np.concatenate([places[:1], *discs]),
-        obstacles,
-        waits=True,
+    sea = sea_of(water.current, lead.speed, np.concatenate(discs), obstacles, waits=True)
+    ends = water.current.places.size + np.cumsum([0, *(disc.size for disc in discs)])
+    until = (most if np.isfinite(strong) else task.settings.max_duration) / error
+    now, fastest, trusted, limit, seeds = (
+        0.0,
+        0.0,
+        True,
+        _TRUSTED * water.speed,
+        np.arange(ends[0], ends[1]),
     )
-    first, now, fastest = water.current.places.size, 0.0, 0.0
-    seeds = np.array([first])
     for k, place in enumerate(places[1:]):
-        goals = first + 1 + k * (_ON_DISC + 1) + np.arange(_ON_DISC + 1)
-        if np.any(np.abs(sea.places[seeds] - place) <= radius):
+        goals = np.arange(ends[k + 1], ends[k + 2])
+        if np.any(np.abs(sea.places[seeds] - place) <= radii[k + 1]):
             seeds = goals
             continue
-        front = spread(sea, seeds, np.full(seeds.size, now), most / error, goals)
+        front = spread(sea, seeds, np.full(seeds.size, now), until, goals)
         best = int(goals[np.argmin(front.times[goals])])
         if not front.times[best] <= most / error:
-            return (
-                None
-                if np.isfinite(strong)
-                else Bound(inf, most, k, *front.approach(complex(place), most / error))
+            if np.isfinite(strong):
+                return None
+            # with more legs than it may have it might be reached
+            needs_legs = bool(front.times[best] <= until)
+            beyond = bound_beyond(
+                front, k, complex(place), most if needs_legs else task.settings.max_duration
+            )
+            return replace(
+                beyond,
+                is_tight=trusted and front.fastest_met(now, until) <= limit,
+                limit="legs" if needs_legs else "",
             )
         route = front.route_to(best, now, True)
         fastest = max(
@@ -228,10 +250,45 @@ def _bound_in(task: MissionTask, water: Water, error: float, strong: float) -> B
         )
         if fastest > strong:
             return None
+        trusted = (
+            trusted
+            and front.fastest_met(
+                now, float(front.times[best]), (complex(place), float(radii[k + 1]))
+            )
+            <= limit
+        )
         now, seeds = now + float(relax(sea, route, now).times[-1]), goals
     # the mean speed has a drift after each leg, but the last one arrives without
     error = _CALM_ERROR if fastest <= _CALM * water.speed else error
-    return Bound(max(error * now - task.settings.surface_time, 0.0), most)
+    # straight there with the fastest current of all
+    straight = (
+        float(np.sum(np.maximum(np.abs(np.diff(places)) - radii[1:] - radii[:-1], 0.0)))
+        / sea.fastest
+    )
+    return Bound(
+        max((error * now if trusted else straight) - task.settings.surface_time, 0.0),
+        most,
+        is_tight=trusted,
+    )
+
+
+def _disc(place: complex, radius: float) -> Complex:
+    """Return places on the edge of a disc and its middle [m]; the middle alone of one without a radius."""
+    return (
+        np.append(directions_around(place, radius, _ON_DISC), place)
+        if radius > 0.0
+        else np.array([place])
+    )
+
+
+def _lead(task: MissionTask, water: Water) -> Lead:
+    """Return what the vehicle of the bound is given so that no mission leads ahead of it."""
+    lead, drift = lead_of(task, _by_level(task)), task.settings.surface_time
+    # a drift after the last leg is taken off the bound's time; in it the current may carry the vehicle away from the goal
+    at = np.repeat(task.places[-1:], water.current.times.size)
+    away = float(np.max(np.abs(water.current.at(at, water.current.times)))) - lead.speed
+    goals = np.append(lead.goals[:-1], max(lead.goals[-1] + drift * away, 0.0))
+    return replace(lead, speed=lead.speed + _second_order(task), goals=goals)
 
 
 def _second_order(task: MissionTask) -> float:
@@ -239,33 +296,25 @@ def _second_order(task: MissionTask) -> float:
 
     The deviation w of the current from its mean over a dive of time t carries the vehicle off its mean track by t / (2 pi) times w in the
     root mean square at most (Wirtinger's inequality), to where w differs by some w / l, l the kernel length: w^2 t / (2 pi l) in the mean.
-    The largest w around start and goals, in the forecast's region, counts.
+    The largest w around start and goals, in the forecast's region, counts, at any time of the mission.
     """
-    flow, angle, drift = task.flow, task.vehicle.angles[0], task.settings.surface_time
+    flow, angle, drift, by_level = (
+        task.flow,
+        task.vehicle.angles[0],
+        task.settings.surface_time,
+        _by_level(task),
+    )
     dive = (task.leg_time(angle) - drift) / task.settings.yos + drift
     shares = shares_of_levels(flow, task.settings.depth, drift / task.leg_time(angle))
-    kernel, places = flow.horizontal.kernel, np.vstack([task.start, task.goals])[:, :2]
-    lengths = np.array([kernel.length_east, kernel.length_north])
-    # beyond its region the flow is no estimate of a current
-    corners = np.array(
-        [[pick(axis) for axis in (flow.grid.east, flow.grid.north)] for pick in (np.min, np.max)]
-    )
-    low, high = np.clip(
-        [places.min(axis=0) - _AROUND * lengths, places.max(axis=0) + _AROUND * lengths], *corners
-    )
-    counts = np.ceil((high - low) / lengths * _SAMPLES).astype(int) + 1
-    points = np.stack(
-        np.meshgrid(*(np.linspace(low[i], high[i], counts[i]) for i in (0, 1))), axis=-1
-    ).reshape(-1, 2)
-    by_level = flow.horizontal.velocity(points, task.currents.latent[0][:, : flow.levels.size])
     deviation = by_level - (by_level @ shares)[..., None]
     largest = float(np.max(np.sum(deviation**2, axis=0) @ np.maximum(shares, 0.0)))
-    return dive * largest / (2.0 * np.pi * float(np.min(lengths)))
+    kernel = flow.horizontal.kernel
+    return dive * largest / (2.0 * np.pi * min(kernel.length_east, kernel.length_north))
 
 
-def _places(task: MissionTask) -> Complex:
-    """Return start and goals [m], east + i north."""
-    return as_complex(np.vstack([task.start, task.goals])[:, :2])
+def _by_level(task: MissionTask) -> Array:
+    """Return the current of each level that a mission may meet [m/s], shape (2, n, Z)."""
+    return currents_around(task, _through(task)[1])
 
 
 def initial_guess(task: MissionTask, route: Route, water: Water, ends: Array) -> MissionGuess:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from planners.front.bound import Bound
 from planners.mission.check import Violation
 from planners.mission.flight import Flight, Legs
-from planners.mission.objectives.objective import Found
+from planners.mission.objectives import Found
 from planners.mission.program import MissionGuess, MissionShape
 from planners.mission.task import REFINED, MissionTask, YoDepths
 from planners.solver import HOUR, KM
@@ -24,7 +24,7 @@ class GoalSteps:
     """When goals are met.
 
     Attributes:
-        legs: In which leg, counted from 1.
+        legs: In which leg, counted from 1; 0 for the start.
         steps: After which of its steps, counted from 1; 0 for its end.
     """
 
@@ -33,13 +33,13 @@ class GoalSteps:
 
     def points(self, flight: Flight) -> NDArray[np.intp]:
         """Return the numbers of a flight's points at which the goals are met."""
-        begins, legs = np.concatenate([[0], flight.ends[:-1]]), np.array(self.legs) - 1
+        ends, legs, steps = (
+            np.concatenate([[0], flight.ends]),
+            np.array(self.legs),
+            np.array(self.steps),
+        )
         return np.asarray(
-            np.where(
-                np.array(self.steps) == 0,
-                flight.ends[legs],
-                begins[legs] + REFINED * np.array(self.steps),
-            )
+            np.where(steps == 0, ends[legs], ends[np.maximum(legs - 1, 0)] + REFINED * steps)
         )
 
 
@@ -112,6 +112,8 @@ class Attempt:
         return_status: IPOPT's last.
         plane_violation: Largest distance of the solution beyond a half-plane [m].
         bound: What no vehicle of the same speed can do better; None where it is not known.
+        kept: Numbers of the goals that its legs lead to, from 0; None for all.
+        beyond: What is known of each goal out of reach.
     """
 
     legs: Legs
@@ -126,6 +128,34 @@ class Attempt:
     return_status: str
     plane_violation: float
     bound: Bound | None = None
+    kept: tuple[int, ...] | None = None
+    beyond: tuple[Bound, ...] = ()
+
+
+def staying(task: MissionTask) -> Attempt:
+    """Return the mission without legs, which stays at its start."""
+    none, no_goals = np.zeros(0), (0,) * len(task.goals)
+    flight = Flight(
+        np.zeros(1),
+        task.start[2:],
+        task.start[None, None, :2],
+        np.zeros(1, dtype=int),
+        np.zeros(0, dtype=int),
+    )
+    legs, guess = Legs(none, none, (), none), MissionGuess(np.zeros((0, 2)), none, none)
+    return Attempt(
+        legs,
+        (),
+        flight,
+        GoalSteps(no_goals, no_goals),
+        task.from_start,
+        (0.0, 0.0),
+        None,
+        guess,
+        0,
+        "not started",
+        0.0,
+    )
 
 
 def goals_met(task: MissionTask, attempt: Attempt) -> bool:

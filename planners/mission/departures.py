@@ -8,7 +8,7 @@ import numpy as np
 
 from planners.mission.attempt import Attempt, is_feasible
 from planners.mission.flight import Flow
-from planners.mission.objectives.objective import Found
+from planners.mission.objectives import Found
 from planners.mission.plan import plan_mission
 from planners.mission.result import to_plan
 from planners.mission.scenarios import with_n_legs
@@ -58,13 +58,18 @@ def plan_departures(
 
 
 def best_departure(plans: Sequence[MissionPlan]) -> int:
-    """Return which of some plans is the best: one that reaches the goals before others, then of least cost by its objective."""
+    """Return which of some plans is the best: one that reaches the goals before others, then the one that arrives first.
+
+    By another objective than ``time`` it is the one of least cost: the weight ``time=1`` asks for the shortest mission.
+    """
 
     def rank(plan: MissionPlan) -> tuple[int, float]:
         named = _RANKS.index(plan.status) if plan.status in _RANKS else len(_RANKS)
         miss, aim = float(np.sum(plan.closest_approach)), plan.settings.aim
         if plan.status not in ("reached", "uncertain") or aim.distance_first:
             return named, miss
+        if aim.earliest_arrival:
+            return named, plan.start_time_ns / 1e9 + plan.duration
         return named, aim.cost(
             Found(
                 plan.vehicle,
@@ -106,7 +111,7 @@ def _with_other_numbers(task: MissionTask, attempt: Attempt) -> list[Attempt]:
         wanted = (
             _fewer_legs(to_plan(task, [last])) if feasible else n_legs + _missing_legs(task, last)
         )
-        if wanted == n_legs or wanted > task.settings.max_legs:
+        if wanted == n_legs or wanted > task.settings.most_legs:
             break
         other = with_n_legs(task, last, wanted)
         last = solve_legs(task, other.guess, other.goals, None, fewer=True)

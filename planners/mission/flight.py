@@ -168,13 +168,16 @@ def currents_of_samples(samples: Sequence[Sample]) -> Currents:
     Raises:
         PlanError: One is of other levels or functions, or of other times, or some change and some do not.
     """
-    if any(isinstance(sample, LocalSample) for sample in samples):
-        return _with_courses(samples)
-    each = [
-        (sample,) if isinstance(sample, FlowEstimate) else tuple(sample)
-        for sample in samples
-        if not isinstance(sample, LocalSample)
-    ]
+    return with_courses(_currents_of_flows(flows_of(samples)), samples)
+
+
+def flows_of(samples: Sequence[Sample]) -> list[Flow]:
+    """Return the flows of samples, without the currents beside them."""
+    return [sample.flow if isinstance(sample, LocalSample) else sample for sample in samples]
+
+
+def _currents_of_flows(samples: Sequence[Flow]) -> Currents:
+    each = [(sample,) if isinstance(sample, FlowEstimate) else tuple(sample) for sample in samples]
     for k, flows in enumerate(each):
         if graph_key(flows[0]) != graph_key(each[0][0]):
             raise PlanError(
@@ -193,14 +196,15 @@ def currents_of_samples(samples: Sequence[Sample]) -> Currents:
     return Currents(each[0][0], np.stack([latent for _, latent in through]), through[0][0])
 
 
-def _with_courses(samples: Sequence[Sample]) -> Currents:
-    """Return the currents of samples with a course each, on one clock.
+def with_courses(currents: Currents, samples: Sequence[Sample]) -> Currents:
+    """Return the currents of samples with the courses of these, on the clock of the currents; as they are where samples have none.
 
     Raises:
-        PlanError: One has no course, or one at other times, or a flow has no time.
+        PlanError: One has a course and another has none, or one at other times, or the flows have no time.
     """
     each = [sample for sample in samples if isinstance(sample, LocalSample)]
-    currents = currents_of_samples([sample.flow for sample in each])
+    if not each:
+        return currents
     if len(each) < len(samples) or any(
         not np.array_equal(one.times_ns, each[0].times_ns) for one in each
     ):

@@ -7,7 +7,7 @@ import numpy as np
 
 from planners.front.route import Route
 from planners.mission.attempt import GoalSteps
-from planners.mission.objectives.objective import Weights
+from planners.mission.objectives import Weights
 from planners.mission.program import MissionGuess
 from planners.mission.reference_path import along_line, near_place
 from planners.mission.result import to_plan
@@ -23,6 +23,8 @@ from replay_kit.core.geodesy import true_north_halfway
 
 # The objective of a mooring is the mean squared distance [km^2]; time decides among equals, and its end does not count.
 _MOORING = Weights(time=1e-5, closest=0.0)
+# Legs of a mooring, all of which are solved at once, where no other limit is given.
+_MOST_LEGS = 60
 # Depths over which the mean current of a dive is taken, and glide angles tried for it.
 _DEPTHS, _ANGLES = 51, 64
 _LINE = Line()
@@ -128,10 +130,9 @@ def plan_mooring(
     n_legs = settings.legs or int(
         np.ceil((mooring.duration + settings.surface_time) / task.leg_time(angle) - 1e-6)
     )
-    if n_legs > settings.max_legs:
+    if n_legs > (most := settings.max_legs or _MOST_LEGS):
         raise PlanError(
-            f"a mooring of {mooring.duration / 3600.0:g} h takes {n_legs} legs, but max_legs = {settings.max_legs}; allow more, or more "
-            "dives a leg"
+            f"a mooring of {mooring.duration / 3600.0:g} h takes {n_legs} legs, but max_legs = {most}; allow more, or more dives a leg"
         )
     attempts = []
     for hops in (False, True):

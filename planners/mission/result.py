@@ -1,10 +1,10 @@
 """The plan that the best of several attempts makes, and its outcome in words."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from planners.mission.attempt import Attempt, GoalSteps, best_of, energy_of, goals_met, is_feasible
-from planners.mission.flight import Flight, Legs
-from planners.mission.program import MissionGuess
+from planners.mission.attempt import Attempt, best_of, energy_of, goals_met, is_feasible, staying
 from planners.mission.task import MissionTask
 from planners.mission.values import MissionPlan, MissionStatus
 from replay_kit.core.arrays import Array
@@ -27,12 +27,13 @@ def to_plan(task: MissionTask, attempts: list[Attempt]) -> MissionPlan:
         "unsafe" if best.violation else "reached" if goals_met(task, best) else "unreachable"
     )
     goal_times = best.flight.time[best.goals.points(best.flight)]
+    tried = max(len(attempt.flight.ends) for attempt in finite)
     return _plan_of(
         task,
         best,
         status,
         goal_times,
-        _outcome(task, best, goal_times),
+        _outcome(task, best, goal_times, tried),
         _statistics(task, attempts, finite, best),
     )
 
@@ -85,7 +86,7 @@ def _statistics(
         "longest_met_h": max(feasible, default=float("nan")),
     }
     above = _above_bound(task, best)
-    if best.bound is not None and np.isfinite(best.bound.time):
+    if best.bound is not None and best.bound.is_tight and np.isfinite(best.bound.time):
         statistics |= {"bound_h": best.bound.time / 3600.0}
     if above is not None:
         statistics |= {"above_bound_percent": above}
@@ -103,11 +104,14 @@ def _above_bound(task: MissionTask, attempt: Attempt) -> float | None:
     """Return how much later than any vehicle of its speed could a mission arrives [%]; None where the bound does not hold or is 0."""
     bound = attempt.bound
     # shallower dives than those asked for meet another mean current
-    full = all(
-        max(leg) >= task.settings.depth or k + 1 in attempt.goals.legs
-        for k, leg in enumerate(attempt.yo_depths)
-    )
-    if bound is None or not 0.0 < bound.time < np.inf or not full or not goals_met(task, attempt):
+    full = attempt.yo_depths == replace(task, turns=None).yo_depths(len(attempt.yo_depths))
+    if (
+        bound is None
+        or not bound.is_tight
+        or not 0.0 < bound.time < np.inf
+        or not full
+        or not goals_met(task, attempt)
+    ):
         return None
     last = float(attempt.flight.time[attempt.goals.points(attempt.flight)[-1]])
     return 100.0 * (last / bound.time - 1.0)
@@ -121,40 +125,28 @@ def _tried(attempt: Attempt) -> str:
 
 def _failed_plan(task: MissionTask, message: str) -> MissionPlan:
     """Return the plan of a mission that cannot be flown; it stays at its start, without legs."""
-    none, zero, no_goals = np.zeros(0), np.zeros(1), (0,) * len(task.goals)
-    flight = Flight(
-        zero,
-        task.start[2:],
-        task.start[None, None, :2],
-        np.zeros(1, dtype=int),
-        np.zeros(0, dtype=int),
+    return _plan_of(
+        task, staying(task), "failed", np.zeros(len(task.goals)), message, {"attempts": 0}
     )
-    miss = np.linalg.norm(task.goals[:, :2] - task.start[:2], axis=1)
-    guess, goals = MissionGuess(np.zeros((0, 2)), none, none), GoalSteps(no_goals, no_goals)
-    stays = Attempt(
-        Legs(none, none, (), none),
-        (),
-        flight,
-        goals,
-        miss,
-        (0.0, 0.0),
-        None,
-        guess,
-        0,
-        "not started",
-        0.0,
-    )
-    return _plan_of(task, stays, "failed", np.zeros(len(task.goals)), message, {"attempts": 0})
 
 
-def _outcome(task: MissionTask, attempt: Attempt, goal_times: Array) -> str:
-    """Return the outcome of a mission in words, with the limit that binds when it does not reach its goals or violates a constraint."""
+def _outcome(task: MissionTask, attempt: Attempt, goal_times: Array, tried: int) -> str:
+    """Return the outcome of a mission in words, with the limit that binds when it does not reach its goals or violates a constraint.
+
+    Args:
+        task: The problem.
+        attempt: The best.
+        goal_times: shape (G,) [s].
+        tried: Largest number of legs that was tried.
+    """
     settings, reference, miss, flight = (
         task.settings,
         task.reference_path,
         attempt.miss,
         attempt.flight,
     )
+    if len(flight.ends) == 0:
+        return _already_there(task)
     counts, (farthest, rms) = settings.weights.closest != 0.0, attempt.deviation
     parts, short = list[str](), ""
     if counts:
@@ -190,20 +182,37 @@ def _outcome(task: MissionTask, attempt: Attempt, goal_times: Array) -> str:
     if task.is_late:
         text += f"; the time limit of {settings.time_limit:g} s ended the search: other numbers of legs and other ways are untried"
     return (
-        f"{text}{short}{_out_of_reach(task, attempt)}; {_binding(task, attempt, n_legs)}"
+        f"{text}{short}{_out_of_reach(task, attempt)}; {_binding(task, attempt, tried)}"
         if short
         else text
     )
 
 
+def _already_there(task: MissionTask) -> str:
+    """Return why a mission takes no legs."""
+    name, below = (
+        "the goal" if len(task.goals) == 1 else "all goals",
+        float(np.max(task.goals[:, 2] - task.start[2])),
+    )
+    deep = (
+        "" if below <= 0.0 else f"; only the depth of a goal is left, {below:g} m below the start"
+    )
+    within = f"within {np.max(task.from_start):.1f} m of {name}, inside the tolerance of {task.settings.tolerance:g} m"
+    return f"already there: the start is {within}; 0 legs{deep}"
+
+
 def _out_of_reach(task: MissionTask, attempt: Attempt) -> str:
-    """Return which goal is out of reach, and how near one can come to it; empty where none is known to be."""
-    bound = attempt.bound
-    if bound is None or bound.goal < 0:
-        return ""
-    name = "the goal" if len(task.goals) == 1 else f"goal {bound.goal + 1}"
-    nearest, when = f"about {bound.nearest / 1e3:.1f} km", _hours(task, bound.when)
-    return f"; {name} is out of reach: within {_hours(task, bound.most)} no vehicle of this speed comes nearer than {nearest}, after {when}"
+    """Return which goals are out of reach, and how near one can come to them; empty where none is known to be."""
+    text = ""
+    for bound in attempt.beyond:
+        text += f"; {'the goal' if len(task.goals) == 1 else f'goal {bound.goal + 1}'} is out of reach: "
+        if bound.limit == "legs":
+            text += f"it needs more than {task.settings.legs or task.settings.max_legs} legs"
+            continue
+        who = "no vehicle of this speed comes" if bound.is_tight else "no way was found that comes"
+        nearest, when = f"about {bound.nearest / 1e3:.1f} km", _hours(task, bound.when)
+        text += f"within {_hours(task, bound.most)} {who} nearer than {nearest}, after {when}"
+    return text
 
 
 def _hours(task: MissionTask, seconds: float) -> str:
@@ -214,19 +223,36 @@ def _hours(task: MissionTask, seconds: float) -> str:
     )
 
 
-def _binding(task: MissionTask, attempt: Attempt, n_legs: int) -> str:
-    """Return the limit that binds."""
-    settings, flight = task.settings, attempt.flight
+def _binding(task: MissionTask, attempt: Attempt, tried: int) -> str:
+    """Return the limits that bind."""
+    settings, flight, limits, parts = (
+        task.settings,
+        attempt.flight,
+        {bound.limit for bound in attempt.beyond},
+        list[str](),
+    )
     if settings.weights.closest:
         return "limit: the weights, by which to come closer costs more than it gains, or what can be reached at all"
     if settings.legs is not None and task.reference_path is None:
         return f"limit: {settings.legs} legs at glide angles from {task.vehicle.min_angle:g} to {task.vehicle.max_angle:g} degrees"
-    if n_legs >= settings.max_legs:
-        return f"limit: max_legs = {settings.max_legs}"
-    if flight.time[-1] >= _NEARLY * settings.max_duration:
-        return f"limit: max_duration = {settings.max_duration:g} s"
+    if "legs" in limits or (not limits and tried >= settings.most_legs):
+        parts.append(f"limit: max_legs = {settings.max_legs} (--max-legs)")
+    if "duration" in limits or (not limits and flight.time[-1] >= _NEARLY * settings.max_duration):
+        parts.append(f"limit: max_duration = {settings.max_duration:g} s (--max-duration)")
+    if "ways" in limits:
+        parts.append(
+            "a constraint closes every way: land, an area, water too shallow for a dive or the edge of the region"
+        )
+    if parts and "current" not in limits:
+        return "; ".join(parts)
     ground = float(np.linalg.norm(flight.place[0, -1] - flight.place[0, 0])) / max(
         float(flight.time[-1]), 1.0
     )
     through = float(task.vehicle.speeds(np, task.vehicle.angles[0])[0])
-    return f"the current or a constraint keeps a glider of {through:.2f} m/s from it: it makes good {ground:.2f} m/s"
+    what = "the current" if "current" in limits else "the current or a constraint"
+    return "; ".join(
+        [
+            *parts,
+            f"{what} keeps a glider of {through:.2f} m/s from it: it makes good {ground:.2f} m/s",
+        ]
+    )

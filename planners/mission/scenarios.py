@@ -2,12 +2,14 @@
 
 Headings that are held whatever the current cannot make the deviations of the track smaller: such a plan can only keep farther away, place
 by place by the deviations of the samples there, with the one-sided tolerance factor for few samples (confidence 99 %); the margin is
-widened further until the violations among the samples pass a binomial test. A pilot who corrects the mission at each surfacing makes the
+widened further until the violations among the samples pass a binomial test. Where that leaves the goal, ways are planned anew with a wider
+margin everywhere but near start and goal. A pilot who corrects the mission at each surfacing makes the
 deviations smaller.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +24,12 @@ from planners.mission.flight import (
     Flight,
     Flow,
     Legs,
-    LocalSample,
     Sample,
     currents_of,
     currents_of_samples,
+    flows_of,
     fly_legs,
+    with_courses,
 )
 from planners.mission.flights import legs_of_plan
 from planners.mission.goal_legs import goal_legs_of, goal_steps_of
@@ -36,6 +39,7 @@ from planners.mission.result import to_plan
 from planners.mission.safety_margin import SafetyMargin
 from planners.mission.search import solve_attempts
 from planners.mission.solve import solve_with_margin
+from planners.mission.some_goals import aimed_at, to_all
 from planners.mission.task import MissionTask, mission_task, turns_of
 from planners.mission.values import MissionPlan, MissionRequest, MonteCarloSummary
 from planners.route.bottom import Bathymetry
@@ -56,12 +60,23 @@ _KEPT = 5.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Trial:
-    """A plan with one margin, and whether its violations pass the binomial test."""
+    """A plan with one margin, flown in the samples.
+
+    Attributes:
+        attempt: It.
+        summary: Of its flights.
+        extra: Its margin beside the samples' deviations, or beside that of the settings [m].
+        passes: Whether its violations pass the binomial test.
+        missing: Clearance that is missing to the first sample that must not violate a constraint [m].
+        deviations: shape (K, n, 2) [m], of the flights from the predicted one.
+    """
 
     attempt: Attempt
     summary: MonteCarloSummary
     extra: float
     passes: bool
+    missing: float
+    deviations: Array
 
 
 def plan_scenarios(
@@ -74,7 +89,9 @@ def plan_scenarios(
 ) -> tuple[MissionPlan, MonteCarloSummary]:
     """Return the mission planned on the estimate with a margin that keeps the samples clear, and its summary over the samples.
 
-    When no margin tried keeps enough of them clear, the plan that keeps most is returned: ``MonteCarloSummary.safe`` says how many.
+    A plan that meets its goals comes before one that keeps clear by missing them: where wider margins lead past a goal,
+    ways farther round are planned. When nothing tried keeps enough samples clear, the plan that keeps most is returned:
+    ``MonteCarloSummary.safe`` says how many.
 
     Args:
         flow: The estimate, or estimates for increasing times.
@@ -87,48 +104,97 @@ def plan_scenarios(
     Raises:
         PlanError: As for ``plan_mission``; or there are no samples, or they are not on the nodes of the estimate.
     """
-    currents, task = currents_around(flow, samples), mission_task(flow, request)
-    attempts = solve_attempts(task)
+    currents, whole = currents_around(flow, samples), mission_task(flow, request)
+    attempts = solve_attempts(whole)
     if not attempts:
-        return to_plan(task, []), MonteCarloSummary(0.0, 0.0, float("nan"), float("nan"), {})
-    attempt, trials, extra = best_of(task, attempts), list[_Trial](), 0.0
+        return to_plan(whole, []), MonteCarloSummary(0.0, 0.0, float("nan"), float("nan"), {})
+    first, trials, extra = best_of(whole, attempts), list[_Trial](), 0.0
+    if not first.yo_depths:
+        last = float(first.miss[-1])
+        return to_plan(whole, attempts), MonteCarloSummary(1.0, 1.0, last, last, {})
+    task, attempt = aimed_at(whole, first)
+    tried = partial(_try, task, currents, allowed, pilot)
     for _ in range(_PLANS):
-        legs = replace(attempt.legs, depths=task.depths(attempt.yo_depths))
-        predicted = predict(task, legs)
-        flight = fly_samples(task, currents, legs, predicted, pilot)
-        met = points_at(predicted, attempt.flight.time[attempt.goals.points(attempt.flight)])
-        summary, clear = summarise_flights(task, flight, met)
-        trials.append(
-            _Trial(
-                attempt,
-                summary,
-                extra,
-                passes_binomial_test(int(np.sum(clear <= 0.0)), len(clear), allowed),
-            )
-        )
+        trials.append(tried(attempt, extra))
         if trials[-1].passes or task.is_late:
             break
         if len(trials) > 1:
-            # the clearance that is missing to the first sample that must not violate a constraint
-            missing = np.sort(-clear)[::-1][most_violations_allowed(len(clear), allowed)]
-            extra += max(_GROWTH * float(missing), _LEAST)
+            extra += max(_GROWTH * trials[-1].missing, _LEAST)
         attempt = _widen_margin(
-            task,
-            attempt,
-            SafetyMargin(flight.place[:, 1:] - predicted.place[:, 1:], 1.0 - allowed, extra),
+            task, attempt, SafetyMargin(trials[-1].deviations, 1.0 - allowed, extra)
         )
-    # a plan that passes the test is the best, or else the safest; only the last one tried can pass
+    met = [is_feasible(task, trial.attempt) for trial in trials]
+    if (
+        met[0]
+        and not all(met)
+        and not any(
+            met[k] and 1.0 - trial.summary.safe <= allowed + 1e-9 for k, trial in enumerate(trials)
+        )
+    ):
+        # half-planes hold a way that is near to one without a margin: a wider way round may still lead to the goal
+        trials += _wider_ways(task, trials[0].missing, tried)
+    # a plan that reaches its goal comes before one that does not; then one that passes the test, or else the safest
     best = max(
         trials,
-        key=lambda trial: (trial.passes, trial.summary.safe, is_feasible(task, trial.attempt)),
+        key=lambda trial: (is_feasible(task, trial.attempt), trial.passes, trial.summary.safe),
     )
-    plan = to_plan(task, [best.attempt])
+    found = (
+        best.attempt
+        if first.kept is None
+        else replace(to_all(whole, first.kept, best.attempt), beyond=first.beyond)
+    )
+    plan = to_plan(whole, [found])
     counts = {
         "margins_tried": len(trials),
         "attempts": len(attempts) + len(trials) - 1,
         "extra_margin_m": best.extra,
     }
-    return replace(plan, statistics={**plan.statistics, **counts}), best.summary
+    summary = replace(best.summary, reached=0.0) if first.beyond else best.summary
+    return replace(plan, statistics={**plan.statistics, **counts}), summary
+
+
+def _try(
+    task: MissionTask,
+    currents: Currents,
+    allowed: float,
+    pilot: Pilot | None,
+    attempt: Attempt,
+    extra: float,
+) -> _Trial:
+    """Return a plan flown in the samples."""
+    legs = replace(attempt.legs, depths=task.depths(attempt.yo_depths))
+    predicted = predict(task, legs)
+    flight = fly_samples(task, currents, legs, predicted, pilot)
+    met = points_at(predicted, attempt.flight.time[attempt.goals.points(attempt.flight)])
+    summary, clear = summarise_flights(task, flight, met)
+    passes = passes_binomial_test(int(np.sum(clear <= 0.0)), len(clear), allowed)
+    missing = float(np.sort(-clear)[::-1][most_violations_allowed(len(clear), allowed)])
+    return _Trial(
+        attempt, summary, extra, passes, missing, flight.place[:, 1:] - predicted.place[:, 1:]
+    )
+
+
+def _wider_ways(
+    task: MissionTask, missing: float, tried: Callable[[Attempt, float], _Trial]
+) -> list[_Trial]:
+    """Return the trials of plans made anew with wider margins, until one passes; where the way is closed, with narrower ones again."""
+    trials, open_, extra = list[_Trial](), 0.0, max(_GROWTH * missing, _LEAST)
+    for _ in range(_PLANS):
+        wide = replace(
+            task,
+            request=replace(
+                task.request, settings=replace(task.settings, margin=task.settings.margin + extra)
+            ),
+        )
+        attempt = best_of(wide, solve_attempts(wide))
+        if is_feasible(wide, attempt):
+            trials.append(tried(attempt, extra))
+            open_, extra = extra, extra + max(_GROWTH * trials[-1].missing, _LEAST)
+        else:
+            extra = 0.5 * (open_ + extra)
+        if task.is_late or (trials and trials[-1].passes):
+            break
+    return trials
 
 
 def fly_scenarios(
@@ -237,17 +303,11 @@ def currents_around(flow: Flow, samples: Sequence[Sample]) -> Currents:
         raise PlanError(
             "a plan for samples of the estimate needs some; draw them with flow.sample(20, seed)"
         )
+    return with_courses(_flows_around(flow, flows_of(samples)), samples)
+
+
+def _flows_around(flow: Flow, samples: Sequence[Flow]) -> Currents:
     first = flow if isinstance(flow, FlowEstimate) else flow[0]
-    if isinstance(samples[0], LocalSample):
-        drawn = currents_of_samples(samples)
-        without, beside = (
-            currents_around(flow, [one.flow for one in samples if isinstance(one, LocalSample)]),
-            drawn.beside,
-        )
-        assert beside is not None
-        # the clock of each begins with the time of its own first flow
-        later = ((drawn.flow.time_ns or 0) - (without.flow.time_ns or 0)) / 1e9
-        return replace(without, beside=replace(beside, times=beside.times + later))
     if not isinstance(samples[0], FlowEstimate):
         changing = currents_of_samples(samples)
         if graph_key(changing.flow) != graph_key(first):
@@ -268,10 +328,12 @@ def _widen_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) -> A
     """Return the attempt with a wider margin; with more legs where the goal is out of reach otherwise."""
     found = solve_with_margin(task, before, margin)
     n_legs = len(before.legs.headings)
-    for longer in range(n_legs + 1, min(n_legs + _LONGER, task.settings.max_legs) + 1):
+    for longer in range(n_legs + 1, n_legs + _LONGER + 1):
         if (
-            is_feasible(task, found) and found.plane_violation < _KEPT
-        ) or task.settings.legs is not None:
+            longer > task.settings.most_legs
+            or (is_feasible(task, found) and found.plane_violation < _KEPT)
+            or task.settings.legs is not None
+        ):
             break
         more = solve_with_margin(task, with_n_legs(task, before, longer), margin)
         found = min(found, more, key=lambda one: (not is_feasible(task, one), one.plane_violation))

@@ -30,7 +30,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from planners.front.bound import Bound
+from planners.front.bound import Bound, Limit
 from planners.mission.arrival import (
     Passage,
     Water,
@@ -42,11 +42,12 @@ from planners.mission.arrival import (
     water_of,
     widest_passage,
 )
-from planners.mission.attempt import Attempt, GoalSteps, best_of, goals_met, is_feasible
+from planners.mission.attempt import Attempt, GoalSteps, best_of, goals_met, is_feasible, staying
 from planners.mission.course import Target, along_route, habit
 from planners.mission.goal_legs import add_leg, goal_legs_of, goal_steps_of
 from planners.mission.program import MissionGuess
 from planners.mission.solve import solve_legs
+from planners.mission.some_goals import met_at_start, to_all, to_some
 from planners.mission.task import MissionTask, turns_of
 from planners.mission.turning import approach_turning, solve_turning
 from planners.mission.values import MissionPlan
@@ -84,6 +85,12 @@ def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[A
         )
     if not task.is_finite:
         return []
+    if met := met_at_start(task):
+        return (
+            [staying(task)]
+            if met == len(task.goals)
+            else [_to_some(task, tuple(range(met, len(task.goals))), warm)]
+        )
     attempts = [] if warm is None else rest_of(task, warm)
     if any(is_feasible(task, attempt) for attempt in attempts):
         # a plan made at each surfacing is not compared with the bound, which would take longer than the plan
@@ -92,10 +99,30 @@ def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[A
         return attempts + _from_habit(task, water, attempts)
     water, bound = bound_of(task) if _is_bounded(task) else (water_of(task), None)
     if bound is not None and bound.goal >= 0:
-        return [replace(_approach(task, water, bound), bound=bound)]
+        return [_without(task, water, bound)]
     attempts += _solve_anew(task, water, bound)
     attempts += _from_habit(task, water, attempts)
     return [replace(attempt, bound=bound) for attempt in attempts]
+
+
+def _to_some(task: MissionTask, kept: tuple[int, ...], warm: MissionPlan | None = None) -> Attempt:
+    """Return the best mission to some of the goals, as one to all."""
+    fewer = to_some(task, kept)
+    return to_all(task, kept, best_of(fewer, solve_attempts(fewer, warm)))
+
+
+def _without(task: MissionTask, water: Water, bound: Bound) -> Attempt:
+    """Return the best mission to the goals but for one out of reach; as near to that as it comes where no other is within reach."""
+    others, this = tuple(k for k in range(len(task.goals)) if k != bound.goal), (bound.goal,)
+    found = _to_some(task, others) if others else None
+    beyond = (
+        (bound,)
+        if found is None
+        else tuple(sorted((bound, *found.beyond), key=lambda one: one.goal))
+    )
+    if found is None or len(beyond) == len(task.goals):
+        found = to_all(task, this, _approach(to_some(task, this), water, bound.limit))
+    return replace(found, bound=None, beyond=beyond)
 
 
 def _is_bounded(task: MissionTask) -> bool:
@@ -194,7 +221,7 @@ def _search(
         and not task.is_late
     ):
         # beside obstacles legs that bend more often may be quicker than fewer
-        more = min(best.goals.legs[-1] + 1, settings.max_legs)
+        more = int(min(best.goals.legs[-1] + 1, settings.most_legs))
         if all(more != done.goals.legs[-1] for done in attempts):
             attempts.append(solve(add_leg(best.goals.legs, best.legs.angles), False))
             best = best_of(task, attempts)
@@ -224,7 +251,7 @@ def _solver(
 def likely_legs(task: MissionTask, seconds: float) -> int:
     """Return the number of legs that a passage of some time takes."""
     longest = task.leg_time(task.vehicle.angles[0])
-    return int(np.clip(np.ceil(seconds / longest - 1e-6), len(task.goals), task.settings.max_legs))
+    return int(np.clip(np.ceil(seconds / longest - 1e-6), len(task.goals), task.settings.most_legs))
 
 
 def _fewest_legs(task: MissionTask, bound: Bound | None) -> int:
@@ -238,18 +265,17 @@ def _fewest_legs(task: MissionTask, bound: Bound | None) -> int:
 def _more_legs(task: MissionTask, likely: int) -> list[int]:
     """Return the numbers of legs that are tried where the likely one does not hold, in turn."""
     one_by_one = range(likely + 1, likely + 2 + len(task.goals))
-    wanted = sorted({*one_by_one, *(int(np.ceil(factor * likely)) for factor in _SHORTER)})
-    return [n_legs for n_legs in wanted if n_legs <= task.settings.max_legs]
+    wanted = {*one_by_one, *(int(np.ceil(factor * likely)) for factor in _SHORTER)}
+    return sorted({int(min(n_legs, task.settings.most_legs)) for n_legs in wanted} - {likely})
 
 
-def _approach(task: MissionTask, water: Water, bound: Bound) -> Attempt:
+def _approach(task: MissionTask, water: Water, limit: Limit) -> Attempt:
     """Return the mission that comes nearest to a goal out of reach: along the route of the front, or heading at the goal itself."""
     passage = passage_past_goals(task, water, task.rings)
-    route, settings, goal = passage.route, task.settings, task.goals[bound.goal, :2]
-    n_legs = max(
-        settings.legs or min(likely_legs(task, passage.passed[-1]), _LEGS_OUT_OF_REACH),
-        len(task.goals),
-    )
+    route, settings, goal = passage.route, task.settings, task.goals[0, :2]
+    likely = likely_legs(task, passage.passed[-1])
+    n_legs = settings.legs or (settings.max_legs if limit == "legs" else None)
+    n_legs = n_legs or (likely if limit == "duration" else min(likely, _LEGS_OUT_OF_REACH))
     ahead = task.leg_time(task.vehicle.angles[0])
 
     def on_route(_at: Array, now: float, _goal: int) -> Array:
@@ -258,20 +284,16 @@ def _approach(task: MissionTask, water: Water, bound: Bound) -> Attempt:
             goal if now + ahead >= route.times[-1] else route.at(np.array([now + ahead]))[0]
         )
 
-    def at_goal(_at: Array, _now: float, number: int) -> Array:
-        return np.asarray(task.goals[number, :2])
+    def at_goal(_at: Array, _now: float, _goal: int) -> Array:
+        return np.asarray(goal)
 
     def flown(target: Target) -> Attempt:
         course = along_route(task, water, n_legs, target)
-        while (
-            course.violation is not None
-            and settings.legs is None
-            and course.violation.leg > len(task.goals)
-        ):
+        while course.violation is not None and settings.legs is None and course.violation.leg > 1:
             course = along_route(task, water, course.violation.leg - 1, target)
         return course
 
-    announce(f"planning: goal {bound.goal + 1} is out of reach")
+    announce("planning: a goal is out of reach")
     courses = [flown(on_route), flown(at_goal)]
     if best_of(task, courses).violation is not None and task.bottom.shallowest < settings.depth:
         courses += approach_turning(task, water, task.rings)
@@ -317,7 +339,7 @@ def _from_habit(task: MissionTask, water: Water, attempts: list[Attempt]) -> lis
     flown = habit(
         task,
         water,
-        min(int(latest / task.leg_time(task.vehicle.angles[1])) + 1, task.settings.max_legs),
+        int(min(latest // task.leg_time(task.vehicle.angles[1]) + 1, task.settings.most_legs)),
         latest,
     )
     if (
@@ -343,7 +365,7 @@ def rest_of(task: MissionTask, warm: MissionPlan, fewer: bool = False) -> list[A
     if (
         left <= 0
         or len(goal_legs) != len(task.goals)
-        or left > task.settings.max_legs
+        or left > task.settings.most_legs
         or task.settings.legs not in (None, left)
     ):
         return []

@@ -7,6 +7,8 @@ from time import monotonic
 
 import numpy as np
 
+from planners.front.current import Complex
+from planners.front.obstacles import as_complex
 from planners.mission.flight import Currents, currents_of
 from planners.mission.leg import leg_depths, step_stops, steps_needed
 from planners.mission.reference_path import ReferencePath
@@ -88,6 +90,16 @@ class MissionTask:
     def is_finite(self) -> bool:
         """Whether the current is a number everywhere."""
         return bool(np.all(np.isfinite(self.currents.latent)))
+
+    @property
+    def places(self) -> Complex:
+        """Start and goals, shape (1 + G,) [m], east + i north."""
+        return as_complex(np.vstack([self.start, self.goals])[:, :2])
+
+    @property
+    def from_start(self) -> Array:
+        """Horizontal distances of the goals from the start, shape (G,) [m]."""
+        return np.asarray(np.linalg.norm(self.goals[:, :2] - self.start[:2], axis=1))
 
     def rings_at(self, depth: float) -> tuple[Ring, ...]:
         """Return what a path that reaches a depth [m] must keep clear of."""
@@ -242,10 +254,10 @@ def _check_request(request: MissionRequest, region: Region) -> None:
     goals, settings = request.goals, request.settings
     if not goals:
         raise PlanError("a mission needs a goal; give one or several")
-    most = min(settings.legs or settings.max_legs, settings.max_legs)
+    most = min(settings.legs or settings.most_legs, settings.most_legs)
     if most < len(goals):
         raise PlanError(
-            f"{len(goals)} goals need as many legs, as each is met at the end of one, but only {most} are allowed; allow more"
+            f"{len(goals)} goals need as many legs, as each is met at the end of one, but only {most:g} are allowed; allow more"
         )
     if settings.depth > region.deepest:
         raise PlanError(

@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from math import inf
 
 import numpy as np
 
+from planners.front.bound import Bound
 from planners.front.route import Route
-from planners.mission.arrival import Water, initial_guess, passage_past_goals
+from planners.mission.arrival import Water, initial_guess, longest_time, passage_past_goals
 from planners.mission.attempt import Attempt, GoalSteps, is_feasible
 from planners.mission.course import along_route
 from planners.mission.solve import solve_legs
@@ -66,7 +68,18 @@ def approach_turning(task: MissionTask, water: Water, rings: tuple[Ring, ...]) -
         times = np.append(passage.route.times[passage.route.times < lasts], lasts)
         route = Route(passage.route.at(times), times, arrives=False)
         if (cut := _cut(task, route, np.minimum(passage.passed, lasts), 1.0)) is not None:
-            return [_flown_clear(task, water, route, cut)]
+            flown = _flown_clear(task, water, route, cut)
+            # where all of the way takes more legs than are allowed, these are what binds
+            unmet = int(np.argmax(flown.miss > task.settings.tolerance))
+            needs_legs = passage.route.arrives and part < _PARTS[0]
+            return [
+                replace(
+                    flown,
+                    beyond=(Bound(inf, longest_time(task), unmet, limit="legs"),)
+                    if needs_legs
+                    else (),
+                )
+            ]
     return []
 
 
@@ -131,7 +144,7 @@ def _cut(task: MissionTask, route: Route, passed: Array, pace: float) -> _Cut | 
     )
     # the route keeps its margin from what is too shallow for any dive
     limits = np.where(beside < LEAST_DIVE, own, beside)
-    most = min(task.settings.legs or task.settings.max_legs, task.settings.max_legs)
+    most = min(task.settings.legs or task.settings.most_legs, task.settings.most_legs)
     if task.settings.legs is not None:
         ends = np.unique(
             np.concatenate(

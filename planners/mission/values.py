@@ -7,8 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from planners.mission.objectives import OBJECTIVES
-from planners.mission.objectives.objective import Objective, Weights
+from planners.mission.objectives import OBJECTIVES, Objective, Weights
 from planners.route.bottom import Bathymetry
 from planners.route.hazards import NoGo
 from planners.vehicle import Glider
@@ -33,7 +32,7 @@ class MissionSettings:
             the number of dives they choose.
         tolerance: Largest miss distance of a goal that counts as reached [m].
         legs: Number of legs, each of which ends at a surfacing; None for the best number.
-        max_legs: Largest number of legs considered.
+        max_legs: Largest number of legs considered; None for as many as the longest duration takes, of a mooring 60.
         max_duration: Longest mission considered [s].
         margin: Distance kept from land, areas, shallows and the edge of the region [m].
         clearance: Least height of the dives above the bottom of the bathymetry [m].
@@ -49,7 +48,7 @@ class MissionSettings:
     objective: ObjectiveName | Weights = "time"
     tolerance: float = 250.0
     legs: int | None = None
-    max_legs: int = 60
+    max_legs: int | None = None
     max_duration: float = 1.2e6
     margin: float = 50.0
     clearance: float = 20.0
@@ -63,26 +62,29 @@ class MissionSettings:
             raise PlanError(
                 f"a mission's objective is {self.objective!r}; expected one of {', '.join(OBJECTIVES)}, or weights"
             )
-        positive = {
-            name: getattr(self, name)
-            for name in (
-                "depth",
-                "yos",
-                "tolerance",
-                "max_legs",
-                "max_duration",
-                "steps",
-                "time_limit",
-            )
-        }
-        for name, value in {**positive, "legs": 1 if self.legs is None else self.legs}.items():
-            if not value > 0:
+        names = (
+            "depth",
+            "yos",
+            "tolerance",
+            "legs",
+            "max_legs",
+            "max_duration",
+            "steps",
+            "time_limit",
+        )
+        for name, value in {name: getattr(self, name) for name in names}.items():
+            if value is not None and not value > 0:
                 raise PlanError(f"a mission's {name} is {value!r}; expected a number above 0")
         for name in ("surface_time", "margin", "clearance", "spline"):
             if not getattr(self, name) >= 0.0:
                 raise PlanError(
                     f"a mission's {name} is {getattr(self, name)!r}; expected 0 or more"
                 )
+
+    @property
+    def most_legs(self) -> float:
+        """Largest number of legs considered; infinite without a limit."""
+        return inf if self.max_legs is None else self.max_legs
 
     @property
     def aim(self) -> Objective:
@@ -162,7 +164,7 @@ class Line:
 
     begin: Place | None = None
     weight: float = 10.0
-    width: float = inf
+    width: float = 2000.0
 
     def __post_init__(self) -> None:
         """Raise PlanError for a negative weight or a width that is not above 0."""

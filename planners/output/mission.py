@@ -153,7 +153,8 @@ def ellipse_outline(ellipse: Array, projection: Projection) -> Array:
 def as_glide(plan: MissionPlan, projection: Projection, odds: MissionOdds | None = None) -> Plan:
     """Return the mission as the plan of its first leg with the whole predicted track: what the result's messages hold of a plan.
 
-    Its statistics name the controls of every leg, with the ellipse of its surfacing where there are samples.
+    Its statistics name the controls of every leg, with the ellipse of its surfacing where there are samples. A mission without legs has
+    nothing to steer: heading and glide angle are NaN.
 
     Args:
         plan: The mission.
@@ -162,7 +163,7 @@ def as_glide(plan: MissionPlan, projection: Projection, odds: MissionOdds | None
     """
     legs = len(plan.headings_deg)
     heading, angle = (
-        float(values[0]) if legs else 0.0
+        float(values[0]) if legs else np.nan
         for values in (plan.headings_deg, np.deg2rad(plan.glide_angles_deg))
     )
     along, down = (
@@ -180,7 +181,9 @@ def as_glide(plan: MissionPlan, projection: Projection, odds: MissionOdds | None
         heading_deg=heading,
         glide_angle_deg=float(np.rad2deg(angle)),
         speed=float(np.hypot(along, down)),
-        velocity_through_water=np.array([along * np.sin(local), along * np.cos(local), down]),
+        velocity_through_water=np.array([along * np.sin(local), along * np.cos(local), down])
+        if legs
+        else np.zeros(3),
         duration=plan.duration,
         closest_approach=float(plan.closest_approach[-1]),
         track_time=plan.track_time,

@@ -5,14 +5,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import casadi as ca
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from pyproj import Geod
 from scipy.spatial import cKDTree
 
-from planners.solver import KM
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local, unwrap_longitude
@@ -268,28 +266,3 @@ def near_rings(
         distances[counts, k] = signed[counts]
     order = np.argsort(distances, axis=1, kind="stable")[:, :count]
     return np.where(np.isfinite(np.take_along_axis(distances, order, axis=1)), order, -1)
-
-
-def half_planes(
-    rings: Sequence[Ring], points: Array, surfacing: NDArray[np.bool_], count: int, margin: float
-) -> Array:
-    """Return the half-planes of the rings nearest to some places, as ``NearRings`` says, shape (n, count, 3).
-
-    Args:
-        rings: What is forbidden.
-        points: shape (n, 2) [m].
-        surfacing: shape (n,), whether the point is at the surface.
-        count: Half-planes for each point.
-        margin: Distance kept [m].
-    """
-    which = near_rings(rings, points, surfacing, count)
-    planes = NearRings(tuple(rings), which.ravel(), margin).planes(
-        np.repeat(points, count, axis=0)
-    )[0]
-    return planes.reshape(len(points), count, 3)
-
-
-def plane_violations(places: Any, planes: Any, n_planes: int) -> Any:
-    """Return how far each place [km], a CasADi expression, is beyond each of its half-planes [km]; negative inside."""
-    repeated = ca.kron(places, ca.MX.ones(1, n_planes))
-    return (ca.sum1(planes[:2, :] * repeated) - planes[2, :] / KM).T

@@ -50,6 +50,7 @@ _RARE = {
         "--waypoint-tolerance",
         "--surfacings-only",
         "--line-weight",
+        "--line-width",
         "--spline",
         "--time-limit",
         "--arrive",
@@ -57,7 +58,6 @@ _RARE = {
         "--workers",
     ),
     *(
-        "--scenarios",
         "--fresh",
         "--archive",
         "--every",
@@ -68,7 +68,7 @@ _RARE = {
         "--box",
         "--profiles",
     ),
-    *("--profile-error", "--others", "--surveys", "--maps", "--detours"),
+    *("--profile-error", "--others"),
 }
 # Up to a full stop or semicolon, not one in a name such as .mcap; and the default at the end.
 _FIRST_SENTENCE = re.compile(r"(.*?)(?=[.;](?:\s|$)|$).*?( \[default: [^]]*\])?$", re.DOTALL)

@@ -1,4 +1,4 @@
-"""The terminal's door: every text that a command prints passes here."""
+"""Escape control characters before printing; loaded with rich, when something is printed."""
 
 from typing import Any
 

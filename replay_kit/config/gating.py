@@ -31,3 +31,15 @@ class GatingConfig(BaseModel):
     inflation_profiles: int = Field(
         default=20, ge=4, description="number of latest profiles on which the inflation is decided"
     )
+
+
+class ConsistencyConfig(BaseModel):
+    """``[consistency]``: the checks of sensors and labels during a replay."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
+
+    on_failure: Literal["report", "stop", "ignore"] = Field(
+        default="report",
+        description="Action when sources contradict each other: report goes on without what is known to be wrong and ends with exit code "
+        "6, stop ends the run with 3, ignore checks nothing.",
+    )

@@ -19,10 +19,9 @@ from pydantic import (
 )
 
 from replay_kit.config import without
-from replay_kit.config.consistency import ConsistencyConfig
 from replay_kit.config.earlier import refuse_earlier
 from replay_kit.config.explain import explain
-from replay_kit.config.gating import GatingConfig
+from replay_kit.config.gating import ConsistencyConfig, GatingConfig
 from replay_kit.config.mapping import TopicMap
 from replay_kit.config.moment import Moment
 from replay_kit.config.option import Option
@@ -123,8 +122,8 @@ class MeasurementConfig(_Section):
     )
     flight_bias: bool = Field(
         default=True,
-        description="Take the flight model's error, in proportion to the way through the water, from the mean currents of dives, as the "
-        "dives before show it; mean currents then count beside profiles that were computed from them.",
+        description="Correct the mean currents of dives for the flight model's error, in proportion to the way through the water, where "
+        "the dives before show one; mean currents then count beside profiles that were computed from them.",
     )
     dead_reckoning: Literal["corrected", "through_water"] = Field(
         default="corrected",

@@ -5,8 +5,9 @@ from typing import Any, Literal
 
 from replay_kit.core.text import time_text
 
-#: ``warning``: reported and nothing else. ``inconsistent``: the run goes on without what is named. ``unusable``: the input cannot be used.
-Severity = Literal["warning", "inconsistent", "unusable"]
+#: ``warning``: reported and nothing else. ``misfit``: the forecast, not the log, is in doubt; the run is complete and ends with 6.
+#: ``inconsistent``: the run goes on without what is named and ends with 6. ``unusable``: the input cannot be used.
+Severity = Literal["warning", "misfit", "inconsistent", "unusable"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +50,11 @@ def finding_json(finding: Finding) -> dict[str, Any]:
     }
 
 
+def severity_word(severity: str) -> str:
+    """Return what a finding of some severity is called."""
+    return severity if severity in ("warning", "misfit") else "contradiction"
+
+
 def finding_line(finding: Finding) -> str:
     """Return a finding as a line of an answer on the terminal."""
-    return f"{'WARNING' if finding.severity == 'warning' else 'CONTRADICTION'}: {finding}"
+    return f"{severity_word(finding.severity).upper()}: {finding}"

@@ -1,4 +1,4 @@
-"""The names of what a mission may minimise; each has a file of its own in ``planners/mission/objectives``."""
+"""The names of what a mission may minimise; ``planners/mission/objectives.py`` says what each is."""
 
 from typing import Literal
 

@@ -1,5 +1,6 @@
 """What was measured, where and how well, and what the estimator made of it."""
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Literal, NamedTuple
@@ -202,15 +203,17 @@ class PathMean:
         latitude: shape (m,) [degrees north].
         depth: shape (m,) [m], positive down.
         weight: shape (m,), share of the time spent about each point; sums to one.
-        velocity: True east and true north [m/s].
-        error_std: Error of each component [m/s].
+        velocity: As the log states it, or as it follows from the fixes, true east and true north [m/s].
+        error_std: Error of each component of it [m/s].
         kind: ``dac`` for a dive's depth-averaged current, ``drift`` for the drift at the surface.
         dive: Number of the dive, or of the dive before the drift; as in ``Observation``.
         source: The message that completed it.
         fixes: Before and after the path; None where they are not known.
-        stated: As the log states it, true east and true north [m/s], where the flight model's error was taken from ``velocity``; None
-            elsewhere.
+        corrected: ``velocity`` without the flight model's error, as the dives before show it, true east and true north [m/s]; None where
+            they do not.
+        flight_std: Error of each component that the flight model adds [m/s], as far as it is counted.
         beside_profiles: Whether profiles that were computed from it, among other things, are used too.
+        deepest: Greatest depth of the path [m]; NaN where it is not known.
     """
 
     time_ns: int
@@ -225,15 +228,34 @@ class PathMean:
     dive: int
     source: Source
     fixes: tuple[Fix, Fix] | None = None
-    stated: tuple[float, float] | None = None
+    corrected: tuple[float, float] | None = None
+    flight_std: float = 0.0
     beside_profiles: bool = False
+    deepest: float = np.nan
+
+    @property
+    def used(self) -> tuple[float, float]:
+        """What an estimator is given, true east and true north [m/s]: ``corrected``, or ``velocity`` where there is no correction."""
+        return self.velocity if self.corrected is None else self.corrected
+
+    @property
+    def used_std(self) -> float:
+        """Error of each component of ``used`` [m/s]."""
+        return math.hypot(self.error_std, self.flight_std) if self.flight_std else self.error_std
 
     def __repr__(self) -> str:
         """Return when and over what path the mean was taken, and the mean."""
         (u, v), path = self.velocity, f"{self.depth.size} points, {span_text(self.depth)} m deep"
+        corrected = (
+            ""
+            if self.corrected is None
+            else "; corrected u {:.3f}, v {:.3f} +- {:.3f} m/s".format(
+                *self.corrected, self.used_std
+            )
+        )
         return (
             f"PathMean ({self.kind}) {time_text(self.time_ns)}, dive {self.dive}: {path}\n"
-            f"  u {u:.3f}, v {v:.3f} +- {self.error_std:.3f} m/s (true axes)"
+            f"  u {u:.3f}, v {v:.3f} +- {self.error_std:.3f} m/s (true axes){corrected}"
         )
 
 
@@ -272,7 +294,8 @@ class Innovation:
     Attributes:
         time_ns: [ns, UTC].
         depth: shape (n,) [m], the bins offered to the estimator, used or not.
-        innovation: shape (n, 2) [m/s], local east and north, measured minus predicted; NaN for bins not used.
+        innovation: shape (n, 2) [m/s], local east and north, measured minus predicted; NaN for bins not used. Of a mean current that is
+            corrected for the flight model's error, corrected minus predicted; so are the others.
         innovation_std: shape (n, 2) [m/s], predicted standard deviation of the innovation.
         residual: shape (n, 2) [m/s], measured minus estimated after the update.
         prior_innovation: shape (n, 2) [m/s], measured minus predicted by the prior that has seen no observation.
@@ -294,6 +317,10 @@ class Innovation:
             2 pi; NaN without a usable bin, or when the estimator predicts no variance.
         mean_current: shape (2,) [m/s], local east and north, what a mean along a path measured; None for a profile.
         mean_kind: Of the mean along a path, as in ``PathMean``; empty for a profile.
+        mean_std: Error of each component of ``mean_current`` [m/s].
+        corrected_current: shape (2,) [m/s], ``mean_current`` without the flight model's error; None where there is no correction.
+        corrected_std: Error of each component of it [m/s].
+        estimated_std: Error of each component of the estimate's mean along the path after the update [m/s]; NaN where it is not known.
         replayed_residual: shape (n, 2) [m/s], of a smoothed result: the residual before smoothing; None in others.
         profiles: Number of profiles that it holds. Where several are combined, depths, innovations and residuals are means over them,
             ``nis`` and ``dof`` are sums, the gate's result is that of the first, and ``source`` is its message.
@@ -322,9 +349,18 @@ class Innovation:
     log_likelihood: float = float("nan")
     mean_current: Array | None = None
     mean_kind: str = ""
+    mean_std: float = float("nan")
+    corrected_current: Array | None = None
+    corrected_std: float = float("nan")
+    estimated_std: float = float("nan")
     replayed_residual: Array | None = None
     profiles: int = 1
     totals: GroupTotals | None = None
+
+    @property
+    def used_current(self) -> Array | None:
+        """What the estimate was given of a mean along a path, shape (2,) [m/s], local east and north: corrected, where it is."""
+        return self.mean_current if self.corrected_current is None else self.corrected_current
 
     def __repr__(self) -> str:
         """Return what was done with the observation, and how far it lay from the prediction."""

@@ -7,6 +7,9 @@ from typing import Literal
 from replay_kit.core.arrays import Array
 from replay_kit.core.text import place_text, time_text
 
+#: Among the statistics of a plan: which numbers of its dives are as flown or assumed, in words; absent where all were stated.
+ORIGIN = "dives"
+
 
 @dataclass(frozen=True, slots=True)
 class Place:
@@ -112,9 +115,15 @@ class Plan:
 
     def __repr__(self) -> str:
         """Return its ends, what to steer and how it turns out."""
-        ends = " to ".join(f"{place_text(end.longitude, end.latitude)}, {end.depth:g} m" for end in (self.start, self.goal))
+        ends = " to ".join(
+            f"{place_text(end.longitude, end.latitude)}, {end.depth:g} m"
+            for end in (self.start, self.goal)
+        )
         steer = (
-            f"heading {self.heading_deg:.1f} degrees, glide angle {self.glide_angle_deg:.1f} degrees, {self.speed:.2f} m/s through water"
+            f"heading {self.heading_deg:.1f} degrees, glide angle {self.glide_angle_deg:.1f} "
+            f"degrees, {self.speed:.2f} m/s through water"
         )
         outcome = f"{self.duration / 3600.0:.1f} h, closest approach {self.closest_approach:.0f} m; track of {len(self.track)} points"
-        return f"Plan for {time_text(self.start_time_ns)}: {self.status}; {ends}\n  {steer}, {outcome}"
+        return (
+            f"Plan for {time_text(self.start_time_ns)}: {self.status}; {ends}\n  {steer}, {outcome}"
+        )

@@ -37,9 +37,7 @@ def common_water(
     missing = int(anywhere.sum()) - np.array(counts)
     worst = int(np.argmax(missing))
     if not anywhere[0].any():
-        raise ForecastError(
-            f"{source}: every point of the first level is land; check the region and the variables' missing values"
-        )
+        raise no_water(source)
     if not wet[0].any():
         raise ForecastError(
             f"{source}: the masks of the members leave no water at the first level; '{labels[worst]}' misses most "
@@ -54,6 +52,14 @@ def common_water(
     for member in one_by_one(velocity) if missing.any() else ():
         member[:, ~wet] = np.nan
     return velocity, wet, notes
+
+
+def no_water(source: str) -> ForecastError:
+    """Return the error for a forecast without a current."""
+    return ForecastError(
+        f"{source}: every point of the first level is land, or the current is 0 everywhere; check the region, the time and the variables' "
+        "missing values"
+    )
 
 
 def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tuple[str, ...]:
@@ -79,7 +85,11 @@ def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tu
             f"{WARNING}members that are copies of others count twice: {len(same)}, such as {same[0]}; leave them out"
         )
     rms = component_rms(velocity)
-    if not _ODD_SPEEDS[0] < rms < _ODD_SPEEDS[1]:
+    if rms == 0.0:
+        notes.append(
+            f"{WARNING}the current is 0 everywhere; choose a time after the start of the run with forecast.time"
+        )
+    elif not _ODD_SPEEDS[0] < rms < _ODD_SPEEDS[1]:
         notes.append(
             f"{WARNING}currents of {rms:.3g} m/s rms are no usual ones; check the attribute units of the velocities"
         )

@@ -1,5 +1,8 @@
 """The levels of a forecast in metres: values of its depth axis by the unit that the file states, and which of them are used."""
 
+from collections.abc import Iterable
+from dataclasses import dataclass
+
 import gsw
 import numpy as np
 import xarray as xr
@@ -8,6 +11,8 @@ from numpy.typing import NDArray
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.text import some_text, span_text
+from replay_kit.forecast.regrid import reach
 
 # Names of units in any case, symbols as UDUNITS has them: there "M" and "K" begin other units. A foot is the international one.
 _NAMES = {
@@ -85,14 +90,31 @@ def in_metres(axis: xr.DataArray, latitude: float, where: str) -> tuple[Array, t
     return values, (f"coordinate {axis.name} states no unit and was taken to be in metres",)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Levels:
+    """The levels of a file that are used.
+
+    Attributes:
+        depth: shape (Z,) [m], increasing.
+        position: Of those in the file that are read.
+        within: The least and the greatest depth [m] that all levels of the file do for, see ``reach``.
+        notes: What was chosen or assumed.
+    """
+
+    depth: Array
+    position: NDArray[np.int64]
+    within: tuple[float, float]
+    notes: tuple[str, ...]
+
+
 def choose_levels(
     ds: xr.Dataset,
     dims: tuple[str | None, ...],
     config: ForecastConfig,
     latitude: float,
     where: str,
-) -> tuple[Array, NDArray[np.int64], tuple[str, ...]]:
-    """Return the levels used [m, increasing], their positions in the file, and notes; one level at 0 m without a depth dimension.
+) -> Levels:
+    """Return the levels used; one at 0 m without a depth dimension.
 
     Args:
         ds: The file.
@@ -105,7 +127,7 @@ def choose_levels(
         ForecastError: The file states no depths, other ones for u and v, or depths that are not distinct.
     """
     if dims[0] is None:
-        return np.zeros(1), np.zeros(1, dtype=np.int64), ()
+        return Levels(np.zeros(1), np.zeros(1, dtype=np.int64), reach_of(np.zeros(1)), ())
     values, notes = _depths(ds, dims[0], latitude, where)
     if (
         dims[1] is not None
@@ -116,15 +138,32 @@ def choose_levels(
             f"{where}: the depths of u ({dims[0]}) and v ({dims[1]}) differ; interpolate them to the same levels"
         )
     order = np.argsort(values, kind="stable")
+    within = reach_of(values[order])
     if config.levels is not None:
         nearest = [int(np.argmin(np.abs(values[order] - wanted))) for wanted in config.levels]
+        far = [wanted for wanted in sorted(config.levels) if not within[0] <= wanted <= within[1]]
+        if far and values.size == np.isfinite(values).sum():
+            notes += (
+                f"no level of the file ({span_text(values + 0.0)} m) is near {depths_text(far)}: the nearest was taken",
+            )
         order = order[np.unique(nearest)]
     levels = values[order]
     if not np.isfinite(levels).all() or levels[0] < 0.0 or np.any(np.diff(levels) <= 0.0):
         raise ForecastError(
-            f"{where}: depths must be finite, at or below the surface and distinct, got {levels.tolist()}"
+            f"{where}: depths must be finite, at or below the surface and distinct, got {depths_text(levels)}"
         )
-    return levels, order, notes
+    return Levels(levels, order, within, notes)
+
+
+def reach_of(levels: Array) -> tuple[float, float]:
+    """Return the least and the greatest depth [m] that levels, shape (Z,), do for."""
+    least, greatest = reach(levels)
+    return float(least), float(greatest)
+
+
+def depths_text(depths: Iterable[float]) -> str:
+    """Return depths in words, such as ``500, 1000 m``."""
+    return f"{some_text([f'{depth:.4g}' for depth in depths])} m"
 
 
 _DEPTH_VARIABLES = ("depth", "Z", "zt", "z", "deptht", "lev", "RC", "z_t", "st_ocean")

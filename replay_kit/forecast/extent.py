@@ -8,6 +8,7 @@ import numpy as np
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.paths import Paths
 from replay_kit.core.region import DEGREE, Region, around
@@ -113,7 +114,14 @@ class Extent:
             left -= len(fields[-1].labels)
         some = replace(self.selection, fields=tuple(fields), change=None)
         settings = self.config.model_copy(update={"region": region, "levels": (0.0,)})
-        return read_selection(some, settings, None, self.source, ()).ensemble
+        try:
+            return read_selection(some, settings, None, self.source, ()).ensemble
+        except ForecastError:
+            # terrain-following levels of deep water alone have none near 0 m
+            if self.config.levels is None:
+                raise
+            deeper = settings.model_copy(update={"levels": (min(self.config.levels),)})
+            return read_selection(some, deeper, None, self.source, ()).ensemble
 
 
 @contextmanager

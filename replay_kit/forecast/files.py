@@ -1,7 +1,11 @@
 """One forecast file, opened: velocities stay on disk, times become dates where they have any."""
 
+import math
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile, ZipFile
 
 import h5py
 import numpy as np
@@ -9,10 +13,13 @@ import xarray as xr
 
 from replay_kit.core.claims import exceeds_claim
 from replay_kit.core.errors import ForecastError
+from replay_kit.forecast.sources import STORE_MARKS
 
 _HINT = "give the path of a NetCDF file or a Zarr store"
 # What nanoseconds in 64 bits can hold.
 _FIRST, _LAST = np.datetime64("1678-01-01", "us"), np.datetime64("2262-01-01", "us")
+# What is read without a word [bytes].
+_LARGE = 2e9
 _CIVIL = ("standard", "gregorian", "proleptic_gregorian", "")
 
 
@@ -32,22 +39,30 @@ def open_file(path: Path) -> xr.Dataset:
     else:
         with path.open("rb") as stream:
             head = stream.read(8)
-        engine = "scipy" if head[:3] == b"CDF" else "h5netcdf" if head[1:4] == b"HDF" else ""
+        engine = (
+            "scipy"
+            if head[:3] == b"CDF"
+            else "h5netcdf"
+            if head[1:4] == b"HDF"
+            else "zarr"
+            if head[:4] == b"PK\x03\x04"
+            else ""
+        )
     if not engine:
         raise ForecastError(
             f"{path}: neither NetCDF nor Zarr; it begins with {head.hex(' ') or 'nothing'}; {_HINT}"
         )
-    options = {"zarr": {"consolidated": None}, "h5netcdf": {"phony_dims": "access"}}.get(engine, {})
     try:
-        if engine == "h5netcdf" and (why := exceeds_claim(path, _small_arrays(path))):
-            raise ValueError(why)
-        with warnings.catch_warnings():
-            # packed values whose fill value the packing cannot hold; land is then found by its constant value
-            warnings.simplefilter("ignore", xr.SerializationWarning)
-            ds = xr.open_dataset(
-                path, engine=engine, decode_times=False, decode_timedelta=False, **options
-            )  # type: ignore[arg-type]
-    except (OSError, ValueError, KeyError, TypeError, OverflowError, RuntimeError) as error:
+        ds = _opened_store(path) if engine == "zarr" else _opened_netcdf(path, engine)
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        OverflowError,
+        RuntimeError,
+        BadZipFile,
+    ) as error:
         raise ForecastError(f"{path}: cannot be read as {engine}: {error}; {_HINT}") from error
     dates = {
         name: dated for name in ds.variables if (dated := _dated(ds.variables[name])) is not None
@@ -55,17 +70,87 @@ def open_file(path: Path) -> xr.Dataset:
     return ds.assign(dates) if dates else ds
 
 
-def _small_arrays(path: Path) -> int:
-    """Return what the arrays of one and two dimensions take in memory [bytes]: coordinates, which are read when a file is opened."""
-    sizes: list[int] = []
+def _opened_netcdf(path: Path, engine: str) -> xr.Dataset:
+    if engine == "scipy":
+        return _opened(path, engine)
+    shapes: list[tuple[int, ...]] = []
 
     def add(name: str, item: object) -> None:
-        if isinstance(item, h5py.Dataset) and item.shape is not None and item.ndim <= 2:
-            sizes.append(8 * item.size)
+        if isinstance(item, h5py.Dataset) and item.shape is not None:
+            shapes.append(item.shape)
 
     with h5py.File(path, "r") as file:
         file.visititems(add)
-    return sum(sizes)
+    _check_coordinates(path, shapes)
+    return _opened(path, engine, phony_dims="access")
+
+
+def _opened_store(path: Path) -> xr.Dataset:
+    """Return a Zarr store, a folder or zipped, opened.
+
+    Raises:
+        ValueError: An archive is no store.
+    """
+    # its import takes longer than those of a command that reads NetCDF alone
+    import zarr
+
+    if path.is_file():
+        with ZipFile(path) as archive:
+            folders = {
+                name.rpartition("/")[0]
+                for name in archive.namelist()
+                if name.rpartition("/")[2] in STORE_MARKS
+            }
+        if "" not in folders:
+            inside = (
+                f"a Zarr store in its folder {min(folders, key=len)}, not at its top"
+                if folders
+                else "no Zarr store"
+            )
+            raise ValueError(f"this zip archive holds {inside}; unpack it")
+    store = zarr.storage.ZipStore(path, mode="r") if path.is_file() else path
+    _check_coordinates(
+        path, [array.shape for _, array in zarr.open_group(store, mode="r").arrays()]
+    )
+    return _opened(store, "zarr", consolidated=None)
+
+
+def _opened(source: Any, engine: str, **options: Any) -> xr.Dataset:
+    with warnings.catch_warnings():
+        # packed values whose fill value the packing cannot hold; land is then found by its constant value
+        warnings.simplefilter("ignore", xr.SerializationWarning)
+        # a store without consolidated metadata is read none the less
+        warnings.filterwarnings(
+            "ignore", "Failed to open Zarr store with consolidated metadata", RuntimeWarning
+        )
+        return xr.open_dataset(
+            source, engine=engine, decode_times=False, decode_timedelta=False, **options
+        )
+
+
+def _check_coordinates(path: Path, shapes: Sequence[tuple[int, ...]]) -> None:
+    """Raise ForecastError where coordinates, which are read whole, are larger than a file can be meant to hold."""
+    # arrays of one or two dimensions
+    small = [shape for shape in shapes if sum(size > 1 for size in shape) <= 2]
+    if why := exceeds_claim(path, _memory(small)):
+        said = (
+            f"its coordinates cannot be read: {why}; were its values written? give the whole file"
+        )
+        raise ForecastError(f"{path}: {said}{size_text(_memory(shapes))}")
+
+
+def _memory(shapes: Sequence[tuple[int, ...]]) -> int:
+    """Return what arrays take in memory [bytes]."""
+    return sum(8 * math.prod(shape) for shape in shapes)
+
+
+def size_text(size: float) -> str:
+    """Return what is said of arrays that take more than 2 GB in memory [bytes], after a semicolon; nothing of smaller ones."""
+    return (
+        f"; its arrays take {size / 1e9:.1f} GB in memory, of which --region reads a part"
+        if size > _LARGE
+        else ""
+    )
 
 
 def undated(variable: xr.Variable | xr.DataArray) -> str:

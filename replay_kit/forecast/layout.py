@@ -1,5 +1,6 @@
 """Where a file's velocities lie: dimensions, cell centres, staggering, and along which axes."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ import xarray as xr
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text
+from replay_kit.forecast.files import size_text
 from replay_kit.forecast.grid import columns_round
 from replay_kit.forecast.names import (
     ANGLES,
@@ -125,10 +127,7 @@ def lay_out(ds: xr.Dataset, current: Current, where: str) -> Layout:
         notes += (
             "cell centres were taken midway between the points of u, as no file of the grid (glamt, gphit) was given",
         )
-    if not (np.isfinite(x).all() and np.isfinite(y).all() and (np.abs(y) <= 90.0).all()):
-        raise ForecastError(
-            f"{where}: longitude or latitude holds missing values or latitudes beyond 90 degrees; swapped or damaged coordinates?"
-        )
+    _check_places(x, y, (x_name, y_name), where, 16 * math.prod(ds[U].shape))
     ny, nx = y.shape[0], x.shape[-1]
     period = columns_round(x)
     rows, columns = slice(0, ny), slice(0, period or nx)
@@ -139,6 +138,20 @@ def lay_out(ds: xr.Dataset, current: Current, where: str) -> Layout:
             columns = slice(max(0, -a), min(nx, ds.sizes[u_dims[1]] - a - 1, ds.sizes[v_dims[1]]))
     axes, why = _axes(ds, current, face is not None)
     return Layout(kind, x, y, u_dims, v_dims, centre, face, rows, columns, period, axes, why, notes)
+
+
+def _check_places(x: Array, y: Array, names: tuple[str, str], where: str, size: int) -> None:
+    """Raise ForecastError where longitudes and latitudes are none, before currents of some size [bytes] are read."""
+    if not (np.isfinite(x).all() and np.isfinite(y).all() and (np.abs(y) <= 90.0).all()):
+        raise ForecastError(
+            f"{where}: longitude or latitude holds missing values or latitudes beyond 90 degrees; swapped or damaged coordinates?"
+        )
+    for name, values in zip(names, (x, y), strict=True):
+        if min(y.shape[0], x.shape[-1]) > 1 and np.ptp(values) == 0.0:
+            raise ForecastError(
+                f"{where}: {name} is {values.flat[0]:g} at every point; were the coordinates written? give the file of the grid with "
+                f"--ensemble{size_text(size)}"
+            )
 
 
 def _without_times(coordinate: xr.DataArray, dims: tuple[str, ...]) -> xr.DataArray:

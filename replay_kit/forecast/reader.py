@@ -12,19 +12,22 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Ensemble, Projection
 from replay_kit.core.paths import Paths
+from replay_kit.core.progress import announce
 from replay_kit.core.text import count_text
 from replay_kit.forecast.agreement import common_water, unusual_members
 from replay_kit.forecast.axes import AxesCheck, check_axes
 from replay_kit.forecast.blocks import Block, Collection, open_collection
+from replay_kit.forecast.depths import depths_text
+from replay_kit.forecast.files import size_text
 from replay_kit.forecast.gather import MemberStore, in_groups, in_local_frame
 from replay_kit.forecast.grid import centre_longitude, local_grid
-from replay_kit.forecast.layout import Layout, lay_out
+from replay_kit.forecast.layout import Layout, U, lay_out
 from replay_kit.forecast.members import MADE, MemberRule, parse_rule
-from replay_kit.forecast.names import MEMBER_NAMES
+from replay_kit.forecast.names import MEMBER_NAMES, find_depth
 from replay_kit.forecast.pairs import Part
 from replay_kit.forecast.regrid import bilinear, find_cells, to_levels
 from replay_kit.forecast.selection import Selected, Selection, select
-from replay_kit.forecast.window import Window, read_window
+from replay_kit.forecast.window import Window, read_window, window_size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,9 +186,10 @@ def read_selection(
         ForecastError: As in ``read_ensemble``.
     """
     layout = layout_of(selection.fields[0].part, selection.fields[0].ds, config)
+    large = _large(selection, layout, config)
     fields = [part for field in selection.fields for part in in_groups(field, layout, config)]
     first = fields[0]
-    window, notes = _read(first, layout, config), list(selection.notes)
+    window, notes = _read(first, layout, config), [*selection.notes, *large]
     projection = local_grid(
         window.longitude, window.latitude, window.levels, np.ones(0, bool), None
     ).projection
@@ -194,6 +198,7 @@ def read_selection(
         MemberStore(large_array((count, *window.velocity.shape[1:])), window, projection),
         0,
     )
+    far = np.zeros(window.levels.size, dtype=bool)
     members.add(window.velocity, turned=False)
     around = config.model_copy(update={"region": _around(window)})
     for field in fields[1:]:
@@ -209,12 +214,10 @@ def read_selection(
                 _moved(other, in_local_frame(other, projection), window, projection),
                 moved + values.shape[0],
             )
+            far |= (window.levels < other.within[0]) | (window.levels > other.within[1])
         members.add(values.mean(axis=0, keepdims=True) if field.extra else values, turned=not alike)
         notes += [note for note in other.notes if last is not layout or note not in window.notes]
-    if moved:
-        notes.append(
-            f"{count_text(moved, 'member')} interpolated to the grid of the first (bilinear; linear in depth)"
-        )
+    notes += _moved_notes(moved, window.levels[far])
     velocity = members.finished()
     if selection.change is not None:
         velocity, changed = selection.change(velocity)
@@ -240,6 +243,20 @@ def read_selection(
     return Reading(ensemble, layout, check, first.part)
 
 
+def _large(selection: Selection, layout: Layout, config: ForecastConfig) -> tuple[str, ...]:
+    """Return a note on currents that take much memory, and announce it before they are read; nothing of others."""
+    first, count = selection.fields[0], sum(len(field.labels) for field in selection.fields)
+    size = (
+        window_size(first.ds, layout, config, str(first.part.paths[0])) * count / len(first.labels)
+    )
+    if config.levels is not None and (depth := find_depth(first.ds, first.ds[U].dims)) is not None:
+        size *= min(1.0, len(config.levels) / first.ds.sizes[depth])
+    if not (said := size_text(size)):
+        return ()
+    announce(f"reading the forecast{said}")
+    return (f"the forecast is large{said}",)
+
+
 def layout_of(part: Part, ds: xr.Dataset, config: ForecastConfig) -> Layout:
     """Return the horizontal arrangement of a file, with the axes of its velocities as the configuration states them."""
     layout = lay_out(ds, part.current, str(part.paths[0]))
@@ -249,9 +266,7 @@ def layout_of(part: Part, ds: xr.Dataset, config: ForecastConfig) -> Layout:
 
 
 def _read(field: Selected, layout: Layout, config: ForecastConfig) -> Window:
-    return read_window(
-        field.ds, field.part.current, layout, field.member, config, str(field.part.paths[0])
-    )
+    return read_window(field, layout, config)
 
 
 def _same_grid(one: Part, other: Part) -> bool:
@@ -313,7 +328,22 @@ def _moved(other: Window, values: Array, window: Window, projection: Projection)
         for part in (other, window)
     )
     j, i, inside = find_cells(east, north, at_east, at_north)
-    return bilinear(to_levels(values, other.levels, window.levels), j, i, inside)
+    return bilinear(to_levels(values, other.levels, other.within, window.levels), j, i, inside)
+
+
+def _moved_notes(moved: int, far: Array) -> list[str]:
+    """Return notes on members of other grids, and on the first one's levels [m] that are not near any of theirs."""
+    if not moved:
+        return []
+    notes = [
+        f"{count_text(moved, 'member')} interpolated to the grid of the first (bilinear; linear in depth)"
+    ]
+    if far.size:
+        dry = f"left dry: {count_text(far.size, 'level')} of the first, {depths_text(far)}"
+        notes.append(
+            f"{dry}: interpolated members have no level near {'it' if far.size == 1 else 'them'}"
+        )
+    return notes
 
 
 def _placed(place_at: tuple[float, float] | None) -> tuple[str, ...]:

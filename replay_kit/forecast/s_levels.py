@@ -5,13 +5,19 @@ transform 1 is z0 = hc (s - C) + C h, z = z0 + zeta (1 + z0 / h), and transform 
 with z upwards from the resting surface (Shchepetkin and McWilliams, Ocean Modelling, 2005).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.text import count_text, span_text
+from replay_kit.forecast.agreement import no_water
+from replay_kit.forecast.depths import Levels, depths_text, reach_of
+from replay_kit.forecast.regrid import at_depths, reach
 
 _NAMES = {
     "s": ("s_rho", "sc_r"),
@@ -40,8 +46,14 @@ class SCoordinate:
     h: str
     transform: int
 
+    @property
+    def ends_at_sea_bed(self) -> bool:
+        """Whether the water below the deepest level is that level's: none is missing between it and the sea bed."""
+        s = np.sort(self.s)
+        return bool(s.size > 1 and 1.0 + s[0] < 1.001 * (s[1] - s[0]))
+
     def depths(self, h: Array, surface: Array) -> Array:
-        """Return the depth of each level, shape (Z, J, I) [m], positive down.
+        """Return the depth of each level, shape (Z, J, I) [m], positive down, in the order of s.
 
         Args:
             h: Depth of the sea bed [m], shape (J, I).
@@ -91,23 +103,78 @@ def find_s_coordinate(ds: xr.Dataset, dim: str, where: str) -> SCoordinate | Non
     )
 
 
-def at_depths(values: Array, depths: Array, bottom: Array, levels: Array) -> Array:
-    """Return values at fixed depths, linear between levels, constant above the first and below the last down to the sea bed.
+def from_s_levels(
+    velocity: Array,
+    coordinate: SCoordinate,
+    h: Array,
+    sea_level: Array | None,
+    wanted: Sequence[float] | None,
+    where: str,
+) -> tuple[Array, Levels]:
+    """Return velocities at fixed depths, shape (E, 2, L, J, I), and those depths.
 
     Args:
-        values: shape (..., Z, J, I).
-        depths: Of the levels [m], shape (Z, J, I), in either order.
-        bottom: Depth of the sea bed [m], shape (J, I); below it the result is NaN.
-        levels: shape (L,) [m].
+        velocity: On the coordinate's levels, in their order, shape (E, 2, Z, J, I); NaN on land.
+        coordinate: Of the levels.
+        h: Depth of the sea bed [m], shape (J, I), of no meaning on land.
+        sea_level: Height of the surface [m], shape (E or 1, J, I); None for a surface at rest.
+        wanted: The depths [m]; None for those of the levels in the deepest column at rest.
+        where: The file, for messages.
+
+    Raises:
+        ForecastError: No column has a current, none of those a sea bed, or no level is near the first depth.
     """
-    if depths[0].mean() > depths[-1].mean():
-        values, depths = values[..., ::-1, :, :], depths[::-1]
-    found = []
-    for level in levels:
-        above = np.clip((depths <= level).sum(axis=0) - 1, 0, depths.shape[0] - 2)
-        upper, lower = (np.take_along_axis(depths, (above + k)[None], axis=0)[0] for k in (0, 1))
-        share = np.clip((level - upper) / (lower - upper), 0.0, 1.0)
-        index = np.broadcast_to(above, (*values.shape[:-3], 1, *above.shape))
-        low, high = (np.take_along_axis(values, index + k, axis=-3)[..., 0, :, :] for k in (0, 1))
-        found.append(np.where(level <= bottom, (1.0 - share) * low + share * high, np.nan))
-    return np.stack(found, axis=-3)
+    # what stands for the depth of land differs: NaN, 0, the least depth of the water, a fill value
+    water = np.isfinite(velocity).any(axis=(0, 1, 2))
+    if not water.any():
+        raise no_water(where)
+    water &= h > 0.0
+    if not water.any():
+        raise ForecastError(
+            f"{where}: no column has both a current and a depth of the sea bed ({coordinate.h}) above 0; check the region and the "
+            "variables' missing values"
+        )
+    h = np.where(water, h, np.nan)
+    at_rest = np.sort(
+        coordinate.depths(h, np.zeros_like(h)).reshape(coordinate.s.size, -1)[:, np.nanargmax(h)]
+    )
+    levels = at_rest if wanted is None else np.unique(np.asarray(wanted, dtype=np.float64))
+    surface = np.zeros((1, *h.shape)) if sea_level is None else np.nan_to_num(sea_level)
+    found, beyond = _at_depths(velocity, coordinate, h, surface, levels)
+    span = f"those of the file ({span_text(at_rest)} m in the deepest column)"
+    if beyond[0].any() and not np.isfinite(found[:, :, 0]).any():
+        raise ForecastError(
+            f"{where}: no level is near {levels[0]:g} m, the first asked for; choose --levels from {span}"
+        )
+    chosen = "those of the deepest column at rest" if wanted is None else "the levels asked for"
+    own = (
+        "its own surface"
+        if sea_level is not None
+        else "a surface at rest, as the file holds no zeta"
+    )
+    notes = [
+        f"terrain-following levels (transform {coordinate.transform}) interpolated to fixed depths, {chosen}; each member with {own}"
+    ]
+    if beyond.any():
+        dry = count_text(int(beyond.sum()), "point")
+        notes.append(
+            f"left dry: {dry} in the water at {depths_text(levels[beyond.any(axis=(1, 2))])}: no level is near, of {span}"
+        )
+    return found, Levels(levels, np.arange(coordinate.s.size), reach_of(at_rest), tuple(notes))
+
+
+def _at_depths(
+    velocity: Array, coordinate: SCoordinate, h: Array, surface: Array, levels: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return velocities at fixed depths, and where in the water no level is near, shape (L, J, I)."""
+    # s says which level is the upper one, as the depths of columns on land may be none
+    down = slice(None, None, -1) if coordinate.s[0] < coordinate.s[-1] else slice(None)
+    found, at, beyond = [], levels[:, None, None], np.zeros((levels.size, *h.shape), dtype=bool)
+    for k, field in enumerate(velocity):
+        height = surface[min(k, surface.shape[0] - 1)]
+        depths = coordinate.depths(h, height)[down]
+        top, bottom = reach(depths, height)
+        bottom = h if coordinate.ends_at_sea_bed else np.minimum(bottom, h)
+        found.append(at_depths(field[:, down], depths, (top, bottom), levels))
+        beyond |= (at <= h) & ~((top <= at) & (at <= bottom))
+    return np.stack(found), beyond

@@ -44,6 +44,18 @@ class Selected:
     labels: tuple[str, ...]
     extra: bool = False
 
+    @property
+    def last_time(self) -> xr.Dataset | None:
+        """The first member of the file at the last of its leads or times, from which one was chosen; None where it has but one."""
+        whole = self.part.ds
+        chosen = {
+            dim: -1 for dim in whole[U].dims if dim not in self.ds[U].dims and whole.sizes[dim] > 1
+        }
+        if not chosen:
+            return None
+        last = whole.isel(chosen)
+        return last if self.member is None else last.isel({self.member: [0]})
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Selection:

@@ -10,7 +10,8 @@ from replay_kit.core.paths import Paths, as_groups
 from replay_kit.core.text import count_text
 
 _ENDINGS = (".nc", ".nc4", ".nc3", ".cdf", ".netcdf", ".zarr")
-_STORE_MARKS = (".zgroup", ".zmetadata", ".zattrs", "zarr.json")
+#: Names of files of which a Zarr store has one.
+STORE_MARKS = (".zgroup", ".zmetadata", ".zattrs", "zarr.json")
 # EnKF-C writes these beside the members that it read
 _RESULTS = (".analysis", ".increment")
 
@@ -106,7 +107,7 @@ def _files_of(path: Path) -> tuple[tuple[Path, ...], list[Path]]:
 
 def is_store(path: Path) -> bool:
     """Return whether a folder is a Zarr store."""
-    return path.suffix == ".zarr" or any((path / mark).exists() for mark in _STORE_MARKS)
+    return path.suffix == ".zarr" or any((path / mark).exists() for mark in STORE_MARKS)
 
 
 def _inside(folder: Path) -> list[Path]:

@@ -1,7 +1,6 @@
 """The part of one file that is used: only the window is read, and both components come to cell centres and fixed depths."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,12 +13,16 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.claims import exceeds_claim
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text
+from replay_kit.forecast.agreement import WARNING
 from replay_kit.forecast.depths import choose_levels
 from replay_kit.forecast.grid import Block, region_block
+from replay_kit.forecast.land import constant_land, mask_at_centres
 from replay_kit.forecast.layout import Layout, U, V
-from replay_kit.forecast.names import LEVEL_COUNTS, SEA_LEVEL, Axes, Current, find_depth
-from replay_kit.forecast.s_levels import SCoordinate, at_depths, find_s_coordinate
-from replay_kit.forecast.stagger import never_changing, to_centres
+from replay_kit.forecast.names import SEA_LEVEL, Axes, Current, find_depth
+from replay_kit.forecast.s_levels import find_s_coordinate, from_s_levels
+from replay_kit.forecast.selection import Selected
+from replay_kit.forecast.stagger import to_centres
+from replay_kit.forecast.variables import AT_CENTRES, Source
 
 _SPEED_UNITS = {
     **dict.fromkeys(
@@ -67,9 +70,6 @@ _SPEED_UNITS = {
 # Faster than any current: a fill value that the file does not declare.
 _NO_SPEED = 1e3
 
-_Faces = tuple[int | None, int | None]
-_AT_CENTRES: _Faces = (None, None)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
@@ -79,6 +79,7 @@ class Window:
         longitude: shape (J, I) [degrees].
         latitude: shape (J, I) [degrees].
         levels: shape (Z,) [m].
+        within: The least and the greatest depth that the levels of the file do for [m].
         velocity: shape (E, 2, Z, J, I) [m/s], NaN on land.
         axes: Along which axes the components lie.
         sea_level: Height of the surface of the first member [m], shape (J, I); None where the file has none.
@@ -88,33 +89,25 @@ class Window:
     longitude: Array
     latitude: Array
     levels: Array
+    within: tuple[float, float]
     velocity: Array
     axes: Axes
     sea_level: Array | None
     notes: tuple[str, ...]
 
 
-def read_window(
-    ds: xr.Dataset,
-    current: Current,
-    layout: Layout,
-    member: str | None,
-    config: ForecastConfig,
-    where: str,
-) -> Window:
-    """Return the members of a dataset at one time, inside the region, on the chosen levels.
+def read_window(field: Selected, layout: Layout, config: ForecastConfig) -> Window:
+    """Return the members of a file at one time, inside the region, on the chosen levels.
 
     Args:
-        ds: With the components ``U`` and ``V``, at one time.
-        current: The components' names in the file, for messages.
-        layout: Of the dataset.
-        member: Its member dimension; None for one member.
+        field: The members.
+        layout: Of the file.
         config: Region and levels.
-        where: The file, for messages.
 
     Raises:
         ForecastError: Nothing is inside the region, or units, depths or dimensions are not those expected.
     """
+    ds, where = field.ds, str(field.part.paths[0])
     block = _block(layout, config, where)
     _check_size(ds, layout, block, where)
     longitude, latitude = _coordinates(layout, block)
@@ -122,17 +115,18 @@ def read_window(
         raise ForecastError(
             f"{where}: the region holds a grid of {longitude.shape}; at least 2 x 2 points are needed: widen --region"
         )
-    source = _Source(ds, layout, block, member, where)
+    source = Source(ds, layout, block, field.member, where, field.last_time)
     dims = tuple(find_depth(ds, ds[name].dims) for name in (U, V))
     s_coordinate = None if dims[0] is None else find_s_coordinate(ds, dims[0], where)
-    notes: tuple[str, ...] = ()
     if s_coordinate is None:
-        levels, order, notes = choose_levels(
+        levels = choose_levels(
             ds, dims, config, 0.5 * float(latitude.min() + latitude.max()), where
         )
-    else:
-        levels, order = np.zeros(0), np.arange(s_coordinate.s.size)
-    velocity, counts = _at_centres(source, (current.u, current.v), dims, order)
+    order = levels.position if s_coordinate is None else np.arange(s_coordinate.s.size)
+    mask, by_level = mask_at_centres(source, dims[0], order)
+    # a mask of the surface says nothing of fixed depths, which may lie below the sea bed
+    masked = by_level or (mask is not None and s_coordinate is not None)
+    velocity, counts = _at_centres(source, field.part.current, dims, order, masked)
     if velocity.shape[-2:] != longitude.shape:
         got, expected = (
             " x ".join(map(str, shape)) for shape in (velocity.shape[-2:], longitude.shape)
@@ -140,13 +134,20 @@ def read_window(
         raise ForecastError(
             f"{where}: the currents have {got} points, the coordinates {expected}; give each forecast alone, with the file of its own grid"
         )
-    velocity = np.where(_mask(source, dims[0], order), velocity, np.nan)
+    if mask is not None:
+        velocity = np.where(mask, velocity, np.nan)
     sea_level = _surface(source)
     if s_coordinate is not None:
-        velocity, levels, notes = _from_s_levels(source, s_coordinate, velocity, sea_level, config)
+        h = source.read(s_coordinate.h, layout.centre_dims, AT_CENTRES, None)[0, 0]
+        velocity, levels = from_s_levels(velocity, s_coordinate, h, sea_level, config.levels, where)
     first = None if sea_level is None else np.asarray(sea_level[0])
+    notes = (*layout.notes, *counts, *levels.notes)
+    if (least := levels.within[0]) > 0.0:
+        notes += (
+            f"{WARNING}the file has no level near the water above {least:.4g} m: the current of the first level is taken there",
+        )
     return Window(
-        longitude, latitude, levels, velocity, layout.axes, first, (*layout.notes, *counts, *notes)
+        longitude, latitude, levels.depth, levels.within, velocity, layout.axes, first, notes
     )
 
 
@@ -213,118 +214,23 @@ def _coordinates(layout: Layout, block: Block) -> tuple[Array, Array]:
     return x, y
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Source:
-    """A dataset, and which part of it is read."""
-
-    ds: xr.Dataset
-    layout: Layout
-    block: Block
-    member: str | None
-    where: str
-
-    def read(
-        self,
-        name: str,
-        dims: tuple[str, str],
-        faces: _Faces,
-        levels: tuple[str, NDArray[np.int64]] | None,
-    ) -> Array:
-        """Return a variable's part: shape (E, Z, J, I); E or Z is 1 where it has no such dimension.
-
-        Args:
-            name: Of the variable.
-            dims: Its horizontal dimensions.
-            faces: Position of the face before centre 0 along each; None where it lies at the centres.
-            levels: Dimension and positions of the levels.
-        """
-        part = self.ds[name]
-        if levels is not None and levels[0] not in part.dims:
-            # masks may have the levels under another name
-            alike = [
-                dim
-                for dim in part.dims
-                if dim not in (*dims, self.member)
-                and 1 < part.sizes[dim] == self.ds.sizes[levels[0]]
-            ]
-            part = part.rename(dict.fromkeys(alike[:1], levels[0]))
-        wanted = [
-            dim
-            for dim in (self.member, levels[0] if levels else None)
-            if dim is not None and dim in part.dims
-        ]
-        extra = [dim for dim in part.dims if dim not in (*wanted, *dims)]
-        if any(part.sizes[dim] > 1 for dim in extra) or any(dim not in part.dims for dim in dims):
-            expected = ", ".join(filter(None, (self.member, levels[0] if levels else None, *dims)))
-            sizes = ", ".join(f"{dim} = {size}" for dim, size in part.sizes.items())
-            shown = part.attrs.get("replay_kit_name", name)
-            raise ForecastError(
-                f"{self.where}: {shown} has dimensions {sizes}; expected {expected} after choosing a time"
-            )
-        part = part.isel(dict.fromkeys(extra, 0)).transpose(*wanted, *dims)
-        if levels is not None and levels[0] in part.dims:
-            part = part.isel({levels[0]: _as_slice(levels[1])})
-        rows, columns = _with_faces(self.block[0], faces[0]), self._columns(faces[1])
-        pieces = [
-            np.asarray(part.isel({dims[0]: rows, dims[1]: piece}).values, dtype=np.float64)
-            for piece in columns
-        ]
-        values = pieces[0] if len(pieces) == 1 else np.concatenate(pieces, axis=-1)
-        if levels is None or levels[0] not in wanted:
-            values = np.expand_dims(values, -3)
-        return values if self.member in wanted else values[None]
-
-    def _columns(self, first: int | None) -> Sequence[slice]:
-        """Return the ranges of columns to read, in their order in space; with faces, those on both sides, also round the globe."""
-        parts, period = self.block[1], self.layout.period
-        if first is None or period is None:
-            return [_with_faces(part, first) for part in parts]
-        # counted on past the seam, and cut there
-        start, stop = parts[0].start + first, parts[-1].stop + first + 1 + period * (len(parts) - 1)
-        turns = range(start // period, (stop - 1) // period + 1)
-        return [
-            slice(max(start - turn * period, 0), min(stop - turn * period, period))
-            for turn in turns
-        ]
-
-
-def _with_faces(part: slice, first: int | None) -> slice:
-    """Return the faces on both sides of a range of centres; the range itself where values lie at the centres."""
-    return part if first is None else slice(part.start + first, part.stop + first + 1)
-
-
-def _as_slice(order: NDArray[np.int64]) -> slice | NDArray[np.int64]:
-    """Return positions as a slice where they follow each other, which is read faster."""
-    if order.size > 1 and np.all(np.diff(order) == 1):
-        return slice(int(order[0]), int(order[-1]) + 1)
-    return order
-
-
 def _at_centres(
-    source: _Source,
-    names: tuple[str | None, str | None],
+    source: Source,
+    current: Current,
     depths: tuple[str | None, ...],
     order: NDArray[np.int64],
+    masked: bool,
 ) -> tuple[Array, tuple[str, ...]]:
     """Return both components at cell centres [m/s], shape (E, 2, Z, J, I), NaN on land, and what was taken for land."""
     layout, face = source.layout, source.layout.first_face
-    at_u, at_v = ((None, face[1]), (face[0], None)) if face else (_AT_CENTRES, _AT_CENTRES)
-    places: tuple[tuple[tuple[str, str], _Faces], ...] = (
-        (layout.u_dims, at_u),
-        (layout.v_dims, at_v),
-    )
-    raw, constant, odd = [], [], 0
-    for component, name, depth, (dims, faces) in zip((U, V), names, depths, places, strict=True):
+    raw, odd = [], 0
+    for component, name, depth in zip((U, V), (current.u, current.v), depths, strict=True):
         values, undeclared = _speeds(
-            source.read(component, dims, faces, None if depth is None else (depth, order)),
-            source,
-            component,
-            name,
+            source.component(component, depth, order), source, component, name
         )
         odd += undeclared
-        constants = {0.0, float(source.ds[component].attrs.get("replay_kit_offset", 0.0))}
         raw.append(values)
-        constant.append(never_changing(values, constants))
+    constant = constant_land(source, raw, depths, order, masked)
     notes = (
         [f"taken for missing: {count_text(odd, 'value')} beyond {_NO_SPEED:g} m/s"] if odd else []
     )
@@ -343,24 +249,21 @@ def _at_centres(
         )
         return velocity, tuple(notes)
     means = []
-    for axis, values, dry, names_of in (
-        (-1, raw[0], constant[0], layout.kind.mask_u),
-        (-2, raw[1], constant[1], layout.kind.mask_v),
+    masks = layout.kind.mask_u, layout.kind.mask_v
+    for axis, values, dry, names_of, place in zip(
+        (-1, -2), raw, constant, masks, source.places, strict=True
     ):
-        mask, place = (
-            next((name for name in names_of if name in source.ds.variables), None),
-            places[0 if axis == -1 else 1],
-        )
+        mask = next((name for name in names_of if name in source.ds.variables), None)
         valid = np.isfinite(values) & ~dry
         if mask is not None:
-            valid &= source.read(mask, place[0], place[1], (str(depths[0]), order))[0] > 0.0
+            valid &= source.read(mask, *place, (str(depths[0]), order))[0] > 0.0
         means.append(to_centres(values, valid, axis))
     (u, u_wet), (v, v_wet) = means
     wet = u_wet | v_wet
     return np.stack([np.where(wet, u, np.nan), np.where(wet, v, np.nan)], axis=1), tuple(notes)
 
 
-def _speeds(values: Array, source: _Source, component: str, name: str | None) -> tuple[Array, int]:
+def _speeds(values: Array, source: Source, component: str, name: str | None) -> tuple[Array, int]:
     """Return velocities in m/s, NaN where they cannot be any, and how many of these the file does not declare."""
     unit = str(source.ds[component].attrs.get("units", "")).strip()
     if unit not in _SPEED_UNITS:
@@ -375,63 +278,13 @@ def _speeds(values: Array, source: _Source, component: str, name: str | None) ->
     return values, int(odd.sum())
 
 
-def _mask(source: _Source, depth: str | None, order: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return where mask variables at cell centres have water, shape (1 or Z, J, I); all of it without any."""
-    ds, centre = source.ds, source.layout.centre_dims
-    wet = np.ones((1, 1, 1), dtype=bool)
-    for name in source.layout.kind.mask:
-        if name in ds.variables and set(centre) <= set(ds[name].dims):
-            return np.asarray(
-                source.read(name, centre, _AT_CENTRES, None if depth is None else (depth, order))[0]
-                > 0.0
-            )
-    for name in LEVEL_COUNTS:
-        if name in ds.variables and set(centre) <= set(ds[name].dims):
-            return np.asarray(
-                source.read(name, centre, _AT_CENTRES, None)[0] > order[:, None, None]
-            )
-    return wet
-
-
-def _surface(source: _Source) -> Array | None:
+def _surface(source: Source) -> Array | None:
     """Return the height of the surface [m], shape (E or 1, J, I); None where the file has none at cell centres."""
-    ds, centre = source.ds, source.layout.centre_dims
-    for name in SEA_LEVEL:
-        if name in ds.variables and set(centre) <= set(ds[name].dims):
-            scale = (
-                0.01 if str(ds[name].attrs.get("units", "m")).startswith(("cm", "centi")) else 1.0
-            )
-            return source.read(name, centre, _AT_CENTRES, None)[:, 0] * scale
-    return None
-
-
-def _from_s_levels(
-    source: _Source,
-    coordinate: SCoordinate,
-    velocity: Array,
-    sea_level: Array | None,
-    config: ForecastConfig,
-) -> tuple[Array, Array, tuple[str, ...]]:
-    """Return velocities at fixed depths, those depths [m], and notes."""
-    h = source.read(coordinate.h, source.layout.centre_dims, _AT_CENTRES, None)[0, 0]
-    at_rest = np.sort(
-        coordinate.depths(h, np.zeros_like(h)).reshape(coordinate.s.size, -1)[:, np.nanargmax(h)]
+    centre = source.layout.centre_dims
+    name = source.first_of(SEA_LEVEL, centre)
+    if name is None:
+        return None
+    scale = (
+        0.01 if str(source.ds[name].attrs.get("units", "m")).startswith(("cm", "centi")) else 1.0
     )
-    levels = np.unique(config.levels) if config.levels is not None else at_rest
-    surface = np.zeros((1, *h.shape)) if sea_level is None else np.nan_to_num(sea_level)
-    found = [
-        at_depths(field, coordinate.depths(h, surface[min(k, surface.shape[0] - 1)]), h, levels)
-        for k, field in enumerate(velocity)
-    ]
-    chosen = (
-        "the levels asked for"
-        if config.levels is not None
-        else "those of the deepest column at rest"
-    )
-    own = (
-        "its own surface"
-        if sea_level is not None
-        else "a surface at rest, as the file holds no zeta"
-    )
-    note = f"terrain-following levels (transform {coordinate.transform}) interpolated to fixed depths, {chosen}; each member with {own}"
-    return np.stack(found), np.asarray(levels, dtype=np.float64), (note,)
+    return source.read(name, centre, AT_CENTRES, None)[:, 0] * scale

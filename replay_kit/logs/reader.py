@@ -2,7 +2,7 @@
 
 import os
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from operator import itemgetter
@@ -13,12 +13,16 @@ from mcap.records import Attachment, Metadata
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import LogReport, Message
+from replay_kit.core.message import LogReader, LogReport, Message
+from replay_kit.core.progress import Progress
 from replay_kit.core.raw import RawMessage
 from replay_kit.logs.decode.to_json import JsonChannels
 from replay_kit.logs.shared.blocks import Block, blocks_of
 from replay_kit.logs.shared.overview import Overview
 from replay_kit.logs.shared.statistics import ReadStatistics
+
+# Messages between two looks at how much is read.
+_LOOK = 64
 
 #: A message before it has a position: time [ns], topic, schema, payload.
 Entry = tuple[int, str, str, dict[str, Any]]
@@ -211,3 +215,18 @@ class RawLog:
 def unreadable(path: str | Path, error: OSError) -> LogError:
     """Return the error that says why a log cannot be read."""
     return LogError(f"{path}: cannot be read: {error.strerror}; check the file and its permissions")
+
+
+def reading(
+    logs: Sequence[LogReader | LogFile], progress: Progress, what: str
+) -> Callable[[], None]:
+    """Return a function that is called with each message and reports how much of the logs is read."""
+    files, count = [log for log in logs if isinstance(log, LogFile)], 0
+
+    def advance() -> None:
+        nonlocal count
+        count += 1
+        if count % _LOOK == 0:
+            progress(sum(log.share_read() for log in files), len(files), what)
+
+    return advance

@@ -60,7 +60,7 @@ def _mcap() -> type[LogFile]:
 
 
 def _glider() -> Callable[[Path, int, LogConfig | None, frozenset[str] | None], LogFile]:
-    from replay_kit.logs.glider.open import open_glider
+    from replay_kit.logs.glider.reader import open_glider
 
     return open_glider
 
@@ -68,7 +68,7 @@ def _glider() -> Callable[[Path, int, LogConfig | None, frozenset[str] | None], 
 def _is_glider(head: bytes) -> bool:
     if head.startswith(_NETCDF):
         return True
-    from replay_kit.logs.glider.recognise import is_seaexplorer
+    from replay_kit.logs.glider.missions import is_seaexplorer
 
     return is_seaexplorer(head)
 
@@ -206,7 +206,7 @@ def _opened(
 ) -> LogFile:
     if len(group) == 1:
         return open_log(group[0], number, config, wanted)
-    from replay_kit.logs.glider.open import open_glider
+    from replay_kit.logs.glider.reader import open_glider
 
     return open_glider(group[0], number, config, wanted, group[1:])
 

@@ -10,13 +10,22 @@ from typing import Any, TypeGuard
 
 from replay_kit.config.mapping import ProfileMap, TopicMap, VelocityMap
 from replay_kit.config.run import MeasurementConfig
+from replay_kit.config.without import rules_for
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
-from replay_kit.core.observation import Measurement, PathMean, Source
+from replay_kit.core.observation import Measurement, Observation, PathMean, Source
 from replay_kit.measurements.current.mean import MeanCurrent
-from replay_kit.measurements.events import MALFORMED, NOT_A_KIND, Event, Skipped, malformed
+from replay_kit.measurements.events import (
+    MALFORMED,
+    NOT_A_KIND,
+    Event,
+    Skipped,
+    Used,
+    left_out_reason,
+    malformed,
+)
 from replay_kit.measurements.messages import mavlink_vehicle
-from replay_kit.measurements.messages.joined import Component, component
+from replay_kit.measurements.messages.joined import Component, component, joined
 from replay_kit.measurements.messages.kinds import Statement, statement
 from replay_kit.measurements.messages.mapped import mapped
 from replay_kit.measurements.messages.mavlink_ping import SCHEMA, PingFrame
@@ -25,11 +34,37 @@ from replay_kit.measurements.messages.position import Depth, Pose, Position, Pre
 from replay_kit.measurements.messages.profiles import StatedPing
 from replay_kit.measurements.ping.attitude import Orientation
 from replay_kit.measurements.steps import pings, positions
-from replay_kit.measurements.steps.components import alone, take_component
-from replay_kit.measurements.steps.left_out import without
 from replay_kit.measurements.steps.observed import observed
+from replay_kit.measurements.steps.pings import take_stated_ping
 from replay_kit.measurements.steps.position_matching import PlacedPing, place, split
 from replay_kit.measurements.steps.state import MeasurementState, Step
+
+_ALONE = "one component of a velocity without the other within join_within"
+
+
+def take_component(
+    state: MeasurementState, part: Component, source: Source, config: MeasurementConfig
+) -> Step:
+    """Return the state after one component, and the events of the velocity that it completes."""
+    assert part.entry is not None, "it has just come"
+    key = (source.topic, str(part.entry.east), str(part.entry.north))
+    waiting = dict(state.components)
+    other = waiting.pop(key, None)
+    if other is None or not part.fits(other):
+        after = replace(state, components=waiting | {key: replace(part, entry=None)})
+        return after, [] if other is None else [Skipped(source.topic, _ALONE)]
+    state, stated = replace(state, components=waiting), joined(part, other)
+    return (
+        (state, [Skipped(source.topic, stated)] * 2)
+        if isinstance(stated, str)
+        else take_stated_ping(state, stated, source, config, 2)
+    )
+
+
+def alone(state: MeasurementState) -> list[Event]:
+    """Return the events of components that still wait when the log ends."""
+    return [Skipped(topic, _ALONE) for topic, _, _ in state.components]
+
 
 # What a MAVLink reader needs to decode for this module.
 MAVLINK_NAMES = mavlink_vehicle.NAMES | {SCHEMA}
@@ -228,3 +263,33 @@ def _joins(entry: TopicMap) -> TypeGuard[ProfileMap | VelocityMap]:
 
 def _by_mapping(message: Message, entry: TopicMap) -> Statement | Component:
     return component(message, entry) if _joins(entry) else mapped(message.payload, entry)
+
+
+def without(events: Sequence[Event], rules: Sequence[str]) -> list[Event]:
+    """Return the events of a message without the measurements that rules leave out.
+
+    Args:
+        events: Of the message.
+        rules: As configured; without any, all events are kept.
+    """
+    kept = list(events)
+    for event in events:
+        if not isinstance(event, Observation | PathMean):
+            continue
+        applied = rules_for(
+            rules, "profiles" if isinstance(event, Observation) else event.kind, event.dive
+        )
+        if not applied:
+            continue
+        kept = [other for other in kept if other is not event]
+        used = next(
+            (
+                k
+                for k, other in enumerate(kept)
+                if isinstance(other, Used) and other.topic == event.source.topic
+            ),
+            None,
+        )
+        if used is not None:
+            kept[used] = Skipped(event.source.topic, left_out_reason(applied))
+    return kept

@@ -20,6 +20,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Outcome
+from replay_kit.results.flight_correction import mean_current_values
 from replay_kit.results.legs import plan_legs, planned_ellipses
 from replay_kit.results.schemas import encode
 
@@ -172,17 +173,8 @@ def innovation(value: Innovation) -> bytes:
         values["replayed_residual_east"], values["replayed_residual_north"] = (
             value.replayed_residual.T
         )
-    if value.mean_current is not None:
-        parts = (
-            ("measured", value.mean_current),
-            ("predicted", value.mean_current - value.innovation[0]),
-        )
-        numbers = {
-            f"{name}_{axis}": part[k]
-            for name, part in parts
-            for k, axis in enumerate(("east", "north"))
-        }
-        values["mean_current"] = {"kind": value.mean_kind, **numbers}
+    if (used := value.used_current) is not None:
+        values["mean_current"] = mean_current_values(value, used)
     return encode("Innovation", values | _attributes(value, _OF_INNOVATION))
 
 

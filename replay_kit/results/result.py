@@ -1,6 +1,7 @@
 """A result MCAP as a notebook wants it: the estimate, and tables of all else."""
 
 import struct
+import tomllib
 from array import array
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -23,8 +24,9 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.paths import as_path
 from replay_kit.core.text import time_text
 from replay_kit.results.columns import ListValues, SingleValues, shared, single_columns
+from replay_kit.results.flight_correction import named_by_contract
 from replay_kit.results.mcap_reader import read_estimate, read_windows
-from replay_kit.results.mcap_writer import ESTIMATE_NAME
+from replay_kit.results.mcap_writer import CONFIG_NAME, ESTIMATE_NAME
 from replay_kit.results.schemas import decode
 from replay_kit.results.summary import ReplaySummary
 from replay_kit.results.topics import read_messages
@@ -164,7 +166,18 @@ class ResultFile:
         for value in self._decoded("/flow/innovation", "Innovation"):
             single.add(value)
             lists.add(value)
-        return single.columns(), *lists.columns()
+        return self._named_by_contract(single.columns()), *lists.columns()
+
+    def _named_by_contract(self, columns: dict[str, Any]) -> dict[str, Any]:
+        """Return columns of measurements as this version of the contract names them."""
+        with self.path.open("rb") as file:
+            reader: McapReader = make_reader(file)
+            metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+            config = next(
+                (record.data for record in reader.iter_attachments() if record.name == CONFIG_NAME),
+                b"",
+            )
+        return named_by_contract(columns, metadata, tomllib.loads(config.decode()))
 
     @cached_property
     def dives(self) -> "pd.DataFrame":

@@ -16,7 +16,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import Message
 from google.protobuf.message_factory import GetMessageClass
 
-CONTRACT_VERSION = 4
+CONTRACT_VERSION = 5
 
 _PACKAGE = "replay_kit"
 TIME = ".google.protobuf.Timestamp"
@@ -94,6 +94,15 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
     "MeanCurrent": (
         *_fields("string", "kind"),
         *_fields("double", "measured_east", "measured_north", "predicted_east", "predicted_north"),
+        *_fields(
+            "double", "corrected_east", "corrected_north", "estimated_east", "estimated_north"
+        ),
+        *_fields(
+            "double",
+            "measured_standard_error",
+            "corrected_standard_error",
+            "estimated_standard_error",
+        ),
     ),
     "AtVehicle": (
         *_fields(TIME, "timestamp"),

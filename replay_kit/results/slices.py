@@ -1,7 +1,7 @@
 """Depth slices of a flow for viewers: a regular grid of values and a field of arrows.
 
-The grid is along the local axes, its spacing the ensemble's own cell, its cells centred on whole cells from the ensemble's
-south-west corner. Values are for looking at (float32); the lossless flow is in the attachment ``estimate.nc``.
+The grid is along the local axes, its spacing nearly the ensemble's own, its centres near the ensemble's points and within their
+range. Values are for looking at (float32); the lossless flow is in the attachment ``estimate.nc``.
 """
 
 from collections.abc import Mapping
@@ -14,6 +14,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.netcdf import wet_at
+from replay_kit.core.geodesy import inside_grid
 from replay_kit.core.grid import Grid
 from replay_kit.core.seabed import Seabed
 from replay_kit.results.messages import FRAME, orientation, pose, stamp
@@ -37,9 +38,8 @@ class Slice:
         depth: [m], positive down.
         east: shape (I,) [m], cell centres.
         north: shape (J,) [m], cell centres.
-        velocity: shape (J, I, 2) [m/s], local east and north; NaN where dry or off the ensemble's grid.
-        standard_error: shape (J, I, 2) [m/s], of each component; NaN as the velocity, and where the flow knows nothing. None for a
-            flow without an uncertainty.
+        velocity: shape (J, I, 2) [m/s], local east and north; NaN where dry, outside the ensemble's outline and below its last level.
+        standard_error: shape (J, I, 2) [m/s], of each component; NaN where the velocity is. None for a flow without an uncertainty.
     """
 
     depth: float
@@ -68,12 +68,11 @@ class Slice:
 def depth_slice(flow: FlowEstimate, depth: float) -> Slice:
     """Return the flow at a depth [m] on a regular grid near the ensemble's own."""
     grid = flow.grid
-    east = _axis(grid.east, _cell(grid, 1))
-    north = _axis(grid.north, _cell(grid, 0))
+    east, north = _axis(grid, grid.east), _axis(grid, grid.north)
     e, n = np.meshgrid(east, north)
-    wet = wet_at(grid, e, n, depth)[..., None]
-    velocity = np.where(wet, flow.velocity(e, n, depth), np.nan)
-    error = np.where(wet, flow.standard_error(e, n, depth), np.nan) if flow.n_modes else None
+    known = (wet_at(grid, e, n, depth) & inside_grid(grid, e, n))[..., None]
+    velocity = np.where(known, flow.velocity(e, n, depth), np.nan)
+    error = np.where(known, flow.standard_error(e, n, depth), np.nan) if flow.n_modes else None
     return Slice(float(depth), east, north, velocity, error)
 
 
@@ -193,13 +192,24 @@ def _arrow(where: fox.Pose, length: float, width: float) -> fox.ArrowPrimitive:
     )
 
 
-def _cell(grid: Grid, axis: int) -> float:
-    """Return the median spacing [m] along an axis of the horizontal grid, or along the other when it has one row only."""
-    axis = axis if grid.east.shape[axis] > 1 else 1 - axis
-    return float(np.median(np.hypot(np.diff(grid.east, axis=axis), np.diff(grid.north, axis=axis))))
+def _axis(grid: Grid, values: Array) -> Array:
+    """Return cell centres along a local axis, near the grid's points; all lie inside its outline where its sides are nearly along the axes.
 
-
-def _axis(values: Array, cell: float) -> Array:
-    first, last = float(values.min()), float(values.max())
-    # At least two centres: a slice's cell size is the distance between them.
-    return first + cell * np.arange(float(max(2, round((last - first) / cell) + 1)))
+    Args:
+        grid: The grid.
+        values: shape (J, I) [m], its coordinate along the axis.
+    """
+    # the grid's axis that leads along the local one: columns may lead north
+    along = int(np.argmax([np.median(np.abs(np.diff(values, axis=axis))) for axis in (0, 1)]))
+    cell = float(
+        np.median(np.hypot(np.diff(grid.east, axis=along), np.diff(grid.north, axis=along)))
+    )
+    least, most = float(values.min()), float(values.max())
+    # meridians and parallels are bent in the local frame: only their innermost points have all of the axis inside
+    beside = min(0.5 * cell, 0.25 * (most - least))
+    first, last = (
+        float(values[values <= least + beside].max()),
+        float(values[values >= most - beside].min()),
+    )
+    # at least two centres: a slice's cell size is the distance between them
+    return np.linspace(first, last, max(2, round((last - first) / cell) + 1))

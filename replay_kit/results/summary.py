@@ -9,13 +9,16 @@ from rich.console import Console
 from replay_kit.core.dive_forecast import DiveForecast, DiveOutcome
 from replay_kit.core.evidence import Evidence
 from replay_kit.core.finding import Finding, finding_line
+from replay_kit.core.flight_correction import FlightCorrection
 from replay_kit.core.message import Loss
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Outcome
+from replay_kit.results.alarms import plan_alarm
 from replay_kit.results.evidence.summary import Rival, evidence_json, referee_json
 from replay_kit.results.evidence.words import evidence_sentence, referee_sentences
+from replay_kit.results.flight_correction import flight_correction_json, flight_correction_sentence
 from replay_kit.results.losses import loss_words
-from replay_kit.results.summary_plan import outcomes_sentence, plan_sentence
+from replay_kit.results.summary_plan import outcomes_sentence, plan_json, plan_sentence
 from replay_kit.results.surfacings.summary import surfacings_json
 from replay_kit.results.surfacings.words import surfacings_sentences
 from replay_kit.results.text import folded, not_used_lines, print_lines, print_table
@@ -118,6 +121,7 @@ class ReplaySummary:
         doubts: What the measurements cannot tell, and why the forecast may not fit.
         lost_pings: Which pings were not used, when they are many and a setting would keep them; empty otherwise.
         mean_currents: Mean currents among the profiles used: each counts as one profile of one bin.
+        flight_correction: What was taken from mean currents for the flight model's error; None where nothing was.
     """
 
     messages: tuple[TopicRow, ...]
@@ -147,6 +151,7 @@ class ReplaySummary:
     doubts: tuple[str, ...] = ()
     lost_pings: str = ""
     mean_currents: int = 0
+    flight_correction: FlightCorrection | None = None
 
     def __repr__(self) -> str:
         """Return the sentences on the estimate."""
@@ -184,6 +189,8 @@ def print_summary(summary: ReplaySummary, console: Console, verbose: bool = Fals
         console: Where to.
         verbose: Whether each topic and each dive has a row of its own.
     """
+    bad_plan = plan_alarm(plan_json(summary.plan, summary.plan_note))
+    print_lines(console, [f"ALARM: {bad_plan.text}"] if bad_plan else [])
     print_lines(
         console, [f"Verdict: {'; '.join(summary.verdict)}", *map(finding_line, summary.findings)]
     )
@@ -245,7 +252,7 @@ def _further_sentences(summary: ReplaySummary) -> Iterator[str]:
     elif summary.plan_note:
         yield f"Plan: none; {summary.plan_note}"
     if summary.outcomes:
-        yield f"Surfacings: {outcomes_sentence(summary.outcomes)}"
+        yield f"Plan vs. actual surfacings: {outcomes_sentence(summary.outcomes)}"
     if summary.evidence is not None:
         yield f"Log evidence: {evidence_sentence(evidence_json(summary.evidence))}"
         if summary.rivals:
@@ -256,7 +263,7 @@ def _further_sentences(summary: ReplaySummary) -> Iterator[str]:
                 )
             )
     if summary.surfacings:
-        yield f"Surfacings: {'; '.join(surfacings_sentences(surfacings_json(summary.surfacings, summary.next_surfacing)))}"
+        yield f"Predicted surfacings: {'; '.join(surfacings_sentences(surfacings_json(summary.surfacings, summary.next_surfacing)))}"
     if summary.truth is not None:
         yield from _truth_sentences(summary.truth)
     yield "Time: " + ", ".join(
@@ -286,6 +293,8 @@ def _estimate_sentences(summary: ReplaySummary) -> Iterator[str]:
         f"RMS innovation: {_cm(summary.rms_before)} before each update, {_cm(summary.rms_after)} after it, "
         f"{_cm(summary.rms_prior)} against the ensemble alone; NIS per degree of freedom {summary.nis_per_dof:.2f}"
     )
+    if summary.flight_correction is not None:
+        yield f"Flight model: {flight_correction_sentence(flight_correction_json(summary.flight_correction))}"
 
 
 def _truth_sentences(truth: TruthScore) -> Iterator[str]:

@@ -10,7 +10,9 @@ import numpy as np
 
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.finding import finding_json
+from replay_kit.results.alarms import alarms_json
 from replay_kit.results.evidence.summary import evidence_json, referee_json
+from replay_kit.results.flight_correction import flight_correction_json
 from replay_kit.results.losses import loss_json
 from replay_kit.results.summary import ReplaySummary
 from replay_kit.results.summary_plan import outcomes_json, plan_json
@@ -22,16 +24,18 @@ _STATUS = {0: "done", 4: "loss", 6: "inconsistent"}
 
 def to_json(summary: ReplaySummary) -> dict[str, Any]:
     """Return the summary as the JSON object of ``--json``; undefined figures are null."""
-    plan = plan_json(summary.plan) if summary.plan else None
-    if plan is None and summary.plan_note:
-        plan = {"status": "failed", "message": summary.plan_note}
+    plan, found = (
+        plan_json(summary.plan, summary.plan_note),
+        [finding_json(finding) for finding in summary.findings],
+    )
     summary_json: dict[str, Any] = _plain(
         {
             "status": _STATUS[summary.exit_code],
             "exit_code": summary.exit_code,
             "exit_codes": list(summary.exit_codes),
+            "alarms": alarms_json({"plan": plan, "consistency": found}),
             "verdict": list(summary.verdict),
-            "consistency": [finding_json(finding) for finding in summary.findings],
+            "consistency": found,
             "messages": [asdict(row) | {"reasons": coded(row.reasons)} for row in summary.messages],
             "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
             "late": summary.late,
@@ -55,6 +59,9 @@ def to_json(summary: ReplaySummary) -> dict[str, Any]:
             "referee": _referee(summary),
             "expected_surfacings": surfacings_json(summary.surfacings, summary.next_surfacing)
             if summary.surfacings
+            else None,
+            "flight_correction": flight_correction_json(summary.flight_correction)
+            if summary.flight_correction
             else None,
             "truth": asdict(summary.truth) if summary.truth else None,
             "notes": list(summary.notes),
@@ -93,13 +100,17 @@ def failure_json(error: ReplayKitError, summary: ReplaySummary | None = None) ->
 
 
 def to_record(summary: ReplaySummary, inputs: Sequence[Path]) -> dict[str, Any]:
-    """Return what a result keeps of its summary: ``to_json`` without wall times, with the inputs' names and not their folders.
+    """Return what a result keeps of its summary: ``to_json`` without wall times and alarms, with inputs' names and not their folders.
+
+    Alarms follow from the rest, and are made of it when a result is read.
 
     Args:
         summary: Of the run.
         inputs: Logs and files of the ensemble.
     """
-    record = {key: value for key, value in to_json(summary).items() if key != "seconds"}
+    record = {
+        key: value for key, value in to_json(summary).items() if key not in ("seconds", "alarms")
+    }
     paths = {str(path): path.name for path in inputs}
 
     def named(value: Any) -> Any:

@@ -10,8 +10,10 @@ from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Outcome
 
 
-def plan_json(plan: Plan) -> dict[str, Any]:
-    """Return a plan's figures for JSON."""
+def plan_json(plan: Plan | None, note: str = "") -> dict[str, Any] | None:
+    """Return a plan's figures for JSON; without a plan that it failed, with the note why, and None without a note."""
+    if plan is None:
+        return {"status": "failed", "message": note} if note else None
     return {
         "status": plan.status,
         "closest_approach_m": plan.closest_approach,
@@ -35,8 +37,8 @@ def _finite(number: float) -> float | None:
 
 def plan_sentence(plan: Plan) -> str:
     """Return a plan as a sentence."""
-    if plan.status == "failed":
-        return f"failed: {plan.message}"
+    if plan.status == "failed" or not np.isfinite(plan.heading_deg):
+        return f"{plan.status}: {plan.message}"
     return (
         f"{plan.status}: steer {plan.heading_deg:.1f} degrees true at {plan.speed:.2f} m/s through water, "
         f"{plan.glide_angle_deg:.2f} degrees down; {plan.message}"

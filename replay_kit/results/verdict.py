@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from replay_kit.core.finding import Finding
+from replay_kit.core.finding import Finding, severity_word
 
 # Normalised innovations squared per degree of freedom between which stated errors are taken for right.
 LEAST_NIS, MOST_NIS = 0.5, 2.0
@@ -34,21 +34,21 @@ def _usage(used: int, rejected: int, lost_pings: str) -> str:
 
 
 def _consistency(findings: Sequence[Finding]) -> str:
-    named = dict.fromkeys(finding.name for finding in findings if finding.severity != "warning")
-    words = (
-        f"{len(named)} contradiction{'s' * (len(named) > 1)}: {', '.join(named)}"
-        if named
-        else "no contradiction found"
+    """Return whether the log contradicts itself, and then whether log and forecast fit, as one sentence."""
+    named = dict.fromkeys(
+        finding.name for finding in findings if severity_word(finding.severity) == "contradiction"
     )
-    return "; ".join(
-        (
-            words,
-            *(
-                f"{finding.name}: {finding.evidence}"
-                for finding in findings
-                if finding.severity == "warning"
-            ),
+    others = [
+        f"{finding.name}: {finding.evidence}" for finding in findings if finding.name not in named
+    ]
+    if not named:
+        return (
+            f"the log does not contradict itself, but {'; '.join(others)}"
+            if others
+            else "no contradiction found"
         )
+    return "; ".join(
+        (f"{len(named)} contradiction{'s' * (len(named) > 1)}: {', '.join(named)}", *others)
     )
 
 

@@ -24,7 +24,7 @@ from replay_kit.logs import merge, open_logs
 from replay_kit.logs.folders import logs_in
 from replay_kit.logs.mavlink.writer import TlogFrames
 from replay_kit.logs.mcap.writer import McapLogWriter, open_mcap_log
-from replay_kit.logs.reader import LogFile, RawLog
+from replay_kit.logs.reader import LogFile, RawLog, reading
 from replay_kit.results.losses import (
     loss_json,
     loss_lines,
@@ -35,7 +35,6 @@ from replay_kit.results.losses import (
 )
 from replay_kit.results.readback import check_written
 from replay_kit.results.text import code_of, folded, print_lines, print_table
-from replay_kit.workflows.replay.inputs import reading
 
 _STAMP_BYTES = 8
 

@@ -22,6 +22,7 @@ from replay_kit.core.time import to_time_ns
 from replay_kit.forecast import read_ensemble
 from replay_kit.results import Result
 from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.planning.currents import KnownCurrent
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay as replay_job
 
@@ -102,21 +103,23 @@ def plan(
         settings: As in ``replay``; ``[planner]`` counts.
 
     Raises:
-        PlanError: Start or goal is outside the region or on land.
+        PlanError: Start or goal is outside the region or on land, or the time outside the forecast.
     """
     if not isinstance(estimate, FlowEstimate):
         got = type(estimate).__name__
         raise ConfigError(
             f"estimate: expected a FlowEstimate, got {got}; open one with open_estimate, or take that of a result"
         )
+    config = settings_of(settings).planner
     planner, begin, end = (
-        planner_of(settings_of(settings).planner, estimate.grid),
+        planner_of(config, estimate.grid),
         place_of(start, "start"),
         place_of(goal, "goal"),
     )
     planner.check(estimate, end)
     start_ns = (estimate.time_ns or 0) if time is None else int(to_time_ns(time))
-    return planner.plan(estimate, begin, end, start_ns, None).plan
+    KnownCurrent((estimate,), config.flow_step).check_time("time", start_ns)
+    return planner.with_odds().plan(estimate, begin, end, start_ns, None).plan
 
 
 def open_ensemble(path: Paths, *, settings: Settings = None) -> Ensemble:

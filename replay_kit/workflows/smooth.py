@@ -8,6 +8,7 @@ the replay, which did not know later measurements.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
+from replay_kit.core.as_flown import AS_FLOWN, AsFlown, FlownDive
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, VehicleState
 from replay_kit.core.progress import Progress, silent
@@ -23,13 +25,17 @@ from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.estimator.evolving.smoother import smoothed_states
 from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
+from replay_kit.logs.reader import reading
 from replay_kit.measurements import events_of
+from replay_kit.measurements.consistency.tracks import LogTracks
 from replay_kit.results import ResultWriter
 from replay_kit.results.summary import ReplaySummary
 from replay_kit.workflows.replay.build import Forecasts, build, flow_at
+from replay_kit.workflows.replay.consistency import MonitoringState, require_one_vehicle
+from replay_kit.workflows.replay.dive_forecasts import flown_of
 from replay_kit.workflows.replay.estimation import EstimationState, assimilate
 from replay_kit.workflows.replay.flight_bias import FlightState, as_used
-from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, forecasts_of, reading
+from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, forecasts_of
 from replay_kit.workflows.replay.look_ahead import open_readers
 from replay_kit.workflows.replay.outputs import Weights, write
 from replay_kit.workflows.replay.provenance import run_metadata, run_settings_toml
@@ -43,20 +49,33 @@ STATIC = "the estimate does not change with time: smoothed, it is the last estim
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Forward:
-    """The replay of the logs.
+class _Read:
+    """What the logs hold.
 
     Attributes:
         events: Positions and measurements, in order.
-        innovations: Of the events; None of positions.
-        state: The estimator's last state.
-        statistics: What was used.
+        statistics: Of what is read, and later of what is used.
+        flight: What is known of the flight model at the end.
+        as_flown: How the vehicle flew; None where no mean current shows it.
     """
 
     events: Sequence[VehicleState | Measurement]
+    statistics: RunStatistics
+    flight: FlightState
+    as_flown: AsFlown | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Forward(_Read):
+    """The replay of the logs.
+
+    Attributes:
+        innovations: Of the events; None of positions.
+        state: The estimator's last state.
+    """
+
     innovations: Sequence[Innovation | None]
     state: Any
-    statistics: RunStatistics
 
 
 def smooth(
@@ -91,7 +110,14 @@ def smooth(
             estimator = build(forecasts, config, None)
         with clock.stage("estimate"):
             readers = open_readers(job.logs, config)
-            forward = _replayed(estimator, *_events(readers, estimator, config, progress))
+            read = _events(readers, estimator, config, progress)
+            if config.consistency.on_failure != "ignore":
+                positions = (event for event in read.events if isinstance(event, VehicleState))
+                require_one_vehicle(
+                    MonitoringState(tracks=reduce(LogTracks.after, positions, LogTracks())),
+                    [log.path for log in readers],
+                )
+            forward = _replayed(estimator, read)
             reports = [reader.report() for reader in readers]
             forward.statistics.require_usable(reports, forecasts.ensemble.grid)
         progress(0, 0, "smoothing")
@@ -103,7 +129,13 @@ def smooth(
         *estimator.notes(),
         *_notes(estimator),
     )
-    return replace(forward.statistics.summary(reports), seconds=dict(clock.seconds), notes=notes)
+    correction = forward.flight.correction(forward.statistics.profiles.corrections)
+    return replace(
+        forward.statistics.summary(reports),
+        seconds=dict(clock.seconds),
+        notes=notes,
+        flight_correction=correction,
+    )
 
 
 def check_smoothable(forecasts: Forecasts) -> None:
@@ -126,16 +158,18 @@ def _notes(estimator: Estimator[Any]) -> list[str]:
 
 def _events(
     readers: Any, estimator: Estimator[Any], config: RunConfig, progress: Progress
-) -> tuple[list[VehicleState | Measurement], RunStatistics]:
-    """Return positions and measurements of the logs, and the statistics of all else."""
+) -> _Read:
+    """Return what the logs hold, with the statistics of all but positions and measurements."""
     kinds = (VehicleState, Observation, *((PathMean,) if estimator.supports_path_means else ()))
     settings, advance = config.logs, reading(readers, progress, "reading the logs")
     merged = merge(readers, settings.reorder_window, settings.start_ns, settings.end_ns)
     kept: list[VehicleState | Measurement] = []
-    statistics, flight = RunStatistics(), FlightState()
+    statistics, flight, dives = RunStatistics(), FlightState(), list[FlownDive]()
     for events in events_of(merged, config.measurements, settings.system):
         advance()
         for stated in events:
+            if isinstance(stated, PathMean) and (dive := flown_of(stated)) is not None:
+                dives.append(dive)
             flight, event = as_used(flight, stated, config.measurements)
             if isinstance(event, kinds) and (
                 config.measurements.flight_bias
@@ -145,16 +179,12 @@ def _events(
         statistics = statistics.after_events(
             event for event in events if not isinstance(event, kinds)
         )
-    return kept, statistics.with_order(merged)
+    return _Read(kept, statistics.with_order(merged), flight, AsFlown.of(dives))
 
 
-def _replayed(
-    estimator: Estimator[Any],
-    events: Sequence[VehicleState | Measurement],
-    statistics: RunStatistics,
-) -> _Forward:
+def _replayed(estimator: Estimator[Any], read: _Read) -> _Forward:
     """Return the replay of events, in blocks: the states of all steps at once would take too much memory."""
-    prior = estimator.initial()
+    prior, events, statistics = estimator.initial(), read.events, read.statistics
     state, innovations = EstimationState(prior, prior), []
     for begin in range(0, len(events), estimator.block_size):
         state, steps = assimilate(estimator, state, events[begin : begin + estimator.block_size])
@@ -162,7 +192,7 @@ def _replayed(
         innovations += [
             None if step.assimilation is None else step.assimilation.innovation for step in steps
         ]
-    return _Forward(events, innovations, state.current, statistics)
+    return _Forward(events, statistics, read.flight, read.as_flown, innovations, state.current)
 
 
 def _write(
@@ -215,6 +245,8 @@ def _write(
                 state = estimator.predict(states[max(due - 1, 0)], event.time_ns)
                 writer.innovation(_smoothed(estimator, state, event, innovation))
                 _write_weights(writer, estimator, state, event.time_ns, prior.levels)
+        if forward.as_flown is not None:
+            writer.write_metadata(AS_FLOWN, forward.as_flown.to_record())
         writer.finish(flow_at(estimator, states[-1], published[-1]))
     except BaseException:
         writer.abandon()
@@ -236,4 +268,4 @@ def _smoothed(
     """Return an innovation whose residual is that to a smoothed estimate, for the bins that have one; it keeps that of the replay."""
     replayed = innovation.residual
     residual = np.where(np.isfinite(replayed), estimator.innovation(state, measurement), np.nan)
-    return replace(innovation, residual=residual, replayed_residual=replayed)
+    return replace(innovation, residual=residual, replayed_residual=replayed, estimated_std=np.nan)

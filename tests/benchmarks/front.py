@@ -7,7 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from planners import MissionRequest, MissionSettings, best_departure, plan_departures, plan_mission
+from planners import (
+    MissionRequest,
+    MissionSettings,
+    Weights,
+    best_departure,
+    plan_departures,
+    plan_mission,
+)
 from planners.front.current import CurrentLattice, current_lattice, shares_of_levels, spacing_over
 from planners.front.front import sea_of, spread
 from planners.front.obstacles import as_complex
@@ -213,7 +220,10 @@ def departures_row(flows: tuple[FlowEstimate, ...], count: int, apart: float = 6
             rng.uniform(0.15, 0.28) * float(np.min(high - low)),
         )
         end = begin + far * np.array([np.sin(course), np.cos(course)])
-        settings = MissionSettings(depth=min(500.0, float(one.levels[-1])), surface_time=600.0)
+        # the shortest of them, as the first to arrive is nearly always the first to leave, which is planned by itself in both
+        settings = MissionSettings(
+            depth=min(500.0, float(one.levels[-1])), surface_time=600.0, objective=Weights(time=1.0)
+        )
         request = MissionRequest(
             place(one, *begin, 0.0), (place(one, *end, 0.0),), settings=settings
         )

@@ -12,7 +12,6 @@ from planners.front.current import shares_of_levels
 from planners.learning.choose import Aim
 from planners.learning.closed_loop import mean_currents
 from planners.learning.current import currents_of
-from planners.learning.detours import plan_detour
 from planners.learning.loops import shapes, timed
 from planners.learning.maps import plan_map
 from planners.learning.rows import rows_at
@@ -159,17 +158,11 @@ def _plans(flow: FlowEstimate, tiny: bool) -> list[dict[str, Any]]:
     """Return the processor time of one plan of each kind."""
     samples = 20 if tiny else 200
     settings = LearnSettings(depth=_DEPTH, samples=samples)
-    far = 35e3 if tiny else 70e3
     start = _place(flow, 0j)
     asked = LearnRequest(start, (_place(flow, _GOAL),), settings=settings)
     box = [_place(flow, complex(sign * 25e3, sign * 20e3)) for sign in (-1, 1)]
     mapped = replace(
         asked, goals=(), profiles=4 if tiny else 20, settings=replace(settings, dives=3)
-    )
-    mission = replace(
-        asked,
-        goals=(_place(flow, far + 0j),),
-        settings=replace(settings, samples=min(samples, 64), dives=4 if tiny else 2),
     )
     kinds = {
         "a survey before a stretch": lambda: plan_survey(
@@ -178,7 +171,6 @@ def _plans(flow: FlowEstimate, tiny: bool) -> list[dict[str, Any]]:
         "a map": lambda: plan_map(
             flow, mapped, Box(box[0].longitude, box[0].latitude, box[1].longitude, box[1].latitude)
         ),
-        "a mission that surfaces": lambda: plan_detour(flow, mission),
     }
     made = []
     for name, work in kinds.items():

@@ -1,4 +1,4 @@
-"""The planners: one constant velocity against an exhaustive search, a mission of ten dives against its peers, free paths against Zermelo.
+"""The planners: one constant velocity against an exhaustive search, a mission of ten dives against its peers.
 
 The flows are members of the quasi-geostrophic set where the shared data are there, else random eddies.
 """
@@ -12,13 +12,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from planners import Auv, AuvSettings, GlideSettings, PathRequest, plan, plan_path
+from planners import GlideSettings, plan
 from planners.flow import field_function
 from planners.route.region import region_of
 from planners.track import fly_glide, fractions_of_duration, rk4_step
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.horizontal import NodeKernel
 from replay_kit.estimator.basis.modes import embed_member
@@ -29,9 +28,7 @@ from tests.benchmarks.measure import seconds
 from tests.benchmarks.planners_masked import masked_row
 from tests.benchmarks.planners_search import closest_by_search
 from tests.places import DATA
-from tests.planners.flow_samples import eddying_flow, fitted_flow, place
-from tests.reference.route_graph import graph_time
-from tests.reference.zermelo import time_in_jet, time_in_solid_rotation, time_in_uniform_current
+from tests.planners.flow_samples import eddying_flow, place
 
 Row = dict[str, Any]
 QG = DATA / "qg" / "climatology.nc"
@@ -49,13 +46,14 @@ def rows(tiny: bool) -> list[Row]:
     made = [
         *glide_rows(tiny),
         flow_row(tiny),
-        *zermelo_rows(tiny),
-        front_row(tiny),
         masked_row(1 if tiny else 200),
     ]
     made += planners_mission.rows(_flows(tiny)[0], 1 if tiny else 6, tiny)
     made += planners_scenario.rows(
-        None if tiny or not QG.exists() else QG, _MEMBERS[1:2] if tiny else _MEMBERS[1:6:4], 1 if tiny else 5, tiny
+        None if tiny or not QG.exists() else QG,
+        _MEMBERS[1:2] if tiny else _MEMBERS[1:6:4],
+        1 if tiny else 5,
+        tiny,
     )
     return [{"peak_mb": None} | one for one in made]
 
@@ -88,11 +86,15 @@ def _glide_row(flows: tuple[FlowEstimate, ...], count: int, reachable: bool, tin
         searched.append(time.perf_counter() - began)
         start, goal = place(flow, *begin), place(flow, *end)
         if k < len(flows):
-            plan(flow, start, goal, settings=settings)  # the graph of these nodes is built once for all estimates on them
+            plan(
+                flow, start, goal, settings=settings
+            )  # the graph of these nodes is built once for all estimates on them
         took, made = seconds(lambda: plan(flow, start, goal, settings=settings))  # noqa: B023
         cold.append(took)
         warm.append(seconds(lambda: plan(flow, start, goal, settings=settings, warm=made))[0])  # noqa: B023
-        worse.append(made.closest_approach - best if reachable else made.closest_approach / best - 1.0)
+        worse.append(
+            made.closest_approach - best if reachable else made.closest_approach / best - 1.0
+        )
         right += made.status == ("reached" if reachable else "unreachable")
     kind = "targets that the truth reaches" if reachable else "targets out of reach"
     error = {"worse_m": float(max(worse))} if reachable else {"past_share": float(max(worse))}
@@ -122,13 +124,19 @@ def draw_pair(flow: FlowEstimate, rng: np.random.Generator) -> tuple[Array, Arra
         down = depth / lasts
         along = np.sqrt(SPEED**2 - down**2)
         through = np.array([along * np.sin(heading), along * np.cos(heading), down])
-        track = fly_glide(flow, begin, through, lasts * fractions_of_duration(0.0, depth, flow.levels, 60))
+        track = fly_glide(
+            flow, begin, through, lasts * fractions_of_duration(0.0, depth, flow.levels, 60)
+        )
         if region.allowed(track.position).all():
             return begin, np.array([*track.position[-1, :2], depth])
 
 
 def _pair(
-    flow: FlowEstimate, rng: np.random.Generator, settings: GlideSettings, reachable: bool, size: dict[str, int]
+    flow: FlowEstimate,
+    rng: np.random.Generator,
+    settings: GlideSettings,
+    reachable: bool,
+    size: dict[str, int],
 ) -> tuple[Array, Array, float]:
     """Return a start, a target, and what the search finds; of targets that need not be reachable one that it misses by kilometres."""
     while True:
@@ -148,7 +156,11 @@ def _inside(flow: FlowEstimate, rng: np.random.Generator) -> Array:
 def flow_row(tiny: bool) -> Row:
     """The Hessian of where a flight of twelve RK4 steps ends, against the same field differentiated by CasADi."""
     flow = _on_nodes(_flows(tiny)[0])
-    begin, weights, latent = ca.MX.sym("begin", 3), ca.MX.sym("weights", 3), ca.MX.sym("latent", *flow.latent.shape)
+    begin, weights, latent = (
+        ca.MX.sym("begin", 3),
+        ca.MX.sym("weights", 3),
+        ca.MX.sym("latent", *flow.latent.shape),
+    )
     field = field_function(flow)
     through, step, given = ca.DM([0.2, 0.1, 0.01]), 900.0, ca.DM(flow.latent)
 
@@ -159,18 +171,37 @@ def flow_row(tiny: bool) -> Row:
         at = begin
         for _ in range(12):
             at = rk4_step(rate, at, step, rate(at))
-        return ca.Function("hessian", [begin, weights, latent], [ca.hessian(ca.dot(weights, at), begin)[0]], {"cse": True})
+        return ca.Function(
+            "hessian",
+            [begin, weights, latent],
+            [ca.hessian(ca.dot(weights, at), begin)[0]],
+            {"cse": True},
+        )
 
     ours, theirs = hessian(lambda at: field(at, latent)), hessian(_plain(flow, latent))
-    points = np.random.default_rng(0).uniform([-2e4, -2e4, 30.0], [2e4, 2e4, 200.0], (2 if tiny else 50, 3))
+    points = np.random.default_rng(0).uniform(
+        [-2e4, -2e4, 30.0], [2e4, 2e4, 200.0], (2 if tiny else 50, 3)
+    )
     (ours_s, values), (theirs_s, expected) = (
         seconds(lambda: [np.asarray(one(at, [0.3, 0.7, 0.2], given)) for at in points], 3)  # noqa: B023
         for one in (ours, theirs)
     )
-    apart = max(float(np.abs(a - b).max() / np.abs(b).max()) for a, b in zip(values, expected, strict=True))
-    unequal = max(float(np.abs(np.asarray(field(at, given)).ravel() - flow.velocity(*at)).max()) for at in points)
+    apart = max(
+        float(np.abs(a - b).max() / np.abs(b).max()) for a, b in zip(values, expected, strict=True)
+    )
+    unequal = max(
+        float(np.abs(np.asarray(field(at, given)).ravel() - flow.velocity(*at)).max())
+        for at in points
+    )
     error = {"velocity": unequal, "mean": apart}
-    return row(f"Hessian of {len(points)} flights of 12 steps, {len(flow.nodes)} nodes", ours_s, "automatic", theirs_s, 1.0, error)
+    return row(
+        f"Hessian of {len(points)} flights of 12 steps, {len(flow.nodes)} nodes",
+        ours_s,
+        "automatic",
+        theirs_s,
+        1.0,
+        error,
+    )
 
 
 def _on_nodes(flow: FlowEstimate) -> FlowEstimate:
@@ -199,66 +230,16 @@ def _plain(flow: FlowEstimate, latent: Any) -> Callable[[Any], Any]:
         levels = ca.MX(ca.DM(flow.levels))
         share = (at[2] - levels[lower]) / (levels[lower + 1] - levels[lower])
         here = latent[:, lower] * (1.0 - share) + latent[:, lower + 1] * share
-        x, y = (at[0] - flow.nodes[:, 0]) / kernel.length_east, (at[1] - flow.nodes[:, 1]) / kernel.length_north
+        x, y = (
+            (at[0] - flow.nodes[:, 0]) / kernel.length_east,
+            (at[1] - flow.nodes[:, 1]) / kernel.length_north,
+        )
         k = (kernel.speed * kernel.length_east) ** 2 * ca.exp(-0.5 * (x * x + y * y))
         u, v = k * here[:n], k * here[n:]
         terms = y / kernel.length_north * u - x / kernel.length_east * v
         east = ca.sum1(u) / kernel.length_north**2 - ca.dot(y, terms) / kernel.length_north
-        return ca.vertcat(east, ca.sum1(v) / kernel.length_east**2 + ca.dot(x, terms) / kernel.length_east)
+        return ca.vertcat(
+            east, ca.sum1(v) / kernel.length_east**2 + ca.dot(x, terms) / kernel.length_east
+        )
 
     return field
-
-
-def zermelo_rows(tiny: bool) -> list[Row]:
-    """Free paths in currents whose quickest path is known: relative error of the time."""
-    begin, end, current, rate = np.array([-20e3, -12e3]), np.array([18e3, 14e3]), np.array([0.3, -0.4]), 1.2e-5
-
-    def jet(north: Any) -> Any:
-        return 0.6 * np.cos(2.0 * np.pi * north / 6e4)
-
-    cases = {
-        "a uniform current": (lambda x, y: (0 * x + 0.3, 0 * y - 0.4), time_in_uniform_current(end - begin, current, 1.0)),
-        "solid rotation": (lambda x, y: (rate * y, -rate * x), time_in_solid_rotation(begin, end, rate, 1.0)),
-        "a jet": (lambda x, y: (jet(y), 0 * x), time_in_jet(begin, end, lambda y: float(jet(y)), 1.0)),
-    }
-    made = []
-    for name, (velocity, exact) in list(cases.items())[: 1 if tiny else None]:
-        flow = fitted_flow(velocity)
-        settings = AuvSettings(tolerance=5.0, pieces=12) if tiny else AuvSettings(tolerance=5.0)
-        took, found = seconds(
-            lambda: plan_path(flow, PathRequest(place(flow, *begin, 50.0), place(flow, *end, 50.0), settings=settings))  # noqa: B023
-        )
-        late = abs(found.duration / exact - 1.0) if found.status == "reached" else np.inf
-        made.append(row(f"quickest path in {name}: 0.1 % asked", took, "Zermelo's solution", None, None, {"late_share": late}))
-    return made
-
-
-def front_row(tiny: bool, count: int = 20) -> Row:
-    """Quickest paths at one depth against a front that spreads over a fine grid: share of the time by which ours are later."""
-    rng, depth, speed, later, took, theirs = np.random.default_rng(11), 150.0, 0.6, [], [], []
-    for k in range(1 if tiny else count):
-        flow = _flows(tiny)[k % len(_flows(tiny))]
-        flow = _at_depth(flow, depth)
-        while True:
-            begin, end = _inside(flow, rng), _inside(flow, rng)
-            if np.hypot(*(end - begin)) > 0.25 * float(np.ptp(flow.grid.east)):
-                break
-        settings = AuvSettings(pieces=12 if tiny else 30, max_duration=1e6)
-        asked = place(flow, *begin, depth), place(flow, *end, depth)
-        spent, found = seconds(lambda: plan_path(flow, PathRequest(*asked, Auv(speed=speed), settings)))  # noqa: B023
-        took.append(spent)
-        spent, graph = seconds(lambda: graph_time(flow, depth, begin, end, speed, 20 if tiny else 120, 3 if tiny else 6))  # noqa: B023
-        theirs.append(spent)
-        # nothing holds a free path inside the region: one that leaves it says so, and is counted instead
-        later.append(found.duration / graph - 1.0 if found.status == "reached" else np.nan if found.status == "unsafe" else np.inf)
-    name = f"quickest path of {speed} m/s at {depth:g} m, {len(later)} pairs: 1 % asked"
-    error = {"past_share": float(np.nanmax(later))}
-    more = {"median_share": float(np.nanmedian(later)), "left_the_region": int(np.isnan(later).sum())}
-    return row(name, float(np.median(took)), "front on a fine grid", float(np.median(theirs)), 1.0, error, **more)
-
-
-def _at_depth(flow: FlowEstimate, depth: float) -> FlowEstimate:
-    """Return the flow of one depth at all depths."""
-    weights = depth_weights(flow.depth_functions, np.array([depth]), flow.levels)[0]
-    grid = replace(flow.grid, levels=np.array([depth]), wet=flow.grid.wet[:1])
-    return replace(flow, grid=grid, latent=(flow.latent @ weights)[:, None])

@@ -45,7 +45,14 @@ _WIDE, _OVER = 6e3, 200.0
 
 def rows(data: Path | None, members: tuple[int, ...], missions: int, tiny: bool) -> list[Row]:
     """Return the rows of missions in estimates of each member: time of a plan, share of violations, and the gain of corrections."""
-    found: dict[str, list[float]] = {"took": [], "unsafe": [], "unsafe_without": [], "miss": [], "corrected": [], "flown": []}
+    found: dict[str, list[float]] = {
+        "took": [],
+        "unsafe": [],
+        "unsafe_without": [],
+        "miss": [],
+        "corrected": [],
+        "flown": [],
+    }
     for member in members:
         flow = _estimate(data, member)
         drawn, fresh = flow.sample(SAMPLES, 1), flow.sample(40 if tiny else FRESH, 2)
@@ -58,31 +65,53 @@ def rows(data: Path | None, members: tuple[int, ...], missions: int, tiny: bool)
             began = time.perf_counter()
             kept, _ = plan_scenarios(flow, drawn, past, allowed=ALLOWED)
             found["took"].append(time.perf_counter() - began)
-            held, plain = (fly_scenarios(flow, fresh, one, no_go=(area,)) for one in (kept, without))
+            held, plain = (
+                fly_scenarios(flow, fresh, one, no_go=(area,)) for one in (kept, without)
+            )
             began = time.perf_counter()
             corrected = fly_scenarios(flow, fresh, free, pilot=Pilot())
             found["flown"].append(time.perf_counter() - began)
             found["unsafe"].append(1.0 - held.safe)
             found["unsafe_without"].append(1.0 - plain.safe)
             found["miss"].append(held.miss_90_percent / plain.miss_90_percent)
-            found["corrected"].append(corrected.miss_90_percent / fly_scenarios(flow, fresh, free).miss_90_percent)
+            found["corrected"].append(
+                corrected.miss_90_percent / fly_scenarios(flow, fresh, free).miss_90_percent
+            )
     count = len(found["took"])
     of = {name: np.array(values) for name, values in found.items()}
     medians = {f"{name}_median": float(np.median(values)) for name, values in of.items()}
 
     def summary(what: str, seconds: str, peer: str, error: str, share: str, **more: float) -> Row:
-        return row(what, float(np.median(of[seconds])), peer, None, None, {error: float(np.median(of[share]))}, **more)
+        return row(
+            what,
+            float(np.median(of[seconds])),
+            peer,
+            None,
+            None,
+            {error: float(np.median(of[share]))},
+            **more,
+        )
 
     allowed = f"{count} scenario plans of {DIVES} dives, {SAMPLES} samples: {ALLOWED:.0%} may enter an area, 12 % asked, in 15 s"
     slowest, most = float(of["took"].max()), float(of["unsafe"].max())
     kept_row = summary(
-        allowed, "took", "the plan made on the estimate", "unsafe_share", "unsafe", slowest_s=slowest, most_unsafe=most, **medians
+        allowed,
+        "took",
+        "the plan made on the estimate",
+        "unsafe_share",
+        "unsafe",
+        slowest_s=slowest,
+        most_unsafe=most,
+        **medians,
     )
     flown = (
-        f"{count} missions of {DIVES} dives in fresh samples, corrected at surfacings: nine of ten miss by, over the same held: 0.8 asked"
+        f"{count} missions of {DIVES} dives in fresh samples, corrected at surfacings: nine of "
+        f"ten miss by, over the same held: 0.8 asked"
     )
     worst = float(of["corrected"].max())
-    pilot_row = summary(flown, "flown", "headings held", "corrected_share", "corrected", worst_share=worst)
+    pilot_row = summary(
+        flown, "flown", "headings held", "corrected_share", "corrected", worst_share=worst
+    )
     return [kept_row, pilot_row, odds_row(data, members, missions, tiny)]
 
 
@@ -94,9 +123,14 @@ def odds_row(data: Path | None, members: tuple[int, ...], missions: int, tiny: b
         # a plan is given its estimate, not what that is computed from
         cov = flow.weight_cov
         for seed in range(missions):
-            request, known = _mission(flow, np.random.default_rng(seed), 4 if tiny else DIVES), replace(flow, covariance=cov)
+            request, known = (
+                _mission(flow, np.random.default_rng(seed), 4 if tiny else DIVES),
+                replace(flow, covariance=cov),
+            )
             request = replace(request, settings=replace(request.settings, legs=None))
-            plan_mission(known, request)  # the graphs of these nodes are built once for all estimates on them
+            plan_mission(
+                known, request
+            )  # the graphs of these nodes are built once for all estimates on them
             began = time.process_time()
             plan = plan_mission(known, request)
             plans.append(time.process_time() - began)
@@ -105,14 +139,28 @@ def odds_row(data: Path | None, members: tuple[int, ...], missions: int, tiny: b
             costs.append(time.process_time() - began)
             parts.append(costs[-1] / plans[-1])
     what = f"odds of {len(parts)} missions in 40 samples, with drawing them: processor time over that of the plan, 1 asked"
-    more = {"ratio_median": float(np.median(parts)), "ratio_largest": float(np.max(parts)), "ratio_of_sums": sum(costs) / sum(plans)}
-    return row(what, float(np.median(costs)), "the plan, its graph built before", float(np.median(plans)), 1.0, {}, **more)
+    more = {
+        "ratio_median": float(np.median(parts)),
+        "ratio_largest": float(np.max(parts)),
+        "ratio_of_sums": sum(costs) / sum(plans),
+    }
+    return row(
+        what,
+        float(np.median(costs)),
+        "the plan, its graph built before",
+        float(np.median(plans)),
+        1.0,
+        {},
+        **more,
+    )
 
 
 def _estimate(data: Path | None, member: int) -> FlowEstimate:
     if data is None:
         flow = eddying_flow(member, speed=0.15)
-        others = np.stack([(0.2 * eddying_flow(100 + k, speed=0.15).latent) for k in range(4)], axis=1)
+        others = np.stack(
+            [(0.2 * eddying_flow(100 + k, speed=0.15).latent) for k in range(4)], axis=1
+        )
         # each mode is one flow for all levels: the weights of a level move it at that level
         modes = others.mean(axis=2)
         each = np.kron(np.ones((flow.levels.size,) * 2), np.eye(4))
@@ -138,9 +186,13 @@ def _mission(flow: FlowEstimate, rng: np.random.Generator, dives: int) -> Missio
         start = rng.uniform(-half, half)
         headings = rng.uniform(0.0, 2.0 * np.pi) + rng.normal(0.0, 0.3, dives)
         angles = np.deg2rad(rng.uniform(16.0, 25.0, dives))
-        path = fly_legs(currents_of(flow), Glider(), start, Legs(headings, angles, (depths,) * dives, drifts)).place[0]
+        path = fly_legs(
+            currents_of(flow), Glider(), start, Legs(headings, angles, (depths,) * dives, drifts)
+        ).place[0]
         if np.all(np.abs(path) < 1.6 * half):
-            return MissionRequest(place(flow, *start, 0.0), (place(flow, *path[-1], 0.0),), settings=settings)
+            return MissionRequest(
+                place(flow, *start, 0.0), (place(flow, *path[-1], 0.0),), settings=settings
+            )
 
 
 def _downstream(flow: FlowEstimate, plan: MissionPlan) -> NoGo:
@@ -151,7 +203,10 @@ def _downstream(flow: FlowEstimate, plan: MissionPlan) -> NoGo:
     current = np.mean([flow.velocity(*at) for at in plan.track[::10]], axis=0)
     across *= 1.0 if current @ across > 0.0 else -1.0
     centre = plan.track[middle, :2] + (0.5 * _WIDE - _OVER) * across
-    corners = [place(flow, *(centre + 0.5 * _WIDE * (a * along + b * across)), 0.0) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    corners = [
+        place(flow, *(centre + 0.5 * _WIDE * (a * along + b * across)), 0.0)
+        for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    ]
     return NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), "range")
 
 

@@ -65,6 +65,8 @@ def test_everything_it_writes_agrees(flow, tmp_path):
     said = json.loads(answer.read_text())
     assert said["status"] == "reached"
     assert said["message"] in done.output
+    # no log tells how the vehicle flies; the depth is stated
+    assert said["message"].endswith("; assumed: 0.30 m/s")
     assert said["samples"]["count"] == 10
     assert len(table.read_text().splitlines()) == len(said["legs"]) + 1
     assert said["legs"][-1]["ellipse_major_m"] > 0.0
@@ -76,7 +78,10 @@ def test_everything_it_writes_agrees(flow, tmp_path):
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         ((_, _, message, controls),) = reader.iter_decoded_messages(topics="/plan/controls")
     assert (message.log_time, controls.status) == (10**18, "reached")
-    assert controls.duration == pytest.approx(said["duration_s"])
+    assert (controls.duration, controls.message) == (
+        pytest.approx(said["duration_s"]),
+        said["message"],
+    )
 
 
 def recorded(path):
@@ -249,6 +254,19 @@ def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path)
     assert said["waypoints"]["message"] in places.read_text()
 
 
+def test_a_track_farther_from_its_line_than_the_width_does_not_reach_the_goal(flow, tmp_path):
+    asked = (flow, *ASK, "--line", "--samples", 0, "--legs", 4, "--json", "-")
+    wide, narrow = (
+        json.loads(run(*asked, *more).stdout)
+        for more in (["-o", tmp_path / "plan.mcap"], ["--line-width", 30])
+    )
+    assert (wide["status"], narrow["status"]) == ("reached", "unreachable")
+    assert 30.0 < narrow["statistics"]["farthest_m"] <= wide["statistics"]["farthest_m"]
+    assert "farther than 30 m" in narrow["message"]
+    options = recorded(tmp_path / "plan.mcap")[0]["replay_kit.options"]
+    assert (options["line_weight"], options["line_width"]) == ("10.0", "2000.0")
+
+
 @pytest.mark.parametrize(
     ("more", "code", "words"),
     [
@@ -268,6 +286,9 @@ def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path)
         (["--waypoints", "a.txt"], 2, "ends in one of"),
         (["--surfacings-only"], 2, "expected --mooring"),
         (["--line-weight", "5"], 2, "expected --line"),
+        (["--line-width", "500"], 2, "--line-width: expected --line beside it"),
+        (["--line", "--line-width", "0"], 2, "--line-width: expected a number above 0, got 0"),
+        (["--line", "--line-width", "inf"], 2, "--line-width: expected a number above 0, got inf"),
         (["--waypoint-tolerance", "5"], 2, "expected --waypoints"),
         (["--mooring", "500,2", "--objective", "energy"], 2, "a mooring has none"),
         (["--objective", "time=1,closest=0"], 3, "a weight of 0"),
@@ -385,3 +406,58 @@ def test_an_estimate_without_uncertainty_has_no_odds_and_says_so(flow, tmp_path)
     said = json.loads(run(tmp_path / "mean.nc", *ASK, "--json", "-").stdout)
     assert said["samples"] is None
     assert "states no uncertainty" in said["message"]
+
+
+def test_every_output_and_page_holds_a_plan_without_legs(flow, tmp_path):
+    names = ("plan.mcap", "plan.geojson", "plan.csv", "plan.json", "places.csv")
+    out, geojson, table, answer, places = (tmp_path / name for name in names)
+    here = [
+        "--start=152.5,-40.0,0",
+        "--goal=152.5,-40.001,0",
+        "--depth",
+        390,
+        "--risk",
+        0.1,
+        "--samples",
+        10,
+    ]
+    done = run(
+        flow,
+        *here,
+        "-o",
+        out,
+        "--geojson",
+        geojson,
+        "--csv",
+        table,
+        "--json",
+        answer,
+        "--waypoints",
+        places,
+    )
+    assert "reached: already there: the start is within 111.0 m of the goal" in done.output
+    said = json.loads(answer.read_text())
+    assert (said["status"], said["legs"], said["samples"], said["waypoints"]) == (
+        "reached",
+        [],
+        None,
+        None,
+    )
+    assert [
+        feature["properties"]["name"] for feature in json.loads(geojson.read_text())["features"]
+    ] == ["start", "goal 1"]
+    assert table.read_text() == "leg\n"
+    # a list of no places is no file for a glider
+    assert not places.exists()
+    assert "no waypoints are written: the plan has no legs" in done.output
+    page, figure = tmp_path / "plan.html", tmp_path / "plan.png"
+    for command in (
+        ["report", out, "-o", page],
+        ["plot", out, "plan", "-o", figure],
+        ["verify", out, "--inputs", flow.parent],
+    ):
+        assert invoke([*map(str, command)]).exit_code == 0
+    assert "Nothing to steer: already there" in page.read_text()
+    status = invoke(["status", str(out), "--json", "-"])
+    assert json.loads(status.stdout)["command"]["heading_deg"] is None
+    assert "no command: already there" in " ".join(invoke(["status", str(out)]).stdout.split())

@@ -85,7 +85,8 @@ def test_the_script_of_a_dives_current(folder, capsys):
 def test_the_script_of_the_next_three_days(folder, capsys):
     lines = script(capsys, "next_three_days.py", folder / "r.mcap", "153.0,-40.2,0")
     assert len(lines) == 2
-    assert lines[1].split()[:2] == ["153.0,-40.2,0", "reached"]
+    # a plan has its odds: fewer than 90 % of the samples of this estimate arrive
+    assert lines[1].split()[:2] == ["153.0,-40.2,0", "uncertain"]
     assert float(lines[1].split()[2]) < 72.0
 
 

@@ -1,6 +1,10 @@
+import tomllib
+
 import pytest
 
+from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig, load_config
+from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.time import parse_time
 from replay_kit.workflows.replay.provenance import run_settings_toml
@@ -176,3 +180,77 @@ def test_the_last_time_is_the_last_that_64_bits_hold() -> None:
     assert parse_time("2262-04-11T23:47:16.854775807Z") == 2**63 - 1
     with pytest.raises(ConfigError, match=r"outside 1970\.\.2262"):
         parse_time("2262-04-11T23:47:16.854775808Z")
+
+
+FLOWN = AsFlown(speed=0.21, glide_angle_deg=57.0, depth=980.0, duration=6000.0, dives=5)
+
+
+@pytest.mark.parametrize(
+    ("stated", "flown", "deepest", "diving"),
+    [
+        ({}, None, 2000.0, (0.3, 500.0, 15.0, 35.0, "assumed: 0.30 m/s, 500 m")),
+        ({}, None, 300.0, (0.3, 300.0, 15.0, 35.0, "assumed: 0.30 m/s, 300 m")),
+        ({}, FLOWN, 2000.0, (0.21, 980.0, 57.0, 57.0, "as flown: 0.21 m/s, 980 m, 57 degrees")),
+        (
+            {},
+            FLOWN,
+            700.0,
+            (
+                0.21,
+                700.0,
+                57.0,
+                57.0,
+                "as flown: 0.21 m/s, 700 m (dives went to 980 m), 57 degrees",
+            ),
+        ),
+        (
+            {"max_depth": 300.0},
+            FLOWN,
+            700.0,
+            (
+                0.21,
+                300.0,
+                57.0,
+                57.0,
+                "as flown: 0.21 m/s, 300 m (dives went to 980 m), 57 degrees",
+            ),
+        ),
+        # the speed of another dive than the one flown
+        ({"speed": 0.25}, FLOWN, 2000.0, (0.25, 980.0, 15.0, 35.0, "as flown: 980 m")),
+        (
+            {"depth": 400.0},
+            FLOWN,
+            2000.0,
+            (0.21, 400.0, 57.0, 57.0, "as flown: 0.21 m/s, 57 degrees"),
+        ),
+        (
+            {"min_angle": 20.0, "max_angle": 30.0},
+            FLOWN,
+            2000.0,
+            (0.21, 980.0, 20.0, 30.0, "as flown: 0.21 m/s, 980 m"),
+        ),
+        (
+            {"max_angle": 40.0},
+            FLOWN,
+            2000.0,
+            (0.21, 980.0, 40.0, 40.0, "as flown: 0.21 m/s, 980 m, 40 degrees"),
+        ),
+        ({"speed": 0.3, "depth": 500.0}, FLOWN, 2000.0, (0.3, 500.0, 15.0, 35.0, "")),
+        ({"kind": "glide"}, FLOWN, 2000.0, (0.21, 980.0, 57.0, 57.0, "as flown: 0.21 m/s")),
+        ({"kind": "glide"}, None, 2000.0, (0.3, 500.0, 15.0, 35.0, "assumed: 0.30 m/s")),
+    ],
+)
+def test_what_no_setting_states_of_the_dives_is_as_flown_or_else_assumed(
+    stated, flown, deepest, diving
+):
+    found = PlannerConfig(**stated).diving(flown, 0.0, deepest)
+    assert (found.speed, found.depth, found.min_angle, found.max_angle, found.origin) == diving
+    # what is not stated is not in the settings that a result records either, from which it is planned again
+    recorded = tomllib.loads(run_settings_toml(RunConfig(planner=PlannerConfig(**stated))))[
+        "planner"
+    ]
+    assert {
+        key: recorded[key]
+        for key in ("speed", "depth", "min_angle", "max_angle", "max_depth")
+        if key in recorded
+    } == {key: value for key, value in stated.items() if key != "kind"}

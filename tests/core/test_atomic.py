@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.core.atomic import atomic_file, open_part
+from replay_kit.core.atomic import atomic_file, open_part, sync
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.lossless import write_dataset
 from replay_kit.core.paths import check_paths
@@ -44,6 +44,19 @@ def test_a_link_in_place_of_the_part_is_not_followed(
         write(out)
     assert victim.read_text() == "old"
     assert not out.exists()
+
+
+def test_what_was_forced_to_the_disk_is_not_left_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened, synced = list[int](), list[int]()
+    whole = os.open
+    monkeypatch.setattr(os, "open", lambda *given: opened.append(whole(*given)) or opened[-1])
+    monkeypatch.setattr(os, "fsync", synced.append)
+    sync(tmp_path)
+    assert synced == opened
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(opened[0])
 
 
 @WRITERS

@@ -28,6 +28,19 @@ def test_a_box_is_no_larger_than_it_must_be():
     assert width(around([(179.0, 0.0), (-179.0, 1.0)], 0.0)) == pytest.approx(2.0)
 
 
+def test_how_far_a_place_lies_inside_is_the_distance_to_the_nearest_side():
+    box = (9.0, 59.0, 11.0, 61.0)
+    for place, side in (
+        ((10.9, 60.0), (11.0, 60.0)),
+        ((9.02, 60.3), (9.0, 60.3)),
+        ((10.0, 60.9), (10.0, 61.0)),
+        ((8.9, 60.0), (9.0, 60.0)),
+    ):
+        sign = 1.0 if inside(box, *place) else -1.0
+        # degrees of longitude are those of the box's middle, 1 % longer than at 60.3 N
+        assert depth_inside(box, *place) == pytest.approx(sign * distance(*place, *side), rel=0.015)
+
+
 def test_places_round_the_globe_give_all_longitudes():
     longitude = np.arange(0.0, 360.0, 0.25)
     box = around(np.column_stack([longitude, np.zeros(longitude.size)]), 30_000.0)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import xarray as xr
+import zarr
 
 LEVELS = np.array([5.0, 60.0, 150.0, 300.0])
 N_MEMBERS = 3
@@ -133,3 +134,35 @@ def roms(at, shape, member, transform=2, packed=False):
             ds[name] = xr.Variable(ds[name].dims, numbers, attrs)
         ds = ds.drop_vars(["mask_rho", "mask_u", "mask_v"])
     return ds, mask
+
+
+_OF_NEMO = ("time_counter", "deptht", "y", "x")
+
+
+def _store(path, **arrays):
+    """A Zarr store of arrays by name: dimensions, shape and values; None for values that were never written and are read as 0."""
+    group = zarr.open_group(path, mode="w", zarr_format=3)
+    for name, (dims, shape, values) in arrays.items():
+        chunks = tuple(min(size, 512) for size in shape)
+        array = group.create_array(
+            name, shape=shape, chunks=chunks, dtype="f4", fill_value=0.0, dimension_names=dims
+        )
+        array.attrs["units"] = (
+            "m" if name == "deptht" else "m s-1" if name.startswith("vo") else "degrees"
+        )
+        if values is not None:
+            array[...] = values
+    return path
+
+
+def unwritten_stores(folder, shape, longitude=None, latitude=None):
+    """Stores of u, of v and of the mesh of NEMO without a value of any current: of some levels, rows and columns."""
+    plane = _OF_NEMO[2:], shape[1:]
+    levels = ("deptht",), shape[:1], 10.0 * np.arange(1.0, 1.0 + shape[0])
+    own = {"deptht": levels, "nav_lon": (*plane, longitude), "nav_lat": (*plane, latitude)}
+    currents = {"U": "vozocrtx", "V": "vomecrty"}
+    stores = [
+        _store(folder / f"{part}.zarr", **{name: (_OF_NEMO, (1, *shape), None)}, **own)
+        for part, name in currents.items()
+    ]
+    return [*stores, _store(folder / "mesh.zarr", glamt=own["nav_lon"], gphit=own["nav_lat"])]

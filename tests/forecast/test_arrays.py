@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from replay_kit.forecast.grid import region_block
-from replay_kit.forecast.regrid import bilinear, find_cells, to_levels
-from replay_kit.forecast.s_levels import SCoordinate, at_depths
+from replay_kit.forecast.regrid import at_depths, bilinear, find_cells, reach, to_levels
+from replay_kit.forecast.s_levels import SCoordinate
 from replay_kit.forecast.stagger import never_changing, to_centres
 
 
@@ -55,16 +55,36 @@ def test_depths_of_terrain_following_levels_end_at_the_surface_and_the_sea_bed(t
     )
 
 
-def test_values_at_depths_are_linear_between_levels_and_end_at_the_sea_bed():
-    depths = np.array([80.0, 30.0, 10.0])[:, None, None] * np.ones((3, 1, 2))
+def test_values_at_depths_are_linear_between_levels_and_none_out_of_reach():
+    depths = np.array([10.0, 30.0, 80.0])[:, None, None] * np.ones((3, 1, 2))
     values = (2.0 * depths)[None]
-    bottom = np.array([[100.0, 40.0]])
-    found = at_depths(values, depths, bottom, np.array([0.0, 20.0, 40.0, 90.0, 101.0]))[0, :, 0]
+    within = np.array([[-np.inf, 10.0]]), np.array([[100.0, 40.0]])
+    found = at_depths(values, depths, within, np.array([0.0, 20.0, 40.0, 90.0, 101.0]))[0, :, 0]
     np.testing.assert_allclose(found[:, 0], [20.0, 40.0, 80.0, 160.0, np.nan])
-    np.testing.assert_allclose(found[:, 1], [20.0, 40.0, 80.0, np.nan, np.nan])
-    np.testing.assert_array_equal(
-        at_depths(values[:, ::-1], depths[::-1], bottom, np.array([20.0]))[0, 0, 0], [40.0, 40.0]
-    )
+    np.testing.assert_allclose(found[:, 1], [np.nan, 40.0, 80.0, np.nan, np.nan])
+
+
+@pytest.mark.parametrize(
+    ("levels", "least", "greatest"),
+    [
+        ([5.0, 60.0, 150.0], -np.inf, 195.0),
+        ([14.0, 16.0], -np.inf, 17.0),
+        ([16.0, 18.0], 16.0, 19.0),
+        # layers of 400 m have their levels in the middle
+        ([200.0, 600.0, 1000.0], -np.inf, 1200.0),
+        ([201.0, 600.0, 1000.0], 201.0, 1200.0),
+        ([3994.0, 4300.0, 4574.0], 3994.0, 4711.0),
+        ([0.0], -15.0, 15.0),
+        ([4574.0], 4559.0, 4589.0),
+    ],
+)
+def test_levels_reach_half_their_spacing_down_and_to_a_surface_that_is_near(
+    levels, least, greatest
+):
+    np.testing.assert_allclose(reach(np.array(levels)), [least, greatest], rtol=1e-5)
+    # levels that move with the surface do for where they lie at rest
+    moved = reach(np.array(levels) - 1.5, 1.5)
+    np.testing.assert_allclose(moved, [least - 3.0, greatest], rtol=1e-5)
 
 
 def test_cells_of_a_turned_grid_and_values_in_them():
@@ -97,14 +117,20 @@ def test_cells_of_a_turned_grid_and_values_in_them():
     )
 
 
-def test_other_levels_are_linear_and_none_below_the_last():
+def test_other_levels_are_linear_and_none_out_of_reach():
     levels = np.array([10.0, 30.0, 50.0])
     values = np.array([1.0, 5.0, np.nan])[:, None, None]
-    found = to_levels(values, levels, np.array([0.0, 10.0, 15.0, 30.0, 40.0, 60.0]))[:, 0, 0]
+    found = to_levels(
+        values, levels, (-np.inf, 60.0), np.array([0.0, 10.0, 15.0, 30.0, 40.0, 60.0])
+    )[:, 0, 0]
     np.testing.assert_array_equal(found, [1.0, 1.0, 2.0, 5.0, np.nan, np.nan])
-    np.testing.assert_array_equal(
-        to_levels(values[:1], levels[:1], np.array([5.0, 10.0, 11.0]))[:, 0, 0], [1.0, 1.0, np.nan]
-    )
+    values[2] = 7.0
+    found = to_levels(values, levels, (-np.inf, 60.0), np.array([40.0, 60.0, 61.0]))[:, 0, 0]
+    np.testing.assert_array_equal(found, [6.0, 7.0, np.nan])
+    found = to_levels(values[1:2], levels[1:2], (15.0, 45.0), np.array([10.0, 20.0, 40.0, 50.0]))[
+        :, 0, 0
+    ]
+    np.testing.assert_array_equal(found, [np.nan, 5.0, 5.0, np.nan])
 
 
 def test_a_seam_is_crossed_only_on_a_grid_that_goes_round():

@@ -68,6 +68,9 @@ def test_what_does_not_belong_together_is_refused_in_words(tmp_path):
         ForecastError, match=r"--members suffix, but no variables differ by a suffix alone"
     ):
         read_ensemble([tmp_path / "one.nc"], ForecastConfig(members="suffix"))
+    # a name is no regular expression
+    with pytest.raises(ForecastError, match=r"no member dimension ens\(0; expected one of"):
+        read_ensemble([tmp_path / "one.nc"], ForecastConfig(members="dim:ens(0"))
     with pytest.raises(ForecastError, match=r"no member dimension cycle; expected one of"):
         read_ensemble([tmp_path / "one.nc"], ForecastConfig(members="dim:cycle"))
     with pytest.raises(ConfigError, match="is no regular expression"):

@@ -52,6 +52,26 @@ def test_levels_are_chosen_in_metres_and_heights_of_another_unit_turned(tmp_path
     )
 
 
+def test_a_level_asked_for_that_is_near_none_of_the_file_is_said(tmp_path):
+    path = write(with_depths(np.array([5.0, 60.0, 150.0, 250.0]), units="m"), tmp_path / "e.nc")
+    read = read_ensemble(path, ForecastConfig(levels=(0.0, 140.0, 310.0, 1000.0)))
+    np.testing.assert_array_equal(read.grid.levels, [5.0, 150.0, 250.0])
+    assert read.notes == (
+        "no level of the file (5..250 m) is near 310, 1000 m: the nearest was taken",
+    )
+    assert read_ensemble(path, ForecastConfig(levels=(0.0, 140.0, 300.0))).notes == ()
+    assert read_ensemble(path, PLAIN).notes == ()
+
+
+@pytest.mark.parametrize(
+    ("levels", "least"), [((40.0, 60.0, 150.0, 250.0), 40.0), ((15.0, 20.0, 25.0, 30.0), None)]
+)
+def test_a_file_without_a_level_near_the_surface_is_warned_of(tmp_path, levels, least):
+    read = read_ensemble(write(with_depths(np.array(levels), units="m"), tmp_path / "e.nc"), PLAIN)
+    warning = f"WARNING: the file has no level near the water above {least} m: the current of the first level is taken there"
+    assert read.notes == (() if least is None else (warning.replace(".0 m", " m"),))
+
+
 @pytest.mark.parametrize(
     ("unit", "sign", "positive"), [("dbar", 1.0, "down"), ("decibars", -1.0, "up")]
 )

@@ -11,7 +11,7 @@ from replay_kit.forecast import ensemble_files, read_ensemble, read_series
 from tests import synthetic
 from tests.forecast import forms
 from tests.forecast.forms import LEVELS
-from tests.forecast.test_forms import assert_comes_back, save
+from tests.forecast.test_forms import assert_comes_back, save, true_components
 from tests.places import DATA
 
 DAY = np.timedelta64(1, "D")
@@ -279,6 +279,88 @@ def test_members_on_other_grids_and_levels_are_interpolated(tmp_path):
         note == "1 member interpolated to the grid of the first (bilinear; linear in depth)"
         for note in read.notes
     )
+
+
+def test_a_point_is_water_where_half_of_the_other_grids_cell_is(tmp_path):
+    fields(1, tmp_path, "mem0.nc")
+    # the points of the first lie at .4 between columns of the other, of which the first two and those from the sixth on are land
+    longitude, latitude = forms.lonlat(9.96, 39.9, (9, 10))
+    u, v = forms.regular(longitude, latitude)
+    u[..., [0, 1, 6, 7, 8, 9]] = np.nan
+    save(forms.standard(u, v, longitude, latitude).isel(member=1), tmp_path / "mem1.nc")
+    read = read_ensemble(tmp_path, ForecastConfig())
+    # .4 of the second point's weight is water, and .6 of the sixth's
+    np.testing.assert_array_equal(
+        read.grid.wet, np.broadcast_to((np.arange(8) > 1) & (np.arange(8) < 6), (4, 7, 8))
+    )
+    east, _ = forms.truth(longitude[5], latitude[1:8], 5.0, 1)
+    np.testing.assert_allclose(true_components(read)[0][1, 0, :, 5], east, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("levels", "wet", "left"),
+    [
+        # half of the spacing of 40 m below 290 m, to the surface from 10 m
+        ((10.0, 250.0, 290.0), [True, True, True, True], ""),
+        (
+            (10.0, 250.0, 270.0),
+            [True, True, True, False],
+            "1 level of the first, 300 m: interpolated members have no level near it",
+        ),
+        (
+            (10.0,),
+            [True, False, False, False],
+            "3 levels of the first, 60, 150, 300 m: interpolated members have no level near them",
+        ),
+    ],
+)
+def test_levels_that_are_near_none_of_another_member_are_left_dry_and_counted(
+    tmp_path, levels, wet, left
+):
+    fields(1, tmp_path, "mem0.nc")
+    at = forms.lonlat(9.83, 39.81, (24, 26), 0.04)
+    save(
+        forms.standard(*forms.regular(*at, np.array(levels)), *at, levels=np.array(levels)).isel(
+            member=1
+        ),
+        tmp_path / "mem1.nc",
+    )
+    read = read_ensemble(tmp_path, ForecastConfig())
+    np.testing.assert_array_equal(
+        read.grid.wet, np.broadcast_to(np.array(wet)[:, None, None], read.grid.wet.shape)
+    )
+    assert [note for note in read.notes if "left dry" in note] == (
+        [f"left dry: {left}"] if left else []
+    )
+
+
+@pytest.mark.parametrize("levels", [(4000.0, 4300.0, 4574.0), (4574.0,)])
+def test_a_member_of_deep_water_alone_fills_no_water_above(tmp_path, levels):
+    fields(1, tmp_path, "mem0.nc")
+    at = forms.lonlat()
+    save(
+        forms.standard(*forms.regular(*at, np.array(levels)), *at, levels=np.array(levels)).isel(
+            member=1
+        ),
+        tmp_path / "mem1.nc",
+    )
+    for config in (ForecastConfig(), ForecastConfig(levels=(150.0,))):
+        with pytest.raises(
+            ForecastError, match=r"leave no water at the first level; 'mem1\.nc' misses most"
+        ):
+            read_ensemble(tmp_path, config)
+
+
+def test_what_other_levels_reach_follows_from_all_of_the_file_not_from_those_chosen(tmp_path):
+    fields(1, tmp_path, "mem0.nc")
+    at, levels = forms.lonlat(9.83, 39.81, (24, 26), 0.04), np.arange(5.0, 225.0, 10.0)
+    save(
+        forms.standard(*forms.regular(*at, levels), *at, levels=levels).isel(member=1),
+        tmp_path / "mem1.nc",
+    )
+    read = read_ensemble(tmp_path, ForecastConfig(levels=(5.0, 300.0)))
+    # half of 210 m below 215 m would reach it
+    np.testing.assert_array_equal(read.grid.wet.any(axis=(1, 2)), [True, False])
 
 
 @pytest.mark.parametrize("form", ["dim:time", "files", "suffix"])

@@ -13,6 +13,7 @@ from google.protobuf.descriptor_pb2 import (
 )
 from mcap.writer import CompressionType, Writer
 
+from tests.forecast.forms import unwritten_stores
 from tests.logs.adcp.raw_adcp_samples import nortek_sum
 from tests.places import ROOT
 
@@ -232,6 +233,10 @@ def _netcdf(make: Callable[[h5py.File], object], command: Callable[[str], list[s
     return attack
 
 
+def _zarr(folder: Path) -> list[str]:
+    return ["info", "--ensemble", *map(str, unwritten_stores(folder, (80, 3059, 4322)))]
+
+
 def _as_log(name: str) -> list[str]:
     return ["info", name]
 
@@ -375,6 +380,7 @@ ATTACKS: dict[str, Attack] = {
     "TOML: 30 MB": _toml(lambda: b"[output]\n" + b"# comment\n" * 3_000_000),
     "NetCDF ensemble: grid of 10^10 cells": _netcdf(_grid, _as_ensemble),
     "NetCDF ensemble: velocities are texts": _netcdf(_objects, _as_ensemble),
+    "Zarr ensemble: 17 GB that were never written": _zarr,
     "NetCDF glider: 2 billion samples": _netcdf(_glider_grid, _as_log),
     "DataFlash: 100,000 declarations": _dataflash,
     "MAVLink: 500,000 frames cut short": _tlog,

@@ -139,7 +139,7 @@ def toml(data: bytes) -> None:
 def checkpoint(data: bytes) -> None:
     """What a checkpoint holds, with the right version, run and checksum before it."""
     _file().write_bytes(
-        b"replay-kit checkpoint 6\nnull\n"
+        b"replay-kit checkpoint 7\nnull\n"
         + IDENTITY.encode()
         + hashlib.sha256(data).digest()
         + data

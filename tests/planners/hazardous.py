@@ -17,6 +17,7 @@ from tests.planners.flow_samples import eddying_flow, place
 from tests.reference.vehicle import (
     Sea,
     follow_waypoints,
+    planned_current,
     read_csv_waypoints,
     read_mission_arguments,
     read_targets,
@@ -24,6 +25,10 @@ from tests.reference.vehicle import (
 
 LONGITUDE, LATITUDE = np.linspace(151.9, 153.1, 121), np.linspace(-40.45, -39.55, 91)
 CLEARANCE = 20.0
+# Standard error of the estimates, of the eddies' speed.
+ERROR = 0.3
+#: What is said of a flight that ends farther from the plan's end than the plan's tolerance.
+MISSED = "the plan's end is missed"
 # When missions begin, and the times of the estimates: how many, and how far apart [ns].
 BEGIN_NS, TIMES, EVERY_NS = 10**18, 9, 6 * 3600 * 10**9
 
@@ -41,20 +46,34 @@ class HazardousMission:
         return Sea(self.flow, self.request.start_time_ns)
 
 
-def random_mission(seed: int) -> HazardousMission:
+def random_mission(seed: int, speeds: tuple[float, float] = (0.03, 0.15)) -> HazardousMission:
     """Return a mission of 10 to 16 km between two places, with two to five things in its way, in a current that changes.
 
     Within two days one field of eddies turns into another and then into the opposite of the first.
+
+    Args:
+        seed: Of all that is random.
+        speeds: Least and greatest RMS speed of the eddies at the first level [m/s].
     """
     rng = np.random.default_rng(seed)
-    speed = rng.uniform(0.03, 0.15)
+    speed = rng.uniform(*speeds)
     first, second = (eddying_flow(number, speed=speed) for number in (seed, seed + 1000))
+    # its errors are fields of eddies as well, the same at all depths
+    modes = np.column_stack(
+        [
+            eddying_flow(seed + number, speed=ERROR * speed).latent[:, 0]
+            for number in (2000, 3000, 4000)
+        ]
+    ) / np.sqrt(3.0)
+    of_weights = np.kron(np.ones((first.levels.size, first.levels.size)), np.eye(3))
     turned = np.linspace(0.0, np.pi, TIMES)
     flow = [
         replace(
             first,
             time_ns=BEGIN_NS + k * EVERY_NS,
             latent=np.cos(at) * first.latent + np.sin(at) * second.latent,
+            modes=modes,
+            covariance=of_weights,
         )
         for k, at in enumerate(turned)
     ]
@@ -136,10 +155,35 @@ def harm_done(mission: HazardousMission, track: Array) -> str | None:
     return "the bottom" if np.min(bottom - fine[:, 2]) < CLEARANCE - 0.1 else None
 
 
+def remembered_currents(mission: HazardousMission, plan: MissionPlan, drawn: int) -> list[Array]:
+    """Return currents that a glider may expect in its first dive [m/s]: none, the plan's, and the first dive's in samples of the estimate.
+
+    Args:
+        mission: With the estimate.
+        plan: Its plan.
+        drawn: Number of samples.
+    """
+    begin, depths = plan.track[0, :2], np.linspace(0.0, max(plan.yo_depths[0]), 30)
+    met = [
+        np.mean(sample.velocity(*begin, depths), axis=0)
+        for sample in mission.flow[0].sample(drawn, 1)
+    ]
+    return [np.zeros(2), planned_current(mission.sea, plan), *met]
+
+
 def harm_of_files(
-    mission: HazardousMission, plan: MissionPlan, few: Waypoints
-) -> dict[str, str | None]:
-    """Return what a glider crosses that heads for the waypoints of each file, read back; the dives are those of the CSV."""
+    mission: HazardousMission, plan: MissionPlan, few: Waypoints, drawn: int = 1
+) -> dict[str, set[str | None]]:
+    """Return what a glider crosses, or by how much it misses the plan's end, that heads for the waypoints of each file, read back.
+
+    The dives are those of the CSV. It is flown with each of ``remembered_currents``; a flight that does no harm gives None.
+
+    Args:
+        mission: What the waypoints are for.
+        plan: Its plan.
+        few: The waypoints.
+        drawn: Number of samples.
+    """
     rows = read_csv_waypoints(waypoint_text(few, Path("few.csv")))
     targets = read_targets(waypoint_text(few, Path("targets"))).values()
     places = {
@@ -149,8 +193,17 @@ def harm_of_files(
     }
     # two files with the same places, to the last digit, lead the same way
     unlike = {at.tobytes(): at for at in places.values()}
+    expected = remembered_currents(mission, plan, drawn)
     flown = {
-        key: harm_done(mission, follow_waypoints(mission.sea, plan, rows, at))
+        key: {
+            _harm_of_flight(mission, plan, follow_waypoints(mission.sea, plan, rows, at, current))
+            for current in expected
+        }
         for key, at in unlike.items()
     }
     return {name: flown[at.tobytes()] for name, at in places.items()}
+
+
+def _harm_of_flight(mission: HazardousMission, plan: MissionPlan, track: Array) -> str | None:
+    off = float(np.linalg.norm(track[-1, :2] - plan.track[-1, :2]))
+    return harm_done(mission, track) or (MISSED if off > plan.settings.tolerance else None)

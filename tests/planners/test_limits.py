@@ -5,17 +5,13 @@ from dataclasses import replace
 import pytest
 
 from planners import (
-    Auv,
-    AuvSettings,
     Glider,
     GlideSettings,
     MissionRequest,
     MissionSettings,
     NoGo,
-    PathRequest,
     plan,
     plan_mission,
-    plan_path,
 )
 from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import place, still_flow
@@ -52,18 +48,6 @@ def test_a_glide_passes_no_deeper_than_the_vehicle_s_limit() -> None:
     )
 
 
-def test_a_free_path_keeps_above_the_vehicle_s_limit() -> None:
-    ends = replace(HERE, depth=30.0), replace(THERE, depth=90.0)
-    with pytest.raises(
-        PlanError,
-        match=r"goal at .*, 90 m is not between the surface and the vehicle's limit, 80 m",
-    ):
-        plan_path(FLOW, PathRequest(*ends, Auv(max_depth=80.0)))
-    free = plan_path(FLOW, PathRequest(*ends, Auv(max_depth=90.0), AuvSettings(pieces=4)))
-    assert free.status == "reached"
-    assert free.track[:, 2].max() <= 90.0 + 1e-3
-
-
 def test_a_limit_is_a_depth() -> None:
     with pytest.raises(PlanError, match=r"a glider's max_depth is 0\.0; expected a number above 0"):
         Glider(max_depth=0.0)
@@ -86,7 +70,3 @@ def test_an_area_over_the_start_or_the_goal_is_refused(east: float, named: str) 
                     HERE, (THERE,), settings=MissionSettings(depth=300.0), no_go=(turned,)
                 ),
             )
-        with pytest.raises(
-            PlanError, match=f"{named} is where the vehicle may not go: range; move it"
-        ):
-            plan_path(FLOW, PathRequest(HERE, THERE, no_go=(turned,)))

@@ -1,6 +1,7 @@
 """Slow twins of the estimate through time: all observations at once, as one Gaussian."""
 
 import numpy as np
+from scipy.linalg import block_diag
 
 
 def joint(sea, designs, times, values, at, counted=None):
@@ -32,6 +33,20 @@ def joint(sea, designs, times, values, at, counted=None):
     )
     gain = cross @ np.linalg.inv(c)
     return sea.mean_at(at).ravel() + gain @ innovation, covariance(at, at, at, at) - gain @ cross.T
+
+
+class WithConstants:
+    """A prior through time beside unknowns of unit variance that never change, after the weights."""
+
+    def __init__(self, sea, count):
+        self.sea, self.count, self.size = sea, count, sea.size + count
+        self.scales = np.append(sea.scales, np.full(count, np.inf))
+
+    def loading(self, t):
+        return block_diag(self.sea.loading(t).reshape(self.sea.size, -1), np.eye(self.count))
+
+    def mean_at(self, t):
+        return np.append(self.sea.mean_at(t).ravel(), np.zeros(self.count))
 
 
 def turned(pairs, omega, seconds):

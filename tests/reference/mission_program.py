@@ -7,7 +7,6 @@ import numpy as np
 
 from planners.mission.program import _PLANE_COST, _SMALL, MissionData, MissionModel
 from planners.mission.reference_path import REFERENCE_SLACK_COST
-from planners.route.hazards import plane_violations
 from planners.shooting.functions import BOWL
 from planners.solver import HOUR, KM
 from replay_kit.core.arrays import Array
@@ -151,3 +150,9 @@ class _ReferencePathTerms:
         self.cost += ca.dot(weights[of_leg], squared)
         # divided by the limit, so that a far one is as well scaled as a near one
         self.excess.append((squared - (limits[of_leg] + self.slack) ** 2) / limits[of_leg])
+
+
+def plane_violations(places: Any, planes: Any, n_planes: int) -> Any:
+    """Return how far each place [km], a CasADi expression, is beyond each of its half-planes [km]; negative inside."""
+    repeated = ca.kron(places, ca.MX.ones(1, n_planes))
+    return (ca.sum1(planes[:2, :] * repeated) - planes[2, :] / KM).T

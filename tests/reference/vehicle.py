@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from planners import MissionPlan
-from planners.mission.waypoints import heading_for
+from planners.mission.waypoint_flight import heading_for
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import rate_in_frame, rotate_to_geographic, to_geographic, to_local
@@ -120,31 +120,22 @@ def fly_commands(sea: Sea, plan: MissionPlan) -> Array:
 
 
 def follow_waypoints(
-    sea: Sea, plan: MissionPlan, rows: Sequence[dict[str, float]], places: Array
+    sea: Sea, plan: MissionPlan, rows: Sequence[dict[str, float]], places: Array, expected: Array
 ) -> Array:
     """Return the track of a glider that heads for the waypoints of a file, shape (n, 3) [m], until it is at the last.
 
-    It is told the mean current of the first leg; then it knows that of the leg before, by dead reckoning. It gives up after three times the
+    It is told a current for its first leg; then it knows that of the leg before, by dead reckoning. It gives up after three times the
     planned legs.
 
     Args:
         sea: The current.
-        plan: The mission that the waypoints are of: its vehicle, its start, its first leg.
+        plan: The mission that the waypoints are of: its vehicle and its start.
         rows: Of the file with the dives, one a waypoint.
         places: shape (n, 2), longitude and latitude of the waypoints [degrees].
+        expected: shape (2,), the current that it is told [m/s], local east and north.
     """
-    frame, path, current, target = sea.flows[0].grid.projection, [_begin(sea, plan)], np.zeros(2), 0
-    wanted = np.column_stack(to_local(frame, *places.T))
-    first = np.array(to_local(frame, *plan.surfacings[0])) - path[0][0]
-    current = _current(
-        sea,
-        plan,
-        path[0][0],
-        first,
-        plan.surfacing_times[0],
-        plan.headings_deg[0],
-        plan.glide_angles_deg[0],
-    )
+    path, current, target = [_begin(sea, plan)], expected, 0
+    wanted = np.column_stack(to_local(sea.flows[0].grid.projection, *places.T))
     for leg in range(3 * len(plan.headings_deg) + 3):
         row, (at, depth, now) = rows[target], path[-1]
         angle, settings = (
@@ -173,6 +164,21 @@ def follow_waypoints(
             row["glide_angle_deg"],
         )
     return _track(path)
+
+
+def planned_current(sea: Sea, plan: MissionPlan) -> Array:
+    """Return the mean current of a plan's first leg [m/s], local east and north, by dead reckoning."""
+    begin = _begin(sea, plan)[0]
+    way = np.array(to_local(sea.flows[0].grid.projection, *plan.surfacings[0])) - begin
+    return _current(
+        sea,
+        plan,
+        begin,
+        way,
+        plan.surfacing_times[0],
+        plan.headings_deg[0],
+        plan.glide_angles_deg[0],
+    )
 
 
 def _current(

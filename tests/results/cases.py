@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Place, Plan
 from replay_kit.results import ResultWriter
@@ -28,6 +30,19 @@ def moved(flow: FlowEstimate, longitude: float) -> FlowEstimate:
     return replace(flow, grid=grid)
 
 
+def on(flow: FlowEstimate, east: Array, north: Array) -> FlowEstimate:
+    """Return a flow on a grid of other places, shape (J, I) [m]."""
+    longitude, latitude = to_geographic(flow.grid.projection, east, north)
+    grid = replace(flow.grid, longitude=longitude, latitude=latitude, east=east, north=north)
+    return replace(flow, grid=grid, horizontal=flow.horizontal.at_nodes(grid.nodes))
+
+
+def turned(flow: FlowEstimate, degrees: float) -> FlowEstimate:
+    """Return a flow with its grid turned against clockwise, but not the flow."""
+    places = (flow.grid.east + 1j * flow.grid.north) * np.exp(1j * np.deg2rad(degrees))
+    return on(flow, places.real, places.imag)
+
+
 def write(
     path: Path,
     flow: FlowEstimate,
@@ -37,8 +52,9 @@ def write(
     grids: bool = True,
     estimate: bool = True,
     depth: float = 20.0,
+    more: Callable[[ResultWriter], None] = lambda writer: None,
 ) -> None:
-    """Write a result with a position and a measurement every hour about the centre of a flow."""
+    """Write a result with a position and a measurement every hour about the centre of a flow, and what a function of its writer adds."""
     centre = flow.grid.projection
     start = flow.time_ns or 0
     weights = np.linspace(-1.0, 1.0, flow.n_modes * flow.levels.size)
@@ -61,6 +77,7 @@ def write(
             writer.estimate(now + 5, weights, flow.levels)
             if grids:
                 writer.grids(now + 6, flow, DEPTHS)
+        more(writer)
         if plan is not None:
             centred = replace(
                 plan,

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 with warnings.catch_warnings():
     # of the checker's own dependencies
@@ -18,6 +19,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.lossless import save
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.geodesy import to_local
+from replay_kit.studies.twins.ensemble import write_ensemble
 from tests.core.flow.test_evolution import evolving
 
 
@@ -88,3 +90,53 @@ def test_a_saved_estimate_is_compliant(
 def test_a_saved_estimate_that_changes_with_time_is_compliant(tmp_path: Path, complaints) -> None:
     save(evolving(), tmp_path / "flow.nc")
     assert complaints(tmp_path / "flow.nc") == []
+
+
+TRACK = {"longitude": [5.0, 5.1], "latitude": [62.0, 62.05], "depth": [10.0, 500.0]}
+TIMES = {"time": np.array(["2023-11-15T00:00:00.5", "2023-11-15T06:00:00.123456789"], "M8[ns]")}
+DATASETS: dict[str, Callable[[FlowEstimate], xr.Dataset]] = {
+    "the grid of the forecast": lambda flow: flow.to_xarray(),
+    "without uncertainty and time": lambda flow: replace(
+        flow.mean_flow(), time_ns=None
+    ).to_xarray(),
+    "axes": lambda flow: flow.to_xarray([4.9, 5.0], [62.0, 62.05], [10.0, 100.0]),
+    "a part": lambda flow: flow.to_xarray().sel(latitude=62.0, method="nearest").isel(depth=0),
+    "along a track": lambda flow: flow.along(TRACK | TIMES).to_xarray(),
+    "along a track, no time known": lambda flow: (
+        replace(flow, time_ns=None).along(TRACK).to_xarray()
+    ),
+    "one point": lambda flow: flow.velocity_at(5.0, 62.0, 10.0).to_xarray(),
+}
+
+
+@pytest.mark.parametrize("name", DATASETS)
+def test_a_dataset_of_the_library_is_compliant_when_xarray_writes_it(
+    flow, tmp_path: Path, complaints, name: str
+) -> None:
+    dataset = DATASETS[name](regular(flow))
+    dataset.to_netcdf(tmp_path / "dataset.nc", engine="h5netcdf")
+    assert complaints(tmp_path / "dataset.nc") == []
+    with xr.open_dataset(tmp_path / "dataset.nc", engine="h5netcdf") as written:
+        assert set(written.variables) == set(dataset.variables)
+        for each in dataset.variables:
+            if dataset[each].dtype.kind == "M":
+                apart = np.abs(written[each].values - dataset[each].values)
+                np.testing.assert_array_equal(np.isnat(apart), np.isnat(dataset[each].values))
+                assert not (apart > np.timedelta64(1, "us")).any()
+            else:
+                np.testing.assert_array_equal(written[each].values, dataset[each].values)
+
+
+def test_a_dataset_of_several_times_is_compliant(tmp_path: Path, complaints) -> None:
+    flow = evolving()
+    start = np.datetime64(flow.time_ns, "ns")
+    axes = [4.9, 5.0], [62.0, 62.05], [10.0, 100.0]
+    flow.to_xarray(*axes, time=[start, start + np.timedelta64(1, "h")]).to_netcdf(
+        tmp_path / "times.nc", engine="h5netcdf"
+    )
+    assert complaints(tmp_path / "times.nc") == []
+
+
+def test_a_synthetic_ensemble_is_compliant(tmp_path: Path, complaints) -> None:
+    write_ensemble(tmp_path / "ensemble.nc", tmp_path / "truth.nc", n_members=2)
+    assert complaints(tmp_path / "ensemble.nc") == complaints(tmp_path / "truth.nc") == []

@@ -7,6 +7,7 @@ import numpy as np
 
 from replay_kit.core.dive_forecast import DiveForecast, DiveOutcome
 from replay_kit.core.observation import Fix
+from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Ellipse
 from replay_kit.estimator.evolving.fit_log import LogSettings
 from replay_kit.studies.accuracy import AccuracyResult
@@ -17,8 +18,8 @@ from replay_kit.studies.missions import MissionJob
 from replay_kit.studies.missions.rows import MissionRow
 from replay_kit.studies.missions.run import MissionResult
 from replay_kit.studies.planning import PlanningJob
+from replay_kit.studies.planning.arrival_tables import Arrival, draw_misses
 from replay_kit.studies.planning.job import PlanningResult, StudyReport
-from replay_kit.studies.planning.pictures import draw_replanned
 from replay_kit.studies.reports.tables import NAN, Criterion, Picture, Table
 
 
@@ -127,12 +128,13 @@ def planning_result() -> PlanningResult:
         for k, flow in enumerate(("truth", "2.5D default"))
         for miss in (0.001, 2.0, 3.0)
     )
-    misses = np.array([[2000.0, 300.0], [1500.0, 200.0]])
+    spot = Place(0.0, 0.0, 0.0)
+    flown = [
+        Arrival("truth", k, spot, spot, "reached", 1.0, miss, 0.1, 0.1)
+        for k, miss in enumerate((2000.0, 300.0))
+    ]
     picture = Picture(
-        "glides_pairs",
-        "Miss distances, replanned against single",
-        (4.0, 3.0),
-        partial(draw_replanned, misses, 250.0),
+        "glides_misses", "Miss distances in the truth", (7.0, 4.0), partial(draw_misses, flown)
     )
     glides = StudyReport(
         "glides",
@@ -145,8 +147,8 @@ def planning_result() -> PlanningResult:
         ("Plans on the *truth* arrive, see `glides_cases`.",),
         (picture,),
     )
-    lost = StudyReport("masked", "Among islands", (), failed="PlanError: too little water")
-    job = PlanningJob(("glides", "masked", "infeasible"), "1", pairs=3)
+    lost = StudyReport("odds", "Stated odds", (), failed="PlanError: too little water")
+    job = PlanningJob(("glides", "odds", "missions"), "1", pairs=3)
     return PlanningResult(
         (glides, lost),
         "ensemble.nc",
@@ -155,5 +157,5 @@ def planning_result() -> PlanningResult:
         (5.0, 150.0),
         8,
         job,
-        {"glides": 1.0, "masked": 0.1},
+        {"glides": 1.0, "odds": 0.1},
     )

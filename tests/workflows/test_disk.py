@@ -12,10 +12,10 @@ from replay_kit.config.run import LogConfig, OutputConfig, RunConfig
 from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.unchanged import check_unchanged, stamps_of
+from replay_kit.logs import reader
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.convert import convert
 from replay_kit.workflows.info.inspect import inspect_logs
-from replay_kit.workflows.replay import inputs
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests.command import invoke
@@ -216,7 +216,7 @@ def test_convert_tells_of_an_input_that_changes_and_keeps_the_earlier_output(
 def test_a_replay_tells_of_an_input_that_changes_and_keeps_the_earlier_output(
     ocean, tmp_path, change, words, which, monkeypatch
 ):
-    monkeypatch.setattr(inputs, "_LOOK", 4)
+    monkeypatch.setattr(reader, "_LOOK", 4)
     for name in ("glider.mcap", "ensemble.nc"):
         shutil.copy2(ocean / name, tmp_path / name)
     out = tmp_path / "out.mcap"

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 import replay_kit as rk
+from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import LogError
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.smoother import smooth as smooth_states
 from replay_kit.forecast import read_series
 from replay_kit.logs import open_log
 from replay_kit.results.report import report_html
+from replay_kit.results.status.held import read_held
 from replay_kit.results.views.contents import Contents
 from replay_kit.workflows.library import settings_of
 from replay_kit.workflows.planning import planner_of
@@ -117,6 +119,11 @@ def test_a_static_estimate_is_its_last_at_all_times(tmp_path):
         fields[:, -1], Contents(rk.open_result(replayed.path)).slices.fields[:, -1], atol=1e-7
     )
     assert STATIC in summary.notes
+    flown, replayed_flown = (
+        AsFlown.in_metadata(read_held(one.path).metadata) for one in (result, replayed)
+    )
+    assert flown == replayed_flown
+    assert flown.dives == 1
     assert result.events["message"].tolist() == [STATIC]
 
 

@@ -303,7 +303,7 @@ def test_a_result_of_contract_version_2_is_verified_by_its_bytes_with_a_note(run
     verdict = verify(old, [run], planner_of)
     assert verdict.same, verdict
     assert verdict.notes == (
-        "made with contract version 2, here it is 4: names of fields were not compared",
+        "made with contract version 2, here it is 5: names of fields were not compared",
     )
     damaged = changed(
         old,

@@ -62,7 +62,7 @@ def info(
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
     settings: Settings,
 ) -> int:
-    """Return 0, or 4 when bytes of a log were lost."""
+    """Return 0, or 4 when bytes of a log were lost; logs of which a replay on the ensemble would end with an error end with it."""
     suggest, json_file = outputs.suggest, outputs.json_file
     if suggest is not None and json_file is not None and str(suggest) == str(json_file) == "-":
         raise ConfigError(
@@ -76,7 +76,12 @@ def info(
     from replay_kit.measurements import suggestions
     from replay_kit.results.text import print_lines
     from replay_kit.workflows.info.inspect import inspect_logs
-    from replay_kit.workflows.info.listing import info_json, next_command, print_infos
+    from replay_kit.workflows.info.listing import (
+        asks_for_replay,
+        info_json,
+        next_command,
+        print_infos,
+    )
 
     with progress() as advance:
         found = inspect_logs(logs, config, advance, full)
@@ -96,7 +101,7 @@ def info(
             # as a replay of the logs would read it
             near_ns = look_ahead(logs, config)[1] if logs else None
             forecast = describe_ensemble(ensemble, config.forecast, near_ns)
-            check = check_logs(list(logs), ensemble, config) if logs and forecast.rule else None
+            check = check_logs(logs, ensemble, config) if logs else None
     console = console_beside(json_file, suggest)
     if forecast is not None:
         print_ensemble(forecast, console)
@@ -107,7 +112,8 @@ def info(
         *([] if settings.file is None else ["--config", str(settings.file)]),
         *settings.words(),
     ]
-    following = next_command(found, logs, ensemble, given) if logs else []
+    refusal = check.refusal if check is not None and asks_for_replay(found) else None
+    following = next_command(found, logs, ensemble, given) if logs and refusal is None else []
     print_lines(console, following)
     if suggest is not None:
         write_text(
@@ -122,4 +128,6 @@ def info(
     write_json(
         json_file, answer if check is None else {**answer, "import_check": import_check_json(check)}
     )
+    if refusal is not None:
+        raise refusal
     return 4 if any(log.report.losses for log in found) else 0

@@ -14,7 +14,7 @@ from replay_kit.core.paths import check_inputs, check_paths
 
 if TYPE_CHECKING:
     from replay_kit.workflows.planning.mission import PlannedMission
-    from replay_kit.workflows.planning.request import PlanJob
+    from replay_kit.workflows.planning.request import MissionKind, PlanJob
 
 
 # Exit code of a plan that is not safe enough to be handed to a vehicle.
@@ -96,7 +96,7 @@ def plan(
         if not withheld:
             _write(planned, outputs)
             if outputs.out is not None:
-                asked = _asked(places, times, aim, method, job.kind.cross_track_weight)
+                asked = _asked(places, times, aim, method, job.kind)
                 write_mission(outputs.out, outputs.overwrite, planned, job, asked, config)
     finally:
         # after the files, which a reader of the first lines alone would end; and also where one cannot be written
@@ -123,12 +123,9 @@ def _job(
         start_time_of,
     )
 
+    mooring = _pair(aim.mooring, "--mooring", "RADIUS,HOURS")
     kind = MissionKind(
-        _pair(aim.mooring, "--mooring", "RADIUS,HOURS"),
-        aim.surfacings_only,
-        aim.line,
-        aim.line_weight,
-        aim.objective,
+        mooring, aim.surfacings_only, aim.line, aim.line_weight, aim.objective, aim.line_width
     )
     job = PlanJob(
         flows,
@@ -153,9 +150,10 @@ def _job(
 
 
 def _asked(
-    places: Places, times: Times, aim: Aim, method: Method, line_weight: float | None
+    places: Places, times: Times, aim: Aim, method: Method, kind: "MissionKind"
 ) -> dict[str, object]:
     """Return what was asked for beyond the configuration, as it was given."""
+    line = kind.followed
     return {
         "start": places.start,
         "goals": " ".join(places.goal or ()),
@@ -166,7 +164,8 @@ def _asked(
         "arrive": method.arrive,
         "time_limit": method.time_limit,
         "surfacings_only": aim.surfacings_only,
-        "line_weight": line_weight,
+        "line_weight": line and line.weight,
+        "line_width": line and line.width,
         "start_time": times.start_time,
         "depart": times.depart,
         "horizon": times.horizon,

@@ -75,8 +75,9 @@ def refuse_learning(goal: list[str] | None, asked: Learning) -> None:
 
 def _refuse(asked: Asked) -> None:
     """Raise ConfigError for options that only missions have."""
-    _, times, aim, method, outputs = asked
+    places, times, aim, method, outputs = asked
     given = {
+        "--goal": places.goal or None,
         "--depart": times.depart,
         "--horizon": times.horizon,
         "--mooring": aim.mooring,
@@ -103,7 +104,6 @@ def _job(flows: tuple[Path, ...], asked: Asked, config: RunConfig) -> "LearnJob"
         "map" if aim.objective == "map" else "learn",
         flows,
         place(places.start, "--start"),
-        tuple(place(text, "--goal") for text in places.goal or ()),
         () if aim.then is None else _places(aim.then),
         aim.blind,
         aim.survey,
@@ -146,7 +146,6 @@ def _given(asked: Asked) -> dict[str, object]:
     places, times, aim, method, _ = asked
     return {
         "start": places.start,
-        "goals": " ".join(places.goal) if places.goal else None,
         "objective": aim.objective,
         "then": aim.then,
         "blind": aim.blind,

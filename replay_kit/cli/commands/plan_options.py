@@ -49,7 +49,7 @@ class Times:
         str | None,
         option(
             "--start-time",
-            "When the mission begins, ISO 8601 UTC. Default: the time of the estimate.",
+            "When the mission begins, ISO 8601 UTC. Default: the time of a result's last fix; of an estimate alone its time.",
             metavar="TIME",
         ),
     ] = None
@@ -57,7 +57,8 @@ class Times:
         str | None,
         option(
             "--depart",
-            "Departures that are compared, from T0 to T1; the best by the objective is planned.",
+            "Departures that are compared, from T0 to T1. The one that arrives first is planned; with another --objective than time "
+            "the best by it: time=1 plans the shortest mission.",
             metavar="T0,T1,STEP",
         ),
     ] = None
@@ -127,7 +128,7 @@ class Aim(Learning):
         option(
             "--objective",
             f"{', '.join(get_args(ObjectiveName))} or weights of hours, kJ and km from the goal, as time=1,energy=0.02,closest=5: what is "
-            "minimised, or learn (measure before a stretch without fixes, with --then and --blind, or on the way to --goal) or map "
+            "minimised, or learn (measure before a stretch without fixes, with --then and --blind) or map "
             "(measure the current in a box, with --box and --profiles). Default: time.",
             metavar="NAME|WEIGHTS",
         ),
@@ -153,6 +154,13 @@ class Aim(Learning):
         float | None,
         option("--line-weight", "Cross-track penalty with --line [h per h and km].", least=0.0),
     ] = None
+    line_width: Annotated[
+        float | None,
+        option(
+            "--line-width",
+            "Largest distance of the track from the line for the mission to have reached its goal [m]. Default: 2000.",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,7 +171,7 @@ class Method:
         str | None,
         option(
             "--angles",
-            "Shallowest and steepest glide angle [degrees]. Default: 15,35.",
+            "Shallowest and steepest glide angle [degrees]. Default: as flown where the speed is, else 15,35.",
             metavar="MIN,MAX",
         ),
         Numbers("MIN,MAX"),

@@ -217,11 +217,12 @@ def _job(
 
 def _dry_run(job: "ReplayJob", config: "RunConfig", outputs: Outputs, console: "Console") -> int:
     """Report what would be used; return the exit code."""
+    from replay_kit.workflows.planning import planner_of
     from replay_kit.workflows.replay import dry_run as dry
 
     with progress() as advance:
         advance(0, 0, "reading the forecast and the logs")
-        result = dry.dry_run(job, config)
+        result = dry.dry_run(job, config, planner_of)
     dry.print_dry_run(result, console)
     write_json(outputs.json_file, dry.dry_run_json(result))
     return 0

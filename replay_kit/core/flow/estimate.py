@@ -104,7 +104,13 @@ class FlowEstimate(FlowField):
             return datasets[0]
         import xarray as xr
 
-        return xr.concat(datasets, "time", combine_attrs="drop_conflicts")
+        from replay_kit.core.flow.cf import attributes, encoded
+        from replay_kit.core.flow.lossless import history
+
+        many = xr.concat(datasets, "time", combine_attrs="drop_conflicts")
+        return encoded(
+            many.assign_attrs(attributes(many.attrs["title"], history("to_dataset", self)))
+        )
 
     def to_pandas(self, **axes: ArrayLike) -> pd.DataFrame:
         """Return ``to_xarray(**axes)`` as a table with a row a point and time where the flow is known."""

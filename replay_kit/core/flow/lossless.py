@@ -20,6 +20,7 @@ from xarray.backends import H5NetCDFStore
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.atomic import atomic_file
+from replay_kit.core.flow.cf import CF_TIME, CONVENTIONS, Encoding
 from replay_kit.core.flow.evolution import Evolution, constant
 from replay_kit.core.flow.factors import CovarianceFactors, half_of
 from replay_kit.core.flow.field import FlowField
@@ -28,9 +29,6 @@ from replay_kit.core.flow.lattice import StreamFunctionLattice
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.version import __version__
 
-#: Of each variable of a file, as xarray takes it.
-Encoding = dict[str, dict[str, object]]
-
 FORMAT = "replay_kit.FlowEstimate"
 # since version 5 covariances are halves, or factors; since version 4 the file says which horizontal functions the flow has, and a node
 # kernel's nodes; before, all were kernels of the grid's nodes; since version 3 it says how the flow changes with time; since version 2 time
@@ -38,8 +36,6 @@ FORMAT = "replay_kit.FlowEstimate"
 # depth came first
 FORMAT_VERSION = 5
 READ_VERSIONS = (1, 2, 3, 4, 5)
-CONVENTIONS = "CF-1.8"
-CF_TIME = {"units": "seconds since 1970-01-01", "calendar": "standard"}
 
 #: What ``horizontal_functions`` may be.
 NODE_KERNEL, LATTICE = "node kernel", "stream function lattice"

@@ -9,13 +9,13 @@ from scipy.spatial import cKDTree
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
+from replay_kit.core.flow.cf import Encoding, attributes, encoded, encoding_of
 from replay_kit.core.flow.covariance import quadratic_form
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.field import FlowField
-from replay_kit.core.flow.lossless import CF_TIME, CONVENTIONS, history, write_dataset
+from replay_kit.core.flow.lossless import history, write_dataset
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Grid
-from replay_kit.core.version import __version__
 
 # Points evaluated at once: bounds the matrices to some tens of MB.
 _CHUNK = 512
@@ -82,13 +82,9 @@ def to_dataset(
         else wet_at(flow.grid, east, north, levels[:, None, None])
     )
     dims, coords = _coordinates(flow, lon, lat, levels)
-    attrs = {
-        "Conventions": CONVENTIONS,
-        "title": "Ocean current estimate",
-        "source": f"replay-kit {__version__}",
-        "history": history("to_dataset", flow),
-    }
-    dataset = xr.Dataset(coords=coords, attrs=attrs)
+    dataset = xr.Dataset(
+        coords=coords, attrs=attributes("Ocean current estimate", history("to_dataset", flow))
+    )
     for component, name in enumerate(_COMPONENTS):
         ancillary = {}
         if variance is not None:
@@ -100,7 +96,7 @@ def to_dataset(
             np.where(wet, velocity[component].reshape(wet.shape), np.nan),
             ATTRIBUTES[name] | ancillary,
         )
-    return dataset
+    return encoded(dataset)
 
 
 def wet_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> NDArray[np.bool_]:
@@ -139,17 +135,11 @@ def write_grid(flow: FlowField, path: Path) -> None:
         ConfigError: The file cannot be written.
     """
     dataset = to_dataset(flow)
-    encoding: dict[str, dict[str, object]] = {
-        str(name): {"_FillValue": None} for name in dataset.coords
-    }
-    encoding |= {
+    compressed: Encoding = {
         str(name): {"zlib": True, "complevel": 4, "_FillValue": np.nan}
         for name in dataset.data_vars
     }
-    if "time" in dataset.coords:
-        # CF-1.8 has no 64-bit integers; the lossless file keeps the nanoseconds.
-        encoding["time"] |= {**CF_TIME, "dtype": "float64"}
-    write_dataset(dataset, Path(path), encoding)
+    write_dataset(dataset, Path(path), encoding_of(dataset) | compressed)
 
 
 def _target(

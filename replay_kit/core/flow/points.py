@@ -9,12 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
+from replay_kit.core.flow.cf import attributes, encoded
 from replay_kit.core.flow.evolution import Evolution, constant
 from replay_kit.core.flow.field import FlowField
 from replay_kit.core.flow.netcdf import ATTRIBUTES, wet_at
 from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.text import place_text, span_text, time_text
 from replay_kit.core.time import to_time_ns
+from replay_kit.core.version import __version__
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -93,7 +95,10 @@ class Velocities:
         values = {
             name: ("point", np.ravel(getattr(self, name)), ATTRIBUTES[name]) for name in names
         }
-        return xr.Dataset(values).set_coords(names[:5])
+        attrs = attributes(
+            "Ocean current estimate at points", f"replay-kit {__version__}: Velocities.to_xarray"
+        )
+        return encoded(xr.Dataset(values, attrs=attrs).set_coords(names[:5]))
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return a table with a row a point."""

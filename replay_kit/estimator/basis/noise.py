@@ -25,7 +25,7 @@ class BinNoise:
     Attributes:
         whiten: shape (m, n) [s/m]; m = n, or n - 1 where the platform's velocity is not known.
         unwhiten: shape (n, m) [m/s]; after ``whiten`` it restores a profile, without its constant part where that is not known.
-        log_scale: Half the logarithm of the determinant of N without the shared error.
+        log_scale: Half the logarithm of the determinant of N, without the shared error where that is infinite.
     """
 
     whiten: Array

@@ -172,15 +172,29 @@ class EvolvingEstimator(Estimator[EvolvingState]):
 
     def with_scale_jacobian(self, means: Array, cov: Array, jacobian: float) -> Array:
         """Return means after the Jacobian of a scale error, where one is estimated; see ``biases.scale_jacobian``."""
+        if self._scale is None:
+            return means
+        position, std = self._scale
+        out = means.copy()
+        out[:, 0] -= cov[:, position] * std * jacobian
+        return out
+
+    def jacobian_gradient(self, jacobian: float) -> Array:
+        """Return the gradient in the unknowns, shape (n,), that ``with_scale_jacobian`` subtracts from that of the log-density."""
+        out = np.zeros(self.state_space.size)
+        if self._scale is not None:
+            position, std = self._scale
+            out[position] = std * jacobian
+        return out
+
+    @property
+    def _scale(self) -> tuple[int, float] | None:
+        """Position of the scale error among the unknowns, and its prior standard deviation; None where none is estimated."""
         biases = self.operator.biases
         if "scale" not in biases.names:
-            return means
+            return None
         k = biases.names.index("scale")
-        out = means.copy()
-        out[:, 0] -= (
-            cov[:, self.state_space.parts["biases"].start + k] * float(biases.std[k]) * jacobian
-        )
-        return out
+        return self.state_space.parts["biases"].start + k, float(biases.std[k])
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""

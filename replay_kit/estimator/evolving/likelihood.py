@@ -39,8 +39,14 @@ def log_likelihoods(
             yield 0.0
             continue
         yield candidate.evaluated.log_likelihood
-        means, cov = candidate.posterior(1.0)
-        state = replace(candidate.before, means=means, cov=cov, last=observation)
+        stated = replace(candidate, evaluated=replace(candidate.evaluated, inflation=1.0))
+        means, cov = stated.posterior(1.0)
+        state = replace(
+            candidate.before,
+            means=ungated.with_scale_jacobian(means, cov, stated.scale_jacobian),
+            cov=cov,
+            last=observation,
+        )
 
 
 def observed_subspace_estimator(

@@ -4,10 +4,11 @@ The filter runs forward and keeps the gain of each observation. Backward, the ad
 later observations (modified Bryson-Frazier; Bierman 1973, Automatica 9; Sage and Melsa 1971, section 9.5). With h the rows over their
 error, S = h P h' + I, K = P h' S^-1, innovation e and the transition F:
 
-    through an observation:   l <- C' l - h' S^-1 e,    A <- C' A C + h' S^-1 h,    C = I - K h,
+    through an observation:   l <- C' (l + g) - h' S^-1 e,    A <- C' A C + h' S^-1 h,    C = I - K h,
     through a time:           l <- F' l,    A <- F' A F,
 
-and the state at a time is x - P l, with covariance P - P A P. No covariance is inverted.
+and the state at a time is x - P l, with covariance P - P A P. No covariance is inverted. Where a scale error of the instrument is part of
+the state, the filter moves the mean after an observation by -P g more, g that of the Jacobian (``update/biases.py``); else g is zero.
 """
 
 from collections.abc import Iterable, Sequence
@@ -36,6 +37,7 @@ class Step:
         gain: shape (m, n), K'.
         innovation: shape (m,), S^-1 e.
         precision: shape (m, m), S^-1.
+        gradient: shape (n,), g: see ``EvolvingEstimator.jacobian_gradient``.
     """
 
     time_ns: int
@@ -43,6 +45,7 @@ class Step:
     gain: Array
     innovation: Array
     precision: Array
+    gradient: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +74,8 @@ class Adjoint:
 
     def before(self, step: Step) -> "Adjoint":
         """Return the adjoint before an observation at its time, which is then one of the later ones."""
-        mean = self.mean - step.rows.T @ (step.gain @ self.mean + step.innovation)
+        mean = self.mean + step.gradient
+        mean = mean - step.rows.T @ (step.gain @ mean + step.innovation)
         through = step.gain @ self.cov  # (m, n), K' A
         inner = through @ step.gain.T + step.precision
         crossed = step.rows.T @ through
@@ -155,7 +159,7 @@ def _forward(
         if isinstance(candidate, Innovation):
             continue
         if candidate.evaluated.accepted:
-            step = _step(candidate)
+            step = _step(candidate, estimator.jacobian_gradient(candidate.scale_jacobian))
             # only an accepted observation ends the time before it: after a rejected one an earlier one may still come
             while left and left[0] < step.time_ns:
                 states[left[0]] = estimator.predict(state, left[0])
@@ -165,7 +169,7 @@ def _forward(
     return states | {time_ns: estimator.predict(state, time_ns) for time_ns in left}, steps
 
 
-def _step(candidate: Candidate) -> Step:
+def _step(candidate: Candidate, gradient: Array) -> Step:
     rows = candidate.rows.design / candidate.evaluated.error_scale
     innovation = candidate.evaluated.innovation / candidate.evaluated.error_scale
     cross = rows @ candidate.before.cov
@@ -173,4 +177,6 @@ def _step(candidate: Candidate) -> Step:
     solved = scipy.linalg.cho_solve(factor, np.column_stack([cross, innovation, np.eye(len(rows))]))
     n = cross.shape[1]
     assert candidate.before.time_ns is not None  # a prediction has a time
-    return Step(candidate.before.time_ns, rows, solved[:, :n], solved[:, n], solved[:, n + 1 :])
+    return Step(
+        candidate.before.time_ns, rows, solved[:, :n], solved[:, n], solved[:, n + 1 :], gradient
+    )

@@ -11,7 +11,8 @@ gives (a + i b) w alone.
 
 Amplitudes and times are not known: each combination of them is a filter of its own, weighted by the density of the past (Bayesian model
 averaging, Raftery et al. 2005, MWR 133). With some probability the current has changed from one dive to the next by more than it usually
-does; both cases are kept until the dive's mean is known, and joined to one Gaussian after it (Blom and Bar-Shalom 1988, IEEE TAC 33).
+does, or, where that is asked for, the mean current is wrong; the cases are kept until the dive's mean is known, and joined to one Gaussian
+after it (Blom and Bar-Shalom 1988, IEEE TAC 33).
 """
 
 from dataclasses import dataclass, field, replace
@@ -22,9 +23,11 @@ from scipy.special import logsumexp
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.next_dive.mixture import Mixture, log_densities
 from replay_kit.estimator.next_dive.settings import (
+    FLIGHT_BIAS,
     UNKNOWNS,
     Settings,
     combinations,
+    flight_combinations,
     ground_combinations,
 )
 
@@ -35,9 +38,13 @@ _POSITION_STD = 60.0
 _INVERTED_STD = 0.03
 # Probability of a change between two dives, of a velocity over ground, and the factor on the variances of what changes.
 _JUMP, _TURN, _JUMP_FACTOR = 0.05, 0.02, 4.0
+# Probability that a dive's mean current is wrong, and by how much then, a component [m/s].
+_WRONG, _WRONG_STD = 0.05, 0.5
 #: m; how far two fixes alone miss together, over the dive's time.
 FIXES_STD = 20.0
 _JUMPING = slice(2, 6)
+# Logarithm of a case's probability, covariances of the unknowns and of the mean current in it, shapes (h, 8, 8) and (h, 2, 2).
+_Case = tuple[float, Array, Array]
 #: m; depth over which the part trapped at the surface falls by e.
 SURFACE_DEPTH = 50.0
 
@@ -105,10 +112,12 @@ class DiveModel:
     Attributes:
         settings: The combinations that are averaged.
         jump: Probability of a change between two dives that is larger than usual.
+        wrong: Probability that a dive's mean current is wrong, and says next to nothing.
     """
 
     settings: Settings
     jump: float = _JUMP
+    wrong: float = 0.0
 
     @classmethod
     def default(cls, n_backgrounds: int = 0) -> "DiveModel":
@@ -123,6 +132,11 @@ class DiveModel:
         """
         return cls(ground_combinations(n_backgrounds), _TURN)
 
+    @classmethod
+    def of_flight(cls) -> "DiveModel":
+        """Return the model that tells whether the flight model errs; a wrong mean current must not look like such an error."""
+        return cls(flight_combinations(), wrong=_WRONG)
+
     def initial(self) -> DiveState:
         """Return the state before the first dive."""
         size = self.settings.size
@@ -130,10 +144,11 @@ class DiveModel:
         return DiveState(np.zeros((size, UNKNOWNS)), cov, self.settings.log_prior)
 
     def predict(self, state: DiveState, time_ns: int) -> DiveState:
-        """Return the state at a later time, before the dive of that time."""
+        """Return the state at a later time, before the dive of that time; unchanged for an earlier time."""
         if state.time_ns is None:
             return replace(state, time_ns=time_ns)
-        kept = np.exp(-max(time_ns - state.time_ns, 0) / _NS / self.settings.scales)
+        time_ns = max(time_ns, state.time_ns)
+        kept = np.exp(-(time_ns - state.time_ns) / _NS / self.settings.scales)
         cov = state.cov * kept[:, :, None] * kept[:, None, :]
         cov[:, range(UNKNOWNS), range(UNKNOWNS)] += (1.0 - kept**2) * self.settings.variance
         return replace(state, mean=state.mean * kept, cov=cov, time_ns=time_ns)
@@ -148,8 +163,8 @@ class DiveModel:
         state = self.predict(state, dive.time_ns)
         expected = state.mean @ dive.design.T + self._background(dive)
         parts = [
-            (state.log_weights + log_share, expected, cov)
-            for log_share, cov in self._spread(state, dive)
+            (state.log_weights + log_share, expected, spread)
+            for log_share, _, spread in self._cases(state, dive)
         ]
         log_weights, means, covs = (np.concatenate(part) for part in zip(*parts, strict=True))
         return Mixture(log_weights, means, covs)
@@ -158,30 +173,27 @@ class DiveModel:
         """Return the state after a dive."""
         state = self.predict(state, dive.time_ns)
         errors = dive.velocity - self._background(dive) - state.mean @ dive.design.T
-        changed = self._changed(state.cov)
-        after = [
-            (log_share, *_updated(state.mean, given, dive.design, errors, spread))
-            for (log_share, spread), given in zip(
-                self._spread(state, dive), (state.cov, changed), strict=True
-            )
-        ]
-        log_likelihood = np.stack([log_share + density for log_share, density, _, _ in after])
-        total = logsumexp(log_likelihood, axis=0)
-        mean, cov = _joined(
-            np.exp(log_likelihood - total), [part[2] for part in after], [part[3] for part in after]
+        state = replace(
+            _after(state, dive.design, errors, self._cases(state, dive)), dives=state.dives + 1
         )
-        log_weights = state.log_weights + total
-        state = DiveState(
-            mean, cov, log_weights - logsumexp(log_weights), state.time_ns, state.dives + 1
-        )
-        return state if dive.inverted is None else _with_inverted(state, dive, dive.inverted)
+        return state if dive.inverted is None else self._with_inverted(state, dive, dive.inverted)
 
     def flight_bias(self, state: DiveState) -> tuple[Array, Array]:
         """Return mean and standard deviation of the flight model's error along and across the way, as shares of it; shape (2,) each."""
         weights = np.exp(state.log_weights)
-        mean = weights @ state.mean[:, 6:]
-        variance = weights @ (state.cov[:, (6, 7), (6, 7)] + (state.mean[:, 6:] - mean) ** 2)
+        means, parts = state.mean[:, FLIGHT_BIAS], np.arange(UNKNOWNS)[FLIGHT_BIAS]
+        mean = weights @ means
+        variance = weights @ (state.cov[:, parts, parts] + (means - mean) ** 2)
         return np.asarray(mean), np.sqrt(variance)
+
+    def flight_evidence(self, state: DiveState) -> float:
+        """Return the log evidence of an error of the flight model over none [nats]; the settings have both."""
+        has = self.settings.has_flight_bias
+
+        def log_odds(log_weights: Array) -> float:
+            return float(logsumexp(log_weights[has]) - logsumexp(log_weights[~has]))
+
+        return log_odds(state.log_weights) - log_odds(self.settings.log_prior)
 
     def _background(self, dive: DiveMean) -> Array:
         """Return what the current is measured about under each combination, shape (h, 2); zero where it is not known."""
@@ -194,13 +206,45 @@ class DiveModel:
         changed[:, parts, parts] += (_JUMP_FACTOR - 1.0) * self.settings.variance[:, _JUMPING]
         return changed
 
-    def _spread(self, state: DiveState, dive: DiveMean) -> list[tuple[float, Array]]:
-        """Return, without a change and with one, the logarithm of its probability and the mean current's covariances, shape (h, 2, 2)."""
+    def _cases(self, state: DiveState, dive: DiveMean) -> list[_Case]:
+        """Return what a dive may be: as the dives before, after a change, and, where that is asked for, with a wrong mean current."""
         own = (self.settings.white_std**2 + dive.position_variance)[:, None, None] * np.eye(2)
-        cases = ((1.0 - self.jump, state.cov), (self.jump, self._changed(state.cov)))
+        right, changed = 1.0 - self.wrong, self._changed(state.cov)
+        cases = [(right * (1.0 - self.jump), state.cov, own), (right * self.jump, changed, own)]
+        if self.wrong:
+            cases.append((self.wrong, state.cov, own + _WRONG_STD**2 * np.eye(2)))
         return [
-            (float(np.log(share)), dive.design @ cov @ dive.design.T + own) for share, cov in cases
+            (float(np.log(share)), cov, dive.design @ cov @ dive.design.T + error)
+            for share, cov, error in cases
         ]
+
+    def _with_inverted(self, state: DiveState, dive: DiveMean, inverted: Array) -> DiveState:
+        """Return the state after the inverted current: what is left of the mean current without it is the flight model's error."""
+        design = dive.design.copy()
+        design[:, : FLIGHT_BIAS.start] = 0.0
+        errors = dive.velocity - inverted - state.mean @ design.T
+        spread = design @ state.cov @ design.T + (
+            _INVERTED_STD**2 + dive.position_variance
+        ) * np.eye(2)
+        cases: list[_Case] = [(float(np.log(1.0 - self.wrong)), state.cov, spread)]
+        if self.wrong:
+            cases.append((float(np.log(self.wrong)), state.cov, spread + _WRONG_STD**2 * np.eye(2)))
+        return _after(state, design, errors, cases)
+
+
+def _after(state: DiveState, design: Array, errors: Array, cases: list[_Case]) -> DiveState:
+    """Return the state after errors of a prediction, shape (h, 2), which some cases expect to be of different size."""
+    after = [
+        (log_share, *_updated(state.mean, cov, design, errors, spread))
+        for log_share, cov, spread in cases
+    ]
+    log_likelihood = np.stack([log_share + density for log_share, density, _, _ in after])
+    total = logsumexp(log_likelihood, axis=0)
+    mean, cov = _joined(
+        np.exp(log_likelihood - total), [part[2] for part in after], [part[3] for part in after]
+    )
+    log_weights = state.log_weights + total
+    return replace(state, mean=mean, cov=cov, log_weights=log_weights - logsumexp(log_weights))
 
 
 def _updated(
@@ -226,14 +270,3 @@ def _joined(shares: Array, means: list[Array], covs: list[Array]) -> tuple[Array
         about = part - mean
         cov += share[:, None, None] * (of_part + about[:, :, None] * about[:, None, :])
     return mean, cov
-
-
-def _with_inverted(state: DiveState, dive: DiveMean, inverted: Array) -> DiveState:
-    """Return the state after the inverted current: what is left of the mean current without it is the flight model's error."""
-    design = dive.design.copy()
-    design[:, :6] = 0.0
-    errors = dive.velocity - inverted - state.mean @ design.T
-    spread = design @ state.cov @ design.T + (_INVERTED_STD**2 + dive.position_variance) * np.eye(2)
-    density, mean, cov = _updated(state.mean, state.cov, design, errors, spread)
-    log_weights = state.log_weights + density
-    return replace(state, mean=mean, cov=cov, log_weights=log_weights - logsumexp(log_weights))

@@ -20,12 +20,21 @@ _CONSTANTS = (0.05, 0.15)
 # The same of a velocity over ground, which holds the way through the water: a dive's course is like that of the last, or turned.
 _GROUND_AMPLITUDES = (0.02, 0.04, 0.08, 0.16, 0.32)
 _GROUND_CONSTANTS = (0.1, 0.3)
+# The same for the flight model's bias alone: fewer, as they are passed through once for each dive that is left out.
+_FLIGHT_AMPLITUDES, _FLIGHT_TIME_SCALES, _FLIGHT_WHITES = (
+    (0.01, 0.04, 0.16),
+    (6.0 * _HOUR, 96.0 * _HOUR),
+    (0.005, 0.015, 0.04),
+)
+_FLIGHT_SURFACE_SHARES = (0.0, 2.0)
 # m/s; of a current beside the estimate, where there is one
 _LOCAL_AMPLITUDES = (0.02, 0.04, 0.08, 0.16)
 # s; the wind that drives the surface part changes as fast
 _SURFACE_SCALE = 12.0 * _HOUR
 #: Number of unknowns: a constant, a part that decorrelates, one trapped at the surface, each east and north; and the flight model's bias.
 UNKNOWNS = 8
+#: Positions of the flight model's bias among them: along the way through the water and across it.
+FLIGHT_BIAS = slice(6, 8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +59,11 @@ class Settings:
     def size(self) -> int:
         """Number of combinations h."""
         return self.white_std.size
+
+    @property
+    def has_flight_bias(self) -> NDArray[np.bool_]:
+        """Which combinations have an error of the flight model, shape (h,)."""
+        return np.asarray(self.variance[:, FLIGHT_BIAS.start] > 0.0)
 
 
 def combinations(n_backgrounds: int = 0) -> Settings:
@@ -87,6 +101,22 @@ def ground_combinations(n_backgrounds: int = 0) -> Settings:
     )
 
 
+def flight_combinations() -> Settings:
+    """Return combinations of settings of a mean current that tell whether the flight model errs; half of the probability has no error."""
+    biases = (0.0, *_FLIGHT_BIASES)
+    axes = (
+        _FLIGHT_AMPLITUDES,
+        _FLIGHT_TIME_SCALES,
+        _FLIGHT_WHITES,
+        biases,
+        _FLIGHT_SURFACE_SHARES,
+        _CONSTANTS,
+        (0,),
+    )
+    settings = _of_axes(*axes)
+    return _half_without(settings, settings.has_flight_bias)
+
+
 def local_combinations() -> Settings:
     """Return all combinations of settings of a current beside the estimate; half of the probability has none.
 
@@ -96,9 +126,12 @@ def local_combinations() -> Settings:
     settings = _of_axes(
         (0.0, *_LOCAL_AMPLITUDES), _TIME_SCALES, _WHITES[:1], (0.0,), (0.0,), (0.0,), (0,)
     )
-    none = settings.variance[:, 2] == 0.0
-    prior = np.where(none, 0.5 / np.sum(none), 0.5 / np.sum(~none))
-    return replace(settings, log_prior=np.log(prior))
+    return _half_without(settings, settings.variance[:, 2] > 0.0)
+
+
+def _half_without(settings: Settings, has: NDArray[np.bool_]) -> Settings:
+    """Return settings of which those that have something, shape (h,), have half of the probability, evenly, and the others the rest."""
+    return replace(settings, log_prior=np.log(np.where(has, 0.5 / np.sum(has), 0.5 / np.sum(~has))))
 
 
 def _of_axes(*axes: Iterable[float]) -> Settings:

@@ -14,6 +14,7 @@ from scipy.linalg import solve_triangular
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Observation
 from replay_kit.estimator.static.filter import ReducedBasisEstimator
+from replay_kit.estimator.update.compression import ProfileRows
 from replay_kit.estimator.update.posterior import prior_covariance
 
 
@@ -24,7 +25,7 @@ class Likelihood:
     Attributes:
         log: Natural logarithm of their density, without the constant of 2 pi.
         nis: Normalised innovation squared.
-        dof: Number of measured values.
+        dof: Number of measured values; of a profile relative to a platform of unknown velocity that of its differences.
     """
 
     log: float
@@ -41,7 +42,7 @@ class JointPrediction:
         bins: For each profile the indices of the bins predicted.
         mean: shape (R,), predicted rows about the offset of the basis.
         chol: shape (R, R), lower factor of the rows' covariance.
-        log_error: Sum of the logarithm of the stated error over the measured values.
+        log_error: Half the log-determinant of the measured values' error covariance.
     """
 
     estimator: ReducedBasisEstimator
@@ -56,21 +57,16 @@ class JointPrediction:
         Args:
             profiles: As many as were predicted, with the same places, depths and errors.
         """
-        parts, residual = [], 0.0
-        for profile, used in zip(profiles, self.bins, strict=True):
-            if used.size:
-                rows = self.estimator.rows(profile, used)
-                compressed, square = rows.compress(rows.values)
-                parts.append(compressed)
-                residual += square
+        parts, residual, dof = [], 0.0, 0
+        for rows in _known_rows(self.estimator, profiles, self.bins):
+            compressed, square = rows.compress(rows.values)
+            parts.append(compressed)
+            residual += square
+            dof += rows.dof
         whitened = solve_triangular(self.chol, np.concatenate(parts) - self.mean, lower=True)
         nis = float(whitened @ whitened) + residual
         half_log_det = float(np.log(np.diag(self.chol)).sum())
-        return Likelihood(
-            -0.5 * nis - half_log_det - self.log_error,
-            nis,
-            2 * sum(used.size for used in self.bins),
-        )
+        return Likelihood(-0.5 * nis - half_log_det - self.log_error, nis, dof)
 
 
 def predict_jointly(
@@ -85,15 +81,25 @@ def predict_jointly(
         profiles: Places, depths and errors.
         bins: For each profile the indices of its bins to predict, at least one in all.
     """
-    all_rows = [
-        estimator.rows(profile, used)
-        for profile, used in zip(profiles, bins, strict=True)
-        if used.size
-    ]
-    log_error = sum(2.0 * rows.noise.log_scale for rows in all_rows)
+    all_rows = _known_rows(estimator, profiles, bins)
+    log_error = sum(2.0 * rows.noise.half_log_det for rows in all_rows)
     mean = np.concatenate([rows.matvec(estimator.prior_weights) for rows in all_rows])
     covariance = prior_covariance(estimator.prior, all_rows)
     covariance[np.diag_indices_from(covariance)] += 1.0
     return JointPrediction(
         estimator, tuple(bins), mean, np.asarray(np.linalg.cholesky(covariance)), log_error
     )
+
+
+def _known_rows(
+    estimator: ReducedBasisEstimator,
+    profiles: Sequence[Observation],
+    bins: Sequence[NDArray[np.intp]],
+) -> list[ProfileRows]:
+    """Return the rows of the profiles that say anything: one bin relative to a platform of unknown velocity does not."""
+    rows = (
+        estimator.rows(profile, used)
+        for profile, used in zip(profiles, bins, strict=True)
+        if used.size
+    )
+    return [each for each in rows if each.dof]

@@ -7,7 +7,7 @@ import numpy as np
 
 from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.observation import Innovation, Measurement
+from replay_kit.core.observation import Innovation, Measurement, PathMean
 from replay_kit.estimator.update.biases import BiasScore, scale_jacobian
 from replay_kit.estimator.update.compression import Bins, dependence_inflation
 from replay_kit.estimator.update.gate import GateResult, gate_innovation
@@ -108,7 +108,17 @@ class ObservationUpdate(Generic[After]):
             signal_dof=self.gate.signal_dof(self.inflation) if self.accepted else 0.0,
             prior_inflation=prior_inflation,
             log_likelihood=log_likelihood,
+            estimated_std=self._posterior_std()
+            if isinstance(screened.observation, PathMean)
+            else np.nan,
         )
+
+    def _posterior_std(self) -> float:
+        """Return the error of each component of the estimate's mean along a path after the update, as its root mean square [m/s]."""
+        cov = self.predicted.cov
+        if self.accepted:
+            cov = cov - cov @ np.linalg.solve(self.innovation_cov, cov)
+        return float(np.sqrt(np.mean(self.bins.expand_variance(cov))))
 
 
 def evaluate_observation(

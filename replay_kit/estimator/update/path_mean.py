@@ -46,7 +46,7 @@ def mean_noise(mean: PathMean, basis: Basis, places: Array, representation_std: 
     """
     by_level = basis.local_error(places, representation_std)
     between = depth_weights(DepthFunctions("hat", 0.0), mean.depth, basis.grid.levels)
-    std = float(np.hypot(mean.error_std, mean.weight @ np.sum(between * by_level, axis=1)))
+    std = float(np.hypot(mean.used_std, mean.weight @ np.sum(between * by_level, axis=1)))
     return BinNoise(np.array([[1.0 / std]]), np.array([[std]]), float(np.log(std)))
 
 

@@ -26,8 +26,8 @@ import scipy.linalg
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.reduction import Reduction
 from replay_kit.estimator.prior.hybrid import Prior
-from replay_kit.estimator.update.buffer import Buffer
 from replay_kit.estimator.update.compression import ProfileRows
+from replay_kit.estimator.update.grouping import Buffer
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.posterior import (
     Posterior,

@@ -108,18 +108,28 @@ def screen_measurement(observation: Measurement, grid: Grid, relative: bool = Tr
     flags, reasons = screen(profile, grid, relative)
     unused = unused_innovation(profile, flags, reasons)
     if isinstance(observation, PathMean):
-        unused = replace(
-            unused,
-            mean_current=local_mean(observation, grid.projection)[0],
-            mean_kind=observation.kind,
-        )
+        unused = _with_mean_current(unused, observation, grid.projection)
     return Screened(observation, np.flatnonzero(usable(flags)), unused)
 
 
+def _with_mean_current(
+    innovation: Innovation, mean: PathMean, projection: Projection
+) -> Innovation:
+    """Return an innovation with what was measured of a mean along a path, and what the flight model's correction made of it."""
+    if mean.corrected is not None:
+        innovation = replace(
+            innovation,
+            corrected_current=local_mean(mean, projection)[0],
+            corrected_std=mean.used_std,
+        )
+    measured = local_mean(replace(mean, corrected=None), projection)[0]
+    return replace(innovation, mean_current=measured, mean_kind=mean.kind, mean_std=mean.error_std)
+
+
 def local_mean(mean: PathMean, projection: Projection) -> Array:
-    """Return a mean along a path along the local axes, shape (1, 2) [m/s], rotated at the end of the path."""
+    """Return a mean along a path, as it is used, along the local axes, shape (1, 2) [m/s], rotated at the end of the path."""
     u, v = rotate_to_local(
-        projection, float(mean.longitude[-1]), float(mean.latitude[-1]), *mean.velocity
+        projection, float(mean.longitude[-1]), float(mean.latitude[-1]), *mean.used
     )
     return np.array([[float(u), float(v)]])
 
@@ -159,8 +169,8 @@ def to_profile(observation: Measurement) -> Observation:
         float(mean.longitude[middle]),
         float(mean.latitude[middle]),
         np.array([float(mean.weight @ mean.depth)]),
-        np.array([mean.velocity]),
-        np.array([mean.error_std]),
+        np.array([mean.used]),
+        np.array([mean.used_std]),
         "earth",
         np.array([Flag.GOOD], np.int8),
         np.zeros(1, np.int32),

@@ -60,11 +60,22 @@ class Configuration(NamedTuple):
             ("cells", self.cells, other.cells),
             ("cell size", f"{self.cell_size / 100:g} m", f"{other.cell_size / 100:g} m"),
             ("first cell", f"{self.first_cell / 100:g} m", f"{other.first_cell / 100:g} m"),
-            ("coordinates", _COORDINATES[self.coordinates >> 3 & 3], _COORDINATES[other.coordinates >> 3 & 3]),
+            (
+                "coordinates",
+                _COORDINATES[self.coordinates >> 3 & 3],
+                _COORDINATES[other.coordinates >> 3 & 3],
+            ),
             ("orientation", looks[self.instrument[2] > 127], looks[other.instrument[2] > 127]),
-            ("declination", f"{self.declination / 100:g} degrees", f"{other.declination / 100:g} degrees"),
+            (
+                "declination",
+                f"{self.declination / 100:g} degrees",
+                f"{other.declination / 100:g} degrees",
+            ),
         )
-        return ", ".join(f"{name} {one} -> {two}" for name, one, two in pairs if one != two) or "transformations, sensors or firmware"
+        return (
+            ", ".join(f"{name} {one} -> {two}" for name, one, two in pairs if one != two)
+            or "transformations, sensors or firmware"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,16 +116,29 @@ def by_configuration(data: bytes, records: Sequence[Record]) -> Ensembles:
         parts[ordinal] = _with_full_leader(data[record.start : record.end], types[_VARIABLE])
         order.append((ordinal, configuration))
     changes = [(k, old.changes_to(new)) for (_, old), (k, new) in pairwise(order) if old != new]
-    return Ensembles({key: tuple(value) for key, value in groups.items()}, parts, dict(unreadable), _told(changes))
+    return Ensembles(
+        {key: tuple(value) for key, value in groups.items()},
+        parts,
+        dict(unreadable),
+        _told(changes),
+    )
 
 
 def _types(data: bytes, record: Record) -> dict[int, bytes]:
     """Return the data types of an ensemble by their identifiers, each up to where the next begins."""
     count = data[record.start + 5]
-    offsets = sorted({*struct.unpack_from(f"<{count}H", data, record.start + 6), record.end - 2 - record.start})
-    pieces = [data[record.start + begin : record.start + end] for begin, end in pairwise(offsets) if end <= record.end - 2 - record.start]
+    offsets = sorted(
+        {*struct.unpack_from(f"<{count}H", data, record.start + 6), record.end - 2 - record.start}
+    )
+    pieces = [
+        data[record.start + begin : record.start + end]
+        for begin, end in pairwise(offsets)
+        if end <= record.end - 2 - record.start
+    ]
     # of two blocks of one kind, as WinRiver's positions, none is of use here
-    return {struct.unpack_from("<H", piece)[0]: piece for piece in reversed(pieces) if len(piece) >= 2}
+    return {
+        struct.unpack_from("<H", piece)[0]: piece for piece in reversed(pieces) if len(piece) >= 2
+    }
 
 
 def _lacks(types: Mapping[int, bytes]) -> str:
@@ -122,25 +146,41 @@ def _lacks(types: Mapping[int, bytes]) -> str:
     # a narrow-band instrument's first profile has other identifiers; MHKiT knows them
     if _FIXED not in types:
         return "ensemble without the fixed leader of a first profile"
-    for name, kind, least in (("fixed leader", _FIXED, _LEAST_FIXED), ("variable leader", _VARIABLE, _LEAST_VARIABLE)):
+    for name, kind, least in (
+        ("fixed leader", _FIXED, _LEAST_FIXED),
+        ("variable leader", _VARIABLE, _LEAST_VARIABLE),
+    ):
         if (size := len(types.get(kind, b""))) < least:
             return f"ensemble whose {name} has {size} bytes, {least} are needed (clock, attitude, cells)"
     cells = types[_FIXED][9]
     for kind, width in _BLOCKS.items():
         if kind in types and len(types[kind]) < 2 + _BEAMS * cells * width:
             return (
-                f"ensemble whose block {kind:#06x} has {len(types[kind])} bytes, {2 + _BEAMS * cells * width} are needed for {cells} cells"
+                f"ensemble whose block {kind:#06x} has {len(types[kind])} bytes, "
+                f"{2 + _BEAMS * cells * width} are needed for {cells} cells"
             )
     return ""
 
 
 def _configuration(leader: bytes, variable_size: int) -> Configuration:
-    coordinates, alignment, declination, source, available, first_cell = struct.unpack_from("<BhhBBH", leader, 25)
+    coordinates, alignment, declination, source, available, first_cell = struct.unpack_from(
+        "<BhhBBH", leader, 25
+    )
     (cell_size,) = struct.unpack_from("<H", leader, 12)
     instrument = leader[2:6] + leader[8:9] + leader[58:59]
     sensors = source, available
     has_pressure = variable_size >= _WITH_PRESSURE
-    return Configuration(leader[9], cell_size, first_cell, coordinates, alignment, declination, sensors, instrument, has_pressure)
+    return Configuration(
+        leader[9],
+        cell_size,
+        first_cell,
+        coordinates,
+        alignment,
+        declination,
+        sensors,
+        instrument,
+        has_pressure,
+    )
 
 
 def _with_full_leader(ensemble: bytes, leader: bytes) -> bytes:
@@ -155,7 +195,9 @@ def _with_full_leader(ensemble: bytes, leader: bytes) -> bytes:
     offsets = struct.unpack_from(f"<{count}H", ensemble, 6)
     place = next(at for at in offsets if ensemble[at : at + 2] == leader[:2])
     moved = [at + missing if at > place else at for at in offsets]
-    head = struct.pack(f"<2sHBB{count}H", ensemble[:2], len(ensemble) - 2 + missing, ensemble[4], count, *moved)
+    head = struct.pack(
+        f"<2sHBB{count}H", ensemble[:2], len(ensemble) - 2 + missing, ensemble[4], count, *moved
+    )
     whole = head + ensemble[len(head) : place] + full + ensemble[place + len(leader) : -2]
     return whole + struct.pack("<H", sum(whole) & 0xFFFF)
 
@@ -166,4 +208,6 @@ def _told(changes: Sequence[tuple[int, str]]) -> tuple[str, ...]:
     words = "; ".join(f"at ping {ordinal}: {what}" for ordinal, what in changes[:_TOLD])
     more = f"; and {len(changes) - _TOLD} more" if len(changes) > _TOLD else ""
     times = "once" if len(changes) == 1 else f"{len(changes)} times"
-    return (f"the instrument's configuration changes {times}, each ping is read by its own: {words}{more}",)
+    return (
+        f"the instrument's configuration changes {times}, each ping is read by its own: {words}{more}",
+    )

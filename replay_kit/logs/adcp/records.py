@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.logs.shared.record_chain import Indices, chain, lose_gaps
+from replay_kit.logs.shared.blocks import Indices, chain, lose_gaps
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 Bytes = NDArray[np.uint8]

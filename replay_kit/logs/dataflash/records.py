@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
 from replay_kit.logs.dataflash.formats import FMT, FMT_TYPE, HEAD, Format, read_format
-from replay_kit.logs.shared.record_chain import Indices, chain, lose_gaps
+from replay_kit.logs.shared.blocks import Indices, chain, lose_gaps
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 MAGIC = b"\xa3\x95"

@@ -4,17 +4,19 @@ A payload of any encoding becomes a dict of numbers, strings, bytes, lists and d
 times become ``{"sec", "nsec"}``; ROS 2 times keep their own ``{"sec", "nanosec"}``.
 """
 
+import json
+import re
 import struct
 from collections.abc import Callable
 from typing import Any
 
+import orjson
 from google.protobuf.message import DecodeError
 from mcap.exceptions import McapError
 from mcap.records import Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
-from replay_kit.logs.decode.budget import MOST_SCHEMA, check_size
-from replay_kit.logs.decode.json import decode_json
+from replay_kit.logs.decode.budget import MAPPING, MOST_SCHEMA, MOST_VALUES, Budget, check_size
 from replay_kit.logs.decode.protobuf import protobuf_decoder
 from replay_kit.logs.decode.ros import ros_decoder
 from replay_kit.logs.decode.ros2idl import ros2msg_from_idl
@@ -87,3 +89,44 @@ def explain(error: BaseException) -> str:
 def _words(error: BaseException) -> str:
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text[:200]}" if text else type(error).__name__
+
+
+# possessive, and with a text that does not end matched too: each byte is looked at once
+_BARE_NUMBER = re.compile(
+    r'"(?:[^"\\]|\\.)*+"?|(-?)\b(inf|infinity|nan)\b', re.IGNORECASE | re.DOTALL
+)
+
+
+def decode_json(data: bytes) -> dict[str, Any]:
+    """Return a JSON object as a dict; bare NaN, Infinity, inf and their negatives are numbers.
+
+    Raises:
+        ValueError: The bytes are no JSON, or the value is no object.
+    """
+    value = loads(data)
+    if not isinstance(value, dict):
+        raise ValueError(f"expected a JSON object, got {type(value).__name__}")
+    return value
+
+
+def loads(data: bytes) -> Any:
+    """Return any JSON value, bare numbers as in ``decode_json``.
+
+    Raises:
+        ValueError: The bytes are no JSON, or claim more than the budget of a message.
+    """
+    # a shorter message cannot hold more: a value takes two bytes, a mapping three
+    if len(data) > MOST_VALUES // 2:
+        Budget(len(data)).spend(
+            sum(data.count(mark) for mark in (b",", b"[", b":")) + MAPPING * data.count(b"{")
+        )
+    try:
+        return orjson.loads(data)
+    except orjson.JSONDecodeError:
+        return json.loads(_BARE_NUMBER.sub(_standard_number, data.decode("utf-8")))
+
+
+def _standard_number(match: re.Match[str]) -> str:
+    if match[2] is None:
+        return match[0]
+    return "NaN" if match[2].lower() == "nan" else f"{match[1]}Infinity"

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.logs.glider.columns import Columns, Table
-from replay_kit.logs.shared.positions import Positions
+from replay_kit.logs.shared.payloads import Positions
 
 # of a SeaExplorer: at the surface with a fix
 _FIX_STATE = 119

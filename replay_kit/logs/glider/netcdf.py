@@ -1,5 +1,7 @@
 """Variables of a NetCDF file, classic or NetCDF-4, as stored; only those asked for are read."""
 
+import mmap
+import struct
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +15,6 @@ from scipy.io import netcdf_file
 from replay_kit.core.arrays import Array
 from replay_kit.core.claims import exceeds_claim
 from replay_kit.core.errors import LogError
-from replay_kit.logs.glider.heaps import endless_heap
 
 _ATTRIBUTES = (
     *("units", "_FillValue", "missing_value", "scale_factor", "add_offset"),
@@ -228,3 +229,40 @@ def _read_classic(path: Path, choose: Choose) -> NetcdfFile:
             for name, v in chosen.items()
         }
         return NetcdfFile(path, attributes, variables, tuple(file.variables))
+
+
+#: Signature, version and three zeros, which damage elsewhere leaves.
+_BEGINS = b"GCOL\x01\x00\x00\x00"
+_SIZE = struct.Struct("<8xQ")
+#: Number, count of references, reserved bytes and size of an object, whose bytes follow.
+_OBJECT = struct.Struct("<HH4xQ")
+
+
+def endless_heap(path: Path) -> int | None:
+    """Return where a global heap begins that the HDF5 library would read for ever [bytes]; None without one.
+
+    Args:
+        path: A file that is not empty.
+    """
+    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        at = data.find(_BEGINS)
+        while at >= 0:
+            if _is_endless(data, at):
+                return at
+            at = data.find(_BEGINS, at + 1)
+    return None
+
+
+def _is_endless(data: mmap.mmap, begin: int) -> bool:
+    """Return whether the objects of a heap lead to free space without a size, from which no step leads on."""
+    if begin + _SIZE.size > len(data):
+        return False
+    end = min(begin + _SIZE.unpack_from(data, begin)[0], len(data))
+    at = begin + _SIZE.size
+    while at + _OBJECT.size <= end:
+        number, _, size = _OBJECT.unpack_from(data, at)
+        if number == 0 and size == 0:
+            return True
+        # the size of free space includes its head, and objects begin at multiples of eight bytes
+        at += size if number == 0 else _OBJECT.size + (size + 7) // 8 * 8
+    return False

@@ -9,17 +9,17 @@ import numpy as np
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.message import Message
-from replay_kit.logs.glider.absolute import PROFILES, absolute_profiles
 from replay_kit.logs.glider.columns import Columns, joined, read_columns
 from replay_kit.logs.glider.currents import DiveMean, End, mean_currents
 from replay_kit.logs.glider.dialect import Dialect
-from replay_kit.logs.glider.files import GliderFile
+from replay_kit.logs.glider.files import GliderFile, open_glider_file
 from replay_kit.logs.glider.fixes import Fixes, fixes_of
 from replay_kit.logs.glider.missions import mission_of
+from replay_kit.logs.glider.pings import PROFILES, absolute_profiles
+from replay_kit.logs.glider.rows import NetcdfRows
 from replay_kit.logs.glider.seaglider import INVERTED
 from replay_kit.logs.reader import Entry, LogFile
-from replay_kit.logs.shared.notes import by_variable, gather
-from replay_kit.logs.shared.payloads import FIX, location_fix, number, stamp
+from replay_kit.logs.shared.payloads import FIX, by_variable, gather, location_fix, number, stamp
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 _NS = 1_000_000_000
@@ -242,3 +242,30 @@ def _heading_note(columns: Columns, dialect: Dialect) -> Iterator[str]:
             else f"headings are {dialect.heading}"
         )
         yield f"{how}; no declination was added to them"
+
+
+def open_glider(
+    path: Path,
+    input: int = 0,
+    config: LogConfig | None = None,
+    wanted: frozenset[str] | None = None,
+    more: Sequence[Path] = (),
+) -> LogFile:
+    """Return the reader of a glider's file, or of several that are one log.
+
+    Args:
+        path: The file, or the first of them.
+        input: Position of the log among the run's inputs.
+        config: How logs are read.
+        wanted: Without effect.
+        more: The others.
+
+    Raises:
+        LogError: A file cannot be read, or is of no known dialect.
+    """
+    files = [file for part in (path, *more) if (file := open_glider_file(part)) is not None]
+    return (
+        GliderReader(path, input, config, wanted, files=files)
+        if files
+        else NetcdfRows(path, input, config, wanted)
+    )

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from replay_kit.core.message import Message
 from replay_kit.logs.mcap.channels import Channels
-from replay_kit.logs.mcap.columns import columns_of
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     RECORD_ERRORS,
@@ -23,6 +22,7 @@ from replay_kit.logs.mcap.records import (
 )
 from replay_kit.logs.mcap.scanner import Make
 from replay_kit.logs.mcap.summary import Summary, read_summary
+from replay_kit.logs.mcap.survey import columns_of
 from replay_kit.logs.shared.overview import Overview, TopicExtent
 
 #: A file with fewer messages than this, and fewer bytes of them, is read whole in a second or so.

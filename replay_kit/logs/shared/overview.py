@@ -25,9 +25,8 @@ class TopicExtent:
     def joined(self, other: "TopicExtent") -> "TopicExtent":
         """Return this topic with the messages of another channel."""
         firsts, lasts = (self.first_ns, other.first_ns), (self.last_ns, other.last_ns)
-        first_ns, last_ns = (
-            None if None in pair else which(pair) for pair, which in ((firsts, min), (lasts, max))
-        )  # type: ignore[type-var]
+        first_ns = None if None in firsts else min(firsts)  # type: ignore[type-var]
+        last_ns = None if None in lasts else max(lasts)  # type: ignore[type-var]
         return TopicExtent(self.schema, self.messages + other.messages, first_ns, last_ns)
 
 

@@ -1,9 +1,14 @@
 """The findings of the checks, in words: name, evidence, likely cause, what to set."""
 
+from collections.abc import Sequence
+
 from replay_kit.core.finding import Finding
+from replay_kit.core.geodesy import distance
 from replay_kit.core.observation import Observation, PathMean
+from replay_kit.core.text import place_text, time_text
 from replay_kit.measurements.consistency.pairs import Explanation
 from replay_kit.measurements.consistency.raw import RawHistory
+from replay_kit.measurements.consistency.tracks import Passages
 
 DEAD = "dead or stale instrument"
 COMPASS = "compass or instrument turned"
@@ -13,8 +18,11 @@ KNOTS = "velocities in knots"
 DEPTH = "depths above the surface"
 FROZEN = "frozen positions"
 PLACES = "positions of several missions"
+TRACKS = "these logs hold two tracks that no one vehicle can join"
 ENSEMBLE_UNIT = "unit of the ensemble"
 ENSEMBLE = "log and ensemble contradict each other"
+MISFIT = "the forecast does not fit this water"
+MISFIT_OF_MOVED = "the ensemble that was moved here does not fit this water"
 # Scale from which no slip but that of a unit explains a ratio.
 _GROSS = 8.0
 
@@ -75,6 +83,31 @@ def turned(explanation: Explanation, what: str, time_ns: int, topic: str) -> Fin
     )
 
 
+def two_tracks(passages: Passages, names: Sequence[str]) -> Finding:
+    """Return the finding of logs of two vehicles.
+
+    Args:
+        passages: Between the two logs, one of them at least out of reach.
+        names: Of the logs, in order of their numbers.
+    """
+    assert passages.example is not None
+    one, other = sorted(passages.example, key=lambda position: position.source.input)
+    apart = float(distance(one.longitude, one.latitude, other.longitude, other.latitude)) / 1e3
+    placed = (
+        f"{place_text(each.longitude, each.latitude)} at {time_text(each.time_ns)}"
+        for each in (one, other)
+    )
+    return Finding(
+        TRACKS,
+        0,
+        f"{names[one.source.input]} and {names[other.source.input]}; of {passages.number} ways from a position of the one to the next, "
+        f"of the other, {passages.beyond} are longer than a vehicle goes in that time, the last one {apart:.0f} km ({', '.join(placed)})",
+        "two vehicles, or a clock or receiver that was wrong most of the time",
+        'replay each alone; consistency.on_failure = "ignore" takes them for one vehicle',
+        "unusable",
+    )
+
+
 def ensemble_unit(evidence: str, source: str) -> Finding:
     """Return the finding of an ensemble whose speeds no ocean has."""
     return Finding(
@@ -96,6 +129,33 @@ def ensemble_contradicts(evidence: str, time_ns: int = 0) -> Finding:
         "an ensemble of another region or season, or errors of the profiles that are stated too small",
         "nothing follows from it; replay-kit info --ensemble names faults of the log that would explain it",
         "warning",
+    )
+
+
+def forecast_misfit(evidence: str, moved: bool) -> Finding:
+    """Return the finding that most measurements are none of those that the forecast expects.
+
+    Args:
+        evidence: The figures.
+        moved: Whether the ensemble was moved to the log: it is no forecast of this water, so that a misfit is no news.
+    """
+    if moved:
+        advice = "take the estimate as a demonstration, and give a forecast of this water for one to rely on"
+        return Finding(
+            MISFIT_OF_MOVED,
+            0,
+            evidence,
+            "it is of another water (--place-ensemble)",
+            advice,
+            "warning",
+        )
+    return Finding(
+        MISFIT,
+        0,
+        evidence,
+        "a forecast of another place or time, members that differ too little, or errors of the measurements that are stated too small",
+        "do not rely on this estimate; give a forecast of this water; replay-kit info --ensemble names faults of a log that look the same",
+        "misfit",
     )
 
 

@@ -129,6 +129,7 @@ def path_mean(
         dive=dive,
         source=end.source,
         fixes=(_fix(path.start), _fix(end)),
+        deepest=path.deepest,
     )
 
 

@@ -16,12 +16,18 @@ _NAMES_SHOWN = 12
 # how many of a unit make the unit used inside; dividing by a power of ten rounds once
 _PER_METRE = {"m": 1.0, "dm": 10.0, "cm": 100.0, "mm": 1000.0}
 _PER_DBAR = {"dbar": 1.0, "bar": 0.1, "Pa": 1e4, "hPa": 100.0, "kPa": 10.0}
-_DEGREES: dict[str, Callable[[float], float]] = {"deg": float, "rad": math.degrees, "degE7": lambda value: value / 1e7}
+_DEGREES: dict[str, Callable[[float], float]] = {
+    "deg": float,
+    "rad": math.degrees,
+    "degE7": lambda value: value / 1e7,
+}
 _ATMOSPHERE_DBAR = 10.1325
 _COORDINATES = {"enu": "earth", "ned": "earth"}
 
 
-def mapped(payload: Mapping[str, Any], entry: TopicMap) -> StatedPing | Position | Depth | Pressure | str:
+def mapped(
+    payload: Mapping[str, Any], entry: TopicMap
+) -> StatedPing | Position | Depth | Pressure | str:
     """Return what a message states by its topic's mapping, or why it states nothing.
 
     Args:
@@ -56,27 +62,43 @@ def _follow(value: Any, parts: Sequence[str], at: int) -> Any:
         if index is not None and -len(value) <= index < len(value):
             return _follow(value[index], parts, at + 1)
     where = f"at '{'.'.join(parts[:at])}'" if at else "the message"
-    raise MeasurementError(f"measurements.map: '{'.'.join(parts)}' leads nowhere: {where} holds {_contents(value)}")
+    raise MeasurementError(
+        f"measurements.map: '{'.'.join(parts)}' leads nowhere: {where} holds {_contents(value)}"
+    )
 
 
 def _contents(value: Any) -> str:
     """Return what a value holds, in words that are the same for all messages of one make."""
     if isinstance(value, Mapping):
         names = sorted(str(name) for name in value)
-        return ", ".join(names[:_NAMES_SHOWN]) + (", ..." if len(names) > _NAMES_SHOWN else "") if names else "no fields"
+        return (
+            ", ".join(names[:_NAMES_SHOWN]) + (", ..." if len(names) > _NAMES_SHOWN else "")
+            if names
+            else "no fields"
+        )
     if isinstance(value, list | tuple | bytes):
         return "a list that has no such item; write an index that it has, or * for all"
     return "nothing" if value is None else f"one {type(value).__name__}, no fields"
 
 
-def _position(payload: Mapping[str, Any], entry: PositionMap | ProfileMap | VelocityMap) -> Position | str:
-    assert entry.longitude is not None and entry.latitude is not None, "asked only of mappings that have them"  # noqa: PT018
+def _position(
+    payload: Mapping[str, Any], entry: PositionMap | ProfileMap | VelocityMap
+) -> Position | str:
+    # asked only of mappings that have them
+    assert entry.longitude is not None
+    assert entry.latitude is not None
     degrees = _DEGREES[entry.angle_unit]
-    longitude, latitude = (degrees(number(look_up(payload, path))) for path in (entry.longitude, entry.latitude))
+    longitude, latitude = (
+        degrees(number(look_up(payload, path))) for path in (entry.longitude, entry.latitude)
+    )
     depth = math.nan
     if entry.depth is not None:
         stated = _depth(payload, entry)
-        depth = stated.depth if isinstance(stated, Depth) else depth_of_pressure(stated.pressure_dbar, latitude)
+        depth = (
+            stated.depth
+            if isinstance(stated, Depth)
+            else depth_of_pressure(stated.pressure_dbar, latitude)
+        )
     return checked(longitude, latitude, depth, entry.dead_reckoned)
 
 
@@ -84,7 +106,10 @@ def _depth(payload: Mapping[str, Any], entry: TopicMap) -> Depth | Pressure:
     assert entry.depth is not None, "asked only of mappings that have one"
     value = number(look_up(payload, entry.depth))
     if entry.depth_unit in _PER_DBAR:
-        return Pressure(value / _PER_DBAR[entry.depth_unit] - (_ATMOSPHERE_DBAR if entry.depth_absolute else 0.0))
+        return Pressure(
+            value / _PER_DBAR[entry.depth_unit]
+            - (_ATMOSPHERE_DBAR if entry.depth_absolute else 0.0)
+        )
     return Depth(_sign(entry) * value / _PER_METRE[entry.depth_unit])
 
 
@@ -133,7 +158,9 @@ def _velocity(payload: Mapping[str, Any], entry: VelocityMap) -> StatedPing | st
             "reference": None if entry.reference == "unknown" else entry.reference,
             "orientation": entry.orientation,
             "n_cells": 1,
-            "velocity": [[_speed(look_up(payload, path), entry) for path in (entry.east, entry.north)]],
+            "velocity": [
+                [_speed(look_up(payload, path), entry) for path in (entry.east, entry.north)]
+            ],
             "velocity_std": entry.velocity_std,
             "cell_distances": [entry.distance or 0.0],
             **fields,
@@ -144,9 +171,15 @@ def _velocity(payload: Mapping[str, Any], entry: VelocityMap) -> StatedPing | st
 
 def _instrument_depth(stated: Depth | Pressure) -> dict[str, Any]:
     """Return a depth as the fields of a ping; an unknown one is the vehicle's, but not the surface."""
-    pressure, offset = (0.0, stated.depth) if isinstance(stated, Depth) else (stated.pressure_dbar, 0.0)
+    pressure, offset = (
+        (0.0, stated.depth) if isinstance(stated, Depth) else (stated.pressure_dbar, 0.0)
+    )
     known = math.isfinite(pressure + offset)
-    return {"pressure": pressure, "transducer_depth": offset} if known else {"vehicle_depth_needed": True}
+    return (
+        {"pressure": pressure, "transducer_depth": offset}
+        if known
+        else {"vehicle_depth_needed": True}
+    )
 
 
 def _cells(payload: Mapping[str, Any], entry: ProfileMap) -> list[list[float]] | str:
@@ -154,7 +187,10 @@ def _cells(payload: Mapping[str, Any], entry: ProfileMap) -> list[list[float]] |
     if entry.velocity is None:
         assert entry.east is not None and entry.north is not None, "the configuration checks it"  # noqa: PT018
         columns = [look_up(payload, path) for path in (entry.east, entry.north)]
-        if not all(isinstance(column, list | tuple) for column in columns) or len({len(column) for column in columns}) > 1:
+        if (
+            not all(isinstance(column, list | tuple) for column in columns)
+            or len({len(column) for column in columns}) > 1
+        ):
             return "measurements.map: east and north are not lists of one length"
         return [[_speed(value, entry) for value in cell] for cell in zip(*columns, strict=True)]
     rows = look_up(payload, entry.velocity)
@@ -164,15 +200,25 @@ def _cells(payload: Mapping[str, Any], entry: ProfileMap) -> list[list[float]] |
         if entry.components is None or len(rows) % entry.components:
             return "measurements.map: velocity is flat; state how many components a cell has"
         rows = [rows[i : i + entry.components] for i in range(0, len(rows), entry.components)]
-    cells = [[_speed(value, entry) for value in row] if isinstance(row, list | tuple) else [math.nan] * 2 for row in rows]
+    cells = [
+        [_speed(value, entry) for value in row] if isinstance(row, list | tuple) else [math.nan] * 2
+        for row in rows
+    ]
     if entry.frame != "ned":
         return cells
-    return [[cell[1], cell[0], *(-value for value in cell[2:3])] if len(cell) > 1 else cell for cell in cells]
+    return [
+        [cell[1], cell[0], *(-value for value in cell[2:3])] if len(cell) > 1 else cell
+        for cell in cells
+    ]
 
 
 def _speed(value: Any, entry: ProfileMap | VelocityMap) -> float:
     speed = number(value)
-    return math.nan if speed in entry.missing else speed / _PER_METRE[entry.speed_unit.removesuffix("/s")]
+    return (
+        math.nan
+        if speed in entry.missing
+        else speed / _PER_METRE[entry.speed_unit.removesuffix("/s")]
+    )
 
 
 def _geometry(payload: Mapping[str, Any], entry: ProfileMap) -> dict[str, Any]:
@@ -196,6 +242,8 @@ def _geometry(payload: Mapping[str, Any], entry: ProfileMap) -> dict[str, Any]:
     return fields
 
 
-_READERS: Mapping[str, Callable[[Mapping[str, Any], Any], StatedPing | Position | Depth | Pressure | str]] = MappingProxyType(
+_READERS: Mapping[
+    str, Callable[[Mapping[str, Any], Any], StatedPing | Position | Depth | Pressure | str]
+] = MappingProxyType(
     {"profile": _profile, "velocity": _velocity, "position": _position, "depth": _depth}
 )

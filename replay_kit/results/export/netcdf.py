@@ -14,7 +14,8 @@ from pandas.api.types import (
     is_numeric_dtype,
 )
 
-from replay_kit.core.flow.lossless import CF_TIME, CONVENTIONS, write_dataset
+from replay_kit.core.flow.cf import attributes, encoding_of
+from replay_kit.core.flow.lossless import write_dataset
 from replay_kit.core.flow.netcdf import ATTRIBUTES
 from replay_kit.core.grid import Projection
 from replay_kit.core.version import __version__
@@ -31,6 +32,7 @@ _UNITS = (
     ("innovation", _SPEED),
     ("residual", _SPEED),
     ("measured", _SPEED),
+    ("corrected", _SPEED),
     ("estimated", _SPEED),
     ("rms", _SPEED),
     ("nis", {"units": "1"}),
@@ -56,32 +58,20 @@ def write_netcdf(tables: Mapping[str, pd.DataFrame], projection: Projection, pat
         ConfigError: The file cannot be written.
     """
     dataset = to_dataset(tables, projection)
-    encoding: dict[str, dict[str, object]] = {}
+    encoding = encoding_of(dataset)
     for name, variable in dataset.variables.items():
-        if variable.dtype.kind == "M":
-            encoding[str(name)] = {
-                **CF_TIME,
-                "dtype": "float64",
-                "_FillValue": None if _whole(variable) else np.nan,
-            }
-        elif variable.dtype.kind == "f" and variable.ndim:
-            encoding[str(name)] = {
-                "zlib": True,
-                "complevel": 4,
-                "_FillValue": None if _whole(variable) else np.nan,
-            }
-        else:
-            encoding[str(name)] = {"_FillValue": None}
+        if variable.dtype.kind == "f" and variable.ndim:
+            encoding[str(name)] |= {"zlib": True, "complevel": 4}
     write_dataset(dataset, path, encoding)
 
 
 def to_dataset(tables: Mapping[str, pd.DataFrame], projection: Projection) -> xr.Dataset:
     """Return tables as one CF dataset; see ``write_netcdf``."""
     attrs = {
-        "Conventions": CONVENTIONS,
-        "title": "Ocean current estimate: series, track, section, dives, innovations, surfacings and plans",
-        "source": f"replay-kit {__version__}",
-        "history": f"replay-kit {__version__}: export",
+        **attributes(
+            "Ocean current estimate: series, track, section, dives, innovations, surfacings and plans",
+            f"replay-kit {__version__}: export",
+        ),
         "comment": "Components of innovations are along the axes of the local frame (azimuthal equidistant, WGS84); others are true.",
         "local_frame_longitude": projection.longitude,
         "local_frame_latitude": projection.latitude,
@@ -99,10 +89,6 @@ def to_dataset(tables: Mapping[str, pd.DataFrame], projection: Projection) -> xr
             )
         dataset = dataset.set_coords(coordinates)
     return dataset
-
-
-def _whole(variable: xr.Variable) -> bool:
-    return bool(variable.notnull().all())
 
 
 def _values(column: pd.Series) -> Any:

@@ -7,18 +7,19 @@ import pandas as pd
 
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.series import series_at
+from replay_kit.results.views.series import series_of
 
 #: A place: longitude, latitude [degrees] and depth [m].
 At = tuple[float, float, float]
 
 
 def series_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
-    """Return the published current at places through time; no row without places or a published current."""
-    slices, tables = contents.slices, []
-    for number, place in enumerate(places if slices is not None else ()):
-        assert slices is not None
-        found = series_at(slices, contents.projection, place)
+    """Return the current at places through time, see ``series_of``; no row without places or a current."""
+    tables = []
+    for number, place in enumerate(places):
+        found = series_of(contents, place)
+        if found is None:
+            continue
         longitude, latitude, _ = place
         tables.append(
             pd.DataFrame(
@@ -76,7 +77,7 @@ def section_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
 
 
 def dives_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
-    """Return the dives: what was used of each, and its mean current measured and estimated."""
+    """Return the dives: what was used of each, and its mean current measured, corrected for the flight model's error and estimated."""
     means, track = contents.mean_currents, contents.track
     table = contents.result.dives.reset_index()
     if not means.time_ns.size:
@@ -84,14 +85,16 @@ def dives_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
     east, north, _ = track.at(means.time_ns)
     longitude, latitude = to_geographic(contents.projection, east, north)
     columns = {"dive": means.dive, "longitude": longitude, "latitude": latitude}
-    for name, values in (
-        ("measured", means.estimated + means.residual),
-        ("estimated", means.estimated),
-    ):
+    parts = {"measured": means.measured, "corrected": means.corrected, "estimated": means.estimated}
+    for (name, values), error in zip(parts.items(), means.errors.T, strict=True):
         turned = rotate_to_geographic(
             contents.projection, longitude, latitude, values[:, 0], values[:, 1]
         )
-        columns |= {f"dac_eastward_{name}": turned[0], f"dac_northward_{name}": turned[1]}
+        columns |= {
+            f"dac_eastward_{name}": turned[0],
+            f"dac_northward_{name}": turned[1],
+            f"dac_{name}_standard_error": error,
+        }
     return table.merge(pd.DataFrame(columns), on="dive", how="outer")
 
 

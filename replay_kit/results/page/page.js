@@ -2,7 +2,7 @@
 //   "$table.column"                          a column of its data
 //   {"$choose": k, "of": [...]}              by the k-th control
 //   {"$field": name, "at": [...]}            two last axes of a packed array; "c0" is the choice of the control 0
-//   {"$op": "hypot"|"rms"|"dry", "of": [..]} of fields, cell by cell
+//   {"$op": "hypot"|"rms"|"dry", "of": [..]} of fields, cell by cell; "dry" where the first is missing and the second, if any, too
 //   {"$color": name}                         a colour of the page's style, which changes between light and dark
 // A trace of the type "arrows" becomes lines along u and v.
 const MISSING = -32768;
@@ -53,7 +53,7 @@ function field(figure, name, at) {
 const OPERATIONS = {
   hypot: (u, v) => (u === null || v === null ? null : Math.hypot(u, v)),
   rms: (u, v) => (u === null || v === null ? null : Math.hypot(u, v) / Math.SQRT2),
-  dry: (u) => (u === null ? 1 : null),
+  dry: (u, outside) => (u === null && !outside ? 1 : null),
 };
 
 function resolved(figure, value) {

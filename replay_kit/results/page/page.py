@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import re
 from base64 import b64encode
 from html import escape
 from importlib.resources import files
@@ -16,7 +17,7 @@ def page_html(title: str, sections: list[Section]) -> str:
 
     Args:
         title: Of the page.
-        sections: From top to bottom.
+        sections: From top to bottom. Their keys and those of their figures are ids of the page: none is another's, or one of ``page.html``.
     """
     figures = [figure for section in sections for figure in section.figures]
     parts = {
@@ -38,9 +39,19 @@ def page_html(title: str, sections: list[Section]) -> str:
         "js": "".join(_text(name) for name in ("flight.js", "waypoint.js", "page.js")),
     }
     page = _text("page.html")
+    _check_ids(page + parts["sections"])
     for name, text in parts.items():
         page = page.replace(f"<!--{name}-->", text)
     return page
+
+
+def _check_ids(html: str) -> None:
+    """Check that no two elements have the same id: the script finds the data of the figures, and their places, by it."""
+    ids = re.findall(r'<[a-z][^<>]*\sid="([^"]*)"', html)
+    repeated = sorted({name for name in ids if ids.count(name) > 1})
+    assert not repeated, (
+        f"ids of a page: expected each once, got {', '.join(repeated)} again; give the section or figure another key"
+    )
 
 
 def _text(name: str) -> str:

@@ -1,17 +1,30 @@
 """The map: the current and its standard error at a depth, the track, surfacings, the plan."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.transforms import ScaledTranslation
+from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, unwrap_longitude
+from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, to_local, unwrap_longitude
 from replay_kit.core.text import time_text
-from replay_kit.results.plots.panel import Panel, Panels, missing
-from replay_kit.results.plots.style import FIRST, FOURTH, INK, LAND, SECOND, colorbar, colormap
-from replay_kit.results.report.sections.map_frame import coastline
+from replay_kit.results.plots.panel import CONTOUR_LABEL, Panel, Panels, missing
+from replay_kit.results.plots.style import (
+    FIRST,
+    FOURTH,
+    INK,
+    LAND,
+    SECOND,
+    SOFT,
+    colorbar,
+    colormap,
+)
+from replay_kit.results.report.sections.map_frame import coastline, dry_text
 from replay_kit.results.report.sections.map_hazards import contour_step
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.series import typical_depth
@@ -24,6 +37,10 @@ At = tuple[float, float, float]
 _ARROWS, _LEAST = 24, 0.02
 # Of fewer arrows side by side each is still no longer than this share of the width.
 _FEW = 10.0
+#: Between the axes and the title of a map with a key of its arrows [points]; of that the gap below the title.
+ABOVE_KEY, _TITLE = 13.0, 3.0
+#: Look of the start and the goal of a plan.
+END: Any = {"color": FOURTH, "markeredgecolor": INK, "markeredgewidth": 0.6, "linestyle": "none"}
 _HALO: Any = {"color": "white", "linewidth": 2.2, "solid_capstyle": "round"}
 
 
@@ -46,17 +63,26 @@ def map_panels(contents: Contents, at: At | None) -> Panels:
         )
     if slices is None:
         notes.append("The result holds no current: the map shows positions alone.")
-        return Panels([Panel("track", partial(_marks, contents, None, at), 0.8)], 1, notes)
+        return Panels(
+            [Panel("track", partial(_marks, contents, None, at), 0.8, shares_legend=True)], 1, notes
+        )
     depth, time = f"{slices.depths[0]:g} m", time_text(int(slices.time_ns[-1]))[:16]
-    panels = [Panel(f"{depth}, {time}", partial(_current, contents, slices, at), _height(slices))]
+    panels = [
+        Panel(
+            f"{depth}, {time}",
+            partial(_current, contents, slices, at),
+            _height(slices),
+            True,
+            ABOVE_KEY,
+        )
+    ]
     if np.isfinite(slices.fields[0, -1, 2:]).any():
         panels.append(
-            Panel("standard error", partial(_error, contents, slices, at), panels[0].height)
+            replace(panels[0], title="standard error", draw=partial(_error, contents, slices, at))
         )
     else:
         notes.append("The current has no standard error.")
-    if not np.isfinite(slices.fields[0, -1]).all():
-        notes.append("Grey: land, below the bottom, or not known.")
+    notes += without_current(slices)
     return Panels(panels, 2, notes)
 
 
@@ -73,13 +99,31 @@ def slices_at(contents: Contents, at: At | None) -> CurrentSlices | None:
     if published is None:
         return None
     k = int(np.argmin(np.abs(published.depths - depth)))
-    return CurrentSlices(
-        published.depths[k : k + 1],
-        published.time_ns[-1:],
-        published.east,
-        published.north,
-        published.fields[k : k + 1, -1:],
+    return replace(
+        published,
+        depths=published.depths[k : k + 1],
+        time_ns=published.time_ns[-1:],
+        fields=published.fields[k : k + 1, -1:],
     )
+
+
+def without_current(slices: CurrentSlices, around: tuple[Array, Array] | None = None) -> list[str]:
+    """Return what is grey on a map of slices and what is hatched, as sentences.
+
+    Args:
+        slices: The slices.
+        around: Ends in east and in north [m] of what is shown; None for the slices alone.
+    """
+    axes, shown, beyond = (slices.east, slices.north), [], False
+    for axis, ends in zip(axes, axes if around is None else around, strict=True):
+        half = 0.5 * (axis[1] - axis[0])
+        shown.append((axis > ends[0] - half) & (axis < ends[-1] + half))
+        beyond |= bool(ends[0] < axis[0] - half or ends[-1] > axis[-1] + half)
+    grey, hatched = (cells[np.ix_(shown[1], shown[0])].any() for cells in _blank(slices))
+    return [
+        *([f"Grey: {dry_text(slices)}."] if grey else []),
+        *(["Hatched: outside the forecast."] if hatched or beyond else []),
+    ]
 
 
 def degrees(contents: Contents, east: Array, north: Array) -> tuple[Array, Array]:
@@ -118,10 +162,24 @@ def draw_speed(
         "pivot": "mid",
     }
     at = (longitude[half], latitude[half], true_u[half], true_v[half])
-    arrows = axes.quiver(*at, scale=0.75 * cells * max(typical, 1e-6), zorder=2.0, **look)
-    shown = _nice(0.6 * typical)
-    key = {"labelpos": "W", "labelsep": 0.04, "fontproperties": {"size": 6.0}}
-    axes.quiverkey(arrows, 0.95, 1.05, shown, f"{shown:g} m s$^{{-1}}$", **key)
+    look["scale"] = 0.75 * cells * max(typical, 1e-6)
+    axes.quiver(*at, zorder=2.0, **look)
+    # the key, between the axes and the title however high the axes are
+    shown, above = (
+        _nice(0.6 * typical),
+        ScaledTranslation(0.0, 0.5 * (ABOVE_KEY - _TITLE) / 72.0, axes.figure.dpi_scale_trans),
+    )
+    place: Any = {"transform": axes.transAxes + above, "clip_on": False}
+    axes.quiver([1.0], [1.0], [shown], [0.0], **place, **(look | {"pivot": "tip"}))
+    axes.text(
+        0.985 - shown / look["scale"],
+        1.0,
+        f"{shown:g} m s$^{{-1}}$",
+        ha="right",
+        va="center",
+        fontsize=6.0,
+        **place,
+    )
 
 
 def frame(axes: Axes) -> None:
@@ -183,6 +241,22 @@ def draw_surfacings(contents: Contents, axes: Axes) -> None:
         )
 
 
+def draw_plan(contents: Contents, axes: Axes) -> None:
+    """Draw the last plan with its goal; nothing without a plan."""
+    plan = contents.last_plan
+    if plan is None:
+        return
+    if len(plan.track):
+        x, y = degrees(contents, plan.east, plan.north)
+        axes.plot(x, y, **_HALO)
+        axes.plot(x, y, color=FIRST, linewidth=1.3, label="plan")
+    x, y = degrees(
+        contents,
+        *to_local(contents.projection, plan.row["goal_longitude"], plan.row["goal_latitude"]),
+    )
+    axes.plot(x, y, "*", label="goal", markersize=9.0, **END)
+
+
 def draw_hazards(contents: Contents, axes: Axes) -> None:
     """Draw the depth of the bottom as contours, the areas that the last plan keeps out of, and the ellipses of its surfacings.
 
@@ -213,7 +287,8 @@ def draw_hazards(contents: Contents, axes: Axes) -> None:
                 linewidths=0.4,
                 alpha=0.7,
             )
-            axes.clabel(lines, fontsize=5.0, fmt="%g m")
+            for text in axes.clabel(lines, fontsize=5.0, fmt="%g m"):
+                text.set_gid(CONTOUR_LABEL)
     for k, area in enumerate(plan.areas if plan is not None else ()):
         longitude, latitude = np.array([*area.corners, area.corners[0]]).T
         x = unwrap_longitude(longitude, contents.projection.longitude)
@@ -228,18 +303,6 @@ def draw_hazards(contents: Contents, axes: Axes) -> None:
             color=FIRST,
             linewidth=0.6,
             label=label,
-        )
-
-
-def legend(axes: Axes) -> None:
-    """Draw the legend below the axes, where it has entries."""
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(
-            loc="upper left",
-            bbox_to_anchor=(-0.03, -0.1),
-            ncols=3,
-            handletextpad=0.4,
-            columnspacing=1.0,
         )
 
 
@@ -260,6 +323,7 @@ def _marks(contents: Contents, slices: CurrentSlices | None, at: At | None, axes
     draw_hazards(contents, axes)
     draw_track(contents, axes)
     draw_surfacings(contents, axes)
+    draw_plan(contents, axes)
     if at is not None:
         x = float(unwrap_longitude(at[0], contents.projection.longitude))
         axes.plot(
@@ -273,7 +337,6 @@ def _marks(contents: Contents, slices: CurrentSlices | None, at: At | None, axes
             label="place asked for",
         )
     frame(axes)
-    legend(axes)
 
 
 def _field(
@@ -284,7 +347,15 @@ def _field(
     longitude, latitude = degrees(contents, east, north)
     known = values[np.isfinite(values)]
     most = float(known.max()) if known.size and known.max() > 0.0 else 1.0
-    axes.set_facecolor(LAND)
+    # where nothing is drawn is outside the forecast, also beyond the cells
+    axes.patch.set(facecolor="white", edgecolor=SOFT, hatch="//////", linewidth=0.0)
+    axes.pcolormesh(
+        longitude,
+        latitude,
+        np.where(_blank(slices)[0], 1.0, np.nan),
+        cmap=ListedColormap([LAND]),
+        rasterized=True,
+    )
     colors: Any = {"cmap": colormap(look[0]), "vmin": 0.0, "vmax": most, "rasterized": True}
     centres = degrees(contents, *np.meshgrid(slices.east, slices.north))
     # beside missing cells there is nothing to interpolate with
@@ -297,6 +368,13 @@ def _field(
     if x.size:
         axes.plot(*degrees(contents, x, y), color=INK, linewidth=0.8)
     axes.set(xlim=(centres[0].min(), centres[0].max()), ylim=(centres[1].min(), centres[1].max()))
+
+
+def _blank(slices: CurrentSlices) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which cells without a current are dry, or not known to be anything else, and which lie off the forecast's grid."""
+    missing = ~np.isfinite(slices.fields[0, -1, 0])
+    outside = np.zeros_like(missing) if slices.outside is None else slices.outside
+    return missing & ~outside, outside
 
 
 def _widen(contents: Contents, axes: Axes) -> None:
@@ -312,9 +390,9 @@ def _widen(contents: Contents, axes: Axes) -> None:
 
 
 def _height(slices: CurrentSlices) -> float:
-    """Return the height of a map over its width, with room for its legend and without its colour bar."""
+    """Return the height of a panel over its width, with room for a map's labels, key and colour bar."""
     shape = (slices.north[-1] - slices.north[0]) / (slices.east[-1] - slices.east[0])
-    return float(np.clip(0.68 * shape + 0.2, 0.4, 1.2))
+    return float(np.clip(0.72 * shape + 0.18, 0.4, 1.2))
 
 
 def _edges(centres: Array) -> Array:

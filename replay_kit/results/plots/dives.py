@@ -1,10 +1,12 @@
 """Mean currents of dives beside the estimate's."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
+from replay_kit.core.arrays import Array
 from replay_kit.results.plots.current_map import At
 from replay_kit.results.plots.panel import Panel, Panels, missing
 from replay_kit.results.plots.section import date_axis
@@ -16,7 +18,7 @@ _COMPONENTS = ("eastward", "northward")
 
 
 def dive_panels(contents: Contents, at: At | None) -> Panels:
-    """Return the depth-averaged currents of the dives, measured and estimated, through time and against each other.
+    """Return the depth-averaged currents of the dives, measured, corrected and estimated, through time and against each other.
 
     Args:
         contents: Of the result.
@@ -43,21 +45,26 @@ def dive_panels(contents: Contents, at: At | None) -> Panels:
     return Panels([*panels, Panel("all dives", partial(_scatter, means), 0.85)], 3, notes)
 
 
+def _given(means: MeanCurrents) -> list[tuple[str, Array, dict[str, Any]]]:
+    """Return name, values and look of what the result holds beside the estimate: measured filled, corrected open."""
+    filled, opened = {"markersize": 2.5}, {"markersize": 3.5, "markerfacecolor": "none"}
+    parts = ("measured", means.measured, filled), ("corrected", means.corrected, opened)
+    return [part for part in parts if np.isfinite(part[1]).any()]
+
+
 def _through_time(means: MeanCurrents, k: int, axes: Axes) -> None:
-    times, measured = (
-        means.time_ns.astype("datetime64[ns]"),
-        means.estimated[:, k] + means.residual[:, k],
-    )
-    axes.errorbar(
-        times,
-        measured,
-        means.standard_error[:, k],
-        fmt="o",
-        color=SECOND,
-        markersize=2.5,
-        elinewidth=0.6,
-        label="measured",
-    )
+    times = means.time_ns.astype("datetime64[ns]")
+    for name, values, look in _given(means):
+        axes.errorbar(
+            times,
+            values[:, k],
+            means.standard_error[:, k],
+            fmt="o",
+            **look,
+            color=SECOND,
+            elinewidth=0.6,
+            label=name,
+        )
     axes.plot(times, means.estimated[:, k], "s-", color=FIRST, markersize=2.0, label="estimated")
     axes.axhline(0.0, color=SOFT, linewidth=0.5)
     axes.set_ylabel("m s$^{-1}$", labelpad=1.0)
@@ -79,20 +86,25 @@ def _differences(means: MeanCurrents, k: int, axes: Axes) -> None:
 
 
 def _scatter(means: MeanCurrents, axes: Axes) -> None:
-    measured = means.estimated + means.residual
+    given = _given(means)
     for k, marker, color in ((0, "o", FIRST), (1, "^", SECOND)):
-        axes.plot(
-            means.estimated[:, k],
-            measured[:, k],
-            marker,
-            color=color,
-            markersize=3.0,
-            alpha=0.8,
-            label=_COMPONENTS[k],
-        )
-    both = np.concatenate([means.estimated, measured])
+        for (_, values, look), label in zip(given, (_COMPONENTS[k], None), strict=False):
+            axes.plot(
+                means.estimated[:, k],
+                values[:, k],
+                marker,
+                **look,
+                color=color,
+                alpha=0.8,
+                label=label,
+            )
+    both = np.concatenate([means.estimated, *(values for _, values, _ in given)])
     ends = (float(np.nanmin(both)), float(np.nanmax(both)))
     axes.plot(ends, ends, color=INK, linewidth=0.6, label="1 : 1")
-    axes.set(xlabel="estimated [m s$^{-1}$]", ylabel="measured [m s$^{-1}$]", xlim=axes.get_ylim())
+    axes.set(
+        xlabel="estimated [m s$^{-1}$]",
+        ylabel=f"{', '.join(name for name, _, _ in given)} [m s$^{{-1}}$]",
+        xlim=axes.get_ylim(),
+    )
     axes.set_box_aspect(1.0)
     axes.legend(loc="best")

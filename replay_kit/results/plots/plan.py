@@ -6,24 +6,28 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
+from replay_kit.core.plan import ORIGIN
 from replay_kit.results.plots.current_map import (
+    ABOVE_KEY,
+    END,
     At,
     degrees,
     draw_hazards,
+    draw_plan,
     draw_speed,
     draw_surfacings,
     frame,
-    legend,
     slices_at,
+    without_current,
 )
 from replay_kit.results.plots.panel import Panel, Panels, missing
-from replay_kit.results.plots.style import FIRST, FOURTH, INK, LAND
+from replay_kit.results.plots.style import FIRST, INK, LAND
 from replay_kit.results.report.sections.last_plan import profile_floor
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.last_plan import LastPlan
-
-_HALO: Any = {"color": "white", "linewidth": 2.4}
+from replay_kit.results.views.slices import CurrentSlices
 
 
 def plan_panels(contents: Contents, at: At | None) -> Panels:
@@ -53,15 +57,28 @@ def plan_panels(contents: Contents, at: At | None) -> Panels:
     else:
         notes.append(_in_words(plan.row))
         notes += _figures_in_words(plan)
-    panels = [Panel(f"last plan: {plan.row['status']}", partial(_map, contents, plan, at), 0.75)]
+    slices, around = slices_at(contents, at), _around(contents, plan)
+    notes += [] if slices is None else without_current(slices, around)
+    panels = [
+        Panel(
+            f"last plan: {plan.row['status']}",
+            partial(_map, contents, slices, around),
+            0.85,
+            True,
+            ABOVE_KEY,
+        )
+    ]
     if len(plan.track):
-        panels.append(Panel("depth along the plan", partial(_profile, plan), 0.75))
+        panels.append(Panel("depth along the plan", partial(_profile, plan), 0.85, True, ABOVE_KEY))
     return Panels(panels, 2, notes)
 
 
 def _figures_in_words(plan: LastPlan) -> list[str]:
-    """Return energy, odds and bottom of a plan, as far as the result holds them."""
-    out, odds = [], plan.odds
+    """Return how the vehicle dives where that was not stated, energy and odds of a plan, as far as the result holds them."""
+    out, odds = (
+        [f"Dives {plan.statistics[ORIGIN]}."] if ORIGIN in plan.statistics else [],
+        plan.odds,
+    )
     if plan.energy is not None:
         share = (
             ""
@@ -78,49 +95,52 @@ def _figures_in_words(plan: LastPlan) -> list[str]:
 
 
 def _in_words(plan: Any) -> str:
+    if not np.isfinite(plan["heading_deg"]):
+        return f"{str(plan.name)[:16]} UTC: nothing to steer: {plan['message']}."
     steer = f"heading {plan['heading_deg']:.0f}° true, glide angle {plan['glide_angle_deg']:.1f}°, {plan['duration'] / 3600.0:.1f} h"
     return (
         f"{str(plan.name)[:16]} UTC: {steer}, misses the goal by {plan['closest_approach']:.0f} m."
     )
 
 
-def _map(contents: Contents, plan: LastPlan, at: At | None, axes: Axes) -> None:
-    slices, row = slices_at(contents, at), plan.row
-    ends = [
-        to_local(contents.projection, row[f"{name}_longitude"], row[f"{name}_latitude"])
+def _ends(contents: Contents, plan: LastPlan) -> list[tuple[Array, Array]]:
+    """Return start and goal of a plan, local east and north [m]."""
+    return [
+        to_local(contents.projection, plan.row[f"{name}_longitude"], plan.row[f"{name}_latitude"])
         for name in ("start", "goal")
     ]
+
+
+def _around(contents: Contents, plan: LastPlan) -> tuple[Array, Array]:
+    """Return the ends in east and in north [m] of a square around a plan."""
+    ends = _ends(contents, plan)
     east, north = (
         np.append(values, [end[k] for end in ends])
         for k, values in enumerate((plan.east, plan.north))
     )
     reach = 0.65 * max(float(np.ptp(east)), float(np.ptp(north)), 2e3)
+    about = np.array([-reach, reach])
+    return 0.5 * (east.min() + east.max()) + about, 0.5 * (north.min() + north.max()) + about
+
+
+def _map(
+    contents: Contents, slices: CurrentSlices | None, around: tuple[Array, Array], axes: Axes
+) -> None:
+    plan = contents.last_plan
+    assert plan is not None
     if slices is not None:
-        draw_speed(contents, slices, axes, 2.0 * reach)
-    corners = [
-        0.5 * (values.min() + values.max()) + np.array([-reach, reach]) for values in (east, north)
-    ]
-    around = degrees(contents, *np.meshgrid(*corners))
-    axes.set(xlim=(around[0].min(), around[0].max()), ylim=(around[1].min(), around[1].max()))
+        draw_speed(contents, slices, axes, float(np.ptp(around[0])))
+    longitude, latitude = degrees(contents, *np.meshgrid(*around))
+    limits = {"xlim": (longitude.min(), longitude.max()), "ylim": (latitude.min(), latitude.max())}
+    axes.set(**limits)
     draw_hazards(contents, axes)
-    x, y = degrees(contents, plan.east, plan.north)
-    axes.plot(x, y, **_HALO)
-    axes.plot(x, y, color=FIRST, linewidth=1.3, label="plan")
-    for end, marker, size, name in zip(
-        ends, ("o", "*"), (5.0, 9.0), ("start", "goal"), strict=True
-    ):
-        look: Any = {
-            "color": FOURTH,
-            "markeredgecolor": INK,
-            "markeredgewidth": 0.6,
-            "markersize": size,
-            "linestyle": "none",
-        }
-        axes.plot(*degrees(contents, *end), marker, label=name, **look)
+    axes.plot(
+        *degrees(contents, *_ends(contents, plan)[0]), "o", label="start", markersize=5.0, **END
+    )
+    draw_plan(contents, axes)
     draw_surfacings(contents, axes)
-    axes.set(xlim=(around[0].min(), around[0].max()), ylim=(around[1].min(), around[1].max()))
+    axes.set(**limits)
     frame(axes)
-    legend(axes)
 
 
 def _profile(plan: LastPlan, axes: Axes) -> None:
@@ -132,5 +152,3 @@ def _profile(plan: LastPlan, axes: Axes) -> None:
     axes.plot(along, depth, color=FIRST, label="plan")
     axes.set(xlabel="distance along the plan [km]", ylabel="depth [m]", ylim=(floor, 0.0))
     axes.grid(linewidth=0.3, color="0.85")
-    if plan.bottom is not None:
-        axes.legend(loc="upper left", bbox_to_anchor=(-0.03, -0.22), ncols=2)

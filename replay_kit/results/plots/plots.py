@@ -101,8 +101,9 @@ class Plots:
             raise ConfigError(
                 f"panel: expected 0 to {len(panels) - 1}, got {panel}; {kind} has {len(panels)} here"
             )
-        panels[panel].draw(ax)
-        ax.set_title(panels[panel].title)
+        panels[panel].draw_into(ax)
+        if panels[panel].shares_legend and ax.get_legend_handles_labels()[0]:
+            ax.legend(loc="best")
         figure = ax.get_figure(root=True)
         assert figure is not None  # axes belong to a figure
         return figure

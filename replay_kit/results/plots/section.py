@@ -29,6 +29,8 @@ from replay_kit.results.views.contents import Contents
 _COMPONENTS = ("eastward", "northward")
 # The least width of a section [ns]: one profile has none.
 _LEAST_NS = 600_000_000_000
+# Labels of an axis of time in a figure of two panels beside each other.
+_TIMES = 7
 
 
 def section_panels(contents: Contents, at: At | None) -> Panels:
@@ -97,7 +99,7 @@ def _panel(
     date_axis(axes)
 
 
-def date_axis(axes: Axes, most: int = 7) -> None:
+def date_axis(axes: Axes, most: int = _TIMES) -> None:
     """Give an axis of time few labels, with the year beside them.
 
     Args:
@@ -111,7 +113,8 @@ def date_axis(axes: Axes, most: int = 7) -> None:
     locator.intervald[DAILY] = [1, 2, 3, 4, 5, 7, 14, 21]
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
-    axes.set_xlabel("time (UTC)")
+    # beside the date at the right end the middle of narrow axes has no room
+    axes.set_xlabel("time (UTC)", loc="left" if most < _TIMES else "center")
 
 
 def _time_edges(columns: int, first: int, last: int) -> Any:

@@ -11,7 +11,7 @@ from replay_kit.results.plots.panel import Panel, Panels, missing
 from replay_kit.results.plots.section import date_axis
 from replay_kit.results.plots.style import FIRST, SOFT
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.series import Series, series_at, typical_depth
+from replay_kit.results.views.series import Series, series_of, typical_depth
 
 
 def series_panels(contents: Contents, at: At | None) -> Panels:
@@ -30,13 +30,19 @@ def series_panels(contents: Contents, at: At | None) -> Panels:
             "no published current" if slices is None else "no position, and no place was asked for"
         )
         return Panels([missing("Current at a place", f"The result holds {what}.")], 1, notes)
-    series = series_at(slices, contents.projection, at)
+    series = series_of(contents, at)
+    assert series is not None  # with slices there is one
     if not np.isfinite(series.u).any():
         why = f"{place_text(at[0], at[1])} at {at[2]:g} m is on land, below the bottom, or outside the region of the estimate."
         return Panels([missing("Current at a place", why)], 1, notes)
     if series.depth != at[2]:
         notes.append(
             f"The depth asked for is {at[2]:g} m; the nearest published one is {series.depth:g} m."
+        )
+    elif np.isnan(series.u_standard_error[:-1]).all() and series.time_ns.size > 1:
+        depths = ", ".join(f"{depth:g}" for depth in slices.depths)
+        notes.append(
+            f"At {series.depth:g} m the standard error of the last estimate alone is known; through time it was published at {depths} m."
         )
     where = f"{place_text(at[0], at[1])}, {series.depth:g} m"
     panels = [
@@ -55,7 +61,7 @@ def series_panels(contents: Contents, at: At | None) -> Panels:
 def _panel(series: Series, key: str, label: str, axes: Axes) -> None:
     times, values = series.time_ns.astype("datetime64[ns]"), getattr(series, key)
     errors = getattr(series, f"{key}_standard_error")
-    if np.isfinite(errors).any():
+    if np.isfinite(errors).sum() > 1:
         axes.fill_between(
             times,
             values - errors,
@@ -65,8 +71,15 @@ def _panel(series: Series, key: str, label: str, axes: Axes) -> None:
             linewidth=0.0,
             label="one standard error",
         )
-    if times.size == 1:
-        axes.errorbar(times, values, np.nan_to_num(errors), color=FIRST, capsize=3.0)
+    elif np.isfinite(errors).any():
+        axes.errorbar(
+            times[-1:],
+            values[-1:],
+            errors[-1:],
+            color=FIRST,
+            capsize=3.0,
+            label="one standard error",
+        )
     axes.plot(times, values, "o-", color=FIRST, markersize=2.5, label="estimate")
     axes.axhline(0.0, color=SOFT, linewidth=0.5)
     axes.set_ylabel(label)

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from replay_kit.core.text import time_text
+from replay_kit.results.alarms import plan_alarm, run_alarms
 from replay_kit.results.status import figures
 from replay_kit.results.status.held import Held
 
-#: Words of a plan that wake a person.
-_BAD_PLANS = ("unsafe", "uncertain", "failed")
 _SECOND = 1_000_000_000
 
 
@@ -36,7 +35,7 @@ class Alarm:
 
 
 def alarms_of(held: Held, now_ns: int) -> tuple[Alarm, ...]:
-    """Return what of a result should wake a person.
+    """Return what of a result should wake a person, a plan that is not to be flown first.
 
     Args:
         held: What it holds.
@@ -44,7 +43,7 @@ def alarms_of(held: Held, now_ns: int) -> tuple[Alarm, ...]:
     """
     return tuple(
         alarm
-        for find in (_overdue, _outside, _contradictions, _bad_plan, _ended)
+        for find in (_bad_plan, _overdue, _outside, _contradictions, _ended)
         for alarm in find(held, now_ns)
     )
 
@@ -69,23 +68,14 @@ def _outside(held: Held, now_ns: int) -> Iterator[Alarm]:
 
 
 def _contradictions(held: Held, now_ns: int) -> Iterator[Alarm]:
-    for one in held.summary.get("consistency", ()):
-        yield Alarm(
-            "consistency",
-            f"{one['name']}: {one['evidence']}; {one['set']}",
-            held.last_ns,
-            one["name"],
-        )
+    for one in run_alarms({**held.summary, "plan": None}):
+        yield Alarm(one.kind, one.text, held.last_ns, one.about)
 
 
 def _bad_plan(held: Held, now_ns: int) -> Iterator[Alarm]:
-    if held.plans and (plan := held.plans[-1]).status in _BAD_PLANS:
-        yield Alarm(
-            "plan",
-            f"the plan is {plan.status}: {plan.message}",
-            plan.timestamp.ToNanoseconds(),
-            plan.status,
-        )
+    plan, since_ns = figures.last_plan(held)
+    if (found := plan_alarm(plan)) is not None:
+        yield Alarm(found.kind, found.text, since_ns, found.about)
 
 
 def _ended(held: Held, now_ns: int) -> Iterator[Alarm]:

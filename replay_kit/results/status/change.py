@@ -28,7 +28,7 @@ def command_text(plan: Any, leg: Mapping[str, float]) -> str:
         leg.get("glide_angle_deg", plan.glide_angle_deg),
     )
     if not math.isfinite(heading):
-        return "no command: the plan failed"
+        return f"no command: {plan.message}"
     words = f"{heading:.0f}° true, glide angle {angle:.0f}°"
     if not leg:
         return f"{words}, {plan.speed:.2f} m/s through water"

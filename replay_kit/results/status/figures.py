@@ -5,9 +5,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.geodesy import distance, heading_deg, rotate_to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.time import parse_time
+from replay_kit.results.flight_correction import mean_current_parts
 from replay_kit.results.legs import plan_legs
 from replay_kit.results.status.held import Fix, Held
 
@@ -33,10 +35,11 @@ class Rate:
 
 @dataclass(frozen=True, slots=True)
 class Current:
-    """A velocity towards true east and north [m/s]."""
+    """A velocity towards true east and north [m/s], and the standard error of each component, NaN where it is not known."""
 
     east: float
     north: float
+    error: float = math.nan
 
     @property
     def speed(self) -> float:
@@ -56,15 +59,17 @@ class DiveCurrent:
     Attributes:
         time_ns: When it was measured [ns, UTC].
         dive: Its number.
-        measured: Mean current of the dive; None where the log states none.
+        measured: Mean current of the dive, as the log states it; None where neither the log nor the result holds one.
+        corrected: The same without the flight model's error; None where there is no correction.
         predicted: What the estimate had said; None where the log states none.
-        difference: Length of measured minus predicted; of profiles their RMS component [m/s].
+        difference: Length of what was used, corrected or measured, minus predicted; of profiles their RMS component [m/s].
         expected: One standard deviation of a component of the difference, as the estimate expects it [m/s].
     """
 
     time_ns: int
     dive: int
     measured: Current | None
+    corrected: Current | None
     predicted: Current | None
     difference: float
     expected: float
@@ -78,7 +83,7 @@ class NextSurfacing:
         planned_ns: When the plan begins [ns, UTC].
         leg: As ``planners`` writes it.
         time_ns: When it is expected [ns, UTC].
-        margin_s: After which it is overdue [s].
+        margin_s: After which it is overdue [s], given how long the vehicle's dives have taken.
     """
 
     planned_ns: int
@@ -131,15 +136,24 @@ def dive_current(held: Held) -> DiveCurrent | None:
     if means:
         one = means[-1]
         mean, at = one.mean_current, held.fixes[-1] if held.fixes else None
-        measured = _true(held.projection, at, mean.measured_east, mean.measured_north)
-        predicted = _true(held.projection, at, mean.predicted_east, mean.predicted_north)
-        known = math.isfinite(predicted.speed)
-        apart = math.hypot(measured.east - predicted.east, measured.north - predicted.north)
+        parts = (
+            *mean_current_parts(mean, held.metadata, held.settings),
+            (mean.predicted_east, mean.predicted_north),
+        )
+        measured, corrected, predicted = (
+            None if part is None else _true(held.projection, at, *part) for part in parts
+        )
+        used = corrected or measured
+        assert used is not None
+        assert predicted is not None
+        known = predicted if math.isfinite(predicted.speed) else None
+        apart = math.hypot(used.east - predicted.east, used.north - predicted.north)
         return DiveCurrent(
             one.timestamp.ToNanoseconds(),
             one.dive,
             measured,
-            predicted if known else None,
+            corrected,
+            known,
             apart,
             _expected([one]),
         )
@@ -157,16 +171,18 @@ def dive_current(held: Held) -> DiveCurrent | None:
     )
     last = held.dive[-1]
     return DiveCurrent(
-        last.timestamp.ToNanoseconds(), last.dive, None, None, rms, _expected(held.dive)
+        last.timestamp.ToNanoseconds(), last.dive, None, None, None, rms, _expected(held.dive)
     )
 
 
-def _true(projection: Projection, at: Fix | None, east: float, north: float) -> Current:
+def _true(
+    projection: Projection, at: Fix | None, east: float, north: float, error: float = math.nan
+) -> Current:
     """Return a velocity along the local axes as one towards true east and north."""
     if at is None:
-        return Current(east, north)
+        return Current(east, north, error)
     turned = rotate_to_geographic(projection, at.longitude, at.latitude, east, north)
-    return Current(float(turned[0]), float(turned[1]))
+    return Current(float(turned[0]), float(turned[1]), error)
 
 
 def _expected(measurements: Sequence[Any]) -> float:
@@ -178,6 +194,23 @@ def _expected(measurements: Sequence[Any]) -> float:
     ]
     known = [value for value in values if math.isfinite(value)]
     return math.sqrt(sum(value**2 for value in known) / len(known)) if known else math.nan
+
+
+def last_plan(held: Held) -> tuple[dict[str, Any] | None, int]:
+    """Return how the last attempt to plan ended, as the JSON of a summary has it, and when [ns, UTC]; None without a plan."""
+    said = held.summary.get("plan")
+    if said is not None and said["status"] == "failed":
+        # no plan was written for it
+        return said, held.last_ns
+    if not held.plans:
+        return None, held.last_ns
+    plan = held.plans[-1]
+    odds = {"reached": plan.odds.reached} if plan.HasField("odds") and plan.odds.n_samples else None
+    return {
+        "status": plan.status,
+        "message": plan.message,
+        "odds": odds,
+    }, plan.timestamp.ToNanoseconds()
 
 
 def statistics_of(plan: Any) -> dict[str, str]:
@@ -198,8 +231,11 @@ def next_surfacing(held: Held) -> NextSurfacing | None:
     legs = plan_legs(statistics_of(plan))
     if surfaced >= len(legs):
         return None
-    leg = legs[surfaced]
-    margin = max(OVERDUE_SHARE * (leg["surfacing_s"] - leg["start_s"]), OVERDUE_LEAST)
+    leg, flown = legs[surfaced], AsFlown.in_metadata(held.metadata)
+    lasts = leg["surfacing_s"] - leg["start_s"]
+    # a dive is not late while those before it would have gone on
+    usual = 0.0 if flown is None else flown.duration
+    margin = max(usual - lasts, 0.0) + max(OVERDUE_SHARE * max(usual, lasts), OVERDUE_LEAST)
     return NextSurfacing(planned_ns, leg, planned_ns + int(leg["surfacing_s"] * _SECOND), margin)
 
 

@@ -5,13 +5,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from replay_kit.core.finding import Severity
+from replay_kit.core.finding import severity_word
+from replay_kit.core.plan import ORIGIN
 from replay_kit.core.text import place_text, time_text
+from replay_kit.results.alarms import plan_alarm
 from replay_kit.results.status import figures
 from replay_kit.results.status.alarms import Alarm, alarms_of
 from replay_kit.results.status.change import change_of, command_text
 from replay_kit.results.status.held import Held
-from replay_kit.results.surfacings.words import surfacings_sentences
+from replay_kit.results.surfacings.words import past_sentences, place_of_next
 
 _SECOND = 1_000_000_000
 
@@ -173,13 +175,23 @@ def _current(held: Held) -> _Answer:
         if math.isfinite(found.expected)
         else "expected unknown"
     )
-    if found.measured is None:
+    if found.measured is None and found.corrected is None:
         text = [
             f"no mean current in the last dive; profiles differ {100.0 * found.difference:.1f} cm/s RMS from the estimate ({expected})"
         ]
         return Line("current", "Current", tuple(text), found.time_ns), values
-    text = [f"dive {found.dive} measured {_current_text(found.measured)}"]
-    values["measured"] = {"east": found.measured.east, "north": found.measured.north}
+    text = []
+    for name, words, current in (
+        ("measured", "measured", found.measured),
+        ("corrected", _CORRECTED, found.corrected),
+    ):
+        if current is not None:
+            text.append(f"dive {found.dive} {words} {_current_text(current)}")
+            values[name] = {
+                "east": current.east,
+                "north": current.north,
+                "standard_error": _finite(current.error),
+            }
     if found.predicted is not None:
         text.append(
             f"estimate had said {_current_text(found.predicted)}; apart {100.0 * found.difference:.1f} cm/s ({expected})"
@@ -189,10 +201,12 @@ def _current(held: Held) -> _Answer:
 
 
 def _surfacing(held: Held, now_ns: int) -> _Answer:
-    following = figures.next_surfacing(held)
-    text, values = ([], {}) if following is None else _next_surfacing(following, now_ns)
-    if following is None and held.plans:
-        text.append("the plan has no surfacing ahead")
+    following, found = figures.next_surfacing(held), held.summary.get("expected_surfacings")
+    text, values = (
+        _next_surfacing(following, now_ns)
+        if following is not None
+        else _next_as_last_dive(held, found, now_ns)
+    )
     if held.outcomes:
         one = held.outcomes[-1]
         inside = (
@@ -212,8 +226,8 @@ def _surfacing(held: Held, now_ns: int) -> _Answer:
             "delay_s": one.delay,
             "inside": inside,
         }
-    if found := held.summary.get("expected_surfacings"):
-        text += surfacings_sentences(found)
+    if found:
+        text += past_sentences(found)
         values["expected"] = {
             "inside_50": found["inside_50"],
             "inside_90": found["inside_90"],
@@ -236,7 +250,8 @@ def _next_surfacing(
         else f"in {_hours(max(0.0, (following.time_ns - now_ns) / _SECOND))}"
     )
     text = [
-        f"{time_text(following.time_ns)} ({when}; overdue after {_hours(following.margin_s)} more)"
+        f"next, by the plan being flown, which outranks the last dive: {time_text(following.time_ns)} "
+        f"({when}; overdue after {_hours(following.margin_s)} more)"
     ]
     place = place_text(leg["longitude"], leg["latitude"])
     ellipse = {name: leg.get(f"ellipse_{name}") for name in ("major_m", "minor_m", "bearing_deg")}
@@ -245,13 +260,34 @@ def _next_surfacing(
         text.append(f"at {place}; 90 % ellipse {axes} km along {leg['ellipse_bearing_deg']:.0f}°")
     else:
         text.append(f"at {place}; no ellipse without samples of the estimate (planner.samples)")
-    values = {
+    when_where = {
         "time": time_text(following.time_ns),
         "late_s": late,
         "longitude": leg["longitude"],
         "latitude": leg["latitude"],
     }
-    return text, {"next": {**values, **ellipse}}
+    return text, {"next": {"basis": "plan", **when_where, **ellipse}}
+
+
+def _next_as_last_dive(
+    held: Held, found: Mapping[str, Any] | None, now_ns: int
+) -> tuple[list[str], dict[str, Any]]:
+    """Return the next surfacing of a vehicle that flies no plan, as the last dive tells it, in words and as figures."""
+    why = "the plan has no surfacing ahead" if held.plans else "no plan is being flown"
+    following = found["next"] if found else None
+    if following is None:
+        return [why] if held.plans else [], {}
+    seconds = (following["time_ns"] - now_ns) / _SECOND
+    when = f"in {_hours(seconds)}" if seconds >= 0.0 else f"{_hours(-seconds)} ago"
+    text = f"next, from the last dive, as {why}: {time_text(following['time_ns'])} ({when}), {place_of_next(following)}"
+    (longitude, latitude), ellipse = following["expected"], following["ellipse_90"]
+    values = {
+        "time": time_text(following["time_ns"]),
+        "longitude": longitude,
+        "latitude": latitude,
+        **ellipse,
+    }
+    return [text], {"next": {"basis": "last_dive", **values}}
 
 
 def _command(held: Held) -> _Answer:
@@ -271,17 +307,14 @@ def _command(held: Held) -> _Answer:
 
 
 def _odds(held: Held) -> _Answer:
-    if not held.plans:
+    said, since_ns = figures.last_plan(held)
+    if said is None:
         return Line("odds", "Odds", ()), {}
+    values: dict[str, Any] = {"status": said["status"]}
+    if said["status"] == "failed":
+        return Line("odds", "Odds", (f"plan failed: {said['message']}",), since_ns), values
     plan = held.plans[-1]
-    text, values = (
-        [
-            f"plan {plan.status}: arrives after {plan.duration / 3600.0:.1f} h, {plan.closest_approach:.0f} m off"
-        ],
-        {"status": plan.status},
-    )
-    if plan.status == "failed" or not math.isfinite(plan.duration):
-        text = [f"plan {plan.status}: {plan.message}"]
+    text = [_outcome(plan, said)]
     if plan.HasField("odds") and plan.odds.n_samples:
         odds = plan.odds
         error = math.sqrt(
@@ -298,6 +331,9 @@ def _odds(held: Held) -> _Answer:
         }
     else:
         text.append("odds unknown without samples (planner.samples)")
+    if origin := figures.statistics_of(plan).get(ORIGIN):
+        text.append(origin)
+        values["dives"] = origin
     if math.isfinite(plan.energy) and plan.energy > 0.0:
         share = (
             f" of {plan.battery / 1e3:.0f} kJ"
@@ -306,7 +342,17 @@ def _odds(held: Held) -> _Answer:
         )
         text.append(f"energy {plan.energy / 1e3:.0f} kJ{share}")
         values |= {"energy_j": plan.energy, "battery_j": _finite(plan.battery)}
-    return Line("odds", "Odds", tuple(text), plan.timestamp.ToNanoseconds()), values
+    return Line("odds", "Odds", tuple(text), since_ns), values
+
+
+def _outcome(plan: Any, said: Mapping[str, Any]) -> str:
+    """Return how a plan ends; only one that reaches its goal, and without an alarm, is said to arrive."""
+    if not math.isfinite(plan.duration):
+        return f"plan {plan.status}: {plan.message}"
+    hours, off = f"{plan.duration / 3600.0:.1f} h", f"{plan.closest_approach:.0f} m"
+    if plan.status == "reached" and plan_alarm(said) is None:
+        return f"plan reached: arrives after {hours}, {off} off"
+    return f"plan {plan.status}: in {hours} it comes within {off} of the goal"
 
 
 def _forecast(held: Held, now_ns: int) -> _Answer:
@@ -333,7 +379,7 @@ def _forecast(held: Held, now_ns: int) -> _Answer:
 def _fit(held: Held) -> _Answer:
     found: Sequence[Mapping[str, Any]] = held.summary.get("consistency", ())
     text = [
-        f"{_WORDS.get(one['severity'], 'contradiction')}: {one['name']}, {one['evidence']}; {one['set']}"
+        f"{severity_word(one['severity'])}: {one['name']}, {one['evidence']}; {one['set']}"
         for one in found
     ]
     if not held.summary:
@@ -347,11 +393,12 @@ def _fit(held: Held) -> _Answer:
     return Line("fit", "Fit", tuple(text), held.last_ns), values
 
 
-_WORDS: Mapping[Severity, str] = {"warning": "warning"}
+_CORRECTED = "corrected for the flight model's error"
 
 
 def _current_text(current: figures.Current) -> str:
-    return f"{100.0 * current.speed:.1f} cm/s toward {current.toward:.0f}°"
+    error = f" ± {100.0 * current.error:.1f}" if math.isfinite(current.error) else ""
+    return f"{100.0 * current.speed:.1f}{error} cm/s toward {current.toward:.0f}°"
 
 
 def _late(seconds: float) -> str:

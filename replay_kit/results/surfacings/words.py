@@ -9,6 +9,13 @@ from replay_kit.core.text import place_text
 
 def surfacings_sentences(found: Mapping[str, Any]) -> Iterator[str]:
     """Yield the figures of ``surfacings_json``, and the coming surfacing, as sentences."""
+    yield from past_sentences(found)
+    if (following := found["next"]) is not None:
+        yield f"next, flown as the last dive: {place_of_next(following)}"
+
+
+def past_sentences(found: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the figures of ``surfacings_json`` of the dives so far as sentences."""
     count, figures, each = found["count"], found["later"] or found, found["each"]
     radius = median(one["radius_90_m"] for one in each)
     yield (
@@ -18,12 +25,15 @@ def surfacings_sentences(found: Mapping[str, Any]) -> Iterator[str]:
     )
     if early := [f"dive {one['dive']} ({_early(one)})" for one in each if one["earlier_dives"] < 2]:
         yield "of these " + ", ".join(early)
-    if (following := found["next"]) is not None:
-        (longitude, latitude), outer = following["expected"], following["ellipse_90"]
-        yield (
-            f"next, flown as the last dive: {place_text(longitude, latitude)}, 90 % within {outer['major_m']:.0f} x "
-            f"{outer['minor_m']:.0f} m along {outer['bearing_deg']:.0f} degrees"
-        )
+
+
+def place_of_next(following: Mapping[str, Any]) -> str:
+    """Return the place of the coming surfacing of ``surfacings_json``, with its ellipse of 90 %."""
+    (longitude, latitude), outer = following["expected"], following["ellipse_90"]
+    return (
+        f"{place_text(longitude, latitude)}, 90 % within {outer['major_m']:.0f} x {outer['minor_m']:.0f} m along "
+        f"{outer['bearing_deg']:.0f} degrees"
+    )
 
 
 def _from(each: Sequence[Mapping[str, Any]]) -> str:

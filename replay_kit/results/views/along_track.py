@@ -55,17 +55,23 @@ class MeanCurrents:
     Attributes:
         time_ns: When the dive ended [ns, UTC].
         dive: Number of the dive.
+        measured: shape (n, 2) [m/s], local east and north, as the log states it; NaN where the result does not hold it.
+        corrected: shape (n, 2) [m/s], without the flight model's error; NaN where there is no correction.
         estimated: shape (n, 2) [m/s], local east and north: mean of the estimate along the dive, just after the update. Results before
             version 4 do not hold what was measured; of them, it is the mean over the positions shown, NaN without an estimate.
-        residual: shape (n, 2) [m/s], measured minus estimated.
+        residual: shape (n, 2) [m/s], corrected minus estimated, or measured minus estimated where there is no correction.
         standard_error: shape (n, 2) [m/s], standard deviation of the innovation before the update.
+        errors: shape (n, 3) [m/s], standard error of each component of the measured, corrected and estimated current; NaN where unknown.
     """
 
     time_ns: NDArray[np.int64]
     dive: NDArray[np.int64]
+    measured: Array
+    corrected: Array
     estimated: Array
     residual: Array
     standard_error: Array
+    errors: Array
 
 
 class EstimateHistory:
@@ -120,9 +126,7 @@ def mean_current_topics(observations: pd.DataFrame, bins: pd.DataFrame) -> list[
         bins: ``ResultFile.innovations``.
     """
     # what the measurement itself says, in results of version 4 on
-    if (
-        stated := np.isfinite(observations["mean_current_measured_east"].to_numpy(np.float64))
-    ).any():
+    if (stated := observations["mean_current_kind"].isin(("dac", "drift")).to_numpy()).any():
         return list(dict.fromkeys(observations["source_topic"].to_numpy()[stated]))
     sizes = (
         bins.groupby("observation")
@@ -260,11 +264,18 @@ def mean_currents(result: ResultFile, track: Track, history: EstimateHistory) ->
         values[[f"{name}_east", f"{name}_north"]].to_numpy(np.float64)
         for name in ("residual", "innovation_std")
     )
-    measured = observations[["mean_current_measured_east", "mean_current_measured_north"]].to_numpy(
-        np.float64
+    measured, corrected = (
+        _means(observations, f"{name}_east", f"{name}_north")[rows]
+        for name in ("measured", "corrected")
+    )
+    errors = _means(
+        observations, *(f"{name}_standard_error" for name in ("measured", "corrected", "estimated"))
     )[rows]
-    if np.isfinite(measured).all():
-        return MeanCurrents(end, dive, measured - residual, residual, error)
+    used = np.where(np.isfinite(corrected), corrected, measured)
+    if np.isfinite(used).all():
+        return MeanCurrents(
+            end, dive, measured, corrected, used - residual, residual, error, errors
+        )
     begin = np.concatenate([track.time_ns[:1], end[:-1]]) if track.time_ns.size else end
     estimated = np.full((rows.size, 2), np.nan)
     for row, (first, last) in enumerate(zip(begin.tolist(), end.tolist(), strict=False)):
@@ -276,7 +287,14 @@ def mean_currents(result: ResultFile, track: Track, history: EstimateHistory) ->
             estimated[row] = weight @ flow.velocity(
                 track.east[here], track.north[here], track.depth[here]
             )
-    return MeanCurrents(end, dive, estimated, residual, error)
+    return MeanCurrents(
+        end, dive, estimated + residual, corrected, estimated, residual, error, errors
+    )
+
+
+def _means(observations: pd.DataFrame, *names: str) -> Array:
+    """Return columns of the mean currents of observations, shape (n, k)."""
+    return np.asarray(observations[[f"mean_current_{name}" for name in names]].to_numpy(np.float64))
 
 
 def _time_about(time_ns: NDArray[np.int64]) -> Array:

@@ -22,7 +22,7 @@ from replay_kit.results.views.along_track import (
 )
 from replay_kit.results.views.last_plan import LastPlan, last_plan, published_seabed
 from replay_kit.results.views.record import RunRecord, read_record, summary_of
-from replay_kit.results.views.slices import CurrentSlices, published_slices, slices_of
+from replay_kit.results.views.slices import CurrentSlices, on_grid, published_slices, slices_of
 from replay_kit.results.views.track import Track, track_of
 
 #: Profiles shown along the track; more are thinned.
@@ -83,10 +83,14 @@ class Contents:
     @cached_property
     def slices(self) -> CurrentSlices | None:
         """The published current; that of the last estimate at its levels when none was published, None without that."""
-        published = published_slices(self.result.path)
-        if published is None and self.estimate is not None:
-            return slices_of(self.estimate, self.estimate.levels)
-        return published
+        published, estimate = published_slices(self.result.path), self.estimate
+        if estimate is None:
+            return published
+        return (
+            slices_of(estimate, estimate.levels)
+            if published is None
+            else on_grid(published, estimate.grid)
+        )
 
     @cached_property
     def history(self) -> EstimateHistory:

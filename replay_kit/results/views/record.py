@@ -14,6 +14,7 @@ from replay_kit.config.earlier import with_current_keys
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Flag, Reason
+from replay_kit.results.alarms import alarms_json
 from replay_kit.results.compare import DAMAGED
 from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
 from replay_kit.results.result import ResultFile
@@ -114,7 +115,7 @@ def summary_of(result: ResultFile, record: RunRecord) -> Mapping[str, Any]:
     truth = (
         record.summary.get("truth") if result.summary is None else to_json(result.summary)["truth"]
     )
-    return {**record.summary, "truth": truth}
+    return {**record.summary, "alarms": alarms_json(record.summary), "truth": truth}
 
 
 def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:

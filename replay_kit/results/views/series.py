@@ -6,9 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
+from replay_kit.results.views.along_track import EstimateHistory
+from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import CurrentSlices
+
+# Share of a depth within which a published one is the same.
+_SAME_DEPTH = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -17,11 +23,11 @@ class Series:
 
     Attributes:
         place: Longitude, latitude [degrees] and depth [m] that were asked for.
-        depth: Of the published slice that is nearest to it [m].
+        depth: Of the current [m]: the place's, or that of the published slice that is nearest to it.
         time_ns: [ns, UTC].
         u: Towards true east [m/s]; NaN where the place is dry or outside the region.
         v: Towards true north [m/s].
-        u_standard_error: Of the component along the local east axis [m/s].
+        u_standard_error: Of the component along the local east axis [m/s]; NaN where it is not known.
         v_standard_error: Of the component along the local north axis [m/s].
     """
 
@@ -32,6 +38,47 @@ class Series:
     v: Array
     u_standard_error: Array
     v_standard_error: Array
+
+
+def series_of(contents: Contents, place: tuple[float, float, float]) -> Series | None:
+    """Return the current at a place through time; None when the result holds no current.
+
+    At a depth that was not published it is made of the weights after each measurement, at the published times; the standard error is then
+    known of the last estimate alone. Without weights or an estimate it is that of the nearest published depth.
+
+    Args:
+        contents: Of the result.
+        place: Longitude, latitude [degrees] and depth [m].
+    """
+    slices, estimate = contents.slices, contents.estimate
+    if slices is None:
+        return None
+    published = series_at(slices, contents.projection, place)
+    if estimate is None or abs(published.depth - place[2]) <= _SAME_DEPTH * place[2]:
+        return published
+    return _series_of_weights(contents.history, estimate, slices.time_ns, place) or published
+
+
+def _series_of_weights(
+    history: EstimateHistory,
+    estimate: FlowEstimate,
+    time_ns: NDArray[np.int64],
+    place: tuple[float, float, float],
+) -> Series | None:
+    """Return the current at a place at some times from the weights before them, that of the last estimate at the last; None without any."""
+    u, v, u_error, v_error = np.full((4, time_ns.size), np.nan)
+    last = estimate.velocity_at(*place)
+    if np.isfinite(last.u):
+        east, north = to_local(estimate.grid.projection, place[0], place[1])
+        for k, time in enumerate(time_ns[:-1].tolist()):
+            if (flow := history.after(time)) is not None:
+                u[k], v[k] = flow.velocity(east, north, place[2], true_axes=True)
+        u[-1], v[-1] = last.u, last.v
+        if estimate.n_modes:
+            u_error[-1], v_error[-1] = estimate.standard_error(east, north, place[2])
+        if time_ns.size > 1 and not np.isfinite(u[:-1]).any():
+            return None
+    return Series(place, place[2], time_ns, u, v, u_error, v_error)
 
 
 def series_at(

@@ -1,7 +1,7 @@
 """The published estimate on depth slices through time."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import inside_grid
+from replay_kit.core.grid import Grid
 from replay_kit.results.slices import Slice, depth_slice, grid_cells
 from replay_kit.results.views.track import thinned
 
@@ -30,6 +32,8 @@ class CurrentSlices:
         north: shape (J,) [m], cell centres.
         fields: shape (D, T, 4, J, I) [m/s]: u, v along the local axes and their standard errors; NaN where dry or unknown.
         left_out: Number of published times left out, evenly spread.
+        outside: shape (J, I), True where a cell lies off the forecast's grid; other cells without a current are dry. None where the
+            grid is not known, as without an estimate.
     """
 
     depths: Array
@@ -38,6 +42,7 @@ class CurrentSlices:
     north: Array
     fields: Array
     left_out: int = 0
+    outside: NDArray[np.bool_] | None = None
 
 
 def published_slices(path: Path, most_values: int = 1_600_000) -> CurrentSlices | None:
@@ -68,8 +73,21 @@ def slices_of(flow: FlowEstimate, depths: Array) -> CurrentSlices:
     """Return an estimate at its own time on slices at depths [m]."""
     each: list[Slice] = [depth_slice(flow, float(depth)) for depth in depths]
     fields = np.stack([_fields_of(value) for value in each])[:, None]
-    return CurrentSlices(
-        np.asarray(depths), np.array([flow.time_ns or 0]), each[0].east, each[0].north, fields
+    return on_grid(
+        CurrentSlices(
+            np.asarray(depths), np.array([flow.time_ns or 0]), each[0].east, each[0].north, fields
+        ),
+        flow.grid,
+    )
+
+
+def on_grid(slices: CurrentSlices, grid: Grid) -> CurrentSlices:
+    """Return slices with the cells that lie off the forecast's grid; as they are where a current was published there, of another grid."""
+    outside = ~inside_grid(grid, *np.meshgrid(slices.east, slices.north))
+    return (
+        slices
+        if np.isfinite(slices.fields[..., outside]).any()
+        else replace(slices, outside=outside)
     )
 
 

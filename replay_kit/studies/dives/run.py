@@ -24,8 +24,13 @@ from replay_kit.estimator.evolving.fit_log import (
     with_errors,
 )
 from replay_kit.estimator.evolving.likelihood import observed_subspace_estimator
-from replay_kit.studies.dives.baselines import baseline_means, baseline_profiles
-from replay_kit.studies.dives.forecasts import DiveForecasts, after_dive, before_dives
+from replay_kit.studies.dives.forecasts import (
+    DiveForecasts,
+    after_dive,
+    baseline_means,
+    baseline_profiles,
+    before_dives,
+)
 from replay_kit.studies.dives.predict import Expected, expect, withheld
 from replay_kit.studies.dives.read import Dive
 from replay_kit.studies.jobs.progress import Progress

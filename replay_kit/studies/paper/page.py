@@ -38,7 +38,14 @@ def write_paper(out: Path, tables: PaperTables, shown: Shown) -> None:
         tables: The results.
         shown: What the figures show.
     """
-    write_files(out, {f"{name}.csv": rows_to_csv(getattr(tables, name)) for name in _TABLES if getattr(tables, name)})
+    write_files(
+        out,
+        {
+            f"{name}.csv": rows_to_csv(getattr(tables, name))
+            for name in _TABLES
+            if getattr(tables, name)
+        },
+    )
     write_files(out, {"paper.json": json_text(to_json(tables))})
     if tables.unfinished:
         return
@@ -61,14 +68,36 @@ def paper_page(tables: PaperTables, pictures: dict[str, Drawn]) -> str:
     """
     table1, table2, sparse, table3 = text_tables(tables)
     where, *why = findings.sparse_logs(tables)
-    shown = picture_figures([(name, caption, pictures[name]) for name, caption in FIGURES.items() if name != "sparse" and name in pictures])
-    misses = {LABELS[row.flow]: row.closest_approach for row in tables.table3 if row.closest_approach}
+    shown = picture_figures(
+        [
+            (name, caption, pictures[name])
+            for name, caption in FIGURES.items()
+            if name != "sparse" and name in pictures
+        ]
+    )
+    misses = {
+        LABELS[row.flow]: row.closest_approach for row in tables.table3 if row.closest_approach
+    }
     distribution = misses_chart("glides", "Closest approach of the glides to their targets", misses)
     sections = [
-        Section("answer", "In words", words_html([findings.conditions(tables), where])),
+        Section(
+            "answer",
+            "In words",
+            words_html([findings.conditions(tables), findings.errors(tables), where]),
+        ),
         Section("errors", "Errors", tables_html([table1, table2])),
-        Section("few", "Sparse logs", words_html(why) + tables_html([sparse]), [chart_figure(_sparse(tables))]),
-        Section("plans", "Glides", words_html([findings.glides(tables)]) + tables_html([table3]), [chart_figure(distribution)]),
+        Section(
+            "few",
+            "Sparse logs",
+            words_html(why) + tables_html([sparse]),
+            [chart_figure(_sparse(tables))],
+        ),
+        Section(
+            "plans",
+            "Glides",
+            words_html([findings.glides(tables)]) + tables_html([table3]),
+            [chart_figure(distribution)],
+        ),
         Section("pictures", "Figures of the paper", figures=shown),
     ]
     return study_page("The paper's study on this ensemble", sections, to_json(tables))
@@ -78,9 +107,12 @@ def _sparse(tables: PaperTables) -> Chart:
     series = []
     for method in dict.fromkeys(row.method for row in tables.sparse):
         rows = [row for row in tables.sparse if row.method == method]
-        series.append(Series(LABELS[method], [row.pings for row in rows], [row.rel_error for row in rows]))
+        series.append(
+            Series(LABELS[method], [row.pings for row in rows], [row.rel_error for row in rows])
+        )
     axes = Axis("pings", log=True), Axis("RMSE / RMS speed of the truth [1]", log=True)
     caption = (
-        "Error on the way through the pings of Table II. Lower is better; at 1 (dotted) an estimate is no better than no current at all."
+        "Error on the way through the pings of Table II. Lower is better; at 1 (dotted) an "
+        "estimate is no better than no current at all."
     )
     return Chart("sparse", FIGURES["sparse"], caption, axes, tuple(series), 1.0)

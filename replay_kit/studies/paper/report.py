@@ -34,8 +34,9 @@ def to_json(tables: PaperTables) -> dict[str, Any]:
 
 
 def print_paper(tables: PaperTables, console: Console) -> None:
-    """Print the tables, and how the paper's estimator compares with the ensemble mean."""
+    """Print the tables, and how estimators compare with the default and with the ensemble mean."""
     print_tables(console, text_tables(tables))
+    console.print(findings.errors(tables), soft_wrap=True)
     console.print(findings.sparse_logs(tables)[0], soft_wrap=True)
 
 
@@ -51,7 +52,7 @@ def to_markdown(tables: PaperTables) -> str:
     parts = [
         "# The paper's study on this ensemble",
         findings.conditions(tables),
-        *("## Errors", table1, table2),
+        *("## Errors", table1, table2, findings.errors(tables)),
         *("## Sparse logs: where `paper` has larger errors, and why", sparse, where, *why),
         *("## Glides", table3, findings.glides(tables)),
         *(

@@ -55,6 +55,7 @@ class SparseRow:
         modes: Basis flows a level; None without a basis.
         rel_error: RMSE over the truth's RMS speed.
         rel_error_worst: Of the worst truth.
+        rel_error_by_truth: Truth by truth.
     """
 
     pings: int
@@ -62,6 +63,7 @@ class SparseRow:
     modes: int | None
     rel_error: float
     rel_error_worst: float
+    rel_error_by_truth: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +121,7 @@ def sparse_over_truths(tables: Sequence[Sequence[SparseRow]]) -> tuple[SparseRow
             alike[0],
             rel_error=float(np.median([row.rel_error for row in alike])),
             rel_error_worst=max(row.rel_error_worst for row in alike),
+            rel_error_by_truth=tuple(value for row in alike for value in row.rel_error_by_truth),
         )
         for alike in _alike(tables, lambda row: (row.pings, row.method))
     )

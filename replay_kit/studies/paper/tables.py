@@ -139,7 +139,14 @@ def sparse_rows(runs: Sequence[Run], survey: Survey) -> tuple[SparseRow, ...]:
     """
     shown = [run for run in runs if run.on_the_way and run.row.method not in ("naive3d", "nearest")]
     return tuple(
-        SparseRow(n, run.row.method, run.row.modes, run.on_the_way[k], run.on_the_way[k])
+        SparseRow(
+            n,
+            run.row.method,
+            run.row.modes,
+            run.on_the_way[k],
+            run.on_the_way[k],
+            (run.on_the_way[k],),
+        )
         for k, n in enumerate(survey.counts)
         for run in shown
     )

@@ -2,17 +2,13 @@
 
 from replay_kit.studies.planning.changing import NAME as THROUGH_TIME
 from replay_kit.studies.planning.job import PlanningJob
-from replay_kit.studies.planning.learning import NAME as LEARNING
 from replay_kit.studies.planning.page import replaced_files, write_planning
-from replay_kit.studies.planning.replanning import NAME as WITHOUT_TRUTH
 from replay_kit.studies.planning.report import print_planning, to_json
 from replay_kit.studies.planning.run import STUDIES, run_planning
 
 __all__ = [
-    "LEARNING",
     "STUDIES",
     "THROUGH_TIME",
-    "WITHOUT_TRUTH",
     "PlanningJob",
     "print_planning",
     "replaced_files",

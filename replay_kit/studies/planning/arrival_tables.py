@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.plan import Place
-from replay_kit.studies.reports.flows import AVERAGED, LABELS, TRUTH
+from replay_kit.studies.reports.flows import AVERAGED, FLOW_STYLES, LABELS, TRUTH
 from replay_kit.studies.reports.tables import Cell, Criterion, Table, named_columns
 from replay_kit.studies.scoring.scores import bootstrap_ratio, miss_figures
 
@@ -161,4 +162,51 @@ def place_of_average(arrivals: Sequence[Arrival], coherence: float, once: bool) 
         f"{_median(arrivals, 'default'):.0f} m: a ratio of {ratio:.2g} (90 % interval {low:.2g} to {high:.2g}). Their relative errors are "
         f"{average:.2f} and {default:.2f}; the average carries {100.0 * coherence:.0f} % of the truths' mean squared speed. {why} "
         "The average is computed from the truth, which an estimate has to infer; it is reported for comparison, without a criterion."
+    )
+
+
+# Miss distances and errors below these are drawn at these.
+_LEAST_MISS, _LEAST_ERROR = 1.0, 1e-3
+
+
+def draw_misses(arrivals: Sequence[Arrival], figure: Any) -> None:
+    """Draw the distribution of miss distances, and each truth's median against the error of the flow that plans were made on."""
+    left, right = figure.subplots(1, 2)
+    for flow in dict.fromkeys(one.flow for one in arrivals):
+        style = FLOW_STYLES[flow]
+        of_flow = {"color": style.colour, "label": style.label}
+        alike = [one for one in arrivals if one.flow == flow]
+        misses = np.sort(np.maximum([one.miss for one in alike], _LEAST_MISS))
+        left.step(
+            np.append(misses[:1], misses),
+            np.arange(misses.size + 1) / misses.size,
+            where="post",
+            **of_flow,
+        )
+        of_truth = [
+            [one for one in alike if one.member == member]
+            for member in dict.fromkeys(one.member for one in alike)
+        ]
+        errors = [max(of[0].rel_error, _LEAST_ERROR) for of in of_truth]
+        medians = [max(float(np.median([one.miss for one in of])), _LEAST_MISS) for of in of_truth]
+        right.scatter(errors, medians, s=28, marker=style.marker, **of_flow)
+    left.set(
+        xscale="log",
+        xlabel="miss distance in the truth [m]",
+        ylabel="share of the plans",
+        ylim=(0.0, 1.0),
+    )
+    right.set(
+        xscale="log",
+        yscale="log",
+        xlabel="relative error of the flow",
+        ylabel="median miss distance of a truth [m]",
+    )
+    # within one decade the labels of its parts would overlap
+    right.set_xlim(min(right.get_xlim()[0], 1e-2), max(right.get_xlim()[1], 1.5))
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+        axes.tick_params(which="minor", labelbottom=False)
+    figure.legend(
+        *left.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=10
     )

@@ -13,6 +13,7 @@ from replay_kit.core.plan import Plan
 from replay_kit.studies.paper.diagnostics import coherence
 from replay_kit.studies.planning.arrival_tables import (
     Arrival,
+    draw_misses,
     order_of,
     place_of_average,
     place_of_mean,
@@ -20,7 +21,6 @@ from replay_kit.studies.planning.arrival_tables import (
 )
 from replay_kit.studies.planning.flights import draw_missions
 from replay_kit.studies.planning.job import StudyReport
-from replay_kit.studies.planning.pictures import draw_misses
 from replay_kit.studies.planning.world import FLOWS, Withheld, World, timed
 from replay_kit.studies.reports.flows import LABELS
 from replay_kit.studies.reports.tables import NAN, Picture

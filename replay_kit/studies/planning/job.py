@@ -1,6 +1,5 @@
 """The options of the studies of planning, and what they result in: tables, figures beside their limits, findings and pictures."""
 
-import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
@@ -27,18 +26,10 @@ class PlanningJob:
         noise: Standard deviation of each component of each bin [m/s].
         legs: Of each mission.
         depth: Of a mission's dives, at most [m].
-        scenarios: Missions planned for samples.
-        samples: Of the estimate that a scenario plan is made for.
-        fresh: Other samples that such a plan, or one called reached, is flown in.
-        allowed: Share of the samples that may enter an area.
-        masks: Random cases with islands and areas.
-        replans: Missions replanned at each surfacing.
+        fresh: Samples that a plan called reached is flown in, beside those that judged it.
         crossings: Missions of days in a sea that changes.
         crossing: Least and largest distance from their start to their goal [m].
         seed: Of all random draws.
-        surveys: Twins of a survey before a stretch without fixes.
-        maps: Twins of a map, every other of a box known by half.
-        detours: Twins of missions that may go by a detour.
     """
 
     studies: tuple[str, ...]
@@ -48,18 +39,10 @@ class PlanningJob:
     noise: float = 0.09
     legs: int = 10
     depth: float = 500.0
-    scenarios: int = 10
-    samples: int = 20
     fresh: int = 500
-    allowed: float = 0.1
-    masks: int = 200
-    replans: int = 40
     crossings: int = 40
     crossing: tuple[float, float] = (80e3, 120e3)
     seed: int = 0
-    surveys: int = 60
-    maps: int = 24
-    detours: int = 36
 
     def check(self, known: Collection[str]) -> None:
         """Raise ConfigError when an option is wrong."""
@@ -68,24 +51,12 @@ class PlanningJob:
             "pairs",
             "pings",
             "legs",
-            "scenarios",
-            "samples",
             "fresh",
-            "masks",
-            "replans",
             "crossings",
             "noise",
-            "surveys",
-            "maps",
-            "detours",
         )
         check_positive(**{name: getattr(self, name) for name in counts})
         check_not_negative(seed=self.seed)
-
-    @property
-    def most_legs(self) -> int:
-        """Limit on the legs of a replanned mission."""
-        return math.ceil(1.5 * self.legs)
 
     def members(self, n_members: int) -> tuple[int, ...]:
         """Return the positions of the members left out in turn.
@@ -94,7 +65,7 @@ class PlanningJob:
             ConfigError: They are no positions.
         """
         if self.leave_out is None:
-            count = min(_TRUTHS, n_members, max(self.pairs, self.scenarios))
+            count = min(_TRUTHS, n_members, self.pairs)
             return tuple(int(k) for k in (np.arange(count) + 0.5) * n_members / count)
         return members_named(self.leave_out, n_members)
 

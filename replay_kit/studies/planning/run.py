@@ -9,13 +9,8 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Advance, Progress, reason_of
 from replay_kit.studies.planning.arrivals import glides, missions
 from replay_kit.studies.planning.changing import changing
-from replay_kit.studies.planning.infeasible import infeasible
 from replay_kit.studies.planning.job import PlanningJob, PlanningResult, StudyReport
-from replay_kit.studies.planning.learning import learn, learning_calls
-from replay_kit.studies.planning.masked import masked
 from replay_kit.studies.planning.odds import odds
-from replay_kit.studies.planning.replanning import replanning
-from replay_kit.studies.planning.scenarios import scenarios
 from replay_kit.studies.planning.world import FLOWS, World, build_world
 
 
@@ -35,13 +30,8 @@ class Study:
 STUDIES: Mapping[str, Study] = {
     "glides": Study(glides, lambda job: len(FLOWS) * job.pairs),
     "missions": Study(missions, lambda job: len(FLOWS) * job.pairs),
-    "scenarios": Study(scenarios, lambda job: job.scenarios),
-    "masked": Study(masked, lambda job: job.masks),
     "odds": Study(odds, lambda job: job.pairs),
-    "infeasible": Study(infeasible, lambda job: 10),
-    "replanning": Study(replanning, lambda job: job.replans),
     "changing": Study(changing, lambda job: job.crossings),
-    "learn": Study(learn, learning_calls),
 }
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 import planners
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.errors import ConfigError, PlanError
+from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
@@ -170,16 +170,6 @@ def timed(make: Callable[[], _Made]) -> tuple[_Made, float]:
     """Return what a function returns, and the seconds it took."""
     began = time.perf_counter()
     return make(), time.perf_counter() - began
-
-
-def attempted(make: Callable[[], _Planned]) -> tuple[_Planned | None, str, float]:
-    """Return a plan and its message, or None and why the planner refused the problem, and the seconds it took."""
-    began = time.perf_counter()
-    try:
-        made = make()
-    except PlanError as error:
-        return None, str(error), time.perf_counter() - began
-    return made, made.message, time.perf_counter() - began
 
 
 def build_world(

@@ -15,7 +15,17 @@ from replay_kit.studies.reports.flows import BLUE, GREEN, GREY, ORANGE, PURPLE, 
 from replay_kit.studies.reports.write import to_text
 
 _COLOURS: tuple[Any, ...] = (BLUE, VERMILION, GREEN, {"$color": "ink"}, PURPLE, ORANGE, SKY, GREY)
-_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "x", "star", "triangle-down", "cross", "pentagon")
+_SYMBOLS = (
+    "circle",
+    "square",
+    "diamond",
+    "triangle-up",
+    "x",
+    "star",
+    "triangle-down",
+    "cross",
+    "pentagon",
+)
 _DASHES = ("solid", "dash", "dot", "dashdot", "longdash")
 # Characters of a line of a label beside an axis: half a phone's width would be too much.
 _LABEL = 22
@@ -89,7 +99,11 @@ def chart_figure(chart: Chart) -> Figure:
     lines = zip_longest(*columns.values())
     filled = dict(zip(columns, map(list, zip(*lines, strict=True)), strict=True))
     horizontal, vertical = chart.axes
-    layout: dict[str, Any] = {"height": 400 + 14 * len(chart.series), "xaxis": _axis(chart, 0), "yaxis": _axis(chart, 1)}
+    layout: dict[str, Any] = {
+        "height": 400 + 14 * len(chart.series),
+        "xaxis": _axis(chart, 0),
+        "yaxis": _axis(chart, 1),
+    }
     if vertical.labels:
         rows = 46 * len(vertical.labels)
         # below the title of the axis, which lies as far below a low chart as below a high one
@@ -98,9 +112,20 @@ def chart_figure(chart: Chart) -> Figure:
         layout["yaxis"]["autorange"] = "reversed"
     if chart.level is not None:
         line = {"color": {"$color": "soft"}, "dash": "dot", "width": 1.5}
-        layout["shapes"] = [{"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": chart.level, "y1": chart.level, "line": line}]
+        layout["shapes"] = [
+            {
+                "type": "line",
+                "xref": "paper",
+                "x0": 0,
+                "x1": 1,
+                "y0": chart.level,
+                "y1": chart.level,
+                "line": line,
+            }
+        ]
     words = (
-        f"{chart.title}: {vertical.title} against {horizontal.title}. {' '.join(_in_words(series, chart.axes) for series in chart.series)}"
+        f"{chart.title}: {vertical.title} against {horizontal.title}. "
+        f"{' '.join(_in_words(series, chart.axes) for series in chart.series)}"
     )
     return Figure(chart.key, chart.title, chart.caption, words, {"values": filled}, traces, layout)
 
@@ -133,12 +158,27 @@ def _axis(chart: Chart, number: int) -> dict[str, Any]:
     axis = chart.axes[number]
     if axis.labels:
         wrapped = ["<br>".join(textwrap.wrap(label, _LABEL)) for label in axis.labels]
-        return {"tickmode": "array", "tickvals": list(range(len(wrapped))), "ticktext": wrapped, "zeroline": False}
+        return {
+            "tickmode": "array",
+            "tickvals": list(range(len(wrapped))),
+            "ticktext": wrapped,
+            "zeroline": False,
+        }
     out: dict[str, Any] = {"title": {"text": axis.title}}
     if axis.log:
-        values = [value for series in chart.series for value in (series.x, series.y)[number] if 0.0 < value < math.inf]
+        values = [
+            value
+            for series in chart.series
+            for value in (series.x, series.y)[number]
+            if 0.0 < value < math.inf
+        ]
         ticks = _log_ticks(min(values, default=1.0), max(values, default=1.0))
-        out |= {"type": "log", "tickmode": "array", "tickvals": ticks, "ticktext": [f"{tick:.10g}" for tick in ticks]}
+        out |= {
+            "type": "log",
+            "tickmode": "array",
+            "tickvals": ticks,
+            "ticktext": [f"{tick:.10g}" for tick in ticks],
+        }
     return out
 
 
@@ -146,14 +186,25 @@ def _log_ticks(least: float, largest: float) -> list[float]:
     """Return round numbers around positive values, more of them where the values are alike."""
     decades = range(math.floor(math.log10(least)) - 1, math.ceil(math.log10(largest)) + 2)
     digits = (
-        (1.0,) if largest > 1e4 * least else (1.0, 2.0, 5.0) if largest > 4.0 * least else (1.0, 1.2, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
+        (1.0,)
+        if largest > 1e4 * least
+        else (1.0, 2.0, 5.0)
+        if largest > 4.0 * least
+        else (1.0, 1.2, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
     )
-    return [tick for decade in decades for digit in digits if least / 2.0 <= (tick := float(f"{digit}e{decade}")) <= 2.0 * largest]
+    return [
+        tick
+        for decade in decades
+        for digit in digits
+        if least / 2.0 <= (tick := float(f"{digit}e{decade}")) <= 2.0 * largest
+    ]
 
 
 def _in_words(series: Series, axes: tuple[Axis, Axis]) -> str:
     """Return a series in words: of named positions each value, of others the first and the last."""
-    known = [(x, y) for x, y in zip(series.x, series.y, strict=True) if np.isfinite(x) and np.isfinite(y)]
+    known = [
+        (x, y) for x, y in zip(series.x, series.y, strict=True) if np.isfinite(x) and np.isfinite(y)
+    ]
     if not known:
         return f"{series.label}: no values."
     if axes[1].labels:
@@ -183,5 +234,10 @@ def misses_chart(key: str, title: str, misses: Mapping[str, Sequence[float]]) ->
         f"distances below {_LEAST_MISS:g} m are drawn at {_LEAST_MISS:g} m."
     )
     return Chart(
-        key, title, caption, (Axis("miss distance in the truth [m]", log=True), Axis("share of the plans [1]")), tuple(series), 0.5
+        key,
+        title,
+        caption,
+        (Axis("miss distance in the truth [m]", log=True), Axis("share of the plans [1]")),
+        tuple(series),
+        0.5,
     )

@@ -301,6 +301,7 @@ def _dataset(values: Array, seed: int, what: str) -> xr.Dataset:
         "Conventions": "CF-1.8",
         "title": f"synthetic {what}: eddies and a meandering jet",
         "source": f"replay-kit twin, seed {seed}",
+        "history": f"replay-kit synthesize, seed {seed}",
         "comment": "Synthetic, no real ocean. Horizontal divergence is zero by construction.",
     }
     return xr.Dataset(variables, coordinates, attributes)

@@ -13,16 +13,12 @@ from typing import Any
 from rich.console import Console
 
 from replay_kit.core.arrays import IN_MEMORY
-from replay_kit.core.errors import MeasurementError
-from replay_kit.core.observation import Observation
-from replay_kit.logs import merge
-from replay_kit.measurements import observations
 from replay_kit.results.text import print_lines, print_table
 from replay_kit.workflows.fleet.cluster import Cluster
 from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.fleet.run import Outcome, failure
-from replay_kit.workflows.replay.inputs import forecasts_of
-from replay_kit.workflows.replay.look_ahead import open_readers
+from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay.input_checks import check_inputs
 
 #: Of the set-up: nodes a level, seconds, memory [MB]; 8 levels, 50 members, 300 modes (``python -m tests.benchmarks size``).
 SET_UP = (
@@ -73,20 +69,8 @@ def expected_of(mission: Mission) -> Expected | Outcome:
 
 def _expected(mission: Mission) -> Expected:
     job, config = mission.job, mission.config
-    ensemble = forecasts_of(job, config).ensemble
-    messages = merge(
-        open_readers(job.logs, config),
-        config.logs.reorder_window,
-        config.logs.start_ns,
-        config.logs.end_ns,
-    )
-    profiles = sum(
-        isinstance(found, Observation) for found in observations(messages, config.measurements)
-    )
-    if not profiles and "dac" in config.measurements.without:
-        raise MeasurementError(
-            f"{job.logs[0]}: the log gives no profile; replay-kit info says what is in it"
-        )
+    inputs = check_inputs(job, config, planner_of)
+    ensemble, profiles = inputs.forecasts.ensemble, inputs.profiles
     nodes, levels = math.prod(ensemble.grid.east.shape), int(ensemble.grid.levels.size)
     set_up_s, memory = (grown(nodes, [(size, row[k]) for size, *row in SET_UP]) for k in range(2))
     values = nodes * max(levels * ensemble.n_members - 8 * 50, 0)

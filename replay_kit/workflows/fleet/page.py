@@ -18,6 +18,11 @@ _ERRORS = {
     "before each update": "rms_before_m_s",
     "after each update": "rms_after_m_s",
 }
+_CAPTIONS = {
+    "errors": "Lower is better: where the estimate before each update lies below the ensemble alone, it predicts what comes next.",
+    "truth": "Lower is better: where the estimate lies below the ensemble mean, the measurements helped.",
+    "nis": "Near 1 the stated errors fit; above it they are too small.",
+}
 _TRUTH = {"ensemble mean": "truth_ensemble_mean_rmse_m_s", "estimate": "truth_rmse_m_s"}
 # Normalised innovations squared per degree of freedom between which stated errors are taken for right, as in the verdict of a replay.
 _SOUND = (0.5, 2.0)
@@ -55,7 +60,7 @@ def fleet_page(outcomes: Sequence[Outcome]) -> str:
             "answer", "In words", items_html([escape(text) for text in _sentences(rows, done)])
         ),
         Section(
-            "figures",
+            "consistency",
             "Errors and consistency",
             figures=[figure for figure in figures if figure is not None],
         ),
@@ -76,6 +81,7 @@ def _sentences(rows: Sequence[Mapping[str, Any]], done: Sequence[Mapping[str, An
         f"{row['mission']} ({row['contradictions']})" for row in done if row["contradictions"]
     ]
     lines = [
+        *(f"{row['mission']}: {row['plan_alarm']}." for row in rows if row["plan_alarm"]),
         f"{len(done)} of {len(rows)} missions were replayed, {sum(row['dives'] for row in done)} dives and "
         f"{sum(row['profiles_used'] for row in done)} profiles.",
         f"In {len(helped)} of {len(known)} missions the estimate predicts the next measurement better than the ensemble alone.",
@@ -118,7 +124,6 @@ def _figure(
     spans = "; ".join(
         f"{label} {min(each):.4g} to {max(each):.4g}" for label, each in finite.items() if each
     )
-    caption = "Near 1 the stated errors fit." if key == "nis" else "Lower is better."
     layout = {
         "height": 420,
         "xaxis": {"title": {"text": "mission"}, "type": "category"},
@@ -126,7 +131,7 @@ def _figure(
     }
     words = f"{title}: {axis} of {len(known)} missions; {spans}."
     return Figure(
-        key, title, caption, words, {"values": {"mission": names, **values}}, traces, layout
+        key, title, _CAPTIONS[key], words, {"values": {"mission": names, **values}}, traces, layout
     )
 
 

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.printable import csv_cell
+from replay_kit.results.alarms import plan_alarm
 from replay_kit.results.text import print_lines, print_table
 from replay_kit.workflows.fleet.run import Outcome
 
@@ -26,7 +27,7 @@ def exit_code(outcomes: Sequence[Outcome]) -> int:
 
 def row_of(outcome: Outcome) -> dict[str, Any]:
     """Return the figures of a mission by their columns; those that it has not are None."""
-    answer = outcome.answer
+    answer, bad_plan = outcome.answer, plan_alarm(outcome.answer.get("plan"))
     rms, used, truth = (
         answer.get(name) or {} for name in ("rms_innovation", "observations", "truth")
     )
@@ -46,6 +47,7 @@ def row_of(outcome: Outcome) -> dict[str, Any]:
             sorted({finding["name"] for finding in answer.get("consistency", ())})
         ),
         "plan": (answer.get("plan") or {}).get("status"),
+        "plan_alarm": None if bad_plan is None else bad_plan.text,
         "seconds": answer.get("seconds_in_all"),
         "sha256": outcome.sha256,
         "failed": outcome.failed,
@@ -77,9 +79,15 @@ def fleet_json(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 def print_fleet(outcomes: Sequence[Outcome], console: Console) -> None:
     """Print the table, and below it why missions failed."""
+    rows = [row_of(outcome) for outcome in outcomes]
+    print_lines(
+        console,
+        [f"ALARM: {row['mission']}: {row['plan_alarm']}" for row in rows if row["plan_alarm"]],
+    )
     columns = (
         "mission",
         "status",
+        "plan",
         "profiles",
         "dives",
         "ensemble alone",
@@ -89,7 +97,7 @@ def print_fleet(outcomes: Sequence[Outcome], console: Console) -> None:
         "contradictions",
         "s",
     )
-    print_table(console, "Missions", columns, [_cells(row_of(outcome)) for outcome in outcomes])
+    print_table(console, "Missions", columns, map(_cells, rows))
     kept, failed = (
         sum(outcome.kept for outcome in outcomes),
         [outcome for outcome in outcomes if outcome.failed],
@@ -110,6 +118,7 @@ def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     return (
         row["mission"],
         row["status"],
+        row["plan"] or "",
         *counts,
         *speeds,
         _number(row["nis_per_dof"], 1.0, 2),

@@ -24,10 +24,18 @@ from replay_kit.results.status.held import Held, read_held
 from replay_kit.results.status.status import Status, status_of
 from replay_kit.results.summary import ReplaySummary
 from replay_kit.workflows.follow import memory as remembered
-from replay_kit.workflows.follow.goals import read_goal, with_goal
-from replay_kit.workflows.follow.notify import alarm_line, key_of, new_alarms, notify, standing
 from replay_kit.workflows.follow.options import FollowOptions
-from replay_kit.workflows.follow.watch import Clock, Watched, look_again
+from replay_kit.workflows.follow.sources import read_goal, with_goal
+from replay_kit.workflows.follow.watch import (
+    Clock,
+    Watched,
+    alarm_line,
+    key_of,
+    look_again,
+    new_alarms,
+    notify,
+    standing,
+)
 from replay_kit.workflows.replay.build import Forecasts, read_forecasts
 from replay_kit.workflows.replay.inputs import Following, ReplayJob
 from replay_kit.workflows.replay.look_ahead import look_ahead

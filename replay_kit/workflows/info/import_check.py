@@ -19,10 +19,11 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
+from replay_kit.core.errors import ForecastError, MeasurementError, ReplayKitError
 from replay_kit.core.finding import Finding, finding_json, finding_line
+from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, Reason, VehicleState, usable
-from replay_kit.core.paths import Paths
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.static.filter import ReducedBasisEstimator
 from replay_kit.estimator.static.likelihood import Likelihood, predict_jointly
@@ -32,11 +33,7 @@ from replay_kit.logs import merge
 from replay_kit.measurements import events_of
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
-from replay_kit.measurements.consistency.speeds import (
-    EnsembleSpeeds,
-    ensemble_speeds,
-    odd_ensemble_speeds,
-)
+from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds
 from replay_kit.measurements.consistency.summary import REPAIRABLE
 from replay_kit.measurements.consistency.usual_faults import (
     Fault,
@@ -45,6 +42,8 @@ from replay_kit.measurements.consistency.usual_faults import (
     depth_faults,
     direction_faults,
 )
+from replay_kit.workflows.replay.input_checks import check_inputs
+from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.look_ahead import look_ahead, open_readers
 from replay_kit.workflows.replay.region import find_region
 
@@ -84,49 +83,59 @@ class ImportCheck:
         findings: What contradicts itself, then warnings of what contradicts the ensemble, the likeliest fault first.
         undetermined: Of a log that looks sound, the faults that the profiles cannot exclude.
         note: Why no comparison could be made, or what it cannot see in this log; empty otherwise.
+        refusal: What would end a replay of the logs on the ensemble; None for a replay that can be made.
     """
 
     profiles: int
     findings: tuple[Finding, ...]
     undetermined: tuple[str, ...] = ()
     note: str = ""
+    refusal: ReplayKitError | None = None
 
 
-def check_logs(logs: Sequence[Path], ensemble: Paths, config: RunConfig) -> ImportCheck:
-    """Return the check of a mission's logs, which may place each other's profiles, against an ensemble.
+def check_logs(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConfig) -> ImportCheck:
+    """Return the check of a mission's logs, which may place each other's profiles, against an ensemble: first those of a replay.
 
     Raises:
         LogError: A log cannot be opened.
-        ForecastError: The ensemble cannot be used.
-        MeasurementError: The ensemble is to be placed at the logs, and they hold no position.
+        ConfigError: The settings are none that a replay could be made with.
     """
     with threadpool_limits(limits=config.output.threads):
-        place_at, near_ns = look_ahead(logs, config)
-        region = find_region(logs, ensemble, config, near_ns, None, may_follow=False)
-        part = (
-            config.forecast
-            if region is None
-            else config.forecast.model_copy(update={"region": region.region})
-        )
-        forecast = read_ensemble(ensemble, part, near_ns=near_ns, place_at=place_at)
-        evidence = odd_ensemble_speeds(forecast.velocity)
-        speeds = None if evidence else ensemble_speeds(forecast.grid.levels, forecast.velocity)
-        settings = config.logs
+        try:
+            forecast = _checked(logs, ensemble, config)
+        except (ForecastError, MeasurementError) as error:
+            unit = any(finding.name == findings.UNIT for finding in error.findings)
+            what = "the directions were" if unit else "the log was"
+            return ImportCheck(
+                0, error.findings, note=f"{what} not compared with the ensemble", refusal=error
+            )
+        settings, speeds = config.logs, ensemble_speeds(forecast.grid.levels, forecast.velocity)
         messages = merge(
             open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns
         )
         found, state = soundings(messages, config.measurements, speeds)
-        if evidence:
-            wrong = findings.ensemble_unit(evidence, forecast.source)
-            return ImportCheck(
-                0, (wrong, *state.findings), note="the log was not compared with the ensemble"
-            )
         if any(finding.name in _GROSS for finding in state.findings):
             return ImportCheck(
                 0, state.findings, note="the directions were not compared with the ensemble"
             )
         compared = check_import(found, build_estimator(forecast, config.estimator))
         return replace(compared, findings=state.findings + compared.findings)
+
+
+def _checked(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConfig) -> Ensemble:
+    """Return the part of an ensemble around logs, after the checks that a replay of them makes; arguments and errors as of these."""
+    forecasts = check_inputs(ReplayJob(tuple(logs), ensemble), config).forecasts
+    if forecasts.read is None:
+        return forecasts.ensemble
+    # a replay would read windows that follow the vehicle
+    _, near_ns = look_ahead(logs, config)
+    region = find_region(logs, ensemble, config, near_ns, None, may_follow=False)
+    part = (
+        config.forecast
+        if region is None
+        else config.forecast.model_copy(update={"region": region.region})
+    )
+    return read_ensemble(ensemble, part, near_ns=near_ns)
 
 
 def soundings(
@@ -297,6 +306,7 @@ def import_check_json(found: ImportCheck) -> dict[str, Any]:
         "consistency": [finding_json(finding) for finding in found.findings],
         "undetermined": list(found.undetermined),
         "note": found.note,
+        "refusal": None if found.refusal is None else str(found.refusal),
     }
 
 

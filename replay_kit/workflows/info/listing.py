@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 
 from replay_kit.logs.glider.missions import pattern
-from replay_kit.logs.shared.notes import gather
+from replay_kit.logs.shared.payloads import gather
 from replay_kit.measurements import NOT_A_KIND
 from replay_kit.results.losses import (
     loss_json,
@@ -167,6 +167,12 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
         )
 
 
+def asks_for_replay(logs: Sequence[LogInfo]) -> bool:
+    """Return whether logs are of one mission and measure a current, so that a replay comes next."""
+    missions = {log.report.mission for log in logs if log.report.mission}
+    return len(missions) <= 1 and any(log.content.bins or log.content.mean_currents for log in logs)
+
+
 def next_command(
     logs: Sequence[LogInfo],
     paths: Sequence[Path],
@@ -195,8 +201,7 @@ def next_command(
         " ".join(shlex.quote(str(path)) for path in files)
         for files in (paths, ensemble or [Path("FORECAST.nc")])
     )
-    contents = [log.content for log in logs]
-    if any(content.bins or content.mean_currents for content in contents):
+    if asks_for_replay(logs):
         settings = "".join(f"{shlex.quote(word)} " for word in options)
         return [f"Next: replay-kit replay {given} --ensemble {forecast} {settings}-o RESULT.mcap"]
     if any(log.is_result for log in logs):

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,19 +14,21 @@ from planners.mission.horizon import first_legs
 from planners.output.mission import as_glide
 from planners.route.region import locate, region_of
 from replay_kit.config.planner import PlannerConfig
+from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import distance
 from replay_kit.core.grid import Grid, Projection
-from replay_kit.core.plan import Place, Plan
+from replay_kit.core.plan import ORIGIN, Place, Plan
 from replay_kit.core.seabed import Seabed
 from replay_kit.core.surfacing import Ellipse, Surfacing
 from replay_kit.workflows.planning.bathymetry import read_bathymetry
 from replay_kit.workflows.planning.currents import KnownCurrent
-from replay_kit.workflows.planning.request import ACCEPTED_RISK, ARRIVING
+from replay_kit.workflows.planning.request import ACCEPTED_RISK, ARRIVING, JUDGING
 from replay_kit.workflows.planning.seabed import depth_along, seabed_of
-from replay_kit.workflows.replay.planner import Planner, PlanResult
+from replay_kit.workflows.replay.planner import HasGrid, Planner, PlanResult
 
+PlanOrMission = TypeVar("PlanOrMission", Plan, planners.MissionPlan)
 # The estimates that a mission is planned on reach over so many times the way through still water.
 _AHEAD = 2.0
 
@@ -59,31 +62,49 @@ def over_bottom(plan: Plan, bathymetry: planners.Bathymetry | None, projection: 
     )
 
 
+def with_origin(plan: PlanOrMission, origin: str) -> PlanOrMission:
+    """Return a plan whose message and statistics say what of its dives no setting states; unchanged where all is stated."""
+    if not origin:
+        return plan
+    return replace(
+        plan, message=f"{plan.message}; {origin}", statistics={**plan.statistics, ORIGIN: origin}
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class GlidePlanner:
     """The glide planner bound to a configuration.
 
     Attributes:
         settings: How it is planned.
+        config: What the settings state.
+        flown: How the vehicle flew its dives so far; None where that is not known.
         bathymetry: Bottom depth, which a glide keeps above; None leaves it out of account.
         seabed: It, as results hold it.
     """
 
     settings: planners.GlideSettings
+    config: PlannerConfig
+    flown: AsFlown | None = None
     bathymetry: planners.Bathymetry | None = None
     seabed: Seabed | None = None
 
     @classmethod
     def of(cls, config: PlannerConfig) -> "GlidePlanner":
         """Return the planner of a configuration."""
+        config = config.model_copy(update={"kind": "glide"})
         settings = planners.GlideSettings(
-            speed=config.speed,
+            speed=config.diving().speed,
             tolerance=config.tolerance,
             max_duration=config.max_duration,
             max_depth=config.depth_limit,
             clearance=config.clearance,
         )
-        return cls(settings)
+        return cls(settings, config)
+
+    def as_flown(self, flown: AsFlown) -> "GlidePlanner":
+        """Return the planner of a vehicle that flies as its dives so far, where the settings state nothing else."""
+        return replace(self, flown=flown)
 
     def plan(
         self,
@@ -94,20 +115,23 @@ class GlidePlanner:
         warm: PlanResult | None,
     ) -> PlanResult:
         """Return the best glide found from start towards goal."""
-        before = None if warm is None else warm.plan
-        made = planners.plan(
-            flow,
-            start,
-            goal,
-            settings=replace(self.settings, bathymetry=self.bathymetry),
-            start_time_ns=start_time_ns,
-            warm=before,
+        before, dives = None if warm is None else warm.plan, self.config.diving(self.flown)
+        settings = replace(self.settings, speed=dives.speed, bathymetry=self.bathymetry)
+        made = with_origin(
+            planners.plan(
+                flow, start, goal, settings=settings, start_time_ns=start_time_ns, warm=before
+            ),
+            dives.origin,
         )
         return PlanResult(over_bottom(made, self.bathymetry, flow.grid.projection))
 
-    def check(self, flow: FlowEstimate, goal: Place) -> None:
+    def check(self, flow: HasGrid, goal: Place) -> None:
         """Raise PlanError when the goal is outside the region, on land or below the vehicle's limit."""
         locate(region_of(flow.grid, self.settings.max_depth), goal, "goal")
+
+    def with_odds(self) -> "GlidePlanner":
+        """Return the planner: a glide has no odds."""
+        return self
 
     def closest_approach(self, flow: FlowEstimate, planned: PlanResult) -> float:
         """Return how close [m] a plan passes its goal when it is flown in a flow."""
@@ -122,18 +146,24 @@ class MissionPlanner:
     Attributes:
         vehicle: What glides.
         settings: How; its number of legs is that of the first plan.
+        config: What the settings state.
         flow_step: Between the estimates for later times [s].
-        samples: Of the estimate, in which each mission is flown for its odds and ellipses; 0 for none.
+        flown: How the vehicle flew its dives so far; None where that is not known.
+        samples: Of the estimate, in which each mission is flown for its odds and ellipses; None where no number is stated.
         seed: Of the samples.
+        judges: Whether missions have odds where no number of samples is stated.
         bathymetry: Bottom depth; None for the lowest level that is wet in the estimate.
         seabed: It, as results hold it.
     """
 
     vehicle: planners.Glider
     settings: planners.MissionSettings
+    config: PlannerConfig
     flow_step: float
-    samples: int = 0
+    flown: AsFlown | None = None
+    samples: int | None = None
     seed: int = 0
+    judges: bool = False
     bathymetry: planners.Bathymetry | None = None
     seabed: Seabed | None = None
 
@@ -144,8 +174,10 @@ class MissionPlanner:
         Raises:
             PlanError: The vehicle's numbers are such that nothing glides.
         """
+        config = config.model_copy(update={"kind": "mission"})
+        dives = config.diving()
         settings = planners.MissionSettings(
-            depth=config.depth,
+            depth=dives.depth,
             yos=config.dives,
             surface_time=config.surface_time,
             objective=config.objective,
@@ -157,9 +189,29 @@ class MissionPlanner:
             clearance=config.clearance,
         )
         glider = planners.Glider(
-            config.speed, None, config.min_angle, config.max_angle, max_depth=config.depth_limit
+            dives.speed, None, dives.min_angle, dives.max_angle, max_depth=config.depth_limit
         )
-        return cls(glider, settings, config.flow_step, config.samples, config.seed)
+        return cls(
+            glider, settings, config, config.flow_step, samples=config.samples, seed=config.seed
+        )
+
+    def as_flown(self, flown: AsFlown) -> "MissionPlanner":
+        """Return the planner of a vehicle that flies as its dives so far, where the settings state nothing else."""
+        return replace(self, flown=flown)
+
+    def bound(self, flow: HasGrid, goals: Sequence[Place]) -> tuple["MissionPlanner", str]:
+        """Return the planner with what no setting states of the dives to some goals, and that in words."""
+        dives = self.config.diving(
+            self.flown,
+            max((goal.depth for goal in goals), default=0.0),
+            float(flow.grid.levels[-1]),
+        )
+        vehicle = replace(
+            self.vehicle, speed=dives.speed, min_angle=dives.min_angle, max_angle=dives.max_angle
+        )
+        return replace(
+            self, vehicle=vehicle, settings=replace(self.settings, depth=dives.depth)
+        ), dives.origin
 
     def plan(
         self,
@@ -170,8 +222,9 @@ class MissionPlanner:
         warm: PlanResult | None,
     ) -> PlanResult:
         """Return the best mission found from start to goal, begun at once; its memory is the mission."""
-        before = None if warm is None else warm.memory
-        settings = self.settings
+        before: planners.MissionPlan | None = None if warm is None else warm.memory
+        bound, origin = self.bound(flow, (goal,))
+        settings = bound.settings
         if before is not None and settings.legs is not None:
             settings = replace(
                 settings, legs=max(1, len(before.headings_deg) - before.legs_flown(start_time_ns))
@@ -179,39 +232,51 @@ class MissionPlanner:
         request = planners.MissionRequest(
             start,
             (goal,),
-            vehicle=self.vehicle,
+            vehicle=bound.vehicle,
             settings=settings,
             bathymetry=self.bathymetry,
             start_time_ns=start_time_ns,
         )
-        known, seconds = KnownCurrent((flow,), self.flow_step), self.span(start, (goal,))
+        if before is not None and before.statistics.get(ORIGIN, "") != origin:
+            # the rest of it would be flown by other dives
+            before = None
+        known, seconds = KnownCurrent((flow,), self.flow_step), bound.span(start, (goal,))
         currents = known.flow(start_time_ns, seconds)
-        mission = planners.plan_mission(currents, request, warm=before)
+        mission = with_origin(planners.plan_mission(currents, request, warm=before), origin)
+        count = sample_count(flow, self.samples) if self.judges else self.samples or 0
         drawn = known.samples(
-            start_time_ns, seconds, self.samples if len(mission.headings_deg) else 0, self.seed
+            start_time_ns, seconds, count if len(mission.headings_deg) else 0, self.seed
         )
         odds = planners.mission_odds(currents, drawn, mission, request) if drawn else None
         judged = (
             mission if odds is None else planners.with_odds(mission, odds, ARRIVING, ACCEPTED_RISK)
         )
+        if self.judges and count == 0:
+            judged = without_odds(mission, flow)
         made = over_bottom(
             as_glide(judged, flow.grid.projection, odds), self.bathymetry, flow.grid.projection
         )
         return PlanResult(made, _next_surfacing(flow.grid.projection, mission, drawn), mission)
 
-    def check(self, flow: FlowEstimate, goal: Place) -> None:
+    def check(self, flow: HasGrid, goal: Place) -> None:
         """Raise PlanError when the goal is outside the region or on land, or a mission's dives do not fit."""
         region = region_of(flow.grid, self.vehicle.max_depth)
         locate(region, goal, "goal")
-        if not goal.depth <= self.settings.depth <= region.deepest:
+        depth = self.bound(flow, (goal,))[0].settings.depth
+        if not goal.depth <= depth <= region.deepest:
             raise PlanError(
-                f"[planner] depth is {self.settings.depth:g} m; expected no less than the goal's, {goal.depth:g} m, and no more than "
-                f"{region.floor}"
+                f"[planner] depth is {depth:g} m; expected no less than the goal's, {goal.depth:g} m, and no more than {region.floor}"
             )
+
+    def with_odds(self) -> "MissionPlanner":
+        """Return the planner of missions that are judged as those of the command ``plan`` are."""
+        return replace(self, judges=True)
 
     def closest_approach(self, flow: FlowEstimate, planned: PlanResult) -> float:
         """Return how far from its goal [m] a mission ends when it is flown in a flow, as it changes where it does."""
         mission: planners.MissionPlan = planned.memory
+        if len(mission.headings_deg) == 0:
+            return float(mission.closest_approach[-1])
         met = KnownCurrent((flow,), self.flow_step).flow(mission.start_time_ns, mission.duration)
         return float(fly_mission([met], mission).miss[0, -1])
 
@@ -224,6 +289,23 @@ class MissionPlanner:
             for a, b in pairwise(places)
         )
         return min(_AHEAD * way / along, self.settings.max_duration)
+
+
+def sample_count(estimate: FlowEstimate, stated: int | None) -> int:
+    """Return the number of samples in which a mission is judged: where none is stated 40, and none of an estimate without uncertainty."""
+    if stated is not None:
+        return stated
+    return 0 if estimate.n_modes == 0 else JUDGING
+
+
+def without_odds(mission: planners.MissionPlan, estimate: FlowEstimate) -> planners.MissionPlan:
+    """Return a mission that is not flown in samples; where the estimate has none, its message says so."""
+    if estimate.n_modes > 0:
+        return mission
+    return replace(
+        mission,
+        message=f"{mission.message}; the estimate states no uncertainty: how likely that is is not known",
+    )
 
 
 def _next_surfacing(

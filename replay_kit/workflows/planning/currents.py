@@ -24,6 +24,8 @@ from replay_kit.estimator.basis.embedding import embed
 from replay_kit.workflows.planning.local import is_noticed, with_courses
 
 _NS = 1_000_000_000
+# Days from the one time of a current within which a mission may begin: a month later its eddies are others.
+_DAYS_HELD = 30
 # Flows of an estimate that changes come in multiples of this number of steps: a program serves all sequences of one length.
 _STEPS = 4
 # Flows in each period of an oscillation.
@@ -39,10 +41,12 @@ class KnownCurrent:
     Attributes:
         estimates: One, or several that hold for increasing times.
         flow_step: Between the flows that an estimate which changes is planned on [s].
+        last_fix_ns: When the vehicle was fixed last [ns, UTC]; None where that is not known, as of an estimate alone.
     """
 
     estimates: tuple[FlowEstimate, ...]
     flow_step: float
+    last_fix_ns: int | None = None
 
     @property
     def first(self) -> FlowEstimate:
@@ -103,6 +107,30 @@ class KnownCurrent:
             if len(self.estimates) == 1 and self.first.time_ns is not None
             else None
         )
+
+    def begin(self, asked_ns: int | None) -> tuple[int, tuple[str, ...]]:
+        """Return when a mission begins [ns, UTC], 0 where no time is known, and what should be known of that, as sentences.
+
+        Args:
+            asked_ns: When it is to begin; None for the time of the last fix, or else of the estimate.
+
+        Raises:
+            PlanError: The forecast says nothing of the time asked for.
+        """
+        if asked_ns is not None:
+            self.check_time("--start-time", asked_ns)
+            return asked_ns, ()
+        if self.last_fix_ns is not None:
+            return self.last_fix_ns, (
+                f"it begins at {time_text(self.last_fix_ns)}, the time of the last fix; --start-time says another",
+            )
+        known = self.first.time_ns
+        words = (
+            ""
+            if known is None
+            else f"it begins at {time_text(known)}, the time of the estimate; --start-time says another"
+        )
+        return known or 0, (words,) * bool(words)
 
     def flow(self, begin_ns: int, seconds: float) -> Flow:
         """Return the current as planners take it: one flow that does not change, or flows for increasing times.
@@ -206,16 +234,27 @@ class KnownCurrent:
         return added + self._uniform @ self.local.velocity(time_ns)[:, None]
 
     def check_time(self, name: str, time_ns: int) -> None:
-        """Raise PlanError for a time [ns, UTC] at which the forecast says nothing; ``name`` is that of the option.
+        """Raise PlanError for a time [ns, UTC] of which the forecast says nothing; ``name`` is that of the option.
 
-        Where one time alone is known, its current is held and any time will do.
+        Where one time alone is known, its current is held for so many days at most; without a time any will do.
         """
-        last = self.ends_ns
-        if last is None or self.first.time_ns is None or self.first.time_ns <= time_ns <= last:
+        known, last = self.first.time_ns, self.ends_ns
+        if known is None:
             return
+        held = _DAYS_HELD * 86_400 * _NS
+        # from its last fix on a vehicle can be told where to go, also where dead reckoning went on
+        since = known if self.last_fix_ns is None else min(known, self.last_fix_ns)
+        begins, ends = (known - held, known + held) if last is None else (since, last)
+        if begins <= time_ns <= ends:
+            return
+        within = (
+            "the forecast"
+            if last is not None
+            else f"{_DAYS_HELD} days of the only time that is known, {time_text(known)}"
+        )
         raise PlanError(
-            f"{name}: expected a time within the forecast, {time_text(self.first.time_ns)} to {time_text(last)}, got {time_text(time_ns)}; "
-            "choose a time between, or give the estimate of a longer forecast"
+            f"{name}: expected a time within {within}, {time_text(begins)} to {time_text(ends)}, got {time_text(time_ns)}; choose a time "
+            "between, or give the estimate of a longer forecast"
         )
 
     def notes(self, begin_ns: int, end_ns: int) -> tuple[str, ...]:

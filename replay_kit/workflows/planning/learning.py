@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from planners import Bathymetry, NoGo
-from planners.learning.detours import plan_detour
 from planners.learning.maps import plan_map
 from planners.learning.survey import plan_survey
 from planners.learning.values import Box, LearnPlan, LearnRequest, LearnSettings, OtherProfiles
@@ -16,19 +15,20 @@ from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Grid, Projection
+from replay_kit.core.plan import ORIGIN
 from replay_kit.core.progress import announce
 from replay_kit.core.text import time_text
 from replay_kit.results.views.record import read_planned_legs
 from replay_kit.workflows.planning.adapters import MissionPlanner
 from replay_kit.workflows.planning.areas import area_notes, read_areas
 from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
-from replay_kit.workflows.planning.currents import KnownCurrent, known_current
-from replay_kit.workflows.planning.inputs import read_flow
+from replay_kit.workflows.planning.currents import KnownCurrent
+from replay_kit.workflows.planning.inputs import read_known
 from replay_kit.workflows.planning.learning_request import LearnJob
 from replay_kit.workflows.planning.local import local_notes
 
-# Hours of a survey where none are stated; samples of surveys and maps, and of missions, which are planned anew many times in each.
-_SURVEY_H, _SAMPLES, _MISSIONS = 24.0, 200, 64
+# Hours of a survey where none are stated, and samples.
+_SURVEY_H, _SAMPLES = 24.0, 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,22 +63,22 @@ def make_learning(job: LearnJob, config: PlannerConfig) -> Learnt:
         LogError: A plan of others is unusable.
     """
     announce("reading the estimate")
-    known = known_current([(path, read_flow(path)) for path in job.flows], config.flow_step)
-    flow, begin_ns = known.first, job.start_time_ns or known.first.time_ns or 0
-    if job.start_time_ns is not None:
-        known.check_time("--start-time", job.start_time_ns)
+    known, flown = read_known(job.flows, config.flow_step)
+    bound, origin = replace(MissionPlanner.of(config), flown=flown).bound(known.first, job.then)
+    flow, (begin_ns, notes) = known.first, known.begin(job.start_time_ns)
     seconds = _seconds(job)
     _check_horizon(known, begin_ns, seconds, job)
     areas = () if job.no_go is None else read_areas(job.no_go)
-    notes = () if job.no_go is None else area_notes(job.no_go, flow.grid)
+    if job.no_go is not None:
+        notes += area_notes(job.no_go, flow.grid)
     bottom = None if job.bathymetry is None else read_bathymetry(job.bathymetry, flow.grid)
     if bottom is not None:
         notes += bathymetry_notes(bottom, flow.grid)
     request = LearnRequest(
         job.start,
-        job.then or job.goals,
-        MissionPlanner.of(config).vehicle,
-        _settings(job, config, flow),
+        job.then,
+        bound.vehicle,
+        _settings(job, config, bound.settings.depth),
         areas,
         bottom,
         begin_ns,
@@ -90,6 +90,10 @@ def make_learning(job: LearnJob, config: PlannerConfig) -> Learnt:
     if seconds is None and known.ends_ns is not None:
         notes += known.notes(begin_ns, begin_ns + round(plan.duration * 1e9))
     notes += _too_sure(known, plan.duration) + local_notes(known.local, begin_ns, left_out=True)
+    if origin:
+        plan = replace(
+            plan, message=f"{plan.message}; {origin}", figures={**plan.figures, ORIGIN: origin}
+        )
     return Learnt(
         replace(plan, notes=(*plan.notes, *notes)), flow.grid.projection, areas, bottom, flow.grid
     )
@@ -99,16 +103,13 @@ def _planned(job: LearnJob, flow: FlowEstimate, request: LearnRequest) -> LearnP
     if job.box is not None:
         west, south, east, north, *depths = job.box
         return plan_map(flow, request, Box(west, south, east, north, tuple(depths)))
-    if job.blind is None:
-        return plan_detour(flow, request)
+    assert job.blind is not None
     return plan_survey(flow, request, 3600.0 * (job.survey or _SURVEY_H), 3600.0 * job.blind)
 
 
-def _settings(job: LearnJob, config: PlannerConfig, flow: FlowEstimate) -> LearnSettings:
-    drawn = _MISSIONS if job.goals else _SAMPLES
-    deepest = float(flow.grid.levels[-1])
+def _settings(job: LearnJob, config: PlannerConfig, depth: float) -> LearnSettings:
     return LearnSettings(
-        depth=config.depth if "depth" in config.model_fields_set else min(config.depth, deepest),
+        depth=depth,
         dives=config.dives,
         surface_time=config.surface_time,
         error=job.error,
@@ -116,7 +117,7 @@ def _settings(job: LearnJob, config: PlannerConfig, flow: FlowEstimate) -> Learn
         clearance=config.clearance,
         tolerance=config.tolerance,
         arrive=job.arrive,
-        samples=config.samples if "samples" in config.model_fields_set else drawn,
+        samples=_SAMPLES if config.samples is None else config.samples,
         seed=config.seed,
     )
 

@@ -53,8 +53,6 @@ def print_learning(learnt: Learnt, console: Console) -> None:
         "within tolerance",
         "",
     )
-    if plan.objective == "mission":
-        columns = (*columns[:4], "arrives", "")
     print_table(
         console, "Candidates", columns, [_candidate_cells(row) for row in candidate_rows(plan)]
     )
@@ -241,7 +239,7 @@ def write_learning(
             if name not in ("legs", "message")
         },
     }
-    used = {"kind": "mission", "depth": asked.settings.depth, "samples": asked.settings.samples}
+    used = {"kind": "mission", "samples": asked.settings.samples}
     made = config.planner.model_copy(update=used)
     with ResultWriter(path, overwrite) as writer:
         writer.start(

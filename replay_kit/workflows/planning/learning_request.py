@@ -18,7 +18,6 @@ class LearnJob:
         objective: ``learn`` or ``map``.
         flows: Files of the estimate; one.
         start: Where it begins.
-        goals: Of an ordinary mission.
         then: Of a stretch without fixes, in order.
         blind: Duration of that stretch [h]; None without.
         survey: Duration of the survey before it [h]; None for 24.
@@ -35,7 +34,6 @@ class LearnJob:
     objective: Literal["learn", "map"]
     flows: tuple[Path, ...]
     start: Place
-    goals: tuple[Place, ...] = ()
     then: tuple[Place, ...] = ()
     blind: float | None = None
     survey: float | None = None
@@ -65,28 +63,16 @@ class LearnJob:
                 "--box and --profiles: expected --objective map beside them",
             ),
             (
-                maps and (blind or self.survey or self.goals),
-                "--objective map: expected no --goal, --then, --blind and --survey",
+                maps and (blind or self.survey),
+                "--objective map: expected no --then, --blind and --survey",
             ),
             (
                 maps and not (self.box and self.profiles),
                 "--objective map: expected --box W,S,E,N[,DEPTHS] and --profiles N",
             ),
             (
-                blind and not (self.blind is not None and self.then),
-                "--then and --blind: expected both: where to, and for how many hours",
-            ),
-            (
-                blind and bool(self.goals),
-                "--goal and --then: expected one of them; the stretch without fixes ends at --then",
-            ),
-            (
-                not maps and not blind and self.survey is not None,
-                "--survey: expected --then and --blind beside it",
-            ),
-            (
-                not maps and not blind and not self.goals,
-                "--objective learn: expected --then and --blind, or --goal for a mission with fixes",
+                not maps and not (self.blind is not None and self.then),
+                "--objective learn: expected --then and --blind: where the stretch without fixes leads, and for how many hours",
             ),
         )
         for refused, message in refusals:

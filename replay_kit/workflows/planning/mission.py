@@ -7,7 +7,6 @@ from typing import Any
 
 from planners import (
     Bathymetry,
-    Glider,
     MissionOdds,
     MissionPlan,
     MissionRequest,
@@ -27,18 +26,24 @@ from planners.mission.horizon import to_its_end
 from planners.mission.waypoints import Waypoints
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.arrays import Array
+from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.progress import announce
 from replay_kit.core.text import time_text
-from replay_kit.workflows.planning.adapters import MissionPlanner
+from replay_kit.workflows.planning.adapters import (
+    MissionPlanner,
+    sample_count,
+    with_origin,
+    without_odds,
+)
 from replay_kit.workflows.planning.areas import area_notes, read_areas
 from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
-from replay_kit.workflows.planning.currents import KnownCurrent, known_current
-from replay_kit.workflows.planning.inputs import read_flow
+from replay_kit.workflows.planning.currents import KnownCurrent
+from replay_kit.workflows.planning.inputs import read_known
 from replay_kit.workflows.planning.local import local_notes
-from replay_kit.workflows.planning.request import JUDGING, PlanJob, objective_of
+from replay_kit.workflows.planning.request import PlanJob, objective_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,17 +127,17 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
         ForecastError: The bathymetry is unusable.
     """
     announce("reading the estimate")
-    known = known_current([(path, read_flow(path)) for path in job.flows], config.flow_step)
-    count = _sample_count(known.first, config)
+    known, flown = read_known(job.flows, config.flow_step)
+    count = sample_count(known.first, config.samples)
     job.check_samples(count)
-    request = _request(job, config, known)
-    grid, notes = (
-        known.first.grid,
-        () if job.no_go is None else area_notes(job.no_go, known.first.grid),
-    )
+    bound, origin = mission_planner(job, config, flown).bound(known.first, job.goals)
+    request, notes = _request(job, bound, known)
+    grid = known.first.grid
+    if job.no_go is not None:
+        notes += area_notes(job.no_go, grid)
     if request.bathymetry is not None:
         notes += bathymetry_notes(request.bathymetry, grid)
-    begin_ns, seconds = request.start_time_ns, _seconds(job, config, request)
+    begin_ns, seconds = request.start_time_ns, _seconds(job, bound)
     flow, drawn = (
         known.flow(begin_ns, seconds),
         known.samples(begin_ns, seconds, count, config.seed),
@@ -141,18 +146,18 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
     if compared:
         request = replace(request, start_time_ns=made.start_time_ns)
     few = None
-    if job.waypoints and len(made.headings_deg):
+    if job.waypoints and len(made.headings_deg) == 0:
+        notes += ("no waypoints are written: the plan has no legs",)
+    elif job.waypoints:
         few = waypoints_of(
             flow, made, job.waypoint_tolerance, no_go=request.no_go, bathymetry=request.bathymetry
         )
     notes += known.notes(
         made.start_time_ns, made.start_time_ns + round(made.duration * 1e9)
     ) + local_notes(known.local, made.start_time_ns)
-    if count == 0 and known.first.n_modes == 0:
-        made = replace(
-            made,
-            message=f"{made.message}; the estimate states no uncertainty: how likely that is is not known",
-        )
+    if count == 0:
+        made = without_odds(made, known.first)
+    made, compared = with_origin(made, origin), tuple(with_origin(one, origin) for one in compared)
     planned = PlannedMission(
         made,
         grid.projection,
@@ -175,17 +180,15 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
     )
 
 
-def _request(job: PlanJob, config: PlannerConfig, known: KnownCurrent) -> MissionRequest:
-    """Return what is asked of the planner, its times checked against the forecast."""
-    vehicle, settings = mission_settings(config, job.kind.objective, job.spline)
-    settings = replace(settings, time_limit=inf if job.time_limit is None else job.time_limit)
-    begin_ns = (job.departures_ns or (job.start_time_ns or known.first.time_ns or 0,))[0]
-    for name, time_ns in (
-        ("--start-time", job.start_time_ns),
-        *(("--depart", one) for one in job.departures_ns),
-    ):
-        if time_ns is not None:
-            known.check_time(name, time_ns)
+def _request(
+    job: PlanJob, bound: MissionPlanner, known: KnownCurrent
+) -> tuple[MissionRequest, tuple[str, ...]]:
+    """Return what is asked of the planner, its times checked against the forecast, and what should be known of when it begins."""
+    for time_ns in job.departures_ns:
+        known.check_time("--depart", time_ns)
+    begin_ns, notes = (
+        (job.departures_ns[0], ()) if job.departures_ns else known.begin(job.start_time_ns)
+    )
     if job.departures_ns and not known.changes:
         raise PlanError(
             f"--depart: expected a current that changes, got one that is frozen at {time_text(known.first.time_ns)}, in which all "
@@ -197,24 +200,24 @@ def _request(job: PlanJob, config: PlannerConfig, known: KnownCurrent) -> Missio
             f"--horizon: expected at most {(last - begin_ns) / 3.6e12:.1f} h, to the end of the forecast at {time_text(last)}, got "
             f"{job.horizon / 3600.0:g} h; choose a shorter one, or leave it out to plan the rest in the last current known"
         )
-    return MissionRequest(
+    request = MissionRequest(
         job.start,
         job.goals,
-        vehicle=vehicle,
-        settings=settings,
+        vehicle=bound.vehicle,
+        settings=bound.settings,
         no_go=() if job.no_go is None else read_areas(job.no_go),
         bathymetry=None
         if job.bathymetry is None
         else read_bathymetry(job.bathymetry, known.first.grid),
         start_time_ns=begin_ns,
     )
+    return request, notes
 
 
-def _seconds(job: PlanJob, config: PlannerConfig, request: MissionRequest) -> float:
+def _seconds(job: PlanJob, bound: MissionPlanner) -> float:
     """Return for how long the current is needed [s]: that of the mission, from the first departure to the last arrival."""
     if job.kind.mooring is not None:
         return job.kind.stay.duration
-    bound = replace(MissionPlanner.of(config), settings=request.settings)
     between = (job.departures_ns[-1] - job.departures_ns[0]) / 1e9 if job.departures_ns else 0.0
     return min(
         between + bound.span(job.start, job.goals), inf if job.horizon is None else job.horizon
@@ -267,13 +270,6 @@ def _departure(
     return Departure.of(judged, odds.corrected.reached)
 
 
-def _sample_count(estimate: FlowEstimate, config: PlannerConfig) -> int:
-    """Return the number of samples: where none is stated 40, and none of an estimate that has no uncertainty to draw them from."""
-    if "samples" in config.model_fields_set:
-        return config.samples
-    return 0 if estimate.n_modes == 0 else JUDGING
-
-
 def _figures(odds: MissionOdds, job: PlanJob) -> dict[str, Any]:
     """Return the odds for ``--json``; figures without a further name are with corrected headings."""
     corrected, held = odds.corrected, odds.held
@@ -291,28 +287,29 @@ def _figures(odds: MissionOdds, job: PlanJob) -> dict[str, Any]:
     }
 
 
-def mission_settings(
-    config: PlannerConfig, objective: str | None, spline: int
-) -> tuple[Glider, MissionSettings]:
-    """Return the vehicle and the settings of a configuration, with what only a mission planned by itself has.
+def mission_planner(
+    job: PlanJob, config: PlannerConfig, flown: AsFlown | None = None
+) -> MissionPlanner:
+    """Return the planner of a mission that is planned by itself.
 
     Args:
+        job: What is asked for.
         config: ``[planner]`` with the command's options laid over it.
-        objective: Name or weights; None for the configuration's.
-        spline: Points per kernel length; 0 for no spline.
+        flown: How the vehicle flew the dives of the log; None where that is not known.
 
     Raises:
         ConfigError: The objective is neither a name nor weights.
         PlanError: The vehicle's numbers are such that nothing glides.
     """
-    bound = MissionPlanner.of(config)
-    # a plan by itself may be longer than those of a replay, unless that is configured
-    longest = (
-        config.max_duration
+    planner, objective = MissionPlanner.of(config), job.kind.objective
+    settings = replace(
+        planner.settings,
+        objective=planner.settings.objective if objective is None else objective_of(objective),
+        spline=job.spline,
+        # a plan by itself may be longer than those of a replay, unless that is configured
+        max_duration=config.max_duration
         if "max_duration" in config.model_fields_set
-        else MissionSettings().max_duration
+        else MissionSettings().max_duration,
+        time_limit=inf if job.time_limit is None else job.time_limit,
     )
-    aim = bound.settings.objective if objective is None else objective_of(objective)
-    return bound.vehicle, replace(
-        bound.settings, objective=aim, spline=spline, max_duration=longest
-    )
+    return replace(planner, settings=settings, flown=flown)

@@ -19,7 +19,7 @@ from replay_kit.core.text import time_text
 from replay_kit.results import ResultWriter
 from replay_kit.results.text import print_table
 from replay_kit.workflows.planning.adapters import over_bottom
-from replay_kit.workflows.planning.mission import PlannedMission, mission_settings
+from replay_kit.workflows.planning.mission import PlannedMission, mission_planner
 from replay_kit.workflows.planning.record import plan_metadata
 from replay_kit.workflows.planning.request import PlanJob
 from replay_kit.workflows.planning.seabed import seabed_of
@@ -284,7 +284,7 @@ def _open_ring(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[float, f
 
 def _effective_config(config: RunConfig, job: PlanJob, planned: PlannedMission) -> RunConfig:
     """Return the configuration that a mission was planned with; weights of an objective have no place in a configuration."""
-    _, settings = mission_settings(config.planner, job.kind.objective, job.spline)
+    settings = mission_planner(job, config.planner).settings
     made: dict[str, object] = {"kind": "mission", "max_duration": settings.max_duration}
     made["samples"] = planned.drawn
     if isinstance(settings.objective, str):

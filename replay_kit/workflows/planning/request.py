@@ -12,7 +12,7 @@ from replay_kit.core.time import parse_duration, parse_time
 
 # the planners take longer to load than what is asked for to be refused
 if TYPE_CHECKING:
-    from planners import MissionPlan, MissionRequest, Mooring, Weights
+    from planners import Line, MissionPlan, MissionRequest, Mooring, Weights
     from planners.mission.flight import Flow
 
 # Share of the samples that may violate a constraint where none is stated.
@@ -23,8 +23,6 @@ ARRIVING = 0.9
 JUDGING = 40
 # Departures that are compared at most.
 _MOST_DEPARTURES = 100
-# Cost of an hour one kilometre off the line, in hours, when that is not stated.
-_LINE_WEIGHT = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +33,9 @@ class MissionKind:
         mooring: Radius [m] and duration [hours] of a mooring.
         surfacings_only: Whether only the surfacings of a mooring must lie within its radius.
         line: Whether the mission follows the line from its start to its goal.
-        line_weight: Cross-track penalty of a line [h per h and km]; None for 10.
+        line_weight: Cross-track penalty of a line [h per h and km]; None for that of ``Line``.
         objective: Name of an objective, or weights; None for the configuration's.
+        line_width: Largest distance of the track from a line [m]; None for that of ``Line``.
     """
 
     mooring: tuple[float, float] | None = None
@@ -44,12 +43,19 @@ class MissionKind:
     line: bool = False
     line_weight: float | None = None
     objective: str | None = None
+    line_width: float | None = None
 
     @property
-    def cross_track_weight(self) -> float | None:
-        """Cross-track penalty of a line [h per h and km]; None when no line is followed."""
+    def followed(self) -> "Line | None":
+        """The line; None when none is followed."""
+        from planners import Line
+
+        usual = Line()
+        weight = usual.weight if self.line_weight is None else self.line_weight
         return (
-            (_LINE_WEIGHT if self.line_weight is None else self.line_weight) if self.line else None
+            Line(weight=weight, width=usual.width if self.line_width is None else self.line_width)
+            if self.line
+            else None
         )
 
     @property
@@ -82,6 +88,11 @@ class MissionKind:
                 self.line_weight is not None and not lined,
                 "--line-weight: expected --line beside it",
             ),
+            (self.line_width is not None and not lined, "--line-width: expected --line beside it"),
+            (
+                self.line_width is not None and not 0.0 < self.line_width < inf,
+                f"--line-width: expected a number above 0, got {self.line_width}",
+            ),
             (
                 self.objective is not None and moored,
                 "--objective: a mooring has none but to stay near its place; leave it out",
@@ -109,12 +120,12 @@ class MissionKind:
             flow: The current, or its estimates for increasing times.
             request: Start, goals, vehicle, settings and constraints.
         """
-        from planners import Line, plan_line, plan_mission, plan_mooring
+        from planners import plan_line, plan_mission, plan_mooring
 
         if self.mooring is not None:
             return plan_mooring(flow, request, self.stay)
-        if self.cross_track_weight is not None:
-            return plan_line(flow, request, Line(weight=self.cross_track_weight))
+        if self.followed is not None:
+            return plan_line(flow, request, self.followed)
         return plan_mission(flow, request)
 
 

@@ -24,7 +24,8 @@ from replay_kit.forecast.agreement import WARNING
 from replay_kit.forecast.grid import in_frame
 from replay_kit.workflows.replay.region import FoundRegion
 
-_OWN = "reduced_basis"
+#: Name of the project's own estimator; the others are baselines.
+OWN = "reduced_basis"
 _LOG = logging.getLogger(__name__)
 
 
@@ -94,14 +95,14 @@ def read_forecasts(
         ForecastError: The ensemble cannot be used, or the region is narrower than a correlation length.
         ConfigError: An estimator that knows no time is asked for what needs it, or one that fits no spread for that.
     """
-    own = config.estimator.name == _OWN and config.estimator.preset == "default"
+    own = config.estimator.name == OWN and config.estimator.preset == "default"
     asked = config.time.scale not in ("auto", "static") or bool(
         config.time.oscillators or config.time.biases
     )
     if (asked or config.time.window not in ("auto", 0.0)) and not own:
         what = (
             config.estimator.name
-            if config.estimator.name != _OWN
+            if config.estimator.name != OWN
             else f"preset {config.estimator.preset}"
         )
         raise ConfigError(
@@ -169,7 +170,7 @@ def _unfitted_spread(config: RunConfig, evolves: bool, made_from: str) -> tuple[
         ConfigError: The estimator is asked for what it does not do.
     """
     name, preset, spread = config.estimator.name, config.estimator.preset, config.estimator.spread
-    takes_numbers = name in (_OWN, "depth_average")
+    takes_numbers = name in (OWN, "depth_average")
     if takes_numbers and preset == "default" and not evolves:
         return ()
     what = (

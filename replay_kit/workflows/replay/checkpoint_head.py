@@ -6,7 +6,7 @@ from pathlib import Path
 from replay_kit.workflows.replay.region import FoundRegion, from_record
 
 #: Begins the file; then a line with the part of the forecast that was found, the run's identity, the SHA-256 of the rest, and the rest.
-MAGIC = b"replay-kit checkpoint 6\n"
+MAGIC = b"replay-kit checkpoint 7\n"
 # A line is no longer.
 _LONGEST = 1 << 16
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from replay_kit.core.as_flown import AS_FLOWN
 from replay_kit.core.errors import MeasurementError, PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.netcdf import write_grid
@@ -14,6 +15,7 @@ from replay_kit.results.summary import ReplaySummary, TruthScore
 from replay_kit.results.summary_json import to_record
 from replay_kit.workflows.replay.consistency import conclusions
 from replay_kit.workflows.replay.dive_forecasts import next_surfacing
+from replay_kit.workflows.replay.input_checks import require_usable
 from replay_kit.workflows.replay.inputs import open_truth
 from replay_kit.workflows.replay.prepared import Prepared
 from replay_kit.workflows.replay.referee import name_of, rival_inputs
@@ -32,9 +34,13 @@ def conclude(
         others: The log evidence under other forecasts.
     """
     job, reports = inputs.job, [reader.report() for reader in inputs.readers]
-    if not session.monitoring.explains_no_profile:
-        session.statistics.require_usable(reports, inputs.forecasts.ensemble.grid)
-    session.statistics.require_left_out(session.config.measurements.without)
+    require_usable(
+        session.monitoring,
+        session.statistics,
+        reports,
+        inputs.forecasts.ensemble.grid,
+        session.config,
+    )
     flow = session.conclude()
     notes = _notes(session, inputs, flow, session.statistics.notes(reports))
     planning, (found, blind) = (
@@ -56,6 +62,7 @@ def conclude(
         notes=tuple(notes),
         findings=found,
         doubts=blind + outside,
+        flight_correction=session.flight.correction(session.statistics.profiles.corrections),
     )
     with session.clock.stage("write"):
         if session.writer is not None:
@@ -69,6 +76,8 @@ def conclude(
             )
             if spread := session.estimator.spread_record(session.estimation.current):
                 session.writer.write_metadata("replay_kit.spread", spread)
+            if (flown := session.forecasts.as_flown) is not None:
+                session.writer.write_metadata(AS_FLOWN, flown.to_record())
             if withdrawn := session.publishing.withdrawn:
                 session.writer.write_metadata(WINDOWS_RECORD, {"withdrawn": str(withdrawn)})
             session.writer.finish(flow)

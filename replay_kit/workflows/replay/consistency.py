@@ -8,7 +8,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ForecastError, MeasurementError
 from replay_kit.core.finding import Finding
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Measurement, PathMean
+from replay_kit.core.observation import Measurement, PathMean, VehicleState
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
 from replay_kit.measurements.consistency.speeds import (
@@ -17,15 +17,14 @@ from replay_kit.measurements.consistency.speeds import (
     odd_ensemble_speeds,
 )
 from replay_kit.measurements.consistency.summary import PingSummary
+from replay_kit.measurements.consistency.tracks import LogTracks
 from replay_kit.workflows.replay.estimation import EstimationState, Step, assimilate
 from replay_kit.workflows.replay.profile_counts import ProfileCounts
 from replay_kit.workflows.replay.statistics import RunStatistics
 
-_UNDETERMINED = "nothing here can tell whether directions are right; {} would"
-_TELLING, _TELLING_OF_MEANS = (
-    "a mean current, GPS drift or bottom track",
-    "profiles of the current beside the mean currents",
-)
+_UNDETERMINED = "nothing here can tell whether directions are right"
+# Observations before which nothing is said of the forecast.
+_LEAST_OBSERVATIONS = 3
 # Measurements beyond the gate that are remembered.
 _MOST_GATED = 256
 _SHEAR_ALONE = "all profiles are relative to the platform, so that they give the shear alone"
@@ -39,11 +38,13 @@ class MonitoringState:
         checks: Of the checks.
         means: Mean currents so far, from which an estimate without profiles is rebuilt.
         gated: Latest measurements that the gate rejected, before two sources were known to contradict each other.
+        tracks: Positions, by the log that they are of.
     """
 
     checks: ConsistencyState = field(default_factory=ConsistencyState)
     means: tuple[PathMean, ...] = ()
     gated: tuple[Measurement, ...] = ()
+    tracks: LogTracks = field(default_factory=LogTracks)
 
     @property
     def explains_no_profile(self) -> bool:
@@ -82,11 +83,13 @@ def monitor(
     if isinstance(event, PathMean) and event.beside_profiles:
         # the profiles were computed from it
         return replace(state, means=_with_mean(state.means, event)), event, ()
+    if isinstance(event, VehicleState):
+        state = replace(state, tracks=state.tracks.after(event))
     through_water = config.measurements.dead_reckoning == "through_water"
     checks, checked = check(state.checks, event, speeds, through_water, summary)
     means = _with_mean(state.means, event)
     if checks.findings is state.checks.findings:
-        return MonitoringState(checks, means, state.gated), checked, ()
+        return MonitoringState(checks, means, state.gated, state.tracks), checked, ()
     new = tuple(
         _as_stated(finding, config) for finding in checks.findings[len(state.checks.findings) :]
     )
@@ -100,6 +103,13 @@ def monitor(
         checked,
         new,
     )
+
+
+def require_one_vehicle(state: MonitoringState, names: Sequence[str]) -> None:
+    """Raise MeasurementError when the logs of a run, by their names, hold the tracks of two vehicles."""
+    if (found := state.tracks.two_vehicles) is not None:
+        finding = findings.two_tracks(found, names)
+        raise MeasurementError(str(finding), (*state.checks.findings, finding))
 
 
 def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState:
@@ -210,22 +220,38 @@ def conclusions(
     if config.consistency.on_failure == "ignore":
         return (), ("no consistency check was made (consistency.on_failure)",)
     found, blind = state.checks.findings, []
-    if not found and (evidence := _beyond_the_ensemble(statistics.profiles)):
-        found = (findings.ensemble_contradicts(evidence),)
+    of_forecast = _of_forecast(statistics.profiles, config.forecast.place)
+    # faults of the log explain that it does not fit
+    if all(finding.name == findings.ENSEMBLE for finding in found):
+        found += tuple(
+            finding for finding in of_forecast if not found or finding.name != findings.ENSEMBLE
+        )
     if not state.checks.can_tell_directions:
-        blind.append(_UNDETERMINED.format(_TELLING if state.checks.pings else _TELLING_OF_MEANS))
+        blind.append(_undetermined(state))
     if state.checks.pings and not state.checks.absolute_pings:
         blind.append(_SHEAR_ALONE)
     return found, tuple(blind)
 
 
-def _beyond_the_ensemble(counts: ProfileCounts) -> str:
-    """Return how the measurements contradict the ensemble; empty when they do not."""
+def _undetermined(state: MonitoringState) -> str:
+    """Return why nothing in a log tells whether directions are right, and what would."""
+    if not state.checks.pings:
+        return f"{_UNDETERMINED}; profiles of the current beside the mean currents would"
+    if not state.means:
+        return f"{_UNDETERMINED}; a mean current, GPS drift or bottom track would"
+    if all(mean.beside_profiles for mean in state.means):
+        return f"{_UNDETERMINED}, for the profiles were computed from the mean currents; a GPS drift or bottom track would"
+    return f"{_UNDETERMINED}, for the mean currents are too few or too weak; more of them, or a bottom track, would"
+
+
+def _of_forecast(counts: ProfileCounts, moved: bool) -> tuple[Finding, ...]:
+    """Return how the measurements contradict the forecast, if they do: it does not fit where two thirds of them exceed the gate."""
     beyond, total = counts.gated + counts.softened, counts.total.profiles + counts.gated
-    if 2 * beyond > total:
-        return f"{beyond} of {total} observations exceeded the gate"
-    return (
-        f"most profiles exceeded the expected innovation {len(counts.inflations)} times"
-        if counts.inflations
-        else ""
-    )
+    evidence = f"{beyond} of {total} observations exceeded the gate"
+    if total >= _LEAST_OBSERVATIONS and 3 * beyond >= 2 * total:
+        return (findings.forecast_misfit(evidence, moved),)
+    if 2 * beyond <= total:
+        if not counts.inflations:
+            return ()
+        evidence = f"most profiles exceeded the expected innovation {len(counts.inflations)} times"
+    return (findings.ensemble_contradicts(evidence),)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.as_flown import AsFlown, FlownDive, flown_dive
 from replay_kit.core.dive_forecast import DiveForecast, DiveOutcome
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local
@@ -50,6 +51,8 @@ class ForecastState:
         ground: Of a log that has stated no mean current yet.
         outcomes: Of the dives so far.
         local: Of the current beside the estimate; None before the first dive.
+        dives: How the vehicle flew each dive that shows it.
+        as_flown: Their median; None without any.
     """
 
     model: DiveState | None = None
@@ -60,6 +63,8 @@ class ForecastState:
     ground: GroundState = field(default_factory=GroundState)
     outcomes: tuple[DiveOutcome, ...] = ()
     local: DiveState | None = None
+    dives: tuple[FlownDive, ...] = ()
+    as_flown: AsFlown | None = None
 
 
 def forecast_step(
@@ -92,8 +97,7 @@ def forecast_step(
 def forecast_end(state: ForecastState) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
     """Return the state at the end of a log, and the outcome of its last dive that no mean current stated."""
     ground = concluded(state.ground)
-    ended = () if ground.concluded is None else (ground.concluded,)
-    return replace(state, ground=ground, outcomes=(*state.outcomes, *ended)), ended
+    return _with_ground(state, ground, () if ground.concluded is None else (ground.concluded,))
 
 
 def _over_ground(
@@ -102,8 +106,25 @@ def _over_ground(
     if state.model is not None:
         # the log states mean currents
         return state, ()
-    ground, ended = ground_step(state.ground, step.event, flow_at, surface_depth)
-    return replace(state, ground=ground, outcomes=(*state.outcomes, *ended)), ended
+    return _with_ground(state, *ground_step(state.ground, step.event, flow_at, surface_depth))
+
+
+def _with_ground(
+    state: ForecastState, ground: GroundState, ended: tuple[DiveOutcome, ...]
+) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
+    """Return the state after a step of the forecasts from displacements, and the outcome of the dive that has ended."""
+    state = replace(state, ground=ground, outcomes=(*state.outcomes, *ended))
+    return (
+        _with_dive(state, ground.last.flown) if ended and ground.last is not None else state
+    ), ended
+
+
+def _with_dive(state: ForecastState, dive: FlownDive | None) -> ForecastState:
+    """Return the state after a dive was flown; None shows nothing."""
+    if dive is None:
+        return state
+    dives = (*state.dives, dive)
+    return replace(state, dives=dives, as_flown=AsFlown.of(dives))
 
 
 def forecast_mean(
@@ -122,8 +143,10 @@ def forecast_mean(
     dive = dive_mean(state, mean, _UNKNOWN if backgrounds is None else backgrounds)
     before = _MODEL.initial() if state.model is None else state.model
     outcome = Before(_MODEL, before, state.persistence).outcome(dive, mean.fixes, mean.dive)
+    # dives without a mean current are known less well
+    known = replace(state, dives=(), as_flown=None) if state.model is None else state
     after = replace(
-        state,
+        _with_dive(known, flown_of(mean)),
         model=_MODEL.step(before, dive),
         persistence=state.persistence.after(dive.velocity),
         last=dive,
@@ -157,7 +180,7 @@ def dive_mean(state: ForecastState, mean: PathMean, backgrounds: Array) -> DiveM
     """Return what a mean current with fixes says, with the dive's own profiles and with what the ensemble and the estimate say of it."""
     assert mean.fixes is not None
     start, end = mean.fixes
-    seconds, velocity = (end.time_ns - start.time_ns) * 1e-9, np.array(mean.stated or mean.velocity)
+    seconds, velocity = (end.time_ns - start.time_ns) * 1e-9, np.array(mean.velocity)
     way = (
         np.array(to_local(Projection(start.longitude, start.latitude), end.longitude, end.latitude))
         / seconds
@@ -172,6 +195,14 @@ def dive_mean(state: ForecastState, mean: PathMean, backgrounds: Array) -> DiveM
         inverted=_along(state.sums, mean) if state.dive == mean.dive else None,
         backgrounds=backgrounds,
     )
+
+
+def flown_of(mean: PathMean) -> FlownDive | None:
+    """Return how the dive of a mean current was flown; None for a drift at the surface, or where its way through the water is not known."""
+    if mean.kind != "dac" or mean.fixes is None:
+        return None
+    dive = dive_mean(ForecastState(), mean, _UNKNOWN)
+    return flown_dive(dive.seconds, dive.way, mean.depth, mean.deepest)
 
 
 def with_profile(state: ForecastState, profile: Observation) -> ForecastState:
@@ -198,20 +229,20 @@ def _along(sums: Array, mean: PathMean) -> Array | None:
     )
 
 
-def backgrounds_of(mean: PathMean, measured: Array, innovations: Sequence[Array]) -> Array:
+def backgrounds_of(mean: PathMean, used: Array, innovations: Sequence[Array]) -> Array:
     """Return what others say of a mean current, shape (k, 2) [m/s], true east and north; NaN where they say nothing.
 
     Args:
         mean: The mean current.
-        measured: shape (2,) [m/s], the same along the local axes.
-        innovations: Each of shape (1, 2) [m/s], along the local axes: measured minus predicted.
+        used: shape (2,) [m/s], what is used of it, along the local axes.
+        innovations: Each of shape (1, 2) [m/s], along the local axes: ``used`` minus predicted.
     """
-    if not np.any(measured):
+    if not np.any(used):
         return np.full((len(innovations), 2), np.nan)
-    # the measured mean turns local axes to true ones
-    turn = complex(*mean.velocity) / complex(*measured)
+    # the mean on both axes turns local ones to true ones
+    turn = complex(*mean.used) / complex(*used)
     predicted = np.stack(
-        [measured - (each[0] if each.shape == (1, 2) else np.nan) for each in innovations]
+        [used - (each[0] if each.shape == (1, 2) else np.nan) for each in innovations]
     )
     turned = (predicted[:, 0] + 1j * predicted[:, 1]) * turn
     return np.column_stack([turned.real, turned.imag])
@@ -237,8 +268,8 @@ def _beside_estimate(
 def _backgrounds(mean: PathMean, assimilation: Assimilation) -> Array:
     """Return the mean current by the ensemble alone and by the estimate before the dive, shape (2, 2); NaN where they are not known."""
     found = assimilation.innovation
-    if found.mean_current is None:
+    if found.used_current is None:
         return _UNKNOWN
     return backgrounds_of(
-        mean, found.mean_current, [found.prior_innovation, assimilation.dive_innovation]
+        mean, found.used_current, [found.prior_innovation, assimilation.dive_innovation]
     )

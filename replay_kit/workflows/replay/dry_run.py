@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from itertools import islice
 from typing import Any
 
 from rich.console import Console
@@ -15,8 +16,10 @@ from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.logs import merge
 from replay_kit.measurements import observations
 from replay_kit.workflows.replay.build import build
-from replay_kit.workflows.replay.inputs import ReplayJob, forecasts_of
+from replay_kit.workflows.replay.input_checks import check_inputs
+from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.look_ahead import open_readers
+from replay_kit.workflows.replay.planner import PlannerFactory
 
 # What the interpreter and the libraries take before the first array.
 _BASE_MB = 250.0
@@ -52,13 +55,17 @@ class DryRun:
 
 
 def dry_run(
-    job: ReplayJob, config: RunConfig, n_timed: int = ReducedBasisEstimator.block_size
+    job: ReplayJob,
+    config: RunConfig,
+    planner_of: PlannerFactory | None = None,
+    n_timed: int = ReducedBasisEstimator.block_size,
 ) -> DryRun:
     """Return what a replay would use; the logs are read to their end, but only a few updates are made.
 
     Args:
         job: The replay.
         config: Its settings.
+        planner_of: Makes the planner, when the job has a goal.
         n_timed: Profiles stepped through to learn how long one takes.
 
     Raises:
@@ -69,32 +76,26 @@ def dry_run(
             f"--dry-run describes the reduced basis, not {config.estimator.name}; leave one of the two out"
         )
     with threadpool_limits(limits=config.output.threads):
-        forecasts = forecasts_of(job, config)
-        ensemble = forecasts.ensemble
+        inputs = check_inputs(job, config, planner_of)
+        ensemble = inputs.forecasts.ensemble
         # Any: a baseline was refused above, and the two that are left have what is asked for here
-        estimator: Any = build(forecasts, config, None)
-        profiles, used = 0, 0
-        timed: list[Observation] = []
-        for observation in _profiles(job, config):
-            profiles += 1
-            used += estimator.usable(observation)
-            if len(timed) < n_timed and estimator.usable(observation):
-                timed.append(observation)
+        estimator: Any = build(inputs.forecasts, config, None)
+        timed = list(islice(filter(estimator.usable, _profiles(job, config)), n_timed))
         began = time.perf_counter()
         if states := [state for state, _ in estimator.steps(estimator.initial(), timed)]:
             estimator.weights(states)
         spent = time.perf_counter() - began
     size = estimator.state_size
     return DryRun(
-        profiles=profiles,
-        profiles_used=used,
+        profiles=inputs.profiles,
+        profiles_used=inputs.used,
         members=ensemble.n_members,
         grid=(ensemble.grid.east.shape[0], ensemble.grid.east.shape[1]),
         levels=tuple(float(level) for level in ensemble.grid.levels),
         modes=estimator.basis_size[0],
         state_size=size,
         memory_mb=_BASE_MB + _COVARIANCES * 8e-6 * size**2 + 2e-6 * ensemble.velocity.nbytes,
-        seconds=used * spent / len(timed) if timed else 0.0,
+        seconds=inputs.used * spent / len(timed) if timed else 0.0,
     )
 
 

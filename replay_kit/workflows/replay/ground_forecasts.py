@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.as_flown import FlownDive, flown_dive
 from replay_kit.core.dive_forecast import Basis, DiveForecast, DiveOutcome, forecast_place
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, to_local
@@ -60,6 +61,7 @@ class LastDive:
         weight: shape (m,), share of the time spent about each depth; sums to one.
         number: Of the dive.
         basis: What it was expected from.
+        flown: How the vehicle flew it through the water; None where the estimate says nothing of the current.
     """
 
     mean: DiveMean
@@ -67,6 +69,7 @@ class LastDive:
     weight: Array
     number: int
     basis: Basis
+    flown: FlownDive | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,6 +170,11 @@ def concluded(state: GroundState) -> GroundState:
         position_std=FIXES_STD,
     )
     before, basis = state.before, _basis(state)
+    flown = (
+        flown_dive(seconds, velocity - current, mean.depth, mean.deepest)
+        if state.ahead is not None
+        else None
+    )
     number = number or before.state.dives + 1
     return replace(
         state,
@@ -174,7 +182,7 @@ def concluded(state: GroundState) -> GroundState:
         persistence=state.persistence.after(velocity),
         surfaced=None,
         ahead=None,
-        last=LastDive(dive, mean.depth, mean.weight, number, basis),
+        last=LastDive(dive, mean.depth, mean.weight, number, basis, flown),
         concluded=before.outcome(dive, (start, fix), number, basis),
     )
 

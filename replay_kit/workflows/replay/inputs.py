@@ -1,6 +1,6 @@
 """What a replay reads and writes: checked, opened, and scanned for where and when it begins."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -8,13 +8,11 @@ import numpy as np
 
 from replay_kit.config.run import LogConfig, RunConfig
 from replay_kit.core.errors import ForecastError, PlanError
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
 from replay_kit.core.paths import check_paths, truth_path
 from replay_kit.core.plan import Place
-from replay_kit.core.progress import Progress
 from replay_kit.core.region import Region
 from replay_kit.core.unchanged import Stamp, stamps_of
 from replay_kit.forecast import ensemble_files, read_truth
@@ -25,11 +23,8 @@ from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay.build import Forecasts, read_forecasts
 from replay_kit.workflows.replay.checkpoint_head import checkpoint_files, recorded_region
 from replay_kit.workflows.replay.look_ahead import look_ahead, positions_of
-from replay_kit.workflows.replay.planner import Planner
+from replay_kit.workflows.replay.planner import HasGrid, Planner
 from replay_kit.workflows.replay.region import FoundRegion, find_region
-
-# Messages between two looks at how much is read.
-_LOOK = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,21 +118,6 @@ def input_stamps(job: ReplayJob) -> dict[Path, Stamp]:
     )
 
 
-def reading(
-    logs: Sequence[LogReader | LogFile], progress: Progress, what: str
-) -> Callable[[], None]:
-    """Return a function that is called with each message and reports how much of the logs is read."""
-    files, count = [log for log in logs if isinstance(log, LogFile)], 0
-
-    def advance() -> None:
-        nonlocal count
-        count += 1
-        if count % _LOOK == 0:
-            progress(sum(log.share_read() for log in files), len(files), what)
-
-    return advance
-
-
 def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None:
     """Copy the logs' messages unchanged into the result, if the job asks for it: of a telemetry log its frames."""
     if job.include_inputs:
@@ -167,26 +147,21 @@ def forecasts_of(job: ReplayJob, config: RunConfig) -> Forecasts:
     return read_forecasts(job.ensemble, config, near_ns, place_at, region)
 
 
-def with_planner_kind(
-    job: ReplayJob, readers: Sequence[LogReader], config: RunConfig, deepest: float
-) -> RunConfig:
+def with_planner_kind(job: ReplayJob, readers: Sequence[LogReader], config: RunConfig) -> RunConfig:
     """Return the settings with what a replay with a goal plans: for a glider's logs a mission, where no kind is chosen.
 
     Args:
         job: Without a goal, nothing changes.
         readers: Its opened logs.
         config: The settings.
-        deepest: Level of the forecast [m].
     """
     if job.goal is None or config.planner.kind != "auto":
         return config
     gliders = any(isinstance(log, LogFile) and log.is_gliders() for log in readers)
-    return config.model_copy(
-        update={"planner": config.planner.resolved(gliders, job.goal.depth, deepest)}
-    )
+    return config.model_copy(update={"planner": config.planner.resolved(gliders)})
 
 
-def check_goal(planner: Planner, flow: FlowEstimate, job: ReplayJob, config: RunConfig) -> None:
+def check_goal(planner: Planner, flow: HasGrid, job: ReplayJob, config: RunConfig) -> None:
     """Raise PlanError when the goal is outside the region or on land, and say so when the whole log is outside the region too."""
     assert job.goal is not None
     try:

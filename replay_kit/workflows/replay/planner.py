@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from replay_kit.config.planner import PlannerConfig
+from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Grid
 from replay_kit.core.plan import Place, Plan
@@ -27,6 +28,15 @@ class PlanResult:
     memory: Any = None
 
 
+class HasGrid(Protocol):
+    """An estimate, or the forecast that it is made of."""
+
+    @property
+    def grid(self) -> Grid:
+        """Where it holds."""
+        ...
+
+
 class Planner(Protocol):
     """A planner bound to its settings."""
 
@@ -46,12 +56,25 @@ class Planner(Protocol):
         """Return the best plan found from start towards goal."""
         ...
 
-    def check(self, flow: FlowEstimate, goal: Place) -> None:
+    def with_odds(self) -> "Planner":
+        """Return the planner of a replay's last plan, which says how likely it arrives where a vehicle may follow it."""
+        ...
+
+    def check(self, flow: HasGrid, goal: Place) -> None:
         """Raise PlanError when the goal is outside the region or on land."""
         ...
 
     def closest_approach(self, flow: FlowEstimate, result: PlanResult) -> float:
         """Return how close [m] a plan comes to its goal when it is flown in a flow."""
+        ...
+
+
+@runtime_checkable
+class VehiclePlanner(Planner, Protocol):
+    """A planner whose settings need not state how the vehicle flies."""
+
+    def as_flown(self, flown: AsFlown) -> Planner:
+        """Return the planner of a vehicle that flies as its dives so far, where the settings state nothing else."""
         ...
 
 

@@ -198,6 +198,15 @@ def make_plan(
     )
 
 
+def make_last_plan(
+    problem: PlanningProblem, state: PlanningState, flow: FlowEstimate, start_time_ns: int
+) -> tuple[PlanningState, tuple[Output, ...]]:
+    """Return ``make_plan`` with the odds of the plan, which is the one to act on; those of all plans would take as long as the plans."""
+    return make_plan(
+        replace(problem, planner=problem.planner.with_odds()), state, flow, start_time_ns
+    )
+
+
 def _place_of(position: VehicleState) -> Place:
     """Return a position as a place; at the surface when its depth is unknown."""
     return Place(

@@ -100,6 +100,7 @@ class ProfileCounts:
         interpolated: Profiles used whose place was interpolated between positions far apart in time.
         position_std: Largest standard error of such a place [m].
         path_means: Mean currents used, by kind.
+        corrections: Length of what was taken from each mean current for the flight model's error [m/s].
         evidence: Log evidence of the measurements, rejected ones too: a forecast must not gain by what it rejects.
     """
 
@@ -115,6 +116,7 @@ class ProfileCounts:
     interpolated: int = 0
     position_std: float = 0.0
     path_means: Mapping[str, int] = field(default_factory=dict)
+    corrections: tuple[float, ...] = ()
     evidence: Mapping[int, BlockEvidence] = field(default_factory=dict)
 
     def after(self, steps: Sequence[Step]) -> "ProfileCounts":
@@ -158,6 +160,12 @@ class ProfileCounts:
             max([self.position_std, *far]),
             increment(
                 self.path_means, (event.kind for event, _ in used if isinstance(event, PathMean))
+            ),
+            self.corrections
+            + tuple(
+                _correction(event)
+                for event, _ in done
+                if isinstance(event, PathMean) and event.corrected
             ),
             _with_evidence(self.evidence, innovations),
         )
@@ -249,6 +257,11 @@ def _reasons(innovation: Innovation) -> list[tuple[str, int]]:
     if innovation.totals is not None:
         return list(innovation.totals.not_used)
     return reasons_of(innovation.reasons, innovation.flags)
+
+
+def _correction(mean: PathMean) -> float:
+    """Return the length of what was taken from a mean current for the flight model's error [m/s]."""
+    return abs(complex(*mean.used) - complex(*mean.velocity))
 
 
 def _place_of(measurement: Measurement | ProfileGroup) -> tuple[float, float]:

@@ -28,6 +28,7 @@ from replay_kit.core.unchanged import check_unchanged
 from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
 from replay_kit.logs.merge import Merge
+from replay_kit.logs.reader import reading
 from replay_kit.measurements import finish, initial_state, interpret_block
 from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.summary import ReplaySummary
@@ -51,7 +52,6 @@ from replay_kit.workflows.replay.inputs import (
     forecasts_of,
     input_stamps,
     open_truth,
-    reading,
     with_planner_kind,
 )
 from replay_kit.workflows.replay.look_ahead import check_span, open_readers
@@ -161,7 +161,7 @@ def _prepare(
         speeds = checked_speeds(ensemble, config)
         truth = open_truth(job, config, forecasts.near_ns, ensemble, forecasts.box)
     readers = open_readers(job.logs, config)
-    config = with_planner_kind(job, readers, config, float(ensemble.grid.levels[-1]))
+    config = with_planner_kind(job, readers, config)
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
         estimator = built(forecasts, config, job)

@@ -35,6 +35,7 @@ from replay_kit.workflows.replay.dive_forecasts import (
 from replay_kit.workflows.replay.estimation import EstimationState, assimilate
 from replay_kit.workflows.replay.flight_bias import FlightState, as_used
 from replay_kit.workflows.replay.outputs import Findings, LogWarning, Output, write
+from replay_kit.workflows.replay.planner import VehiclePlanner
 from replay_kit.workflows.replay.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.publishing import (
     PublishingState,
@@ -105,7 +106,7 @@ class Session:
         self.estimator = self._built = estimator
         self._speeds = speeds
         self.config = config
-        self.problem = problem
+        self._problem = problem
         self.writer: ResultWriter | None = None
         self.clock = clock or Stopwatch()
         self._levels = levels
@@ -135,6 +136,14 @@ class Session:
             self.flight,
             self.last_ns,
         )
+
+    @property
+    def problem(self) -> PlanningProblem | None:
+        """What is planned, for a vehicle that flies as its dives so far; None where nothing is."""
+        problem, flown = self._problem, self.forecasts.as_flown
+        if problem is None or flown is None or not isinstance(problem.planner, VehiclePlanner):
+            return problem
+        return replace(problem, planner=problem.planner.as_flown(flown))
 
     def restore(self, state: ReplayState) -> None:
         """Continue from a state."""
@@ -282,7 +291,7 @@ class Session:
         self._expect(forecast_end(self.forecasts))
         self._plan(plans.finish_surfacing, at)
         flow = at(self.last_ns)
-        self._plan(plans.make_plan, flow, self.last_ns)
+        self._plan(plans.make_last_plan, flow, self.last_ns)
         self._write((depth_slices(self.last_ns, flow, self.config.output),))
         return flow
 
@@ -295,9 +304,9 @@ class Session:
         self, stage: Callable[..., tuple[PlanningState, tuple[Output, ...]]], *arguments: Any
     ) -> None:
         """Make one step of the planning stage, if there is something to plan."""
-        if self.problem is not None:
+        if (problem := self.problem) is not None:
             with self.clock.stage("plan"):
-                self.planning, outputs = stage(self.problem, self.planning, *arguments)
+                self.planning, outputs = stage(problem, self.planning, *arguments)
             self._write(outputs)
 
     def _expect(self, expected: tuple[ForecastState, tuple[DiveOutcome, ...]]) -> None:

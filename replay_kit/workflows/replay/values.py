@@ -10,7 +10,7 @@ from typing import Any, BinaryIO
 from pydantic import BaseModel
 from scipy.sparse import sparray, spmatrix
 
-from replay_kit.estimator.update.buffer import Buffer
+from replay_kit.estimator.update.grouping import Buffer
 from replay_kit.estimator.update.growing_cholesky import GrowingCholesky
 
 # The functions and classes of other libraries that a pickle of these values may name; nothing else is loaded.

@@ -7,8 +7,7 @@ from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.horizontal import HorizontalKernel, NodeKernel
 from replay_kit.core.flow.lattice import lattice_over
 from replay_kit.estimator.basis import embedding
-from replay_kit.estimator.basis.banded import factored, solve
-from replay_kit.estimator.basis.embedding import embed
+from replay_kit.estimator.basis.embedding import embed, factored, solve
 from tests.reference import lattice as slow
 
 KERNEL = HorizontalKernel(20e3, 18e3, 0.3)

@@ -66,3 +66,16 @@ def test_with_oscillations_and_biases_it_never_knows_less_than_the_filter_and_th
     np.testing.assert_allclose(
         flows[-1].weight_cov, estimator.flow(states[-1]).weight_cov, atol=1e-12
     )
+
+
+def test_an_observation_at_the_very_end_of_the_lag_counts():
+    estimator, observations = build_evolving(forecasts(), CONFIG, FORGETFUL), profiles(4)
+    at = observations[2].time_ns - 7_200 * 10**9
+    given = ((observations, 7200.0), (observations[:3], None), (observations, 7199.0))
+    (counted,), (expected,), (too_late,) = (
+        smooth(estimator, some, [at], lag) for some, lag in given
+    )
+    np.testing.assert_allclose(
+        counted.latent, expected.latent, rtol=0.0, atol=1e-12 * np.abs(expected.latent).max()
+    )
+    assert np.abs(counted.latent - too_late.latent).max() > 1e-3 * np.abs(expected.latent).max()

@@ -127,6 +127,16 @@ def test_the_flight_bias_is_found_by_turns_and_by_profiles(inverted):
     assert np.all(std < 0.15)
 
 
+def test_before_the_first_dive_a_flight_model_errs_across_its_way_half_as_much_as_along_it():
+    model = DiveModel.default()
+    mean, std = model.flight_bias(model.initial())
+    np.testing.assert_array_equal(mean, 0.0)
+    # as often by a twentieth as by a half
+    np.testing.assert_allclose(
+        std, np.sqrt((0.05**2 + 0.5**2) / 2.0) * np.array([1.0, 0.5]), rtol=1e-12
+    )
+
+
 def test_a_turned_world_gives_a_turned_forecast():
     model, turn = DiveModel.default(), np.array([[0.0, -1.0], [1.0, 0.0]])
     states, given = [model.initial()] * 2, dives(4)
@@ -185,6 +195,20 @@ def test_a_long_time_forgets_the_change_but_not_the_flight_bias():
     np.testing.assert_allclose(later.mean[:, 2:6], 0.0, atol=1e-30)
     np.testing.assert_allclose(later.mean[:, 6:], state.mean[:, 6:])
     np.testing.assert_allclose(model.predict(state, state.time_ns - 5).cov, state.cov)
+
+
+def test_a_late_dive_counts_at_the_time_of_the_last_one_and_the_next_one_after_that():
+    model, (first, late, last, coming) = DiveModel.default(), dives(4)
+    known = model.step(model.step(model.initial(), first), last)
+    state, in_time = (
+        model.step(known, replace(late, time_ns=time_ns))
+        for time_ns in (late.time_ns, last.time_ns)
+    )
+    assert state.time_ns == last.time_ns
+    np.testing.assert_array_equal(state.mean, in_time.mean)
+    expected, found = (model.forecast(each, coming) for each in (in_time, state))
+    np.testing.assert_array_equal(found.means, expected.means)
+    np.testing.assert_array_equal(found.covs, expected.covs)
 
 
 def test_weighted_quantiles_are_those_of_all_values_sorted():

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.depth import depth_weights
@@ -60,6 +61,60 @@ def test_it_is_the_density_of_one_dense_gaussian():
         (values - mean) @ np.linalg.solve(cov, values - mean), rel=1e-9
     )
     assert found.dof == values.size
+
+
+def relative(profile):
+    """The profile, of a platform of unknown velocity."""
+    return replace(profile, common_std=np.inf, reference="platform")
+
+
+def differences(profiles, bins):
+    """The matrix from the values of ``dense`` to what is known of them: of a relative profile differences of neighbours alone."""
+    identities = [
+        (np.eye(used.size), np.isinf(each.common_std))
+        for each, used in zip(profiles, bins, strict=True)
+    ]
+    return block_diag(
+        *[
+            np.kron(np.diff(one, axis=0) if is_relative else one, np.eye(2))
+            for one, is_relative in identities
+        ]
+    )
+
+
+@pytest.mark.parametrize("unreferenced", [(0,), (1, 3), (0, 1, 2, 3)])
+def test_of_relative_profiles_it_is_the_density_of_their_differences(unreferenced):
+    profiles = [relative(each) if k in unreferenced else each for k, each in enumerate(PROFILES)]
+    # each with other bins
+    bins = [used[k:] for k, used in enumerate(BINS)]
+    found, known = (
+        predict_jointly(ESTIMATOR, profiles, bins).of(profiles),
+        differences(profiles, bins),
+    )
+    values, mean, cov = dense(profiles, bins)
+    values, mean, cov = known @ values, known @ mean, known @ cov @ known.T
+    assert found.log == pytest.approx(slow.log_density(values, mean, cov), rel=1e-9)
+    assert found.nis == pytest.approx(
+        (values - mean) @ np.linalg.solve(cov, values - mean), rel=1e-9
+    )
+    assert found.dof == values.size
+
+
+def test_a_relative_profile_of_one_bin_says_nothing():
+    profiles, bins = [relative(PROFILES[0]), *PROFILES[1:]], [BINS[0][:1], *BINS[1:]]
+    ours, theirs = (
+        predict_jointly(ESTIMATOR, profiles, bins),
+        predict_jointly(ESTIMATOR, PROFILES[1:], BINS[1:]),
+    )
+    assert ours.of(profiles) == theirs.of(PROFILES[1:])
+
+
+def test_one_relative_profile_is_what_the_filter_says_of_it():
+    profile = relative(PROFILES[0])
+    _, innovation = ESTIMATOR.step(ESTIMATOR.initial(), profile)
+    found = predict_jointly(ESTIMATOR, [profile], BINS[:1]).of([profile])
+    assert (found.nis, found.dof) == (pytest.approx(innovation.nis, rel=1e-9), innovation.dof)
+    assert found.log == pytest.approx(innovation.log_likelihood, rel=1e-9)
 
 
 def test_other_velocities_need_no_other_prediction():

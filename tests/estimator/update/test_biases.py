@@ -21,9 +21,9 @@ from replay_kit.estimator.update.biases import (
     scale_jacobian,
     unit_bias_rows,
 )
-from replay_kit.estimator.update.full_covariance import FullCovariancePrior
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior
+from replay_kit.estimator.update.representation import FullCovariancePrior
 from replay_kit.estimator.update.screening import screen_measurement
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.profiles import random_observations
@@ -255,6 +255,33 @@ def test_faults_in_words():
     assert in_words("heading", np.deg2rad(5.0), np.deg2rad(0.5)) == "heading +5.0 +- 0.5 degrees"
     assert in_words("scale", -0.031, 0.002) == "scale -3.1 +- 0.2 %"
     assert in_words("shear", 2e-4, 1e-5) == "shear +0.20 +- 0.01 mm/s a metre"
+
+
+def test_stds_are_at_least_those_of_the_scatter_of_the_parts_for_so_many_parts_less_three_estimates():
+    """White's covariance of the joint estimate, with the factor of few samples, part by part."""
+    rng, errors, n = np.random.default_rng(3), np.array([0.3, 0.2, 1e-2]), 9
+    roots = rng.standard_normal((n, 5, 3)) * [30.0, 50.0, 2e3]
+    informations = np.stack([root.T @ root for root in roots])
+    # a scatter of twenty times what a part's information says
+    scores = informations @ errors + np.stack(
+        [20.0 * root.T @ rng.standard_normal(5) for root in roots]
+    )
+    cov = np.linalg.inv(informations.sum(axis=0))
+    joint = cov @ scores.sum(axis=0)
+    residuals = [
+        score - of_part @ joint for score, of_part in zip(scores, informations, strict=True)
+    ]
+    white = n / (n - 3) * cov @ sum(np.outer(residual, residual) for residual in residuals) @ cov
+    found = BiasScore(scores, informations).significant()
+    assert set(found) == set(NAMES)
+    np.testing.assert_allclose(
+        [found[name] for name in NAMES],
+        np.column_stack([joint, np.sqrt(np.diag(white))]),
+        rtol=1e-9,
+    )
+    # with a small scatter those of the information stay
+    calm = BiasScore(informations @ errors, informations).significant()
+    np.testing.assert_allclose([calm[name][1] for name in NAMES], np.sqrt(np.diag(cov)), rtol=1e-9)
 
 
 def test_parts_of_a_log_have_equal_numbers_of_profiles_but_the_last_one_which_grows():

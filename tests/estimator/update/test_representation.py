@@ -18,13 +18,16 @@ from replay_kit.core.flow.factors import n_stored
 from replay_kit.estimator import FilterState, build_estimator
 from replay_kit.estimator.update import reduced_subspace, representation
 from replay_kit.estimator.update.covariance import PosteriorCovariance
-from replay_kit.estimator.update.full_covariance import FullCovariancePrior
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
 from replay_kit.estimator.update.reduced_subspace import (
     ReducedSubspacePosterior,
     to_reduced_subspace,
 )
-from replay_kit.estimator.update.representation import select_representation, to_full_covariance
+from replay_kit.estimator.update.representation import (
+    FullCovariancePrior,
+    select_representation,
+    to_full_covariance,
+)
 from replay_kit.estimator.update.subspace import directions, nonzero_mode_std
 from tests import synthetic
 from tests.reference import estimator as slow

@@ -95,6 +95,32 @@ def test_profiles_under_one_place_say_together_what_they_say_alone(kind, dropout
     )
 
 
+def test_the_innovation_of_a_group_errs_by_the_estimate_s_error_once_and_by_the_mean_of_its_profiles_noise():
+    log = [
+        replace(each, error_std=(1.0 + k) * each.error_std)
+        for k, each in enumerate(quick_log(5, dropouts=0.3))
+    ]
+    estimator = build_estimator(ENSEMBLE, CONFIG)
+    noise, of_estimate = [], []
+    for profile in log:
+        _, alone = estimator.step(estimator.initial(), profile)
+        std = np.full(profile.depth.size, np.nan)
+        used = np.flatnonzero(np.isfinite(alone.innovation_std[:, 0]))
+        std[used] = estimator.noise(profile, used).std
+        noise.append(std)
+        of_estimate.append(alone.innovation_std**2 - std[:, None] ** 2)
+    seen = np.flatnonzero(np.isfinite(noise).any(axis=0))
+    found = joint(estimator, log).innovation.innovation_std
+    assert np.isnan(np.delete(found, seen, axis=0)).all()
+    for k in seen:
+        of_profiles = [std[k] for std in noise if np.isfinite(std[k])]
+        expected = (
+            np.nanmean([variance[k] for variance in of_estimate], axis=0)
+            + np.sum(np.square(of_profiles)) / len(of_profiles) ** 2
+        )
+        np.testing.assert_allclose(found[k], np.sqrt(expected), rtol=1e-9)
+
+
 @pytest.mark.parametrize("oscillators", [(), ("inertial",)])
 def test_through_time_too(oscillators):
     log = quick_log(deepening=0.5, dropouts=0.2)

@@ -16,8 +16,8 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Flag, Observation
 from replay_kit.logs import open_log
 from replay_kit.logs.adcp import records
-from replay_kit.logs.adcp.gps import clock_offset_ns, declination_deg
 from replay_kit.logs.adcp.profiles import raw_profiles
+from replay_kit.logs.adcp.reader import clock_offset_ns, declination_deg
 from replay_kit.logs.adcp.records import AD2CP_TEXT, lose_between, scan
 from replay_kit.logs.shared.statistics import ReadStatistics
 from replay_kit.measurements import observations

@@ -11,8 +11,7 @@ from mcap.records import Schema
 from mcap_ros1.decoder import DecoderFactory as Ros1Factory
 from mcap_ros2._dynamic import generate_dynamic, serialize_dynamic
 
-from replay_kit.logs.decode.ros import ros_decoder
-from replay_kit.logs.decode.ros_definition import Field, definitions
+from replay_kit.logs.decode.ros import Field, definitions, ros_decoder
 
 SEPARATOR = "=" * 80
 NUMBERS = [

@@ -65,10 +65,3 @@ def test_files_of_an_added_dialect_are_one_log_with_its_currents_and_pings(
         {"rows": 59},
         {"rows": 59},
     ]
-
-
-def test_each_file_of_a_dialect_is_in_the_list() -> None:
-    files = {
-        path.stem.replace("_", "-") for path in Path(dialects.__file__).parent.glob("*.py")
-    } - {"--init--"}
-    assert sorted(files) == sorted(dialect.name for dialect in dialects.DIALECTS)

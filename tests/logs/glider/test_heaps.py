@@ -7,7 +7,7 @@ import pytest
 
 from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log
-from replay_kit.logs.glider.heaps import endless_heap
+from replay_kit.logs.glider.netcdf import endless_heap
 
 
 @pytest.fixture

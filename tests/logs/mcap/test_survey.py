@@ -9,9 +9,9 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from replay_kit.config.run import LogConfig
 from replay_kit.logs.mcap import overview as overviews
-from replay_kit.logs.mcap.columns import columns_of
 from replay_kit.logs.mcap.reader import McapReader
 from replay_kit.logs.mcap.records import chunk_contents, file_records, parse_chunk
+from replay_kit.logs.mcap.survey import columns_of
 from replay_kit.logs.shared.overview import Overview, TopicExtent
 from tests.logs.log_samples import json_mcap
 

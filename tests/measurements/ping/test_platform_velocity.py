@@ -94,6 +94,17 @@ def test_bottom_track_makes_pings_absolute_that_state_no_motion():
     assert own.platform_velocity == (0.1, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("seconds", "reference"),
+    [(-3.0, "earth"), (-3.1, "platform"), (3.0, "earth"), (3.1, "platform")],
+)
+def test_bottom_track_counts_for_pings_within_three_seconds_before_and_after_it(seconds, reference):
+    """A ping that comes after the bottom track may have been made before it."""
+    messages = [fix(0), heading_east(19.5), dvl_message(20), relative(20 + seconds), fix(60)]
+    (observation,) = only(Observation, run(messages, TRUE_HEADING))
+    assert observation.reference == reference
+
+
 def test_water_track_beside_bottom_track_is_the_current_at_one_depth():
     messages = [
         fix(0, depth=40.0),

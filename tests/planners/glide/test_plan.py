@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from planners import Bathymetry, GlideSettings, fly, plan
-from planners.glide.seeds import _fans, find_seeds
+from planners.glide.seeds import _fans, find_seeds, tabulate
 from planners.glide.solve import _remaining
 from planners.glide.transcription import GlideTask
 from planners.route.region import region_of
-from planners.route.table import tabulate
 from planners.track import fly_glide, fractions_of_duration
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.glide.seeds import _fans, _fly_all, find_seeds
+from planners.glide.seeds import _fans, _fly_all, find_seeds, tabulate
 from planners.glide.settings import GlideSettings
 from planners.glide.transcription import GlideTask
 from planners.route.region import region_of
-from planners.route.table import tabulate
 from tests.planners.flow_samples import eddying_flow, still_flow
 
 SPEED, LONGEST = 0.3, 2e5

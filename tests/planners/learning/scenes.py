@@ -7,6 +7,8 @@ import numpy as np
 
 from planners.front.current import shares_of_levels
 from planners.learning.closed_loop import mean_currents, slices
+from planners.learning.loops import Survey
+from planners.learning.mowers import _spaced
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.flow.depth_means import depth_means
@@ -60,3 +62,16 @@ def mean(changes=False):
 def places(count, seed=0):
     """Places inside the region, shape (count, 2) [m]."""
     return np.random.default_rng(seed).uniform([-30e3, -25e3], [30e3, 25e3], (count, 2))
+
+
+def random_waypoints(mapping, rng, count):
+    """Profiles on ways past places at random in a map's box: what a plan is to beat."""
+    low, high = mapping.box.min(axis=0), mapping.box.max(axis=0)
+    places = rng.uniform(low, high, (count, mapping.times.size, 2))
+    middles, ends = (
+        np.array(part)
+        for part in zip(
+            *(_spaced(mapping, one[:, 0] + 1j * one[:, 1]) for one in places), strict=True
+        )
+    )
+    return Survey(ends, ends, middles, mapping.profile_times, np.ones(count, dtype=bool))

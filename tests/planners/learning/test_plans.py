@@ -1,4 +1,4 @@
-"""Whole plans that learn: surveys, maps, detours, and what is refused."""
+"""Whole plans that learn: surveys, maps, and what is refused."""
 
 from dataclasses import replace
 
@@ -8,18 +8,24 @@ import pytest
 from planners import Glider, NoGo
 from planners.learning import maps
 from planners.learning.closed_loop import Stretch, drawn_sea
-from planners.learning.detours import Evidence, plan_detour
-from planners.learning.mapping import Mapping, _Search, _turned, look_ahead, refined
+from planners.learning.mapping import COUNTED, Mapping, _Search, _turned, look_ahead, refined
 from planners.learning.maps import covariance_now, plan_map, realised
-from planners.learning.mowers import lawn_mowers, random_waypoints
+from planners.learning.mowers import lawn_mowers
 from planners.learning.scene import scene_of
 from planners.learning.survey import _words, plan_survey
 from planners.learning.values import Box, Candidate, LearnRequest, LearnSettings, OtherProfiles
-from planners.learning.ways import Voyage, fly_voyage
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.plan import Place
-from tests.planners.learning.scenes import DEPTH, HOUR, NOON, SPEED, known, static, through_time
+from tests.planners.learning.scenes import (
+    DEPTH,
+    HOUR,
+    NOON,
+    SPEED,
+    random_waypoints,
+    static,
+    through_time,
+)
 
 GRID = static().grid
 SETTINGS = LearnSettings(depth=DEPTH, samples=40, error=0.02)
@@ -110,9 +116,7 @@ def test_the_status_is_that_of_the_share_of_the_samples_within_the_tolerance(pla
     )
     assert (easy.status, "are asked for" in easy.message) == ("reached", False)
     for share, met in ((0.9 - 1e-12, True), (0.89, False)):
-        assert (
-            replace(easy.candidates[0], within=share).shortfall(SETTINGS, "arrive") == ""
-        ) is met
+        assert (replace(easy.candidates[0], within=share).shortfall(SETTINGS) == "") is met
 
 
 def test_a_stretch_whose_end_is_anywhere_is_refused_before_surveys_are_compared(monkeypatch):
@@ -287,6 +291,26 @@ def test_what_a_search_leg_by_leg_gains_is_what_all_its_profiles_together_leave_
     assert ways[-1][0].gained == pytest.approx(gained, rel=1e-6)
 
 
+def test_the_profiles_of_a_search_are_made_in_the_middle_of_its_legs():
+    scene = scene_of(static(), replace(ASKED, goals=(), profiles=4), None)
+    mapping = Mapping(
+        scene.known,
+        scene.mean,
+        np.zeros((1, 2)),
+        (0,),
+        scene.start,
+        scene.leg_time * np.arange(5.0),
+        scene.speed,
+        4e-4,
+    )
+    survey = look_ahead(mapping, scene.allowed, covariance_now(scene, mapping))
+    begins = np.concatenate([[scene.start], survey.ends[0, :-1]])
+    np.testing.assert_allclose(survey.profiles[0], 0.5 * (begins + survey.ends[0]), atol=1e-6)
+    # the current that is known makes some of the way
+    flown = np.abs(survey.ends[0] - begins) / scene.leg_time
+    assert np.abs(flown - COUNTED * scene.speed).max() > 0.01
+
+
 def test_a_survey_is_refined_from_its_own_legs(monkeypatch):
     scene = scene_of(static(), replace(ASKED, goals=(), profiles=4), None)
     mapping = Mapping(
@@ -324,46 +348,6 @@ def test_a_leg_is_turned_and_in_half_of_the_tries_the_next_one_back():
         first = int(np.argmax(which))
         assert which[first + 1 :].sum() == 0 or turn[first + 1] == pytest.approx(-turn[first])
     assert moved.any(axis=0).all()
-
-
-def test_missions_with_fixes_are_told_to_go_straight_where_no_detour_pays():
-    asked = replace(
-        ASKED,
-        start=spot(-25e3, 0.0),
-        goals=(spot(25e3, 5e3),),
-        settings=replace(SETTINGS, dives=4, samples=20),
-    )
-    plan = plan_detour(static(), asked)
-    assert "no detour pays" in plan.message
-    assert candidate(plan, "straight ahead").chosen
-    assert (
-        candidate(plan, "straight ahead").found
-        <= candidate(plan, "straight ahead, nothing learnt").found
-    )
-    np.testing.assert_allclose(
-        to_local(GRID.projection, *plan.legs[-1].ends_at), [25e3, 5e3], atol=1.0
-    )
-
-
-def test_a_detour_pays_only_beyond_two_standard_errors():
-    one = np.ones(3)
-    assert Evidence(one, one, one, 1j, 2.1, 1.0).pays
-    assert not Evidence(one, one, one, 1j, 1.9, 1.0).pays
-
-
-def test_a_voyage_in_a_known_sea_arrives_when_it_must():
-    still = replace(known(), root=1e-6 * known().root)
-    sea = drawn_sea(known(), np.zeros(1), 2, 0)
-    calm = replace(
-        sea,
-        known=still,
-        truth=replace(sea.truth, coefficients=np.zeros_like(sea.truth.coefficients)),
-    )
-    calm = replace(calm, mean=replace(sea.mean, coefficients=np.zeros_like(sea.mean.coefficients)))
-    voyage = Voyage(-15e3 + 0j, 15e3 + 0j, 0.0, 0.3, 2.0 * HOUR, 40, 0.02)
-    arrival = fly_voyage(calm, voyage, np.zeros((2, 40, 2)))
-    np.testing.assert_allclose(arrival, (30e3 - 1.5e3) / 0.3, atol=HOUR / 2)
-    assert np.all(fly_voyage(calm, voyage, np.zeros((2, 40, 2)), 10e3j) > arrival)
 
 
 @pytest.mark.parametrize(
@@ -427,7 +411,3 @@ def test_a_box_on_land_or_inside_out_is_refused():
         LearnSettings(samples=3)
     with pytest.raises(PlanError, match="error of a plan"):
         LearnSettings(error=0.0)
-    with pytest.raises(PlanError, match="one goal"):
-        plan_detour(static(), replace(ASKED, goals=(spot(0.0, 0.0), spot(8e3, 0.0))))
-    with pytest.raises(PlanError, match="less than a surfacing"):
-        plan_detour(static(), replace(ASKED, goals=(spot(-7.5e3, 0.0),)))

@@ -1,4 +1,4 @@
-"""Missions over a bottom: they turn above it, go round what is too shallow, and never go below it; nor do free paths."""
+"""Missions over a bottom: they turn above it, go round what is too shallow, and never go below it."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -9,15 +9,12 @@ import shapely
 from scipy.interpolate import RegularGridInterpolator
 
 from planners import (
-    AuvSettings,
     Bathymetry,
     MissionPlan,
     MissionRequest,
     MissionSettings,
-    PathRequest,
     plan_mission,
     plan_mooring,
-    plan_path,
 )
 from planners.front.route import Route
 from planners.mission.check import check, clearances
@@ -250,24 +247,3 @@ def test_a_mooring_dives_no_deeper_than_the_bottom_around_it():
     plan = plan_mooring(flow, asked, Mooring(2000.0, 3600.0))
     assert set(turns(plan)) == {100.0}
     assert least_height(flow, plan.track, bottom) >= 20.0 - 1e-3
-
-
-@pytest.mark.full
-def test_a_free_path_keeps_above_the_bottom():
-    flow, bottom = eddying_flow(5, speed=0.4), bathymetry(lambda x, y: 150.0 + 0.0 * x)
-    ends = place(flow, -15e3, -8e3, 40.0), place(flow, 12e3, 9e3, 60.0)
-    path = plan_path(flow, PathRequest(*ends, bathymetry=bottom))
-    assert path.status == "reached"
-    assert least_height(flow, path.track, bottom) >= 20.0 - 1e-3
-    free = plan_path(flow, PathRequest(*ends))
-    assert free.track[:, 2].max() > 130.0
-    with pytest.raises(PlanError, match="goal at 140 m is below the bottom"):
-        plan_path(
-            flow,
-            PathRequest(
-                ends[0],
-                replace(ends[1], depth=140.0),
-                settings=AuvSettings(free_depth=False),
-                bathymetry=bottom,
-            ),
-        )

@@ -88,6 +88,90 @@ def test_four_margins_are_tried_and_the_safest_is_kept_when_none_is_enough(
     assert plan.statistics["extra_margin_m"] == 0.0
 
 
+def leading(
+    monkeypatch, problem, *plans: tuple[bool, list[float]], anew: tuple[bool, ...] = ()
+) -> list[float]:
+    """Let each plan tried lead to the goal or past it, and come out so clear; return the margins with which plans are made."""
+    outcomes(monkeypatch, problem, *(clear for _, clear in plans))
+    margins, leads, made = list[float](), iter(plans[1:]), iter((True, *anew))
+    there, past = problem[1], replace(problem[1], miss=np.array([3e3]))
+
+    def solved(task):
+        margins.append(task.settings.margin)
+        return [there if next(made) else past]
+
+    monkeypatch.setattr(scenarios, "solve_attempts", solved)
+    monkeypatch.setattr(scenarios, "_widen_margin", lambda *_: there if next(leads)[0] else past)
+    return margins
+
+
+def test_a_plan_that_keeps_clear_by_leading_past_the_goal_is_none(monkeypatch, problem) -> None:
+    # the second plan is clear and goes astray: the way is planned anew with wider margins, the first by what was missing at first
+    margins = leading(
+        monkeypatch,
+        problem,
+        (True, [-300.0] * 4),
+        (False, []),
+        (True, [-80.0] * 3),
+        (True, []),
+        anew=(True, True),
+    )
+    plan, summary = plan_scenarios(FLOW, [FLOW] * N, REQUEST)
+    assert (plan.status, summary.safe) == ("reached", 1.0)
+    assert margins == pytest.approx([50.0, 50.0 + 345.0, 50.0 + 345.0 + 92.0])
+    assert (plan.statistics["margins_tried"], plan.statistics["extra_margin_m"]) == (
+        4,
+        pytest.approx(437.0),
+    )
+
+
+def test_a_way_that_a_wider_margin_closes_is_planned_with_a_narrower_one(
+    monkeypatch, problem
+) -> None:
+    margins = leading(
+        monkeypatch,
+        problem,
+        (True, [-300.0] * 4),
+        (False, []),
+        (True, []),
+        anew=(False, False, True),
+    )
+    plan, _ = plan_scenarios(FLOW, [FLOW] * N, REQUEST)
+    assert plan.status == "reached"
+    assert margins == pytest.approx([50.0, 50.0 + 345.0, 50.0 + 345.0 / 2.0, 50.0 + 345.0 / 4.0])
+
+
+def test_where_no_margin_leads_to_the_goal_the_least_risk_that_does_is_kept(
+    monkeypatch, problem
+) -> None:
+    margins = leading(
+        monkeypatch,
+        problem,
+        (True, [-300.0] * 8),
+        (True, [-80.0] * 6),
+        (False, []),
+        anew=(False,) * 4,
+    )
+    plan, summary = plan_scenarios(FLOW, [FLOW] * N, REQUEST)
+    assert (plan.status, summary.safe, len(margins)) == ("reached", pytest.approx(14.0 / 20.0), 5)
+    # a goal that is out of reach without a margin leaves nothing but to keep clear
+    past = replace(problem[1], miss=np.array([3e3]))
+    outcomes(monkeypatch, problem, [-300.0] * 4, [])
+    monkeypatch.setattr(scenarios, "solve_attempts", lambda _: [past])
+    monkeypatch.setattr(scenarios, "_widen_margin", lambda *_: past)
+    plan, summary = plan_scenarios(FLOW, [FLOW] * N, REQUEST)
+    assert (plan.status, summary.safe, plan.statistics["margins_tried"]) == ("unreachable", 1.0, 2)
+
+
+def test_a_risk_that_is_kept_by_a_plan_that_arrives_needs_no_other_way(
+    monkeypatch, problem
+) -> None:
+    # one of twenty is no proof of one in ten, but within it
+    margins = leading(monkeypatch, problem, (True, [-300.0] * 4), (True, [-80.0]), (False, []))
+    plan, summary = plan_scenarios(FLOW, [FLOW] * N, REQUEST)
+    assert (plan.status, summary.safe, margins) == ("reached", pytest.approx(0.95), [50.0])
+
+
 def test_on_the_edge_of_an_area_is_in_it(monkeypatch, problem) -> None:
     task, attempt = problem
     monkeypatch.setattr(

@@ -21,7 +21,7 @@ from planners.mission.flight import Legs, currents_of, currents_of_samples, fly_
 from planners.mission.goal_legs import add_leg, goal_legs_of
 from planners.mission.leg import fly_midpoints, fly_steps, leg_depths, steps_needed
 from planners.mission.task import MissionTask, mission_task
-from planners.route.hazards import Ring, half_planes, no_go_rings
+from planners.route.hazards import NearRings, Ring, near_rings, no_go_rings
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local
@@ -489,7 +489,12 @@ def test_settings_that_cannot_be_are_refused(wrong: dict[str, float]):
 def test_half_planes_keep_a_point_on_its_side_and_lead_out():
     ring = Ring(np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]]), False, "square")
     points = np.array([[-30.0, 50.0], [10.0, 50.0]])
-    planes = half_planes((ring,), points, np.zeros(2, dtype=bool), 2, 5.0)
+    nearest = near_rings((ring,), points, np.zeros(2, dtype=bool), 2)
+    planes = (
+        NearRings((ring,), nearest.ravel(), 5.0)
+        .planes(np.repeat(points, 2, axis=0))[0]
+        .reshape(2, 2, 3)
+    )
     for point, (plane, nothing) in zip(points, planes, strict=True):
         np.testing.assert_allclose(plane, [1.0, 0.0, -5.0], atol=1e-12)
         assert point @ nothing[:2] <= nothing[2]

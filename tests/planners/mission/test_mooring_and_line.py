@@ -198,15 +198,26 @@ def test_a_line_costs_time_and_the_more_it_weighs_the_nearer_it_is():
     assert tight.statistics["rms_m"] < 0.3 * loose.statistics["rms_m"]
 
 
-@pytest.mark.full
-def test_the_end_of_a_line_is_reached_also_where_the_way_leads_far_from_it():
-    flow = eddying_flow(4, speed=0.4)
-    result = plan_line(
-        flow,
-        MissionRequest(
-            place(flow, -8e3, -4e3, 0.0), (place(flow, 10e3, 5e3, 0.0),), settings=SETTINGS
-        ),
+def test_a_track_that_leaves_a_line_by_more_than_two_kilometres_has_not_reached_its_end():
+    flow, settings = eddying_flow(4, speed=0.4), replace(SETTINGS, legs=12)
+    request = MissionRequest(
+        place(flow, -8e3, -4e3, 0.0), (place(flow, 6e3, 6e3, 0.0),), settings=settings
     )
+    narrow, wide = plan_line(flow, request), plan_line(flow, request, Line(width=20e3))
+    # the current carries it off
+    assert (narrow.status, wide.status) == ("unreachable", "reached")
+    assert narrow.statistics["farthest_m"] > 5e3
+    assert "from the line at most" in narrow.message
+    assert "farther than 2000 m" in narrow.message
+
+
+@pytest.mark.full
+def test_the_end_of_a_line_is_met_also_where_the_way_leads_far_from_it():
+    flow = eddying_flow(4, speed=0.4)
+    request = MissionRequest(
+        place(flow, -8e3, -4e3, 0.0), (place(flow, 10e3, 5e3, 0.0),), settings=SETTINGS
+    )
+    result = plan_line(flow, request, Line(width=20e3))
     assert result.status == "reached", result.message
     # the current carries it off, and no line is worth missing the end for
     assert result.statistics["farthest_m"] > 5e3

@@ -16,8 +16,7 @@ from planners.mission.attempt import (
 )
 from planners.mission.check import Violation
 from planners.mission.departures import best_departure
-from planners.mission.objectives import OBJECTIVES
-from planners.mission.objectives.objective import Found, Objective
+from planners.mission.objectives import OBJECTIVES, Found, Objective
 from planners.mission.reference_path import near_place
 from planners.mission.result import to_plan
 from planners.mission.search import solve_attempts

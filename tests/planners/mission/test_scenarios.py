@@ -70,6 +70,31 @@ def test_margins_widen_until_the_samples_keep_clear():
     assert plan.statistics["margins_tried"] > 1
 
 
+def test_a_risk_is_kept_on_the_way_to_a_goal_within_reach_and_not_by_flying_past_it():
+    # half-planes moved by the margin that the samples need leave no room between the area and the goal
+    rng, parts = (
+        np.random.default_rng(1),
+        (uniform_flow(0.6, 0.0).latent, uniform_flow(0.0, 0.6).latent),
+    )
+    drawn = [
+        replace(
+            FLOW, latent=FLOW.latent + sum(0.1 * rng.standard_normal() * part for part in parts)
+        )
+        for _ in range(12)
+    ]
+    ends = place(FLOW, -18e3, 0.0, 0.0), (place(FLOW, 18e3, 0.0, 0.0),)
+    asked = MissionRequest(
+        *ends, settings=replace(SETTINGS, legs=None), no_go=(_area(FLOW, -3e3, -8e3, 3e3, 8e3),)
+    )
+    plan, summary = plan_scenarios(FLOW, drawn, asked, pilot=Pilot())
+    assert plan.status == "reached"
+    assert plan.closest_approach[0] <= 250.0
+    assert summary.safe >= 0.9
+    again = fly_scenarios(FLOW, drawn, plan, pilot=Pilot(), no_go=asked.no_go)
+    assert (again.safe, again.reached) == (summary.safe, summary.reached)
+    assert again.reached > 0.5
+
+
 def test_a_flight_is_clear_where_the_dense_check_finds_nothing():
     plan = plan_mission(FLOW, MissionRequest(START, (GOAL,), settings=SETTINGS, no_go=(AREA,)))
     lane = replace(_area(FLOW, 2e3, -4e3, 5e3, -2e3), name="lane", surface_only=True)

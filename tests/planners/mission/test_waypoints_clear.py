@@ -2,16 +2,23 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, plan_mission, waypoints_of
+from planners.mission.flights import legs_of_plan
+from planners.mission.task import mission_task
+from planners.mission.waypoint_flight import first_currents
+from planners.output.waypoints import waypoint_text
 from planners.route.hazards import no_go_rings
+from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local
 from tests.planners.flow_samples import place, still_flow, uniform_flow
 from tests.planners.mission.test_bottom import bathymetry
 from tests.planners.mission.test_mission import _area
+from tests.reference.vehicle import Sea, follow_waypoints, planned_current, read_csv_waypoints
 
 FLOW = still_flow()
 REQUEST = MissionRequest(
@@ -66,7 +73,72 @@ def test_waypoints_that_are_never_reached_are_not_called_safe_beside_an_area():
     plan, adverse = plan_mission(FLOW, REQUEST), uniform_flow(-0.3, 0.0)
     far = _area(FLOW, 12e3, 10e3, 13e3, 11e3)
     without, beside = (waypoints_of(adverse, plan, no_go=areas) for areas in ((), (far,)))
-    assert without.violation is None
+    assert (without.violation, without.arrives) == (None, False)
+    assert without.message.startswith(
+        "not reliable: ends farther than 250 m from the plan's end if the glider expects "
+    )
     assert beside.violation is not None
     assert "water that was not checked, as waypoint 1 is not reached in" in beside.message
     assert beside.violation.leg == len(beside.surfacings)
+    # where the last of these legs ended
+    assert (beside.violation.longitude, beside.violation.latitude) == pytest.approx(
+        tuple(beside.surfacings[-1]), abs=1e-9
+    )
+
+
+def with_errors(flow: FlowEstimate, std: float) -> FlowEstimate:
+    """Return a flow of the kernel of ``uniform_flow`` whose error is a uniform current of some standard deviation [m/s]."""
+    modes = np.column_stack([uniform_flow(*one).latent[:, 0] for one in np.eye(2)])
+    n_levels = flow.levels.size
+    return replace(
+        flow, modes=modes, covariance=std**2 * np.kron(np.ones((n_levels, n_levels)), np.eye(2))
+    )
+
+
+def test_a_list_that_leads_through_an_area_where_the_first_current_is_not_known_is_not_called_clear():
+    # a glider that knows the current holds off against it; one that expects none is set two kilometres to the north by its first dive
+    northward, area = uniform_flow(0.0, 0.2), _area(FLOW, -6e3, 3e2, -2e3, 2.5e3)
+    plan = plan_mission(northward, replace(REQUEST, no_go=(area,)))
+    assert plan.status == "reached"
+    few, sea = waypoints_of(northward, plan, no_go=(area,)), Sea([northward], 0)
+    rows = read_csv_waypoints(waypoint_text(few, Path("few.csv")))
+    places = np.array([[row["longitude"], row["latitude"]] for row in rows])
+    inside = [
+        no_go_rings(FLOW.grid.projection, area)[0]
+        .forbids(follow_waypoints(sea, plan, rows, places, current)[:, :2])
+        .any()
+        for current in (planned_current(sea, plan), np.zeros(2))
+    ]
+    assert inside == [False, True]
+    assert few.violation is not None
+    assert few.violation.leg == 1
+    assert "crosses range at" in few.message
+    assert "if the glider expects no current in its first dive" in few.message
+
+
+def test_a_list_is_flown_with_the_first_currents_that_the_estimate_allows():
+    sure = uniform_flow(0.0, 0.0)
+    plan = plan_mission(sure, REQUEST)
+    # a kilometre beside the first dive
+    area = _area(FLOW, -6e3, 8e2, -2e3, 2.5e3)
+    for std, clear in ((0.01, True), (0.1, False)):
+        found = waypoints_of(with_errors(sure, std), plan, no_go=(area,))
+        assert (found.violation is None) == clear
+    assert "crosses range at" in found.message
+    assert "if the glider expects a current of" in found.message
+
+
+def test_first_currents_are_spread_over_those_of_samples():
+    flow, std = with_errors(uniform_flow(0.1, -0.05), 0.04), 0.04
+    plan = plan_mission(flow, REQUEST)
+    task = mission_task(flow, REQUEST)
+    planned, none, *others = first_currents(task, plan, legs_of_plan(plan, task.flow))
+    np.testing.assert_allclose(planned, planned_current(Sea([flow], 0), plan), atol=1e-3)
+    np.testing.assert_array_equal(none, np.zeros(2))
+    away = np.linalg.norm(np.array(others) - planned, axis=1) / std
+    met = np.array([one.velocity(-5e3, 0.0, 100.0) for one in flow.sample(2000, 0)])
+    held = np.linalg.norm(met - flow.velocity(-5e3, 0.0, 100.0), axis=1) / std
+    # the outermost of them at the edge of what holds 95 of 100 samples, and as many in each quarter of that area
+    assert np.mean(held < away.max()) == pytest.approx(0.95, abs=0.015)
+    assert np.histogram(away**2, 4, (0.0, -2.0 * np.log(0.05)))[0].tolist() == [6, 6, 6, 6]
+    np.testing.assert_allclose(np.mean(others, axis=0), planned, atol=0.2 * std)

@@ -1,5 +1,6 @@
 """The bottom: limits of cells, the exact test of profiles against them, areas whose edges are long, crossings of thin areas."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from planners.route.bottom import Bathymetry, Bottom, DepthCells, _cell_corners, bottom_of
 from planners.route.hazards import NoGo, Ring, first_crossing, no_go_rings
 from planners.route.region import region_of
+from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from tests.planners.flow_samples import still_flow
@@ -172,6 +174,23 @@ def test_an_area_two_metres_wide_is_seen_and_where_it_is_crossed():
     assert first_crossing((ring,), beside, np.zeros(3)) is None
     assert first_crossing((ring,), beside, np.full(3, 4.0)) == ("cable", 1, 1.0)
     assert first_crossing((replace(ring, outside=True),), path, np.zeros(3)) == ("cable", 0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "polygon",
+    [
+        (),
+        ((0.0, 0.0), (0.1, 0.1)),
+        ((0.0, 0.0), (0.1, 0.1), (0.0, 0.0)),
+        ((0.0, 0.0), (0.1, 0.1), (0.1, math.nan)),
+    ],
+)
+def test_an_area_needs_three_corners_that_are_numbers(polygon):
+    with pytest.raises(
+        PlanError,
+        match=r"range has \d corners that are numbers; a no-go area needs three pairs of longitude and latitude",
+    ):
+        no_go_rings(Projection(0.0, 0.0), NoGo(polygon, "range"))
 
 
 def test_an_area_may_have_long_edges_beside_short_ones():

@@ -16,7 +16,7 @@ from replay_kit.results.export import export
 from replay_kit.results.export.features import features_of, kml_text
 from replay_kit.results.export.netcdf import _attributes
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.series import series_at
+from replay_kit.results.views.series import series_of
 from tests.results.cases import moved, write
 from tests.results.test_cf import complaints
 from tests.synthetic_flow import synthetic_flow
@@ -52,12 +52,12 @@ def test_netcdf_holds_every_table_and_is_compliant(contents, tmp_path, complaint
     assert complaints(tmp_path / "x.nc") == []
     with xr.open_dataset(tmp_path / "x.nc") as found:
         assert dict(found.sizes) == {name: count for name, count in rows.items() if count}
-        expected = series_at(contents.slices, contents.projection, PLACES[1])
+        expected = series_of(contents, PLACES[1])
         np.testing.assert_array_equal(found["series_u"][3:], expected.u)
         np.testing.assert_array_equal(
             found["series_v_standard_error"][3:], expected.v_standard_error
         )
-        assert found["series_depth"].values.tolist() == [0.5] * 3 + [120.0] * 3
+        assert found["series_depth"].values.tolist() == [10.0] * 3 + [130.0] * 3
         assert found["series_u"].attrs["standard_name"] == "eastward_sea_water_velocity"
         assert found["section_v_measured"].attrs["standard_name"] == "northward_sea_water_velocity"
         assert found["section_depth"].attrs["positive"] == "down"
@@ -135,9 +135,9 @@ def test_geojson_and_kml_hold_track_places_and_plan(contents, tmp_path):
         "type": "LineString",
         "coordinates": [[5.0, 62.0], [5.01, 62.002], [5.02, 62.004]],
     }
-    last = series_at(contents.slices, contents.projection, PLACES[1])
+    last = series_of(contents, PLACES[1])
     assert features[3]["properties"]["v_m_s"] == last.v[-1]
-    assert features[3]["properties"]["depth_m"] == 120.0
+    assert features[3]["properties"]["depth_m"] == 130.0
     export(contents, tmp_path / "x.kml", PLACES)
     root = ElementTree.parse(tmp_path / "x.kml").getroot()
     space = "{http://www.opengis.net/kml/2.2}"

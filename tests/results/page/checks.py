@@ -9,6 +9,7 @@ from tests.results.report.html_of import elements, figures
 
 def check_figures(page: str) -> dict[str, dict[str, Any]]:
     """Return the figures of a page by their keys, all of them checked."""
+    check_ids(page)
     found = figures(page)
     shown = {attrs["id"] or "": text for attrs, text in elements(page, "figure")}
     assert list(shown) == list(found)
@@ -36,10 +37,27 @@ def check_figures(page: str) -> dict[str, dict[str, Any]]:
     return found
 
 
+def check_ids(page: str) -> None:
+    """Check that each id is that of one element, and that what names an id is about an element of the page."""
+    ids = re.findall(r'<[a-z][^<>]*\sid="([^"]*)"', page)
+    assert sorted(set(ids)) == sorted(ids)
+    named = [
+        attrs["href"][1:]
+        for attrs, _ in elements(page, "a")
+        if (attrs["href"] or "").startswith("#")
+    ]
+    named += [attrs["for"] for tag in ("label", "output") for attrs, _ in elements(page, tag)]
+    assert set(named) <= set(ids)
+
+
 def _check_axes(key: str, layout: dict[str, Any]) -> None:
     for name, axis in layout.items():
         # an axis that names what stands beside it has no unit
-        if re.fullmatch(r"[xy]axis\d?", name) and ("title" in axis or "ticktext" not in axis):
+        if (
+            re.fullmatch(r"[xy]axis\d?", name)
+            and axis.get("type") != "category"
+            and ("title" in axis or "ticktext" not in axis)
+        ):
             text = axis["title"]["text"]
             assert re.search(r"\[.+\]|UTC|NIS|dive|density|innovation /|values|pings", text), (
                 key,

@@ -16,7 +16,7 @@ from replay_kit.results.plots.current_map import _degrees_text, _nice
 from replay_kit.results.plots.section import date_axis
 from replay_kit.results.plots.style import colormap, saved
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.series import series_at, typical_depth
+from replay_kit.results.views.series import series_at, series_of, typical_depth
 from replay_kit.results.views.slices import CurrentSlices
 from tests.results.cases import moved, write
 from tests.synthetic_flow import synthetic_flow
@@ -180,7 +180,7 @@ def test_the_figures_of_difficult_results_can_be_laid_out(
     for kind in kinds:
         figure = drawn(contents, kind, columns=1)
         figure.draw_without_rendering()
-        assert all(axes.get_position().height > 0.02 for axes in figure.axes)
+        assert all(axes.get_position().height > 0.02 for axes in figure.axes if axes.axison)
 
 
 def test_a_map_across_the_antimeridian_is_continuous(tmp_path, flow, innovation, plan):
@@ -219,7 +219,56 @@ def test_a_place_outside_the_region_is_said(contents):
 def test_the_depth_asked_for_is_that_of_the_map(contents):
     assert "(a) 77 m, " in words(drawn(contents, "map", (5.0, 62.0, 77.0)))
     figure = drawn(contents, "series", (5.0, 62.0, 77.0))
-    assert "The depth asked for is 77 m; the nearest published one is 120 m." in words(figure)
+    said = words(figure)
+    assert "(a) eastward current, 5.0000 E, 62.0000 N, 77 m" in said
+    assert (
+        "At 77 m the standard error of the last estimate alone is known; through time it was published at 0.5, 120 m."
+        in said
+    )
+
+
+def test_at_a_depth_that_was_not_published_the_series_is_that_of_the_weights(contents):
+    place = (5.02, 62.01, 77.0)
+    found, at_depth = series_of(contents, place), contents.estimate.velocity_at(*place)
+    assert (found.depth, found.time_ns.tolist()) == (77.0, contents.slices.time_ns.tolist())
+    # the weights of the small result are the same after each measurement
+    np.testing.assert_allclose(found.u, at_depth.u, rtol=1e-12)
+    np.testing.assert_allclose(found.v, at_depth.v, rtol=1e-12)
+    assert np.isfinite(found.u_standard_error).tolist() == [False] * 3 + [True]
+    assert np.isfinite(found.v_standard_error).tolist() == [False] * 3 + [True]
+    on_land = (
+        *(
+            float(degrees)
+            for degrees in (
+                contents.estimate.grid.longitude[0, 0],
+                contents.estimate.grid.latitude[0, 0],
+            )
+        ),
+        77.0,
+    )
+    assert np.isnan(series_of(contents, on_land).u).all()
+
+
+def test_at_a_published_depth_the_series_is_what_was_published(contents):
+    for depth in (120.0, 120.4):
+        place = (5.02, 62.01, depth)
+        found, published = (
+            series_of(contents, place),
+            series_at(contents.slices, contents.projection, place),
+        )
+        assert found.depth == 120.0
+        np.testing.assert_array_equal(
+            [found.u, found.v_standard_error], [published.u, published.v_standard_error]
+        )
+
+
+def test_without_an_estimate_the_series_is_that_of_the_nearest_depth_and_says_so(
+    tmp_path, flow, innovation, plan
+):
+    no_estimate(tmp_path / "case.mcap", flow, innovation, plan)
+    said = words(drawn(Contents(open_result(tmp_path / "case.mcap")), "series", (5.0, 62.0, 77.0)))
+    assert "120 m" in said
+    assert "The depth asked for is 77 m; the nearest published one is 120 m." in said
 
 
 def test_a_series_is_that_of_its_cell_towards_true_north():

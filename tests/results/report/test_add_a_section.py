@@ -17,7 +17,7 @@ def _mine(contents: Contents) -> Section:
         "xaxis": {"title": {"text": "position [number]"}},
     }
     figure = Figure(
-        "mine",
+        "my-depths",
         "Depths",
         "Each point: one position.",
         "The depth of each position of the track, one after the other.",
@@ -42,4 +42,4 @@ def test_an_added_section_is_on_the_page_with_its_figure(
     assert [attrs["id"] for attrs, _ in elements(page, "section")] == ["answer", "mine"]
     assert f"{len(replayed.fixes)} positions" in text_of(page, "mine")
     assert "What is not there." in text_of(page, "mine")
-    assert "mine" in check_figures(page)
+    assert "my-depths" in check_figures(page)

@@ -28,7 +28,9 @@ from tests.browser import (
     seconds_to_first_picture,
 )
 from tests.places import DATA, ROOT, SAMPLES
+from tests.results.cases import turned, write
 from tests.results.report.html_of import elements, figures, unpacked
+from tests.synthetic_flow import synthetic_flow
 
 pytestmark = MARKS
 DIVES = sorted(DATA.glob("seaglider/p17101*.nc"))
@@ -242,3 +244,22 @@ def _check_moves(tab: Any, page: str, before: str) -> None:
         if one != other
     ] == [1]
     assert places[2][1] == [axis[-1] for axis in own["places"]]
+
+
+LAND = """() => {
+    const figure = state.figures.find(({ key }) => key === "current-map");
+    const land = figure.traces.find(({ hovertemplate }) => (hovertemplate || "").startsWith("land"));
+    return [resolved(figure, land.z), field(figure, "outside", [])];
+}"""
+
+
+def test_no_cell_outside_of_a_turned_grid_is_drawn_as_land(browser: Any, tmp_path: Path) -> None:
+    flow = turned(synthetic_flow(), 35.0)
+    flow.grid.wet[:, 2, 2] = False
+    write(tmp_path / "turned.mcap", flow, [], None)
+    with opened(browser, report_html(rk.open_result(tmp_path / "turned.mcap"))) as tab:
+        land, outside = (np.array(cells, dtype=np.float64) == 1.0 for cells in tab.evaluate(LAND))
+        assert not (land & outside).any()
+        assert land.sum() >= 1
+        assert outside.sum() > 10
+        assert "outside the forecast" in tab.locator("#current-map .legend").text_content()

@@ -1,5 +1,8 @@
 """Results with something missing: the page shows what there is, and says what is not."""
 
+# fixtures of other modules are imported by their names
+# ruff: noqa: F811
+
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -30,7 +33,9 @@ def write(tmp_path: Path, flow: FlowEstimate) -> Write:
     """Return a function that writes a result with a function of its writer, and returns its page."""
 
     def make(
-        fill: Callable[[ResultWriter], None], projection: Projection = flow.grid.projection, estimate: FlowEstimate | None = None
+        fill: Callable[[ResultWriter], None],
+        projection: Projection = flow.grid.projection,
+        estimate: FlowEstimate | None = None,
     ) -> str:
         with ResultWriter(tmp_path / "out.mcap", overwrite=True) as writer:
             writer.start(projection, TIME_NS, METADATA, CONFIG)
@@ -56,7 +61,9 @@ def test_nothing_at_all(write: Write) -> None:
     assert "The result does not name its inputs." in text_of(page, "again")
 
 
-def test_one_ping_without_an_estimate(write: Write, state: VehicleState, innovation: Innovation) -> None:  # noqa: F811
+def test_one_ping_without_an_estimate(
+    write: Write, state: VehicleState, innovation: Innovation
+) -> None:
     def fill(writer: ResultWriter) -> None:
         writer.fix(state)
         writer.innovation(replace(innovation, dive=0))
@@ -69,38 +76,60 @@ def test_one_ping_without_an_estimate(write: Write, state: VehicleState, innovat
     assert "The result does not hold the counts of messages" in words
     assert "--no-estimate" in words
     assert "Without an estimate, the section shows the difference" in text_of(page, "section")
-    assert [trace["hovertemplate"].split("<extra>")[1] for trace in figures(page)["profiles"]["traces"]] == [
-        "measured minus estimated</extra>"
-    ]
+    assert [
+        trace["hovertemplate"].split("<extra>")[1] for trace in figures(page)["profiles"]["traces"]
+    ] == ["measured minus estimated</extra>"]
 
 
 def test_an_estimate_alone_is_drawn_at_its_levels(write: Write, flow: FlowEstimate) -> None:
     page = write(lambda writer: None, estimate=flow)
     figure = figures(page)["current-map"]
-    assert figure["choices"] == [["speed", "standard error"], ["0.5 m", "50 m", "200 m"], ["2023-11-14 22:13"]]
+    assert figure["choices"] == [
+        ["speed", "standard error"],
+        ["0.5 m", "50 m", "200 m"],
+        ["2023-11-14 22:13"],
+    ]
     # land has a coast: two edges of the dry corner, each two points and a gap
     (coast,) = (trace for trace in figure["traces"] if trace.get("name") == "coast")
     assert len(coast["x"]) == 6
     assert "The result holds no position of the vehicle." in text_of(page, "map")
 
 
-@pytest.mark.parametrize(("longitude", "latitude"), [(180.0, -40.0), (-179.9, 80.0), (5.0, 80.0), (0.0, 89.5)])
-def test_anywhere_on_the_globe(write: Write, state: VehicleState, longitude: float, latitude: float) -> None:  # noqa: F811
+@pytest.mark.parametrize(
+    ("longitude", "latitude"), [(180.0, -40.0), (-179.9, 80.0), (5.0, 80.0), (0.0, 89.5)]
+)
+def test_anywhere_on_the_globe(
+    write: Write, state: VehicleState, longitude: float, latitude: float
+) -> None:
     flow = synthetic_flow(latitude=latitude)
     projection = Projection(longitude, latitude)
     places = to_geographic(projection, flow.grid.east, flow.grid.north)
-    moved = replace(flow, grid=replace(flow.grid, projection=projection, longitude=places[0], latitude=places[1]))
+    moved = replace(
+        flow,
+        grid=replace(flow.grid, projection=projection, longitude=places[0], latitude=places[1]),
+    )
     ends = to_geographic(projection, [-4e3, 4e3], [-2e3, 2e3])
 
     def fill(writer: ResultWriter) -> None:
         for k in (0, 1):
-            writer.fix(replace(state, time_ns=TIME_NS + k * SECOND, longitude=float(ends[0][k]), latitude=float(ends[1][k])))
+            writer.fix(
+                replace(
+                    state,
+                    time_ns=TIME_NS + k * SECOND,
+                    longitude=float(ends[0][k]),
+                    latitude=float(ends[1][k]),
+                )
+            )
 
     page = write(fill, projection, moved)
     figure = figures(page)["current-map"]
     np.testing.assert_allclose(figure["tables"]["track"]["east_km"], [-4.0, 4.0], atol=1e-4)
     np.testing.assert_allclose(figure["tables"]["track"]["north_km"], [-2.0, 2.0], atol=1e-4)
-    lines = next(trace for trace in figure["traces"] if trace.get("mode") == "lines" and trace.get("line", {}).get("dash") == "dot")
+    lines = next(
+        trace
+        for trace in figure["traces"]
+        if trace.get("mode") == "lines" and trace.get("line", {}).get("dash") == "dot"
+    )
     drawn = np.array([value for value in lines["x"] if value is not None])
     assert drawn.size > 50
     west, east = figure["layout"]["xaxis"]["range"]["of"][0]
@@ -110,14 +139,28 @@ def test_anywhere_on_the_globe(write: Write, state: VehicleState, longitude: flo
     assert "The vehicle travelled 8.9 km" in text_of(page, "answer")
 
 
-def test_a_vehicle_far_from_the_estimate_has_no_section(write: Write, state: VehicleState, flow: FlowEstimate) -> None:  # noqa: F811
-    page = write(lambda writer: writer.fix(replace(state, longitude=-128.0, latitude=51.7)), estimate=flow)
+def test_a_vehicle_far_from_the_estimate_has_no_section(
+    write: Write, state: VehicleState, flow: FlowEstimate
+) -> None:
+    page = write(
+        lambda writer: writer.fix(replace(state, longitude=-128.0, latitude=51.7)), estimate=flow
+    )
     assert "profiles" not in figures(page)
-    assert "no profile of the current that was used: there is no section." in text_of(page, "section")
+    assert "no profile of the current that was used: there is no section." in text_of(
+        page, "section"
+    )
 
 
-def test_plans_that_failed_and_surfacings_with_and_without_ellipses(write: Write, state: VehicleState, plan: Plan) -> None:  # noqa: F811
-    failed = replace(plan, status="failed", track=plan.track[:0], track_time=plan.track_time[:0], message="no <way>")
+def test_plans_that_failed_and_surfacings_with_and_without_ellipses(
+    write: Write, state: VehicleState, plan: Plan
+) -> None:
+    failed = replace(
+        plan,
+        status="failed",
+        track=plan.track[:0],
+        track_time=plan.track_time[:0],
+        message="no <way>",
+    )
 
     def fill(writer: ResultWriter) -> None:
         writer.fix(state)
@@ -125,7 +168,9 @@ def test_plans_that_failed_and_surfacings_with_and_without_ellipses(write: Write
         writer.plan(failed, Projection(5.0, 62.0))
         for ellipse in (None, Ellipse(5.0, 62.0, 300.0, 200.0, 10.0)):
             predicted = Surfacing(TIME_NS + SECOND, 5.0, 62.0, ellipse)
-            writer.outcome(Outcome(TIME_NS, predicted, TIME_NS + 5 * SECOND, 5.01, 62.01, 1234.5, 45.0))
+            writer.outcome(
+                Outcome(TIME_NS, predicted, TIME_NS + 5 * SECOND, 5.01, 62.01, 1234.5, 45.0)
+            )
 
     page = write(fill)
     assert "No plan was found: no <way>." in text_of(page, "answer")
@@ -139,7 +184,7 @@ def test_plans_that_failed_and_surfacings_with_and_without_ellipses(write: Write
     assert found["surfacing-errors"]["tables"]["surfacing_errors"]["east_km"] == [0.87292, 0.87292]
 
 
-def test_a_million_positions_are_thinned_and_it_is_said(write: Write, state: VehicleState) -> None:  # noqa: F811
+def test_a_million_positions_are_thinned_and_it_is_said(write: Write, state: VehicleState) -> None:
     def fill(writer: ResultWriter) -> None:
         for k in range(4000):
             writer.fix(replace(state, time_ns=TIME_NS + k * SECOND, longitude=5.0 + 1e-5 * k))
@@ -151,7 +196,7 @@ def test_a_million_positions_are_thinned_and_it_is_said(write: Write, state: Veh
     assert "Of 4,000 positions 3,000 are drawn, evenly spread." in text_of(page, "map")
 
 
-def test_a_plan_alone_is_drawn(write: Write, plan: Plan) -> None:  # noqa: F811
+def test_a_plan_alone_is_drawn(write: Write, plan: Plan) -> None:
     leg = {
         "leg": 1,
         "heading_deg": 45.4,

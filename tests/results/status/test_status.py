@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from pyproj import Geod
 
+from replay_kit.core.as_flown import AS_FLOWN, AsFlown
+from replay_kit.core.plan import ORIGIN
 from replay_kit.results.status import figures
 from replay_kit.results.status.alarms import alarms_of
 from replay_kit.results.status.change import change_of
@@ -87,7 +89,40 @@ def test_the_current_of_the_last_dive_stands_beside_the_estimate_s():
     assert found.measured.toward == pytest.approx(90.0, abs=0.1)
     assert found.difference == pytest.approx(0.1)
     assert found.expected == pytest.approx(0.02)
+    assert found.corrected is None
     assert figures.dive_current(held(dive=[])) is None
+
+
+def test_what_was_measured_stands_before_what_the_correction_made_of_it():
+    one = mean_current(END_NS, (0.1, 0.0), (0.0, 0.0), 0.02)
+    one.mean_current.measured_standard_error = 0.01
+    (
+        one.mean_current.corrected_east,
+        one.mean_current.corrected_north,
+        one.mean_current.corrected_standard_error,
+    ) = 0.0, 0.05, 0.02
+    found = figures.dive_current(held(dive=[one]))
+    assert (found.measured.speed, found.corrected.speed) == pytest.approx((0.1, 0.05))
+    assert found.difference == pytest.approx(0.05)
+    status = status_of(held(dive=[one]))
+    (line,) = (line for line in status.lines if line.key == "current")
+    assert line.text[:2] == (
+        "dive 7 measured 10.0 ± 1.0 cm/s toward 90°",
+        "dive 7 corrected for the flight model's error 5.0 ± 2.0 cm/s toward 0°",
+    )
+    assert status.figures["current"]["measured"]["standard_error"] == 0.01
+    # a result of version 0.2.0 holds the corrected one alone
+    old = held(
+        dive=[one],
+        metadata={"contract": {"version": "4"}},
+        settings={"measurements": {"flight_bias": True}},
+    )
+    found = figures.dive_current(old)
+    assert found.measured is None
+    assert found.corrected.speed == pytest.approx(0.1)
+    assert "measured" not in " ".join(
+        next(line for line in status_of(old).lines if line.key == "current").text
+    )
 
 
 def test_a_surfacing_is_overdue_by_a_share_of_its_leg_and_the_next_leg_comes_after_a_surfacing():
@@ -103,6 +138,90 @@ def test_a_surfacing_is_overdue_by_a_share_of_its_leg_and_the_next_leg_comes_aft
     assert figures.next_surfacing(held(outcomes=[surfaced, surfaced])) is None
 
 
+def expected(next_ns):
+    """The figures of one surfacing that was expected from the dives, and of the coming one."""
+    ellipse = {"major_m": 464.0, "minor_m": 283.0, "bearing_deg": 29.0}
+    of_one = {
+        "count": 1,
+        "inside_50": 1.0,
+        "inside_90": 1.0,
+        "distance_median_m": 200.0,
+        "log_score_gain": None,
+        "radius_ratio": None,
+    }
+    each = [{"dive": 7, "earlier_dives": 6, "inside_90": True, "radius_90_m": 400.0}]
+    coming = {"time_ns": next_ns, "expected": [5.2, 62.1], "ellipse_90": ellipse}
+    return {"expected_surfacings": {**of_one, "later": None, "each": each, "next": coming}}
+
+
+def surfacing(given):
+    status = status_of(given, END_NS)
+    (line,) = (line for line in status.lines if line.key == "surfacing")
+    return line.text, status.figures["surfacing"]
+
+
+def test_one_next_surfacing_comes_first_the_plans_while_one_is_flown_and_else_the_last_dives():
+    summary = expected(END_NS + HOUR_NS)
+    text, numbers = surfacing(held(summary=summary))
+    when = "2023-11-17 02:13:20Z (in 4.0 h; overdue after 48 min more)"
+    assert text[0] == f"next, by the plan being flown, which outranks the last dive: {when}"
+    assert (numbers["next"]["basis"], numbers["next"]["time"]) == ("plan", "2023-11-17 02:13:20Z")
+    assert sum("next" in sentence for sentence in text) == 1
+    text, numbers = surfacing(held(summary=summary, plans=[], outcomes=[]))
+    assert text[0] == (
+        "next, from the last dive, as no plan is being flown: 2023-11-16 23:13:20Z (in 60 min), 5.2000 E, 62.1000 N, 90 % within "
+        "464 x 283 m along 29 degrees"
+    )
+    assert numbers["next"] == {
+        "basis": "last_dive",
+        "time": "2023-11-16 23:13:20Z",
+        "longitude": 5.2,
+        "latitude": 62.1,
+        "major_m": 464.0,
+        "minor_m": 283.0,
+        "bearing_deg": 29.0,
+    }
+    assert sum("next" in sentence for sentence in text) == 1
+    over = held().outcomes[0]
+    over.planned_time.FromNanoseconds(END_NS)
+    text, _ = surfacing(held(summary=summary, outcomes=[over, over]))
+    assert text[0].startswith("next, from the last dive, as the plan has no surfacing ahead: ")
+    assert (
+        "(60 min ago)"
+        in surfacing(held(summary=expected(END_NS - HOUR_NS), plans=[], outcomes=[]))[0][0]
+    )
+    assert surfacing(held(outcomes=[over, over]))[0][0] == "the plan has no surfacing ahead"
+
+
+def test_a_surfacing_is_not_overdue_while_the_dives_flown_would_go_on():
+    def flown(hours):
+        return held(metadata={AS_FLOWN: AsFlown(0.2, 20.0, 500.0, 3600.0 * hours, 5).to_record()})
+
+    # the plan's leg takes four hours
+    planned, longer = (figures.next_surfacing(flown(hours)) for hours in (2.0, 7.0))
+    assert (planned.time_ns, planned.margin_s) == (
+        END_NS + 4 * HOUR_NS,
+        pytest.approx(0.2 * 4.0 * 3600.0),
+    )
+    assert (longer.time_ns, longer.margin_s) == (
+        planned.time_ns,
+        pytest.approx((3.0 + 0.2 * 7.0) * 3600.0),
+    )
+    after = longer.time_ns + 4 * HOUR_NS
+    assert "surfacing overdue" in kinds(flown(2.0), after)
+    assert "surfacing overdue" not in kinds(flown(7.0), after)
+
+
+def test_a_plan_says_which_numbers_of_its_dives_were_not_stated():
+    origin = "as flown: 0.21 m/s, 500 m, 57 degrees"
+    said = plan(END_NS)
+    assert "as flown" not in status_text(status_of(held(plans=[said])))
+    said.statistics.add(name=ORIGIN, value=origin)
+    status = status_of(held(plans=[said]))
+    assert origin in status_text(status)
+    assert status.figures["odds"]["dives"] == origin
+
+
 def test_each_alarm_is_given_for_its_cause_alone():
     assert kinds(held()) == []
     outside = held().outcomes[0]
@@ -115,9 +234,9 @@ def test_each_alarm_is_given_for_its_cause_alone():
         "severity": "inconsistent",
     }
     assert kinds(held(summary={"consistency": [finding]})) == ["consistency"]
-    for status in ("unsafe", "uncertain", "failed", "unreachable", "reached"):
+    for status in ("unsafe", "uncertain", "failed", "unreachable", "reached", "partial"):
         assert kinds(held(plans=[plan(END_NS, status=status)])) == (
-            ["plan"] if status in ("unsafe", "uncertain", "failed") else []
+            [] if status in ("reached", "partial") else ["plan"]
         )
     assert kinds(held(plans=[]), END_NS + 60 * HOUR_NS) == ["forecast ended"]
     static = {

@@ -294,7 +294,7 @@ def test_the_outline_of_an_ellipse_is_where_the_ellipse_ends() -> None:
 
 
 def test_changed_settings_and_leaves() -> None:
-    assert changed_settings("[estimator]\nmodes = 4\nnew = 1\n[planner]\nspeed = 0.3\n") == [
+    assert changed_settings("[estimator]\nmodes = 4\nnew = 1\n[planner]\nclearance = 20.0\n") == [
         ("estimator.modes", 4, 300),
         ("estimator.new", 1, None),
     ]

@@ -17,8 +17,13 @@ from replay_kit.estimator.evolving.dive_error import new_dive, with_dive_error
 from replay_kit.estimator.evolving.fit_log import fit_to_log, fitted_estimator, initial_settings
 from replay_kit.estimator.evolving.likelihood import log_likelihoods, observed_subspace_estimator
 from replay_kit.studies.dives import read_dives, run_dives, to_json
-from replay_kit.studies.dives.baselines import baseline_means, baseline_profiles, column
-from replay_kit.studies.dives.forecasts import after_dive, before_dives
+from replay_kit.studies.dives.forecasts import (
+    after_dive,
+    baseline_means,
+    baseline_profiles,
+    before_dives,
+    column,
+)
 from replay_kit.studies.dives.predict import conditional, expect
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.replay.build import read_forecasts

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import math
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -27,6 +28,7 @@ from replay_kit.studies.paper import (
     FILES,
     PaperJob,
     figures,
+    findings,
     print_paper,
     run_paper,
     to_json,
@@ -38,7 +40,7 @@ from replay_kit.studies.paper.report import rows_to_csv, text_tables, to_markdow
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow, over_truths
 from replay_kit.studies.paper.tables import Survey, run_table, rungs
 from replay_kit.studies.reports.pictures import Drawn
-from replay_kit.studies.scoring.scores import bootstrap_median, bound
+from replay_kit.studies.scoring.scores import bootstrap_median, bound, miss_figures
 from replay_kit.studies.twins import reachable
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.profiles import (
@@ -270,6 +272,110 @@ def test_the_order_of_the_modes_is_blamed_only_where_the_paper_s_span_is_the_far
     assert "explains no error" not in said(0.06)
     assert f"With {number}" in said(0.04)
     assert "explains no error" in said(0.04)
+
+
+def test_two_pairs_tell_of_no_plan_and_one_truth_of_no_other(study, folder):
+    tables = study[0]
+    said = findings.glides(tables)
+    assert (
+        "2 pairs of start and target are too few to tell which plans come nearer: it takes 5."
+        in said
+    )
+    written = (folder / "report.md").read_text()
+    for text in (said, written):
+        assert "Better than it" not in text
+        assert "No estimate does better" not in text
+    of_one = findings.errors(tables)
+    assert of_one in written
+    assert of_one.count("On 1 truth the relative error of 2.5D default is ") == 2
+    assert of_one.count("So few truths tell nothing of others: it takes 5") == 2
+    assert sparse_logs(tables)[0].startswith("On 1 truth, too few to tell of others: ")
+    # every rival is on one side or the other
+    first = {row.method: row for row in reversed(tables.table1)}
+    side = "smaller" if first["naive3d"].rel_error < first["default"].rel_error else "larger"
+    assert (
+        f"naive 3D basis ({first['naive3d'].rel_error:.3f})"
+        in of_one.split("*Table II.*")[0].split(f"{side}: ")[1].split(";")[0].split(". ")[0]
+    )
+
+
+def flown(flow, misses):
+    return GlideRow(
+        flow, len(misses), **miss_figures(np.array(misses)), closest_approach=tuple(misses)
+    )
+
+
+@pytest.mark.parametrize("factor", [0.3, 3.0])
+def test_intervals_over_pairs_decide_which_plans_come_nearer_for_every_rival(study, factor):
+    rng = np.random.default_rng(3)
+    default = rng.lognormal(6.0, 0.7, 40)
+    mixed = np.where(np.arange(40) % 2, 1.5, 0.6) * default
+    rows = {
+        "truth": 0.01 * default,
+        "depth_averaged_truth": default * rng.lognormal(0.0, 0.3, 40),
+        "naive3d": factor * default,
+    }
+    rows |= {
+        "default": default,
+        "nearest": mixed,
+        "paper": default / factor,
+        "ensemble_mean": 1.02 * default,
+    }
+    table3 = tuple(flown(flow, misses) for flow, misses in rows.items())
+    said = findings.glides(replace(study[0], table3=table3))
+    (beside,) = re.findall(
+        r"Beside plans on the 2\.5D default, by the 90 % interval of the ratio of medians over 40 pairs: (.*?)\. ",
+        said,
+    )
+    sides = {
+        part.split(": ")[0]: set(part.split(": ")[1].split(", "))
+        for part in beside.replace("l = 10 km", "l").split("; ")
+    }
+    nearer, farther = (
+        ("naive 3D basis", "2.5D paper") if factor < 1.0 else ("2.5D paper", "naive 3D basis")
+    )
+    assert nearer in sides["nearer"]
+    assert farther in sides["farther"]
+    assert {"depth-averaged truth", "nearest member"} <= sides["cannot be told"]
+    assert "Beside plans on the depth-averaged truth, by the 90 % interval" in said
+    # what is so of one side is so of the other
+    with_few = tuple(flown(flow, misses[:4]) for flow, misses in rows.items())
+    assert "4 pairs of start and target are too few to tell" in findings.glides(
+        replace(study[0], table3=with_few)
+    )
+
+
+def test_intervals_over_truths_decide_whose_errors_are_smaller(study):
+    row = study[0].table1[0]
+    values = {
+        "naive3d": (0.2, 0.21, 0.19, 0.22, 0.2, 0.18),
+        "default": (0.4, 0.42, 0.39, 0.41, 0.4, 0.38),
+        "nearest": (0.6, 0.2) * 3,
+    }
+    rows = tuple(
+        replace(row, method=name, rung="", rel_error=float(np.median(of)), rel_error_by_truth=of)
+        for name, of in values.items()
+    )
+    said = findings.errors(replace(study[0], table1=rows, table2=rows, truths=6))
+    assert (
+        said.count(
+            "over 6 truths: smaller: naive 3D basis; larger: none; cannot be told: nearest member."
+        )
+        == 2
+    )
+    sparse = [
+        SparseRow(5, name, None, float(np.median(of)), max(of), of)
+        for name, of in (
+            ("paper", values["nearest"]),
+            ("default", values["naive3d"]),
+            ("ensemble_mean", values["default"]),
+        )
+    ]
+    said = sparse_logs(replace(study[0], sparse=tuple(sparse)))[0]
+    assert said.startswith(
+        "Over 6 truths: 2.5D paper, l = 10 km: not told apart from the ensemble mean at 5 pings (0.400 against 0.400)"
+    )
+    assert "2.5D default: better than the ensemble mean." in said
 
 
 def test_targets_are_reached_by_the_truth_s_own_plans(study):

@@ -168,7 +168,7 @@ def test_a_command_whose_methods_all_fail_writes_why_and_is_no_success(failing, 
 
 @pytest.fixture
 def studies(monkeypatch):
-    """Makes the studies glides, missions and masked what is given, or fail with an error that is given."""
+    """Makes the studies glides, missions and odds what is given, or fail with an error that is given."""
 
     def made(**outcomes):
         def study(name, outcome):
@@ -195,7 +195,7 @@ def studies(monkeypatch):
     "error", [np.linalg.LinAlgError("singular"), PlanError("too little water")]
 )
 def test_a_study_that_fails_says_why_and_the_others_go_on(studies, error):
-    job = studies(glides=1, missions=error, masked=3)
+    job = studies(glides=1, missions=error, odds=3)
     kept = list(run_planning(MEMBERS, None, CONFIG, job))
     result = kept[-1]
     assert [report.failed for report in result.reports] == [
@@ -233,11 +233,9 @@ def planning(ensemble, out, *more):
 def test_a_planning_run_that_is_killed_leaves_the_studies_that_were_done(
     studies, ensemble, tmp_path
 ):
-    studies(glides=1, missions=PlanError("no way"), masked=Killed())
+    studies(glides=1, missions=PlanError("no way"), odds=Killed())
     with pytest.raises(Killed):
-        planning(
-            ensemble, tmp_path / "out", "--leave-out", "1", "--study", "glides,missions,masked"
-        )
+        planning(ensemble, tmp_path / "out", "--leave-out", "1", "--study", "glides,missions,odds")
     said = json.loads((tmp_path / "out" / "planning.json").read_text())
     assert list(said["studies"]) == ["glides", "missions"]
     assert said["studies"]["glides"]["tables"] == {"glides-rows": [{"n": 1}]}
@@ -245,7 +243,7 @@ def test_a_planning_run_that_is_killed_leaves_the_studies_that_were_done(
     assert "failed" not in said["studies"]["glides"]
     report = (tmp_path / "out" / "report.md").read_text()
     assert "The study failed: PlanError: no way" in report
-    assert "Not done when this was written: masked." in report
+    assert "Not done when this was written: odds." in report
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
         "glides-rows.csv",
         "index.html",

@@ -29,7 +29,7 @@ WRITTEN = [
     (accuracy.write_accuracy, accuracy_result, ["error", "coverage", "nis"]),
     (dives.write_dives, dives_result, ["errors-profiles", "errors-mean", "surfacings"]),
     (missions.write_missions, mission_result, ["outliers-m-s", "outliers-1", "coverage-1"]),
-    (planning.write_planning, planning_result, ["glides-distribution", "glides-pairs"]),
+    (planning.write_planning, planning_result, ["glides-distribution", "glides-misses"]),
 ]
 
 
@@ -141,16 +141,17 @@ def test_plans_say_which_criteria_are_not_met(tmp_path: Path) -> None:
     words = text_of(page, "answer")
     assert "1 of 2 criteria are met; these are not:" in words
     assert "Glides of constant velocity: ratio of medians is 1.4, required <= 1" in words
-    assert "Not done when this was written: infeasible." in words
-    assert "The study failed: PlanError: too little water." in text_of(page, "masked")
+    assert "Not done when this was written: missions." in words
+    assert "The study failed: PlanError: too little water." in text_of(page, "odds")
     assert "<em>truth</em> arrive, see <code>glides_cases</code>." in page
     values = check_figures(page)["glides-distribution"]["tables"]["values"]
     # 10 cm is drawn at 1 m
     assert values["truth: miss distance in the truth [m]"] == [1.0, 1.0, 200.0, 300.0]
     assert values["truth: share of the plans [1]"] == [0.0, 0.33333, 0.66667, 1.0]
-    drawn = check_figures(page)["glides-pairs"]["tables"]["drawn"]
-    assert drawn["x"][-2:] == [2000.0, 1500.0]
-    assert drawn["y"][-2:] == [300.0, 200.0]
+    drawn = check_figures(page)["glides-misses"]["tables"]["drawn"]
+    # the medians of the two truths against their relative errors
+    assert drawn["x"][-2:] == [0.1, 0.1]
+    assert drawn["y"][-2:] == [2000.0, 300.0]
     assert planning.replaced_files(tmp_path, ("glides",)) == sorted(tmp_path.iterdir())
 
 

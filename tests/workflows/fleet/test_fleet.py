@@ -8,10 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from replay_kit.workflows.fleet.page import fleet_page
 from replay_kit.workflows.fleet.run import Outcome, run_fleet, run_mission
-from replay_kit.workflows.fleet.table import exit_code
+from replay_kit.workflows.fleet.table import exit_code, print_fleet, row_of
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay import basis_store
 from replay_kit.workflows.replay.replay import replay
@@ -171,6 +172,33 @@ def test_the_gravest_exit_code_counts():
     codes = {(): 0, (0, 4): 4, (6, 4): 4, (6, 3, 0): 3, (4, 1, 3): 1}
     for given, expected in codes.items():
         assert exit_code([Outcome(str(code), exit_code=code) for code in given]) == expected
+
+
+def test_a_plan_that_does_not_arrive_comes_first_in_the_table_and_on_the_page(capsys):
+    message = "misses the goal by 3200.0 m after 10.7 h"
+    answer = {"status": "done", "by_dive": [], "observations": {"used": 3, "rejected": 0}}
+    good, bad = (
+        {"status": "reached", "message": "meets the goal"},
+        {"status": "unreachable", "message": message},
+    )
+    outcomes = [
+        Outcome("a", {**answer, "plan": good}),
+        Outcome("b", {**answer, "plan": bad}),
+        Outcome("c", answer),
+    ]
+    assert [row_of(outcome)["plan_alarm"] for outcome in outcomes] == [
+        None,
+        f"the plan is unreachable: {message}",
+        None,
+    ]
+    print_fleet(outcomes, Console(width=200))
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == f"ALARM: b: the plan is unreachable: {message}"
+    assert [line.split()[2] for line in lines[3:5]] == ["reached", "unreachable"]
+    page = fleet_page(outcomes)
+    assert page.index(f"b: the plan is unreachable: {message}") < page.index(
+        "3 of 3 missions were replayed"
+    )
 
 
 def test_names_in_the_page_are_text():

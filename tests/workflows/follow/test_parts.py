@@ -14,9 +14,7 @@ from replay_kit.core.plan import Place
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results.status.alarms import Alarm
 from replay_kit.results.status.status import Status
-from replay_kit.workflows.follow.goals import read_goal, with_goal
 from replay_kit.workflows.follow.memory import Memory, read_memory, write_memory
-from replay_kit.workflows.follow.notify import alarm_line, key_of, new_alarms, notify, standing
 from replay_kit.workflows.follow.sources import (
     Source,
     change_words,
@@ -25,9 +23,20 @@ from replay_kit.workflows.follow.sources import (
     look,
     mission_words,
     order,
+    read_goal,
     settled,
+    with_goal,
 )
-from replay_kit.workflows.follow.watch import Clock, Watched, look_again
+from replay_kit.workflows.follow.watch import (
+    Clock,
+    Watched,
+    alarm_line,
+    key_of,
+    look_again,
+    new_alarms,
+    notify,
+    standing,
+)
 from replay_kit.workflows.replay.followed import FollowedStates, _Known, message_digest, thinned
 
 DAY_NS = 86_400 * 10**9
@@ -161,6 +170,8 @@ def test_the_goal_s_file_is_read_and_a_goal_holds_from_its_time_on(tmp_path):
     path.write_text("# where\n\n 152.5 , -40 , 300\n1,2,3\n")
     goal = read_goal(path)
     assert goal == Place(152.5, -40.0, 300.0)
+    path.write_text("0,0,0")
+    assert read_goal(path) == Place(0.0, 0.0, 0.0)
     for text in ("", "1,2", "a,b,c", "1,2,3,4", "0,91,0", "0,0,-5"):
         path.write_text(text)
         with pytest.raises(ConfigError, match="LON,LAT,DEPTH"):

@@ -192,6 +192,7 @@ def test_a_check_in_json_has_the_findings_of_a_replay():
         ],
         "undetermined": ["e"],
         "note": "f",
+        "refusal": None,
     }
 
 

@@ -53,3 +53,108 @@ def test_latitude_first_is_found_by_where_the_region_is(tmp_path):
         match=r"range has corners such as -40.1, 152.4, .* GeoJSON has longitude first: swap them",
     ):
         area_notes(written(tmp_path, [[[y, x] for x, y in RING]]), GRID)
+
+
+AREA = {"type": "Polygon", "coordinates": [RING]}
+
+
+@pytest.mark.parametrize(
+    ("document", "count"),
+    [
+        (AREA, 1),
+        ({"type": "MultiPolygon", "coordinates": [[RING], [RING]]}, 2),
+        ({"type": "LineString", "coordinates": RING}, 1),
+        ({"type": "MultiLineString", "coordinates": [RING, RING[:-1]]}, 2),
+        (
+            {
+                "type": "GeometryCollection",
+                "geometries": [AREA, {"type": "LineString", "coordinates": RING}],
+            },
+            2,
+        ),
+        (
+            {
+                "type": "Feature",
+                "properties": None,
+                "geometry": {"type": "LineString", "coordinates": RING},
+            },
+            1,
+        ),
+        (
+            {
+                "type": "FeatureCollection",
+                "features": [{"type": "Feature", "properties": {}, "geometry": AREA}] * 3,
+            },
+            3,
+        ),
+    ],
+)
+def test_geometries_alone_and_lines_are_read_as_areas(document, count, tmp_path):
+    path = tmp_path / "areas.geojson"
+    # some programs begin their files with a byte order mark
+    path.write_text(json.dumps(document), encoding="utf-8-sig")
+    areas = read_areas(path)
+    assert len(areas) == count
+    assert all(set(area.polygon) == {tuple(corner) for corner in RING} for area in areas)
+    drawn = "it is drawn as a line; what the line encloses is forbidden"
+    assert any(drawn in note for note in area_notes(path, GRID)) == (
+        "LineString" in json.dumps(document)
+    )
+
+
+KML = """<?xml version="1.0" encoding="UTF-8"?>
+<kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><Polygon/></Placemark></kml>"""
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        (KML, "got KML; convert it"),
+        ("<gpx/>", "got XML;"),
+        ("PK\x03\x04areas", "got a zip file, such as KMZ;"),
+        ("", "got nothing;"),
+        ("152.4,-40.1\n152.5,-40.1\n", "got what is no JSON (Extra data"),
+        ("{}", "got an object without a type as no-go area 1;"),
+        ("null", "got null as no-go area 1;"),
+        ("[1]", "got list in JSON as no-go area 1;"),
+        ('{"type": "Topology"}', "got Topology as no-go area 1;"),
+        ('{"type": "FeatureCollection"}', "got a FeatureCollection without a list of features;"),
+        (
+            '{"type": "FeatureCollection", "features": [{"type": "Polygon"}]}',
+            "got Polygon as feature 1;",
+        ),
+        (
+            '{"type": "Feature", "properties": {"name": "range"}, "geometry": null}',
+            "got null as range;",
+        ),
+        (
+            '{"type": "Feature", "properties": [1], "geometry": null}',
+            "got feature 1 with properties that are no object;",
+        ),
+        ('{"type": "Point", "coordinates": [152.4, -40.1]}', "got Point as no-go area 1;"),
+        ('{"type": "Polygon"}', "got no-go area 1 without corners;"),
+        ('{"type": "Polygon", "coordinates": []}', "got no-go area 1 without corners;"),
+        (
+            '{"type": "Polygon", "coordinates": [[152.4, -40.1]]}',
+            "got no-go area 1 with corners that are not pairs of numbers;",
+        ),
+        (
+            '{"type": "LineString", "coordinates": [[152.4, -40.1], [152.5, -40.1]]}',
+            "got no-go area 1 with fewer than 3 corners;",
+        ),
+        (
+            '{"type": "LineString", "coordinates": [[152, -40], [153, -40], [NaN, -41]]}',
+            "got no-go area 1 with corners that are not pairs",
+        ),
+    ],
+)
+def test_what_is_no_area_is_refused_in_words(text, found, tmp_path):
+    path = tmp_path / "areas.txt"
+    path.write_text(text)
+    with pytest.raises(PlanError) as refused:
+        read_areas(path)
+    assert (
+        f"{path}: expected GeoJSON with polygons of longitude and latitude, or lines around areas, {found}"
+        in str(refused.value)
+    )
+    assert "Error" not in str(refused.value)

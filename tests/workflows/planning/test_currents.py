@@ -5,10 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
+import replay_kit as rk
 from planners import (
     MissionRequest,
     MissionSettings,
+    Weights,
     best_departure,
     cut_at_horizon,
     plan_departures,
@@ -24,10 +27,13 @@ from replay_kit.core.flow.evolution import Evolution, constant, sample_through
 from replay_kit.core.flow.load import load
 from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.geodesy import distance
+from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.text import time_text
 from replay_kit.core.time import parse_duration
 from replay_kit.estimator.evolving import build_evolving
+from replay_kit.results import ResultWriter
 from replay_kit.workflows.planning.currents import KnownCurrent, known_current
+from replay_kit.workflows.planning.inputs import read_known
 from replay_kit.workflows.planning.request import departures_of
 from tests import synthetic
 from tests.command import invoke
@@ -88,7 +94,8 @@ def answer(flow, *more):
 
 def test_a_saved_estimate_is_planned_through_its_evolution_and_not_frozen(saved):
     said = answer(saved, "--samples", 0)
-    assert (said["status"], said["notes"]) == ("reached", [])
+    begins = f"it begins at {time_text(NOON)}, the time of the estimate; --start-time says another"
+    assert (said["status"], said["notes"]) == ("reached", [begins])
     known = KnownCurrent((CHANGING,), 43200.0)
     plan = plan_mission(
         known.flow(NOON, 2e5), MissionRequest(START, (GOAL,), settings=SETTINGS, start_time_ns=NOON)
@@ -137,9 +144,36 @@ def test_a_departure_table_has_the_best_of_single_plans_in_it(saved):
     assert single[0]["duration_s"] < single[1]["duration_s"] < single[2]["duration_s"]
 
 
-def test_odds_of_departures_and_the_result_name_them(saved, tmp_path):
-    from mcap.reader import make_reader
+@pytest.mark.parametrize(("objective", "planned"), [([], 0), (["--objective", "time=1"], 1)])
+def test_waiting_for_a_shorter_way_is_advised_only_to_those_who_ask_for_the_shortest(
+    saved, objective, planned
+):
+    # from the goal to the start the current sets against the glider, and a day later with it
+    start, goal = (f"{one.longitude},{one.latitude},0" for one in (GOAL, START))
+    departures = "--depart", f"{time_text(NOON)},{time_text(NOON + 24 * HOUR)},24h"
+    done = invoke(
+        [
+            "plan",
+            str(saved),
+            f"--start={start}",
+            f"--goal={goal}",
+            "--depth=390",
+            "--samples=0",
+            *departures,
+            *objective,
+            "--json",
+            "-",
+        ]
+    )
+    assert done.exit_code == 0, done.output
+    rows = json.loads(done.stdout)["departures"]
+    assert rows[1]["duration_s"] < 0.6 * rows[0]["duration_s"]
+    assert rows[0]["arrival"] < rows[1]["arrival"]
+    assert ["planned" in row["best"] for row in rows] == [k == planned for k in (0, 1)]
+    assert "arrives first" in rows[0]["best"]
 
+
+def test_odds_of_departures_and_the_result_name_them(saved, tmp_path):
     done = ask(
         saved,
         "--samples",
@@ -178,10 +212,11 @@ def test_fewer_legs_are_tried_where_a_later_departure_needs_fewer():
     alone = plan_mission(flows, replace(request, start_time_ns=NOON + 26 * HOUR))
     assert len(along.headings_deg) == len(alone.headings_deg) < len(against.headings_deg)
     assert along.duration == pytest.approx(alone.duration, rel=1e-3)
-    assert (
-        best_departure([against, along]),
-        best_departure([replace(along, status="unreachable"), against]),
-    ) == (1, 1)
+    # leaving a day later it is there later, but sooner after it left
+    assert best_departure([against, along]) == 0
+    shortest = replace(SETTINGS, objective=Weights(time=1.0))
+    assert best_departure([replace(one, settings=shortest) for one in (against, along)]) == 1
+    assert best_departure([replace(against, status="unreachable"), along]) == 1
     with pytest.raises(PlanError, match="expected one or more that increase"):
         plan_departures(flows, request, [NOON, NOON])
 
@@ -315,12 +350,96 @@ def test_a_current_of_one_time_says_for_how_long_it_holds(tmp_path):
     assert "returns to it at the ensemble's rate of change" in known.notes(NOON, NOON + HOUR)[0]
     path = tmp_path / "frozen.nc"
     replace(eddying_flow(3), later=constant, time_ns=NOON).save(path)
-    assert "the current is frozen at 2026-01-01 12:00:00Z; beyond" in answer(path)["notes"][0]
+    assert "the current is frozen at 2026-01-01 12:00:00Z; beyond" in answer(path)["notes"][-1]
     done = ask(path, "--depart", "2026-01-01T12:00Z,2026-01-02T00:00Z,6h")
     assert (
         "--depart: expected a current that changes, got one that is frozen at 2026-01-01 12:00:00Z"
         in str(done.exception)
     )
+
+
+def result_of(flow, path, *fixes):
+    """Write a result with an estimate and fixes: hours since noon and whether dead reckoned."""
+    with ResultWriter(path) as writer:
+        writer.start(flow.grid.projection, NOON, {}, "")
+        for hours, reckoned in fixes:
+            source = Source(0, "/vehicle/fix", 0, 0)
+            writer.fix(
+                VehicleState(
+                    NOON + round(hours * HOUR),
+                    START.longitude,
+                    START.latitude,
+                    0.0,
+                    reckoned,
+                    source,
+                )
+            )
+        writer.finish(flow)
+    return path
+
+
+def test_a_mission_on_a_result_begins_when_the_vehicle_was_fixed_last(tmp_path):
+    # dead reckoning went on for an hour; the estimate is of noon
+    result, asked = (
+        result_of(CHANGING, tmp_path / "log.mcap", (3.0, False), (5.0, False), (6.0, True)),
+        ("--samples", 0),
+    )
+    said = answer(result, *asked, "-o", tmp_path / "plan.mcap")
+    begins = time_text(NOON + 5 * HOUR)
+    assert said["notes"] == [
+        f"it begins at {begins}, the time of the last fix; --start-time says another"
+    ]
+    with (tmp_path / "plan.mcap").open("rb") as file:
+        (mission,) = [
+            record.metadata
+            for record in make_reader(file).iter_metadata()
+            if record.name == "mission"
+        ]
+    assert int(mission["start_time_ns"]) == NOON + 5 * HOUR
+    other = answer(result, *asked, "--start-time", time_text(NOON + 12 * HOUR))
+    assert (other["notes"], other["duration_s"] > said["duration_s"]) == ([], True)
+    # as long as no fix is in it, it is an estimate alone
+    begin_ns, (note,) = read_known([result_of(CHANGING, tmp_path / "none.mcap")], 43200.0)[0].begin(
+        None
+    )
+    assert (begin_ns, "the time of the estimate" in note) == (NOON, True)
+
+
+def test_a_mission_may_begin_at_a_last_fix_before_the_time_of_the_estimate(tmp_path):
+    later = replace(CHANGING.at(NOON + 5 * HOUR), time_ns=NOON + 5 * HOUR)
+    result = result_of(later, tmp_path / "log.mcap", (3.0, False), (5.0, True))
+    assert (
+        answer(result, "--samples", 0, "--start-time", time_text(NOON + 3 * HOUR))["status"]
+        == "reached"
+    )
+    done = ask(result, "--samples", 0, "--start-time", time_text(NOON + 2 * HOUR))
+    assert f"expected a time within the forecast, {time_text(NOON + 3 * HOUR)} to" in str(
+        done.exception
+    )
+
+
+def test_a_mission_begins_within_a_month_of_the_only_time_that_is_known(tmp_path):
+    frozen, path = replace(eddying_flow(3), later=constant, time_ns=NOON), tmp_path / "frozen.nc"
+    frozen.save(path)
+    words = (
+        "expected a time within 30 days of the only time that is known, 2026-01-01 12:00:00Z, "
+        "2025-12-02 12:00:00Z to 2026-01-31 12:00:00Z"
+    )
+    for option in (
+        ["--start-time", "1999-01-01"],
+        ["--depart", "1999-01-01,1999-01-02,12h"],
+        ["--start-time", "2026-01-31T12:01Z"],
+    ):
+        done = ask(path, "--samples", 0, *option)
+        assert f"{option[0]}: {words}" in str(done.exception)
+        assert done.exception.exit_code == 3
+    assert answer(path, "--samples", 0, "--start-time", "2026-01-31T12:00Z")["status"] == "reached"
+    with pytest.raises(
+        PlanError, match=r"time: expected a time within 30 days .*, got 1999-01-01 00:00:00Z"
+    ):
+        rk.plan(frozen, START, GOAL, time="1999-01-01")
+    # one that states no time holds at any
+    KnownCurrent((replace(frozen, time_ns=None),), 43200.0).check_time("time", 0)
 
 
 def test_oscillations_that_the_estimate_knows_carry_a_mission(tmp_path):

@@ -4,9 +4,9 @@ from pathlib import Path
 from unittest import mock
 
 from replay_kit.forecast import read_truth
+from replay_kit.logs import reader
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.planning import planner_of
-from replay_kit.workflows.replay import inputs
 from replay_kit.workflows.replay.replay import replay
 from tests import synthetic
 
@@ -39,5 +39,5 @@ def run_until(job, config, stop_after):
             raise Killed
 
     # a look at each message
-    with mock.patch.object(inputs, "_LOOK", 1):
+    with mock.patch.object(reader, "_LOOK", 1):
         return replay(job, config, planner_of, progress)

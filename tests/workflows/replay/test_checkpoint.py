@@ -288,7 +288,7 @@ def test_a_checkpoint_that_would_act_is_not_loaded(ocean, stopped, what):
         "dotted": b"\x80\x04\x8c\x26replay_kit.estimator.baselines.columns\x8c\x18np.f2py.subprocess.Popen\x93.",
         "file": pickle.dumps(ResultFile),
     }[what]
-    head = checkpoint.read_bytes()[: len(b"replay-kit checkpoint 6\nnull\n") + 64]
+    head = checkpoint.read_bytes()[: len(b"replay-kit checkpoint 7\nnull\n") + 64]
     checkpoint.write_bytes(head + hashlib.sha256(body).digest() + body)
     with pytest.raises(LogError, match="which no value of this program does"):
         run(ocean, out, checkpoint)

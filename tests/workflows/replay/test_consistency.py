@@ -8,18 +8,30 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ForecastError, MeasurementError
+from replay_kit.core.finding import Finding, finding_line
 from replay_kit.core.message import Loss
+from replay_kit.core.observation import PathMean, Source
+from replay_kit.estimator import build_estimator
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.writer import write_tlog
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.measurements.consistency.findings import PLACES
-from replay_kit.results import Result
+from replay_kit.measurements.consistency import findings
+from replay_kit.measurements.consistency.findings import CONTRADICTION, PLACES
+from replay_kit.measurements.consistency.monitor import ConsistencyState, Instrument
+from replay_kit.results import Result, open_result
+from replay_kit.results.report.sections.warnings import what_looks_wrong
 from replay_kit.results.summary_json import failure_json, to_json
+from replay_kit.results.views.contents import Contents
 from replay_kit.studies.twins import Faults, Twin, make_twin
+from replay_kit.workflows.replay.consistency import MonitoringState, conclusions, trusting
 from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.profile_counts import ProfileCounts, Sums
 from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.replay.statistics import RunStatistics
+from tests import synthetic
 from tests.benchmarks.fault_kinds import FAULTS
 from tests.command import invoke
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until, truth_in
@@ -140,6 +152,21 @@ def test_two_sources_that_contradict_each_other_are_both_kept(ocean):
     )
     assert (ignored.findings, ignored.exit_code) == ((), 0)
     assert ignored.doubts[0] == "no consistency check was made (consistency.on_failure)"
+
+
+def test_while_two_sources_contradict_each_other_the_gate_rejects_neither():
+    estimator = build_estimator(
+        synthetic.ensemble(n_members=4), CONFIG.estimator, GatingConfig(gate="reject")
+    )
+    contradicting = Instrument(named=frozenset({CONTRADICTION}))
+    for instrument, gate in (
+        (contradicting, "soften"),
+        (Instrument(), "reject"),
+        (replace(contradicting, is_believed=False), "reject"),
+    ):
+        trusted = trusting(estimator, MonitoringState(ConsistencyState({"/adcp": instrument})))
+        assert trusted.gating.gate == gate
+        assert (trusted is estimator) == (gate == "reject")
 
 
 def test_a_wrong_unit_ends_the_run_unless_it_is_stated(ocean, summary_of):
@@ -338,6 +365,98 @@ def test_a_warning_alone_ends_with_zero(ocean):
     summary = run(ocean, faulty(ocean, "stale from ping 11"))
     warned = replace(summary, findings=(replace(summary.findings[0], severity="warning"),))
     assert warned.exit_codes == ()
+
+
+def in_other_water(messages, seed):
+    """Yield messages with pings in water that no forecast has: at each the whole profile is pushed by some 0.3 m/s of its own."""
+    rng = np.random.default_rng(seed)
+    for message in messages:
+        if message.schema == "replay_kit.AdcpPing":
+            push = rng.normal(0.0, 0.3, 2)
+            pairs = (zip(cell, (*push, 0.0), strict=True) for cell in message.payload["velocity"])
+            cells = [
+                [None if part is None else part + more for part, more in pair] for pair in pairs
+            ]
+            message = message._replace(payload={**message.payload, "velocity": cells})
+        yield message
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "code"), [(False, findings.MISFIT, 6), (True, findings.MISFIT_OF_MOVED, 0)]
+)
+def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
+    ocean, tmp_path, place, name, code
+):
+    log = tmp_path / "other.mcap"
+    write_mcap_log(log, list(in_other_water(open_log(ocean / "glider.mcap").messages(), 0)))
+    moved = CONFIG.model_copy(update={"forecast": RunConfig(forecast={"place": place}).forecast})
+    summary = run(ocean, log, moved)
+    (finding,) = summary.findings
+    assert (finding.name, finding.severity, summary.exit_code) == (
+        name,
+        "warning" if place else "misfit",
+        code,
+    )
+    beyond, total = (int(word) for word in finding.evidence.split() if word.isdigit())
+    assert (total, beyond > 40) == (60, True)
+    assert (
+        summary.verdict[1] == f"the log does not contradict itself, but {name}: {finding.evidence}"
+    )
+    assert finding_line(finding).startswith(f"{'WARNING' if place else 'MISFIT'}: {name}: ")
+    wrong = what_looks_wrong(Contents(open_result(ocean / "out.mcap")))
+    assert [
+        f"{name[:1].upper()}{name[1:]}: {finding.evidence}; {finding.advice}." in text
+        for text in wrong
+    ].count(True) == 1
+
+
+@pytest.mark.parametrize(
+    ("gated", "softened", "used", "name"),
+    [
+        (0, 10, 15, findings.MISFIT),
+        (2, 8, 13, findings.MISFIT),
+        (0, 9, 15, findings.ENSEMBLE),
+        (0, 7, 15, None),
+        (0, 2, 2, findings.ENSEMBLE),
+        (3, 0, 0, findings.MISFIT),
+    ],
+)
+def test_two_thirds_of_the_observations_beyond_the_gate_are_a_misfit(gated, softened, used, name):
+    counts = ProfileCounts(gated=gated, softened=softened, total=Sums(profiles=used))
+    statistics = RunStatistics(profiles=counts)
+    found, _ = conclusions(MonitoringState(), statistics, RunConfig())
+    assert [finding.name for finding in found] == ([] if name is None else [name])
+    # what the log says against itself explains it
+    of_log = Finding(findings.COMPASS, 0, "", "", "")
+    assert conclusions(
+        MonitoringState(ConsistencyState(findings=(of_log,))), statistics, RunConfig()
+    )[0] == (of_log,)
+
+
+def test_what_would_tell_whether_directions_are_right_is_not_what_was_used():
+    two = np.array([0.5, 0.5])
+    mean = PathMean(
+        5, np.array([1, 4]), two, two, two, two, (0.1, 0.2), 0.02, "dac", 1, Source(0, "/dac", 5, 5)
+    )
+    aside = replace(mean, beside_profiles=True)
+    pings = ConsistencyState(pings=9, absolute_pings=9)
+    said = {
+        "": conclusions(MonitoringState(pings), RunStatistics(), RunConfig())[1],
+        "aside": conclusions(MonitoringState(pings, (aside,)), RunStatistics(), RunConfig())[1],
+        "weak": conclusions(MonitoringState(pings, (aside, mean)), RunStatistics(), RunConfig())[1],
+        "alone": conclusions(MonitoringState(means=(mean,)), RunStatistics(), RunConfig())[1],
+    }
+    begin = "nothing here can tell whether directions are right"
+    assert said == {
+        "": (f"{begin}; a mean current, GPS drift or bottom track would",),
+        "aside": (
+            f"{begin}, for the profiles were computed from the mean currents; a GPS drift or bottom track would",
+        ),
+        "weak": (
+            f"{begin}, for the mean currents are too few or too weak; more of them, or a bottom track, would",
+        ),
+        "alone": (f"{begin}; profiles of the current beside the mean currents would",),
+    }
 
 
 @pytest.mark.full

@@ -4,17 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 
+from replay_kit.config.run import RunConfig
+from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.dive_forecast import ellipse_of
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, PathMean, Source
+from replay_kit.logs import merge, open_logs
+from replay_kit.measurements import events_of
 from replay_kit.workflows.replay.dive_forecasts import (
     ForecastState,
     dive_mean,
+    flown_of,
     forecast_mean,
     next_surfacing,
 )
+from tests.places import DATA
 
 WAY = np.array([0.15, 0.1])
 
@@ -85,6 +92,54 @@ def test_the_current_of_a_dive_does_not_move_its_own_ellipse():
     assert plain.forecast.longitude == pytest.approx(other.forecast.longitude, abs=1e-6)
     assert other.distance > plain.distance
     assert not other.in_outer
+
+
+def test_how_the_vehicle_flew_comes_of_the_ways_through_the_water_and_not_of_the_currents():
+    dives = [
+        replace(mean(k, velocity), deepest=400.0)
+        for k, velocity in enumerate([(0.0, 0.0), (0.3, 0.1), (-0.1, -0.4)])
+    ]
+    flown, down = after(*dives).as_flown, 2.0 * 400.0 / 7200.0
+    assert (flown.dives, flown.depth, flown.duration) == (3, 400.0, 7200.0)
+    assert flown.speed == pytest.approx(np.hypot(np.hypot(*WAY), down), abs=0.005)
+    assert flown.glide_angle_deg == pytest.approx(
+        np.rad2deg(np.arctan2(down, np.hypot(*WAY))), abs=0.5
+    )
+    # nor of what was taken from a mean current as the error of the flight model
+    corrected = [replace(one, corrected=(0.5, 0.5)) for one in dives]
+    assert after(*corrected).as_flown == flown
+    assert after(mean(0)).as_flown is None
+
+
+@pytest.mark.skipif(
+    not (DATA / "seaglider").is_dir(), reason="../shared/data/seaglider is not there"
+)
+@pytest.mark.parametrize("pattern", ["p17101*.nc", "p24900*.nc"])
+def test_a_real_seaglider_flew_as_its_own_flight_model_says(pattern):
+    paths, config = sorted((DATA / "seaglider").glob(pattern))[-2:], RunConfig()
+    read = events_of(merge(open_logs(paths, config.logs), 60.0), config.measurements, None)
+    flown = AsFlown.of(
+        [flown_of(event) for events in read for event in events if isinstance(event, PathMean)]
+    )
+    along, down, deepest, seconds = [], [], [], []
+    for path in paths:
+        with xr.open_dataset(path, decode_times=False) as dive:
+            _, begin, end = dive["log_gps_time"].values
+            along.append(
+                np.hypot(
+                    float(dive["flight_avg_speed_east"]), float(dive["flight_avg_speed_north"])
+                )
+            )
+            deepest.append(float(dive["depth"].max()))
+            seconds.append(end - begin)
+            down.append(2.0 * deepest[-1] / seconds[-1])
+    assert flown.dives == len(paths)
+    assert flown.speed == pytest.approx(np.hypot(np.median(along), np.median(down)), abs=0.01)
+    assert flown.glide_angle_deg == pytest.approx(
+        np.rad2deg(np.arctan2(np.median(down), np.median(along))), abs=1.0
+    )
+    assert flown.depth == pytest.approx(np.median(deepest), abs=10.0)
+    assert flown.duration == pytest.approx(np.median(seconds), abs=2.0)
 
 
 def test_a_drift_at_the_surface_or_a_mean_without_fixes_is_no_dive():

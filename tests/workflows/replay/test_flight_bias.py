@@ -1,20 +1,26 @@
-"""The flight model's error in mean currents: found from the dives before, and taken from those that follow."""
+"""The flight model's error in mean currents: found from the dives before, and taken from those that follow; what was measured stays."""
 
+import io
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from replay_kit.config.run import MeasurementConfig
+from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Fix, Flag, Observation
+from replay_kit.core.observation import Fix, Flag, Observation, PathMean
+from replay_kit.logs import merge
+from replay_kit.measurements import events_of
+from replay_kit.workflows.replay import values
 from replay_kit.workflows.replay.flight_bias import (
     FlightState,
     as_used,
     corrected,
     with_dive_profile,
 )
+from replay_kit.workflows.replay.look_ahead import open_readers
+from tests.places import DATA
 from tests.workflows.replay.test_dive_forecasts import mean
 
 CURRENT, BIAS = complex(0.05, -0.02), 0.5
@@ -31,6 +37,12 @@ def dive(k, bias=BIAS):
     )
     fixes = (start, Fix(start.time_ns + 7200 * 10**9, *map(float, end)))
     return replace(mean(k, (stated.real, stated.imag)), fixes=fixes)
+
+
+def with_wrong(means, k, error=0.3):
+    """The same with one mean current that was delivered wrong; the fixes are right."""
+    east, north = means[k].velocity
+    return [*means[:k], replace(means[k], velocity=(east + error, north)), *means[k + 1 :]]
 
 
 def profile(k):
@@ -53,45 +65,131 @@ def profile(k):
     )
 
 
+def used(means, state=None):
+    """The mean currents as an estimate is given them, and the state after them."""
+    state, out = FlightState() if state is None else state, []
+    for each in means:
+        state, after = corrected(state, each)
+        out.append(after)
+    return out, state
+
+
 @pytest.mark.parametrize("with_profiles", [False, True])
 def test_a_biased_flight_model_is_found_and_taken_from_the_mean_currents(with_profiles):
-    state, errors, stds = FlightState(), [], []
+    state, found = FlightState(), []
     for k in range(8):
         if with_profiles:
             state = with_dive_profile(state, profile(k))
-        state, used = corrected(state, replace(dive(k), beside_profiles=with_profiles))
-        errors.append(abs(complex(*used.velocity) - CURRENT))
-        stds.append(used.error_std)
-        assert used.stated == dive(k).velocity
-    assert errors[0] == pytest.approx(0.125, abs=1e-3)
-    assert errors[-1] < 0.02
-    assert all(error < 3.0 * std for error, std in zip(errors, stds, strict=True))
-    assert stds[-1] < 0.3 * stds[0]
+        (after,), state = used([replace(dive(k), beside_profiles=with_profiles)], state)
+        assert (after.velocity, after.error_std) == (dive(k).velocity, dive(k).error_std)
+        found.append(after)
+    assert [after.corrected for after in found[:2]] == [None, None]
+    assert abs(complex(*found[0].used) - CURRENT) == pytest.approx(0.125, abs=1e-3)
+    last = found[-1]
+    assert abs(complex(*last.corrected) - CURRENT) < min(0.02, 3.0 * last.used_std)
+    assert last.used == last.corrected
+    assert last.error_std < last.used_std < 0.025
+    correction = state.correction(
+        [abs(complex(*after.used) - complex(*after.velocity)) for after in found if after.corrected]
+    )
+    assert correction.sizes[-1] == pytest.approx(0.125, abs=0.02)
+    assert correction.along == pytest.approx(BIAS, abs=3.0 * correction.along_std)
+    assert correction.dives == 8
+    assert correction.evidence > 2.0
 
 
 def test_a_dives_own_mean_current_does_not_correct_itself():
-    state = FlightState()
-    for k in range(4):
-        state, _ = corrected(state, dive(k))
-    plain, other = (corrected(state, replace(dive(4), time_ns=shift))[1] for shift in (1, 2))
-    assert plain.velocity == other.velocity
-    begun = with_dive_profile(state, profile(4))
-    assert corrected(begun, dive(4))[1].velocity == corrected(state, dive(4))[1].velocity
+    means, state = used(map(dive, range(8)))
+    assert means[-1].corrected is not None
+    plain, other = (
+        corrected(state, replace(dive(8), velocity=velocity))[1]
+        for velocity in (dive(8).velocity, (1.0, 1.0))
+    )
+    way = complex(*other.velocity) - complex(*dive(8).velocity)
+    error = complex(*plain.velocity) - complex(*plain.corrected)
+    share = error / (0.25 * np.exp(2.1j * 8))
+    assert complex(*other.velocity) - complex(*other.corrected) == pytest.approx(
+        error - share * way, abs=1e-4
+    )
+    begun = with_dive_profile(state, profile(8))
+    assert corrected(begun, dive(8))[1].corrected == plain.corrected
 
 
-def test_a_sound_flight_model_stays_as_it_is():
-    state = FlightState()
-    for k in range(10):
-        state, used = corrected(state, dive(k, bias=0.0))
-    assert abs(complex(*used.velocity) - CURRENT) < 0.015
-    assert used.error_std < 0.03
+def test_a_sound_flight_model_corrects_nothing():
+    means, state = used(dive(k, bias=0.0) for k in range(10))
+    assert all(after.corrected is None for after in means)
+    assert [after.used_std for after in means] == [dive(k).error_std for k in range(10)]
+    assert state.correction(()) is None
+
+
+@pytest.mark.parametrize("k", [0, 1, 5])
+def test_one_wrong_mean_current_corrects_no_other_one(k):
+    means = [dive(k, bias=0.0) for k in range(9)]
+    found, _ = used(with_wrong(means, k))
+    for number, (after, given) in enumerate(zip(found, means, strict=True)):
+        assert after.corrected is None
+        assert number == k or (after.used, after.used_std) == (given.velocity, given.error_std)
+
+
+def test_beside_profiles_a_mean_current_without_a_correction_has_the_flight_models_uncertainty():
+    (first, second), _ = used([replace(dive(k), beside_profiles=True) for k in range(2)])
+    for after in (first, second):
+        assert after.corrected is None
+        assert after.used == after.velocity
+        assert after.used_std > 3.0 * after.error_std
+
+
+def test_a_state_that_was_written_and_read_corrects_the_same():
+    _, state = used(map(dive, range(5)))
+    file = io.BytesIO()
+    values.dump(state, file)
+    file.seek(0)
+    again = [used(map(dive, range(5, 8)), each)[0] for each in (state, values.load(file))]
+    assert [after.corrected for after in again[0]] == [after.corrected for after in again[1]]
+    assert again[0][-1].corrected is not None
 
 
 def test_what_has_no_way_through_water_is_used_as_stated():
     config, off = MeasurementConfig(), MeasurementConfig(flight_bias=False)
-    drift = replace(dive(0), kind="drift")
-    assert as_used(FlightState(), drift, config)[1] is drift
-    without = replace(dive(0), fixes=None)
-    assert as_used(FlightState(), without, config)[1] is without
-    assert as_used(FlightState(), dive(0), off)[1].stated is None
-    assert as_used(FlightState(), dive(0), config)[1].error_std > dive(0).error_std
+    _, state = used(map(dive, range(8)))
+    drift = replace(dive(8), kind="drift")
+    assert as_used(state, drift, config)[1] is drift
+    without = replace(dive(8), fixes=None)
+    assert as_used(state, without, config)[1] is without
+    assert as_used(state, dive(8), off)[1].corrected is None
+    assert as_used(state, dive(8), config)[1].corrected is not None
+
+
+def real_means(*names):
+    """The mean currents of real dives, without what an ADCP tells of them."""
+    config = RunConfig()
+    readers = open_readers([DATA / name for name in names], config)
+    events = (
+        event
+        for events in events_of(merge(readers, 1.0, None, None), config.measurements, None)
+        for event in events
+    )
+    return [
+        replace(event, beside_profiles=False)
+        for event in events
+        if isinstance(event, PathMean) and event.kind == "dac"
+    ]
+
+
+@pytest.mark.skipif(
+    not (DATA / "seaglider").is_dir(), reason="../shared/data/seaglider is not there"
+)
+@pytest.mark.parametrize(
+    "names",
+    [
+        [f"seaglider/p17101{k:02}.nc" for k in range(5)],
+        [f"seaglider/p24900{k}.nc" for k in range(10, 16)],
+    ],
+    ids=["p17101", "p24900"],
+)
+def test_one_wrong_mean_current_of_a_real_mission_corrects_no_other_one(names):
+    means = real_means(*names)
+    found, _ = used(means)
+    assert all(after.corrected is None for after in found)
+    for k in range(len(means)):
+        assert all(after.corrected is None for after in used(with_wrong(means, k))[0])

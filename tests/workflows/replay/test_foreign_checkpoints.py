@@ -15,7 +15,7 @@ from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
 
-MAGIC, IDENTITY = b"replay-kit checkpoint 6\nnull\n", "0" * 64
+MAGIC, IDENTITY = b"replay-kit checkpoint 7\nnull\n", "0" * 64
 CONFIG = RunConfig(
     output=OutputConfig(checkpoint_interval=600.0), estimator=EstimatorConfig(modes=2)
 )

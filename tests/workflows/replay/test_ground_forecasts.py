@@ -109,6 +109,20 @@ def test_what_is_taken_from_a_displacement_is_the_mean_along_the_path():
     np.testing.assert_allclose(mean.velocity, WAY + along, atol=2e-4)
 
 
+def test_how_the_vehicle_flew_is_what_the_estimate_leaves_of_its_displacements():
+    flows = currents(5)
+    state = forecast_end(followed(mission(flows), estimate(flows))[0])[0]
+    down = 2.0 * 300.0 / SECONDS
+    assert state.as_flown.speed == pytest.approx(np.hypot(np.hypot(*WAY), down), abs=0.006)
+    assert state.as_flown.glide_angle_deg == pytest.approx(
+        np.rad2deg(np.arctan2(down, np.hypot(*WAY))), abs=1.0
+    )
+    assert (state.as_flown.dives, state.as_flown.duration) == (5, SECONDS)
+    # outside the region nothing tells a current from a way through the water
+    far = mission(flows, begin=(4e5, 4e5))
+    assert forecast_end(followed(far, estimate(flows))[0])[0].as_flown is None
+
+
 def test_outside_the_region_displacements_alone_tell():
     far = mission(currents(6, std=0.01), begin=(4e5, 4e5))
     outcomes = expected(far, estimate(currents(6)))

@@ -8,7 +8,7 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.workflows.replay.inputs import reading
+from replay_kit.logs.reader import reading
 from replay_kit.workflows.replay.look_ahead import look_ahead
 
 NS = 10**9

@@ -14,9 +14,11 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from rich.console import Console
 
+import replay_kit as rk
 from planners import MissionRequest, plan_mission
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, OutputConfig, RunConfig, load_config
+from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import distance, to_geographic
 from replay_kit.core.grid import Projection
@@ -25,8 +27,17 @@ from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Ellipse, Surfacing, outcome_of
 from replay_kit.estimator import embed_member
 from replay_kit.measurements.vehicle.surfacing import SurfacingState, detect_surfacing
+from replay_kit.results import open_result
+from replay_kit.results.legs import plan_legs
+from replay_kit.results.plots.plan import plan_panels
+from replay_kit.results.report.sections.waypoint import waypoint_figure
+from replay_kit.results.status.figures import statistics_of
+from replay_kit.results.status.held import read_held
+from replay_kit.results.status.status import status_of
+from replay_kit.results.status.text import status_text
 from replay_kit.results.summary import print_summary
 from replay_kit.results.summary_json import to_json
+from replay_kit.results.views.contents import Contents
 from replay_kit.workflows.planning import MissionPlanner, planner_of
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.provenance import run_settings_toml
@@ -125,8 +136,63 @@ def test_a_mission_is_planned_at_each_surfacing_and_kept_beside_what_then_happen
     assert figures["inside_ellipse"] == np.mean([outcome.inside_ellipse for outcome in outcomes])
     said = io.StringIO()
     print_summary(summary, Console(file=said, width=200))
-    words = f"Surfacings: {len(outcomes)} predicted by the plan before; median distance {figures['distance_median_m']:.0f} m"
-    assert words in said.getvalue()
+    words = f"{len(outcomes)} predicted by the plan before; median distance {figures['distance_median_m']:.0f} m"
+    lines = [line for line in said.getvalue().splitlines() if "urfacings: " in line]
+    assert [line.partition(":")[0] for line in lines] == [
+        "Plan vs. actual surfacings",
+        "Predicted surfacings",
+    ]
+    assert words in lines[0]
+    assert " expected from " in lines[1]
+
+
+def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(
+    ocean, stopped, tmp_path
+):
+    """The twin glides at 0.3 m/s and 19 degrees to the last level, of 300 m; its depth is stated here, its speed is not."""
+    path, words = stopped[0], "as flown: 0.30 m/s, 19 degrees"
+    plans, held = decoded(path, "/plan/controls"), read_held(path)
+    # the first one is made when the first dive has ended
+    assert all(plan.message.endswith(f"; {words}") for plan in plans)
+    legs = [leg for plan in plans for leg in plan_legs(statistics_of(plan))]
+    assert min(leg["glide_angle_deg"] for leg in legs) >= 19.0 - 0.01
+    flown = AsFlown.in_metadata(held.metadata)
+    assert (flown.speed, flown.glide_angle_deg, flown.depth, flown.dives) == (
+        0.3,
+        19.0,
+        290.0,
+        len(held.outcomes) + 1,
+    )
+    assert words in " ".join(status_text(status_of(held)).split())
+    contents = Contents(rk.open_result(path))
+    assert "m at 0.30 m/s and 19° of glide" in waypoint_figure(contents).caption
+    assert f"Dives {words}." in plan_panels(contents, None).notes
+    last = held.fixes[-1]
+    ask = [
+        "plan",
+        str(path),
+        f"--start={last.longitude},{last.latitude},0",
+        f"--goal={GOAL.longitude},{GOAL.latitude},0",
+        "--samples=0",
+    ]
+
+    def said(*more):
+        done = invoke([*ask, "--json", "-", *more])
+        assert done.exit_code == 0, done.output
+        return json.loads(done.stdout)
+
+    made, stated = (
+        said("--depth", "280"),
+        said("--speed", "0.3", "--depth", "280", "--angles", "19,35"),
+    )
+    assert made["message"] == f"{stated['message']}; {words}"
+    assert (made["legs"], made["statistics"]["dives"], "dives" in stated["statistics"]) == (
+        stated["legs"],
+        words,
+        False,
+    )
+    # the dives went as deep, and so do those of a plan that states nothing
+    assert said()["message"].endswith("; as flown: 0.30 m/s, 290 m, 19 degrees")
 
 
 @pytest.mark.full
@@ -293,3 +359,44 @@ def test_a_mission_is_planned_on_estimates_for_the_time_that_it_may_take():
     assert (
         np.abs(once.track[: len(expected.track)] - expected.track[: len(once.track)]).max() > 50.0
     )
+
+
+def test_the_last_plan_has_the_status_and_the_odds_that_the_command_plan_states_and_those_before_it_have_none(
+    ocean, tmp_path
+):
+    out, dives = (
+        tmp_path / "out.mcap",
+        {"speed": 0.3, "depth": 300.0, "surface_time": 240.0, "tolerance": 100.0},
+    )
+    planner = PlannerConfig(kind="mission", when="surfacing", **dives)
+    run(ocean, out, config=CONFIG.model_copy(update={"planner": planner}))
+    # the number of samples is not recorded where none was stated, or the plans before the last would have odds when it is made again
+    assert verify(out, [ocean], planner_of).same
+    plans = open_result(out).plans
+    last, figures = plans.iloc[-1], [name for name in plans if name.startswith("odds_")]
+    assert len(plans) > 3
+    assert plans[figures].iloc[:-1].isna().all(axis=None)
+    start = f"--start={last.start_longitude},{last.start_latitude},{last.start_depth}"
+    goal = f"--goal={GOAL.longitude},{GOAL.latitude},{GOAL.depth}"
+    began = f"{plans.index[-1].isoformat()}Z"
+    settings = (
+        "--start-time",
+        began,
+        "--speed=0.3",
+        "--depth=300",
+        "--surface-time=240",
+        "--tolerance=100",
+    )
+    done = invoke(["plan", str(out), start, goal, *settings, "--json", "-"])
+    assert done.exit_code == 0, done.output
+    said = json.loads(done.stdout)
+    samples = said["samples"]
+    stated = [samples[name] for name in ("count", "reached", "reached_held", "safe")]
+    assert (
+        last[["odds_n_samples", "odds_reached", "odds_reached_held", "odds_safe"]].tolist()
+        == stated
+    )
+    assert 0.0 < samples["reached"] < 0.9
+    assert (last.status, said["status"], samples["count"]) == ("uncertain", "uncertain", 40)
+    # the plan is the same, but one that begins from the plan before is not compared with the earliest arrival
+    assert said["message"].startswith(last.message)

@@ -111,30 +111,32 @@ def test_the_main_job_beats_the_ensemble_s_mean_and_publishes_every_channel(ocea
     [
         ("glider.mcap", {}, "mission", 300.0),
         ("glider.mcap", {"depth": 250.0}, "mission", 250.0),
-        ("glider.mcap", {"kind": "glide"}, "glide", 500.0),
-        ("survey.mcap", {}, "glide", 500.0),
-        ("glider.tlog", {}, "glide", 500.0),
+        ("glider.mcap", {"kind": "glide"}, "glide", 300.0),
+        ("survey.mcap", {}, "glide", 300.0),
+        ("glider.tlog", {}, "glide", 300.0),
     ],
 )
 def test_a_glider_s_replay_plans_missions_where_nothing_else_is_asked_for(
     ocean, log, asked, kind, depth
 ):
-    """The twin's forecast ends at 300 m, above the default depth of dives."""
+    """The twin's forecast ends at 300 m, above the depth of dives that is assumed."""
     config = RunConfig(planner=PlannerConfig(**asked))
     job = ReplayJob((ocean / log,), ocean / "ensemble.nc", goal=GOAL)
-    found = with_planner_kind(job, open_readers(job.logs, config), config, 300.0).planner
-    assert (found.kind, found.depth) == (kind, depth)
+    found = with_planner_kind(job, open_readers(job.logs, config), config).planner
+    assert (found.kind, found.diving(deepest=300.0).depth) == (kind, depth)
     assert found.when == "interval"
     without = ReplayJob((ocean / log,), ocean / "ensemble.nc")
-    assert with_planner_kind(without, open_readers(job.logs, config), config, 300.0) is config
+    assert with_planner_kind(without, open_readers(job.logs, config), config) is config
 
 
 @pytest.mark.parametrize(
     ("goal_depth", "expected"), [(150.0, 500.0), (600.0, 600.0), (900.0, 700.0)]
 )
 def test_the_dives_of_a_mission_that_is_not_asked_for_reach_its_goal(goal_depth, expected):
-    assert PlannerConfig().resolved(True, goal_depth, 700.0).depth == expected
-    assert PlannerConfig(kind="mission").resolved(True, goal_depth, 700.0).depth == 500.0
+    # recorded settings state the kind and not the depth, and are planned with again
+    for config in (PlannerConfig(), PlannerConfig(kind="mission")):
+        assert config.diving(None, goal_depth, 700.0).depth == expected
+    assert PlannerConfig(depth=500.0).diving(None, goal_depth, 700.0).depth == 500.0
 
 
 def test_two_runs_give_the_same_bytes(ocean, tmp_path):

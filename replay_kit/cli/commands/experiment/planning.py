@@ -21,11 +21,10 @@ from replay_kit.cli.options import (
     Answer,
     Noise,
     Processes,
-    flag,
     option,
 )
 from replay_kit.cli.settings import Settings, takes_settings
-from replay_kit.core.errors import ConfigError, EstimatorError
+from replay_kit.core.errors import EstimatorError
 from replay_kit.core.paths import check_folder, check_paths
 
 if TYPE_CHECKING:
@@ -52,9 +51,7 @@ class Sizes:
 
     study: Annotated[
         str | None,
-        parts(
-            "glides, missions, scenarios, masked, odds, infeasible, replanning; if named, learn, and changing for a forecast through time"
-        ),
+        parts("glides, missions, odds; if named, changing, for a forecast through time"),
     ] = None
     pairs: Annotated[
         int,
@@ -66,38 +63,12 @@ class Sizes:
     ] = 100
     pings: Annotated[int, option("--pings", "Number of pings of each estimate.", least=1)] = 450
     legs: Annotated[int, option("--legs", "Number of dives of a mission.", least=1)] = 10
-    scenarios: Annotated[
-        int, option("--scenarios", "Number of missions planned for samples.", least=1)
-    ] = 10
     fresh: Annotated[
-        int,
-        option(
-            "--fresh", "Number of further samples that these and odds are flown through.", least=1
-        ),
+        int, option("--fresh", "Number of fresh samples that odds are compared with.", least=1)
     ] = 500
-    masks: Annotated[
-        int, option("--masks", "Number of random cases with islands and areas.", least=1)
-    ] = 200
-    replans: Annotated[
-        int, option("--replans", "Number of missions planned anew at each surfacing.", least=1)
-    ] = 40
     crossings: Annotated[
         int, option("--crossings", "Number of missions of days in a sea that changes.", least=1)
     ] = 40
-    learn: Annotated[
-        bool, flag("--learn", "Plans that learn alone: the same as --study learn.")
-    ] = False
-    surveys: Annotated[
-        int,
-        option(
-            "--surveys", "Number of surveys before a stretch without fixes, with --learn.", least=1
-        ),
-    ] = 60
-    maps: Annotated[int, option("--maps", "Number of maps, with --learn.", least=1)] = 24
-    detours: Annotated[
-        int,
-        option("--detours", "Number of missions that may go by a detour, with --learn.", least=1),
-    ] = 36
     noise: Noise = 0.09
     seed: Annotated[int, option("--seed", "Seed of everything that is drawn.", least=0)] = 0
 
@@ -132,17 +103,13 @@ def planning(
     from replay_kit.studies import planning as study
     from replay_kit.workflows.fleet.workers import calls_made_by
 
-    chosen = _chosen(sizes, truths.truth is not None)
+    chosen = _chosen(sizes.study)
     check_paths(read, [*study.replaced_files(out, chosen), outputs.json_file], outputs.overwrite)
     job = _job(chosen, truths, sizes)
     # before anything is read or made
     job.check(study.STUDIES)
     members, withheld = truths.read(config.forecast)
-    series = (
-        read_series(truths.ensemble, config.forecast)
-        if {study.THROUGH_TIME, study.LEARNING} & set(chosen)
-        else ()
-    )
+    series = read_series(truths.ensemble, config.forecast) if study.THROUGH_TIME in chosen else ()
 
     with (
         calls_made_by(processes.scheduler, processes.workers),
@@ -167,23 +134,15 @@ def planning(
     return 0
 
 
-def _chosen(sizes: Sizes, own_truth: bool) -> tuple[str, ...]:
-    """Return the names of the studies asked for; without any, those that need not be named.
-
-    Raises:
-        ConfigError: ``--learn`` is given beside another study.
-    """
+def _chosen(named: str | None) -> tuple[str, ...]:
+    """Return the names of the studies asked for; without any, those that need not be named."""
     from replay_kit.studies import planning as study
 
-    if sizes.learn and sizes.study not in (None, study.LEARNING):
-        raise ConfigError(
-            f"--learn and --study: expected one of them, or --study learn, got --study {sizes.study}"
-        )
-    named = study.LEARNING if sizes.learn else sizes.study
-    if named is not None:
-        return tuple(named.split(","))
-    left = (study.THROUGH_TIME, study.LEARNING, *((study.WITHOUT_TRUTH,) if own_truth else ()))
-    return tuple(name for name in study.STUDIES if name not in left)
+    return (
+        tuple(named.split(","))
+        if named is not None
+        else tuple(name for name in study.STUDIES if name != study.THROUGH_TIME)
+    )
 
 
 def _job(chosen: tuple[str, ...], truths: Truths, sizes: Sizes) -> "PlanningJob":
@@ -197,13 +156,7 @@ def _job(chosen: tuple[str, ...], truths: Truths, sizes: Sizes) -> "PlanningJob"
         sizes.pings,
         sizes.noise,
         sizes.legs,
-        scenarios=sizes.scenarios,
         fresh=sizes.fresh,
-        masks=sizes.masks,
-        replans=sizes.replans,
         crossings=sizes.crossings,
         seed=sizes.seed,
-        surveys=sizes.surveys,
-        maps=sizes.maps,
-        detours=sizes.detours,
     )

@@ -4,12 +4,19 @@ from html import escape
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.text import time_text
 from replay_kit.results.page.colors import scale
 from replay_kit.results.page.section import Control, Figure, Section, column, pack, times
-from replay_kit.results.report.sections.map_frame import Extent, coastline, graticule
+from replay_kit.results.report.sections.map_frame import (
+    Extent,
+    coastline,
+    dry_text,
+    graticule,
+    hatching,
+)
 from replay_kit.results.report.sections.map_hazards import area_marks, seabed_contours
 from replay_kit.results.report.sections.map_marks import (
     DARK,
@@ -57,7 +64,7 @@ def map_section(contents: Contents) -> Section:
     traces += [labels] if slices is not None else [*lines, labels]
     controls = [] if slices is None else _controls(slices, track.time_ns.size > 0)
     east, north = _ranges(contents, extent, slices)
-    packed = {**({} if slices is None else {"current": pack(slices.fields, _STEP)}), **bottom}
+    packed = {**_packed(slices), **bottom}
     layout = {
         "height": 800,
         "xaxis": {
@@ -75,6 +82,7 @@ def map_section(contents: Contents) -> Section:
             "showgrid": False,
             "zeroline": False,
         },
+        "shapes": [] if _outside(slices) is None else [hatching(extent)],
     }
     figure = Figure(
         "current-map",
@@ -88,6 +96,26 @@ def map_section(contents: Contents) -> Section:
         packed,
     )
     return Section("map", "Map", figures=(figure,), missing=missing)
+
+
+def _packed(slices: CurrentSlices | None) -> dict[str, Any]:
+    """Return the current, and where the map leaves the forecast's grid."""
+    if slices is None:
+        return {}
+    outside = _outside(slices)
+    return {
+        "current": pack(slices.fields, _STEP),
+        **({} if outside is None else {"outside": pack(np.where(outside, 1.0, np.nan), 1.0)}),
+    }
+
+
+def _outside(slices: CurrentSlices | None) -> NDArray[np.bool_] | None:
+    """Return the cells that are known to lie off the forecast's grid; None where there is none."""
+    return (
+        None
+        if slices is None or slices.outside is None or not slices.outside.any()
+        else slices.outside
+    )
 
 
 def _controls(slices: CurrentSlices, has_track: bool) -> list[Control]:
@@ -141,7 +169,7 @@ def _field_traces(
     coast = {
         "type": "scatter",
         "mode": "lines",
-        "name": "coast",
+        "name": "coast" if slices.outside is not None else "coast, or edge of the forecast",
         "x": shore[0],
         "y": shore[1],
         "line": {"color": DARK, "width": 1.5},
@@ -167,7 +195,7 @@ def _field_traces(
 def _heatmaps(
     slices: CurrentSlices, x: list[float | None], y: list[float | None]
 ) -> list[dict[str, Any]]:
-    """Return speed or standard error, and the dry cells."""
+    """Return speed or standard error, the dry cells, and those off the forecast's grid."""
     u, v, eu, ev = ({"$field": "current", "at": ["c1", "c2", k]} for k in range(4))
     speed, error = _limits(slices)
     # beside missing cells there is nothing to interpolate with
@@ -193,17 +221,30 @@ def _heatmaps(
         "hoverongaps": False,
         "zsmooth": {"$choose": 0, "of": ["best" if known else False for known in whole]},
     }
-    land = {
-        "type": "heatmap",
-        "x": x,
-        "y": y,
-        "z": {"$op": "dry", "of": [u]},
-        "colorscale": [[0, {"$color": "land"}], [1, {"$color": "land"}]],
-        "showscale": False,
-        "hovertemplate": "land, or below the bottom<extra></extra>",
-        "hoverongaps": False,
-    }
-    return [field, land]
+    outside = {"$field": "outside", "at": []}
+    leaves = _outside(slices) is not None
+    kinds: list[tuple[dict[str, Any], Any, str]] = [
+        (
+            {"$op": "dry", "of": [u, outside] if leaves else [u]},
+            {"$color": "land"},
+            dry_text(slices),
+        ),
+        # what is behind is seen: the hatching
+        *([(outside, "rgba(0,0,0,0)", "outside the forecast")] if leaves else []),
+    ]
+    flat = {"type": "heatmap", "x": x, "y": y, "showscale": False, "hoverongaps": False}
+    return [
+        field,
+        *(
+            {
+                **flat,
+                "z": z,
+                "colorscale": [[0, color], [1, color]],
+                "hovertemplate": f"{text}<extra></extra>",
+            }
+            for z, color, text in kinds
+        ),
+    ]
 
 
 def _arrows(
@@ -247,9 +288,10 @@ def _caption(contents: Contents, slices: CurrentSlices | None) -> str:
         texts.append(
             "Colours give the speed, or the standard error of a velocity component; arrows give the current, all drawn "
             "to one scale. Move the "
-            "sliders to another depth and time: the error shrinks along the track as measurements come in. Grey is land, or the bottom at "
-            "that depth."
+            f"sliders to another depth and time: the error shrinks along the track as measurements come in. Grey: {dry_text(slices)}."
         )
+        if _outside(slices) is not None:
+            texts.append("Hatched: outside the forecast.")
         if slices.left_out:
             texts.append(
                 f"{slices.left_out} of {slices.left_out + slices.time_ns.size} published times are left out, evenly spread."
@@ -275,7 +317,7 @@ def _alternative(contents: Contents) -> str:
     track = contents.track
     start = "Map of the estimated current" if contents.slices is not None else "Map"
     if track.time_ns.size == 0:
-        return f"{start}, without a track."
+        return f"{start}, without a track of the vehicle."
     return (
         f"{start} with the vehicle's track from {track.longitude[0]:.3f}, {track.latitude[0]:.3f} to {track.longitude[-1]:.3f}, "
         f"{track.latitude[-1]:.3f} degrees east and north, {track.distance[-1] / 1e3:.0f} km long."

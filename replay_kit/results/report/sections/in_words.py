@@ -7,6 +7,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.text import time_text
+from replay_kit.results.flight_correction import flight_correction_sentence
 from replay_kit.results.page.section import Section, cm, items_html, number, table_html
 from replay_kit.results.report.sections.warnings import (
     next_steps,
@@ -72,6 +73,8 @@ def _measured(contents: Contents) -> str:
         parts.append(f" The vehicle travelled {track.distance[-1] / 1e3:.1f} km{depth}.")
     if contents.bins.depth.size:
         parts.append(f" The bins of profiles that were used lie at {_depths(contents.bins.depth)}.")
+    if correction := summary.get("flight_correction"):
+        parts.append(f" {flight_correction_sentence(correction)}.")
     return "".join(parts)
 
 

@@ -18,25 +18,43 @@ def learning_html(contents: Contents) -> str:
         return ""
     unit = record["unit"]
     rows = [_cells(row) for row in record["candidates"]]
-    last = "arrive" if record["objective"] == "mission" else "within the tolerance"
-    heads = ["candidate", f"predicted error [{unit}]", f"{record['found']} in samples [{unit}]", "interval of 90 %", last, ""]
-    return _before_and_after(record) + table_html(heads, rows, "Candidates, in currents drawn from the estimate")
+    heads = [
+        "candidate",
+        f"predicted error [{unit}]",
+        f"{record['found']} in samples [{unit}]",
+        "interval of 90 %",
+        "within the tolerance",
+        "",
+    ]
+    return _before_and_after(record) + table_html(
+        heads, rows, "Candidates, in currents drawn from the estimate"
+    )
 
 
 def _before_and_after(record: Mapping[str, Any]) -> str:
     before, after, unit = record["error_before"], record["error_after"], record["unit"]
-    if record["objective"] == "mission":
-        return f"<p>Predicted error of the arrival before anything is measured: {_number(before)} {unit} (root mean square).</p>"
-    what = "the current in the box, a component" if record["objective"] == "map" else "where the stretch without fixes ends"
+    what = (
+        "the current in the box, a component"
+        if record["objective"] == "map"
+        else "where the stretch without fixes ends"
+    )
     return (
-        f"<p>Predicted error of {what} (root mean square): {_number(before)} {unit} before the profiles, {_number(after)} {unit} after.</p>"
+        f"<p>Predicted error of {what} (root mean square): {_number(before)} {unit} before the "
+        f"profiles, {_number(after)} {unit} after.</p>"
     )
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
     interval = "" if row["low"] is None else f"{_number(row['low'])} to {_number(row['high'])}"
     within = "" if row["within"] is None else f"{100.0 * row['within']:.0f} %"
-    return [escape(row["name"]), _number(row["predicted"]), _number(row["found"]), interval, within, "planned" if row["chosen"] else ""]
+    return [
+        escape(row["name"]),
+        _number(row["predicted"]),
+        _number(row["found"]),
+        interval,
+        within,
+        "planned" if row["chosen"] else "",
+    ]
 
 
 def _number(value: float | None) -> str:
@@ -45,7 +63,10 @@ def _number(value: float | None) -> str:
 
 def _record(contents: Contents) -> dict[str, Any]:
     """Return what the result says of a plan that learns; empty for others."""
-    return {name: json.loads(text) for name, text in contents.record.metadata.get("learning", {}).items()}
+    return {
+        name: json.loads(text)
+        for name, text in contents.record.metadata.get("learning", {}).items()
+    }
 
 
 def value_figure(contents: Contents) -> Figure | None:
@@ -54,12 +75,19 @@ def value_figure(contents: Contents) -> Figure | None:
     if not record or not record["value"]["value"]:
         return None
     value, unit = record["value"], record["value"]["unit"]
-    legs = [json.loads(text) for _, text in sorted(contents.record.metadata["legs"].items(), key=lambda one: int(one[0]))]
+    legs = [
+        json.loads(text)
+        for _, text in sorted(contents.record.metadata["legs"].items(), key=lambda one: int(one[0]))
+    ]
     fixes = [leg for leg in legs if not leg["blind"]]
     blind = ([fixes[-1]] if fixes else []) + [leg for leg in legs if leg["blind"]]
     start = record["start"]
     data = {
-        "value": {"longitude": column(value["longitude"]), "latitude": column(value["latitude"]), "value": column(value["value"])},
+        "value": {
+            "longitude": column(value["longitude"]),
+            "latitude": column(value["latitude"]),
+            "value": column(value["value"]),
+        },
         "surfacings": _line([{"longitude": start[0], "latitude": start[1]}, *fixes]),
     }
     traces: list[dict[str, Any]] = [_field(unit), *_trace("surfacings", "surfacings", "solid")]
@@ -69,7 +97,11 @@ def value_figure(contents: Contents) -> Figure | None:
     layout = {
         "height": 520,
         "xaxis": {"title": {"text": "longitude [° east]"}, "constrain": "domain"},
-        "yaxis": {"title": {"text": "latitude [° north]"}, "scaleanchor": "x", "scaleratio": 1.0 / max(_narrowed(start[1]), 0.1)},
+        "yaxis": {
+            "title": {"text": "latitude [° north]"},
+            "scaleanchor": "x",
+            "scaleratio": 1.0 / max(_narrowed(start[1]), 0.1),
+        },
         "legend": {"orientation": "h", "y": 1.08},
     }
     caption = (
@@ -110,7 +142,13 @@ def _field(unit: str) -> dict[str, Any]:
 def _trace(table: str, name: str, dash: str) -> list[dict[str, Any]]:
     """Return a line over a light one, to be seen on both ends of the colour scale."""
     where = {"type": "scatter", "x": f"${table}.longitude", "y": f"${table}.latitude"}
-    halo = {**where, "mode": "lines", "line": {"color": "#ffffff", "width": 5}, "showlegend": False, "hoverinfo": "skip"}
+    halo = {
+        **where,
+        "mode": "lines",
+        "line": {"color": "#ffffff", "width": 5},
+        "showlegend": False,
+        "hoverinfo": "skip",
+    }
     line = {
         **where,
         "mode": "lines+markers",

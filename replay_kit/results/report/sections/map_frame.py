@@ -14,6 +14,8 @@ from replay_kit.results.views.slices import CurrentSlices
 #: Steps between lines of longitude or latitude [degrees].
 _STEPS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0)
 _LINES = 4
+#: Lines of the hatching along a map's longer side.
+_STROKES = 60
 #: The least width of a map [km]: one position alone has none.
 _LEAST = 2.0
 
@@ -39,21 +41,63 @@ class Extent:
 
 
 def coastline(slices: CurrentSlices) -> tuple[list[float | None], list[float | None]]:
-    """Return the edges between wet and dry cells of the shallowest slice as a line with gaps: east and north [km]."""
+    """Return the edges between wet and dry cells of the shallowest slice as a line with gaps: east and north [km].
+
+    Cells that are known to lie off the forecast's grid are neither.
+    """
     wet = np.isfinite(slices.fields[0, -1, 0])
+    dry = ~wet if slices.outside is None else ~wet & ~slices.outside
     half = 0.5 * np.array([slices.east[1] - slices.east[0], slices.north[1] - slices.north[0]])
     x: list[Array] = []
     y: list[Array] = []
     gap = np.array([np.nan])
-    for j, i in zip(*np.nonzero(wet[:, 1:] != wet[:, :-1]), strict=True):
+    for j, i in zip(
+        *np.nonzero((wet[:, 1:] & dry[:, :-1]) | (dry[:, 1:] & wet[:, :-1])), strict=True
+    ):
         edge = 0.5 * (slices.east[i] + slices.east[i + 1])
         x += [np.array([edge, edge]), gap]
         y += [slices.north[j] + half[1] * np.array([-1.0, 1.0]), gap]
-    for j, i in zip(*np.nonzero(wet[1:] != wet[:-1]), strict=True):
+    for j, i in zip(*np.nonzero((wet[1:] & dry[:-1]) | (dry[1:] & wet[:-1])), strict=True):
         edge = 0.5 * (slices.north[j] + slices.north[j + 1])
         x += [slices.east[i] + half[0] * np.array([-1.0, 1.0]), gap]
         y += [np.array([edge, edge]), gap]
     return (column(np.concatenate(x) / 1e3), column(np.concatenate(y) / 1e3)) if x else ([], [])
+
+
+def dry_text(slices: CurrentSlices) -> str:
+    """Return what cells without a current are, other than those that are known to lie off the forecast's grid."""
+    return (
+        "land, or below the bottom"
+        if slices.outside is not None
+        else "land, below the bottom, or outside the forecast"
+    )
+
+
+def hatching(extent: Extent) -> dict[str, Any]:
+    """Return diagonal lines behind a map, which are seen where no cell is drawn: that is outside the forecast."""
+    width, height = extent.east - extent.west, extent.north - extent.south
+    step = max(width, height) / _STROKES
+    strokes = []
+    for at in np.arange(step, width + height, step):
+        # from the left or the upper side to the lower or the right one, inside the map
+        x0, y0, x1, y1 = (
+            max(at - height, 0.0),
+            min(at, height),
+            min(at, width),
+            max(at - width, 0.0),
+        )
+        strokes.append(
+            f"M{extent.west + x0:.5g},{extent.south + y0:.5g}L{extent.west + x1:.5g},{extent.south + y1:.5g}"
+        )
+    line = {"color": {"$color": "soft"}, "width": 0.8}
+    return {
+        "type": "path",
+        "path": "".join(strokes),
+        "layer": "below",
+        "line": line,
+        "name": "outside the forecast",
+        "showlegend": True,
+    }
 
 
 def graticule(

@@ -112,7 +112,7 @@ def _plans_html(contents: Contents) -> str:
     kept = thinned(len(plans), _PLANS)
     rows = []
     for time, plan in plans.iloc[kept].iterrows():
-        steered = plan["status"] != "failed"
+        steered = plan["status"] != "failed" and np.isfinite(plan["heading_deg"])
         rows.append(
             [
                 str(time)[:16],

@@ -259,62 +259,35 @@ def _caption(bins: BinsAlongTrack) -> str:
 
 def _means(contents: Contents) -> Figure:
     means = contents.mean_currents
-    known = np.isfinite(means.estimated).any()
+    known = bool(np.isfinite(means.estimated).any())
     base = means.estimated if known else np.zeros_like(means.residual)
+    # without an estimate the difference to it is all that results before version 4 hold
+    parts = {"measured": means.measured if known else means.residual, "corrected": means.corrected}
+    shown = {name: values for name, values in parts.items() if np.isfinite(values).any()}
     table: dict[str, Any] = {"dive": means.dive.tolist(), "end": times(means.time_ns)}
     for k, name in enumerate(("eastward", "northward")):
+        table |= {f"{part}_{name}_m_s": column(values[:, k]) for part, values in shown.items()}
         table |= {
-            f"measured_{name}_m_s": column(base[:, k] + means.residual[:, k]),
             f"estimated_{name}_m_s": column(base[:, k]),
             f"standard_deviation_{name}_m_s": column(means.standard_error[:, k]),
         }
-    traces: list[dict[str, Any]] = []
-    for k, (name, color) in enumerate((("eastward", "one"), ("northward", "two"))):
-        axis = "" if k == 0 else "2"
-        common = {
-            "type": "scatter",
-            "x": "$mean_currents.end",
-            "yaxis": f"y{axis}",
-            "text": "$mean_currents.dive",
-        }
-        traces.append(
-            {
-                **common,
-                "mode": "markers",
-                "name": f"measured, {name}",
-                "y": f"$mean_currents.measured_{name}_m_s",
-                "error_y": {
-                    "type": "data",
-                    "array": f"$mean_currents.standard_deviation_{name}_m_s",
-                    "thickness": 1,
-                },
-                "marker": {"color": {"$color": color}, "size": 8},
-                "hovertemplate": f"dive %{{text}}: %{{y:.3f}} m/s<extra>measured, {name}</extra>",
-            }
-        )
-        traces.append(
-            {
-                **common,
-                "mode": "lines+markers",
-                "name": f"estimated, {name}" if known else "no estimate",
-                "y": f"$mean_currents.estimated_{name}_m_s",
-                "line": {"color": {"$color": color}, "width": 1.5, "dash": "solid"},
-                "marker": {"symbol": "line-ew-open", "size": 9, "color": {"$color": color}},
-                "hovertemplate": f"dive %{{text}}: %{{y:.3f}} m/s<extra>estimated, {name}</extra>",
-            }
-        )
+    traces = [trace for k in range(2) for trace in _mean_traces(k, list(shown), known)]
     layout = {
         "height": 480,
         "xaxis": {"title": {"text": "end of the dive (UTC)"}, "anchor": "y2"},
         "yaxis": {"title": {"text": "eastward [m/s]"}, "domain": [0.55, 1.0]},
         "yaxis2": {"title": {"text": "northward [m/s]"}, "domain": [0.0, 0.45]},
     }
+    corrected = "Open circles: the same corrected for the flight model's error, which is what the estimate was given. "
     caption = (
         "Points: mean current measured over each dive, with one standard deviation of what was expected before it. "
-        "Lines: the estimate's mean "
+        f"{corrected if 'corrected' in shown else ''}Lines: the estimate's mean "
         "over the positions of the dive, just after the update. Points that stay on one side of the line show a bias."
     )
-    alternative = f"Measured and estimated mean current of {means.time_ns.size} dives, eastward and northward, against time."
+    names = " and ".join([*shown, "estimated"]).capitalize()
+    alternative = (
+        f"{names} mean current of {means.time_ns.size} dives, eastward and northward, against time."
+    )
     return Figure(
         "mean-currents",
         "Mean currents of the dives",
@@ -324,3 +297,44 @@ def _means(contents: Contents) -> Figure:
         traces,
         layout,
     )
+
+
+def _mean_traces(k: int, parts: Sequence[str], known: bool) -> list[dict[str, Any]]:
+    """Return a component of the mean currents: parts as points, and the estimate, if it is known, as a line."""
+    name, color, axis = (("eastward", "one", ""), ("northward", "two", "2"))[k]
+    common = {
+        "type": "scatter",
+        "x": "$mean_currents.end",
+        "yaxis": f"y{axis}",
+        "text": "$mean_currents.dive",
+    }
+    points = [
+        {
+            **common,
+            "mode": "markers",
+            "name": f"{part}, {name}",
+            "y": f"$mean_currents.{part}_{name}_m_s",
+            "error_y": {
+                "type": "data",
+                "array": f"$mean_currents.standard_deviation_{name}_m_s",
+                "thickness": 1,
+            },
+            "marker": {
+                "color": {"$color": color},
+                "size": 8,
+                **({"symbol": "circle-open"} if part == "corrected" else {}),
+            },
+            "hovertemplate": f"dive %{{text}}: %{{y:.3f}} m/s<extra>{part}, {name}</extra>",
+        }
+        for part in parts
+    ]
+    line = {
+        **common,
+        "mode": "lines+markers",
+        "name": f"estimated, {name}" if known else "no estimate",
+        "y": f"$mean_currents.estimated_{name}_m_s",
+        "line": {"color": {"$color": color}, "width": 1.5, "dash": "solid"},
+        "marker": {"symbol": "line-ew-open", "size": 9, "color": {"$color": color}},
+        "hovertemplate": f"dive %{{text}}: %{{y:.3f}} m/s<extra>estimated, {name}</extra>",
+    }
+    return [*points, line]

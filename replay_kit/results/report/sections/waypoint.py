@@ -7,6 +7,7 @@ import numpy as np
 
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.arrays import Array
+from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.geodesy import to_local
 from replay_kit.results.page.section import Control, Figure, column, pack
 from replay_kit.results.views.contents import Contents
@@ -113,17 +114,22 @@ def readout(arrivals: list[Arrival], tolerance: float) -> str:
 
 
 def _dives(contents: Contents) -> Dives:
-    """Return how the glider of the configuration dives."""
+    """Return how the glider of the configuration dives, or as it was flown."""
     known = tomllib.loads(contents.record.config_toml).get("planner", {})
     settings = PlannerConfig(
         **{name: value for name, value in known.items() if name in PlannerConfig.model_fields}
     )
     assert contents.estimate is not None
-    depth = min(settings.depth, float(contents.estimate.levels[-1]))
+    deepest, goal_depth = (
+        float(contents.estimate.levels[-1]),
+        float(contents.result.plans.iloc[-1]["goal_depth"]),
+    )
+    diving = settings.diving(AsFlown.in_metadata(contents.record.metadata), goal_depth, deepest)
+    depth = max(min(diving.depth, deepest), 1.0)
     return Dives(
-        settings.speed,
-        settings.min_angle,
-        max(depth, 1.0),
+        diving.speed,
+        diving.min_angle,
+        depth,
         settings.surface_time,
         settings.tolerance,
         settings.max_duration,

@@ -1,1 +1,0 @@
-"""Free paths of a vehicle with a bounded speed."""

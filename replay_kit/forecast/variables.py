@@ -1,0 +1,146 @@
+"""Variables of a file in the part of it that is used, with their dimensions in one order."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ForecastError
+from replay_kit.forecast.grid import Block
+from replay_kit.forecast.layout import Layout, V
+
+Faces = tuple[int | None, int | None]
+AT_CENTRES: Faces = (None, None)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Source:
+    """A dataset, and which part of it is read.
+
+    Attributes:
+        ds: At one time.
+        layout: Of the dataset.
+        block: Rows and columns.
+        member: Dimension of the members; None for one member.
+        where: The file, for messages.
+        last_time: The dataset at the last of its times, one member; None where it has but one.
+    """
+
+    ds: xr.Dataset
+    layout: Layout
+    block: Block
+    member: str | None
+    where: str
+    last_time: xr.Dataset | None
+
+    @property
+    def places(self) -> tuple[tuple[tuple[str, str], Faces], tuple[tuple[str, str], Faces]]:
+        """Of the two components: their horizontal dimensions, and the first faces along these."""
+        layout, face = self.layout, self.layout.first_face
+        at_u, at_v = ((None, face[1]), (face[0], None)) if face else (AT_CENTRES, AT_CENTRES)
+        return (layout.u_dims, at_u), (layout.v_dims, at_v)
+
+    def component(self, name: str, depth: str | None, order: NDArray[np.int64]) -> Array:
+        """Return the component ``U`` or ``V`` where it lies, shape (E, Z, J, I), on the levels in some positions."""
+        return self.read(name, *self.places[name == V], None if depth is None else (depth, order))
+
+    def first_of(self, names: Iterable[str], dims: tuple[str, str]) -> str | None:
+        """Return the first of some variables that the dataset holds on two horizontal dimensions; None without any."""
+        there = (name for name in names if name in self.ds.variables)
+        return next((name for name in there if set(dims) <= set(self._on(name, dims).dims)), None)
+
+    def _on(self, name: str, dims: tuple[str, str]) -> xr.DataArray:
+        """Return a variable on two horizontal dimensions: those of other names are the same where position and length are.
+
+        CROCO's history has u on the rows of the centres (eta_rho, xi_u), the file of its grid mask_u on rows of its own (eta_u, xi_u).
+        """
+        part, sizes = self.ds[name], self.ds.sizes
+        if part.ndim < 2:
+            return part
+        other = zip(map(str, part.dims[-2:]), dims, strict=True)
+        return part.rename(
+            {
+                own: dim
+                for own, dim in other
+                if dim not in part.dims and part.sizes[own] == sizes[dim]
+            }
+        )
+
+    def read(
+        self,
+        name: str,
+        dims: tuple[str, str],
+        faces: Faces,
+        levels: tuple[str, NDArray[np.int64]] | None,
+    ) -> Array:
+        """Return a variable's part: shape (E, Z, J, I); E or Z is 1 where it has no such dimension.
+
+        Args:
+            name: Of the variable.
+            dims: Its horizontal dimensions.
+            faces: Position of the face before centre 0 along each; None where it lies at the centres.
+            levels: Dimension and positions of the levels.
+        """
+        part = self._on(name, dims)
+        if levels is not None and levels[0] not in part.dims:
+            # masks may have the levels under another name
+            alike = [
+                dim
+                for dim in part.dims
+                if dim not in (*dims, self.member)
+                and 1 < part.sizes[dim] == self.ds.sizes[levels[0]]
+            ]
+            part = part.rename(dict.fromkeys(alike[:1], levels[0]))
+        wanted = [
+            dim
+            for dim in (self.member, levels[0] if levels else None)
+            if dim is not None and dim in part.dims
+        ]
+        extra = [dim for dim in part.dims if dim not in (*wanted, *dims)]
+        if any(part.sizes[dim] > 1 for dim in extra) or any(dim not in part.dims for dim in dims):
+            expected = ", ".join(filter(None, (self.member, levels[0] if levels else None, *dims)))
+            sizes = ", ".join(f"{dim} = {size}" for dim, size in part.sizes.items())
+            shown = part.attrs.get("replay_kit_name", name)
+            raise ForecastError(
+                f"{self.where}: {shown} has dimensions {sizes}; expected {expected} after choosing a time"
+            )
+        part = part.isel(dict.fromkeys(extra, 0)).transpose(*wanted, *dims)
+        if levels is not None and levels[0] in part.dims:
+            part = part.isel({levels[0]: _as_slice(levels[1])})
+        rows, columns = _with_faces(self.block[0], faces[0]), self._columns(faces[1])
+        pieces = [
+            np.asarray(part.isel({dims[0]: rows, dims[1]: piece}).values, dtype=np.float64)
+            for piece in columns
+        ]
+        values = pieces[0] if len(pieces) == 1 else np.concatenate(pieces, axis=-1)
+        if levels is None or levels[0] not in wanted:
+            values = np.expand_dims(values, -3)
+        return values if self.member in wanted else values[None]
+
+    def _columns(self, first: int | None) -> Sequence[slice]:
+        """Return the ranges of columns to read, in their order in space; with faces, those on both sides, also round the globe."""
+        parts, period = self.block[1], self.layout.period
+        if first is None or period is None:
+            return [_with_faces(part, first) for part in parts]
+        # counted on past the seam, and cut there
+        start, stop = parts[0].start + first, parts[-1].stop + first + 1 + period * (len(parts) - 1)
+        turns = range(start // period, (stop - 1) // period + 1)
+        return [
+            slice(max(start - turn * period, 0), min(stop - turn * period, period))
+            for turn in turns
+        ]
+
+
+def _with_faces(part: slice, first: int | None) -> slice:
+    """Return the faces on both sides of a range of centres; the range itself where values lie at the centres."""
+    return part if first is None else slice(part.start + first, part.stop + first + 1)
+
+
+def _as_slice(order: NDArray[np.int64]) -> slice | NDArray[np.int64]:
+    """Return positions as a slice where they follow each other, which is read faster."""
+    if order.size > 1 and np.all(np.diff(order) == 1):
+        return slice(int(order[0]), int(order[-1]) + 1)
+    return order

@@ -1,0 +1,170 @@
+"""The lower bound of an arrival: no mission is below it, in currents up to twice the vehicle's speed, sheared ones and with drifts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planners import Glider, MissionPlan, MissionRequest, MissionSettings, plan_mission
+from planners.front.bound import Bound
+from planners.front.current import CurrentLattice
+from planners.front.front import sea_of, spread
+from planners.mission.arrival import _by_level, bound_of
+from planners.mission.lead import lead_of
+from planners.mission.task import MissionTask, mission_task
+from planners.vehicle import SteadyFlight
+from replay_kit.core.flow.estimate import FlowEstimate
+from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
+
+
+def bounded(
+    flow: FlowEstimate | list[FlowEstimate], asked: MissionRequest
+) -> tuple[MissionPlan, Bound]:
+    """Return a plan and the bound of its arrival, after having compared them."""
+    plan, bound = plan_mission(flow, asked), bound_of(mission_task(flow, asked))[1]
+    assert plan.status == "reached"
+    assert bound.time <= plan.goal_times[-1]
+    assert float(plan.statistics.get("above_bound_percent", 0.0)) >= 0.0
+    # what is not near to what can be done is not told
+    assert bound.is_tight or "earliest arrival" not in plan.message
+    return plan, bound
+
+
+def random_mission(seed: int, fastest: float = 0.45) -> tuple[FlowEstimate, MissionRequest]:
+    """Return a mission in eddies of up to twice the vehicle's 0.29 m/s."""
+    rng = np.random.default_rng(seed)
+    flow = eddying_flow(seed, speed=float(rng.uniform(fastest - 0.2, fastest)))
+    ends = rng.uniform([-25e3, -15e3], [25e3, 15e3], (2, 2))
+    settings = MissionSettings(depth=300.0, surface_time=300.0)
+    return flow, MissionRequest(
+        place(flow, *ends[0], 0.0), (place(flow, *ends[1], 0.0),), settings=settings
+    )
+
+
+# in the first two the lattice misses the way that the plan finds
+@pytest.mark.parametrize("seed", [21, 107, 3])
+def test_no_plan_is_below_its_bound_where_the_current_is_faster_than_the_vehicle(seed: int):
+    _, bound = bounded(*random_mission(seed))
+    assert not bound.is_tight
+    assert bound.time > 0.0
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("fastest", [0.2, 0.3, 0.45])
+def test_no_plan_of_many_is_below_its_bound(fastest: float):
+    told = [bounded(*random_mission(seed, fastest))[1].is_tight for seed in range(300, 310)]
+    assert any(told)
+
+
+def sheared(profile: tuple[float, ...], speed: float = 0.2) -> FlowEstimate:
+    """Return an eastward current that is so many times a speed at each level, the same everywhere."""
+    flow = uniform_flow(speed, 0.0)
+    return replace(flow, latent=flow.latent * np.array(profile))
+
+
+SURFACE, AGAINST = (1.0, 0.5, 0.0, 0.0, 0.0), (1.0, 0.5, -0.5, -1.0, -1.0)
+
+
+@pytest.mark.parametrize(
+    ("profile", "depth", "drift", "way", "below"),
+    [
+        # westward a drift carries the glider back: the last leg gains what it spares, and steep dives lose
+        (SURFACE, 230.0, 3600.0, 1.5e3, 0.0),
+        (SURFACE, 230.0, 3600.0, 1.5e3, 230.0),
+        (SURFACE, 390.0, 900.0, 5e3, 0.0),
+        (SURFACE, 390.0, 3600.0, 15e3, 0.0),
+        (AGAINST, 230.0, 3600.0, 15e3, 0.0),
+        # a last dive to 40 m meets the surface current alone
+        (tuple(-part for part in SURFACE), 390.0, 0.0, 5e3, 40.0),
+    ],
+)
+def test_no_plan_is_below_its_bound_where_the_surface_moves_otherwise_than_the_water_below(
+    profile: tuple[float, ...], depth: float, drift: float, way: float, below: float
+):
+    flow, settings = (
+        sheared(profile),
+        MissionSettings(depth=depth, surface_time=drift, tolerance=100.0),
+    )
+    ends = place(flow, 0.5 * way, 0.0, 0.0), (place(flow, -0.5 * way, 0.0, below),)
+    bounded(flow, MissionRequest(*ends, settings=settings))
+
+
+def test_no_plan_is_below_its_bound_that_starts_below_the_surface_or_is_quicker_at_steep_angles():
+    flow = sheared(SURFACE)
+    settings, ends = (
+        MissionSettings(depth=230.0, surface_time=600.0),
+        (place(flow, -3e3, 0.0, 150.0), (place(flow, 4e3, 0.0, 0.0),)),
+    )
+    bounded(flow, MissionRequest(*ends, settings=settings))
+    # by a flight model a glider makes most way at some 35 degrees
+    steep, still = Glider(flight=SteadyFlight()), still_flow()
+    asked = MissionRequest(
+        place(still, -8e3, 0.0, 0.0),
+        (place(still, 8e3, 0.0, 0.0),),
+        steep,
+        replace(settings, surface_time=0.0),
+    )
+    _, bound = bounded(still, asked)
+    fastest = max(float(steep.speeds(np, angle)[0]) for angle in np.linspace(*steep.angles, 200))
+    assert bound.time == pytest.approx(0.998 * (16e3 - 250.0) / fastest, rel=2e-3)
+
+
+def test_no_plan_is_below_its_bound_where_the_shear_comes_later():
+    later, day = sheared(SURFACE), 86400 * 10**9
+    through = [
+        replace(later, latent=share * later.latent, time_ns=day + k * day // 8)
+        for k, share in enumerate((0.0, 1.0))
+    ]
+    ends = place(later, 0.0, 0.0, 0.0), (place(later, -4e3, 0.0, 0.0),)
+    settings = MissionSettings(depth=230.0, surface_time=3600.0, tolerance=100.0)
+    asked = MissionRequest(*ends, settings=settings, start_time_ns=day)
+    bounded(through, asked)
+    # none of it is there when the mission begins
+    at_first, always = (_by_level(mission_task(flow, asked)) for flow in (through[0], through))
+    assert np.max(np.abs(at_first)) == 0.0
+    assert np.max(np.abs(always)) > 0.15
+
+
+def test_whole_legs_of_a_current_without_shear_are_not_ahead():
+    def task_of(flow: FlowEstimate, **settings: float) -> MissionTask:
+        how = replace(MissionSettings(depth=300.0), **settings)  # type: ignore[arg-type]
+        return mission_task(
+            flow,
+            MissionRequest(
+                place(flow, -5e3, 0.0, 0.0), (place(flow, 5e3, 0.0, 0.0),), settings=how
+            ),
+        )
+
+    flow = uniform_flow(0.1, 0.05)
+    still, drifting = task_of(flow), task_of(flow, surface_time=600.0)
+    flat = still.vehicle.angles[0]
+    lead = lead_of(still, _by_level(still))
+    assert (lead.speed, lead.start, lead.goals.tolist()) == (
+        pytest.approx(0.3 * np.cos(flat)),
+        0.0,
+        [0.0],
+    )
+    # the last leg is ahead by the way that a drift takes off the mean
+    lead = lead_of(drifting, _by_level(drifting))
+    lasts = drifting.leg_time(flat)
+    assert lead.speed == pytest.approx(0.3 * np.cos(flat) * (1.0 - 600.0 / lasts))
+    assert (lead.start, lead.goals.tolist()) == (0.0, [pytest.approx(600.0 * lead.speed, abs=0.01)])
+
+
+def test_the_fastest_current_met_is_that_of_places_and_times_from_which_the_goal_is_reached_in_time():
+    # a jet in the north from the second day on
+    values = np.full((3, 9, 33), 0.05, dtype=complex)
+    values[1:, -1] = 0.8
+    current = CurrentLattice(
+        np.array([-16e3, -4e3]), 1e3, np.array([0.0, 86400.0, 172800.0]), values
+    )
+    ends = np.array([-12e3 - 3e3j, 10e3 - 3e3j, -9e3 - 3e3j])
+    sea = sea_of(current, 0.3, ends)
+    front = spread(
+        sea, np.array([current.places.size]), np.zeros(1), np.inf, np.zeros(0, dtype=int)
+    )
+    far, near = (float(front.times[current.places.size + k]) for k in (1, 2))
+    # on a short way nothing of it can be met; on a long one a vehicle may go there and back
+    assert front.fastest_met(0.0, near, (ends[2], 0.0)) == pytest.approx(0.05)
+    assert front.fastest_met(0.0, 3.0 * far, (ends[1], 0.0)) == pytest.approx(0.8)
+    assert front.fastest_met(0.0, np.inf) == pytest.approx(0.8)

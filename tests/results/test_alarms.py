@@ -1,0 +1,108 @@
+"""A plan that must not be flown is the first alarm of every answer to a person."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from replay_kit.core.finding import Finding
+from replay_kit.core.plan import Odds
+from replay_kit.results import ResultWriter, open_result
+from replay_kit.results.report.sections.warnings import what_looks_wrong
+from replay_kit.results.status.held import read_held
+from replay_kit.results.status.page import status_page
+from replay_kit.results.status.status import status_of
+from replay_kit.results.status.text import status_text
+from replay_kit.results.summary import ReplaySummary, print_summary
+from replay_kit.results.summary_json import to_json, to_record
+from replay_kit.results.views.contents import Contents
+from tests.results.result_samples import CONFIG, METADATA
+from tests.results.status.held_samples import held
+from tests.synthetic_flow import synthetic_flow
+
+NONE_ARRIVES = Odds(40, 0.0, 0.0, 1.0, 900.0, 1500.0)
+BAD = {
+    "unreachable": {
+        "status": "unreachable",
+        "message": "misses the goal by 3200.0 m",
+        "closest_approach": 3200.0,
+        "duration": 38_520.0,
+    },
+    "unsafe": {"status": "unsafe", "message": "crosses the lane"},
+    "uncertain": {
+        "status": "uncertain",
+        "message": "0 % of 40 samples of the estimate arrive",
+        "odds": NONE_ARRIVES,
+    },
+    "no sample arrives": {"message": "ends at the goal", "odds": NONE_ARRIVES},
+    "failed": {
+        "status": "failed",
+        "message": "no path",
+        "duration": np.nan,
+        "closest_approach": np.inf,
+    },
+}
+FINDING = Finding("headings", 0, "off by 90", "the mounting", "check the mounting")
+SUMMARY = ReplaySummary((), (), 0, 4, 0, 4, {}, 0.1, 0.1, 0.1, 1.0, (), findings=(FINDING,))
+
+
+def written(path, plan, findings=(FINDING,)):
+    flow = synthetic_flow()
+    with ResultWriter(path) as writer:
+        writer.start(flow.grid.projection, plan.start_time_ns, METADATA, CONFIG)
+        writer.plan(plan, flow.grid.projection)
+        writer.summary(
+            plan.start_time_ns, to_record(replace(SUMMARY, plan=plan, findings=findings), ())
+        )
+    return path
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_plan_that_must_not_be_flown_is_the_first_alarm_wherever_it_is_shown(
+    name, plan, tmp_path
+):
+    plan = replace(plan, **BAD[name])
+    path = written(tmp_path / "r.mcap", plan)
+    status = status_of(read_held(path))
+    assert [alarm.kind for alarm in status.alarms] == ["plan", "consistency"]
+    said = status.alarms[0].text
+    assert plan.message in said
+    text, page = status_text(status, 400), status_page(status)
+    assert text.splitlines()[1] == f"! PLAN: {said}"
+    assert page.index(f"<b>plan</b> {said}") < page.index("<b>consistency</b>")
+    assert "arrives after" not in text + page
+    assert (
+        Contents(open_result(path)).summary["alarms"]
+        == to_json(replace(SUMMARY, plan=plan))["alarms"]
+    )
+    assert what_looks_wrong(Contents(open_result(path)))[0] == said[:1].upper() + said[1:] + "."
+    made = replace(SUMMARY, plan=plan)
+    assert [one["kind"] for one in to_json(made)["alarms"]] == ["plan", "consistency"]
+    assert to_json(made)["alarms"][0]["text"] == status.figures["alarms"][0]["text"] == said
+    printed = io.StringIO()
+    print_summary(made, Console(file=printed, width=400))
+    assert printed.getvalue().splitlines()[0] == f"ALARM: {said}"
+
+
+def test_a_plan_that_arrives_is_no_alarm(plan, tmp_path):
+    path = written(
+        tmp_path / "r.mcap", replace(plan, odds=Odds(40, 0.95, 0.5, 1.0, 80.0, 300.0)), findings=()
+    )
+    status = status_of(read_held(path))
+    assert status.alarms == ()
+    assert "plan reached: arrives after 1.0 h, 12 m off" in status_text(status)
+    assert to_json(replace(SUMMARY, plan=plan, findings=()))["alarms"] == []
+    assert not any("plan" in text for text in what_looks_wrong(Contents(open_result(path))))
+
+
+def test_a_replay_that_could_make_no_plan_in_the_end_says_so_first():
+    """An earlier plan of it may have arrived."""
+    summary = to_json(replace(SUMMARY, plan_note="the goal is on land"))
+    assert summary["alarms"][0] == {"kind": "plan", "text": "the plan failed: the goal is on land"}
+    for plans in (held().plans, []):
+        status = status_of(held(summary=summary, plans=plans))
+        assert status.alarms[0].text == "the plan failed: the goal is on land"
+        assert "plan failed: the goal is on land" in status_text(status)
+        assert "arrives after" not in status_text(status)

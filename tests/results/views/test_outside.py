@@ -1,0 +1,124 @@
+"""Cells off a turned grid are no land: they are told apart in what is taken out of a result, on its page and in its figures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from replay_kit.core.geodesy import inside_grid
+from replay_kit.results import open_result
+from replay_kit.results.plots import drawn
+from replay_kit.results.report import report_html
+from replay_kit.results.report.sections.map_frame import coastline
+from replay_kit.results.views.contents import Contents
+from replay_kit.results.views.slices import on_grid, published_slices, slices_of
+from tests.results.cases import turned, write
+from tests.results.report.html_of import figures, unpacked
+from tests.synthetic_flow import synthetic_flow
+
+
+@pytest.fixture
+def contents(tmp_path, innovation, plan):
+    """Return a function that opens a result on a grid turned by 35 degrees, with or without an estimate, and an island."""
+
+    def make(estimate: bool = True, land: bool = True) -> Contents:
+        flow, path = turned(synthetic_flow(), 35.0), tmp_path / f"{estimate}-{land}.mcap"
+        wet = np.ones_like(flow.grid.wet)
+        wet[:, 2, 2] = not land
+        if not path.exists():
+            write(
+                path,
+                replace(flow, grid=replace(flow.grid, wet=wet)),
+                [innovation] * 2,
+                plan,
+                estimate=estimate,
+            )
+        return Contents(open_result(path))
+
+    return make
+
+
+def test_slices_know_which_cells_lie_off_the_grid(contents) -> None:
+    slices, grid = contents().slices, contents().estimate.grid
+    outside = ~inside_grid(grid, *np.meshgrid(slices.east, slices.north))
+    assert 0.3 < outside.mean() < 0.7
+    np.testing.assert_array_equal(slices.outside, outside)
+    np.testing.assert_array_equal(slices_of(contents().estimate, np.array([5.0])).outside, outside)
+    assert not np.isfinite(slices.fields[..., outside]).any()
+    # the island
+    assert np.isnan(slices.fields[0, -1, 0][~outside]).any()
+
+
+def test_what_was_published_of_another_grid_is_not_called_outside(contents) -> None:
+    slices = published_slices(contents().result.path)
+    assert on_grid(slices, synthetic_flow(spacing=1_000.0).grid).outside is None
+
+
+def test_a_coast_lies_between_water_and_land_alone(contents) -> None:
+    slices = contents().slices
+    assert coastline(contents(land=False).slices) == ([], [])
+    x, y = (1e3 * np.array(line, dtype=np.float64) for line in coastline(slices))
+    half = 0.5 * (slices.east[1] - slices.east[0])
+    wet = np.isfinite(slices.fields[0, -1, 0])
+    dry = ~wet & ~slices.outside
+    for k in range(0, x.size, 3):
+        middle = np.array([x[k : k + 2].mean(), y[k : k + 2].mean()])
+        near = (
+            np.hypot(
+                *(
+                    each - at
+                    for each, at in zip(np.meshgrid(slices.east, slices.north), middle, strict=True)
+                )
+            )
+            < 1.1 * half
+        )
+        assert (int((near & wet).sum()), int((near & dry).sum())) == (1, 1)
+    assert x.size > 0
+
+
+def test_the_page_calls_them_outside_the_forecast(contents) -> None:
+    figure = figures(report_html(contents().result))["current-map"]
+    outside = np.isfinite(unpacked(figure["packed"]["outside"]))
+    np.testing.assert_array_equal(outside, contents().slices.outside)
+    field, land, beyond = (trace for trace in figure["traces"] if trace["type"] == "heatmap")
+    assert land["z"] == {"$op": "dry", "of": [field["z"]["of"][0]["of"][0], beyond["z"]]}
+    assert beyond["z"] == {"$field": "outside", "at": []}
+    said = [trace["hovertemplate"] for trace in (land, beyond)]
+    assert said == [
+        "land, or below the bottom<extra></extra>",
+        "outside the forecast<extra></extra>",
+    ]
+    (hatching,) = figure["layout"]["shapes"]
+    assert (hatching["name"], hatching["layer"]) == ("outside the forecast", "below")
+
+
+def test_the_figures_hatch_them(contents) -> None:
+    for land in (True, False):
+        figure = drawn(contents(land=land), "map")
+        assert figure.axes[0].patch.get_hatch()
+        said = " ".join(figure.get_supxlabel().split())
+        assert "Hatched: outside the forecast." in said
+        assert ("Grey: land, or below the bottom." in said) == land
+
+
+def test_a_plan_that_leads_out_of_the_forecast_says_so(plan, innovation, tmp_path) -> None:
+    # the goal lies 3.4 km away, the edge of the grid 15 km or 1.5 km
+    for spacing, beyond in ((5_000.0, False), (500.0, True)):
+        write(tmp_path / f"{beyond}.mcap", synthetic_flow(spacing=spacing), [innovation], plan)
+        said = " ".join(
+            drawn(Contents(open_result(tmp_path / f"{beyond}.mcap")), "plan")
+            .get_supxlabel()
+            .split()
+        )
+        assert ("Hatched: outside the forecast." in said) == beyond
+
+
+def test_without_an_estimate_nothing_is_called_land_that_may_lie_outside(contents) -> None:
+    result = contents(estimate=False)
+    said = "land, below the bottom, or outside the forecast"
+    figure = figures(report_html(result.result))["current-map"]
+    _, land = (trace for trace in figure["traces"] if trace["type"] == "heatmap")
+    assert land["hovertemplate"] == f"{said}<extra></extra>"
+    assert {"coast, or edge of the forecast"} < {trace.get("name") for trace in figure["traces"]}
+    assert figure["layout"]["shapes"] == []
+    assert f"Grey: {said}." in " ".join(drawn(result, "map").get_supxlabel().split())

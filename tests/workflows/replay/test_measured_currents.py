@@ -1,0 +1,195 @@
+"""What a replay publishes of a dive's mean current: the log's own value everywhere, and the correction under a name of its own."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import replay_kit as rk
+from replay_kit.core.geodesy import rotate_to_local
+from replay_kit.core.message import Message
+from replay_kit.logs.mcap.writer import write_mcap_log
+from tests import synthetic
+from tests.command import invoke
+from tests.results.report.html_of import figures
+from tests.workflows.replay.test_flight_bias import dive
+
+DIVES = 8
+FAST = [
+    "--modes",
+    "10",
+    "--place-ensemble",
+    "--estimator.sample-share",
+    "0.5",
+    "--estimator.shift-distance",
+    "0",
+]
+
+
+def messages(mean):
+    """The fixes of a dive and its mean current, as a log states them."""
+    stamps = [
+        dict(zip(("sec", "nsec"), divmod(fix.time_ns, 10**9), strict=True)) for fix in mean.fixes
+    ]
+    ends = [
+        {"time": stamp, "lon": fix.longitude, "lat": fix.latitude}
+        for stamp, fix in zip(stamps, mean.fixes, strict=True)
+    ]
+    for fix in mean.fixes:
+        depth = [{"key": "depth", "value": "0"}]
+        yield Message(
+            fix.time_ns,
+            "/fix",
+            "foxglove.LocationFix",
+            {"longitude": fix[1], "latitude": fix[2], "metadata": depth},
+            0,
+            0,
+        )
+    stated = {
+        "dive": mean.dive,
+        "dac_eastward": mean.velocity[0],
+        "dac_northward": mean.velocity[1],
+        "error": mean.error_std,
+    }
+    payload = stated | {"start_fix": ends[0], "end_fix": ends[1], "max_depth": 200.0}
+    yield Message(mean.time_ns + 1, "/dac", "replay_kit.DepthAveragedCurrent", payload, 0, 0)
+
+
+@pytest.fixture(scope="module")
+def replayed(tmp_path_factory) -> tuple[Path, str]:
+    """A mission whose flight model errs by half of the way, its result, the smoothed one, and what the replay printed."""
+    folder = tmp_path_factory.mktemp("mission")
+    synthetic.dataset(seed=4, n_members=12, shape=(5, 5)).to_netcdf(
+        folder / "E.nc", engine="h5netcdf"
+    )
+    write_mcap_log(
+        folder / "log.mcap", [message for k in range(DIVES) for message in messages(dive(k))]
+    )
+    given = [
+        "replay",
+        "log.mcap",
+        "--ensemble",
+        "E.nc",
+        "-o",
+        "out.mcap",
+        "--json",
+        "out.json",
+        "--smooth",
+        "smooth.mcap",
+    ]
+    done = invoke([word if "." not in word else str(folder / word) for word in given] + FAST)
+    assert done.exit_code in (0, 6), done.output
+    return folder, done.output
+
+
+@pytest.mark.parametrize("name", ["out.mcap", "smooth.mcap"])
+def test_measured_is_what_the_log_states_and_corrected_what_is_used(replayed, name):
+    result = rk.open_result(replayed[0] / name)
+    table = result.observations
+    stated = np.array([dive(k).velocity for k in range(DIVES)])
+    projection = result.estimate.grid.projection
+    _, longitude, latitude = np.array([dive(k).fixes[1] for k in range(DIVES)]).T
+    local = np.column_stack(rotate_to_local(projection, longitude, latitude, *stated.T))
+
+    def pairs(kind):
+        return table[[f"mean_current_{kind}_east", f"mean_current_{kind}_north"]].to_numpy()
+
+    np.testing.assert_allclose(pairs("measured"), local, atol=2e-6)
+    np.testing.assert_allclose(table["mean_current_measured_standard_error"], 0.01, rtol=1e-12)
+    corrected = np.isfinite(pairs("corrected")).all(axis=1)
+    assert corrected.tolist() == sorted(corrected.tolist())
+    assert 1 <= corrected.sum() < DIVES
+    # half of the way through the water, of 25 cm/s
+    apart = np.hypot(*(pairs("measured") - pairs("corrected"))[corrected].T)
+    np.testing.assert_allclose(apart, 0.125, atol=0.03)
+    used = np.where(corrected[:, None], pairs("corrected"), pairs("measured"))
+    bins = result.innovations
+    np.testing.assert_allclose(
+        used - pairs("predicted"), bins[["innovation_east", "innovation_north"]], atol=1e-12
+    )
+    np.testing.assert_allclose(
+        used - pairs("estimated"), bins[["residual_east", "residual_north"]], atol=1e-12
+    )
+    errors = table["mean_current_estimated_standard_error"].to_numpy()
+    assert (
+        np.isnan(errors).all() if name == "smooth.mcap" else ((errors > 0.0) & (errors < 0.1)).all()
+    )
+
+
+def test_the_summary_states_the_correction(replayed):
+    folder, said = replayed
+    found = json.loads((folder / "out.json").read_text())["flight_correction"]
+    table = rk.open_result(folder / "out.mcap").observations
+    assert found["corrected"] == np.isfinite(table["mean_current_corrected_east"]).sum()
+    assert found["rms_m_s"] == pytest.approx(0.125, abs=0.02)
+    assert found["along"] == pytest.approx(0.5, abs=3.0 * found["along_std"])
+    assert (found["dives"], found["evidence"] > 2.0) == (DIVES, True)
+    begin = f"Flight model: {found['corrected']} mean currents were corrected for the flight model's error, by "
+    assert f"{begin}{100.0 * found['rms_m_s']:.1f} cm/s RMS" in said
+    assert f"; from {DIVES} dives this error is {100.0 * found['along']:.0f} ± " in said
+
+
+def test_status_table_and_page_name_both(replayed, tmp_path):
+    result = str(replayed[0] / "out.mcap")
+    east, north = dive(DIVES - 1).velocity
+    status = " ".join(invoke(["status", result]).output.split())
+    assert f"dive {DIVES} measured {100.0 * np.hypot(east, north):.1f} ± 1.0 cm/s toward" in status
+    assert f"dive {DIVES} corrected for the flight model's error" in status
+    said = json.loads(invoke(["status", result, "--json", "-"]).stdout)["current"]
+    assert (said["measured"]["east"], said["measured"]["north"]) == pytest.approx(
+        (east, north), abs=1e-5
+    )
+    assert np.hypot(
+        said["corrected"]["east"] - east, said["corrected"]["north"] - north
+    ) == pytest.approx(0.125, abs=0.03)
+    assert (
+        invoke(["export", result, "--table", "dives", "-o", str(tmp_path / "dives.csv")]).exit_code
+        == 0
+    )
+    table = pd.read_csv(tmp_path / "dives.csv")
+    stated = np.array([dive(k).velocity for k in range(DIVES)])
+    np.testing.assert_allclose(
+        table[["dac_eastward_measured", "dac_northward_measured"]], stated, atol=1e-5
+    )
+    for name in ("measured", "corrected", "estimated"):
+        assert table.iloc[-1][[f"dac_eastward_{name}", f"dac_{name}_standard_error"]].notna().all()
+    assert table["dac_eastward_corrected"].isna().iloc[0]
+    assert invoke(["report", result, "-o", str(tmp_path / "page.html")]).exit_code == 0
+    page = (tmp_path / "page.html").read_text()
+    assert "mean currents were corrected for the flight model" in page
+    names = [trace["name"] for trace in figures(page)["mean-currents"]["traces"]]
+    assert names == [
+        f"{kind}, {axis}"
+        for axis in ("eastward", "northward")
+        for kind in ("measured", "corrected", "estimated")
+    ]
+
+
+def test_a_mission_that_grows_keeps_what_it_decided(replayed, tmp_path):
+    folder, _ = replayed
+    write_mcap_log(
+        tmp_path / "log.mcap", [message for k in range(DIVES - 2) for message in messages(dive(k))]
+    )
+    # the ensemble stays where it was placed
+    done = invoke(
+        [
+            "replay",
+            str(tmp_path / "log.mcap"),
+            "--ensemble",
+            str(folder / "E.nc"),
+            "-o",
+            str(tmp_path / "out.mcap"),
+            *FAST,
+        ]
+    )
+    assert done.exit_code in (0, 6), done.output
+    before, after = (rk.open_result(path / "out.mcap").observations for path in (tmp_path, folder))
+    names = [
+        f"mean_current_{kind}_{axis}"
+        for kind in ("measured", "corrected")
+        for axis in ("east", "north")
+    ]
+    np.testing.assert_allclose(before[names], after[names].iloc[: DIVES - 2], atol=1e-4)
+    assert before["mean_current_corrected_east"].notna().any()
