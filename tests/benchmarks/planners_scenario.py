@@ -25,6 +25,7 @@ from planners import (
 )
 from planners.mission.flight import Legs, currents_of, fly_legs
 from planners.mission.leg import leg_depths, steps_needed
+from planners.mission.scenarios import passes_binomial_test
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -48,6 +49,7 @@ def rows(data: Path | None, members: tuple[int, ...], missions: int, tiny: bool)
     found: dict[str, list[float]] = {
         "took": [],
         "unsafe": [],
+        "unsafe_not_kept": [],
         "unsafe_without": [],
         "miss": [],
         "corrected": [],
@@ -56,14 +58,14 @@ def rows(data: Path | None, members: tuple[int, ...], missions: int, tiny: bool)
     for member in members:
         flow = _estimate(data, member)
         drawn, fresh = flow.sample(SAMPLES, 1), flow.sample(40 if tiny else FRESH, 2)
-        for seed in range(missions):
+        for seed in (2,) if tiny else range(missions):
             request = _mission(flow, np.random.default_rng(seed), 4 if tiny else DIVES)
             free = plan_mission(flow, request)
             area = _downstream(flow, free)
             past = replace(request, no_go=(area,))
             without = plan_mission(flow, past)
             began = time.perf_counter()
-            kept, _ = plan_scenarios(flow, drawn, past, allowed=ALLOWED)
+            kept, own = plan_scenarios(flow, drawn, past, allowed=ALLOWED)
             found["took"].append(time.perf_counter() - began)
             held, plain = (
                 fly_scenarios(flow, fresh, one, no_go=(area,)) for one in (kept, without)
@@ -71,7 +73,8 @@ def rows(data: Path | None, members: tuple[int, ...], missions: int, tiny: bool)
             began = time.perf_counter()
             corrected = fly_scenarios(flow, fresh, free, pilot=Pilot())
             found["flown"].append(time.perf_counter() - began)
-            found["unsafe"].append(1.0 - held.safe)
+            keeps = passes_binomial_test(round(SAMPLES * (1.0 - own.safe)), SAMPLES, ALLOWED)
+            found["unsafe" if keeps else "unsafe_not_kept"].append(1.0 - held.safe)
             found["unsafe_without"].append(1.0 - plain.safe)
             found["miss"].append(held.miss_90_percent / plain.miss_90_percent)
             found["corrected"].append(
@@ -79,7 +82,7 @@ def rows(data: Path | None, members: tuple[int, ...], missions: int, tiny: bool)
             )
     count = len(found["took"])
     of = {name: np.array(values) for name, values in found.items()}
-    medians = {f"{name}_median": float(np.median(values)) for name, values in of.items()}
+    medians = {f"{name}_median": float(np.median(of[name])) for name in found if len(of[name])}
 
     def summary(what: str, seconds: str, peer: str, error: str, share: str, **more: float) -> Row:
         return row(
@@ -92,7 +95,11 @@ def rows(data: Path | None, members: tuple[int, ...], missions: int, tiny: bool)
             **more,
         )
 
-    allowed = f"{count} scenario plans of {DIVES} dives, {SAMPLES} samples: {ALLOWED:.0%} may enter an area, 12 % asked, in 15 s"
+    # a plan that meets its goal comes first: where none does so at the risk allowed, the plan says so
+    allowed = (
+        f"{len(of['unsafe'])} of {count} scenario plans of {DIVES} dives that meet the goal at the risk allowed, "
+        f"{SAMPLES} samples: {ALLOWED:.0%} may enter an area, 12 % asked, in 15 s"
+    )
     slowest, most = float(of["took"].max()), float(of["unsafe"].max())
     kept_row = summary(
         allowed,
