@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from replay_kit.core.plan import Place, Plan
     from replay_kit.logs import open_log
     from replay_kit.measurements import observations
-    from replay_kit.results import Result, open_result
+    from replay_kit.show import Result, open_result
     from replay_kit.workflows.library import open_ensemble, plan, replay
 
 __all__ = [
@@ -54,13 +54,13 @@ __getattr__ = on_demand(
         "Place": "core.plan",
         "Plan": "core.plan",
         "ReplayKitError": "core.errors",
-        "Result": "results.opened",
+        "Result": "show.opened",
         "RunConfig": "config.run",
         "observations": "measurements",
         "open_ensemble": "workflows.library",
         "open_estimate": "core.flow.load:load",
         "open_log": "logs",
-        "open_result": "results.opened",
+        "open_result": "show.opened",
         "plan": "workflows.library",
         "replay": "workflows.library",
     },

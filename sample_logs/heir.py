@@ -63,7 +63,7 @@ SECTION = '''"""How deep the vehicle went."""
 
 import numpy as np
 
-from replay_kit.results.page.section import Section
+from replay_kit.show.page.section import Section
 from replay_kit.results.views.contents import Contents
 
 
@@ -84,9 +84,9 @@ ADDITIONS = (
         "_OF_PINGS = (\n",
         '_OF_PINGS = (\n    "repeated_times:RepeatedTimes",\n',
     ),
-    ("replay_kit/results/report/sections/depths.py", "", SECTION),
+    ("replay_kit/show/report/sections/depths.py", "", SECTION),
     (
-        "replay_kit/results/report/page.py",
+        "replay_kit/show/report/page.py",
         "_LISTED = (\n",
         '_LISTED = (\n    "depths:depths_section",\n',
     ),

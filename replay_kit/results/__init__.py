@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from replay_kit.results.journal import Journal, read_journal
     from replay_kit.results.mcap_reader import read_estimate
     from replay_kit.results.mcap_writer import ResultWriter
-    from replay_kit.results.opened import Result, open_result
     from replay_kit.results.schemas import CONTRACT_VERSION
 
 __all__ = [
@@ -19,10 +18,8 @@ __all__ = [
     "Digest",
     "Journal",
     "Recorded",
-    "Result",
     "ResultWriter",
     "first_difference",
-    "open_result",
     "read_estimate",
     "read_journal",
     "read_recorded",
@@ -37,10 +34,8 @@ __getattr__ = on_demand(
         "Digest": "digest",
         "Journal": "journal",
         "Recorded": "compare",
-        "Result": "opened",
         "ResultWriter": "mcap_writer",
         "first_difference": "compare",
-        "open_result": "opened",
         "read_estimate": "mcap_reader",
         "read_journal": "journal",
         "read_recorded": "compare",

@@ -20,7 +20,7 @@ from replay_kit.core.paths import Paths, as_groups, as_path
 from replay_kit.core.plan import Place, Plan
 from replay_kit.core.time import to_time_ns
 from replay_kit.forecast import read_ensemble
-from replay_kit.results import Result
+from replay_kit.show import Result
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.planning.currents import KnownCurrent
 from replay_kit.workflows.replay.inputs import ReplayJob

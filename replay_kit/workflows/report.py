@@ -9,12 +9,13 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import LogError
 from replay_kit.core.paths import check_paths
-from replay_kit.results import CONTRACT_VERSION, Result, open_result
+from replay_kit.results import CONTRACT_VERSION
 from replay_kit.results.losses import loss_words
-from replay_kit.results.report import report_html
 from replay_kit.results.summary import ReplaySummary
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import read_record
+from replay_kit.show import Result, open_result
+from replay_kit.show.report import report_html
 from replay_kit.workflows.convert import convert
 
 

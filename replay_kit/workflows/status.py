@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from replay_kit.core.atomic import atomic_file
-from replay_kit.results.status.held import read_held
-from replay_kit.results.status.page import status_page
-from replay_kit.results.status.status import Status, status_of
+from replay_kit.show.status.held import read_held
+from replay_kit.show.status.page import status_page
+from replay_kit.show.status.status import Status, status_of
 
 
 def read_status(path: Path, now_ns: int | None = None) -> Status:

@@ -25,7 +25,7 @@ PACKAGES = (
     "replay_kit.estimator",
     "replay_kit.results",
 )
-_STYLE = Path(__file__).parents[2] / "replay_kit" / "results" / "page" / "page.css"
+_STYLE = Path(__file__).parents[2] / "replay_kit" / "show" / "page" / "page.css"
 _OWN_STYLE = """
 dt { margin-top: .4rem; } dd { margin-left: 1.5rem; max-width: 95ch; } dl { margin: 0 0 .75rem; } pre { white-space: pre-wrap; }
 article { margin: 2rem 0; padding-top: .75rem; border-top: 1px solid var(--line); } .kind { margin: .5rem 0 0; color: var(--soft); }

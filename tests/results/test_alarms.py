@@ -9,17 +9,18 @@ from rich.console import Console
 
 from replay_kit.core.finding import Finding
 from replay_kit.core.plan import Odds
-from replay_kit.results import ResultWriter, open_result
-from replay_kit.results.report.sections.warnings import what_looks_wrong
-from replay_kit.results.status.held import read_held
-from replay_kit.results.status.page import status_page
-from replay_kit.results.status.status import status_of
-from replay_kit.results.status.text import status_text
+from replay_kit.results import ResultWriter
 from replay_kit.results.summary import ReplaySummary, print_summary
 from replay_kit.results.summary_json import to_json, to_record
 from replay_kit.results.views.contents import Contents
+from replay_kit.show import open_result
+from replay_kit.show.report.sections.warnings import what_looks_wrong
+from replay_kit.show.status.held import read_held
+from replay_kit.show.status.page import status_page
+from replay_kit.show.status.status import status_of
+from replay_kit.show.status.text import status_text
 from tests.results.result_samples import CONFIG, METADATA
-from tests.results.status.held_samples import held
+from tests.show.status.held_samples import held
 from tests.synthetic_flow import synthetic_flow
 
 NONE_ARRIVES = Odds(40, 0.0, 0.0, 1.0, 900.0, 1500.0)

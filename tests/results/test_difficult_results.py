@@ -15,14 +15,14 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Innovation
 from replay_kit.core.plan import Plan
 from replay_kit.results import ResultWriter
-from replay_kit.results.export import ENDINGS, export
-from replay_kit.results.plots import KINDS, drawn
-from replay_kit.results.report import report_html
 from replay_kit.results.views.contents import Contents
+from replay_kit.show.export import ENDINGS, export
+from replay_kit.show.plots import KINDS, drawn
+from replay_kit.show.report import report_html
 from replay_kit.workflows.report import opened
 from tests.results.cases import moved, write
-from tests.results.report.html_of import elements, figures, text_of
 from tests.results.result_samples import CONFIG, METADATA
+from tests.show.report.html_of import elements, figures, text_of
 from tests.synthetic_flow import synthetic_flow
 
 #: Writes a result to a path.
@@ -115,7 +115,7 @@ def test_each_is_shown_and_exported(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # few: each is flown in Python
-    monkeypatch.setattr("replay_kit.results.report.sections.waypoint._SAMPLES", 1)
+    monkeypatch.setattr("replay_kit.show.report.sections.waypoint._SAMPLES", 1)
     case(tmp_path / "case.mcap", flow, innovation, plan)
     with opened(tmp_path / "case.mcap") as contents:
         page = report_html(contents.result, contents.notes)

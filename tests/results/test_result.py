@@ -13,7 +13,8 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Ellipse, Outcome, Surfacing
-from replay_kit.results import Result, ResultWriter, open_result
+from replay_kit.results import ResultWriter
+from replay_kit.show import Result, open_result
 from tests.results.result_samples import CONFIG, METADATA, Run
 from tests.synthetic_flow import TIME_NS
 

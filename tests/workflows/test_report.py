@@ -13,8 +13,8 @@ from replay_kit.results.summary_json import to_json
 from replay_kit.workflows.report import page_of, report
 from tests.command import invoke
 from tests.places import SAMPLES
-from tests.results.report.conftest import page, replayed, result_path  # noqa: F401 - fixtures
-from tests.results.report.html_of import elements, text_of
+from tests.show.report.conftest import page, replayed, result_path  # noqa: F401 - fixtures
+from tests.show.report.html_of import elements, text_of
 
 SHORT = ["--end", "2018-11-16T02:00:00Z", "--levels", "5,150", "--modes", "5"]
 

@@ -10,9 +10,9 @@ from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.smoother import smooth as smooth_states
 from replay_kit.forecast import read_series
 from replay_kit.logs import open_log
-from replay_kit.results.report import report_html
-from replay_kit.results.status.held import read_held
 from replay_kit.results.views.contents import Contents
+from replay_kit.show.report import report_html
+from replay_kit.show.status.held import read_held
 from replay_kit.workflows.library import settings_of
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.flight_bias import FlightState, as_used
@@ -20,7 +20,7 @@ from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.smooth import STATIC, published_times, smooth
 from replay_kit.workflows.verify import verify
 from tests.places import SAMPLES
-from tests.results.report.html_of import figures
+from tests.show.report.html_of import figures
 
 STATIC_SETTINGS = {
     "logs": {"end": "2018-11-16T05:00:00Z"},

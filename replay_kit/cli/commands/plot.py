@@ -70,8 +70,8 @@ def plot(
     at = None if look.at is None else (longitude, latitude, depth)
 
     from replay_kit.core.atomic import atomic_file
-    from replay_kit.results.plots import drawn
-    from replay_kit.results.plots.style import saved
+    from replay_kit.show.plots import drawn
+    from replay_kit.show.plots.style import saved
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:

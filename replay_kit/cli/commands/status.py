@@ -50,7 +50,7 @@ def status(
 
     found = read_status(result, moment)
     if not reporting.current().quiet and str(answer.json_file) != "-":
-        from replay_kit.results.status.text import status_text
+        from replay_kit.show.status.text import status_text
 
         width = (
             min(shutil.get_terminal_size((_WIDTH, 24)).columns, _WIDEST)

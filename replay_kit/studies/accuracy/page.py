@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from replay_kit.results.page import Section
+from replay_kit.show.page import Section
 from replay_kit.studies.accuracy.report import row_table, to_csv, to_json
 from replay_kit.studies.accuracy.run import AccuracyResult, AccuracyRow
 from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from replay_kit.results.page import Section
+from replay_kit.show.page import Section
 from replay_kit.studies.dives.report import (
     TITLES,
     dive_table,

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from replay_kit.results.page import Section
+from replay_kit.show.page import Section
 from replay_kit.studies.missions.report import study_table, to_csv, to_json
 from replay_kit.studies.missions.rows import MissionRow
 from replay_kit.studies.missions.run import MissionResult

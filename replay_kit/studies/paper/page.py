@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from replay_kit.results.page import Section
+from replay_kit.show.page import Section
 from replay_kit.studies.paper import findings
 from replay_kit.studies.paper.report import FIGURES, rows_to_csv, text_tables, to_json, to_markdown
 from replay_kit.studies.paper.run import PaperTables, Shown

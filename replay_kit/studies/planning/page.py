@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from replay_kit.results.page import Figure, Section
+from replay_kit.show.page import Figure, Section
 from replay_kit.studies.planning.job import PlanningResult, StudyReport
 from replay_kit.studies.planning.report import all_tables, conditions, to_json, to_markdown
 from replay_kit.studies.reports.charts import chart_figure, misses_chart

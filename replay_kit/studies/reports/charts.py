@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.results.page import Figure
-from replay_kit.results.page.section import column
+from replay_kit.show.page import Figure
+from replay_kit.show.page.section import column
 from replay_kit.studies.reports.flows import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from replay_kit.studies.reports.write import to_text
 

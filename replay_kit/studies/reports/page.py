@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
-from replay_kit.results.page import Figure, Section, page_html
-from replay_kit.results.page.section import items_html, table_html
+from replay_kit.show.page import Figure, Section, page_html
+from replay_kit.show.page.section import items_html, table_html
 from replay_kit.studies.reports.pictures import Drawn
 from replay_kit.studies.reports.tables import Table
 from replay_kit.studies.reports.write import plain, to_text

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from replay_kit.core.atomic import atomic_file
-from replay_kit.results.page import Figure, Section, page_html
-from replay_kit.results.page.section import column, items_html, table_html
+from replay_kit.show.page import Figure, Section, page_html
+from replay_kit.show.page.section import column, items_html, table_html
 from replay_kit.workflows.fleet.run import Outcome
 from replay_kit.workflows.fleet.table import row_of
 

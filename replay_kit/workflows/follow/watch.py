@@ -10,8 +10,8 @@ from typing import Any
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.text import some_text
-from replay_kit.results.status.alarms import Alarm
-from replay_kit.results.status.status import Status
+from replay_kit.show.status.alarms import Alarm
+from replay_kit.show.status.status import Status
 from replay_kit.workflows.follow.sources import (
     Source,
     change_words,

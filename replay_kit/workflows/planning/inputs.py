@@ -9,7 +9,7 @@ from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.load import load
 from replay_kit.results import read_estimate
-from replay_kit.results.status.held import read_held
+from replay_kit.show.status.held import read_held
 from replay_kit.workflows.planning.currents import KnownCurrent, known_current
 
 

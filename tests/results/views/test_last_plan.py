@@ -11,18 +11,19 @@ from mcap_protobuf.decoder import DecoderFactory
 from replay_kit.core.plan import Area, Odds
 from replay_kit.core.seabed import Seabed
 from replay_kit.core.surfacing import Ellipse
-from replay_kit.results import ResultWriter, open_result
-from replay_kit.results.export import export
-from replay_kit.results.plots import drawn
-from replay_kit.results.plots.current_map import draw_hazards
-from replay_kit.results.plots.panel import CONTOUR_LABEL
-from replay_kit.results.report import report_html
-from replay_kit.results.report.sections.last_plan import profile_floor
-from replay_kit.results.report.sections.map_hazards import contour_step
+from replay_kit.results import ResultWriter
 from replay_kit.results.views.contents import Contents
-from tests.results.plots.test_plots import words
-from tests.results.report.html_of import figures, table, text_of, unpacked
+from replay_kit.show import open_result
+from replay_kit.show.export import export
+from replay_kit.show.plots import drawn
+from replay_kit.show.plots.current_map import draw_hazards
+from replay_kit.show.plots.panel import CONTOUR_LABEL
+from replay_kit.show.report import report_html
+from replay_kit.show.report.sections.last_plan import profile_floor
+from replay_kit.show.report.sections.map_hazards import contour_step
 from tests.results.result_samples import CONFIG, METADATA
+from tests.show.plots.test_plots import words
+from tests.show.report.html_of import figures, table, text_of, unpacked
 from tests.synthetic_flow import TIME_NS, synthetic_flow
 
 ODDS = Odds(40, 0.725, 0.05, 0.9, 80.5, 1309.0)

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from replay_kit.core.geodesy import inside_grid
-from replay_kit.results import open_result
-from replay_kit.results.plots import drawn
-from replay_kit.results.report import report_html
-from replay_kit.results.report.sections.map_frame import coastline
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import on_grid, published_slices, slices_of
+from replay_kit.show import open_result
+from replay_kit.show.plots import drawn
+from replay_kit.show.report import report_html
+from replay_kit.show.report.sections.map_frame import coastline
 from tests.results.cases import turned, write
-from tests.results.report.html_of import figures, unpacked
+from tests.show.report.html_of import figures, unpacked
 from tests.synthetic_flow import synthetic_flow
 
 

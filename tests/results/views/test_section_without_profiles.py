@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from replay_kit.results.report.sections.sections_along_track import gridded
 from replay_kit.results.views.along_track import estimate_along_track
 from replay_kit.results.views.track import Track
+from replay_kit.show.report.sections.sections_along_track import gridded
 from tests.synthetic_flow import synthetic_flow
 
 HOUR = 3_600 * 10**9

@@ -11,12 +11,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import distance, to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.surfacing import Ellipse
-from replay_kit.results import ResultWriter, open_result
-from replay_kit.results.report.sections.sections_along_track import (
-    QUANTITIES,
-    limits_of,
-    quantities_of,
-)
+from replay_kit.results import ResultWriter
 from replay_kit.results.views.along_track import (
     EstimateHistory,
     bins_along_track,
@@ -27,6 +22,12 @@ from replay_kit.results.views.record import changed_settings, leaves
 from replay_kit.results.views.slices import published_slices, slices_of
 from replay_kit.results.views.track import thinned, track_of
 from replay_kit.results.views.trust import calibration, error_through_time, information_by_dive
+from replay_kit.show import open_result
+from replay_kit.show.report.sections.sections_along_track import (
+    QUANTITIES,
+    limits_of,
+    quantities_of,
+)
 from tests.results.result_samples import CONFIG, METADATA
 from tests.synthetic_flow import TIME_NS
 

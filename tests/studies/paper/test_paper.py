@@ -53,8 +53,8 @@ from replay_kit.studies.twins.truths import Case, leave_out
 from replay_kit.workflows.replay.scoring import scored_points
 from tests import synthetic
 from tests.command import invoke
-from tests.results.page.checks import check_figures
-from tests.results.report.html_of import elements, table
+from tests.show.page.checks import check_figures
+from tests.show.report.html_of import elements, table
 from tests.studies.results import final
 
 MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))

@@ -21,10 +21,10 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.findings import CONTRADICTION, PLACES
 from replay_kit.measurements.consistency.monitor import ConsistencyState, Instrument
-from replay_kit.results import Result, open_result
-from replay_kit.results.report.sections.warnings import what_looks_wrong
 from replay_kit.results.summary_json import failure_json, to_json
 from replay_kit.results.views.contents import Contents
+from replay_kit.show import Result, open_result
+from replay_kit.show.report.sections.warnings import what_looks_wrong
 from replay_kit.studies.twins import Faults, Twin, make_twin
 from replay_kit.workflows.replay.consistency import MonitoringState, conclusions, trusting
 from replay_kit.workflows.replay.inputs import ReplayJob

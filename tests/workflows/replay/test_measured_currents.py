@@ -13,7 +13,7 @@ from replay_kit.core.message import Message
 from replay_kit.logs.mcap.writer import write_mcap_log
 from tests import synthetic
 from tests.command import invoke
-from tests.results.report.html_of import figures
+from tests.show.report.html_of import figures
 from tests.workflows.replay.test_flight_bias import dive
 
 DIVES = 8

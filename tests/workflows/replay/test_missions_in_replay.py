@@ -27,17 +27,17 @@ from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Ellipse, Surfacing, outcome_of
 from replay_kit.estimator import embed_member
 from replay_kit.measurements.vehicle.surfacing import SurfacingState, detect_surfacing
-from replay_kit.results import open_result
 from replay_kit.results.legs import plan_legs
-from replay_kit.results.plots.plan import plan_panels
-from replay_kit.results.report.sections.waypoint import waypoint_figure
-from replay_kit.results.status.figures import statistics_of
-from replay_kit.results.status.held import read_held
-from replay_kit.results.status.status import status_of
-from replay_kit.results.status.text import status_text
 from replay_kit.results.summary import print_summary
 from replay_kit.results.summary_json import to_json
 from replay_kit.results.views.contents import Contents
+from replay_kit.show import open_result
+from replay_kit.show.plots.plan import plan_panels
+from replay_kit.show.report.sections.waypoint import waypoint_figure
+from replay_kit.show.status.figures import statistics_of
+from replay_kit.show.status.held import read_held
+from replay_kit.show.status.status import status_of
+from replay_kit.show.status.text import status_text
 from replay_kit.workflows.planning import MissionPlanner, planner_of
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.provenance import run_settings_toml

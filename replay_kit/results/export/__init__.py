@@ -1,6 +1,0 @@
-"""A result as files of other programs: NetCDF, CSV, KML and GeoJSON."""
-
-from replay_kit.results.export.export import ENDINGS, export
-from replay_kit.results.export.tables import TABLES
-
-__all__ = ["ENDINGS", "TABLES", "export"]

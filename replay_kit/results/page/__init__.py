@@ -1,6 +1,0 @@
-"""Sections of text and figures as one HTML page, for the reports of results and of studies alike."""
-
-from replay_kit.results.page.page import page_html
-from replay_kit.results.page.section import Control, Figure, Section
-
-__all__ = ["Control", "Figure", "Section", "page_html"]

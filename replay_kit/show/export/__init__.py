@@ -1,0 +1,6 @@
+"""A result as files of other programs: NetCDF, CSV, KML and GeoJSON."""
+
+from replay_kit.show.export.export import ENDINGS, export
+from replay_kit.show.export.tables import TABLES
+
+__all__ = ["ENDINGS", "TABLES", "export"]

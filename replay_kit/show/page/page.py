@@ -1,0 +1,125 @@
+"""Sections as one page: they and everything that draws them, in one file that fetches nothing."""
+
+import gzip
+import json
+import re
+from base64 import b64encode
+from html import escape
+from importlib.resources import files
+from typing import Any
+
+from replay_kit.core.version import __version__
+from replay_kit.show.page.section import Control, Figure, Section
+
+
+def page_html(title: str, sections: list[Section]) -> str:
+    """Return sections as one HTML page.
+
+    Args:
+        title: Of the page.
+        sections: From top to bottom. Their keys and those of their figures are ids of the page: none is another's, or one of ``page.html``.
+    """
+    figures = [figure for section in sections for figure in section.figures]
+    parts = {
+        "title": escape(title),
+        "version": escape(__version__),
+        "css": _text("page.css"),
+        "links": "".join(
+            f'<li><a href="#{section.key}">{escape(section.title)}</a></li>' for section in sections
+        ),
+        "sections": "\n".join(map(_section_html, sections)),
+        "figures": _packed(
+            json.dumps(
+                [_figure_data(figure) for figure in figures], separators=(",", ":"), allow_nan=False
+            ).encode()
+        ),
+        "plotly": b64encode(
+            files("replay_kit.show.page").joinpath("plotly-cartesian.min.js.gz").read_bytes()
+        ).decode(),
+        "js": "".join(_text(name) for name in ("flight.js", "waypoint.js", "page.js")),
+    }
+    page = _text("page.html")
+    _check_ids(page + parts["sections"])
+    for name, text in parts.items():
+        page = page.replace(f"<!--{name}-->", text)
+    return page
+
+
+def _check_ids(html: str) -> None:
+    """Check that no two elements have the same id: the script finds the data of the figures, and their places, by it."""
+    ids = re.findall(r'<[a-z][^<>]*\sid="([^"]*)"', html)
+    repeated = sorted({name for name in ids if ids.count(name) > 1})
+    assert not repeated, (
+        f"ids of a page: expected each once, got {', '.join(repeated)} again; give the section or figure another key"
+    )
+
+
+def _text(name: str) -> str:
+    return files("replay_kit.show.page").joinpath(name).read_text(encoding="utf-8")
+
+
+def _packed(data: bytes) -> str:
+    # without the time of packing: the same data give the same bytes
+    return b64encode(gzip.compress(data, mtime=0)).decode()
+
+
+def _section_html(section: Section) -> str:
+    missing = "".join(f'<p class="missing">{escape(text)}</p>' for text in section.missing)
+    figures = "".join(map(_figure_html, section.figures))
+    return f'<section id="{section.key}"><h2>{escape(section.title)}</h2>{section.html}{missing}{figures}</section>'
+
+
+def _figure_html(figure: Figure) -> str:
+    controls = "".join(
+        _control_html(figure.key, number, control) for number, control in enumerate(figure.controls)
+    )
+    buttons = "".join(
+        f'<button type="button" data-figure="{figure.key}" data-table="{escape(name)}">Data: {escape(name)} (CSV)</button>'
+        for name in figure.tables
+    )
+    readout = (
+        f'<p class="readout" aria-live="polite">{escape(figure.readout)}</p>'
+        if figure.readout
+        else ""
+    )
+    return (
+        f'<figure id="{figure.key}"><h3>{escape(figure.title)}</h3><div class="controls">{controls}</div>{readout}{_shown_html(figure)}'
+        f'<figcaption>{figure.caption}</figcaption><div class="data">{buttons}</div></figure>'
+    )
+
+
+def _shown_html(figure: Figure) -> str:
+    if figure.image:
+        return f'<img class="picture" alt="{escape(figure.alternative)}" src="{figure.image}">'
+    return (
+        f'<div class="plot" tabindex="0" role="group" aria-label="{escape(figure.alternative)}" '
+        f'style="height:{figure.layout.get("height", 420)}px"><p class="waiting">This figure is drawn by JavaScript.</p></div>'
+    )
+
+
+def _control_html(key: str, number: int, control: Control) -> str:
+    name = f"{key}-{number}"
+    if control.kind == "select":
+        options = "".join(
+            f'<option value="{k}"{" selected" if k == control.chosen else ""}>{escape(text)}</option>'
+            for k, text in enumerate(control.choices)
+        )
+        return f'<label for="{name}">{escape(control.name)} <select id="{name}" data-figure="{key}">{options}</select></label>'
+    last = len(control.choices) - 1
+    return (
+        f'<label for="{name}">{escape(control.name)} <input type="range" id="{name}" data-figure="{key}" min="0" max="{last}" '
+        f'value="{control.chosen}"{" disabled" if last == 0 else ""} aria-valuetext="{escape(control.choices[control.chosen])}">'
+        f'<output for="{name}">{escape(control.choices[control.chosen])}</output></label>'
+    )
+
+
+def _figure_data(figure: Figure) -> dict[str, Any]:
+    return {
+        "key": figure.key,
+        "tables": figure.tables,
+        "traces": figure.traces,
+        "layout": figure.layout,
+        "choices": [list(control.choices) for control in figure.controls],
+        "packed": figure.packed,
+        "flight": figure.flight,
+    }

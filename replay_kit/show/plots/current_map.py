@@ -1,0 +1,413 @@
+"""The map: the current and its standard error at a depth, the track, surfacings, the plan."""
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.transforms import ScaledTranslation
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, to_local, unwrap_longitude
+from replay_kit.core.text import time_text
+from replay_kit.results.views.contents import Contents
+from replay_kit.results.views.series import typical_depth
+from replay_kit.results.views.slices import CurrentSlices, slices_of
+from replay_kit.results.views.surfacings import outlines_of
+from replay_kit.show.plots.panel import CONTOUR_LABEL, Panel, Panels, missing
+from replay_kit.show.plots.style import (
+    FIRST,
+    FOURTH,
+    INK,
+    LAND,
+    SECOND,
+    SOFT,
+    colorbar,
+    colormap,
+)
+from replay_kit.show.report.sections.map_frame import coastline, dry_text
+from replay_kit.show.report.sections.map_hazards import contour_step
+
+#: A place: longitude, latitude [degrees] and depth [m].
+At = tuple[float, float, float]
+# Most arrows along the longer side of a map; degrees between meridians; the least width of a map [degrees of latitude].
+_ARROWS, _LEAST = 24, 0.02
+# Of fewer arrows side by side each is still no longer than this share of the width.
+_FEW = 10.0
+#: Between the axes and the title of a map with a key of its arrows [points]; of that the gap below the title.
+ABOVE_KEY, _TITLE = 13.0, 3.0
+#: Look of the start and the goal of a plan.
+END: Any = {"color": FOURTH, "markeredgecolor": INK, "markeredgewidth": 0.6, "linestyle": "none"}
+_HALO: Any = {"color": "white", "linewidth": 2.2, "solid_capstyle": "round"}
+
+
+def map_panels(contents: Contents, at: At | None) -> Panels:
+    """Return the current and its standard error on a map, with the track.
+
+    Args:
+        contents: Of the result.
+        at: Its depth is that of the map, and its place is marked; None for a depth that is typical of the measurements.
+    """
+    slices = slices_at(contents, at)
+    notes = list(contents.notes)
+    if contents.estimate is None and slices is not None:
+        notes.append("The result holds no estimate: the map shows the last published current.")
+    if slices is None and contents.track.time_ns.size == 0:
+        also = "; the figure plan shows its plan." if contents.last_plan is not None else "."
+        return Panels(
+            [missing("Map", f"The result holds neither a current nor a position{also}")],
+            notes=notes,
+        )
+    if slices is None:
+        notes.append("The result holds no current: the map shows positions alone.")
+        return Panels(
+            [Panel("track", partial(_marks, contents, None, at), 0.8, shares_legend=True)], 1, notes
+        )
+    depth, time = f"{slices.depths[0]:g} m", time_text(int(slices.time_ns[-1]))[:16]
+    panels = [
+        Panel(
+            f"{depth}, {time}",
+            partial(_current, contents, slices, at),
+            _height(slices),
+            True,
+            ABOVE_KEY,
+        )
+    ]
+    if np.isfinite(slices.fields[0, -1, 2:]).any():
+        panels.append(
+            replace(panels[0], title="standard error", draw=partial(_error, contents, slices, at))
+        )
+    else:
+        notes.append("The current has no standard error.")
+    notes += without_current(slices)
+    return Panels(panels, 2, notes)
+
+
+def slices_at(contents: Contents, at: At | None) -> CurrentSlices | None:
+    """Return the last current at one depth: that of the estimate, or without one the published slice nearest in depth."""
+    published = contents.slices
+    depth = (
+        typical_depth(published, contents.result.innovations["depth"].to_numpy(np.float64))
+        if at is None
+        else at[2]
+    )
+    if contents.estimate is not None:
+        return slices_of(contents.estimate, np.array([depth]))
+    if published is None:
+        return None
+    k = int(np.argmin(np.abs(published.depths - depth)))
+    return replace(
+        published,
+        depths=published.depths[k : k + 1],
+        time_ns=published.time_ns[-1:],
+        fields=published.fields[k : k + 1, -1:],
+    )
+
+
+def without_current(slices: CurrentSlices, around: tuple[Array, Array] | None = None) -> list[str]:
+    """Return what is grey on a map of slices and what is hatched, as sentences.
+
+    Args:
+        slices: The slices.
+        around: Ends in east and in north [m] of what is shown; None for the slices alone.
+    """
+    axes, shown, beyond = (slices.east, slices.north), [], False
+    for axis, ends in zip(axes, axes if around is None else around, strict=True):
+        half = 0.5 * (axis[1] - axis[0])
+        shown.append((axis > ends[0] - half) & (axis < ends[-1] + half))
+        beyond |= bool(ends[0] < axis[0] - half or ends[-1] > axis[-1] + half)
+    grey, hatched = (cells[np.ix_(shown[1], shown[0])].any() for cells in _blank(slices))
+    return [
+        *([f"Grey: {dry_text(slices)}."] if grey else []),
+        *(["Hatched: outside the forecast."] if hatched or beyond else []),
+    ]
+
+
+def degrees(contents: Contents, east: Array, north: Array) -> tuple[Array, Array]:
+    """Return longitude, continuous about the centre of the region, and latitude [degrees] of local points [m]."""
+    longitude, latitude = to_geographic(contents.projection, east, north)
+    return unwrap_longitude(longitude, contents.projection.longitude), latitude
+
+
+def draw_speed(
+    contents: Contents, slices: CurrentSlices, axes: Axes, across: float | None = None
+) -> None:
+    """Draw speed, arrows, land and coast of one slice.
+
+    Args:
+        contents: Of the result.
+        slices: The slice, at one depth.
+        axes: In degrees.
+        across: Width of what is shown [m]; None for the whole slice.
+    """
+    u, v = slices.fields[0, -1, :2]
+    _field(contents, slices, np.hypot(u, v), axes, ("speed", "speed [m s$^{-1}$]"))
+    step = -(-max(u.shape) // _ARROWS)
+    half = (slice((step - 1) // 2, None, step),) * 2
+    east, north = np.meshgrid(slices.east, slices.north)
+    longitude, latitude = degrees(contents, east, north)
+    true_u, true_v = rotate_to_geographic(contents.projection, longitude, latitude, u, v)
+    typical = float(np.nanquantile(np.hypot(u, v), 0.95)) if np.isfinite(u).any() else 1.0
+    width = slices.east[-1] - slices.east[0] if across is None else across
+    cells = max(width / (step * (slices.east[1] - slices.east[0])), _FEW)
+    look: Any = {
+        "color": INK,
+        "edgecolor": "white",
+        "linewidth": 0.3,
+        "width": 0.0045,
+        "minlength": 0.5,
+        "pivot": "mid",
+    }
+    at = (longitude[half], latitude[half], true_u[half], true_v[half])
+    look["scale"] = 0.75 * cells * max(typical, 1e-6)
+    axes.quiver(*at, zorder=2.0, **look)
+    # the key, between the axes and the title however high the axes are
+    shown, above = (
+        _nice(0.6 * typical),
+        ScaledTranslation(0.0, 0.5 * (ABOVE_KEY - _TITLE) / 72.0, axes.figure.dpi_scale_trans),
+    )
+    place: Any = {"transform": axes.transAxes + above, "clip_on": False}
+    axes.quiver([1.0], [1.0], [shown], [0.0], **place, **(look | {"pivot": "tip"}))
+    axes.text(
+        0.985 - shown / look["scale"],
+        1.0,
+        f"{shown:g} m s$^{{-1}}$",
+        ha="right",
+        va="center",
+        fontsize=6.0,
+        **place,
+    )
+
+
+def frame(axes: Axes) -> None:
+    """Give a map axes in degrees, at the scale of its middle latitude."""
+    south, north = axes.get_ylim()
+    axes.set_aspect(
+        1.0 / max(np.cos(np.deg2rad(np.clip(0.5 * (south + north), -89.0, 89.0))), 0.02)
+    )
+    axes.locator_params(axis="x", nbins=4)
+    axes.locator_params(axis="y", nbins=3)
+    axes.xaxis.set_major_formatter(
+        lambda value, _: _degrees_text((value + 180.0) % 360.0 - 180.0, "EW")
+    )
+    axes.yaxis.set_major_formatter(lambda value, _: _degrees_text(value, "NS"))
+
+
+def draw_track(contents: Contents, axes: Axes) -> None:
+    """Draw the track with its begin and end; nothing without a position."""
+    track = contents.track
+    if track.time_ns.size == 0:
+        return
+    x, y = degrees(contents, track.east, track.north)
+    axes.plot(x, y, **_HALO)
+    axes.plot(x, y, color=SECOND, linewidth=1.1, label="track")
+    for k, marker, name in ((0, "o", "begin"), (-1, "s", "end")):
+        axes.plot(
+            x[k],
+            y[k],
+            marker,
+            color=SECOND,
+            markeredgecolor="white",
+            markersize=4.5,
+            markeredgewidth=0.7,
+            linestyle="none",
+            label=name,
+        )
+
+
+def draw_surfacings(contents: Contents, axes: Axes) -> None:
+    """Draw predicted and actual surfacings with the ellipses; nothing without any."""
+    table = contents.result.surfacings
+    if not len(table):
+        return
+    for kind, marker, color in (("predicted", "D", FOURTH), ("actual", "x", INK)):
+        x = unwrap_longitude(
+            table[f"{kind}_longitude"].to_numpy(np.float64), contents.projection.longitude
+        )
+        y = table[f"{kind}_latitude"].to_numpy(np.float64)
+        axes.plot(
+            x, y, marker, color=color, markersize=3.0, linestyle="none", label=f"surfacing, {kind}"
+        )
+    for k, outline in enumerate(outlines_of(table, contents.projection)):
+        label = "90 % ellipse" if k == 0 else None
+        axes.plot(
+            *degrees(contents, outline[:, 0], outline[:, 1]),
+            color=FOURTH,
+            linewidth=0.7,
+            label=label,
+        )
+
+
+def draw_plan(contents: Contents, axes: Axes) -> None:
+    """Draw the last plan with its goal; nothing without a plan."""
+    plan = contents.last_plan
+    if plan is None:
+        return
+    if len(plan.track):
+        x, y = degrees(contents, plan.east, plan.north)
+        axes.plot(x, y, **_HALO)
+        axes.plot(x, y, color=FIRST, linewidth=1.3, label="plan")
+    x, y = degrees(
+        contents,
+        *to_local(contents.projection, plan.row["goal_longitude"], plan.row["goal_latitude"]),
+    )
+    axes.plot(x, y, "*", label="goal", markersize=9.0, **END)
+
+
+def draw_hazards(contents: Contents, axes: Axes) -> None:
+    """Draw the depth of the bottom as contours, the areas that the last plan keeps out of, and the ellipses of its surfacings.
+
+    Args:
+        contents: Of the result.
+        axes: In degrees, with their limits.
+    """
+    seabed, plan = contents.seabed, contents.last_plan
+    if seabed is not None:
+        x, y = degrees(contents, *np.meshgrid(seabed.east, seabed.north))
+        (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+        # only of what is seen, so that labels are in sight
+        shown = np.where(
+            (x >= west) & (x <= east) & (y >= south) & (y <= north), seabed.depth, np.nan
+        )
+        span = float(np.ptp(shown[np.isfinite(shown)])) if np.isfinite(shown).any() else 0.0
+        if span > 0.0:
+            step = contour_step(span)
+            levels = np.arange(
+                np.ceil(np.nanmin(shown) / step) * step, float(np.nanmax(shown)), step
+            )
+            lines = axes.contour(
+                x,
+                y,
+                np.ma.masked_invalid(shown),
+                levels=levels[levels > 0.0],
+                colors=INK,
+                linewidths=0.4,
+                alpha=0.7,
+            )
+            for text in axes.clabel(lines, fontsize=5.0, fmt="%g m"):
+                text.set_gid(CONTOUR_LABEL)
+    for k, area in enumerate(plan.areas if plan is not None else ()):
+        longitude, latitude = np.array([*area.corners, area.corners[0]]).T
+        x = unwrap_longitude(longitude, contents.projection.longitude)
+        axes.fill(x, latitude, facecolor="#d5301a", alpha=0.2, zorder=2.5)
+        axes.plot(
+            x, latitude, color="#a02010", linewidth=1.0, label="no-go area" if k == 0 else None
+        )
+    for k, outline in enumerate(plan.ellipses if plan is not None else ()):
+        label = "90 % of planned surfacings" if k == 0 else None
+        axes.plot(
+            *degrees(contents, outline[:, 0], outline[:, 1]),
+            color=FIRST,
+            linewidth=0.6,
+            label=label,
+        )
+
+
+def _current(contents: Contents, slices: CurrentSlices, at: At | None, axes: Axes) -> None:
+    draw_speed(contents, slices, axes)
+    _marks(contents, slices, at, axes)
+
+
+def _error(contents: Contents, slices: CurrentSlices, at: At | None, axes: Axes) -> None:
+    error = np.sqrt(0.5 * (slices.fields[0, -1, 2] ** 2 + slices.fields[0, -1, 3] ** 2))
+    _field(contents, slices, error, axes, ("amp", "standard error [m s$^{-1}$]"))
+    _marks(contents, slices, at, axes)
+
+
+def _marks(contents: Contents, slices: CurrentSlices | None, at: At | None, axes: Axes) -> None:
+    if slices is None:
+        _widen(contents, axes)
+    draw_hazards(contents, axes)
+    draw_track(contents, axes)
+    draw_surfacings(contents, axes)
+    draw_plan(contents, axes)
+    if at is not None:
+        x = float(unwrap_longitude(at[0], contents.projection.longitude))
+        axes.plot(
+            x,
+            at[1],
+            "*",
+            color="white",
+            markeredgecolor=INK,
+            markersize=8.0,
+            linestyle="none",
+            label="place asked for",
+        )
+    frame(axes)
+
+
+def _field(
+    contents: Contents, slices: CurrentSlices, values: Array, axes: Axes, look: tuple[str, str]
+) -> None:
+    """Draw values of cells, with land and coast, and a colour bar."""
+    east, north = np.meshgrid(_edges(slices.east), _edges(slices.north))
+    longitude, latitude = degrees(contents, east, north)
+    known = values[np.isfinite(values)]
+    most = float(known.max()) if known.size and known.max() > 0.0 else 1.0
+    # where nothing is drawn is outside the forecast, also beyond the cells
+    axes.patch.set(facecolor="white", edgecolor=SOFT, hatch="//////", linewidth=0.0)
+    axes.pcolormesh(
+        longitude,
+        latitude,
+        np.where(_blank(slices)[0], 1.0, np.nan),
+        cmap=ListedColormap([LAND]),
+        rasterized=True,
+    )
+    colors: Any = {"cmap": colormap(look[0]), "vmin": 0.0, "vmax": most, "rasterized": True}
+    centres = degrees(contents, *np.meshgrid(slices.east, slices.north))
+    # beside missing cells there is nothing to interpolate with
+    if known.size == values.size:
+        mesh = axes.pcolormesh(*centres, values, shading="gouraud", **colors)
+    else:
+        mesh = axes.pcolormesh(longitude, latitude, np.ma.masked_invalid(values), **colors)
+    colorbar(axes, mesh, look[1])
+    x, y = (1e3 * np.array(line, dtype=np.float64) for line in coastline(slices))
+    if x.size:
+        axes.plot(*degrees(contents, x, y), color=INK, linewidth=0.8)
+    axes.set(xlim=(centres[0].min(), centres[0].max()), ylim=(centres[1].min(), centres[1].max()))
+
+
+def _blank(slices: CurrentSlices) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which cells without a current are dry, or not known to be anything else, and which lie off the forecast's grid."""
+    missing = ~np.isfinite(slices.fields[0, -1, 0])
+    outside = np.zeros_like(missing) if slices.outside is None else slices.outside
+    return missing & ~outside, outside
+
+
+def _widen(contents: Contents, axes: Axes) -> None:
+    """Give a map of positions alone a least width: one position has none."""
+    x, y = degrees(contents, contents.track.east, contents.track.north)
+    wide = _LEAST / max(float(np.cos(np.deg2rad(y.mean()))), 0.02)
+    for middle, reach, least, put in (
+        (x, np.ptp(x), wide, axes.set_xlim),
+        (y, np.ptp(y), _LEAST, axes.set_ylim),
+    ):
+        centre, half = 0.5 * (middle.min() + middle.max()), 0.55 * max(float(reach), least)
+        put(centre - half, centre + half)
+
+
+def _height(slices: CurrentSlices) -> float:
+    """Return the height of a panel over its width, with room for a map's labels, key and colour bar."""
+    shape = (slices.north[-1] - slices.north[0]) / (slices.east[-1] - slices.east[0])
+    return float(np.clip(0.72 * shape + 0.18, 0.4, 1.2))
+
+
+def _edges(centres: Array) -> Array:
+    half = 0.5 * (centres[1] - centres[0])
+    return np.append(centres - half, centres[-1] + half)
+
+
+def _nice(value: float) -> float:
+    """Return 1, 2 or 5 times a power of ten, not above a value."""
+    power = 10.0 ** np.floor(np.log10(max(value, 1e-6)))
+    return float(
+        f"{max(step for step in (1.0, 2.0, 5.0) if step * power <= value * (1.0 + 1e-9)) * power:.3g}"
+    )
+
+
+def _degrees_text(value: float, letters: str) -> str:
+    letter = "" if abs(value) < 1e-9 else letters[0] if value > 0.0 else letters[1]
+    return f"{abs(float(f'{value:.6g}')):g}°{letter}"

@@ -1,0 +1,154 @@
+"""The last plan: where it leads over the current, and how deep."""
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.plan import ORIGIN
+from replay_kit.results.views.contents import Contents
+from replay_kit.results.views.last_plan import LastPlan
+from replay_kit.results.views.slices import CurrentSlices
+from replay_kit.show.plots.current_map import (
+    ABOVE_KEY,
+    END,
+    At,
+    degrees,
+    draw_hazards,
+    draw_plan,
+    draw_speed,
+    draw_surfacings,
+    frame,
+    slices_at,
+    without_current,
+)
+from replay_kit.show.plots.panel import Panel, Panels, missing
+from replay_kit.show.plots.style import FIRST, INK, LAND
+from replay_kit.show.report.sections.last_plan import profile_floor
+
+
+def plan_panels(contents: Contents, at: At | None) -> Panels:
+    """Return the last plan on a map, and its depth along its way.
+
+    Args:
+        contents: Of the result.
+        at: Its depth is that of the map's current; None for one that is typical of the measurements.
+    """
+    plan, notes = contents.last_plan, list(contents.notes)
+    if plan is None:
+        why = (contents.summary.get("plan") or {}).get(
+            "message", "no goal was given, or none was due"
+        )
+        return Panels(
+            [
+                missing(
+                    "Plan",
+                    f"The result holds no plan: {why}; replay-kit plan makes one on this estimate.",
+                )
+            ],
+            1,
+            notes,
+        )
+    if not len(plan.track):
+        notes.append(f"The last plan has no track: {plan.row['message']}.")
+    else:
+        notes.append(_in_words(plan.row))
+        notes += _figures_in_words(plan)
+    slices, around = slices_at(contents, at), _around(contents, plan)
+    notes += [] if slices is None else without_current(slices, around)
+    panels = [
+        Panel(
+            f"last plan: {plan.row['status']}",
+            partial(_map, contents, slices, around),
+            0.85,
+            True,
+            ABOVE_KEY,
+        )
+    ]
+    if len(plan.track):
+        panels.append(Panel("depth along the plan", partial(_profile, plan), 0.85, True, ABOVE_KEY))
+    return Panels(panels, 2, notes)
+
+
+def _figures_in_words(plan: LastPlan) -> list[str]:
+    """Return how the vehicle dives where that was not stated, energy and odds of a plan, as far as the result holds them."""
+    out, odds = (
+        [f"Dives {plan.statistics[ORIGIN]}."] if ORIGIN in plan.statistics else [],
+        plan.odds,
+    )
+    if plan.energy is not None:
+        share = (
+            ""
+            if plan.battery is None
+            else f", {100.0 * plan.energy / plan.battery:.1f} % of {plan.battery / 1e6:g} MJ"
+        )
+        out.append(f"Energy {plan.energy / 1e3:,.0f} kJ{share}.")
+    if odds is not None:
+        out.append(
+            f"{100.0 * odds['reached']:.0f} % of {odds['n_samples']:.0f} samples of the estimate arrive with headings corrected at each "
+            f"surfacing, {100.0 * odds['reached_held']:.0f} % with headings held."
+        )
+    return out
+
+
+def _in_words(plan: Any) -> str:
+    if not np.isfinite(plan["heading_deg"]):
+        return f"{str(plan.name)[:16]} UTC: nothing to steer: {plan['message']}."
+    steer = f"heading {plan['heading_deg']:.0f}° true, glide angle {plan['glide_angle_deg']:.1f}°, {plan['duration'] / 3600.0:.1f} h"
+    return (
+        f"{str(plan.name)[:16]} UTC: {steer}, misses the goal by {plan['closest_approach']:.0f} m."
+    )
+
+
+def _ends(contents: Contents, plan: LastPlan) -> list[tuple[Array, Array]]:
+    """Return start and goal of a plan, local east and north [m]."""
+    return [
+        to_local(contents.projection, plan.row[f"{name}_longitude"], plan.row[f"{name}_latitude"])
+        for name in ("start", "goal")
+    ]
+
+
+def _around(contents: Contents, plan: LastPlan) -> tuple[Array, Array]:
+    """Return the ends in east and in north [m] of a square around a plan."""
+    ends = _ends(contents, plan)
+    east, north = (
+        np.append(values, [end[k] for end in ends])
+        for k, values in enumerate((plan.east, plan.north))
+    )
+    reach = 0.65 * max(float(np.ptp(east)), float(np.ptp(north)), 2e3)
+    about = np.array([-reach, reach])
+    return 0.5 * (east.min() + east.max()) + about, 0.5 * (north.min() + north.max()) + about
+
+
+def _map(
+    contents: Contents, slices: CurrentSlices | None, around: tuple[Array, Array], axes: Axes
+) -> None:
+    plan = contents.last_plan
+    assert plan is not None
+    if slices is not None:
+        draw_speed(contents, slices, axes, float(np.ptp(around[0])))
+    longitude, latitude = degrees(contents, *np.meshgrid(*around))
+    limits = {"xlim": (longitude.min(), longitude.max()), "ylim": (latitude.min(), latitude.max())}
+    axes.set(**limits)
+    draw_hazards(contents, axes)
+    axes.plot(
+        *degrees(contents, *_ends(contents, plan)[0]), "o", label="start", markersize=5.0, **END
+    )
+    draw_plan(contents, axes)
+    draw_surfacings(contents, axes)
+    axes.set(**limits)
+    frame(axes)
+
+
+def _profile(plan: LastPlan, axes: Axes) -> None:
+    along, depth = plan.along / 1e3, plan.track["depth"].to_numpy(np.float64)
+    floor = profile_floor(depth, plan.bottom)
+    if plan.bottom is not None:
+        axes.fill_between(along, np.minimum(plan.bottom, floor), floor, color=LAND, linewidth=0.0)
+        axes.plot(along, plan.bottom, color=INK, linewidth=0.8, label="bottom")
+    axes.plot(along, depth, color=FIRST, label="plan")
+    axes.set(xlabel="distance along the plan [km]", ylabel="depth [m]", ylim=(floor, 0.0))
+    axes.grid(linewidth=0.3, color="0.85")

@@ -1,0 +1,186 @@
+"""What surrounds a map in a local frame: its extent, the coastline of the land mask, meridians and parallels."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
+from replay_kit.core.grid import Projection
+from replay_kit.results.views.slices import CurrentSlices
+from replay_kit.show.page.section import column
+
+#: Steps between lines of longitude or latitude [degrees].
+_STEPS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0)
+_LINES = 4
+#: Lines of the hatching along a map's longer side.
+_STROKES = 60
+#: The least width of a map [km]: one position alone has none.
+_LEAST = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """What a map shows [km], local frame."""
+
+    west: float
+    east: float
+    south: float
+    north: float
+
+    @classmethod
+    def around(cls, east: Array, north: Array) -> "Extent":
+        """Return the extent around points [km], a little wider than they reach."""
+        ends = []
+        for values in (east, north):
+            least, most = float(np.nanmin(values)), float(np.nanmax(values))
+            beyond = max(0.03 * (most - least), 0.5 * (_LEAST - (most - least)))
+            ends += [least - beyond, most + beyond]
+        return cls(*(float(f"{end:.5g}") for end in ends))
+
+
+def coastline(slices: CurrentSlices) -> tuple[list[float | None], list[float | None]]:
+    """Return the edges between wet and dry cells of the shallowest slice as a line with gaps: east and north [km].
+
+    Cells that are known to lie off the forecast's grid are neither.
+    """
+    wet = np.isfinite(slices.fields[0, -1, 0])
+    dry = ~wet if slices.outside is None else ~wet & ~slices.outside
+    half = 0.5 * np.array([slices.east[1] - slices.east[0], slices.north[1] - slices.north[0]])
+    x: list[Array] = []
+    y: list[Array] = []
+    gap = np.array([np.nan])
+    for j, i in zip(
+        *np.nonzero((wet[:, 1:] & dry[:, :-1]) | (dry[:, 1:] & wet[:, :-1])), strict=True
+    ):
+        edge = 0.5 * (slices.east[i] + slices.east[i + 1])
+        x += [np.array([edge, edge]), gap]
+        y += [slices.north[j] + half[1] * np.array([-1.0, 1.0]), gap]
+    for j, i in zip(*np.nonzero((wet[1:] & dry[:-1]) | (dry[1:] & wet[:-1])), strict=True):
+        edge = 0.5 * (slices.north[j] + slices.north[j + 1])
+        x += [slices.east[i] + half[0] * np.array([-1.0, 1.0]), gap]
+        y += [np.array([edge, edge]), gap]
+    return (column(np.concatenate(x) / 1e3), column(np.concatenate(y) / 1e3)) if x else ([], [])
+
+
+def dry_text(slices: CurrentSlices) -> str:
+    """Return what cells without a current are, other than those that are known to lie off the forecast's grid."""
+    return (
+        "land, or below the bottom"
+        if slices.outside is not None
+        else "land, below the bottom, or outside the forecast"
+    )
+
+
+def hatching(extent: Extent) -> dict[str, Any]:
+    """Return diagonal lines behind a map, which are seen where no cell is drawn: that is outside the forecast."""
+    width, height = extent.east - extent.west, extent.north - extent.south
+    step = max(width, height) / _STROKES
+    strokes = []
+    for at in np.arange(step, width + height, step):
+        # from the left or the upper side to the lower or the right one, inside the map
+        x0, y0, x1, y1 = (
+            max(at - height, 0.0),
+            min(at, height),
+            min(at, width),
+            max(at - width, 0.0),
+        )
+        strokes.append(
+            f"M{extent.west + x0:.5g},{extent.south + y0:.5g}L{extent.west + x1:.5g},{extent.south + y1:.5g}"
+        )
+    line = {"color": {"$color": "soft"}, "width": 0.8}
+    return {
+        "type": "path",
+        "path": "".join(strokes),
+        "layer": "below",
+        "line": line,
+        "name": "outside the forecast",
+        "showlegend": True,
+    }
+
+
+def graticule(
+    projection: Projection, extent: Extent
+) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Return meridians and parallels as one trace of lines in a list, and a trace of their labels.
+
+    Args:
+        projection: The local frame.
+        extent: What the map shows.
+    """
+    grid = np.meshgrid(
+        np.linspace(extent.west, extent.east, 41) * 1e3,
+        np.linspace(extent.south, extent.north, 41) * 1e3,
+    )
+    longitude, latitude = to_geographic(projection, *grid)
+    longitude = unwrap_longitude(longitude, projection.longitude)
+    x: list[float | None] = []
+    y: list[float | None] = []
+    labels: list[tuple[float, float, str, str]] = []
+    for values, others, is_meridian in ((longitude, latitude, True), (latitude, longitude, False)):
+        along = np.linspace(others.min(), others.max(), 121)
+        for value in _between(float(values.min()), float(values.max())):
+            places = (
+                (np.full_like(along, value), along)
+                if is_meridian
+                else (along, np.full_like(along, value))
+            )
+            east, north = (each / 1e3 for each in to_local(projection, *places))
+            inside = (
+                (east >= extent.west)
+                & (east <= extent.east)
+                & (north >= extent.south)
+                & (north <= extent.north)
+            )
+            if inside.sum() < 2:
+                continue
+            x += [*column(np.where(inside, east, np.nan)), None]
+            y += [*column(np.where(inside, north, np.nan)), None]
+            at = np.flatnonzero(inside)[np.argmin((north if is_meridian else east)[inside])]
+            labels.append(
+                (
+                    float(east[at]),
+                    float(north[at]),
+                    _degrees(value, "EW" if is_meridian else "NS"),
+                    _beside(extent, east[at], north[at]),
+                )
+            )
+    line = {"color": {"$color": "soft"}, "width": 0.6, "dash": "dot"}
+    common = {"type": "scatter", "hoverinfo": "skip", "showlegend": False}
+    lines = {**common, "mode": "lines", "x": x, "y": y, "line": line}
+    text = {
+        **common,
+        "mode": "text",
+        "x": column([label[0] for label in labels]),
+        "y": column([label[1] for label in labels]),
+        "text": [label[2] for label in labels],
+        "textposition": [label[3] for label in labels],
+        "textfont": {
+            "size": 11,
+            "color": "rgba(20,30,40,0.95)",
+            "shadow": "0 0 3px white, 0 0 3px white",
+        },
+    }
+    return [lines], text
+
+
+def _beside(extent: Extent, east: float, north: float) -> str:
+    """Return on which side of its point a label stays inside the map."""
+    above = north < extent.south + 0.93 * (extent.north - extent.south)
+    right = east < extent.west + 0.9 * (extent.east - extent.west)
+    return f"{'top' if above else 'bottom'} {'right' if right else 'left'}"
+
+
+def _between(least: float, most: float) -> list[float]:
+    step = next((step for step in _STEPS if (most - least) / step <= _LINES), _STEPS[-1])
+    return [
+        round(k * step, 6)
+        for k in range(int(np.ceil(least / step)), int(np.floor(most / step)) + 1)
+    ]
+
+
+def _degrees(value: float, letters: str) -> str:
+    if letters == "EW":
+        value = (value + 180.0) % 360.0 - 180.0
+    return f"{abs(value):g}° {letters[0] if value >= 0.0 else letters[1]}"

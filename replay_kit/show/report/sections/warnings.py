@@ -1,0 +1,204 @@
+"""What looks wrong in a result, and what to do next: each test gives a sentence, or none."""
+
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from replay_kit.results.alarms import run_alarms
+from replay_kit.results.verdict import LEAST_NIS, MOST_NIS
+from replay_kit.results.views.contents import Contents
+from replay_kit.results.views.trust import calibration
+from replay_kit.show.page.section import number
+
+#: Notes of a run that only state what was read and chosen.
+_NEUTRAL = (
+    *(
+        "modes a level",
+        "prior: ",
+        "no goal was given",
+        "could not be decoded",
+        "members: ",
+        "variance of the prior multiplied",
+    ),
+    *(
+        "the recorder's stamps are",
+        "since its start against",
+        "were read by their names",
+        "each counted once",
+    ),
+    "no declination was added to them",
+)
+
+
+#: What a plan's status asks for; without an entry, its goal is not reached.
+_VERBS = {
+    "reached": "Steer",
+    "uncertain": "The plan is uncertain: too few samples of the estimate arrive. It is to steer",
+    "partial": "The plan ends at its horizon, before the goal. It is to steer",
+    "unsafe": "The plan is unsafe: change the goal or the constraints before a vehicle follows it. It is to steer",
+}
+
+
+def what_looks_wrong(contents: Contents) -> list[str]:
+    """Return what a reader should look into, as escaped sentences; first a plan that is not to be flown."""
+    summary = contents.summary
+    out = [
+        text
+        for test in (_losses, _nis, _bias, _improvement, _rejections, _surfacings)
+        if (text := test(contents))
+    ]
+    out += [escape(_sentence(note)) for note in summary.get("notes", ()) if not _is_neutral(note)]
+    events = contents.result.events
+    known = set(summary.get("notes", ()))
+    told = [
+        text
+        for text in dict.fromkeys(events["message"][events["level"].isin(["warning", "error"])])
+        if text not in known
+    ]
+    out += [escape(_sentence(text)) for text in told]
+    # what was found with the last message alone is no event
+    alarms = [
+        one
+        for one in run_alarms(summary)
+        if one.kind == "plan" or not any(text.startswith(one.about) for text in told)
+    ]
+    return [*(escape(_sentence(one.text)) for one in alarms), *out]
+
+
+def what_was_chosen(contents: Contents) -> list[str]:
+    """Return how the inputs were read and what was chosen, as escaped sentences."""
+    return [
+        escape(_sentence(note)) for note in contents.summary.get("notes", ()) if _is_neutral(note)
+    ]
+
+
+def next_steps(contents: Contents) -> list[str]:
+    """Return what to do next, as escaped sentences."""
+    summary, plans, out = contents.summary, contents.result.plans, []
+    plan: dict[str, Any] | None = summary.get("plan")
+    if plan and plan.get("heading_deg") is not None and plan["status"] != "failed":
+        verb = _VERBS.get(
+            plan["status"], "The goal is not reached; the closest way found is to steer"
+        )
+        out.append(
+            f"{verb} {number('plan.heading_deg', plan['heading_deg'], format(plan['heading_deg'], '.0f'))}° true "
+            "through water, glide angle "
+            f"{number('plan.glide_angle_deg', plan['glide_angle_deg'], format(plan['glide_angle_deg'], '.1f'))}°, at "
+            f"{number('plan.speed', plan['speed'], format(plan['speed'], '.2f'))} m/s: {escape(plan['message'])}."
+        )
+    elif plan:
+        why = "Nothing to steer" if plan["status"] == "reached" else "No plan was found"
+        out.append(f"{why}: {escape(plan['message'])}.")
+    elif not len(plans):
+        out.append("Name a goal with <code>--goal LON,LAT,DEPTH</code> to have the way planned.")
+    nis = summary["nis_per_dof"]
+    if nis is not None and nis > MOST_NIS:
+        # mean currents have no bins whose quality could be tested
+        look = (
+            "Run <code>replay-kit qc</code> on the log and compare"
+            if contents.bins.time_ns.size
+            else "Compare"
+        )
+        out.append(
+            f"{look} the innovations below dive by dive: either the instrument is biased, or the "
+            "ensemble does not fit this place and time. Until then take the standard errors as too small."
+        )
+    if summary.get("losses") or summary.get("late"):
+        out.append(
+            "Recover the log from the vehicle again if you can: what was lost is named above."
+        )
+    if contents.estimate is None and len(contents.result.observations):
+        out.append(
+            "Replay the log again without <code>--no-estimate</code>, or to its end, for the current and its uncertainty."
+        )
+    return out or ["Nothing: the estimate agrees with what was measured."]
+
+
+def _is_neutral(note: str) -> bool:
+    return any(word in note for word in _NEUTRAL)
+
+
+def _sentence(text: str) -> str:
+    """Return a note as a sentence; the name of a file or variable at its beginning stays as it is."""
+    is_name = (
+        any(letter in text.split(maxsplit=1)[0] for letter in "._/") if text.strip() else False
+    )
+    return (text if is_name else text[:1].upper() + text[1:]) + ("" if text.endswith(".") else ".")
+
+
+def _losses(contents: Contents) -> str:
+    summary = contents.summary
+    lost = summary.get("lost_pings", "")
+    late, losses = summary.get("late", 0), summary.get("losses", [])
+    parts = [f"{len(losses)} damaged parts of the logs were lost"] if losses else []
+    if late:
+        parts.append(
+            f"{number('late', late, format(late, ','))} messages came later than the reorder window allows"
+        )
+    return " ".join(
+        [
+            *([f"{' and '.join(parts)}."] if parts else []),
+            *([escape(_sentence(lost))] if lost else []),
+        ]
+    )
+
+
+def _nis(contents: Contents) -> str:
+    nis = contents.summary["nis_per_dof"]
+    if nis is None or LEAST_NIS <= nis <= MOST_NIS:
+        return ""
+    if nis > MOST_NIS:
+        return (
+            f"Innovations are {np.sqrt(nis):.1f} times as large as the estimate expects (NIS per degree of freedom "
+            f"{nis:.2f}): it is overconfident, "
+            "or instrument and forecast disagree."
+        )
+    return (
+        f"Innovations are {np.sqrt(nis):.2f} times as large as the estimate expects (NIS per degree of freedom "
+        f"{nis:.2f}): errors are overstated."
+    )
+
+
+def _bias(contents: Contents) -> str:
+    bins = contents.result.innovations
+    found = calibration(bins)
+    # the mean of many independent values would be this near to 0; profiles are not independent, hence the wide limit
+    if found.standardized.size < 50 or abs(found.mean) < 0.2:
+        return ""
+    east, north = (float(np.nanmean(bins[f"innovation_{axis}"])) for axis in ("east", "north"))
+    return (
+        f"The innovations have a mean of {100 * east:+.1f} cm/s east and {100 * north:+.1f} "
+        f"cm/s north: a bias of instrument or forecast."
+    )
+
+
+def _improvement(contents: Contents) -> str:
+    rms = contents.summary["rms_innovation"]
+    if not rms["before"] or not rms["prior"] or rms["before"] <= rms["prior"]:
+        return ""
+    return "The estimate predicts the measurements worse than the ensemble alone: earlier measurements misled it."
+
+
+def _rejections(contents: Contents) -> str:
+    observations = contents.summary["observations"]
+    total = observations["used"] + observations["rejected"]
+    if not total or observations["rejected"] <= 0.1 * total:
+        return ""
+    return f"{100.0 * observations['rejected'] / total:.0f} % of the measurements were rejected."
+
+
+def _surfacings(contents: Contents) -> str:
+    surfacings = contents.summary.get("surfacings")
+    if (
+        not surfacings
+        or surfacings.get("inside_ellipse") is None
+        or surfacings["inside_ellipse"] >= 0.6
+    ):
+        return ""
+    share = surfacings["inside_ellipse"]
+    return (
+        f"Only {number('surfacings.inside_ellipse', share, f'{100.0 * share:.0f} %')} of the surfacings lie in the "
+        "ellipse predicted to hold "
+        "90 %: the vehicle did not fly these plans, or the current is less certain than stated."
+    )

@@ -1,0 +1,247 @@
+"""The figures of a status: each a small function of what a result holds and of the present time."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from replay_kit.core.as_flown import AsFlown
+from replay_kit.core.geodesy import distance, heading_deg, rotate_to_geographic
+from replay_kit.core.grid import Projection
+from replay_kit.core.time import parse_time
+from replay_kit.results.flight_correction import mean_current_parts
+from replay_kit.results.legs import plan_legs
+from replay_kit.show.status.held import Fix, Held
+
+_SECOND, _DAY = 1_000_000_000, 86_400.0
+#: A surfacing is overdue by this share of its leg's duration, at least by so many seconds.
+OVERDUE_SHARE, OVERDUE_LEAST = 0.2, 1800.0
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """How fast the vehicle came nearer to its goal.
+
+    Attributes:
+        days: Over which time.
+        km_a_day: [km/day], towards the goal positive.
+        error: One standard deviation, from the fixes' error [km/day].
+    """
+
+    days: float
+    km_a_day: float
+    error: float
+
+
+@dataclass(frozen=True, slots=True)
+class Current:
+    """A velocity towards true east and north [m/s], and the standard error of each component, NaN where it is not known."""
+
+    east: float
+    north: float
+    error: float = math.nan
+
+    @property
+    def speed(self) -> float:
+        """[m/s]."""
+        return math.hypot(self.east, self.north)
+
+    @property
+    def toward(self) -> float:
+        """Direction that it flows to [degrees clockwise from true north]."""
+        return float(heading_deg(self.east, self.north))
+
+
+@dataclass(frozen=True, slots=True)
+class DiveCurrent:
+    """The current of the last dive beside the estimate's.
+
+    Attributes:
+        time_ns: When it was measured [ns, UTC].
+        dive: Its number.
+        measured: Mean current of the dive, as the log states it; None where neither the log nor the result holds one.
+        corrected: The same without the flight model's error; None where there is no correction.
+        predicted: What the estimate had said; None where the log states none.
+        difference: Length of what was used, corrected or measured, minus predicted; of profiles their RMS component [m/s].
+        expected: One standard deviation of a component of the difference, as the estimate expects it [m/s].
+    """
+
+    time_ns: int
+    dive: int
+    measured: Current | None
+    corrected: Current | None
+    predicted: Current | None
+    difference: float
+    expected: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NextSurfacing:
+    """The next surfacing of a plan.
+
+    Attributes:
+        planned_ns: When the plan begins [ns, UTC].
+        leg: As ``planners`` writes it.
+        time_ns: When it is expected [ns, UTC].
+        margin_s: After which it is overdue [s], given how long the vehicle's dives have taken.
+    """
+
+    planned_ns: int
+    leg: Mapping[str, float]
+    time_ns: int
+    margin_s: float
+
+    def late_s(self, now_ns: int) -> float:
+        """Return by how much it is overdue [s]; 0 while it is not."""
+        late = (now_ns - self.time_ns) / _SECOND
+        return late if late > self.margin_s else 0.0
+
+
+def goal_of(held: Held) -> tuple[float, float, float] | None:
+    """Return longitude, latitude [degrees] and depth [m] of the goal of the last plan, or of the run; None without."""
+    if held.plans:
+        goal = held.plans[-1].goal
+        return goal.longitude, goal.latitude, goal.depth
+    text = held.metadata.get("replay_kit.options", {}).get("goal", "")
+    return tuple(float(part) for part in text.split(",")) if text else None  # type: ignore[return-value]
+
+
+def made_good(held: Held) -> list[Rate]:
+    """Return how fast the vehicle came nearer to the goal: over the last day if there is one, and since its first fix."""
+    goal = goal_of(held)
+    if goal is None or len(held.fixes) < 2:
+        return []
+    last, error = held.fixes[-1], float(held.settings.get("measurements", {}).get("fix_std", 0.0))
+    earlier: Sequence[Fix] = [fix for fix in held.fixes[-2::-1] if fix.time_ns < last.time_ns]
+    rates = []
+    for fix in earlier:
+        days = (last.time_ns - fix.time_ns) / _SECOND / _DAY
+        nearer = far(fix, goal) - far(last, goal)
+        rates.append(Rate(days, nearer / 1e3 / days, math.sqrt(2.0) * error / 1e3 / days))
+    return rates
+
+
+def far(fix: Fix, goal: tuple[float, float, float]) -> float:
+    """Return how far a goal is from a fix [m]."""
+    return float(distance(fix.longitude, fix.latitude, goal[0], goal[1]))
+
+
+def dive_current(held: Held) -> DiveCurrent | None:
+    """Return the current of the last dive beside what the estimate had said; None without a measurement."""
+    if not held.dive:
+        return None
+    means = [
+        one for one in held.dive if one.HasField("mean_current") and one.mean_current.kind == "dac"
+    ]
+    if means:
+        one = means[-1]
+        mean, at = one.mean_current, held.fixes[-1] if held.fixes else None
+        parts = (
+            *mean_current_parts(mean, held.metadata, held.settings),
+            (mean.predicted_east, mean.predicted_north),
+        )
+        measured, corrected, predicted = (
+            None if part is None else _true(held.projection, at, *part) for part in parts
+        )
+        used = corrected or measured
+        assert used is not None
+        assert predicted is not None
+        known = predicted if math.isfinite(predicted.speed) else None
+        apart = math.hypot(used.east - predicted.east, used.north - predicted.north)
+        return DiveCurrent(
+            one.timestamp.ToNanoseconds(),
+            one.dive,
+            measured,
+            corrected,
+            known,
+            apart,
+            _expected([one]),
+        )
+    values = [
+        value
+        for one in held.dive
+        for part in (one.innovation_east, one.innovation_north)
+        for value in part
+    ]
+    known_values = [value for value in values if math.isfinite(value)]
+    rms = (
+        math.sqrt(sum(value**2 for value in known_values) / len(known_values))
+        if known_values
+        else math.nan
+    )
+    last = held.dive[-1]
+    return DiveCurrent(
+        last.timestamp.ToNanoseconds(), last.dive, None, None, None, rms, _expected(held.dive)
+    )
+
+
+def _true(
+    projection: Projection, at: Fix | None, east: float, north: float, error: float = math.nan
+) -> Current:
+    """Return a velocity along the local axes as one towards true east and north."""
+    if at is None:
+        return Current(east, north, error)
+    turned = rotate_to_geographic(projection, at.longitude, at.latitude, east, north)
+    return Current(float(turned[0]), float(turned[1]), error)
+
+
+def _expected(measurements: Sequence[Any]) -> float:
+    values = [
+        value
+        for one in measurements
+        for part in (one.innovation_std_east, one.innovation_std_north)
+        for value in part
+    ]
+    known = [value for value in values if math.isfinite(value)]
+    return math.sqrt(sum(value**2 for value in known) / len(known)) if known else math.nan
+
+
+def last_plan(held: Held) -> tuple[dict[str, Any] | None, int]:
+    """Return how the last attempt to plan ended, as the JSON of a summary has it, and when [ns, UTC]; None without a plan."""
+    said = held.summary.get("plan")
+    if said is not None and said["status"] == "failed":
+        # no plan was written for it
+        return said, held.last_ns
+    if not held.plans:
+        return None, held.last_ns
+    plan = held.plans[-1]
+    odds = {"reached": plan.odds.reached} if plan.HasField("odds") and plan.odds.n_samples else None
+    return {
+        "status": plan.status,
+        "message": plan.message,
+        "odds": odds,
+    }, plan.timestamp.ToNanoseconds()
+
+
+def statistics_of(plan: Any) -> dict[str, str]:
+    """Return what the solver of a plan states, by name."""
+    return {pair.name: pair.value for pair in plan.statistics}
+
+
+def next_surfacing(held: Held) -> NextSurfacing | None:
+    """Return the next surfacing of the last plan: that of its first leg, or of the first after the vehicle's last surfacing.
+
+    None without a mission, or when all its legs are over.
+    """
+    if not held.plans:
+        return None
+    plan = held.plans[-1]
+    planned_ns = plan.timestamp.ToNanoseconds()
+    surfaced = sum(one.planned_time.ToNanoseconds() == planned_ns for one in held.outcomes)
+    legs = plan_legs(statistics_of(plan))
+    if surfaced >= len(legs):
+        return None
+    leg, flown = legs[surfaced], AsFlown.in_metadata(held.metadata)
+    lasts = leg["surfacing_s"] - leg["start_s"]
+    # a dive is not late while those before it would have gone on
+    usual = 0.0 if flown is None else flown.duration
+    margin = max(usual - lasts, 0.0) + max(OVERDUE_SHARE * max(usual, lasts), OVERDUE_LEAST)
+    return NextSurfacing(planned_ns, leg, planned_ns + int(leg["surfacing_s"] * _SECOND), margin)
+
+
+def forecast_times(held: Held) -> tuple[int, int, bool] | None:
+    """Return the first and the last time of the forecast [ns, UTC], and whether the estimate goes through time; None where it has none."""
+    record = held.metadata.get("replay_kit.forecast", {})
+    if "first" not in record:
+        return None
+    return parse_time(record["first"]), parse_time(record["last"]), record.get("evolves") == "true"

@@ -1,0 +1,418 @@
+"""A status: the answers to a pilot's questions as lines of text, as alarms, and as figures for JSON."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from replay_kit.core.finding import severity_word
+from replay_kit.core.plan import ORIGIN
+from replay_kit.core.text import place_text, time_text
+from replay_kit.results.alarms import plan_alarm
+from replay_kit.results.surfacings.words import past_sentences, place_of_next
+from replay_kit.show.status import figures
+from replay_kit.show.status.alarms import Alarm, alarms_of
+from replay_kit.show.status.change import change_of, command_text
+from replay_kit.show.status.held import Held
+
+_SECOND = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """An answer.
+
+    Attributes:
+        key: Of what it answers, the same in every status.
+        label: The question in a word or two.
+        text: The answer, numbers with their errors; several sentences are each a text.
+        time_ns: When what it says was so [ns, UTC]; None for what has no time.
+        alarms: Whether an alarm belongs to it.
+    """
+
+    key: str
+    label: str
+    text: tuple[str, ...]
+    time_ns: int | None = None
+    alarms: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """A result on one screen.
+
+    Attributes:
+        name: Of the result.
+        now_ns: The time for which ages are given [ns, UTC].
+        lines: The answers.
+        alarms: What should wake a person.
+        figures: The numbers of the answers, for JSON.
+    """
+
+    name: str
+    now_ns: int
+    lines: tuple[Line, ...]
+    alarms: tuple[Alarm, ...]
+    figures: Mapping[str, Any]
+
+
+def status_of(held: Held, now_ns: int | None = None) -> Status:
+    """Return the status of a result.
+
+    Args:
+        held: What it holds.
+        now_ns: The present time [ns, UTC]; None for the last time of the result.
+    """
+    now = held.last_ns if now_ns is None else now_ns
+    alarms = alarms_of(held, now)
+    kinds = {alarm.kind for alarm in alarms}
+    made = (
+        _where(held),
+        _rate(held),
+        _current(held),
+        _surfacing(held, now),
+        _command(held),
+        _odds(held),
+        _forecast(held, now),
+        _fit(held),
+    )
+    lines = [
+        Line(
+            line.key,
+            line.label,
+            line.text,
+            line.time_ns,
+            not kinds.isdisjoint(_ALARMS.get(line.key, ())),
+        )
+        for line, _ in made
+        if line.text
+    ]
+    numbers = {line.key: values for line, values in made if values}
+    about = {
+        "result": held.name,
+        "now": time_text(now),
+        "last": time_text(held.last_ns),
+        "alarms": [alarm.record() for alarm in alarms],
+    }
+    return Status(held.name, now, tuple(lines), alarms, {**about, **numbers})
+
+
+# Which alarms belong to which answer.
+_ALARMS = {
+    "surfacing": ("surfacing overdue", "outside its ellipse"),
+    "odds": ("plan",),
+    "forecast": ("forecast ended",),
+    "fit": ("consistency",),
+}
+_Answer = tuple[Line, dict[str, Any]]
+
+
+def _where(held: Held) -> _Answer:
+    if not held.fixes:
+        return Line("position", "Position", ("no measured position",)), {}
+    fix, error = held.fixes[-1], held.settings.get("measurements", {}).get("fix_std")
+    text = [
+        f"{place_text(fix.longitude, fix.latitude)}"
+        + (f" ± {error:g} m" if error else "")
+        + f", since {time_text(fix.time_ns)}"
+    ]
+    values: dict[str, Any] = {
+        "longitude": fix.longitude,
+        "latitude": fix.latitude,
+        "since": time_text(fix.time_ns),
+        "error_m": error,
+    }
+    if held.reckoned is not None:
+        at = held.reckoned
+        text.append(
+            f"dead reckoned {place_text(at.longitude, at.latitude)} at {time_text(at.time_ns)}"
+        )
+        values["dead_reckoned"] = {
+            "longitude": at.longitude,
+            "latitude": at.latitude,
+            "time": time_text(at.time_ns),
+        }
+    if held.dive and held.dive[-1].dive:
+        text.append(f"after dive {held.dive[-1].dive}")
+        values["dive"] = held.dive[-1].dive
+    return Line("position", "Position", tuple(text), fix.time_ns), values
+
+
+def _rate(held: Held) -> _Answer:
+    goal, rates = figures.goal_of(held), figures.made_good(held)
+    if goal is None:
+        return Line("made_good", "Made good", ("no goal was given",)), {}
+    if not held.fixes:
+        return Line("made_good", "Made good", ("no fix, no distance to the goal",)), {}
+    left = figures.far(held.fixes[-1], goal) / 1e3
+    text = [f"{left:.1f} km to the goal {place_text(goal[0], goal[1])}, {goal[2]:g} m"]
+    # over a long time the fixes' errors are far below the digit that is shown
+    text += [
+        f"{rate.km_a_day:+.1f} ± {max(rate.error, 0.01):.1g} km a day over {_days(rate.days)}"
+        for rate in rates
+    ]
+    values = {
+        "to_goal_km": left,
+        "km_a_day": [
+            {"days": rate.days, "km_a_day": rate.km_a_day, "error": rate.error} for rate in rates
+        ],
+    }
+    return Line("made_good", "Made good", tuple(text), held.fixes[-1].time_ns), values
+
+
+def _current(held: Held) -> _Answer:
+    found = figures.dive_current(held)
+    if found is None:
+        return Line("current", "Current", ("nothing measured",)), {}
+    values: dict[str, Any] = {
+        "time": time_text(found.time_ns),
+        "dive": found.dive,
+        "difference_m_s": _finite(found.difference),
+        "expected_m_s": _finite(found.expected),
+    }
+    expected = (
+        f"{100.0 * found.expected:.1f} cm/s expected a component"
+        if math.isfinite(found.expected)
+        else "expected unknown"
+    )
+    if found.measured is None and found.corrected is None:
+        text = [
+            f"no mean current in the last dive; profiles differ {100.0 * found.difference:.1f} cm/s RMS from the estimate ({expected})"
+        ]
+        return Line("current", "Current", tuple(text), found.time_ns), values
+    text = []
+    for name, words, current in (
+        ("measured", "measured", found.measured),
+        ("corrected", _CORRECTED, found.corrected),
+    ):
+        if current is not None:
+            text.append(f"dive {found.dive} {words} {_current_text(current)}")
+            values[name] = {
+                "east": current.east,
+                "north": current.north,
+                "standard_error": _finite(current.error),
+            }
+    if found.predicted is not None:
+        text.append(
+            f"estimate had said {_current_text(found.predicted)}; apart {100.0 * found.difference:.1f} cm/s ({expected})"
+        )
+        values["predicted"] = {"east": found.predicted.east, "north": found.predicted.north}
+    return Line("current", "Current", tuple(text), found.time_ns), values
+
+
+def _surfacing(held: Held, now_ns: int) -> _Answer:
+    following, found = figures.next_surfacing(held), held.summary.get("expected_surfacings")
+    text, values = (
+        _next_surfacing(following, now_ns)
+        if following is not None
+        else _next_as_last_dive(held, found, now_ns)
+    )
+    if held.outcomes:
+        one = held.outcomes[-1]
+        inside = (
+            "inside"
+            if one.inside_ellipse
+            else "outside"
+            if math.isfinite(one.ellipse_major)
+            else ""
+        )
+        side = f", {inside} its ellipse" if inside else ""
+        text.append(
+            f"the last was {one.distance / 1e3:.1f} km toward {one.direction_deg:.0f}° and {_late(one.delay)}{side}"
+        )
+        values["last"] = {
+            "distance_m": one.distance,
+            "direction_deg": one.direction_deg,
+            "delay_s": one.delay,
+            "inside": inside,
+        }
+    if found:
+        text += past_sentences(found)
+        values["expected"] = {
+            "inside_50": found["inside_50"],
+            "inside_90": found["inside_90"],
+            "count": found["count"],
+            "next": found["next"],
+        }
+    return Line(
+        "surfacing", "Surfacing", tuple(text), following.planned_ns if following else None
+    ), values
+
+
+def _next_surfacing(
+    following: figures.NextSurfacing, now_ns: int
+) -> tuple[list[str], dict[str, Any]]:
+    """Return the next surfacing in words and as figures."""
+    leg, late = following.leg, following.late_s(now_ns)
+    when = (
+        f"OVERDUE by {_hours(late)}"
+        if late
+        else f"in {_hours(max(0.0, (following.time_ns - now_ns) / _SECOND))}"
+    )
+    text = [
+        f"next, by the plan being flown, which outranks the last dive: {time_text(following.time_ns)} "
+        f"({when}; overdue after {_hours(following.margin_s)} more)"
+    ]
+    place = place_text(leg["longitude"], leg["latitude"])
+    ellipse = {name: leg.get(f"ellipse_{name}") for name in ("major_m", "minor_m", "bearing_deg")}
+    if "ellipse_major_m" in leg:
+        axes = " x ".join(f"{leg[f'ellipse_{name}_m'] / 1e3:.1f}" for name in ("major", "minor"))
+        text.append(f"at {place}; 90 % ellipse {axes} km along {leg['ellipse_bearing_deg']:.0f}°")
+    else:
+        text.append(f"at {place}; no ellipse without samples of the estimate (planner.samples)")
+    when_where = {
+        "time": time_text(following.time_ns),
+        "late_s": late,
+        "longitude": leg["longitude"],
+        "latitude": leg["latitude"],
+    }
+    return text, {"next": {"basis": "plan", **when_where, **ellipse}}
+
+
+def _next_as_last_dive(
+    held: Held, found: Mapping[str, Any] | None, now_ns: int
+) -> tuple[list[str], dict[str, Any]]:
+    """Return the next surfacing of a vehicle that flies no plan, as the last dive tells it, in words and as figures."""
+    why = "the plan has no surfacing ahead" if held.plans else "no plan is being flown"
+    following = found["next"] if found else None
+    if following is None:
+        return [why] if held.plans else [], {}
+    seconds = (following["time_ns"] - now_ns) / _SECOND
+    when = f"in {_hours(seconds)}" if seconds >= 0.0 else f"{_hours(-seconds)} ago"
+    text = f"next, from the last dive, as {why}: {time_text(following['time_ns'])} ({when}), {place_of_next(following)}"
+    (longitude, latitude), ellipse = following["expected"], following["ellipse_90"]
+    values = {
+        "time": time_text(following["time_ns"]),
+        "longitude": longitude,
+        "latitude": latitude,
+        **ellipse,
+    }
+    return [text], {"next": {"basis": "last_dive", **values}}
+
+
+def _command(held: Held) -> _Answer:
+    if not held.plans:
+        return Line("command", "Steer", ("no plan",) if figures.goal_of(held) else ()), {}
+    plan, change = held.plans[-1], change_of(held)
+    following = figures.next_surfacing(held)
+    leg = following.leg if following else {}
+    text = [command_text(plan, leg), *change]
+    values = {
+        "heading_deg": _finite(leg.get("heading_deg", plan.heading_deg)),
+        "glide_angle_deg": _finite(leg.get("glide_angle_deg", plan.glide_angle_deg)),
+        "depth_m": leg.get("depth_m"),
+        "why": list(change),
+    }
+    return Line("command", "Steer", tuple(text), plan.timestamp.ToNanoseconds()), values
+
+
+def _odds(held: Held) -> _Answer:
+    said, since_ns = figures.last_plan(held)
+    if said is None:
+        return Line("odds", "Odds", ()), {}
+    values: dict[str, Any] = {"status": said["status"]}
+    if said["status"] == "failed":
+        return Line("odds", "Odds", (f"plan failed: {said['message']}",), since_ns), values
+    plan = held.plans[-1]
+    text = [_outcome(plan, said)]
+    if plan.HasField("odds") and plan.odds.n_samples:
+        odds = plan.odds
+        error = math.sqrt(
+            max(odds.reached * (1.0 - odds.reached), 0.25 / odds.n_samples) / odds.n_samples
+        )
+        text.append(
+            f"{100.0 * odds.reached:.0f} ± {100.0 * error:.0f} % of {odds.n_samples} samples arrive, {100.0 * odds.safe:.0f} % safe"
+        )
+        values |= {
+            "reached": odds.reached,
+            "error": error,
+            "safe": odds.safe,
+            "samples": odds.n_samples,
+        }
+    else:
+        text.append("odds unknown without samples (planner.samples)")
+    if origin := figures.statistics_of(plan).get(ORIGIN):
+        text.append(origin)
+        values["dives"] = origin
+    if math.isfinite(plan.energy) and plan.energy > 0.0:
+        share = (
+            f" of {plan.battery / 1e3:.0f} kJ"
+            if math.isfinite(plan.battery) and plan.battery > 0.0
+            else ""
+        )
+        text.append(f"energy {plan.energy / 1e3:.0f} kJ{share}")
+        values |= {"energy_j": plan.energy, "battery_j": _finite(plan.battery)}
+    return Line("odds", "Odds", tuple(text), since_ns), values
+
+
+def _outcome(plan: Any, said: Mapping[str, Any]) -> str:
+    """Return how a plan ends; only one that reaches its goal, and without an alarm, is said to arrive."""
+    if not math.isfinite(plan.duration):
+        return f"plan {plan.status}: {plan.message}"
+    hours, off = f"{plan.duration / 3600.0:.1f} h", f"{plan.closest_approach:.0f} m"
+    if plan.status == "reached" and plan_alarm(said) is None:
+        return f"plan reached: arrives after {hours}, {off} off"
+    return f"plan {plan.status}: in {hours} it comes within {off} of the goal"
+
+
+def _forecast(held: Held, now_ns: int) -> _Answer:
+    times = figures.forecast_times(held)
+    if times is None:
+        return Line("forecast", "Forecast", ("states no time: its age is unknown",)), {}
+    first, last, evolves = times
+    values = {
+        "first": time_text(first),
+        "last": time_text(last),
+        "age_s": (now_ns - first) / _SECOND,
+    }
+    if not evolves:
+        return Line(
+            "forecast", "Forecast", (f"of {time_text(first)}, held constant",), first
+        ), values
+    ahead = (last - now_ns) / _SECOND
+    ends = f"ends in {_hours(ahead)}" if ahead >= 0.0 else f"ENDED {_hours(-ahead)} ago"
+    return Line(
+        "forecast", "Forecast", (f"{time_text(first)} to {time_text(last)}; {ends}",), first
+    ), values
+
+
+def _fit(held: Held) -> _Answer:
+    found: Sequence[Mapping[str, Any]] = held.summary.get("consistency", ())
+    text = [
+        f"{severity_word(one['severity'])}: {one['name']}, {one['evidence']}; {one['set']}"
+        for one in found
+    ]
+    if not held.summary:
+        text.append("no verdict: the run did not finish, or an earlier version made the result")
+    text += list(held.summary.get("verdict", ()))
+    values = {
+        "findings": list(found),
+        "verdict": list(held.summary.get("verdict", ())),
+        "nis_per_dof": held.summary.get("nis_per_dof"),
+    }
+    return Line("fit", "Fit", tuple(text), held.last_ns), values
+
+
+_CORRECTED = "corrected for the flight model's error"
+
+
+def _current_text(current: figures.Current) -> str:
+    error = f" ± {100.0 * current.error:.1f}" if math.isfinite(current.error) else ""
+    return f"{100.0 * current.speed:.1f}{error} cm/s toward {current.toward:.0f}°"
+
+
+def _late(seconds: float) -> str:
+    return f"{_hours(abs(seconds))} {'late' if seconds >= 0.0 else 'early'}"
+
+
+def _hours(seconds: float) -> str:
+    minutes = round(seconds / 60.0)
+    return f"{minutes} min" if minutes < 120 else f"{minutes / 60.0:.1f} h"
+
+
+def _days(days: float) -> str:
+    return f"{24.0 * days:.0f} h" if days < 2.0 else f"{days:.1f} days"
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

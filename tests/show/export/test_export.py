@@ -1,0 +1,265 @@
+"""Exports: the numbers of a result in each form, CF attributes, and what is refused."""
+
+import json
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.surfacing import Ellipse
+from replay_kit.results.views.contents import Contents
+from replay_kit.results.views.series import series_of
+from replay_kit.show import open_result
+from replay_kit.show.export import export
+from replay_kit.show.export.features import features_of, kml_text
+from replay_kit.show.export.netcdf import _attributes
+from tests.results.cases import moved, write
+from tests.results.test_cf import complaints
+from tests.synthetic_flow import synthetic_flow
+
+__all__ = ["complaints"]
+GX = "http://www.google.com/kml/ext/2.2"
+PLACES = [(5.0, 62.0, 10.0), (5.05, 62.01, 130.0)]
+
+
+@pytest.fixture
+def contents(tmp_path, innovation, plan):
+    write(
+        tmp_path / "r.mcap",
+        synthetic_flow(),
+        [replace(innovation, dive=k + 1) for k in range(3)],
+        plan,
+    )
+    return Contents(open_result(tmp_path / "r.mcap"))
+
+
+@pytest.mark.full
+def test_netcdf_holds_every_table_and_is_compliant(contents, tmp_path, complaints):
+    rows = export(contents, tmp_path / "x.nc", PLACES)
+    assert rows == {
+        "series": 6,
+        "track": 3,
+        "section": 9,
+        "dives": 3,
+        "innovations": 12,
+        "surfacings": 0,
+        "plans": 3,
+    }
+    assert complaints(tmp_path / "x.nc") == []
+    with xr.open_dataset(tmp_path / "x.nc") as found:
+        assert dict(found.sizes) == {name: count for name, count in rows.items() if count}
+        expected = series_of(contents, PLACES[1])
+        np.testing.assert_array_equal(found["series_u"][3:], expected.u)
+        np.testing.assert_array_equal(
+            found["series_v_standard_error"][3:], expected.v_standard_error
+        )
+        assert found["series_depth"].values.tolist() == [10.0] * 3 + [130.0] * 3
+        assert found["series_u"].attrs["standard_name"] == "eastward_sea_water_velocity"
+        assert found["section_v_measured"].attrs["standard_name"] == "northward_sea_water_velocity"
+        assert found["section_depth"].attrs["positive"] == "down"
+        assert found["innovations_innovation_std_east"].attrs["units"] == "m s-1"
+        assert (found.attrs["local_frame_longitude"], found.attrs["local_frame_latitude"]) == (
+            5.0,
+            62.0,
+        )
+        assert found["plans_status"].values.tolist() == [b"reached"] * 3
+        times = found["track_time"].values.astype("datetime64[s]")
+        np.testing.assert_array_equal(
+            times, contents.result.fixes.index.to_numpy().astype("datetime64[s]")
+        )
+        total = found["section_u_estimated"] + found["section_u_residual"]
+        np.testing.assert_allclose(found["section_u_measured"], total, rtol=1e-12)
+
+
+@pytest.mark.parametrize("end", ["longitude", "latitude", "depth"])
+def test_columns_of_places_have_the_attributes_of_a_place_whatever_goes_before(end):
+    alone, before = _attributes("surfacings", end), _attributes("surfacings", f"forecast_{end}")
+    assert alone["standard_name"] == end
+    assert before == alone | {"long_name": f"forecast {end} (surfacings)"}
+
+
+def test_csv_holds_one_table(contents, tmp_path):
+    assert export(contents, tmp_path / "a.csv", PLACES) == {"series": 6}
+    assert export(contents, tmp_path / "b.csv") == {"track": 3}
+    assert export(contents, tmp_path / "c.csv", table="innovations") == {"innovations": 12}
+    track = pd.read_csv(tmp_path / "b.csv", parse_dates=["time"])
+    expected = contents.estimate.along(contents.result.fixes)
+    np.testing.assert_allclose(track["u"], expected.u, rtol=1e-14)
+    np.testing.assert_array_equal(track["longitude"], contents.result.fixes["longitude"])
+    assert (tmp_path / "a.csv").read_text().splitlines()[
+        0
+    ] == "place,time,longitude,latitude,depth,u,v,u_standard_error,v_standard_error"
+    assert pd.read_csv(tmp_path / "a.csv")["place"].tolist() == [0, 0, 0, 1, 1, 1]
+
+
+def test_a_text_is_no_formula_in_csv(tmp_path, innovation, plan):
+    write(
+        tmp_path / "r.mcap", synthetic_flow(), [innovation], replace(plan, status="=HYPERLINK(1)")
+    )
+    contents = Contents(open_result(tmp_path / "r.mcap"))
+    export(contents, tmp_path / "plans.csv", table="plans")
+    assert pd.read_csv(tmp_path / "plans.csv")["status"].tolist() == ["'=HYPERLINK(1)"] * 3
+    export(contents, tmp_path / "innovations.csv", table="innovations")
+    # negative numbers stay numbers
+    residual = contents.result.innovations["residual_east"].to_numpy()
+    assert (residual < 0.0).any()
+    np.testing.assert_allclose(
+        pd.read_csv(tmp_path / "innovations.csv")["residual_east"], residual, rtol=1e-14
+    )
+
+
+def test_without_an_estimate_the_track_has_positions_alone(tmp_path, innovation):
+    write(tmp_path / "r.mcap", synthetic_flow(), [innovation], None, estimate=False)
+    contents = Contents(open_result(tmp_path / "r.mcap"))
+    export(contents, tmp_path / "x.csv")
+    assert (tmp_path / "x.csv").read_text().splitlines()[
+        0
+    ] == "time,longitude,latitude,depth,dead_reckoned"
+    assert export(contents, tmp_path / "x.nc")["plans"] == 0
+
+
+def test_geojson_and_kml_hold_track_places_and_plan(contents, tmp_path):
+    export(contents, tmp_path / "x.geojson", PLACES)
+    features = json.loads((tmp_path / "x.geojson").read_text())["features"]
+    assert [feature["properties"]["name"] for feature in features] == [
+        "track",
+        "last plan",
+        "place 0",
+        "place 1",
+    ]
+    assert features[0]["geometry"] == {
+        "type": "LineString",
+        "coordinates": [[5.0, 62.0], [5.01, 62.002], [5.02, 62.004]],
+    }
+    last = series_of(contents, PLACES[1])
+    assert features[3]["properties"]["v_m_s"] == last.v[-1]
+    assert features[3]["properties"]["depth_m"] == 130.0
+    export(contents, tmp_path / "x.kml", PLACES)
+    root = ElementTree.parse(tmp_path / "x.kml").getroot()
+    space = "{http://www.opengis.net/kml/2.2}"
+    assert [name.text for name in root.iter(f"{space}name")] == [
+        "track",
+        "last plan",
+        "place 0",
+        "place 1",
+    ]
+    track = next(root.iter(f"{{{GX}}}Track"))
+    assert [place.text for place in track.iter(f"{{{GX}}}coord")] == [
+        "5.0000000 62.0000000 0",
+        "5.0100000 62.0020000 0",
+        "5.0200000 62.0040000 0",
+    ]
+    # a time for each place of the track; one for each place's current
+    assert [when.text for when in track.iter(f"{space}when")] == [
+        "2023-11-14T22:13:20.123456789Z",
+        "2023-11-14T23:13:20.123456789Z",
+        "2023-11-15T00:13:20.123456789Z",
+    ]
+    assert len(list(root.iter(f"{space}TimeStamp"))) == 2
+
+
+def test_features_are_styled_for_maps_and_kml_has_the_same_colours_in_its_own_order(
+    contents, tmp_path
+):
+    export(contents, tmp_path / "x.geojson", PLACES)
+    export(contents, tmp_path / "x.kml", PLACES)
+    styles = [
+        feature["properties"]
+        for feature in json.loads((tmp_path / "x.geojson").read_text())["features"]
+    ]
+    assert [style.get("stroke", style.get("marker-color")) for style in styles] == [
+        "#00618f",
+        "#b8500f",
+        "#5b6b78",
+        "#5b6b78",
+    ]
+    assert "when" not in json.loads((tmp_path / "x.geojson").read_text())["features"][0]
+    colors = [
+        color.text
+        for color in ElementTree.parse(tmp_path / "x.kml")
+        .getroot()
+        .iter("{http://www.opengis.net/kml/2.2}color")
+    ]
+    assert colors == ["ff8f6100", "ff0f50b8", "ff786b5b", "ff786b5b"]
+
+
+def test_across_the_antimeridian_lines_are_continuous_in_geojson_and_within_180_in_kml(
+    tmp_path, innovation
+):
+    write(tmp_path / "r.mcap", moved(synthetic_flow(), 179.99), [innovation] * 3, None)
+    contents = Contents(open_result(tmp_path / "r.mcap"))
+    export(contents, tmp_path / "x.geojson", table="track")
+    export(contents, tmp_path / "x.kml", table="track")
+    (track,) = json.loads((tmp_path / "x.geojson").read_text())["features"]
+    assert [point[0] for point in track["geometry"]["coordinates"]] == [179.99, 180.0, 180.01]
+    places = [
+        place.text
+        for place in ElementTree.parse(tmp_path / "x.kml").getroot().iter(f"{{{GX}}}coord")
+    ]
+    assert places == [
+        "179.9900000 62.0000000 0",
+        "-180.0000000 62.0020000 0",
+        "-179.9900000 62.0040000 0",
+    ]
+
+
+def test_surfacings_have_points_and_counter_clockwise_ellipses(contents):
+    ellipse = Ellipse(5.0, 62.0, 900.0, 300.0, 90.0)
+    row = {
+        "time": pd.Timestamp("2024-01-01"),
+        "distance": 12.5,
+        "predicted_longitude": 5.0,
+        "predicted_latitude": 62.0,
+    }
+    row |= {
+        "actual_longitude": 5.01,
+        "actual_latitude": 62.0,
+        "ellipse_longitude": ellipse.longitude,
+        "ellipse_latitude": ellipse.latitude,
+    }
+    row |= {"ellipse_major": 900.0, "ellipse_minor": 300.0, "ellipse_bearing": 90.0}
+    found = features_of({"surfacings": pd.DataFrame([row])}, contents.projection)
+    assert [feature["properties"]["name"] for feature in found] == [
+        "surfacing, predicted",
+        "surfacing, actual",
+        "90 % ellipse of a surfacing",
+    ]
+    assert found[1]["geometry"]["coordinates"] == [5.01, 62.0]
+    about = {"name": "surfacing, actual", "time": "2024-01-01T00:00:00Z", "distance_m": 12.5}
+    assert found[1]["properties"].items() >= about.items()
+    kml = kml_text(found)
+    assert kml.count("<TimeStamp><when>2024-01-01T00:00:00Z</when></TimeStamp>") == 2
+    assert "<PolyStyle><color>260f50b8</color></PolyStyle>" in kml
+    x, y = np.array(found[2]["geometry"]["coordinates"][0]).T
+    assert np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "table", "message"),
+    [
+        (
+            "x.xls",
+            None,
+            r"expected a name that ends in one of \.nc, \.csv, \.kml, \.geojson, got '\.xls'",
+        ),
+        (
+            "x.csv",
+            "tracks",
+            "expected one of series, track, section, dives, innovations, surfacings, plans, got 'tracks'",
+        ),
+        ("x.csv", "series", "series: expected one or more places, got none"),
+        (
+            "x.kml",
+            "section",
+            r"expected one of series, track, surfacings, plans in \.kml, got 'section'",
+        ),
+    ],
+)
+def test_what_cannot_be_exported_is_refused(contents, tmp_path, name, table, message):
+    with pytest.raises(ConfigError, match=message):
+        export(contents, tmp_path / name, table=table)
+    assert not (tmp_path / name).exists()

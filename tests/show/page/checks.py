@@ -1,0 +1,91 @@
+"""What holds of every page: each figure has a caption, a text alternative, its data and units, and nothing is fetched."""
+
+import re
+from typing import Any
+
+from replay_kit.results.views.record import leaves
+from tests.show.report.html_of import elements, figures
+
+
+def check_figures(page: str) -> dict[str, dict[str, Any]]:
+    """Return the figures of a page by their keys, all of them checked."""
+    check_ids(page)
+    found = figures(page)
+    shown = {attrs["id"] or "": text for attrs, text in elements(page, "figure")}
+    assert list(shown) == list(found)
+    assert all(len(text) > 20 for _, text in elements(page, "figcaption"))
+    plots = [attrs for attrs, _ in elements(page, "div") if attrs.get("class") == "plot"]
+    assert all(
+        len(attrs["aria-label"] or "") > 30
+        and attrs["tabindex"] == "0"
+        and attrs["role"] == "group"
+        for attrs in plots
+    )
+    pictures = [attrs for attrs, _ in elements(page, "img")]
+    assert all(
+        len(attrs["alt"] or "") > 20 and (attrs["src"] or "").startswith("data:image/png;base64,")
+        for attrs in pictures
+    )
+    assert len(plots) + len(pictures) == len(found)
+    offered = {(attrs["data-figure"], attrs["data-table"]) for attrs, _ in elements(page, "button")}
+    assert offered == {(key, table) for key, figure in found.items() for table in figure["tables"]}
+    for key, figure in found.items():
+        assert figure["tables"], key
+        _check_axes(key, figure["layout"])
+        _check_data(key, figure)
+    _check_nothing_is_fetched(page)
+    return found
+
+
+def check_ids(page: str) -> None:
+    """Check that each id is that of one element, and that what names an id is about an element of the page."""
+    ids = re.findall(r'<[a-z][^<>]*\sid="([^"]*)"', page)
+    assert sorted(set(ids)) == sorted(ids)
+    named = [
+        attrs["href"][1:]
+        for attrs, _ in elements(page, "a")
+        if (attrs["href"] or "").startswith("#")
+    ]
+    named += [attrs["for"] for tag in ("label", "output") for attrs, _ in elements(page, tag)]
+    assert set(named) <= set(ids)
+
+
+def _check_axes(key: str, layout: dict[str, Any]) -> None:
+    for name, axis in layout.items():
+        # an axis that names what stands beside it has no unit
+        if (
+            re.fullmatch(r"[xy]axis\d?", name)
+            and axis.get("type") != "category"
+            and ("title" in axis or "ticktext" not in axis)
+        ):
+            text = axis["title"]["text"]
+            assert re.search(r"\[.+\]|UTC|NIS|dive|density|innovation /|values|pings", text), (
+                key,
+                name,
+            )
+
+
+def _check_data(key: str, figure: dict[str, Any]) -> None:
+    for path, value in leaves([figure["traces"], figure["layout"]]):
+        if isinstance(value, str) and value.startswith("$"):
+            table, column = value[1:].split(".", 1)
+            assert len(figure["tables"][table][column]) > 0, (key, path)
+        if path.endswith("$field"):
+            assert value in figure["packed"], (key, path)
+    for table in figure["tables"].values():
+        if "field" not in table:
+            assert len({len(column) for column in table.values()}) == 1, key
+
+
+def _check_nothing_is_fetched(page: str) -> None:
+    fetching = [
+        attrs["src"]
+        for tag in ("script", "link", "img", "iframe")
+        for attrs, _ in elements(page, tag)
+        if attrs.get("src")
+    ]
+    assert [url for url in fetching if not (url or "").startswith("data:")] == []
+    assert [attrs["href"] for attrs, _ in elements(page, "link")] == ["data:,"]
+    own = re.sub(r'<script type="application/octet-stream".*?</script>', "", page, flags=re.DOTALL)
+    assert "http" not in own.replace("http-equiv", "")
+    assert "connect-src 'none'" in page

@@ -1,0 +1,122 @@
+"""A small page of every kind that the program makes."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from replay_kit.show import open_result
+from replay_kit.show.report import report_html
+from replay_kit.show.status.page import status_page
+from replay_kit.show.status.status import status_of
+from replay_kit.studies.accuracy.page import accuracy_page
+from replay_kit.studies.dives.page import dives_page
+from replay_kit.studies.missions.page import missions_page
+from replay_kit.studies.planning.page import planning_page
+from replay_kit.studies.reports.pictures import drawn
+from replay_kit.workflows.fleet.page import fleet_page
+from replay_kit.workflows.fleet.run import Outcome
+from tests import synthetic
+from tests.command import invoke
+from tests.planners.learning.scenes import static
+from tests.results.cases import write
+from tests.show.status.held_samples import held
+from tests.studies.pages import accuracy_result, dives_result, mission_result, planning_result
+from tests.synthetic_flow import synthetic_flow
+
+#: Makes a page, of files in a folder and of the fixtures of a request.
+Make = Callable[[Path, pytest.FixtureRequest], str]
+
+
+def _report(folder: Path, request: pytest.FixtureRequest) -> str:
+    innovation = request.getfixturevalue("innovation")
+    innovations = [replace(innovation, dive=k + 1) for k in range(4)]
+    write(folder / "result.mcap", synthetic_flow(), innovations, request.getfixturevalue("plan"))
+    return report_html(open_result(folder / "result.mcap"))
+
+
+def _survey(folder: Path, request: pytest.FixtureRequest) -> str:
+    static().save(folder / "static.nc")
+    ask = (
+        "--objective",
+        "map",
+        "--box=152.3,-39.75,152.7,-39.45",
+        "--profiles",
+        "4",
+        "--dives",
+        "3",
+        "--depth",
+        "290",
+        "--samples",
+        "20",
+    )
+    _run(
+        "plan",
+        folder / "static.nc",
+        "--start=152.45,-39.66,0",
+        *ask,
+        "--profile-error",
+        "0.02",
+        "-o",
+        folder / "survey.mcap",
+    )
+    return report_html(open_result(folder / "survey.mcap"))
+
+
+def _paper(folder: Path, request: pytest.FixtureRequest) -> str:
+    synthetic.write_ocean(folder, 5)
+    small = ("--leave-out", "1", "--levels", "5,150", "--modes", "4", "--pairs", "1")
+    _run(
+        "experiment", "paper", "--ensemble", folder / "ensemble.nc", *small, "-o", folder / "paper"
+    )
+    return (folder / "paper" / "index.html").read_text(encoding="utf-8")
+
+
+def _run(*words: str | Path) -> None:
+    done = invoke([str(word) for word in words])
+    assert done.exit_code == 0, done.output
+
+
+def _planning(folder: Path, request: pytest.FixtureRequest) -> str:
+    result = planning_result()
+    return planning_page(
+        result,
+        {picture.name: drawn(picture) for report in result.reports for picture in report.pictures},
+    )
+
+
+def _fleet(folder: Path, request: pytest.FixtureRequest) -> str:
+    def replayed(number: int) -> Outcome:
+        rms, truth = (
+            {"prior": 0.1 + 0.01 * number, "before": 0.09, "after": 0.08},
+            {"rmse": 0.05, "ensemble_mean_rmse": 0.07},
+        )
+        answer = {
+            "status": "done",
+            "observations": {"used": 40, "rejected": 1},
+            "by_dive": [{}, {}],
+            "rms_innovation": rms,
+            "truth": truth,
+        }
+        return Outcome(
+            f"glider{number}",
+            {**answer, "nis_per_dof": 1.1, "seconds_in_all": 3.0},
+            sha256=64 * "0",
+        )
+
+    return fleet_page([*map(replayed, range(3)), Outcome("lost", failed="no log", exit_code=3)])
+
+
+#: By the folder of the module that makes it.
+QUICK: dict[str, Make] = {
+    "show/report": _report,
+    "show/status": lambda folder, request: status_page(status_of(held())),
+    "studies/accuracy": lambda folder, request: accuracy_page(accuracy_result()),
+    "studies/dives": lambda folder, request: dives_page(dives_result()),
+    "studies/missions": lambda folder, request: missions_page(mission_result()),
+    "studies/planning": _planning,
+    "workflows/fleet": _fleet,
+}
+#: Those that take long to make.
+SLOW: dict[str, Make] = {"show/report, a survey": _survey, "studies/paper": _paper}

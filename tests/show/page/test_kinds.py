@@ -1,0 +1,54 @@
+"""Every kind of page: no element takes the id of another, and links, controls and buttons find theirs."""
+
+from pathlib import Path
+
+import pytest
+
+from replay_kit.show.page import Figure, Section, page_html
+from tests.places import ROOT
+from tests.show.page.checks import check_figures, check_ids
+from tests.show.page.kinds import QUICK, SLOW
+
+#: What other pages are made with.
+SHARED = {"show/page", "studies/reports"}
+
+
+@pytest.mark.parametrize(
+    "kind", [*QUICK, *(pytest.param(kind, marks=pytest.mark.full) for kind in SLOW)]
+)
+def test_ids_are_unique_and_figures_are_whole(
+    kind: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    page = {**QUICK, **SLOW}[kind](tmp_path, request)
+    check_ids(page)
+    if kind != "show/status":
+        assert check_figures(page)
+
+
+def test_every_module_that_makes_a_page_is_tried() -> None:
+    modules = {
+        path.parent.relative_to(ROOT / "replay_kit").as_posix()
+        for path in (ROOT / "replay_kit").rglob("page.py")
+    }
+    assert modules - SHARED == {kind.partition(",")[0] for kind in (*QUICK, *SLOW)}
+
+
+def figure(key: str) -> Figure:
+    return Figure(key, "Title", "Caption", "Words", {"values": {"x": [1.0]}}, (), {})
+
+
+@pytest.mark.parametrize(
+    "sections",
+    [
+        [Section("figures", "Taken by the data of the figures")],
+        [Section("plotly", "Taken by the script")],
+        [Section("one", "Of two", figures=[figure("one")])],
+        [
+            Section("one", "Once", figures=[figure("a")]),
+            Section("two", "Again", figures=[figure("a")]),
+        ],
+    ],
+)
+def test_a_page_with_an_id_twice_is_not_made(sections: list[Section]) -> None:
+    with pytest.raises(AssertionError, match="ids of a page: expected each once"):
+        page_html("Title", sections)

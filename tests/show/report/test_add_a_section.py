@@ -1,0 +1,45 @@
+"""A section that is added as the README says: a function in a list, and the page shows it."""
+
+import pytest
+
+import replay_kit as rk
+from replay_kit.results.views.contents import Contents
+from replay_kit.show.page.section import Figure, Section
+from replay_kit.show.report import page as report
+from tests.show.page.checks import check_figures
+from tests.show.report.html_of import elements, text_of
+
+
+def _mine(contents: Contents) -> Section:
+    data = {"depths": {"depth_m": contents.track.depth.tolist()}}
+    layout = {
+        "yaxis": {"title": {"text": "depth [m]"}},
+        "xaxis": {"title": {"text": "position [number]"}},
+    }
+    figure = Figure(
+        "my-depths",
+        "Depths",
+        "Each point: one position.",
+        "The depth of each position of the track, one after the other.",
+        data,
+        [{"y": "$depths.depth_m"}],
+        layout,
+    )
+    return Section(
+        "mine",
+        "Depths of mine",
+        f"<p>{contents.track.depth.size} positions</p>",
+        [figure],
+        ["What is not there."],
+    )
+
+
+def test_an_added_section_is_on_the_page_with_its_figure(
+    replayed: rk.Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(report, "SECTIONS", (*report.SECTIONS[:1], _mine))
+    page = report.report_html(rk.open_result(replayed.path))
+    assert [attrs["id"] for attrs, _ in elements(page, "section")] == ["answer", "mine"]
+    assert f"{len(replayed.fixes)} positions" in text_of(page, "mine")
+    assert "What is not there." in text_of(page, "mine")
+    assert "my-depths" in check_figures(page)

@@ -1,0 +1,265 @@
+"""Reports in Debian's Chromium: every figure is drawn, nothing is fetched, controls change the picture, and soon enough."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replay_kit as rk
+from replay_kit.config.run import ForecastConfig
+from replay_kit.forecast import read_truth
+from replay_kit.results.views.steering import Dives, GriddedCurrents, fly_to_waypoints
+from replay_kit.show.report import report_html
+from replay_kit.studies.twins import Twin, make_twin
+from tests.browser import (
+    MARKS,
+    SCHEMES,
+    WIDTHS,
+    check_accessible,
+    check_drawn,
+    chromium,
+    opened,
+    seconds_to_first_picture,
+)
+from tests.places import DATA, ROOT, SAMPLES
+from tests.results.cases import turned, write
+from tests.show.report.html_of import elements, figures, unpacked
+from tests.synthetic_flow import synthetic_flow
+
+pytestmark = MARKS
+DIVES = sorted(DATA.glob("seaglider/p17101*.nc"))
+# as functions: the page allows no eval of expressions
+FITTED = """() => {
+    const plots = [...document.querySelectorAll(".plot")];
+    return plots.every((plot) => plot.querySelector("svg.main-svg").clientWidth === plot.clientWidth);
+}"""
+FLIGHTS = """() => {
+    const { flight, tables } = state.figures.find(({ key }) => key === "waypoint");
+    return { waypoints: flight.waypoints, ...tables.flights };
+}"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as own:
+        yield own
+
+
+def _sample(folder: Path) -> Path:
+    out, settings = folder / "sample.mcap", {"estimator": {"modes": 40}}
+    rk.replay(
+        SAMPLES / "glider.mcap",
+        SAMPLES / "ensemble.nc",
+        goal=(152.8, -40.1, 300.0),
+        settings=settings,
+        out=out,
+    )
+    return out
+
+
+def _seaglider(folder: Path) -> Path:
+    if not DIVES:
+        pytest.skip("needs the Seaglider dives in ../shared/data")
+    out, settings = (
+        folder / "seaglider.mcap",
+        {"estimator": {"modes": 40}, "forecast": {"place": True}},
+    )
+    rk.replay(DIVES, SAMPLES / "ensemble.nc", settings=settings, out=out)
+    return out
+
+
+def _month(folder: Path) -> Path:
+    """Return a result of 30 days with a ping every ten minutes."""
+    log, out = folder / "twin.mcap", folder / "month.mcap"
+    make_twin(
+        read_truth(str(SAMPLES / "truth.nc"), ForecastConfig()),
+        Twin("glider", 4320, 0.05, 3, interval_s=600.0),
+        log,
+    )
+    settings = {"estimator": {"modes": 10}, "forecast": {"levels": [5, 150, 500]}}
+    rk.replay(log, SAMPLES / "ensemble.nc", settings=settings, out=out)
+    return out
+
+
+@pytest.mark.parametrize(("result", "largest"), [(_sample, 4e6), (_seaglider, 4e6), (_month, 12e6)])
+def test_a_report_is_written_draws_itself_and_obeys(
+    browser: Any, result: Any, largest: float, tmp_path: Path
+) -> None:
+    page = tmp_path / "page.html"
+    _write(result(tmp_path), page)
+    assert page.stat().st_size < largest
+    for width, scheme in product(WIDTHS, SCHEMES):
+        with opened(browser, page.read_text(encoding="utf-8"), width, scheme) as tab:
+            assert check_drawn(tab, width) >= 6
+            check_accessible(tab)
+            _check_controls(tab)
+            _check_data(tab)
+            tab.set_viewport_size({"width": 700, "height": 900})
+            tab.wait_for_function(FITTED)
+    assert seconds_to_first_picture(browser, page) < 2.0
+
+
+# The resident memory that the kernel remembers of a process is, unlike that of ``getrusage``, not its parent's before it.
+_MEASURED = """
+import sys
+from replay_kit.cli.app import main
+peak = sys.argv.pop(1)
+try:
+    main()
+finally:
+    open(peak, "w").write(open("/proc/self/status").read())
+"""
+
+
+def _write(result: Path, page: Path) -> None:
+    """Write a page with the command, in less than 30 s and 1 GB."""
+    peak, began = page.with_suffix(".peak"), time.perf_counter()
+    command = [sys.executable, "-c", _MEASURED, str(peak), "report", str(result), "-o", str(page)]
+    assert subprocess.run(command, cwd=ROOT, check=False).returncode == 0
+    assert time.perf_counter() - began < 30.0
+    (line,) = (line for line in peak.read_text().splitlines() if line.startswith("VmHWM"))
+    # in kB
+    assert int(line.split()[1]) < 1e6
+
+
+def _check_controls(tab: Any) -> None:
+    """Check that quantity, depth and time of the map each change its picture."""
+    picture = tab.locator("#current-map .plot")
+    pictures = [picture.screenshot()]
+    for control, value in (("current-map-1", "1"), ("current-map-2", "0")):
+        tab.locator(f"#{control}").fill(value)
+        tab.wait_for_function(
+            "([k, v]) => document.querySelector('#current-map .plot').dataset.choices.split(',')[k] === v",
+            arg=[int(control[-1]), value],
+        )
+        pictures.append(picture.screenshot())
+    tab.locator("#current-map-0").select_option("1")
+    tab.wait_for_function(
+        "() => document.querySelector('#current-map .plot').dataset.choices.startsWith('1')"
+    )
+    pictures.append(picture.screenshot())
+    assert len(set(pictures)) == 4
+
+
+def _check_data(tab: Any) -> None:
+    """Check the CSV of a table of columns, and of one of packed fields."""
+    with tab.expect_download() as download:
+        tab.locator("button[data-table=track]").click()
+    lines = Path(download.value.path()).read_text().splitlines()
+    assert lines[0] == "time,longitude,latitude,depth_m,east_km,north_km,hours,dead_reckoned"
+    assert len(lines) > 100
+    with tab.expect_download() as download:
+        tab.locator("button[data-table=current]").click()
+    assert (
+        Path(download.value.path())
+        .read_text()
+        .startswith("depth_m,time,longitude,latitude,u_m_s,v_m_s,")
+    )
+
+
+def flown(page: str, waypoints: list[list[float]]) -> list[tuple[float, float, bool]]:
+    """Return duration [s], miss [m] and whether the goal is reached over waypoints in the estimate and its samples, flown in Python."""
+    figure = figures(page)["waypoint"]
+    flight, axes = (
+        figure["flight"],
+        [np.array(figure["flight"][name]) for name in ("depths", "east", "north")],
+    )
+    currents, own = GriddedCurrents(*axes, unpacked(figure["packed"]["currents"])), flight["dives"]
+    dives = Dives(
+        own["speed"],
+        np.rad2deg(own["angle"]),
+        own["depth"],
+        own["surfaceTime"],
+        own["radius"],
+        own["maxDuration"],
+    )
+    way = [np.array(place) for place in (*waypoints, flight["goal"])]
+    found = [
+        fly_to_waypoints(currents, k, dives, np.array(flight["start"]), way)
+        for k in range(len(currents.velocity))
+    ]
+    return [(arrival.duration, arrival.miss, arrival.arrived) for arrival in found]
+
+
+def test_the_moved_waypoint_is_flown_as_in_python(browser: Any) -> None:
+    settings = {"estimator": {"modes": 20}, "forecast": {"levels": [5, 150, 500]}}
+    page = report_html(
+        rk.replay(
+            SAMPLES / "glider.mcap",
+            SAMPLES / "ensemble.nc",
+            goal=(152.8, -40.1, 300.0),
+            settings=settings,
+        )
+    )
+    (before,) = [text for attrs, text in elements(page, "p") if attrs.get("class") == "readout"]
+    with opened(browser, page) as tab:
+        _check_moves(tab, page, before)
+
+
+def _check_moves(tab: Any, page: str, before: str) -> None:
+    # drawn by the script, but the same words as Python's
+    assert tab.locator("#waypoint .readout").text_content() == before
+    plot = tab.locator("#waypoint .plot")
+    plot.scroll_into_view_if_needed()
+    texts, places, odds = [before], [], []
+    for move in ("keys", "pointer", "far"):
+        if move == "pointer":
+            box = plot.bounding_box()
+            tab.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.4 * box["height"])
+            tab.mouse.down()
+            tab.mouse.move(box["x"] + 0.55 * box["width"], box["y"] + 0.45 * box["height"], steps=3)
+            tab.mouse.up()
+        else:
+            # by its position: labels count from 1, and values from 0
+            tab.locator("#waypoint-0").select_option(index=1)
+            for slider in ("#waypoint-1", "#waypoint-2"):
+                tab.locator(slider).press("ArrowRight" if move == "keys" else "End")
+        tab.wait_for_timeout(500)
+        texts.append(tab.locator("#waypoint .readout").text_content())
+        figure = tab.evaluate(FLIGHTS)
+        places.append(figure["waypoints"])
+        expected = np.array(flown(page, figure["waypoints"]))
+        assert len(expected) == 17
+        np.testing.assert_allclose(
+            np.array(figure["duration_h"]) * 3600.0, expected[:, 0], rtol=0.01
+        )
+        np.testing.assert_allclose(figure["miss_m"], expected[:, 1], atol=50.0)
+        radius = figures(page)["waypoint"]["flight"]["dives"]["radius"]
+        near = np.mean((expected[1:, 2] == 1.0) & (expected[1:, 1] <= radius))
+        odds.append(f"{100 * near:.0f} % arrive within {radius:.0f} m.")
+        assert texts[-1].endswith(odds[-1])
+    assert len(set(texts)) == 4
+    assert odds[0] != odds[2]
+    own = figures(page)["waypoint"]["flight"]
+    # keys moved the second waypoint alone, at last as far as the map goes
+    assert [
+        k
+        for k, (one, other) in enumerate(zip(places[0], own["waypoints"], strict=True))
+        if one != other
+    ] == [1]
+    assert places[2][1] == [axis[-1] for axis in own["places"]]
+
+
+LAND = """() => {
+    const figure = state.figures.find(({ key }) => key === "current-map");
+    const land = figure.traces.find(({ hovertemplate }) => (hovertemplate || "").startsWith("land"));
+    return [resolved(figure, land.z), field(figure, "outside", [])];
+}"""
+
+
+def test_no_cell_outside_of_a_turned_grid_is_drawn_as_land(browser: Any, tmp_path: Path) -> None:
+    flow = turned(synthetic_flow(), 35.0)
+    flow.grid.wet[:, 2, 2] = False
+    write(tmp_path / "turned.mcap", flow, [], None)
+    with opened(browser, report_html(rk.open_result(tmp_path / "turned.mcap"))) as tab:
+        land, outside = (np.array(cells, dtype=np.float64) == 1.0 for cells in tab.evaluate(LAND))
+        assert not (land & outside).any()
+        assert land.sum() >= 1
+        assert outside.sum() > 10
+        assert "outside the forecast" in tab.locator("#current-map .legend").text_content()

@@ -1,0 +1,221 @@
+"""Results with something missing: the page shows what there is, and says what is not."""
+
+# fixtures of other modules are imported by their names
+# ruff: noqa: F811
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Innovation, VehicleState
+from replay_kit.core.plan import Plan
+from replay_kit.core.surfacing import Ellipse, Outcome, Surfacing
+from replay_kit.results import ResultWriter
+from replay_kit.show import open_result
+from replay_kit.show.report import report_html
+from tests.results.conftest import innovation, plan, state  # noqa: F401 - fixtures
+from tests.results.result_samples import CONFIG, METADATA
+from tests.show.report.html_of import figures, table, text_of
+from tests.synthetic_flow import TIME_NS, synthetic_flow
+
+SECOND = 10**9
+Write = Callable[..., str]
+
+
+@pytest.fixture
+def write(tmp_path: Path, flow: FlowEstimate) -> Write:
+    """Return a function that writes a result with a function of its writer, and returns its page."""
+
+    def make(
+        fill: Callable[[ResultWriter], None],
+        projection: Projection = flow.grid.projection,
+        estimate: FlowEstimate | None = None,
+    ) -> str:
+        with ResultWriter(tmp_path / "out.mcap", overwrite=True) as writer:
+            writer.start(projection, TIME_NS, METADATA, CONFIG)
+            fill(writer)
+            if estimate is not None:
+                writer.finish(estimate)
+        page = report_html(open_result(tmp_path / "out.mcap"))
+        assert str(tmp_path) not in page
+        return page
+
+    return make
+
+
+def test_nothing_at_all(write: Write) -> None:
+    page = write(lambda writer: None)
+    assert figures(page) == {}
+    assert "The result holds neither a position nor a measurement." in text_of(page, "answer")
+    assert "carries no estimate.nc" in text_of(page, "answer")
+    assert "The result holds no current" in text_of(page, "map")
+    assert "The result holds no profile of the current" in text_of(page, "section")
+    assert "The result holds no measurement" in text_of(page, "trust")
+    assert "The result holds no plan" in text_of(page, "plan")
+    assert "The result does not name its inputs." in text_of(page, "again")
+
+
+def test_one_ping_without_an_estimate(
+    write: Write, state: VehicleState, innovation: Innovation
+) -> None:
+    def fill(writer: ResultWriter) -> None:
+        writer.fix(state)
+        writer.innovation(replace(innovation, dive=0))
+
+    page = write(fill)
+    assert list(figures(page)) == ["current-map", "profiles", "innovations", "calibration"]
+    words = text_of(page, "answer")
+    assert "gave 1 measurement of the current that was used (3 depth bins), without dives" in words
+    assert "1 missing" in words
+    assert "The result does not hold the counts of messages" in words
+    assert "--no-estimate" in words
+    assert "Without an estimate, the section shows the difference" in text_of(page, "section")
+    assert [
+        trace["hovertemplate"].split("<extra>")[1] for trace in figures(page)["profiles"]["traces"]
+    ] == ["measured minus estimated</extra>"]
+
+
+def test_an_estimate_alone_is_drawn_at_its_levels(write: Write, flow: FlowEstimate) -> None:
+    page = write(lambda writer: None, estimate=flow)
+    figure = figures(page)["current-map"]
+    assert figure["choices"] == [
+        ["speed", "standard error"],
+        ["0.5 m", "50 m", "200 m"],
+        ["2023-11-14 22:13"],
+    ]
+    # land has a coast: two edges of the dry corner, each two points and a gap
+    (coast,) = (trace for trace in figure["traces"] if trace.get("name") == "coast")
+    assert len(coast["x"]) == 6
+    assert "The result holds no position of the vehicle." in text_of(page, "map")
+
+
+@pytest.mark.parametrize(
+    ("longitude", "latitude"), [(180.0, -40.0), (-179.9, 80.0), (5.0, 80.0), (0.0, 89.5)]
+)
+def test_anywhere_on_the_globe(
+    write: Write, state: VehicleState, longitude: float, latitude: float
+) -> None:
+    flow = synthetic_flow(latitude=latitude)
+    projection = Projection(longitude, latitude)
+    places = to_geographic(projection, flow.grid.east, flow.grid.north)
+    moved = replace(
+        flow,
+        grid=replace(flow.grid, projection=projection, longitude=places[0], latitude=places[1]),
+    )
+    ends = to_geographic(projection, [-4e3, 4e3], [-2e3, 2e3])
+
+    def fill(writer: ResultWriter) -> None:
+        for k in (0, 1):
+            writer.fix(
+                replace(
+                    state,
+                    time_ns=TIME_NS + k * SECOND,
+                    longitude=float(ends[0][k]),
+                    latitude=float(ends[1][k]),
+                )
+            )
+
+    page = write(fill, projection, moved)
+    figure = figures(page)["current-map"]
+    np.testing.assert_allclose(figure["tables"]["track"]["east_km"], [-4.0, 4.0], atol=1e-4)
+    np.testing.assert_allclose(figure["tables"]["track"]["north_km"], [-2.0, 2.0], atol=1e-4)
+    lines = next(
+        trace
+        for trace in figure["traces"]
+        if trace.get("mode") == "lines" and trace.get("line", {}).get("dash") == "dot"
+    )
+    drawn = np.array([value for value in lines["x"] if value is not None])
+    assert drawn.size > 50
+    west, east = figure["layout"]["xaxis"]["range"]["of"][0]
+    assert west <= drawn.min() < drawn.max() <= east
+    labels = figure["traces"][-1]["text"]
+    assert any(label.endswith(("E", "W")) for label in labels)
+    assert "The vehicle travelled 8.9 km" in text_of(page, "answer")
+
+
+def test_a_vehicle_far_from_the_estimate_has_no_section(
+    write: Write, state: VehicleState, flow: FlowEstimate
+) -> None:
+    page = write(
+        lambda writer: writer.fix(replace(state, longitude=-128.0, latitude=51.7)), estimate=flow
+    )
+    assert "profiles" not in figures(page)
+    assert "no profile of the current that was used: there is no section." in text_of(
+        page, "section"
+    )
+
+
+def test_plans_that_failed_and_surfacings_with_and_without_ellipses(
+    write: Write, state: VehicleState, plan: Plan
+) -> None:
+    failed = replace(
+        plan,
+        status="failed",
+        track=plan.track[:0],
+        track_time=plan.track_time[:0],
+        message="no <way>",
+    )
+
+    def fill(writer: ResultWriter) -> None:
+        writer.fix(state)
+        writer.plan(plan, Projection(5.0, 62.0))
+        writer.plan(failed, Projection(5.0, 62.0))
+        for ellipse in (None, Ellipse(5.0, 62.0, 300.0, 200.0, 10.0)):
+            predicted = Surfacing(TIME_NS + SECOND, 5.0, 62.0, ellipse)
+            writer.outcome(
+                Outcome(TIME_NS, predicted, TIME_NS + 5 * SECOND, 5.01, 62.01, 1234.5, 45.0)
+            )
+
+    page = write(fill)
+    assert "No plan was found: no <way>." in text_of(page, "answer")
+    assert "no <way>" not in page.split("<script")[0]
+    found = figures(page)
+    assert "plan-profile" not in found
+    assert "waypoint" not in found
+    names = [trace.get("name") for trace in found["current-map"]["traces"]]
+    assert names.count("90 % ellipse") == 1
+    assert "last plan" not in names
+    assert found["surfacing-errors"]["tables"]["surfacing_errors"]["east_km"] == [0.87292, 0.87292]
+
+
+def test_a_million_positions_are_thinned_and_it_is_said(write: Write, state: VehicleState) -> None:
+    def fill(writer: ResultWriter) -> None:
+        for k in range(4000):
+            writer.fix(replace(state, time_ns=TIME_NS + k * SECOND, longitude=5.0 + 1e-5 * k))
+
+    figure = figures(page := write(fill))["current-map"]
+    track = figure["tables"]["track"]
+    assert len(track["time"]) == 3000
+    assert (track["longitude"][0], track["longitude"][-1]) == (5.0, 5.03999)
+    assert "Of 4,000 positions 3,000 are drawn, evenly spread." in text_of(page, "map")
+
+
+def test_a_plan_alone_is_drawn(write: Write, plan: Plan) -> None:
+    leg = {
+        "leg": 1,
+        "heading_deg": 45.4,
+        "glide_angle_deg": 15.0,
+        "depth_m": 300.0,
+        "surfacing_s": 5400.0,
+        "longitude": 5.1,
+        "latitude": 62.0,
+    }
+    planned = replace(plan, statistics={"leg_001": json.dumps(leg)})
+    page = write(lambda writer: writer.plan(planned, Projection(5.0, 62.0)))
+    found = figures(page)
+    assert list(found) == ["current-map", "plan-profile"]
+    assert found["current-map"]["tables"]["plan"]["east_km"] == [0.0, 0.5, 1.0]
+    west, east = found["current-map"]["layout"]["xaxis"]["range"]
+    assert west < 0.0 < 1.0 < east
+    assert "The result holds a plan alone." in text_of(page, "answer")
+    assert "--no-estimate" not in text_of(page, "answer")
+    (cells,) = table(page, "Legs of the last plan")
+    assert cells == ["1", "45", "15.0", "300", "1.5", "5.1000", "62.0000"]
+    assert "wet" not in text_of(page, "plan")

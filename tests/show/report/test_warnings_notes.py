@@ -1,0 +1,71 @@
+"""Notes that state what was chosen are not among what looks wrong, and the page judges errors as the verdict does."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from replay_kit.results.verdict import verdict
+from replay_kit.show.report.sections.in_words import _depths, _values
+from replay_kit.show.report.sections.warnings import next_steps, what_was_chosen
+
+
+def test_notes_of_what_was_chosen_stand_apart() -> None:
+    names = "glider_1.nc: 5 variables were read by their names"
+    notes = [
+        names,
+        "members: 40 fields",
+        "300 modes a level",
+        "a fix <b> jumps",
+        "3 logs: the recorder's stamps are +0.000 s from UTC",
+    ]
+    contents = SimpleNamespace(
+        summary={"notes": notes},
+        result=SimpleNamespace(events=pd.DataFrame({"level": [], "message": []})),
+    )
+    magnetic = "headings are magnetic; no declination was added to them"
+    notes.append(magnetic)
+    said = what_was_chosen(contents)  # type: ignore[arg-type]
+    recorder = "3 logs: the recorder&#x27;s stamps are +0.000 s from UTC."
+    # the name of a file stays as it is
+    assert said == [
+        f"{names}.",
+        "Members: 40 fields.",
+        "300 modes a level.",
+        recorder,
+        magnetic.capitalize() + ".",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("nis", "profiles", "first"),
+    [(1.89, 3, "Nothing:"), (2.07, 3, "Run <code>replay-kit qc"), (2.07, 0, "Compare")],
+)
+def test_steps_follow_the_verdict_and_can_be_run(nis: float, profiles: int, first: str) -> None:
+    """Quality control refuses logs of mean currents alone."""
+    summary = {"nis_per_dof": nis, "plan": None}
+    result = SimpleNamespace(plans=[0], observations=[0])
+    contents = SimpleNamespace(
+        summary=summary, result=result, estimate=0, bins=SimpleNamespace(time_ns=np.zeros(profiles))
+    )
+    (step,) = next_steps(contents)  # type: ignore[arg-type]
+    assert step.startswith(first)
+    said = verdict((5, 0), "", (), (0.1, 0.1, 0.1), (nis, ()))[-1]
+    assert said.startswith("stated errors fit") == step.startswith("Nothing:")
+
+
+def test_mean_currents_have_no_depth_bins() -> None:
+    said = [
+        _values(str(values), values, means) for values, means in ((6, 0), (6, 6), (1, 1), (9, 1))
+    ]
+    assert said[:3] == [
+        "6 depth bins",
+        "6 mean currents, without depth bins",
+        "1 mean current, without depth bins",
+    ]
+    assert said[3] == "9 values: 1 mean current, 8 depth bins of profiles"
+
+
+def test_a_depth_of_a_little_above_the_surface_is_no_negative_zero() -> None:
+    assert _depths(np.array([-0.2, np.nan, 12.4])) == "0 to 12 m"

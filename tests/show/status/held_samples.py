@@ -1,0 +1,133 @@
+"""What small results hold, made by hand."""
+
+import json
+from typing import Any
+
+from replay_kit.core.grid import Projection
+from replay_kit.results.schemas import decode, encode
+from replay_kit.show.status.held import Fix, Held
+
+HOUR_NS = 3_600 * 10**9
+START_NS = 1_700_000_000 * 10**9
+
+
+def stamp(time_ns: int) -> dict[str, int]:
+    return {"seconds": time_ns // 10**9, "nanos": time_ns % 10**9}
+
+
+def plan(time_ns: int, **values: Any) -> Any:
+    """A mission of two legs of four hours, with ellipses, read back as a result holds it."""
+    legs = [
+        {
+            "leg": k + 1,
+            "start_s": 14_400.0 * k,
+            "surfacing_s": 14_400.0 * (k + 1),
+            "heading_deg": values.pop(f"heading_{k + 1}", 80.0),
+            "glide_angle_deg": 20.0,
+            "depth_m": 500.0,
+            "longitude": 5.1 + 0.1 * k,
+            "latitude": 62.0,
+            "ellipse_longitude": 5.1 + 0.1 * k,
+            "ellipse_latitude": 62.0,
+            "ellipse_major_m": 2000.0,
+            "ellipse_minor_m": 500.0,
+            "ellipse_bearing_deg": 30.0,
+        }
+        for k in range(2)
+    ]
+    odds = {
+        "n_samples": 10,
+        "reached": 0.9,
+        "reached_held": 0.5,
+        "safe": 1.0,
+        "miss_median": 100.0,
+        "miss_90_percent": 300.0,
+    }
+    held = {
+        "timestamp": stamp(time_ns),
+        "status": "reached",
+        "message": "meets the goal",
+        "start": {"longitude": 5.0, "latitude": 62.0, "depth": 0.0},
+        "goal": {"longitude": 5.5, "latitude": 62.0, "depth": 100.0},
+        "heading_deg": 80.0,
+        "glide_angle_deg": 20.0,
+        "speed": 0.3,
+        "duration": 28_800.0,
+        "closest_approach": 12.0,
+        "energy": 250_000.0,
+        "battery": 1_000_000.0,
+        "odds": odds,
+        "statistics": [
+            {"name": f"leg_{k + 1:03d}", "value": json.dumps(leg)} for k, leg in enumerate(legs)
+        ],
+    }
+    return decode("Plan", encode("Plan", held | values))
+
+
+def outcome(time_ns: int, planned_ns: int, *, inside: bool) -> Any:
+    return decode(
+        "PlanOutcome",
+        encode(
+            "PlanOutcome",
+            {
+                "timestamp": stamp(time_ns),
+                "planned_time": stamp(planned_ns),
+                "distance": 3500.0,
+                "direction_deg": 270.0,
+                "delay": 600.0,
+                "inside_ellipse": inside,
+                "ellipse_major": 2000.0,
+            },
+        ),
+    )
+
+
+def mean_current(
+    time_ns: int, measured: tuple[float, float], predicted: tuple[float, float], std: float
+) -> Any:
+    current = dict(
+        zip(
+            ("measured_east", "measured_north", "predicted_east", "predicted_north"),
+            (*measured, *predicted),
+            strict=True,
+        )
+    )
+    held = {
+        "timestamp": stamp(time_ns),
+        "dive": 7,
+        "innovation_std_east": [std],
+        "innovation_std_north": [std],
+    }
+    return decode(
+        "Innovation", encode("Innovation", held | {"mean_current": {"kind": "dac", **current}})
+    )
+
+
+def held(**values: Any) -> Held:
+    """A vehicle that came 18 km nearer to its goal in two days, with a plan made an hour ago."""
+    end = START_NS + 48 * HOUR_NS
+    given = {
+        "name": "r.mcap",
+        "first_ns": START_NS,
+        "last_ns": end,
+        "metadata": {
+            "replay_kit.forecast": {
+                "first": "2023-11-14T00:00:00Z",
+                "last": "2023-11-18T00:00:00Z",
+                "evolves": "true",
+            }
+        },
+        "settings": {"measurements": {"fix_std": 20.0}},
+        "summary": {"verdict": ["all fits"], "consistency": [], "nis_per_dof": 1.0},
+        "projection": Projection(5.0, 62.0),
+        "fixes": [
+            Fix(START_NS, 4.65, 62.0, False),
+            Fix(end - 25 * HOUR_NS, 4.9, 62.0, False),
+            Fix(end, 5.0, 62.0, False),
+        ],
+        "reckoned": None,
+        "plans": [plan(end - 4 * HOUR_NS, heading_2=60.0), plan(end)],
+        "outcomes": [outcome(end, end - 4 * HOUR_NS, inside=True)],
+        "dive": [mean_current(end, (0.1, 0.0), (0.0, 0.0), 0.02)],
+    }
+    return Held(**(given | values))
