@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from replay_kit.forecast.grid import region_block
-from replay_kit.forecast.regrid import at_depths, bilinear, find_cells, reach, to_levels
+from replay_kit.forecast.depths import at_depths, reach, to_levels
+from replay_kit.forecast.grid import bilinear, find_cells, region_block
+from replay_kit.forecast.land import never_changing, to_centres
 from replay_kit.forecast.s_levels import SCoordinate
-from replay_kit.forecast.stagger import never_changing, to_centres
 
 
 def test_faces_to_centres_by_which_of_them_are_water():

@@ -7,8 +7,8 @@ import xarray as xr
 from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.forecast import read_ensemble
-from replay_kit.forecast.agreement import unusual_members
 from replay_kit.forecast.describe import describe_ensemble
+from replay_kit.forecast.members import unusual_members
 from tests import synthetic
 from tests.forecast import forms
 from tests.forecast.test_forms import save

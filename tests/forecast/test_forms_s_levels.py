@@ -9,8 +9,7 @@ import xarray as xr
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.forecast import read_ensemble, read_truth
-from replay_kit.forecast.describe import describe_ensemble
-from replay_kit.forecast.extent import open_extent
+from replay_kit.forecast.describe import describe_ensemble, open_extent
 from tests.forecast import forms
 from tests.forecast.forms import N_MEMBERS
 from tests.forecast.test_forms import save, true_components
