@@ -11,10 +11,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from replay_kit.measurements.mapping.leaves import Leaf, leaves
 from replay_kit.measurements.mapping.suggest_profile import (
     NO_REFERENCE,
+    Leaf,
     geometry_lines,
+    leaves,
     line,
     profile_lines,
     speed_lines,

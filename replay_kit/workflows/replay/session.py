@@ -20,8 +20,7 @@ from replay_kit.estimator import Estimator
 from replay_kit.estimator.next_dive.local import local_current
 from replay_kit.measurements import Event
 from replay_kit.measurements.consistency.monitor import Checked
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds
-from replay_kit.measurements.consistency.summary import PingSummary, summaries
+from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay import consistency, plans
 from replay_kit.workflows.replay.build import flow_at

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from replay_kit.core.observation import Flag, Observation, RawValues, Reason, Source, VehicleState
-from replay_kit.measurements.consistency.geometry import DepthCounts, PositionRun
 from replay_kit.measurements.consistency.monitor import unused
+from replay_kit.measurements.consistency.ping_checks import DepthCounts, SpeedCounts
+from replay_kit.measurements.consistency.position_checks import PositionRun
 from replay_kit.measurements.consistency.raw import RawHistory, raw_values
-from replay_kit.measurements.consistency.speed_counts import SpeedCounts
-from replay_kit.measurements.consistency.speeds import (
+from replay_kit.measurements.consistency.summary import (
     EnsembleSpeeds,
     ensemble_speeds,
     odd_ensemble_speeds,
+    summaries,
 )
-from replay_kit.measurements.consistency.summary import summaries
 
 SOURCE = Source(0, "/adcp", 0, 0)
 

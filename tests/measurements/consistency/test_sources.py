@@ -15,7 +15,7 @@ from replay_kit.measurements.consistency.sources import (
     mean_along,
     metres_per_degree,
 )
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds
+from replay_kit.measurements.consistency.summary import EnsembleSpeeds
 
 SOURCE = Source(0, "/adcp", 0, 0)
 MINUTE = 60.0

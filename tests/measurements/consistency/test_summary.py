@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from replay_kit.core.observation import Observation, Reason, Source
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds
-from replay_kit.measurements.consistency.summary import REPAIRABLE, summaries
+from replay_kit.measurements.consistency.summary import REPAIRABLE, EnsembleSpeeds, summaries
 from tests.reference import ping_summary as slow
 
 SPEEDS = EnsembleSpeeds(np.array([0.0, 50.0, 300.0]), np.array([0.2, 0.1, 0.04]))

@@ -11,7 +11,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
 from replay_kit.core.observation import PathMean, Source, VehicleState
 from replay_kit.measurements import Skipped, Used
-from replay_kit.measurements.current.dead_reckoning import begin, extend, path_mean
+from replay_kit.measurements.vehicle.dead_reckoning import begin, extend, path_mean
 from tests.measurements.samples import CONFIG, SECOND, fix, only, run
 from tests.reference import path as slow
 

@@ -12,7 +12,7 @@ from replay_kit.core.observation import Flag, Observation, VehicleState
 from replay_kit.measurements import Skipped
 from replay_kit.measurements.messages.fields import STD_BELIEVED, believed_std
 from replay_kit.measurements.messages.kinds import canonical, statement
-from replay_kit.measurements.messages.motion import Dvl
+from replay_kit.measurements.messages.vehicle import Dvl
 from tests.logs.log_samples import one_channel_mcap
 from tests.measurements import definitions as msg
 from tests.measurements.carriers import json_mcap, read_mcap, ros2_mcap

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.writer import MAX_CELLS, write_tlog
-from replay_kit.measurements.messages.mavlink_ping import (
+from replay_kit.measurements.messages.mavlink import (
     SCHEMA,
     PingFrame,
     assemble,

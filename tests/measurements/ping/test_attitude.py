@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from replay_kit.core.message import Message
 from replay_kit.measurements import initial_state, interpret
 from replay_kit.measurements.messages.adcp_ping import parse_ping
-from replay_kit.measurements.messages.position import orientation_of
-from replay_kit.measurements.ping.attitude import Attitude, attitude_of, with_attitude
+from replay_kit.measurements.messages.vehicle import orientation_of
+from replay_kit.measurements.ping.adcp_ping import Attitude, attitude_of, with_attitude
 from replay_kit.measurements.ping.earth import earth_referenced
 from tests.measurements.foreign import pose
 from tests.measurements.samples import CONFIG, fix, ping

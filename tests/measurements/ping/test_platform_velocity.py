@@ -9,8 +9,8 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
 from replay_kit.measurements import Skipped, Used
-from replay_kit.measurements.messages.motion import Dvl, dvl, horizontal
-from replay_kit.measurements.ping.attitude import Attitude
+from replay_kit.measurements.messages.vehicle import Dvl, dvl, horizontal
+from replay_kit.measurements.ping.adcp_ping import Attitude
 from tests.measurements.samples import CONFIG, SECOND, fix, only, ping, run
 
 TRUE_HEADING = MeasurementConfig(magnetic_declination=0.0, water_track_distance=12.0)
