@@ -4,7 +4,7 @@ import math
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
-from replay_kit.measurements import finish, initial_state, interpret
+from replay_kit.measurements import Skipped, finish, initial_state, interpret
 
 CONFIG = MeasurementConfig()
 SECOND = 10**9
@@ -49,6 +49,26 @@ def run(messages, config=CONFIG):
 
 def only(kind, events):
     return [event for event in events if isinstance(event, kind)]
+
+
+def the(kind, messages, config=CONFIG):
+    """Return the one event of a kind that messages give."""
+    (event,) = only(kind, run(messages, config))
+    return event
+
+
+def reasons(events):
+    """Return why messages were skipped."""
+    return [event.reason for event in only(Skipped, events)]
+
+
+def logged(schema, payload, time_s=0, topic="/x"):
+    return Message(int(time_s * SECOND), topic, schema, payload, 0, int(time_s))
+
+
+def mapping(*entries):
+    """Return a configuration that maps topics."""
+    return MeasurementConfig.model_validate({"map": entries})
 
 
 def mavlink_frames(time_s=5.0, array_id=7, n_components=3.0, skip=(), reference=0.0):

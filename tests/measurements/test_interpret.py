@@ -13,11 +13,14 @@ from tests.measurements.samples import (
     CONFIG,
     SECOND,
     fix,
+    logged,
     mavlink_frames,
     only,
     ping,
     position_int,
+    reasons,
     run,
+    the,
 )
 
 
@@ -36,14 +39,14 @@ def test_a_ping_becomes_a_profile_at_the_interpolated_position():
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 def test_a_fix_of_the_same_time_is_the_position_whichever_comes_first(order):
     messages = [ping(10), fix(10, 152.3)]
-    (observation,) = only(Observation, run([fix(0), *(messages[i] for i in order), fix(99, 153.0)]))
+    observation = the(Observation, [fix(0), *(messages[i] for i in order), fix(99, 153.0)])
     assert observation.longitude == 152.3
 
 
 def test_without_a_near_position_a_ping_is_skipped():
-    (skipped,) = only(Skipped, run([fix(0), ping(2000), fix(5000)]))
+    skipped = the(Skipped, [fix(0), ping(2000), fix(5000)])
     assert skipped.reason == "no position within 600 s"
-    assert only(Skipped, run([ping(0)]))[0].reason == "no position within 600 s"
+    assert reasons(run([ping(0)]))[0] == "no position within 600 s"
     assert len(only(Observation, run([fix(0), ping(500)]))) == 1
 
 
@@ -55,7 +58,7 @@ def test_pings_do_not_pile_up_without_positions():
 
 
 def test_across_the_antimeridian():
-    (observation,) = only(Observation, run([fix(0, 179.99), ping(5), fix(10, -179.99)]))
+    observation = the(Observation, [fix(0, 179.99), ping(5), fix(10, -179.99)])
     assert abs(observation.longitude) == pytest.approx(180.0, abs=1e-6)
 
 
@@ -95,7 +98,7 @@ def test_dives_are_counted_from_depths():
 def test_bad_pings_are_skipped_with_a_reason(changes, reason):
     events = run([fix(0), ping(0, **changes)])
     assert not only(Observation, events)
-    assert reason in only(Skipped, events)[0].reason
+    assert reason in reasons(events)[0]
 
 
 @pytest.mark.parametrize("bad", [None, "NaN", float("nan"), float("inf"), "-inf", "words"])
@@ -133,7 +136,7 @@ def test_mavlink_frames_make_the_same_profile_as_json_in_any_order(reverse):
 def test_an_incomplete_mavlink_ping_is_said():
     events = run([position_int(5), *mavlink_frames(skip=("ADCP_N",))])
     assert not only(Observation, events)
-    assert [event.reason for event in only(Skipped, events)] == ["part of an incomplete ping"] * 4
+    assert reasons(events) == ["part of an incomplete ping"] * 4
     assert (
         len(
             only(
@@ -148,10 +151,10 @@ def test_an_incomplete_mavlink_ping_is_said():
 def test_null_island_and_no_fix_are_no_positions():
     events = run([position_int(0, lon=0, lat=0), fix(1, latitude=math.nan), fix(2, latitude=99.0)])
     assert not only(VehicleState, events)
-    assert "no fix" in only(Skipped, events)[0].reason
+    assert "no fix" in reasons(events)[0]
     payload = {"longitude": 1.0, "latitude": 2.0, "status": {"status": -1}}
-    nav = Message(0, "/gps", "sensor_msgs/msg/NavSatFix", payload, 0, 0)
-    assert only(Skipped, run([nav]))[0].reason == "no fix (status < 0)"
+    nav = logged("sensor_msgs/msg/NavSatFix", payload, topic="/gps")
+    assert reasons(run([nav]))[0] == "no fix (status < 0)"
 
 
 def test_odometry_moves_the_last_measured_fix():
@@ -203,28 +206,26 @@ def test_a_dive_begins_at_a_depth_and_not_at_its_number_of_decibars():
 
 
 def test_a_pressure_before_the_first_position_is_taken_at_45_degrees():
-    pressure = Message(
-        0, "/p", "sensor_msgs/FluidPressure", {"fluid_pressure": 101_325.0 + 1e7}, 0, 0
-    )
-    (first,) = only(VehicleState, run([pressure, fix(1)]))
+    pressure = logged("sensor_msgs/FluidPressure", {"fluid_pressure": 101_325.0 + 1e7}, topic="/p")
+    first = the(VehicleState, [pressure, fix(1)])
     assert first.depth == pytest.approx(-gsw.z_from_p(1000.0, 45.0), rel=1e-12)
     (_, second) = only(VehicleState, run([fix(0), pressure, fix(1)]))
     assert second.depth == pytest.approx(-gsw.z_from_p(1000.0, -40.0), rel=1e-12)
 
 
 def test_pressure_gives_depth():
-    pressure = Message(
-        0, "/p", "sensor_msgs/msg/FluidPressure", {"fluid_pressure": 101_325.0 + 1e6}, 0, 0
+    pressure = logged(
+        "sensor_msgs/msg/FluidPressure", {"fluid_pressure": 101_325.0 + 1e6}, topic="/p"
     )
     state = only(VehicleState, run([fix(0), pressure, fix(1)]))[1]
     assert state.depth == pytest.approx(99.2, abs=0.2)
 
 
 def test_before_any_position_a_pressure_is_taken_at_45_degrees():
-    pressure = Message(
-        0, "/p", "sensor_msgs/msg/FluidPressure", {"fluid_pressure": 101_325.0 + 1e7}, 0, 0
+    pressure = logged(
+        "sensor_msgs/msg/FluidPressure", {"fluid_pressure": 101_325.0 + 1e7}, topic="/p"
     )
-    (state,) = only(VehicleState, run([pressure, fix(1)]))
+    state = the(VehicleState, [pressure, fix(1)])
     assert state.depth == pytest.approx(-gsw.z_from_p(1000.0, 45.0), abs=1e-4)
 
 

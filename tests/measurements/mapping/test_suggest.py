@@ -11,7 +11,7 @@ from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.measurements import suggestions
 from replay_kit.measurements.mapping.suggest import sample_key
 from replay_kit.measurements.mapping.suggest_profile import leaves
-from tests.measurements.samples import only, run
+from tests.measurements.samples import logged, only, run, the
 
 
 def suggested(tmp_path, payload, **replaced):
@@ -27,7 +27,7 @@ def suggested(tmp_path, payload, **replaced):
 
 
 def events(config, payload):
-    return run([Message(0, '/vendor "x"', "vendor.Thing", payload, 0, 0)], config)
+    return run([logged("vendor.Thing", payload, topic='/vendor "x"')], config)
 
 
 @pytest.mark.parametrize(
@@ -227,24 +227,21 @@ def test_a_twist_on_a_topic_of_one_cell_is_a_velocity_at_a_distance(tmp_path):
         0.0,
     )
     assert "NOT KNOWN" in text
-    here = Message(
-        0,
-        "/fix",
+    here = logged(
         "foxglove.LocationFix",
         {"longitude": 152.0, "latitude": -40.0, "metadata": {"depth": 7.0}},
-        0,
-        0,
+        topic="/fix",
     )
-    message = Message(0, '/vendor "x"', "geometry_msgs/TwistStamped", TWIST, 0, 1)
+    message = logged("geometry_msgs/TwistStamped", TWIST, topic='/vendor "x"')
     assert not only(Observation, run([here, message], config))
     config, _ = suggested(tmp_path, TWIST, reference='"earth"', distance="12.0")
-    (observation,) = only(Observation, run([here, message], config))
+    observation = the(Observation, [here, message], config)
     np.testing.assert_array_equal(observation.velocity, [[0.12, -0.05]])
     np.testing.assert_array_equal(observation.depth, [19.0])
     upward = config.model_copy(
         update={"map": (config.map[0].model_copy(update={"orientation": "up", "distance": 5.0}),)}
     )
-    (observation,) = only(Observation, run([here, message], upward))
+    observation = the(Observation, [here, message], upward)
     np.testing.assert_array_equal(observation.depth, [2.0])
 
 
@@ -288,11 +285,11 @@ def test_a_mapping_of_a_name_leaves_other_names_alone(tmp_path):
     config = load_config(tmp_path / "map.toml").measurements
     here = Message(2, "/fix", "foxglove.LocationFix", {"longitude": 152.0, "latitude": -40.0}, 0, 2)
     messages = [
-        Message(0, topic, schema, payload, 0, 0),
+        logged(schema, payload, topic=topic),
         Message(1, topic, schema, payload | {"name": "Volt", "value": 24.0}, 0, 1),
         here,
     ]
-    (state,) = only(VehicleState, run(messages, config))
+    state = the(VehicleState, messages, config)
     assert state.depth == 12.5
 
 

@@ -16,7 +16,7 @@ from replay_kit.measurements.mapping.suggest import sample_key, suggested_entrie
 from replay_kit.workflows.replay.values import dump, load
 from tests.command import invoke
 from tests.logs.log_samples import tlog_entry
-from tests.measurements.samples import fix, only, run
+from tests.measurements.samples import fix, mapping, only, reasons, run, the
 
 FLOAT, ARRAY = "mavlink/1/1/NAMED_VALUE_FLOAT", "mavlink/1/1/DEBUG_FLOAT_ARRAY"
 VELOCITY = {
@@ -44,7 +44,7 @@ def part(name, value, ms, seconds=1, topic=FLOAT):
 
 
 def events(messages, **changes):
-    config = MeasurementConfig.model_validate({"map": [VELOCITY | changes]})
+    config = mapping(VELOCITY | changes)
     return [
         event
         for event in run([fix(0, depth=5.0), *messages, fix(9, depth=5.0)], config)
@@ -65,7 +65,7 @@ def test_two_components_are_one_velocity(order):
 def test_components_of_other_times_are_not_joined(first, second):
     found = events([part("VE", 0.25, *first), part("VN", -0.5, *second)])
     assert only(Observation, found) == []
-    assert [event.reason for event in only(Skipped, found)] == [ALONE, ALONE]
+    assert reasons(found) == [ALONE, ALONE]
 
 
 def test_a_lost_component_costs_its_own_velocity_alone():
@@ -74,11 +74,11 @@ def test_a_lost_component_costs_its_own_velocity_alone():
     )
     (observation,) = only(Observation, found)
     np.testing.assert_array_equal(observation.velocity, [[0.25, -0.5]])
-    assert [event.reason for event in only(Skipped, found)] == [ALONE, ALONE]
+    assert reasons(found) == [ALONE, ALONE]
 
 
 def test_a_component_that_waits_is_a_value_that_a_checkpoint_holds():
-    config = MeasurementConfig.model_validate({"map": [VELOCITY]})
+    config = mapping(VELOCITY)
     state, _ = interpret(initial_state(), part("VE", 0.25, 100), config)
     file = io.BytesIO()
     dump(state, file)
@@ -102,21 +102,17 @@ def test_arrays_of_one_component_are_a_profile():
         "first_cell": 3.0,
         "speed_unit": "cm/s",
     }
-    config = MeasurementConfig.model_validate(
-        {"map": [{k: v for k, v in (VELOCITY | changes).items() if k != "distance"}]}
-    )
+    config = mapping({k: v for k, v in (VELOCITY | changes).items() if k != "distance"})
     parts = [
         part("VE", [10.0, 20.0], None, topic=ARRAY),
         part("VN", [-5.0, 0.0], None, topic=ARRAY),
     ]
-    (observation,) = only(Observation, run([fix(0, depth=5.0), *parts, fix(9, depth=5.0)], config))
+    observation = the(Observation, [fix(0, depth=5.0), *parts, fix(9, depth=5.0)], config)
     np.testing.assert_allclose(observation.velocity, [[0.1, -0.05], [0.2, 0.0]])
     assert observation.depth.tolist() == [8.0, 10.0]
     parts[1] = part("VN", [-5.0], None, topic=ARRAY)
     unequal = run([fix(0, depth=5.0), *parts, fix(9, depth=5.0)], config)
-    assert [event.reason for event in only(Skipped, unequal)] == [
-        "measurements.map: east and north are not lists of one length"
-    ] * 2
+    assert reasons(unequal) == ["measurements.map: east and north are not lists of one length"] * 2
 
 
 @pytest.mark.parametrize(
@@ -130,7 +126,7 @@ def test_arrays_of_one_component_are_a_profile():
 )
 def test_what_a_message_of_one_component_cannot_hold_is_refused(wrong):
     with pytest.raises(ValidationError):
-        MeasurementConfig.model_validate({"map": [VELOCITY | wrong]})
+        mapping(VELOCITY | wrong)
 
 
 def samples(topic, **values):

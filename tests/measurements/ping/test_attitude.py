@@ -15,7 +15,7 @@ from replay_kit.measurements.messages.vehicle import orientation_of
 from replay_kit.measurements.ping.adcp_ping import Attitude, attitude_of, with_attitude
 from replay_kit.measurements.ping.earth import earth_referenced
 from tests.measurements.foreign import pose
-from tests.measurements.samples import CONFIG, fix, ping
+from tests.measurements.samples import CONFIG, fix, logged, ping
 
 angles = st.tuples(st.floats(-179.0, 179.0), st.floats(-80.0, 80.0), st.floats(-170.0, 170.0))
 
@@ -108,7 +108,7 @@ def test_poses_and_inertial_units_leave_their_orientation():
 
 def test_a_ping_that_waits_has_the_attitude():
     state, _ = interpret(
-        initial_state(), Message(0, "/imu", "sensor_msgs/Imu", {"orientation": EAST}, 0, 0), CONFIG
+        initial_state(), logged("sensor_msgs/Imu", {"orientation": EAST}, topic="/imu"), CONFIG
     )
     state, _ = interpret(state, ping(0.5), CONFIG)
     assert state.waiting[0].ping.attitude.heading == 90.0

@@ -14,7 +14,7 @@ from replay_kit.measurements.messages.adcp_ping import parse_ping
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
 from replay_kit.measurements.ping.earth import added_velocity, earth_referenced
 from replay_kit.measurements.ping.profile import profiles_of
-from tests.measurements.samples import CONFIG, fix, only, ping, run
+from tests.measurements.samples import CONFIG, fix, only, ping, reasons, run, the
 from tests.reference import frames as slow
 
 VECTORS = slow.janus_vectors(20.0)
@@ -293,9 +293,8 @@ def test_junk_in_any_field_is_used_or_skipped_once(system):
 def test_a_raw_ping_becomes_an_observation():
     message = ping(0)
     raw = _raw("beam", correlation_depth=16.0)
-    (observation,) = only(
-        Observation,
-        run([fix(0), message._replace(payload=raw)], MeasurementConfig(velocity_std=0.3)),
+    observation = the(
+        Observation, [fix(0), message._replace(payload=raw)], MeasurementConfig(velocity_std=0.3)
     )
     np.testing.assert_allclose(observation.velocity, np.tile(WATER[:2], (3, 1)), atol=1e-12)
     # the reference's error is one for all bins, not each bin's own
@@ -311,7 +310,7 @@ def test_a_raw_ping_becomes_an_observation():
 def test_a_ping_of_a_platform_of_unknown_motion_is_a_relative_observation():
     relative = ping(0)._replace(payload=_raw("ship", bottom_track=None))
     config = MeasurementConfig(correlation_depth=8.0)
-    (observation,) = only(Observation, run([fix(0), relative], config))
+    observation = the(Observation, [fix(0), relative], config)
     np.testing.assert_allclose(
         observation.velocity, np.tile((WATER - VESSEL)[:2], (3, 1)), atol=1e-12
     )
@@ -322,15 +321,15 @@ def test_a_ping_of_a_platform_of_unknown_motion_is_a_relative_observation():
     )
     assert observation.correlation_depth == 8.0
     refused = run([fix(0), relative], MeasurementConfig(use_relative=False))
-    assert "relative to the platform" in only(Skipped, refused)[0].reason
+    assert "relative to the platform" in reasons(refused)[0]
     # a ping that came absolute says nothing of a platform
-    (plain,) = only(Observation, run([fix(0), ping(0)]))
+    plain = the(Observation, [fix(0), ping(0)])
     assert (plain.reference, plain.common_std, plain.platform_velocity) == ("earth", 0.0, None)
 
 
 def test_bins_below_the_bottom_are_flagged():
     spoiled = ping(0, bottom_track={"distance": [100.0, None, 90.0, 95.0]})
-    (observation,) = only(Observation, run([fix(0), spoiled]))
+    observation = the(Observation, [fix(0), spoiled])
     assert [bool(reason & Reason.BELOW_BOTTOM) for reason in observation.reasons] == [
         False,
         False,
@@ -366,9 +365,9 @@ def test_cells_that_are_not_evenly_spaced_cannot_be_mapped(distances):
 
 
 def test_listed_cells_below_the_bottom_are_flagged():
-    (observation,) = only(
+    observation = the(
         Observation,
-        run([fix(0), ping(0, **LISTED, bottom_track={"distance": [60.0, None, 70.0, 65.0]})]),
+        [fix(0), ping(0, **LISTED, bottom_track={"distance": [60.0, None, 70.0, 65.0]})],
     )
     assert [bool(reason & Reason.BELOW_BOTTOM) for reason in observation.reasons] == [
         False,
