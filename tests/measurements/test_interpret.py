@@ -114,15 +114,6 @@ def test_every_way_to_write_a_missing_number(bad):
     np.testing.assert_array_equal(observation.error_std, CONFIG.velocity_std)
 
 
-def test_flat_velocities_of_protobuf_are_split_by_cell():
-    flat = ping(
-        0, velocity=[0.1, 0.2, math.nan, 0.3, math.nan, 0.0, 0.5, 0.6, 0.0], velocity_std=[0.09]
-    )
-    nested = ping(0)
-    ours, theirs = (only(Observation, run([fix(0), p]))[0] for p in (flat, nested))
-    np.testing.assert_array_equal(ours.velocity, theirs.velocity)
-
-
 @pytest.mark.parametrize("reverse", [False, True])
 def test_mavlink_frames_make_the_same_profile_as_json_in_any_order(reverse):
     frames = list(mavlink_frames())
@@ -152,9 +143,6 @@ def test_null_island_and_no_fix_are_no_positions():
     events = run([position_int(0, lon=0, lat=0), fix(1, latitude=math.nan), fix(2, latitude=99.0)])
     assert not only(VehicleState, events)
     assert "no fix" in reasons(events)[0]
-    payload = {"longitude": 1.0, "latitude": 2.0, "status": {"status": -1}}
-    nav = logged("sensor_msgs/msg/NavSatFix", payload, topic="/gps")
-    assert reasons(run([nav]))[0] == "no fix (status < 0)"
 
 
 def test_odometry_moves_the_last_measured_fix():
@@ -211,22 +199,6 @@ def test_a_pressure_before_the_first_position_is_taken_at_45_degrees():
     assert first.depth == pytest.approx(-gsw.z_from_p(1000.0, 45.0), rel=1e-12)
     (_, second) = only(VehicleState, run([fix(0), pressure, fix(1)]))
     assert second.depth == pytest.approx(-gsw.z_from_p(1000.0, -40.0), rel=1e-12)
-
-
-def test_pressure_gives_depth():
-    pressure = logged(
-        "sensor_msgs/msg/FluidPressure", {"fluid_pressure": 101_325.0 + 1e6}, topic="/p"
-    )
-    state = only(VehicleState, run([fix(0), pressure, fix(1)]))[1]
-    assert state.depth == pytest.approx(99.2, abs=0.2)
-
-
-def test_before_any_position_a_pressure_is_taken_at_45_degrees():
-    pressure = logged(
-        "sensor_msgs/msg/FluidPressure", {"fluid_pressure": 101_325.0 + 1e7}, topic="/p"
-    )
-    state = the(VehicleState, [pressure, fix(1)])
-    assert state.depth == pytest.approx(-gsw.z_from_p(1000.0, 45.0), abs=1e-4)
 
 
 def test_observations_is_the_same_loop_for_scripts():

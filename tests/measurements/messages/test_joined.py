@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
-from replay_kit.measurements import Skipped, Used, initial_state, interpret, suggestions
+from replay_kit.measurements import Used, initial_state, interpret, suggestions
 from replay_kit.measurements.mapping.suggest import sample_key, suggested_entries
 from replay_kit.workflows.replay.values import dump, load
 from tests.command import invoke
@@ -85,12 +85,6 @@ def test_a_component_that_waits_is_a_value_that_a_checkpoint_holds():
     file.seek(0)
     assert load(file).components == state.components
     assert [waiting.value for waiting in state.components.values()] == [0.25]
-
-
-def test_an_unknown_reference_stays_unused():
-    found = events([part("VE", 0.25, 100), part("VN", -0.5, 100)], reference="unknown")
-    assert only(Observation, found) == []
-    assert len(only(Skipped, found)) == 2
 
 
 def test_arrays_of_one_component_are_a_profile():

@@ -327,16 +327,6 @@ def test_a_ping_of_a_platform_of_unknown_motion_is_a_relative_observation():
     assert (plain.reference, plain.common_std, plain.platform_velocity) == ("earth", 0.0, None)
 
 
-def test_bins_below_the_bottom_are_flagged():
-    spoiled = ping(0, bottom_track={"distance": [100.0, None, 90.0, 95.0]})
-    observation = the(Observation, [fix(0), spoiled])
-    assert [bool(reason & Reason.BELOW_BOTTOM) for reason in observation.reasons] == [
-        False,
-        False,
-        True,
-    ]
-
-
 def test_velocities_of_an_unknown_declination_are_not_taken_as_true():
     magnetic = {**ping(0).payload, "declination_applied": False, "magnetic_declination": None}
     with pytest.raises(MeasurementError, match="declination unknown"):
@@ -364,13 +354,11 @@ def test_cells_that_are_not_evenly_spaced_cannot_be_mapped(distances):
         _absolute(_raw("beam", **LISTED | {"cell_distances": distances}))
 
 
-def test_listed_cells_below_the_bottom_are_flagged():
-    observation = the(
-        Observation,
-        [fix(0), ping(0, **LISTED, bottom_track={"distance": [60.0, None, 70.0, 65.0]})],
-    )
-    assert [bool(reason & Reason.BELOW_BOTTOM) for reason in observation.reasons] == [
-        False,
-        True,
-        True,
-    ]
+@pytest.mark.parametrize(
+    ("cells", "depths", "flagged"),
+    [({}, [100.0, None, 90.0, 95.0], [2]), (LISTED, [60.0, None, 70.0, 65.0], [1, 2])],
+)
+def test_bins_below_the_bottom_are_flagged(cells, depths, flagged):
+    spoiled = ping(0, **cells, bottom_track={"distance": depths})
+    below = the(Observation, [fix(0), spoiled]).reasons & Reason.BELOW_BOTTOM
+    assert np.flatnonzero(below).tolist() == flagged
