@@ -4,6 +4,7 @@ import gsw
 import numpy as np
 import pytest
 import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.errors import ForecastError
@@ -39,7 +40,7 @@ def test_lengths_become_metres_without_a_word(tmp_path, unit, metres):
         ),
         PLAIN,
     )
-    np.testing.assert_allclose(read.grid.levels, synthetic.LEVELS, rtol=1e-15)
+    assert_allclose(read.grid.levels, synthetic.LEVELS, rtol=1e-15)
     assert read.notes == ()
 
 
@@ -47,15 +48,13 @@ def test_levels_are_chosen_in_metres_and_heights_of_another_unit_turned(tmp_path
     path = write(
         with_depths(-synthetic.LEVELS / 1000.0, positive="up", units="km"), tmp_path / "e.nc"
     )
-    np.testing.assert_allclose(
-        read_ensemble(path, ForecastConfig(levels=(140.0,))).grid.levels, [150.0]
-    )
+    assert_allclose(read_ensemble(path, ForecastConfig(levels=(140.0,))).grid.levels, [150.0])
 
 
 def test_a_level_asked_for_that_is_near_none_of_the_file_is_said(tmp_path):
     path = write(with_depths(np.array([5.0, 60.0, 150.0, 250.0]), units="m"), tmp_path / "e.nc")
     read = read_ensemble(path, ForecastConfig(levels=(0.0, 140.0, 310.0, 1000.0)))
-    np.testing.assert_array_equal(read.grid.levels, [5.0, 150.0, 250.0])
+    assert_array_equal(read.grid.levels, [5.0, 150.0, 250.0])
     assert read.notes == (
         "no level of the file (5..250 m) is near 310, 1000 m: the nearest was taken",
     )
@@ -81,7 +80,7 @@ def test_pressures_become_depths_and_the_ensemble_says_so(tmp_path, unit, sign, 
         write(with_depths(sign * pressure, positive=positive, units=unit), tmp_path / "e.nc"), PLAIN
     )
     # the middle of the synthetic grid is at 39.8 S
-    np.testing.assert_allclose(read.grid.levels, -gsw.z_from_p(pressure, -39.8), rtol=1e-12)
+    assert_allclose(read.grid.levels, -gsw.z_from_p(pressure, -39.8), rtol=1e-12)
     assert 1970.0 < read.grid.levels[-1] < 1980.0
     assert read.notes == (
         f"coordinate depth is in {unit}: converted to metres with TEOS-10 at latitude -39.80",
@@ -96,7 +95,7 @@ def test_an_axis_without_a_unit_is_in_metres_and_the_ensemble_says_so(tmp_path, 
         read_series(path, PLAIN)[0],
         read_truth(f"{path}#2", PLAIN),
     ):
-        np.testing.assert_array_equal(read.grid.levels, synthetic.LEVELS)
+        assert_array_equal(read.grid.levels, synthetic.LEVELS)
         assert read.notes == ("coordinate depth states no unit and was taken to be in metres",)
 
 
@@ -137,7 +136,7 @@ def test_the_grid_that_a_replay_writes_can_be_a_truth(tmp_path):
     estimator = build_estimator(ensemble, EstimatorConfig(modes=4, sample_share=0.6))
     write_grid(estimator.flow(estimator.initial()), tmp_path / "flow.nc")
     truth = read_truth(str(tmp_path / "flow.nc"), PLAIN)
-    np.testing.assert_array_equal(truth.grid.levels, synthetic.LEVELS)
+    assert_array_equal(truth.grid.levels, synthetic.LEVELS)
     assert truth.notes == ()
 
 
@@ -157,5 +156,5 @@ def test_real_files_keep_their_levels(path):
         pytest.skip("the shared data are not on this machine")
     read = read_truth(str(path), PLAIN) if path in TRUTHS else read_ensemble(path, PLAIN)
     with open_file(path) as ds:
-        np.testing.assert_array_equal(read.grid.levels, ds["depth"].values.astype(np.float64))
+        assert_array_equal(read.grid.levels, ds["depth"].values.astype(np.float64))
     assert not any("coordinate" in note for note in read.notes)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
@@ -31,8 +32,8 @@ def assert_comes_back(read, atol, n_members=N_MEMBERS):
         east, north = forms.truth(
             (read.grid.longitude + 180.0) % 360.0 - 180.0, read.grid.latitude, depth, member
         )
-        np.testing.assert_allclose(u[member][read.grid.wet], east[read.grid.wet], atol=atol)
-        np.testing.assert_allclose(v[member][read.grid.wet], north[read.grid.wet], atol=atol)
+        assert_allclose(u[member][read.grid.wet], east[read.grid.wet], atol=atol)
+        assert_allclose(v[member][read.grid.wet], north[read.grid.wet], atol=atol)
 
 
 def save(ds, path, **encoding):
@@ -55,7 +56,7 @@ def test_cmems_packed_in_16_bits_with_fill(tmp_path):
         ForecastConfig(),
     )
     assert_comes_back(read, 0.51 * forms.PACKING)
-    np.testing.assert_array_equal(read.grid.wet, np.isfinite(u[0]))
+    assert_array_equal(read.grid.wet, np.isfinite(u[0]))
 
 
 def test_cmems_by_elevation(tmp_path):
@@ -73,7 +74,7 @@ def test_cmems_by_elevation(tmp_path):
         )
     )
     read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig())
-    np.testing.assert_array_equal(read.grid.levels, LEVELS)
+    assert_array_equal(read.grid.levels, LEVELS)
     assert_comes_back(read, 1e-12)
 
 
@@ -105,8 +106,8 @@ def test_a_region_over_the_seam_of_a_global_grid_reads_both_ends_alone(tmp_path)
     read = read_ensemble(
         save(ds, tmp_path / "e.nc"), ForecastConfig(region=(-12.0, 34.0, 11.0, 51.0))
     )
-    np.testing.assert_allclose(read.grid.longitude[0], [-10.0, -5.0, 0.0, 5.0, 10.0])
-    np.testing.assert_allclose(read.grid.latitude[:, 0], [35.0, 40.0, 45.0, 50.0])
+    assert_allclose(read.grid.longitude[0], [-10.0, -5.0, 0.0, 5.0, 10.0])
+    assert_allclose(read.grid.latitude[:, 0], [35.0, 40.0, 45.0, 50.0])
     assert_comes_back(read, 1e-12)
 
 
@@ -240,12 +241,12 @@ def test_mitgcm_faces_west_and_south_of_centres(tmp_path, one_dimension):
         ds = ds.rename(XC="i", YC="j").assign(XC=(("j", "i"), x), YC=(("j", "i"), y))
     read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig())
     # between faces 0.02 degrees apart the mean misses by (0.9 x 0.01)^2 / 2 of 0.3 m/s; next to land by one side's slope
-    np.testing.assert_array_equal(read.grid.wet, wet[:, :-1, :-1] > 0.0)
+    assert_array_equal(read.grid.wet, wet[:, :-1, :-1] > 0.0)
     u_read, v_read = true_components(read)
     inner = np.s_[:3, 4:, 5:7]
     east, north = forms.truth(read.grid.longitude, read.grid.latitude, LEVELS[:, None, None], 1)
-    np.testing.assert_allclose(u_read[1][inner], east[inner], atol=5e-5)
-    np.testing.assert_allclose(v_read[1][inner], north[inner], atol=5e-5)
+    assert_allclose(u_read[1][inner], east[inner], atol=5e-5)
+    assert_allclose(v_read[1][inner], north[inner], atol=5e-5)
 
 
 def nemo(shape=(10, 12), mask=True):
@@ -306,12 +307,12 @@ def test_nemo_in_files_of_u_and_v_and_the_grid(tmp_path, grid_file):
         [save(grid, tmp_path / "mesh.nc")] if grid_file else []
     )
     read = read_ensemble(paths, ForecastConfig(members="dim:time_counter"))
-    np.testing.assert_array_equal(read.grid.wet[0], wet[1:, 1:] > 0.0)
+    assert_array_equal(read.grid.wet[0], wet[1:, 1:] > 0.0)
     u_read, v_read = true_components(read)
     inner = np.s_[:, 3:, 4:]
     east, north = forms.truth(read.grid.longitude, read.grid.latitude, LEVELS[:, None, None], 2)
-    np.testing.assert_allclose(u_read[2][inner], east[inner], atol=2e-4)
-    np.testing.assert_allclose(v_read[2][inner], north[inner], atol=2e-4)
+    assert_allclose(u_read[2][inner], east[inner], atol=2e-4)
+    assert_allclose(v_read[2][inner], north[inner], atol=2e-4)
     told = any("midway between the points of u" in note for note in read.notes)
     assert told is not grid_file
 
@@ -338,8 +339,8 @@ def test_enkf_c_a_file_for_each_member_and_variable_with_the_grid_apart(tmp_path
     read = read_ensemble(tmp_path, ForecastConfig())
     assert_comes_back(read, 1e-12)
     assert read.members == tuple(f"mem{k:03d}_u.nc + mem{k:03d}_v.nc" for k in (1, 2, 3))
-    np.testing.assert_array_equal(read.grid.wet[:, 2, 3], [True, True, False, False])
-    np.testing.assert_array_equal(read.grid.wet[:, 0, 0], [False] * 4)
+    assert_array_equal(read.grid.wet[:, 2, 3], [True, True, False, False])
+    assert_array_equal(read.grid.wet[:, 0, 0], [False] * 4)
     assert read.grid.wet.sum() == u[0].size - 6
     assert any("6 files of results" in note for note in read.notes)
 
@@ -391,7 +392,7 @@ def test_pop_levels_between_interfaces(tmp_path):
     )
     ds = ds.drop_vars("depth").rename(depth="k").assign(w_dep=("w_dep", edges))
     read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig(axes="true"))
-    np.testing.assert_array_equal(read.grid.levels, LEVELS)
+    assert_array_equal(read.grid.levels, LEVELS)
     assert "levels of k were taken midway between the interfaces w_dep" in read.notes
     assert_comes_back(read, 1e-12)
     with pytest.raises(

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import ForecastError
@@ -91,11 +92,9 @@ def test_members_of_one_file_at_times_of_another(tmp_path):
         4 * 86_400 * 10**9,
     ]
     for k, part in enumerate(series):
-        np.testing.assert_allclose(
-            part.velocity, (1.0 + k) * synthetic.ensemble().velocity, atol=1e-14
-        )
+        assert_allclose(part.velocity, (1.0 + k) * synthetic.ensemble().velocity, atol=1e-14)
     near = int(np.datetime64("2020-01-04T00:00", "ns").astype(np.int64) + 1)
-    np.testing.assert_array_equal(
+    assert_array_equal(
         read_ensemble(tmp_path, ForecastConfig(), near_ns=near).velocity, series[2].velocity
     )
 
@@ -104,7 +103,7 @@ def test_files_of_several_members_each_add_up(tmp_path):
     ds = synthetic.dataset()
     save(ds.isel(member=slice(0, 5)), tmp_path / "first.nc")
     save(ds.isel(member=slice(5, 8)), tmp_path / "second.nc")
-    np.testing.assert_array_equal(
+    assert_array_equal(
         read_ensemble(tmp_path, ForecastConfig()).velocity, synthetic.ensemble().velocity
     )
 
@@ -129,13 +128,13 @@ def test_lagged_forecasts_valid_at_one_time(tmp_path):
     read = read_ensemble(tmp_path, ForecastConfig(members="lags"))
     assert read.made_from == "lags"
     # the last day that all hold is day 5 of the first
-    np.testing.assert_allclose(
+    assert_allclose(
         read.velocity, np.array([1.0, 2.0, 3.0])[:, None, None, None, None] * 6.0 * one, atol=1e-13
     )
     assert str(np.datetime64(read.time_ns, "ns"))[:10] == "2020-01-06"
     assert read.members[1] == "fc1.nc started 2020-01-02T00:00"
     near = int(np.datetime64("2020-01-04", "ns").astype(np.int64))
-    np.testing.assert_allclose(
+    assert_allclose(
         read_ensemble(tmp_path, ForecastConfig(members="lags"), near_ns=near).velocity[2],
         12.0 * one,
         atol=1e-13,
@@ -162,7 +161,7 @@ def test_fields_of_the_season_are_anomalies_about_the_forecast(tmp_path):
     read = read_ensemble(tmp_path / "archive.nc", ForecastConfig(members="times:15d"))
     assert read.made_from == "times"
     unit = synthetic.ensemble().velocity[0]
-    np.testing.assert_allclose(
+    assert_allclose(
         read.velocity, np.array([8.0, 9.0, 13.0])[:, None, None, None, None] * unit, atol=1e-13
     )
     assert "3 fields within 15 days" in read.notes[0]
@@ -218,7 +217,7 @@ def test_models_lose_their_own_bias(tmp_path, times):
         mean = unit.mean(axis=(-2, -1), keepdims=True)
         expected = (factors[1, 0] - factors[0, 0]) * (unit - mean)
     # the bias lies along true axes, which turn by up to 0.16 degrees against the frame's
-    np.testing.assert_allclose(difference, expected, atol=1.2e-3 if times == 1 else 1e-12)
+    assert_allclose(difference, expected, atol=1.2e-3 if times == 1 else 1e-12)
     assert any(
         ("over its times" if times > 1 else "over the region") in note for note in read.notes
     )
@@ -247,7 +246,7 @@ def test_files_of_one_model_are_given_together_and_share_a_mean(tmp_path):
     expected = (
         factors[1, 4] - factors[1].mean() - factors[0, 4] + factors[0].mean()
     ) * synthetic.ensemble().velocity[0]
-    np.testing.assert_allclose(read.velocity[1] - read.velocity[0], expected, atol=1e-12)
+    assert_allclose(read.velocity[1] - read.velocity[0], expected, atol=1e-12)
     assert read.members == ("a1.nc model 0", "b1.nc model 1")
     assert any("over its times was replaced by that of all 2 models" in note for note in read.notes)
     assert read_ensemble([path for group in groups for path in group], config).n_members == 6
@@ -269,11 +268,11 @@ def test_members_on_other_grids_and_levels_are_interpolated(tmp_path):
         tmp_path / "mem1.nc",
     )
     read = read_ensemble(tmp_path, ForecastConfig())
-    np.testing.assert_allclose(read.grid.levels, LEVELS)
+    assert_allclose(read.grid.levels, LEVELS)
     wet = np.ones((7, 8), bool)
     # dry nodes reach to 10.11 E and 40.09 N of the other grid; 40.1 N is a quarter of its cell farther
     wet[:2, :2] = False
-    np.testing.assert_array_equal(read.grid.wet[0], wet)
+    assert_array_equal(read.grid.wet[0], wet)
     assert_comes_back(read, 1.5e-3, n_members=2)
     assert any(
         note == "1 member interpolated to the grid of the first (bilinear; linear in depth)"
@@ -290,11 +289,11 @@ def test_a_point_is_water_where_half_of_the_other_grids_cell_is(tmp_path):
     save(forms.standard(u, v, longitude, latitude).isel(member=1), tmp_path / "mem1.nc")
     read = read_ensemble(tmp_path, ForecastConfig())
     # .4 of the second point's weight is water, and .6 of the sixth's
-    np.testing.assert_array_equal(
+    assert_array_equal(
         read.grid.wet, np.broadcast_to((np.arange(8) > 1) & (np.arange(8) < 6), (4, 7, 8))
     )
     east, _ = forms.truth(longitude[5], latitude[1:8], 5.0, 1)
-    np.testing.assert_allclose(true_components(read)[0][1, 0, :, 5], east, atol=1e-4)
+    assert_allclose(true_components(read)[0][1, 0, :, 5], east, atol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -326,7 +325,7 @@ def test_levels_that_are_near_none_of_another_member_are_left_dry_and_counted(
         tmp_path / "mem1.nc",
     )
     read = read_ensemble(tmp_path, ForecastConfig())
-    np.testing.assert_array_equal(
+    assert_array_equal(
         read.grid.wet, np.broadcast_to(np.array(wet)[:, None, None], read.grid.wet.shape)
     )
     assert [note for note in read.notes if "left dry" in note] == (
@@ -360,7 +359,7 @@ def test_what_other_levels_reach_follows_from_all_of_the_file_not_from_those_cho
     )
     read = read_ensemble(tmp_path, ForecastConfig(levels=(5.0, 300.0)))
     # half of 210 m below 215 m would reach it
-    np.testing.assert_array_equal(read.grid.wet.any(axis=(1, 2)), [True, False])
+    assert_array_equal(read.grid.wet.any(axis=(1, 2)), [True, False])
 
 
 @pytest.mark.parametrize("form", ["dim:time", "files", "suffix"])
@@ -405,5 +404,5 @@ def test_natl_nemo_in_other_forms_gives_the_same_estimate(tmp_path, form):
                 ensemble.grid.east[3:6, 4:9], ensemble.grid.north[3:6, 4:9], 20.0
             )
         )
-    np.testing.assert_allclose(flows[1], flows[0], rtol=0.0, atol=1e-12)
+    assert_allclose(flows[1], flows[0], rtol=0.0, atol=1e-12)
     assert np.abs(flows[0]).max() > 0.01

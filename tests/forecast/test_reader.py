@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
@@ -28,8 +29,8 @@ def write(ds: xr.Dataset, path: Path) -> Path:
 def test_reads_every_container_alike(tmp_path, name):
     expected = synthetic.ensemble()
     read = read_ensemble(write(synthetic.dataset(), tmp_path / name), PLAIN)
-    np.testing.assert_allclose(read.velocity, expected.velocity, atol=1e-15)
-    np.testing.assert_array_equal(read.grid.levels, synthetic.LEVELS)
+    assert_allclose(read.velocity, expected.velocity, atol=1e-15)
+    assert_array_equal(read.grid.levels, synthetic.LEVELS)
     assert read.grid.wet.all()
 
 
@@ -46,7 +47,7 @@ def test_finds_the_current_by_standard_or_short_name(tmp_path, u, v):
     ds = synthetic.dataset().rename(uo=u, vo=v)
     if u != "odd":
         del ds[u].attrs["standard_name"], ds[v].attrs["standard_name"]
-    np.testing.assert_allclose(
+    assert_allclose(
         read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN).velocity,
         synthetic.ensemble().velocity,
         atol=1e-15,
@@ -55,7 +56,7 @@ def test_finds_the_current_by_standard_or_short_name(tmp_path, u, v):
 
 def test_standard_names_win_over_swapped_short_names(tmp_path):
     ds = synthetic.dataset().rename(uo="v", vo="u")
-    np.testing.assert_allclose(
+    assert_allclose(
         read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN).velocity,
         synthetic.ensemble().velocity,
         atol=1e-15,
@@ -69,14 +70,14 @@ def test_flipped_latitude_reversed_depth_and_other_orders_change_no_value(tmp_pa
         .transpose("lat", "depth", "lon", "member")
     )
     read, expected = read_ensemble(write(flipped, tmp_path / "e.nc"), PLAIN), synthetic.ensemble()
-    np.testing.assert_allclose(read.velocity[..., ::-1, :], expected.velocity, atol=1e-15)
-    np.testing.assert_allclose(read.grid.north[::-1], expected.grid.north, atol=1e-6)
+    assert_allclose(read.velocity[..., ::-1, :], expected.velocity, atol=1e-15)
+    assert_allclose(read.grid.north[::-1], expected.grid.north, atol=1e-6)
 
 
 def test_upward_heights_become_depths(tmp_path):
     ds = synthetic.dataset()
     ds = ds.assign_coords(depth=("depth", -ds["depth"].values, {"positive": "up"}))
-    np.testing.assert_array_equal(
+    assert_array_equal(
         read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN).grid.levels, synthetic.LEVELS
     )
 
@@ -86,7 +87,7 @@ def test_two_dimensional_coordinates(tmp_path):
     longitude, latitude = np.meshgrid(ds["lon"].values, ds["lat"].values)
     ds = ds.drop_vars(["lon", "lat"]).rename(lat="y", lon="x")
     ds = ds.assign_coords(nav_lon=(("y", "x"), longitude), nav_lat=(("y", "x"), latitude))
-    np.testing.assert_allclose(
+    assert_allclose(
         read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN).velocity,
         synthetic.ensemble().velocity,
         atol=1e-15,
@@ -103,7 +104,7 @@ def test_velocity_along_the_grid_s_axes_is_turned(tmp_path):
     read = read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN)
     # a longitude-latitude grid's axes are true east and north; at its edges the axis is known half a cell away,
     # where it has turned by 0.05 degrees sin(40 degrees): 0.56 mrad of at most 0.6 m/s
-    np.testing.assert_allclose(read.velocity, expected.velocity, atol=3.4e-4)
+    assert_allclose(read.velocity, expected.velocity, atol=3.4e-4)
 
 
 def test_region_and_levels_cut(tmp_path):
@@ -112,7 +113,7 @@ def test_region_and_levels_cut(tmp_path):
         path, ForecastConfig(region=(152.1, -39.9, 152.31, -39.7), levels=(0.0, 140.0, 160.0))
     )
     assert read.grid.longitude.shape == (3, 3)
-    np.testing.assert_array_equal(read.grid.levels, [5.0, 150.0])
+    assert_array_equal(read.grid.levels, [5.0, 150.0])
     with pytest.raises(ForecastError, match=r"no grid point inside the region.*152\.0"):
         read_ensemble(path, ForecastConfig(region=(10.0, 50.0, 12.0, 52.0)))
 
@@ -134,7 +135,7 @@ def test_a_grid_across_the_antimeridian_is_whole(tmp_path):
         lon=("lon", (wrapped["lon"].values + 180.0) % 360.0 - 180.0, wrapped["lon"].attrs)
     )
     again = read_ensemble(write(wrapped, tmp_path / "w.nc"), PLAIN)
-    np.testing.assert_allclose(again.grid.east, read.grid.east, atol=1e-6)
+    assert_allclose(again.grid.east, read.grid.east, atol=1e-6)
     assert np.all(np.diff(again.grid.longitude, axis=1) > 0)
 
 
@@ -157,7 +158,7 @@ def test_land_of_any_member_is_everyone_s_and_is_told(tmp_path):
     ds["vo"][5, :, 2, 2] = np.nan
     read = read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN)
     assert not read.grid.wet[:, 2, 2].any()
-    np.testing.assert_array_equal(read.grid.wet[:, 0, 0], [True, False, False, False])
+    assert_array_equal(read.grid.wet[:, 0, 0], [True, False, False, False])
     assert np.isnan(read.velocity[:, :, ~read.grid.wet]).all()
     assert np.isfinite(read.velocity[:, :, read.grid.wet]).all()
     assert read.notes == (
@@ -184,7 +185,7 @@ def test_leads_in_any_unit_are_matched_to_the_log_and_the_choice_is_said(tmp_pat
     reference = ForecastConfig(reference_time="2020-01-01")
     start = int(np.datetime64("2020-01-01", "ns").astype(np.int64))
     read = read_ensemble(path, reference, near_ns=start + int(2.2 * 86_400e9))
-    np.testing.assert_allclose(read.velocity, synthetic.ensemble(1).velocity, atol=1e-15)
+    assert_allclose(read.velocity, synthetic.ensemble(1).velocity, atol=1e-15)
     assert read.notes[0].startswith("lead ")
     late = read_ensemble(path, reference, near_ns=start + 10 * 86_400 * 10**9)
     assert any("6.0 days before the log begins" in note for note in late.notes)
@@ -204,9 +205,7 @@ def test_options_that_the_file_has_no_use_for_are_refused(tmp_path):
 def test_the_first_level_may_be_the_surface(tmp_path):
     levels = np.array([0.0, 60.0, 150.0])
     synthetic.dataset(levels=levels).to_netcdf(tmp_path / "e.nc", engine="h5netcdf")
-    np.testing.assert_array_equal(
-        read_ensemble(tmp_path / "e.nc", ForecastConfig()).grid.levels, levels
-    )
+    assert_array_equal(read_ensemble(tmp_path / "e.nc", ForecastConfig()).grid.levels, levels)
 
 
 def test_chooses_a_lead_and_a_time(tmp_path):
@@ -215,7 +214,7 @@ def test_chooses_a_lead_and_a_time(tmp_path):
         lead=("lead", [0.0, 2.0, 4.0], {"standard_name": "forecast_period", "units": "days"})
     )
     path = write(ds, tmp_path / "leads.nc")
-    np.testing.assert_allclose(
+    assert_allclose(
         read_ensemble(path, ForecastConfig(lead=2.2)).velocity,
         synthetic.ensemble(1).velocity,
         atol=1e-15,
@@ -224,7 +223,7 @@ def test_chooses_a_lead_and_a_time(tmp_path):
     day = 86_400 * 10**9
     start = int(np.datetime64("2020-01-01", "ns").astype(np.int64))
     read = read_ensemble(path, dated, near_ns=start + int(0.8 * day))
-    np.testing.assert_allclose(read.velocity, synthetic.ensemble(0).velocity, atol=1e-15)
+    assert_allclose(read.velocity, synthetic.ensemble(0).velocity, atol=1e-15)
     assert read.time_ns == start
     times = (
         ds.drop_vars("lead")
@@ -232,20 +231,20 @@ def test_chooses_a_lead_and_a_time(tmp_path):
         .assign_coords(time=np.array(["2020-01-01", "2020-01-03", "2020-01-05"], "datetime64[ns]"))
     )
     path = write(times, tmp_path / "times.nc")
-    np.testing.assert_allclose(
+    assert_allclose(
         read_ensemble(path, PLAIN, near_ns=start + 5 * day).velocity,
         synthetic.ensemble(2).velocity,
         atol=1e-15,
     )
     chosen = read_ensemble(path, ForecastConfig(time="2020-01-03"), near_ns=start)
-    np.testing.assert_allclose(chosen.velocity, synthetic.ensemble(1).velocity, atol=1e-15)
+    assert_allclose(chosen.velocity, synthetic.ensemble(1).velocity, atol=1e-15)
 
 
 def test_placing_moves_the_grid_and_says_so(tmp_path):
     path = write(synthetic.dataset(), tmp_path / "e.nc")
     here, there = read_ensemble(path, PLAIN), read_ensemble(path, PLAIN, place_at=(86.0, 12.0))
-    np.testing.assert_allclose(there.grid.east, here.grid.east, atol=1e-6)
-    np.testing.assert_array_equal(there.velocity, here.velocity)
+    assert_allclose(there.grid.east, here.grid.east, atol=1e-6)
+    assert_array_equal(there.velocity, here.velocity)
     assert abs(there.grid.longitude.mean() - 86.0) < 0.05
     assert "no forecast" in there.notes[0]
 
@@ -255,8 +254,8 @@ def test_truth_of_one_field_or_of_a_named_member(tmp_path):
     path = write(ds, tmp_path / "e.nc")
     single = write(ds.isel(member=3, drop=True), tmp_path / "t.nc")
     expected = synthetic.ensemble().velocity[3:4]
-    np.testing.assert_allclose(read_truth(f"{path}#3", PLAIN).velocity, expected, atol=1e-15)
-    np.testing.assert_allclose(read_truth(str(single), PLAIN).velocity, expected, atol=1e-15)
+    assert_allclose(read_truth(f"{path}#3", PLAIN).velocity, expected, atol=1e-15)
+    assert_allclose(read_truth(str(single), PLAIN).velocity, expected, atol=1e-15)
     with pytest.raises(ForecastError, match="name the one"):
         read_truth(str(path), PLAIN)
     with pytest.raises(ForecastError, match="no member '99'"):
@@ -269,7 +268,7 @@ def test_centimetres_are_read_and_strange_units_refused(tmp_path):
     ds = synthetic.dataset()
     for name in ("uo", "vo"):
         ds[name] = (ds[name] * 100.0).assign_attrs(ds[name].attrs, units="cm s-1")
-    np.testing.assert_allclose(
+    assert_allclose(
         read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN).velocity,
         synthetic.ensemble().velocity,
         atol=1e-15,
@@ -327,5 +326,5 @@ def test_vectors_come_back_true(tmp_path):
         read.velocity[:, 0],
         read.velocity[:, 1],
     )
-    np.testing.assert_allclose(u, ds["uo"].values, atol=1e-14)
-    np.testing.assert_allclose(v, ds["vo"].values, atol=1e-14)
+    assert_allclose(u, ds["uo"].values, atol=1e-14)
+    assert_allclose(v, ds["vo"].values, atol=1e-14)

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError
@@ -65,9 +66,7 @@ def test_each_lead_is_the_ensemble_that_would_be_read_alone(of_reference):
     series = read_series(path, ForecastConfig())
     assert [part.time_ns - series[0].time_ns for part in series] == [0, 2 * DAY, 5 * DAY]
     for part, lead in zip(series, (0.0, 2.0, 5.0), strict=True):
-        np.testing.assert_array_equal(
-            part.velocity, read_ensemble(path, ForecastConfig(lead=lead)).velocity
-        )
+        assert_array_equal(part.velocity, read_ensemble(path, ForecastConfig(lead=lead)).velocity)
     assert any("3 times" in note for note in series[0].notes)
 
 
@@ -110,14 +109,14 @@ def test_which_leads_a_run_uses_when_none_is_chosen(
         np.abs(part.velocity).max() / np.abs(synthetic.ensemble().velocity).max()
         for part in found.series
     ]
-    np.testing.assert_allclose(
+    assert_allclose(
         strengths, [1.0 + 0.5 * [0.0, 2.0, 5.0].index(lead) for lead in leads], rtol=1e-6
     )
 
 
 def test_a_command_without_a_log_uses_the_last_lead(of_reference):
     path = of_reference("2020-01-01")
-    np.testing.assert_array_equal(
+    assert_array_equal(
         read_ensemble(path, ForecastConfig()).velocity,
         read_ensemble(path, ForecastConfig(lead=5.0)).velocity,
     )

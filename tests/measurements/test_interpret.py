@@ -3,8 +3,8 @@
 import math
 
 import gsw
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
@@ -28,11 +28,11 @@ def test_a_ping_becomes_a_profile_at_the_interpolated_position():
     events = run([fix(0, 152.0), ping(30), fix(60, 152.01)])
     (observation,) = only(Observation, events)
     assert observation.longitude == pytest.approx(152.005, abs=1e-6)
-    np.testing.assert_allclose(observation.depth, [16.0, 48.0, 80.0])
-    np.testing.assert_allclose(observation.velocity[0], [0.1, 0.2])
+    assert_allclose(observation.depth, [16.0, 48.0, 80.0])
+    assert_allclose(observation.velocity[0], [0.1, 0.2])
     assert observation.flags.tolist() == [Flag.GOOD, Flag.MISSING, Flag.GOOD]
     assert observation.reasons.tolist() == [0, Reason.MISSING, 0]
-    np.testing.assert_array_equal(observation.error_std, 0.09)
+    assert_array_equal(observation.error_std, 0.09)
     assert len(only(Used, events)) == 3
 
 
@@ -68,7 +68,7 @@ def test_depths_up_and_down_and_from_a_submerged_transducer():
     up = only(
         Observation, run([fix(0), ping(0, orientation="up", pressure=None, transducer_depth=60.0)])
     )[0]
-    np.testing.assert_allclose(up.depth, [44.0, 12.0, -20.0])
+    assert_allclose(up.depth, [44.0, 12.0, -20.0])
     assert up.flags[2] == Flag.FAIL
     assert up.reasons[2] & Reason.ABOVE_SURFACE
     known = only(Observation, run([fix(0, depth=200.0), ping(0, pressure=float("nan"))]))[0]
@@ -111,7 +111,7 @@ def test_every_way_to_write_a_missing_number(bad):
     )
     (observation,) = only(Observation, events)
     assert observation.flags.tolist() == [9, 9, 1]
-    np.testing.assert_array_equal(observation.error_std, CONFIG.velocity_std)
+    assert_array_equal(observation.error_std, CONFIG.velocity_std)
 
 
 @pytest.mark.parametrize("reverse", [False, True])
@@ -119,8 +119,8 @@ def test_mavlink_frames_make_the_same_profile_as_json_in_any_order(reverse):
     frames = list(mavlink_frames())
     events = run([position_int(5), *(frames[::-1] if reverse else frames)])
     (ours,), (theirs,) = only(Observation, events), only(Observation, run([fix(5), ping(5)]))
-    np.testing.assert_array_equal(ours.velocity, theirs.velocity)
-    np.testing.assert_array_equal(ours.depth, theirs.depth)
+    assert_array_equal(ours.velocity, theirs.velocity)
+    assert_array_equal(ours.depth, theirs.depth)
     assert len(only(Used, events)) == 6
 
 

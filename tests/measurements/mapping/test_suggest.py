@@ -2,8 +2,8 @@
 
 import math
 
-import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from replay_kit.config.run import load_config
 from replay_kit.core.message import Message
@@ -137,8 +137,8 @@ def test_profiles_are_not_used_until_a_person_states_the_reference(
     assert "NOT KNOWN" in text
     config, _ = suggested(tmp_path, payload, reference='"earth"', **answers)
     (observation,) = only(Observation, events(config, payload))
-    np.testing.assert_array_equal(observation.velocity, velocity)
-    np.testing.assert_array_equal(observation.depth, depth)
+    assert_array_equal(observation.velocity, velocity)
+    assert_array_equal(observation.depth, depth)
 
 
 @pytest.mark.parametrize(
@@ -236,13 +236,13 @@ def test_a_twist_on_a_topic_of_one_cell_is_a_velocity_at_a_distance(tmp_path):
     assert not only(Observation, run([here, message], config))
     config, _ = suggested(tmp_path, TWIST, reference='"earth"', distance="12.0")
     observation = the(Observation, [here, message], config)
-    np.testing.assert_array_equal(observation.velocity, [[0.12, -0.05]])
-    np.testing.assert_array_equal(observation.depth, [19.0])
+    assert_array_equal(observation.velocity, [[0.12, -0.05]])
+    assert_array_equal(observation.depth, [19.0])
     upward = config.model_copy(
         update={"map": (config.map[0].model_copy(update={"orientation": "up", "distance": 5.0}),)}
     )
     observation = the(Observation, [here, message], upward)
-    np.testing.assert_array_equal(observation.depth, [2.0])
+    assert_array_equal(observation.depth, [2.0])
 
 
 def mavlink(kind, **fields):

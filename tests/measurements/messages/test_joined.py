@@ -3,8 +3,8 @@
 import io
 import tomllib
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydantic import ValidationError
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -56,7 +56,7 @@ def events(messages, **changes):
 def test_two_components_are_one_velocity(order):
     found = events([part("VE", 0.25, 100), part("Volt", 12.0, 100), part("VN", -0.5, 150)][::order])
     (observation,) = only(Observation, found)
-    np.testing.assert_array_equal(observation.velocity, [[0.25, -0.5]])
+    assert_array_equal(observation.velocity, [[0.25, -0.5]])
     assert observation.depth.tolist() == [8.0]
     assert [type(event) for event in found if isinstance(event, Used)] == [Used, Used]
 
@@ -73,7 +73,7 @@ def test_a_lost_component_costs_its_own_velocity_alone():
         [part("VE", 9.0, 100), part("VE", 0.25, 200), part("VN", -0.5, 200), part("VN", 9.0, 300)]
     )
     (observation,) = only(Observation, found)
-    np.testing.assert_array_equal(observation.velocity, [[0.25, -0.5]])
+    assert_array_equal(observation.velocity, [[0.25, -0.5]])
     assert reasons(found) == [ALONE, ALONE]
 
 
@@ -102,7 +102,7 @@ def test_arrays_of_one_component_are_a_profile():
         part("VN", [-5.0, 0.0], None, topic=ARRAY),
     ]
     observation = the(Observation, [fix(0, depth=5.0), *parts, fix(9, depth=5.0)], config)
-    np.testing.assert_allclose(observation.velocity, [[0.1, -0.05], [0.2, 0.0]])
+    assert_allclose(observation.velocity, [[0.1, -0.05], [0.2, 0.0]])
     assert observation.depth.tolist() == [8.0, 10.0]
     parts[1] = part("VN", [-5.0], None, topic=ARRAY)
     unequal = run([fix(0, depth=5.0), *parts, fix(9, depth=5.0)], config)

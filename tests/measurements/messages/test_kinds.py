@@ -5,6 +5,7 @@ import struct
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Observation, VehicleState
@@ -31,9 +32,9 @@ def skipped(message, config=CONFIG):
 def test_ds_adcp_in_earth_coordinates(tmp_path, schema):
     (message,) = read_mcap(tmp_path, ros2_mcap(schema, msg.DS_ADCP_2, [ds_adcp()]))
     profile = the(Observation, [fix(0, depth=10.0), message], EARTH)
-    np.testing.assert_array_equal(profile.velocity, [[0.1, -0.2], [np.nan, np.nan], [0.3, 0.0]])
+    assert_array_equal(profile.velocity, [[0.1, -0.2], [np.nan, np.nan], [0.3, 0.0]])
     assert profile.flags.tolist() == [Flag.GOOD, Flag.MISSING, Flag.GOOD]
-    np.testing.assert_array_equal(profile.depth, [13.5, 15.5, 17.5])
+    assert_array_equal(profile.depth, [13.5, 15.5, 17.5])
     assert "measurements.reference" in skipped(message)
     relative = the(
         Observation, [fix(0, depth=10.0), message], MeasurementConfig(reference="platform")
@@ -61,7 +62,7 @@ def test_ds_adcp_along_its_beams():
     payload = ds_adcp(0)
     payload["vel_bin_beams"] = [{"velocity_bin_beam": vectors([*along[:3], (0.0, 0.0, 0.0)])}]
     ping = statement(logged("ds_sensor_msgs/Adcp", payload)).payload
-    np.testing.assert_allclose(ping["velocity"][0][:3], np.array(BEAMS[:3]) @ water, atol=1e-15)
+    assert_allclose(ping["velocity"][0][:3], np.array(BEAMS[:3]) @ water, atol=1e-15)
     assert ping["velocity"][0][3] is None
     assert ping["beam_unit_vectors"] == BEAMS
     assert ping["coordinate_system"] == "beam"
@@ -82,8 +83,8 @@ def test_ds_adcp_in_ros1(tmp_path):
     schema = ("ds_sensor_msgs/Adcp", "ros1msg", msg.DS_ADCP_1.encode())
     (message,) = read_mcap(tmp_path, one_channel_mcap("ros1", schema, [fixed + cells]))
     profile = the(Observation, [fix(0), message], EARTH)
-    np.testing.assert_array_equal(profile.velocity, [[0.1, 0.2], [0.3, 0.4]])
-    np.testing.assert_array_equal(profile.depth, [6.0, 10.0])
+    assert_array_equal(profile.velocity, [[0.1, 0.2], [0.3, 0.4]])
+    assert_array_equal(profile.depth, [6.0, 10.0])
 
 
 @pytest.mark.parametrize(
@@ -145,7 +146,7 @@ def test_cells_at_listed_distances():
         "replay_kit.AdcpPing", {**payload, "cell_distances": [4.0, 9.0, None]}, topic="/adcp"
     )
     profile = the(Observation, [fix(0, depth=100.0), ping])
-    np.testing.assert_array_equal(profile.depth, [104.0, 109.0, np.nan])
+    assert_array_equal(profile.depth, [104.0, 109.0, np.nan])
     assert profile.flags.tolist() == [Flag.GOOD, Flag.GOOD, Flag.MISSING]
     assert "cell_distances" in skipped(ping._replace(payload={**payload, "cell_distances": [4.0]}))
 
@@ -301,9 +302,7 @@ def test_imc_positions_that_are_none():
 def test_the_bounds_of_an_error_that_is_believed_belong_to_it_for_one_number_and_for_many():
     low, high = STD_BELIEVED
     outside = [0.5 * low, 2.0 * high, np.nan]
-    np.testing.assert_array_equal(
-        believed_std([low, high, *outside], 5), [low, high, np.nan, np.nan, np.nan]
-    )
+    assert_array_equal(believed_std([low, high, *outside], 5), [low, high, np.nan, np.nan, np.nan])
     for value in (low, high, *outside):
-        np.testing.assert_array_equal(believed_std(value, 3), believed_std([value] * 3, 3))
-        np.testing.assert_array_equal(believed_std(value, 3), believed_std([value], 3))
+        assert_array_equal(believed_std(value, 3), believed_std([value] * 3, 3))
+        assert_array_equal(believed_std(value, 3), believed_std([value], 3))

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydantic import ValidationError
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -141,11 +142,11 @@ def test_a_position_with_a_pressure():
 )
 def test_speeds_and_frames(unit, factor, frame, cell):
     payload = {"v": [[factor * value for value in cell]] * 2}
-    np.testing.assert_array_equal(
+    assert_array_equal(
         observed(payload, velocity="v", speed_unit=unit, frame=frame).velocity, [[0.125, -0.25]] * 2
     )
     flat = {"v": payload["v"][0] * 2}
-    np.testing.assert_array_equal(
+    assert_array_equal(
         observed(flat, velocity="v", components=3, speed_unit=unit, frame=frame).velocity,
         [[0.125, -0.25]] * 2,
     )
@@ -160,8 +161,8 @@ def test_columns_and_missing_numbers():
         "missing": [-32768, 0],
     }
     found = observed(cells, **columns, velocity_std=0.04)
-    np.testing.assert_array_equal(found.velocity, [[0.1, np.nan], [np.nan, 0.005], [np.nan, 0.001]])
-    np.testing.assert_array_equal(found.error_std, 0.04)
+    assert_array_equal(found.velocity, [[0.1, np.nan], [np.nan, 0.005], [np.nan, 0.001]])
+    assert_array_equal(found.error_std, 0.04)
 
 
 @pytest.mark.parametrize(
@@ -194,7 +195,7 @@ def test_where_the_cells_are(fields, payload, expected):
     config = mapping({**fields, "velocity": "v"})
     message = logged("", {**payload, "v": [[0.1, 0.2]] * 2}, topic="/p")
     observation = the(Observation, [fix(0, depth=100.0), message], config)
-    np.testing.assert_array_equal(observation.depth, expected)
+    assert_array_equal(observation.depth, expected)
 
 
 @pytest.mark.parametrize(
@@ -311,8 +312,8 @@ def test_one_velocity_at_one_depth():
         [80.0],
         0,
     )
-    np.testing.assert_allclose(found.velocity, [[0.1, -0.2]])
-    np.testing.assert_allclose(found.error_std, [0.02])
+    assert_allclose(found.velocity, [[0.1, -0.2]])
+    assert_allclose(found.error_std, [0.02])
     drifter = {**mooring, "longitude": "lon", "latitude": "lat", "depth": "p", "depth_unit": "dbar"}
     found = the(Observation, [message], mapping(drifter))
     assert (found.longitude, found.latitude, round(float(found.depth[0]))) == (151.0, -39.0, 100)

@@ -4,10 +4,10 @@ import math
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2, message_factory, timestamp_pb2
 from google.protobuf.descriptor_pool import DescriptorPool
+from numpy.testing import assert_allclose, assert_array_equal
 
 import replay_kit.measurements
 from replay_kit.config.run import LogConfig
@@ -128,7 +128,7 @@ def test_a_ping_says_in_protobuf_what_it_says_in_json(tmp_path, velocity):
         ],
     )
     for name in ("depth", "velocity", "error_std", "flags", "reasons"):
-        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+        assert_array_equal(getattr(ours, name), getattr(theirs, name))
     assert ours.dive == theirs.dive == 4
 
 
@@ -138,8 +138,8 @@ def test_what_is_not_set_is_unknown_and_not_zero(tmp_path):
     )
     assert message.payload["pressure"] is None
     observation = the(Observation, [fix(0, depth=200.0), message])
-    np.testing.assert_allclose(observation.depth, [216.0, 248.0, 280.0])
-    np.testing.assert_array_equal(observation.error_std, 0.09)
+    assert_allclose(observation.depth, [216.0, 248.0, 280.0])
+    assert_array_equal(observation.error_std, 0.09)
     assert observation.dive == 1
     assert observation.flags.tolist() == [Flag.GOOD, Flag.MISSING, Flag.GOOD]
 

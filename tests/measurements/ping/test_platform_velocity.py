@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.geodesy import to_geographic
@@ -48,16 +49,12 @@ def test_a_dvl_s_velocity_turns_with_the_vehicle():
     forward = Dvl("bottom", (1.0, 0.0, 0.0), 0.03)
     starboard, down = Dvl("bottom", (0.0, 1.0, 0.0), 0.03), Dvl("bottom", (0.0, 0.0, 1.0), 0.03)
     level = Attitude(45.0, 0.0, 0.0)
-    np.testing.assert_allclose(horizontal(forward, level, 0.0), (HALF, HALF), atol=1e-12)
-    np.testing.assert_allclose(horizontal(starboard, level, 45.0), (0.0, -1.0), atol=1e-12)
+    assert_allclose(horizontal(forward, level, 0.0), (HALF, HALF), atol=1e-12)
+    assert_allclose(horizontal(starboard, level, 45.0), (0.0, -1.0), atol=1e-12)
     # nose up by 30 degrees: down through the vehicle's floor is forward in part
-    np.testing.assert_allclose(
-        horizontal(down, Attitude(0.0, 30.0, 0.0), 0.0), (0.0, 0.5), atol=1e-12
-    )
+    assert_allclose(horizontal(down, Attitude(0.0, 30.0, 0.0), 0.0), (0.0, 0.5), atol=1e-12)
     # starboard down by 30 degrees: the floor looks to port
-    np.testing.assert_allclose(
-        horizontal(down, Attitude(0.0, 0.0, 30.0), 0.0), (-0.5, 0.0), atol=1e-12
-    )
+    assert_allclose(horizontal(down, Attitude(0.0, 0.0, 30.0), 0.0), (-0.5, 0.0), atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -80,7 +77,7 @@ def test_bottom_track_makes_pings_absolute_that_state_no_motion():
     # 0.5 m/s forward is east, 0.1 m/s to starboard is south
     assert near.platform_velocity == pytest.approx((0.5, -0.1))
     assert (near.common_std, near.reference) == (pytest.approx(0.02), "earth")
-    np.testing.assert_allclose(near.velocity[0], (0.6, 0.1), atol=1e-12)
+    assert_allclose(near.velocity[0], (0.6, 0.1), atol=1e-12)
     # nine seconds later it may go anywhere
     assert far.reference == "platform"
     stated = {"platform_velocity": {"east": 0.1, "north": 0.0, "velocity_std": 0.05}}
@@ -113,7 +110,7 @@ def test_water_track_beside_bottom_track_is_the_current_at_one_depth():
     ]
     current = the(Observation, messages, TRUE_HEADING)
     # over the ground less through the water
-    np.testing.assert_allclose(current.velocity, [(0.5 - 0.3, -0.1 + 0.3)], atol=1e-12)
+    assert_allclose(current.velocity, [(0.5 - 0.3, -0.1 + 0.3)], atol=1e-12)
     assert (current.depth.tolist(), current.error_std[0], current.common_std) == (
         [52.0],
         pytest.approx(0.02),
@@ -155,7 +152,7 @@ def test_a_vessel_s_fixes_give_its_motion():
     )
     assert absolute.platform_velocity == pytest.approx((1.5, -0.8), abs=0.01)
     assert 0.0 < absolute.common_std < 0.05
-    np.testing.assert_allclose(absolute.velocity[0], (1.6, -0.6), atol=0.01)
+    assert_allclose(absolute.velocity[0], (1.6, -0.6), atol=0.01)
     # its place is that of its own time, not of when it left
     assert absolute.longitude == pytest.approx(
         float(to_geographic(Projection(152.0, -40.0), 1.5 * 60.5, 0.0)[0]), abs=1e-6

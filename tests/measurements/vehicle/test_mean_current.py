@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.geodesy import to_geographic, to_local
@@ -97,10 +98,10 @@ def test_a_stated_current_takes_the_dead_reckoned_path_moved_to_end_at_the_fix()
     east, north = to_local(HERE, mean.longitude, mean.latitude)
     # the last dead-reckoned position, 285 m on, is a minute before the fix, 420 m on: the rest is spread over the whole time
     under_way = seconds < 1140.0
-    np.testing.assert_allclose(
+    assert_allclose(
         east[under_way], (0.25 + (420.0 - 285.0) / 1200.0) * seconds[under_way], atol=0.1
     )
-    np.testing.assert_allclose(north, -0.2 * seconds, atol=0.01)
+    assert_allclose(north, -0.2 * seconds, atol=0.01)
     assert mean.weight @ mean.depth == pytest.approx(100.0, abs=1.0)
     refused = run(
         [*dive(), dac(1200)], MeasurementConfig(without=("dac",), dead_reckoning="through_water")
@@ -143,9 +144,7 @@ def test_without_a_path_it_is_straight_down_and_up():
     deepest = mean.depth.max()
     assert deepest == pytest.approx(198.0, abs=4.0)
     assert mean.weight @ mean.depth == pytest.approx(deepest / 2.0, rel=0.01)
-    np.testing.assert_allclose(
-        mean.longitude, 152.0 + 0.01 * mean.path_time_ns / (1200 * SECOND), atol=1e-6
-    )
+    assert_allclose(mean.longitude, 152.0 + 0.01 * mean.path_time_ns / (1200 * SECOND), atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -173,9 +172,7 @@ def test_dead_reckoning_through_water_gives_the_current_of_dives_without_one():
     assert not only(PathMean, run(messages, CONFIG))
     # a minute's way more, for the last dead-reckoned position is a minute before the fix
     mean = the(PathMean, messages, THROUGH_WATER)
-    np.testing.assert_allclose(
-        mean.velocity, (current[0] + 0.25 * 60.0 / 1200.0, current[1]), atol=1e-5
-    )
+    assert_allclose(mean.velocity, (current[0] + 0.25 * 60.0 / 1200.0, current[1]), atol=1e-5)
     assert (mean.kind, mean.dive) == ("dac", 1)
     # the log's own comes too late for the first dive, and is taken from then on
     events = run(
@@ -197,7 +194,7 @@ def test_a_drift_at_the_surface_counts_where_it_is_asked_for():
     ]
     assert not only(PathMean, run(surface))
     mean = the(PathMean, surface, MeasurementConfig(use_drift=True))
-    np.testing.assert_allclose(mean.velocity, (0.2, -0.1), atol=1e-6)
+    assert_allclose(mean.velocity, (0.2, -0.1), atol=1e-6)
     assert (mean.kind, mean.weight.sum(), set(mean.depth)) == ("drift", 1.0, {0.5})
     assert mean.error_std == pytest.approx(np.hypot(0.07, np.sqrt(2.0) * 20.0 / 300.0))
     # a dive between is no drift, nor is a long silence
