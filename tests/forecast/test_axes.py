@@ -11,10 +11,10 @@ from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.estimator.basis.modes import build_basis
-from replay_kit.forecast import axes, describe_ensemble, read_ensemble
+from replay_kit.forecast import axes, describe_ensemble
 from replay_kit.forecast.axes import divergent_share, geostrophic_flow
 from tests.forecast import forms
-from tests.forecast.test_forms import save
+from tests.forecast.forms import read_with, save
 from tests.places import DATA
 
 SHAPE = (20, 22)
@@ -104,7 +104,7 @@ def test_a_wrong_label_is_told_with_the_option_that_mends_it(tmp_path, names, ri
     assert mended.check.why == "--axes grid"
     assert_array_equal(
         mended.ensemble.velocity,
-        read_ensemble(save(flow(44.0, GRID), tmp_path / "g.nc"), ForecastConfig()).velocity,
+        read_with(save(flow(44.0, GRID), tmp_path / "g.nc")).velocity,
     )
 
 

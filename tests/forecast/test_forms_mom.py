@@ -6,11 +6,16 @@ import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.forecast import read_ensemble
 from replay_kit.forecast.describe import describe_ensemble
 from tests.forecast import forms
-from tests.forecast.forms import LEVELS, N_MEMBERS
-from tests.forecast.test_forms import assert_comes_back, save, true_components
+from tests.forecast.forms import (
+    LEVELS,
+    N_MEMBERS,
+    assert_comes_back,
+    read_with,
+    save,
+    true_components,
+)
 
 SHAPE = (10, 12)
 AT = forms.rotated(shape=SHAPE, cell=0.01)
@@ -158,7 +163,7 @@ def test_mom5_at_the_corners_that_the_supergrid_has(tmp_path):
         },
     )
     paths = [save(ds, tmp_path / "ocean.nc"), save(supergrid(), tmp_path / "ocean_hgrid.nc")]
-    read = read_ensemble(paths, ForecastConfig(members="dim:time"))
+    read = read_with(paths, members="dim:time")
     longitude, latitude = AT(ROW + 0.5, COLUMN + 0.5)
     assert_allclose(read.grid.longitude, longitude, atol=1e-12)
     assert_allclose(read.grid.latitude, latitude, atol=1e-12)

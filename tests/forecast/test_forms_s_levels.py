@@ -12,8 +12,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.forecast.describe import describe_ensemble, open_extent
 from tests.forecast import forms
-from tests.forecast.forms import N_MEMBERS
-from tests.forecast.test_forms import save, true_components
+from tests.forecast.forms import N_MEMBERS, noted, read_with, refused, save, true_components
 from tests.places import DATA
 
 
@@ -25,7 +24,7 @@ def test_roms_at_44_degrees_on_terrain_following_levels(tmp_path, transform, pac
     made = [forms.roms(at, shape, member, transform, packed) for member in range(N_MEMBERS)]
     paths = [save(ds, tmp_path / f"his_mem{member:03d}.nc") for member, (ds, _) in enumerate(made)]
     levels = (5.0, 60.0, 150.0, 300.0)
-    read = read_ensemble(paths, ForecastConfig(levels=levels))
+    read = read_with(paths, levels=levels)
     assert_array_equal(read.grid.levels, levels)
     assert_array_equal(read.grid.wet[0], made[0][1][1:-1, 1:-1] > 0.0)
     u, v = true_components(read)
@@ -74,20 +73,13 @@ def test_levels_of_terrain_following_files_without_a_choice_are_those_of_the_dee
         )
         for k in (1, 2)
     ]
-    read = read_ensemble(paths, ForecastConfig())
+    read = read_with(paths)
     s, c, h = ds["s_rho"].values, ds["Cs_r"].values, 400.0 + 10.0 * 7
     assert_allclose(read.grid.levels, -np.sort(h * (20.0 * s + c * h) / (20.0 + h))[::-1])
-    with pytest.raises(
-        ForecastError,
-        match=r"s_rho numbers terrain-following levels, whose depths need hc, Vtransform too; give the file",
-    ):
-        read_ensemble(
-            [
-                save(ds.drop_vars(["hc", "Vtransform"]), tmp_path / f"r{k}_mem{k}.nc")
-                for k in (1, 2)
-            ],
-            ForecastConfig(),
-        )
+    refused(
+        r"s_rho numbers terrain-following levels, whose depths need hc, Vtransform too; give the file",
+        [save(ds.drop_vars(["hc", "Vtransform"]), tmp_path / f"r{k}_mem{k}.nc") for k in (1, 2)],
+    )
 
 
 def test_croco_without_an_epoch_and_with_zeros_on_land(tmp_path):
@@ -103,13 +95,13 @@ def test_croco_without_an_epoch_and_with_zeros_on_land(tmp_path):
         ds["Vtransform"] = 2.0
         ds["time"] = ("time", [86400.0], {"units": "second"})
         paths.append(save(ds, tmp_path / f"croco_mem{member}.nc"))
-    read = read_ensemble(paths, ForecastConfig(levels=(60.0,)))
+    read = read_with(paths, levels=(60.0,))
     assert_array_equal(read.grid.wet[0], mask[1:-1, 1:-1] > 0.0)
     u, _ = true_components(read)
     east, _ = forms.truth(read.grid.longitude, read.grid.latitude, 60.0, 1)
     assert_allclose(u[1, 0, 4:, 5:], east[4:, 5:], atol=2e-3)
     assert read.time_ns is None
-    assert any("time has no dates (unit 'second')" in note for note in read.notes)
+    assert noted(read, "time has no dates (unit 'second')")
 
 
 @pytest.mark.parametrize("at_sea_bed", [np.nan, 0.0, 1e20])
@@ -131,7 +123,7 @@ def test_the_depth_of_land_turns_nothing_upside_down(tmp_path, at_sea_bed, trans
         expected, read = read_ensemble(known, config), read_ensemble(spoilt, config)
         assert_array_equal(read.grid.levels, expected.grid.levels)
         assert_array_equal(read.velocity, expected.velocity)
-    u, _ = true_components(read_ensemble(spoilt, ForecastConfig(levels=(60.0,))))
+    u, _ = true_components(read_with(spoilt, levels=(60.0,)))
     grid = expected.grid
     assert_allclose(
         u[1, 0, 4:, 5:], forms.truth(grid.longitude, grid.latitude, 60.0, 1)[0][4:, 5:], atol=2e-3
@@ -181,15 +173,13 @@ def croco_pair(ds, folder, factors=(1.0,)):
 def test_croco_history_with_the_file_of_its_grid(tmp_path):
     shape = (10, 12)
     ds, mask = forms.roms(forms.rotated(20.0, shape=shape, cell=0.02), shape, 1)
-    read = read_ensemble(
-        croco_pair(ds, tmp_path, (1.0, 2.0)), ForecastConfig(levels=(60.0,), members="dim:time")
-    )
+    read = read_with(croco_pair(ds, tmp_path, (1.0, 2.0)), levels=(60.0,), members="dim:time")
     assert_array_equal(read.grid.wet[0], mask[1:-1, 1:-1] > 0.0)
     u, _ = true_components(read)
     east, _ = forms.truth(read.grid.longitude, read.grid.latitude, 60.0, 1)
     assert_allclose(u[0, 0, 4:, 5:], east[4:, 5:], atol=2e-3)
     assert_allclose(u[1], 2.0 * u[0], atol=2e-3)
-    assert not any("not used" in note for note in read.notes)
+    assert not noted(read, "not used")
 
 
 @pytest.mark.parametrize("masks", [True, False])

@@ -5,10 +5,8 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
 
-from replay_kit.config.run import ForecastConfig
-from replay_kit.forecast import read_ensemble
 from replay_kit.forecast.grid import columns_round
-from tests.forecast.test_forms import save, true_components
+from tests.forecast.forms import read_with, save, true_components
 
 LEVELS = np.array([5.0, 100.0])
 LATITUDE = np.arange(40.0, 47.0)
@@ -105,9 +103,7 @@ def assert_known(read, middle):
 def test_a_c_grid_over_the_seam_and_over_the_antimeridian(tmp_path, middle, repeated):
     files = orca(tmp_path, middle, repeated)
     west, east = ((middle + side + 180.0) % 360.0 - 180.0 for side in (-4.2, 5.2))
-    read = read_ensemble(
-        files, ForecastConfig(members="dim:time_counter", region=(west, 40.8, east, 45.2))
-    )
+    read = read_with(files, members="dim:time_counter", region=(west, 40.8, east, 45.2))
     assert_allclose(
         (read.grid.longitude[0] - middle + 180.0) % 360.0 - 180.0, np.arange(-4.0, 6.0), atol=1e-9
     )
@@ -127,7 +123,7 @@ def test_a_c_grid_over_the_seam_and_over_the_antimeridian(tmp_path, middle, repe
 
 
 def test_without_a_region_each_column_is_read_once_and_has_both_faces(tmp_path):
-    read = read_ensemble(orca(tmp_path, 0.0), ForecastConfig(members="dim:time_counter"))
+    read = read_with(orca(tmp_path, 0.0), members="dim:time_counter")
     assert read.grid.longitude.shape == (6, 360)
     speed = np.hypot(read.velocity[0, 0], read.velocity[0, 1])
     first = np.hypot(*current(SEAM, LATITUDE[1:], 0, 0.0))
@@ -165,7 +161,7 @@ def test_faces_west_of_the_centres(tmp_path, faces):
         },
     )
     region = (SEAM - 3.2, 40.8, SEAM + 2.2, 45.2)
-    read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig(region=region))
+    read = read_with(save(ds, tmp_path / "e.nc"), region=region)
     assert_allclose(read.grid.longitude[0], SEAM + np.arange(-3.0, 3.0))
     assert_known(read, SEAM)
 
@@ -179,9 +175,7 @@ def test_repeated_columns_of_an_a_grid_are_read_once(tmp_path):
         {"uo": (dims, u, {"units": "m s-1"}), "vo": (dims, v, {"units": "m s-1"})},
         {"depth": ("depth", LEVELS, {"units": "m"}), "latitude": LATITUDE, "longitude": longitude},
     )
-    read = read_ensemble(
-        save(ds, tmp_path / "e.nc"), ForecastConfig(region=(-3.2, 39.0, 2.2, 47.0))
-    )
+    read = read_with(save(ds, tmp_path / "e.nc"), region=(-3.2, 39.0, 2.2, 47.0))
     assert_allclose(read.grid.longitude[0], np.arange(-3.0, 3.0))
     assert_known(read, 0.0)
 

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from replay_kit.config.run import EstimatorConfig, ForecastConfig
+from replay_kit.config.run import EstimatorConfig
 from replay_kit.core import arrays
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.estimator import build_estimator
-from replay_kit.forecast import gather, read_ensemble
+from replay_kit.forecast import gather
 from tests import synthetic
+from tests.forecast.forms import read_with
 
 
 @pytest.fixture
@@ -36,9 +37,9 @@ def test_an_ensemble_on_disk_equals_one_in_memory(tmp_path, request, form):
         path = tmp_path
         for k in range(7):
             data.isel(member=k, drop=True).to_netcdf(tmp_path / f"mem{k:03d}.nc")
-    expected = read_ensemble(path, ForecastConfig())
+    expected = read_with(path)
     request.getfixturevalue("nothing_fits")
-    ensemble = read_ensemble(path, ForecastConfig())
+    ensemble = read_with(path)
     assert_array_equal(ensemble.velocity, expected.velocity)
     assert not ensemble.velocity.flags.owndata
     assert ensemble.members == expected.members
