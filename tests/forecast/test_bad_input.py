@@ -172,17 +172,6 @@ def test_one_member_is_no_ensemble(tmp_path):
     )
 
 
-def test_masks_that_leave_no_water_name_the_member_to_leave_out(tmp_path):
-    ds = synthetic.dataset()
-    for name in ("uo", "vo"):
-        ds[name][2, :, :, :4] = np.nan
-        ds[name][5, :, :, 3:] = np.nan
-    refused(
-        r"the masks of the members leave no water at the first level; 'e\.nc member 2' misses most \(80 of",
-        save(ds, tmp_path / "e.nc"),
-    )
-
-
 def test_members_of_other_times_or_calendars_are_warned_of(tmp_path):
     ds = forms.known()
     for k, day in enumerate(("2020-01-01", "2020-01-03", "2020-01-02")):

@@ -105,14 +105,6 @@ def test_which_leads_a_run_uses_when_none_is_chosen(
     )
 
 
-def test_a_command_without_a_log_uses_the_last_lead(of_reference):
-    path = of_reference("2020-01-01")
-    assert_array_equal(
-        read_with(path).velocity,
-        read_with(path, lead=5.0).velocity,
-    )
-
-
 def test_the_help_says_each_of_these_cases():
     option = " ".join(invoke(["fit", "--help-all"], columns=600).stdout.split())
     for said in (option, ForecastConfig.model_fields["lead"].description):
