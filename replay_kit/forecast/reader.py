@@ -24,7 +24,7 @@ from replay_kit.forecast.layout import Layout, U, lay_out
 from replay_kit.forecast.members import MADE, MemberRule, common_water, parse_rule, unusual_members
 from replay_kit.forecast.names import MEMBER_NAMES, find_depth
 from replay_kit.forecast.pairs import Part
-from replay_kit.forecast.selection import Selected, Selection, select
+from replay_kit.forecast.selection import Selection, select
 from replay_kit.forecast.window import Window, read_window, window_size
 
 
@@ -187,7 +187,7 @@ def read_selection(
     large = _large(selection, layout, config)
     fields = [part for field in selection.fields for part in in_groups(field, layout, config)]
     first = fields[0]
-    window, notes = _read(first, layout, config), [*selection.notes, *large]
+    window, notes = read_window(first, layout, config), [*selection.notes, *large]
     projection = local_grid(
         window.longitude, window.latitude, window.levels, np.ones(0, bool), None
     ).projection
@@ -205,7 +205,7 @@ def read_selection(
             if _same_grid(field.part, first.part)
             else layout_of(field.part, field.ds, config)
         )
-        other = _read(field, last, config if last is layout else around)
+        other = read_window(field, last, config if last is layout else around)
         values, alike = other.velocity, _alike(other, window)
         if not alike:
             values, moved = (
@@ -261,10 +261,6 @@ def layout_of(part: Part, ds: xr.Dataset, config: ForecastConfig) -> Layout:
     if config.axes == "auto":
         return layout
     return replace(layout, axes=config.axes, why=f"--axes {config.axes}")
-
-
-def _read(field: Selected, layout: Layout, config: ForecastConfig) -> Window:
-    return read_window(field, layout, config)
 
 
 def _same_grid(one: Part, other: Part) -> bool:

@@ -12,13 +12,12 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text
-from replay_kit.core.time import parse_time
 from replay_kit.forecast.blocks import Block, Collection
 from replay_kit.forecast.layout import U
 from replay_kit.forecast.members import WARNING
 from replay_kit.forecast.names import find_lead, find_time
 from replay_kit.forecast.pairs import Part
-from replay_kit.forecast.times import choose_time
+from replay_kit.forecast.times import choose_time, wanted_time
 
 _YEAR = np.timedelta64(365, "D") + np.timedelta64(6, "h")
 _LEAST_TIMES = 5
@@ -116,7 +115,7 @@ def _at_time(
     """Return the members of a block at the time chosen."""
     part = block.parts[0]
     if len(block.parts) > 1:
-        wanted = parse_time(config.time) if config.time else near_ns
+        wanted = wanted_time(config, near_ns)
         if wanted is not None and all(part.times.size for part in block.parts):
             part = min(
                 block.parts,
@@ -213,7 +212,7 @@ def _lagged(found: Collection, config: ForecastConfig, near_ns: int | None) -> S
         raise ForecastError(
             f"{found.source}: --members lags needs a time that all forecasts hold; they hold {spans}"
         )
-    wanted = parse_time(config.time) if config.time else near_ns
+    wanted = wanted_time(config, near_ns)
     time = (
         common[-1]
         if wanted is None
@@ -242,7 +241,7 @@ def _of_season(
     """Return fields of the forecast's season of any year, to be used as anomalies about the forecast."""
     parts = _all_times(found, f"--members times:{days:g}d")
     known = np.concatenate([times for _, _, times in parts])
-    wanted = parse_time(config.time) if config.time else near_ns
+    wanted = wanted_time(config, near_ns)
     forecast = (
         known.max() if wanted is None else known[np.argmin(np.abs(known.astype(np.int64) - wanted))]
     )

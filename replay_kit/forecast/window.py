@@ -37,11 +37,6 @@ _SPEED_UNITS = {
             "meter/sec",
             "meter s-1",
             "metre/s",
-        ),
-        1.0,
-    ),
-    **dict.fromkeys(
-        (
             "meter second-1",
             "metre second-1",
             "meters/second",
