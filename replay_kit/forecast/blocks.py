@@ -113,7 +113,7 @@ def open_collection(given: Paths, rule: MemberRule | None) -> Iterator[Collectio
             ]
             notes = (
                 (
-                    f"{WARNING}members of one component alone were left out: {some_text(alone)}; add the other",
+                    f"{WARNING}members with only one component were excluded: {some_text(alone)}; add the other",
                 )
                 if alone
                 else ()

@@ -117,7 +117,7 @@ def _told(u: OpenedFile) -> tuple[str, ...]:
         else ""
     )
     notes = (
-        [f"times of the calendar {calendar} were taken for civil dates of the same name"]
+        [f"times of the calendar {calendar} read as civil dates of the same name"]
         if calendar
         else []
     )
@@ -130,7 +130,7 @@ def _told(u: OpenedFile) -> tuple[str, ...]:
     if lacking:
         names = ", ".join(lacking)
         notes.append(
-            f"coordinates {names} are named but not in the file: nominal ones were used, unless a grid file has them"
+            f"coordinates {names} are named but missing in the file: nominal ones were used, unless a grid file has them"
         )
     return tuple(notes)
 

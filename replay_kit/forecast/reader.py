@@ -344,6 +344,6 @@ def _placed(place_at: tuple[float, float] | None) -> tuple[str, ...]:
     if place_at is None:
         return ()
     return (
-        f"the ensemble was moved so that its centre lies at {place_at[1]:.4f} N, {place_at[0]:.4f} E: "
-        "what it says of this place is no forecast",
+        f"the ensemble was moved: its centre is now at {place_at[1]:.4f} N, {place_at[0]:.4f} E: "
+        "it is no forecast for this place",
     )

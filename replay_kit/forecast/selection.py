@@ -231,7 +231,7 @@ def _lagged(found: Collection, config: ForecastConfig, near_ns: int | None) -> S
         fields,
         int(time.astype("M8[ns]").astype(np.int64)),
         None,
-        (note, "lagged forecasts usually differ by less than they err"),
+        (note, "lagged forecasts are usually underdispersive"),
     )
 
 
@@ -285,10 +285,8 @@ def _about_background(velocity: Array) -> tuple[Array, tuple[str, ...]]:
     mean = members.mean(axis=0)[wet]
     # anomalies cancel out in their mean; states do not
     if np.sqrt(np.mean(mean**2)) < 0.05 * np.sqrt(np.mean(members[:, wet] ** 2)):
-        return background + members, (
-            "the members are anomalies: they were added to the background",
-        )
-    return members, ("the members are states: the background was not used",)
+        return background + members, ("the members are anomalies, added to the background",)
+    return members, ("the members are states; the background was not used",)
 
 
 def _fields_of_all_times(block: Block) -> list[Selected]:

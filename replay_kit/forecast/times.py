@@ -48,16 +48,16 @@ def choose_time(
     lead, time = find_lead(ds, dims), find_time(ds, dims)
     if lead is None and (config.lead is not None or config.reference_time is not None):
         raise ForecastError(
-            f"{where}: a lead or reference time was given, but the file has no dimension of leads; leave the option out"
+            f"{where}: a lead or reference time was given, but the file has no lead dimension; remove the option"
         )
     if time is None and config.time is not None:
         raise ForecastError(
-            f"{where}: a time was chosen, but the file has no dimension of times; leave the option out"
+            f"{where}: a time was chosen, but the file has no time dimension; remove the option"
         )
     if time is not None and (time not in ds.coords or ds[time].dtype.kind != "M"):
         if config.time is not None:
             raise ForecastError(
-                f"{where}: a time was chosen, but {time} has no dates ({undated(ds[time])}); leave the option out"
+                f"{where}: a time was chosen, but {time} has no dates ({undated(ds[time])}); remove the option"
             )
         note = f"{time} has no dates ({undated(ds[time])})" + (
             f": the first of {ds.sizes[time]} was taken" if ds.sizes[time] > 1 else ""

@@ -226,7 +226,7 @@ def _at_centres(
         raw.append(values)
     constant = constant_land(source, raw, depths, order, masked)
     notes = (
-        [f"taken for missing: {count_text(odd, 'value')} beyond {_NO_SPEED:g} m/s"] if odd else []
+        [f"treated as missing: {count_text(odd, 'value')} beyond {_NO_SPEED:g} m/s"] if odd else []
     )
     if face is None:
         dry = constant[0] & constant[1]
@@ -236,7 +236,7 @@ def _at_centres(
         exactly = "exactly zero" if np.all(raw[0][:, dry] == 0.0) else "one constant value"
         notes += (
             [
-                f"taken for land: {count_text(columns, 'column')} whose current is {exactly} in every member"
+                f"treated as land: {count_text(columns, 'column')} whose current is {exactly} in every member"
             ]
             if columns
             else []

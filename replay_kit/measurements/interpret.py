@@ -54,7 +54,7 @@ from replay_kit.measurements.steps.state import (
 )
 from replay_kit.measurements.vehicle.mean_current import MeanCurrent
 
-_ALONE = "one component of a velocity without the other within join_within"
+_ALONE = "one velocity component without the other within join_within"
 
 
 def take_component(
@@ -238,7 +238,7 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
         return state, [
             Skipped(
                 message.topic,
-                f"of MAVLink system {system}, where {state.system} counts; system in [logs] chooses",
+                f"MAVLink system {system}, but system {state.system} is used; choose with system in [logs]",
             )
         ]
     if entry is None and (repeated := pings.duplicate_reason(message.payload, config)):

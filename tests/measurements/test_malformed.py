@@ -268,9 +268,7 @@ def test_the_frames_of_a_mavlink_ping_share_one_fate():
         [position_int(5), *mavlink_frames(reference=1.0)], MeasurementConfig(use_relative=False)
     )
     assert len(only(Used, refused)) == 1
-    assert (
-        reasons(refused) == ["velocity relative to the platform, whose own motion is not known"] * 5
-    )
+    assert reasons(refused) == ["velocity relative to the platform, whose motion is unknown"] * 5
     alone = run(list(mavlink_frames()))
     assert reasons(alone) == ["no position within 600 s"] * 5
     frames = list(mavlink_frames())

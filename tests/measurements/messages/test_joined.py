@@ -28,7 +28,7 @@ VELOCITY = {
     "join_within": 0.05,
     "distance": 3.0,
 }
-ALONE = "one component of a velocity without the other within join_within"
+ALONE = "one velocity component without the other within join_within"
 
 
 def part(name, value, ms, seconds=1, topic=FLOAT):

@@ -170,7 +170,7 @@ def test_a_dvl_is_read(tmp_path):
 
 @pytest.mark.parametrize(
     ("covariance", "words"),
-    [([-1.0] + [0.0] * 8, "states no orientation"), ([0.0] * 9, "do not state theirs")],
+    [([-1.0] + [0.0] * 8, "no orientation stated"), ([0.0] * 9, "without their own")],
 )
 def test_an_attitude_is_said_to_be_one(tmp_path, covariance, words):
     payload = {"orientation": {"w": 1.0}, "orientation_covariance": covariance}
@@ -241,7 +241,7 @@ def test_frames_that_are_not_east_north_up():
     stated = statement(ned)
     assert (stated.east, stated.north, stated.depth) == (10.0, 20.0, 40.0)
     assert "frame 'earth'" in skipped(ned._replace(payload=pose(1e6, 1e6, 1e6, "/earth")))
-    assert "a place to go to" in skipped(ned._replace(topic="/move_base/Goal"))
+    assert "suggests a goal" in skipped(ned._replace(topic="/move_base/Goal"))
     assert skipped(ned._replace(payload={})) == "no pose.position in it"
 
 

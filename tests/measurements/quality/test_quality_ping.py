@@ -119,7 +119,7 @@ def test_a_tilted_ping(pitch, flag):
 def test_a_glider_leans_to_glide():
     observation, tests = observed(depth=200.0, pitch=-26.0, roll=5.0)
     assert observation.flags.tolist() == [GOOD] * 6
-    assert "glide" in tests["tilt"].why_not
+    assert "gliding" in tests["tilt"].why_not
 
 
 def test_the_surface_spoils_what_looks_up():

@@ -152,12 +152,12 @@ def test_without_a_path_it_is_straight_down_and_up():
     [
         ({"dac_eastward": None}, "not a number"),
         ({"dac_northward": 60.0}, "faster than measurements.max_speed"),
-        ({"start_fix": None}, "neither its path nor its fixes"),
+        ({"start_fix": None}, "no path, and no fixes"),
         (
             {"start_fix": {"time": {"sec": "x"}, "lon": 1.0, "lat": 2.0}},
-            "neither its path nor its fixes",
+            "no path, and no fixes",
         ),
-        ({}, "neither its path nor its fixes"),
+        ({}, "no path, and no fixes"),
     ],
 )
 def test_currents_without_what_they_need_are_skipped_with_the_reason(changes, reason):
