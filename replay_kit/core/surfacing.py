@@ -80,7 +80,7 @@ class Surfacing:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class SurfacingOutcome:
     """A plan's next surfacing beside the vehicle's.
 
     Attributes:
@@ -116,7 +116,7 @@ class Outcome:
         )
 
 
-def outcome_of(planned_ns: int, predicted: Surfacing, fix: VehicleState) -> Outcome:
+def surfacing_outcome(planned_ns: int, predicted: Surfacing, fix: VehicleState) -> SurfacingOutcome:
     """Return a predicted surfacing beside the fix at which the vehicle surfaced.
 
     Args:
@@ -128,4 +128,6 @@ def outcome_of(planned_ns: int, predicted: Surfacing, fix: VehicleState) -> Outc
         Projection(predicted.longitude, predicted.latitude), fix.longitude, fix.latitude
     )
     away, direction = float(np.hypot(east, north)), float(heading_deg(east, north))
-    return Outcome(planned_ns, predicted, fix.time_ns, fix.longitude, fix.latitude, away, direction)
+    return SurfacingOutcome(
+        planned_ns, predicted, fix.time_ns, fix.longitude, fix.latitude, away, direction
+    )

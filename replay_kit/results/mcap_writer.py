@@ -20,7 +20,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
 from replay_kit.core.seabed import Seabed
-from replay_kit.core.surfacing import Outcome
+from replay_kit.core.surfacing import SurfacingOutcome
 from replay_kit.core.version import __version__
 from replay_kit.results import messages
 from replay_kit.results.digest import DIGEST_NAME, Digest
@@ -35,7 +35,7 @@ from replay_kit.results.slices import (
     grid_message,
     seabed_message,
 )
-from replay_kit.results.surfacings.message import surfacing_message
+from replay_kit.results.surfacing_message import surfacing_message
 
 ESTIMATE_NAME = "estimate.nc"
 #: Beginning of the names of the estimates of windows that the vehicle left; their number and ``.nc`` follow.
@@ -192,7 +192,7 @@ class ResultWriter(ResultFile):
         """Write the bottom around the region to ``/plan/seabed``."""
         self._log("/plan/seabed", seabed_message(time_ns, seabed), time_ns)
 
-    def outcome(self, outcome: Outcome) -> None:
+    def outcome(self, outcome: SurfacingOutcome) -> None:
         """Write a predicted surfacing with the actual one to ``/plan/outcome``."""
         self._log_own(
             "/plan/outcome", "PlanOutcome", messages.plan_outcome(outcome), outcome.time_ns
@@ -244,7 +244,7 @@ class ResultWriter(ResultFile):
 
         Args:
             time_ns: Time of the run's last message [ns, UTC].
-            summary: As ``replay_kit.results.summary.to_record`` returns it.
+            summary: As ``Outcome.to_record`` returns it.
         """
         self.attach(
             time_ns,

@@ -19,7 +19,7 @@ from replay_kit.core.geodesy import to_geographic, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
-from replay_kit.core.surfacing import Outcome
+from replay_kit.core.surfacing import SurfacingOutcome
 from replay_kit.results.flight_correction import mean_current_values
 from replay_kit.results.legs import plan_legs, planned_ellipses
 from replay_kit.results.schemas import encode
@@ -215,7 +215,7 @@ def plan_controls(plan: Plan) -> bytes:
     )
 
 
-def plan_outcome(outcome: Outcome) -> bytes:
+def plan_outcome(outcome: SurfacingOutcome) -> bytes:
     """Return ``replay_kit.PlanOutcome``; without an ellipse its numbers are NaN."""
     predicted, ellipse = outcome.predicted, outcome.predicted.ellipse
     names = {

@@ -29,7 +29,7 @@ from replay_kit.logs.reader import reading
 from replay_kit.measurements import events_of
 from replay_kit.measurements.consistency.tracks import LogTracks
 from replay_kit.results import ResultWriter
-from replay_kit.results.summary import ReplaySummary
+from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.workflows.replay.build import Forecasts, build, flow_at
 from replay_kit.workflows.replay.consistency import MonitoringState, require_one_vehicle
 from replay_kit.workflows.replay.dive_forecasts import flown_of

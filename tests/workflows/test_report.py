@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from replay_kit.core.errors import ConfigError, LogError
-from replay_kit.results.summary_json import to_json
+from replay_kit.results.outcome.outcome import outcome_of
 from replay_kit.workflows.report import page_of, report
 from tests.command import invoke
 from tests.places import SAMPLES
@@ -117,7 +117,7 @@ def test_the_summary_in_the_result_is_that_of_the_run(replayed) -> None:  # type
     kept = read_record(replayed.path).summary
     assert kept == {
         key: value
-        for key, value in to_json(replayed.summary).items()
+        for key, value in outcome_of(replayed.summary).to_json().items()
         if key not in ("seconds", "alarms")
     }
 

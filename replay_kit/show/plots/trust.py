@@ -1,5 +1,6 @@
 """Whether the stated errors hold: innovations by dive and through time, their distribution, the decrease of the error."""
 
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -34,7 +35,7 @@ def trust_panels(contents: Contents, at: At | None) -> Panels:
     if not len(observations):
         why = "The result holds no measurement: there is nothing to compare the estimate with."
         return Panels([missing("Innovations", why)], 1, notes)
-    panels, dives = [], contents.summary.get("by_dive") or []
+    panels, dives = [], contents.outcome.by_dive
     if len(dives) > 1:
         panels.append(Panel("RMS innovation of each dive", partial(_dives, dives), 0.6))
     else:
@@ -59,7 +60,7 @@ def trust_panels(contents: Contents, at: At | None) -> Panels:
     return Panels(panels, 2, notes)
 
 
-def _dives(dives: list[dict[str, Any]], axes: Axes) -> None:
+def _dives(dives: Sequence[Mapping[str, Any]], axes: Axes) -> None:
     numbers = [dive["dive"] for dive in dives]
     for key, name, color, marker in (
         ("rms_innovation_prior", "ensemble alone", SECOND, "^--"),

@@ -14,6 +14,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.grid import Projection
+from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.schemas import decode
 from replay_kit.results.topics import read_messages
 
@@ -49,7 +50,7 @@ class Held:
         last_ns: Of its last one that is no plan for later [ns, UTC].
         metadata: Records by name.
         settings: The configuration in effect.
-        summary: Of the run; empty for an unfinished one.
+        outcome: Of the run; None for an unfinished one.
         projection: The local frame.
         fixes: Measured positions: the first, the last one older than a day before the last, and the last.
         reckoned: The last position, if it is younger than the last measured one and dead reckoned.
@@ -63,7 +64,7 @@ class Held:
     last_ns: int
     metadata: Mapping[str, Mapping[str, str]]
     settings: Mapping[str, Any]
-    summary: Mapping[str, Any]
+    outcome: Outcome | None
     projection: Projection
     fixes: Sequence[Fix]
     reckoned: Fix | None
@@ -130,7 +131,7 @@ def read_held(path: Path) -> Held:
         ),
         metadata=metadata,
         settings=tomllib.loads(attached.get(_CONFIG, b"").decode()),
-        summary=json.loads(attached.get(_SUMMARY, b"{}")),
+        outcome=outcome_from(json.loads(attached[_SUMMARY])) if _SUMMARY in attached else None,
         projection=Projection(float(frame["longitude"]), float(frame["latitude"])),
         fixes=fixes,
         reckoned=reckoned,

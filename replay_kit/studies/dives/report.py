@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from replay_kit.results.surfacings.summary import surfacings_json
-from replay_kit.results.surfacings.words import surfacings_sentences
+from replay_kit.results.outcome.figures import surfacings_json
+from replay_kit.show.words import surfacings_sentences
 from replay_kit.studies.dives.run import DivePrediction, DivesResult
 from replay_kit.studies.reports.tables import Table
 from replay_kit.studies.reports.write import answer_of, number, print_tables

@@ -313,7 +313,7 @@ def import_check_json(found: ImportCheck) -> dict[str, Any]:
 def print_import_check(found: ImportCheck, console: Console) -> None:
     """Print what a check found."""
     for finding in found.findings:
-        console.print(finding_line(finding), soft_wrap=True)
+        console.print(finding_line(finding_json(finding)), soft_wrap=True)
     if found.profiles and not found.findings:
         console.print(
             f"Import check: {found.profiles} profiles look sound against the ensemble",

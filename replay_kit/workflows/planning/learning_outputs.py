@@ -17,7 +17,7 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.plan import Area, Plan
 from replay_kit.core.text import time_text
 from replay_kit.results import ResultWriter
-from replay_kit.results.text import print_table
+from replay_kit.show.text import print_table
 from replay_kit.workflows.planning.adapters import over_bottom
 from replay_kit.workflows.planning.learning import Learnt
 from replay_kit.workflows.planning.learning_request import LearnJob

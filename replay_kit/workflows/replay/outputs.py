@@ -9,7 +9,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
-from replay_kit.core.surfacing import Outcome
+from replay_kit.core.surfacing import SurfacingOutcome
 from replay_kit.results import ResultWriter
 
 
@@ -132,7 +132,7 @@ Output = (
     | AtVehicle
     | DepthSlices
     | PublishedPlan
-    | Outcome
+    | SurfacingOutcome
     | DiveOutcome
     | LeftWindow
     | Findings
@@ -160,7 +160,7 @@ def write(writer: ResultWriter, output: Output) -> None:
             writer.digest(time_ns)
         case PublishedPlan(plan, projection):
             writer.plan(plan, projection)
-        case Outcome():
+        case SurfacingOutcome():
             writer.outcome(output)
         case DiveOutcome():
             writer.dive_outcome(output)

@@ -31,8 +31,8 @@ from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import reading
 from replay_kit.measurements import finish, initial_state, interpret_block
 from replay_kit.results import Digest, ResultWriter
-from replay_kit.results.summary import ReplaySummary
-from replay_kit.results.summary_json import failure_json
+from replay_kit.results.outcome.outcome import failed
+from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.workflows.replay.basis_store import built
 from replay_kit.workflows.replay.build import Forecasts
 from replay_kit.workflows.replay.checkpoint import (
@@ -133,9 +133,8 @@ def _replay(
             (session.writer.discard if unusable else session.writer.abandon)()
         if isinstance(error, ReplayKitError) and unusable:
             error.findings = error.findings or session.monitoring.checks.findings
-            error.answer = failure_json(
-                error, session.statistics.summary([reader.report() for reader in inputs.readers])
-            )
+            so_far = session.statistics.summary([reader.report() for reader in inputs.readers])
+            error.answer = failed(error, so_far).to_json()
         raise
     finally:
         if checkpoints is not None:

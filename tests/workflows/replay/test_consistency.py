@@ -21,7 +21,7 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.findings import CONTRADICTION, PLACES
 from replay_kit.measurements.consistency.monitor import ConsistencyState, Instrument
-from replay_kit.results.summary_json import failure_json, to_json
+from replay_kit.results.outcome.outcome import failed, outcome_of
 from replay_kit.results.views.contents import Contents
 from replay_kit.show import Result, open_result
 from replay_kit.show.report.sections.warnings import what_looks_wrong
@@ -83,7 +83,7 @@ def test_a_sound_log_has_no_finding_and_a_verdict(summary_of):
     summary = summary_of()
     assert summary.findings == ()
     assert (summary.exit_code, summary.exit_codes) == (0, ())
-    answer = to_json(summary)
+    answer = outcome_of(summary).to_json()
     assert (answer["status"], answer["consistency"], answer["exit_codes"]) == ("done", [], [])
     assert summary.profiles_used + summary.profiles_rejected == PINGS + 6
     # six pings lie outside the water of the ensemble
@@ -101,7 +101,7 @@ def test_a_turned_instrument_is_left_out_and_the_estimate_is_rebuilt_without_it(
     assert summary.exit_code == 6
     means = {
         key: value
-        for key, value in to_json(summary)["observations"].items()
+        for key, value in outcome_of(summary).to_json()["observations"].items()
         if key in ("used", "rejected")
     }
     assert means["rejected"] == PINGS
@@ -255,7 +255,7 @@ def test_an_ensemble_in_another_unit_is_refused_unless_checks_are_ignored(ocean,
     assert [(finding.name, finding.severity) for finding in error.value.findings] == [
         ("unit of the ensemble", "unusable")
     ]
-    answer = failure_json(error.value)
+    answer = failed(error.value).to_json()
     assert (answer["exit_codes"], answer["error"], answer["status"]) == (
         [3],
         str(error.value),
@@ -275,7 +275,7 @@ def test_loss_goes_before_contradiction_and_both_are_listed(summary_of):
     summary = summary_of("stale from ping 11")
     both = replace(summary, losses=(("a.mcap", Loss("cut", 1, 2)),))
     assert (both.exit_code, both.exit_codes) == (4, (4, 6))
-    assert to_json(both)["status"] == "loss"
+    assert outcome_of(both).to_json()["status"] == "loss"
 
 
 def invoked(ocean, log, tmp_path, more=""):

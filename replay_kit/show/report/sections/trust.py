@@ -1,5 +1,6 @@
 """Whether the answer can be trusted: innovations, their spread against the stated errors, the error's decrease, the gate."""
 
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -8,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from replay_kit.core.arrays import Array
-from replay_kit.results.evidence.words import evidence_sentence, referee_sentences
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.track import thinned
 from replay_kit.results.views.trust import (
@@ -25,6 +25,7 @@ from replay_kit.show.report.sections.trust_figures import (
     dives_figure,
     error_figure,
 )
+from replay_kit.show.words import evidence_sentence, referee_sentences
 
 _POINTS = 3000
 _SYMBOLS = ("circle", "diamond", "square", "triangle-up")
@@ -56,12 +57,10 @@ def trust_section(contents: Contents) -> Section:
         missing.append(
             "Fewer than two published grids with a standard error: how it decreased is not known."
         )
-    dives = contents.summary.get("by_dive") or []
+    dives = contents.outcome.by_dive
     if len(dives) > 1:
         figures.append(dives_figure(contents, dives))
-    surfacings = _evidence_html(contents) + surfacings_html(
-        contents.summary.get("expected_surfacings")
-    )
+    surfacings = _evidence_html(contents) + surfacings_html(contents.outcome.expected_surfacings)
     return Section(
         "trust",
         "Trust",
@@ -97,7 +96,7 @@ def _gate_html(contents: Contents) -> str:
         if inflated
         else ""
     )
-    notes = [note for note in contents.summary.get("notes", ()) if "bias" in note]
+    notes = [note for note in contents.outcome.notes if "bias" in note]
     biases = "".join(f"<p>{escape(note)}.</p>" for note in notes)
     return (
         table_html(
@@ -110,7 +109,7 @@ def _gate_html(contents: Contents) -> str:
 
 def _evidence_html(contents: Contents) -> str:
     """Return the log evidence of the run, and of the forecasts that it was compared with, in words."""
-    found, compared = contents.summary.get("evidence"), contents.summary.get("referee")
+    found, compared = contents.outcome.evidence, contents.outcome.referee
     if not found:
         return ""
     sentences = [
@@ -120,7 +119,7 @@ def _evidence_html(contents: Contents) -> str:
     return "".join(f"<p>{escape(sentence)}.</p>" for sentence in sentences)
 
 
-def _dives_html(contents: Contents, dives: list[dict[str, Any]]) -> str:
+def _dives_html(contents: Contents, dives: Sequence[Mapping[str, Any]]) -> str:
     if not dives:
         return "<p>The log has no dives with measurements to compare.</p>"
     information = information_by_dive(contents.result.observations)
@@ -263,7 +262,7 @@ def _innovation_traces(data: dict[str, Any]) -> list[dict[str, Any]]:
     return traces
 
 
-def _band(dof: Array) -> list[dict[str, Any]]:
+def _band(dof: Array) -> Sequence[Mapping[str, Any]]:
     """Return the 95 % band of NIS over its degrees of freedom, of the median measurement, and a line at 1."""
     if dof.size == 0:
         return []

@@ -1,5 +1,6 @@
 """Figures on trust: the spread of the innovations, the fall of the error, each dive predicted from those before it."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -112,7 +113,7 @@ def error_figure(slices: CurrentSlices) -> Figure:
     )
 
 
-def dives_figure(contents: Contents, dives: list[dict[str, Any]]) -> Figure:
+def dives_figure(contents: Contents, dives: Sequence[Mapping[str, Any]]) -> Figure:
     """Return how far each dive lay from its predictions, and what it determined; the dives are those of the summary."""
     information = information_by_dive(contents.result.observations)
     predicted, prior = (

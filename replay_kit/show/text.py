@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
-from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -107,20 +106,6 @@ def short_times(times_ns: Sequence[int | None]) -> list[str]:
         ((k, e) for k, e in ((11, 19), (5, 16)) if len({text[:k] for text in known}) == 1), (0, 16)
     )
     return ["" if text is None else text[begin:end].replace("T", " ") for text in texts]
-
-
-def coded(counts: Mapping[str, int]) -> list[dict[str, Any]]:
-    """Return the number of each reason for JSON, with the code that a program knows it by and the sentence for a person."""
-    return [
-        {"code": code_of(reason), "reason": reason, "count": count}
-        for reason, count in counts.items()
-    ]
-
-
-def code_of(reason: str) -> str:
-    """Return the code of a reason: the words of its first clause, without numbers, quotations and parentheses."""
-    clause = re.split(r"[:;,]", re.sub(r"'[^']*'|\([^)]*\)|-?\d[\d.]*", "", reason))[0]
-    return "_".join(re.findall(r"[a-z0-9]+", clause.lower())) or "other"
 
 
 def not_used_lines(not_used: Mapping[str, Mapping[str, int]], whole: bool = True) -> Iterator[str]:
