@@ -42,8 +42,10 @@ def print_summary(outcome: Outcome, console: Console, verbose: bool = False) -> 
     """
     bad_plan, topics = outcome.plan_alarm, outcome.messages or ()
     print_lines(console, [f"ALARM: {bad_plan.text}"] if bad_plan else [])
-    verdict = f"Verdict: {decision_sentence(outcome.decision)}. {'; '.join(outcome.verdict)}"
-    print_lines(console, [verdict, *map(finding_line, outcome.consistency)])
+    decision = outcome.decision
+    basis = [text for text in outcome.verdict if text not in decision.reasons]
+    lines = [f"Verdict: {decision_sentence(decision)}", f"Basis: {'; '.join(basis)}"]
+    print_lines(console, [*lines, *map(finding_line, outcome.consistency)])
     rows = [
         (row["topic"], *(str(row[name]) for name in ("read", "used", "skipped"))) for row in topics
     ]

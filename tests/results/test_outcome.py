@@ -61,8 +61,8 @@ def test_wall_times_are_of_the_run_alone():
         ({}, PLAN | {"status": "partial"}, "with care", "the plan is partial: ok"),
         ({}, PLAN | {"status": "unsafe"}, "with care", "the plan is unsafe: ok"),
         ({}, PLAN | {"status": "reached", "odds": {"reached": 0.0}}, "with care", "no sample"),
-        ({"findings": (FINDING,)}, None, "do not use", "the inputs contradict each other"),
-        ({"findings": (replace(FINDING, severity="warning"),)}, None, "trust", ""),
+        ({"findings": (FINDING,)}, None, "do not use", "turned"),
+        ({"findings": (replace(FINDING, severity="warning"),)}, None, "with care", "turned"),
         ({"profiles_used": 0}, None, "do not use", "no observation was used"),
     ],
 )

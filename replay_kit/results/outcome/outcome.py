@@ -122,8 +122,9 @@ class Outcome:
     def decision(self) -> Decision:
         """How far to trust the estimate and the plan, and why not further."""
         nis = math.nan if self.nis_per_dof is None else self.nis_per_dof
+        doubts = self.consistency, self.outside
         return decide(
-            self.exit_codes, self.error, self.observations["used"], nis, self.outside, self.plan
+            self.exit_codes, self.error, self.observations["used"], nis, doubts, self.plan
         )
 
     @property

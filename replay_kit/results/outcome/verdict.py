@@ -44,7 +44,7 @@ def decide(
     error: str,
     used: int,
     nis: float,
-    outside: Sequence[str],
+    doubts: tuple[Sequence[Mapping[str, Any]], Sequence[str]],
     plan: Mapping[str, Any] | None,
 ) -> Decision:
     """Return how far to trust a run. It never changes the exit code.
@@ -54,18 +54,20 @@ def decide(
         error: Why the run failed; empty where it did not.
         used: Number of observations used.
         nis: Mean normalised innovation squared per degree of freedom; NaN without observations.
-        outside: Why the forecast is not of this place or time.
+        doubts: Contradictions in the inputs, and why the forecast is not of this place or time.
         plan: The last plan, as for ``plan_alarm``.
     """
+    consistency, outside = doubts
     against = (
         (error, bool(error)),
-        ("the inputs contradict each other", 6 in exit_codes and not error),
+        *((one["name"], one["severity"] != "warning" and not error) for one in consistency),
         ("no observation was used", not used and not error),
     )
     doubtful = (
         ("part of the log was lost", 4 in exit_codes),
         ("the requested risk cannot be met", 7 in exit_codes),
         (nis_sentence(nis), not math.isnan(nis) and not LEAST_NIS <= nis <= MOST_NIS),
+        *((one["name"], one["severity"] == "warning") for one in consistency),
         *((text, True) for text in outside),
         (_plan_reason(plan), bool(_plan_reason(plan))),
     )

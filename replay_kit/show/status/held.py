@@ -16,9 +16,8 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.grid import Projection
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.schemas import decode
-from replay_kit.results.topics import read_messages
+from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME, read_messages
 
-_CONFIG, _SUMMARY = "config.toml", "summary.json"
 # Two plans tell what changed; their surfacings and the measurements between them tell why.
 _PLANS, _OUTCOMES = 2, 50
 
@@ -90,7 +89,7 @@ def read_held(path: Path) -> Held:
             attached = {
                 record.name: record.data
                 for record in reader.iter_attachments()
-                if record.name in (_CONFIG, _SUMMARY)
+                if record.name in (CONFIG_NAME, SUMMARY_NAME)
             }
             summary = reader.get_summary()
         if (
@@ -130,8 +129,10 @@ def read_held(path: Path) -> Held:
             default=summary.statistics.message_end_time,
         ),
         metadata=metadata,
-        settings=tomllib.loads(attached.get(_CONFIG, b"").decode()),
-        outcome=outcome_from(json.loads(attached[_SUMMARY])) if _SUMMARY in attached else None,
+        settings=tomllib.loads(attached.get(CONFIG_NAME, b"").decode()),
+        outcome=outcome_from(json.loads(attached[SUMMARY_NAME]))
+        if SUMMARY_NAME in attached
+        else None,
         projection=Projection(float(frame["longitude"]), float(frame["latitude"])),
         fixes=fixes,
         reckoned=reckoned,

@@ -394,7 +394,7 @@ def _fit(held: Held) -> _Answer:
             f"{severity_word(one['severity'])}: {one['name']}, {one['evidence']}; {one['set']}"
             for one in outcome.consistency
         ),
-        *outcome.verdict,
+        *(text for text in outcome.verdict if text not in outcome.decision.reasons),
     ]
     values = {
         "decision": outcome.decision.word,

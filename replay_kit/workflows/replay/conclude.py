@@ -9,9 +9,9 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.grid import Ensemble
 from replay_kit.forecast import ensemble_files
-from replay_kit.results.mcap_writer import WINDOWS_RECORD
 from replay_kit.results.outcome.outcome import outcome_of
 from replay_kit.results.outcome.run import ReplaySummary, Rival, TruthScore
+from replay_kit.results.topics import WINDOWS_RECORD
 from replay_kit.workflows.replay.consistency import conclusions
 from replay_kit.workflows.replay.dive_forecasts import next_surfacing
 from replay_kit.workflows.replay.input_checks import require_usable

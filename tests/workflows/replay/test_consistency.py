@@ -11,7 +11,7 @@ import xarray as xr
 from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ForecastError, MeasurementError
-from replay_kit.core.finding import Finding, finding_line
+from replay_kit.core.finding import Finding, finding_json, finding_line
 from replay_kit.core.message import Loss
 from replay_kit.core.observation import PathMean, Source
 from replay_kit.estimator import build_estimator
@@ -89,7 +89,7 @@ def test_a_sound_log_has_no_finding_and_a_verdict(summary_of):
     # six pings lie outside the water of the ensemble
     assert answer["verdict"][:2] == ["60 of 66 observations used", "no contradiction found"]
     assert answer["verdict"][2].startswith(
-        f"RMS difference to the measurements {100.0 * summary.rms_prior:.1f} -> "
+        f"RMS misfit: forecast {100.0 * summary.rms_prior:.1f}, estimate before update "
     )
 
 
@@ -221,7 +221,9 @@ def test_profiles_at_impossible_depths_are_not_used(ocean, name):
     )
     alone = run(ocean, faulty(ocean, name), no_means)
     assert (alone.profiles_used, alone.exit_code) == (0, 6)
-    assert "no observation changed the estimate: it is the ensemble's" in alone.verdict
+    assert (
+        "no observation changed the estimate: it is the prior forecast" in outcome_of(alone).verdict
+    )
 
 
 def test_pings_at_frozen_positions_are_not_used(ocean):
@@ -318,7 +320,8 @@ def test_a_contradiction_ends_with_six_and_is_in_the_answer(ocean, tmp_path):
         answer["verdict"][1] == "1 contradiction: two sources of the current contradict each other"
     )
     lines = done.stdout.splitlines()
-    assert lines[0].startswith("Verdict: 60 of 66 observations used; 1 contradiction: two sources")
+    assert lines[0] == "Verdict: do not use: two sources of the current contradict each other"
+    assert lines[1].startswith("Basis: 60 of 66 observations used; 1 contradiction: two sources")
     assert any(
         line.startswith("CONTRADICTION: two sources of the current contradict each other (since ")
         for line in lines
@@ -400,9 +403,12 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
     beyond, total = (int(word) for word in finding.evidence.split() if word.isdigit())
     assert (total, beyond > 40) == (60, True)
     assert (
-        summary.verdict[1] == f"the log does not contradict itself, but {name}: {finding.evidence}"
+        outcome_of(summary).verdict[1]
+        == f"the log does not contradict itself, but {name}: {finding.evidence}"
     )
-    assert finding_line(finding).startswith(f"{'WARNING' if place else 'MISFIT'}: {name}: ")
+    assert finding_line(finding_json(finding)).startswith(
+        f"{'WARNING' if place else 'MISFIT'}: {name}: "
+    )
     wrong = what_looks_wrong(Contents(open_result(ocean / "out.mcap")))
     assert [
         f"{name[:1].upper()}{name[1:]}: {finding.evidence}; {finding.advice}." in text
