@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from replay_kit.config.run import RunConfig
     from replay_kit.core.plan import Place
     from replay_kit.results.summary import ReplaySummary
-    from replay_kit.workflows.replay.build import Forecasts
-    from replay_kit.workflows.replay.inputs import ReplayJob
+    from replay_kit.workflows.replay.inputs.forecast import Forecasts
+    from replay_kit.workflows.replay.inputs.job import ReplayJob
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,7 +168,8 @@ def replay(
     # what takes long to load, after what is quickly refused
     from replay_kit.results.summary_json import failure_json
     from replay_kit.workflows.planning import planner_of
-    from replay_kit.workflows.replay.inputs import check_outputs, forecasts_of
+    from replay_kit.workflows.replay.inputs.job import check_outputs
+    from replay_kit.workflows.replay.inputs.opened import forecasts_of
     from replay_kit.workflows.replay.replay import replay as replay_logs
     from replay_kit.workflows.smooth import check_smoothable
 
@@ -197,7 +198,7 @@ def replay(
 def _job(
     logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs, goal: "Place | None"
 ) -> "ReplayJob":
-    from replay_kit.workflows.replay.inputs import ReplayJob
+    from replay_kit.workflows.replay.inputs.job import ReplayJob
 
     return ReplayJob(
         logs=logs,

@@ -26,7 +26,7 @@ from replay_kit.workflows.planning.bathymetry import read_bathymetry
 from replay_kit.workflows.planning.currents import KnownCurrent
 from replay_kit.workflows.planning.request import ACCEPTED_RISK, ARRIVING, JUDGING
 from replay_kit.workflows.planning.seabed import depth_along, seabed_of
-from replay_kit.workflows.replay.planner import HasGrid, Planner, PlanResult
+from replay_kit.workflows.replay.stages.planner import HasGrid, Planner, PlanResult
 
 PlanOrMission = TypeVar("PlanOrMission", Plan, planners.MissionPlan)
 # The estimates that a mission is planned on reach over so many times the way through still water.

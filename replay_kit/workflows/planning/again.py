@@ -11,7 +11,7 @@ from replay_kit.workflows.planning.learning_request import LearnJob
 from replay_kit.workflows.planning.mission import make_mission
 from replay_kit.workflows.planning.outputs import write_mission
 from replay_kit.workflows.planning.record import recorded_job
-from replay_kit.workflows.replay.provenance import PLAN_RECORD
+from replay_kit.workflows.replay.inputs.provenance import PLAN_RECORD
 
 
 def plan_again(recorded: Recorded, config: RunConfig, found: Mapping[str, Path], out: Path) -> None:

@@ -23,7 +23,7 @@ from replay_kit.workflows.planning.learning import Learnt
 from replay_kit.workflows.planning.learning_request import LearnJob
 from replay_kit.workflows.planning.record import plan_metadata
 from replay_kit.workflows.planning.seabed import seabed_of
-from replay_kit.workflows.replay.provenance import run_settings_toml
+from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 
 _COLUMNS = (
     "leg",

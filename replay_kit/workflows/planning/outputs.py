@@ -23,7 +23,7 @@ from replay_kit.workflows.planning.mission import PlannedMission, mission_planne
 from replay_kit.workflows.planning.record import plan_metadata
 from replay_kit.workflows.planning.request import PlanJob
 from replay_kit.workflows.planning.seabed import seabed_of
-from replay_kit.workflows.replay.provenance import run_settings_toml
+from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 
 
 def print_mission(planned: PlannedMission, console: Console, battery: float | None = None) -> None:

@@ -8,7 +8,7 @@ from pydantic import TypeAdapter, ValidationError
 from replay_kit.core.errors import LogError
 from replay_kit.workflows.planning.learning_request import LearnJob
 from replay_kit.workflows.planning.request import PlanJob
-from replay_kit.workflows.replay.provenance import (
+from replay_kit.workflows.replay.inputs.provenance import (
     BATHYMETRY,
     PLAN_RECORD,
     named_hash,

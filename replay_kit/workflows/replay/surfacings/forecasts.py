@@ -20,15 +20,15 @@ from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Persi
 from replay_kit.estimator.next_dive.filter import SURFACE_DEPTH
 from replay_kit.estimator.next_dive.local import local_step
 from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.workflows.replay.dive_outcomes import Before
-from replay_kit.workflows.replay.estimation import Assimilation, Step
-from replay_kit.workflows.replay.ground_forecasts import (
+from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
+from replay_kit.workflows.replay.surfacings.displacements import (
     FlowAt,
     GroundState,
     concluded,
     ground_step,
     next_ground_surfacing,
 )
+from replay_kit.workflows.replay.surfacings.outcomes import Before
 
 # The ensemble alone, and the estimate before the dive.
 _BACKGROUNDS = 2
