@@ -9,7 +9,6 @@ from replay_kit.cli.console import console_beside, part_named, progress, write_j
 from replay_kit.cli.options import (
     MCAP,
     NETCDF,
-    PLACE,
     TO_INPUTS,
     TO_OPTIONS,
     TO_OUTPUTS,
@@ -22,6 +21,7 @@ from replay_kit.cli.options import (
     place,
 )
 from replay_kit.cli.settings import Settings, takes_settings
+from replay_kit.config.option import PLACE
 from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError
 from replay_kit.core.paths import check_paths, truth_path
 

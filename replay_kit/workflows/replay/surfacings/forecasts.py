@@ -1,7 +1,7 @@
 """The forecasts of surfacings: each dive's end is expected from the dives before it, and scored when its fix has come.
 
 The dive's way through the water is taken as its flight model states it after the dive; the fix after the dive enters nothing before the
-forecast of that dive is made. Of a log without mean currents dives are expected from their displacements (``ground_forecasts.py``).
+forecast of that dive is made. Of a log without mean currents dives are expected from their displacements (``displacements.py``).
 """
 
 from collections.abc import Sequence
