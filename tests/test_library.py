@@ -13,7 +13,7 @@ from replay_kit.config.run import load_config
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.workflows.library import settings_of
-from replay_kit.workflows.replay.provenance import run_settings_toml
+from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from tests.places import ROOT, SAMPLES
 
 LOG, ENSEMBLE = SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc"

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from replay_kit.config.run import RunConfig
-    from replay_kit.workflows.replay.inputs import ReplayJob
+    from replay_kit.workflows.replay.inputs.job import ReplayJob
 
 # Seconds between two looks, at least: a look reads the names in a folder.
 _LEAST = 0.1

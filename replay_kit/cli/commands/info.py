@@ -95,7 +95,7 @@ def info(
                 import_check_json,
                 print_import_check,
             )
-            from replay_kit.workflows.replay.look_ahead import look_ahead
+            from replay_kit.workflows.replay.inputs.scan import look_ahead
 
             advance(0, 1, "checking against the ensemble" if logs else "reading the forecast")
             # as a replay of the logs would read it

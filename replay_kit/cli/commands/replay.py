@@ -9,7 +9,6 @@ from replay_kit.cli.console import console_beside, part_named, progress, write_j
 from replay_kit.cli.options import (
     MCAP,
     NETCDF,
-    PLACE,
     TO_INPUTS,
     TO_OPTIONS,
     TO_OUTPUTS,
@@ -22,6 +21,7 @@ from replay_kit.cli.options import (
     place,
 )
 from replay_kit.cli.settings import Settings, takes_settings
+from replay_kit.config.option import PLACE
 from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError
 from replay_kit.core.paths import check_paths, truth_path
 
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from replay_kit.config.run import RunConfig
     from replay_kit.core.plan import Place
     from replay_kit.results.outcome.run import ReplaySummary
-    from replay_kit.workflows.replay.build import Forecasts
-    from replay_kit.workflows.replay.inputs import ReplayJob
+    from replay_kit.workflows.replay.inputs.forecast import Forecasts
+    from replay_kit.workflows.replay.inputs.job import ReplayJob
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,7 +168,8 @@ def replay(
     # what takes long to load, after what is quickly refused
     from replay_kit.results.outcome.outcome import failed
     from replay_kit.workflows.planning import planner_of
-    from replay_kit.workflows.replay.inputs import check_outputs, forecasts_of
+    from replay_kit.workflows.replay.inputs.job import check_outputs
+    from replay_kit.workflows.replay.inputs.opened import forecasts_of
     from replay_kit.workflows.replay.replay import replay as replay_logs
     from replay_kit.workflows.smooth import check_smoothable
 
@@ -197,7 +198,7 @@ def replay(
 def _job(
     logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs, goal: "Place | None"
 ) -> "ReplayJob":
-    from replay_kit.workflows.replay.inputs import ReplayJob
+    from replay_kit.workflows.replay.inputs.job import ReplayJob
 
     return ReplayJob(
         logs=logs,

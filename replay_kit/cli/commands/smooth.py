@@ -47,7 +47,7 @@ def smooth(
 
     from replay_kit.results.outcome.outcome import outcome_of
     from replay_kit.show.summary import print_summary
-    from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs
+    from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs
     from replay_kit.workflows.smooth import smooth as smooth_logs
 
     job = ReplayJob(logs, inputs.ensemble, outputs.out, overwrite=outputs.overwrite)

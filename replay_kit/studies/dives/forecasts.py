@@ -14,7 +14,7 @@ from replay_kit.estimator.next_dive.profiles import Bins, ColumnModel, ColumnSta
 from replay_kit.estimator.update.screening import local_mean
 from replay_kit.studies.dives.predict import Expected
 from replay_kit.studies.dives.read import Dive
-from replay_kit.workflows.replay.dive_forecasts import (
+from replay_kit.workflows.replay.surfacings.forecasts import (
     ForecastState,
     backgrounds_of,
     forecast_mean,

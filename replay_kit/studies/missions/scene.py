@@ -18,7 +18,8 @@ from replay_kit.studies.missions.follow import Followed, follow
 from replay_kit.studies.missions.job import MissionJob
 from replay_kit.studies.twins.messages import Flight
 from replay_kit.studies.twins.truths import leave_out
-from replay_kit.workflows.replay.build import Forecasts, build
+from replay_kit.workflows.replay.inputs.estimator import build
+from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points
 
 _OWN = EstimatorConfig()

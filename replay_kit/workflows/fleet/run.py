@@ -19,7 +19,11 @@ from replay_kit.results.outcome.outcome import outcome_of
 from replay_kit.workflows.fleet.cluster import Cluster
 from replay_kit.workflows.fleet.missions import STORE, Mission
 from replay_kit.workflows.planning import planner_of
-from replay_kit.workflows.replay.provenance import file_hash, package_versions, run_settings_toml
+from replay_kit.workflows.replay.inputs.provenance import (
+    file_hash,
+    package_versions,
+    run_settings_toml,
+)
 from replay_kit.workflows.replay.replay import replay
 
 # Folder of results that are not complete, each in a folder of its own: of two workers that were given the same mission, as after the loss

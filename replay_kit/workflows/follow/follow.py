@@ -36,13 +36,13 @@ from replay_kit.workflows.follow.watch import (
     notify,
     standing,
 )
-from replay_kit.workflows.replay.build import Forecasts, read_forecasts
-from replay_kit.workflows.replay.inputs import Following, ReplayJob
-from replay_kit.workflows.replay.look_ahead import look_ahead
-from replay_kit.workflows.replay.planner import PlannerFactory
-from replay_kit.workflows.replay.provenance import named_hash
-from replay_kit.workflows.replay.region import FoundRegion, find_region, from_record
+from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
+from replay_kit.workflows.replay.inputs.job import Following, ReplayJob
+from replay_kit.workflows.replay.inputs.provenance import named_hash
+from replay_kit.workflows.replay.inputs.region import FoundRegion, find_region, from_record
+from replay_kit.workflows.replay.inputs.scan import look_ahead
 from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.replay.stages.planner import PlannerFactory
 from replay_kit.workflows.report import report
 from replay_kit.workflows.status import write_page
 

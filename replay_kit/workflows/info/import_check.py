@@ -42,10 +42,10 @@ from replay_kit.measurements.consistency.usual_faults import (
     depth_faults,
     direction_faults,
 )
-from replay_kit.workflows.replay.input_checks import check_inputs
-from replay_kit.workflows.replay.inputs import ReplayJob
-from replay_kit.workflows.replay.look_ahead import look_ahead, open_readers
-from replay_kit.workflows.replay.region import find_region
+from replay_kit.workflows.replay.checks import check_inputs
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.region import find_region
+from replay_kit.workflows.replay.inputs.scan import look_ahead, open_readers
 
 # profiles examined, spread over the log: their joint covariance is one matrix
 _MOST_PROFILES = 200

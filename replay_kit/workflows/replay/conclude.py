@@ -12,14 +12,13 @@ from replay_kit.forecast import ensemble_files
 from replay_kit.results.outcome.outcome import outcome_of
 from replay_kit.results.outcome.run import ReplaySummary, Rival, TruthScore
 from replay_kit.results.topics import WINDOWS_RECORD
-from replay_kit.workflows.replay.consistency import conclusions
-from replay_kit.workflows.replay.dive_forecasts import next_surfacing
-from replay_kit.workflows.replay.input_checks import require_usable
-from replay_kit.workflows.replay.inputs import open_truth
-from replay_kit.workflows.replay.prepared import Prepared
+from replay_kit.workflows.replay.checks import require_usable
+from replay_kit.workflows.replay.inputs.opened import Prepared, open_truth
 from replay_kit.workflows.replay.referee import name_of, rival_inputs
 from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.session import Session
+from replay_kit.workflows.replay.stages.consistency import conclusions
+from replay_kit.workflows.replay.surfacings.forecasts import next_surfacing
 
 
 def conclude(
@@ -44,7 +43,7 @@ def conclude(
     notes = _notes(session, inputs, flow, session.statistics.notes(reports))
     planning, (found, blind) = (
         session.planning,
-        conclusions(session.monitoring, session.statistics, session.config),
+        conclusions(session.monitoring, session.statistics.profiles, session.config),
     )
     outside = tuple(
         note for note in inputs.forecasts.notes if "outside" in note or "is no forecast" in note

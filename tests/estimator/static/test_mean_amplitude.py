@@ -13,7 +13,7 @@ from replay_kit.estimator.prior.mean_amplitude import MeanAmplitude, before_the_
 from replay_kit.estimator.update.covariance import PosteriorCovariance
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.windows.filter import hand_over
-from replay_kit.workflows.replay.values import dump, load
+from replay_kit.workflows.replay.store.pickling import dump, load
 from tests import synthetic
 from tests.reference import estimator as slow
 

@@ -26,8 +26,8 @@ from replay_kit.studies.dives.forecasts import (
 )
 from replay_kit.studies.dives.predict import conditional, expect
 from replay_kit.studies.twins import Twin, make_twin
-from replay_kit.workflows.replay.build import read_forecasts
-from replay_kit.workflows.replay.look_ahead import look_ahead
+from replay_kit.workflows.replay.inputs.forecast import read_forecasts
+from replay_kit.workflows.replay.inputs.scan import look_ahead
 from tests import synthetic
 from tests.command import invoke
 from tests.places import DATA

@@ -14,8 +14,8 @@ from replay_kit.workflows.fleet.page import fleet_page
 from replay_kit.workflows.fleet.run import Outcome, run_fleet, run_mission
 from replay_kit.workflows.fleet.table import exit_code, print_fleet, row_of
 from replay_kit.workflows.planning import planner_of
-from replay_kit.workflows.replay import basis_store
 from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.replay.store import basis as basis_store
 from tests.command import invoke
 from tests.workflows.fleet.missions import missions_in
 

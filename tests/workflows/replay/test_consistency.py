@@ -26,11 +26,10 @@ from replay_kit.results.views.contents import Contents
 from replay_kit.show import Result, open_result
 from replay_kit.show.report.sections.warnings import what_looks_wrong
 from replay_kit.studies.twins import Faults, Twin, make_twin
-from replay_kit.workflows.replay.consistency import MonitoringState, conclusions, trusting
-from replay_kit.workflows.replay.inputs import ReplayJob
-from replay_kit.workflows.replay.profile_counts import ProfileCounts, Sums
+from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.replay.statistics import RunStatistics
+from replay_kit.workflows.replay.stages.consistency import MonitoringState, conclusions, trusting
+from replay_kit.workflows.replay.stages.counts import ProfileCounts, Sums
 from tests import synthetic
 from tests.benchmarks.fault_kinds import FAULTS
 from tests.command import invoke
@@ -429,14 +428,13 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
 )
 def test_two_thirds_of_the_observations_beyond_the_gate_are_a_misfit(gated, softened, used, name):
     counts = ProfileCounts(gated=gated, softened=softened, total=Sums(profiles=used))
-    statistics = RunStatistics(profiles=counts)
-    found, _ = conclusions(MonitoringState(), statistics, RunConfig())
+    found, _ = conclusions(MonitoringState(), counts, RunConfig())
     assert [finding.name for finding in found] == ([] if name is None else [name])
     # what the log says against itself explains it
     of_log = Finding(findings.COMPASS, 0, "", "", "")
-    assert conclusions(
-        MonitoringState(ConsistencyState(findings=(of_log,))), statistics, RunConfig()
-    )[0] == (of_log,)
+    assert conclusions(MonitoringState(ConsistencyState(findings=(of_log,))), counts, RunConfig())[
+        0
+    ] == (of_log,)
 
 
 def test_what_would_tell_whether_directions_are_right_is_not_what_was_used():
@@ -447,10 +445,10 @@ def test_what_would_tell_whether_directions_are_right_is_not_what_was_used():
     aside = replace(mean, beside_profiles=True)
     pings = ConsistencyState(pings=9, absolute_pings=9)
     said = {
-        "": conclusions(MonitoringState(pings), RunStatistics(), RunConfig())[1],
-        "aside": conclusions(MonitoringState(pings, (aside,)), RunStatistics(), RunConfig())[1],
-        "weak": conclusions(MonitoringState(pings, (aside, mean)), RunStatistics(), RunConfig())[1],
-        "alone": conclusions(MonitoringState(means=(mean,)), RunStatistics(), RunConfig())[1],
+        "": conclusions(MonitoringState(pings), ProfileCounts(), RunConfig())[1],
+        "aside": conclusions(MonitoringState(pings, (aside,)), ProfileCounts(), RunConfig())[1],
+        "weak": conclusions(MonitoringState(pings, (aside, mean)), ProfileCounts(), RunConfig())[1],
+        "alone": conclusions(MonitoringState(means=(mean,)), ProfileCounts(), RunConfig())[1],
     }
     begin = "nothing here can tell whether directions are right"
     assert said == {

@@ -39,8 +39,8 @@ from replay_kit.show.status.status import status_of
 from replay_kit.show.status.text import status_text
 from replay_kit.show.summary import print_summary
 from replay_kit.workflows.planning import MissionPlanner, planner_of
-from replay_kit.workflows.replay.inputs import ReplayJob
-from replay_kit.workflows.replay.provenance import run_settings_toml
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.command import invoke

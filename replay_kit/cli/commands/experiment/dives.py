@@ -52,9 +52,9 @@ def dives(
         write_dives,
     )
     from replay_kit.workflows.fleet.workers import calls_made_by
-    from replay_kit.workflows.replay.build import read_forecasts
-    from replay_kit.workflows.replay.look_ahead import look_ahead
-    from replay_kit.workflows.replay.region import find_region
+    from replay_kit.workflows.replay.inputs.forecast import read_forecasts
+    from replay_kit.workflows.replay.inputs.region import find_region
+    from replay_kit.workflows.replay.inputs.scan import look_ahead
 
     check_paths(read, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
     if config.estimator.name != "reduced_basis" or config.estimator.preset != "default":

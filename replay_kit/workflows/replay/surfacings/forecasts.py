@@ -1,7 +1,7 @@
 """The forecasts of surfacings: each dive's end is expected from the dives before it, and scored when its fix has come.
 
 The dive's way through the water is taken as its flight model states it after the dive; the fix after the dive enters nothing before the
-forecast of that dive is made. Of a log without mean currents dives are expected from their displacements (``ground_forecasts.py``).
+forecast of that dive is made. Of a log without mean currents dives are expected from their displacements (``displacements.py``).
 """
 
 from collections.abc import Sequence
@@ -20,15 +20,15 @@ from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Persi
 from replay_kit.estimator.next_dive.filter import SURFACE_DEPTH
 from replay_kit.estimator.next_dive.local import local_step
 from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.workflows.replay.dive_outcomes import Before
-from replay_kit.workflows.replay.estimation import Assimilation, Step
-from replay_kit.workflows.replay.ground_forecasts import (
+from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
+from replay_kit.workflows.replay.surfacings.displacements import (
     FlowAt,
     GroundState,
     concluded,
     ground_step,
     next_ground_surfacing,
 )
+from replay_kit.workflows.replay.surfacings.outcomes import Before
 
 # The ensemble alone, and the estimate before the dive.
 _BACKGROUNDS = 2

@@ -10,29 +10,28 @@ from itertools import islice
 import numpy as np
 
 from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import PlanError
+from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Grid
-from replay_kit.core.message import LogReport, Message
+from replay_kit.core.message import LogReader, LogReport, Message
 from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState, usable
 from replay_kit.core.region import inside
 from replay_kit.estimator.update.screening import screen_measurement
 from replay_kit.logs import merge
+from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import Event, finish, initial_state, interpret_block
-from replay_kit.workflows.replay.build import OWN, Forecasts
-from replay_kit.workflows.replay.consistency import (
+from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.opened import forecasts_of
+from replay_kit.workflows.replay.inputs.scan import check_span, open_readers, positions_of
+from replay_kit.workflows.replay.stages.consistency import (
     MonitoringState,
     checked_speeds,
     monitor,
     require_one_vehicle,
 )
-from replay_kit.workflows.replay.estimation import Assimilation, Step
-from replay_kit.workflows.replay.inputs import (
-    ReplayJob,
-    check_goal,
-    forecasts_of,
-    with_planner_kind,
-)
-from replay_kit.workflows.replay.look_ahead import check_span, open_readers
-from replay_kit.workflows.replay.planner import PlannerFactory
+from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
+from replay_kit.workflows.replay.stages.planner import HasGrid, Planner, PlannerFactory
 from replay_kit.workflows.replay.statistics import RunStatistics
 
 # Messages that are decoded and tested together.
@@ -185,3 +184,38 @@ def _in_later_window(event: Measurement, forecasts: Forecasts) -> bool:
     return isinstance(event, PathMean) or bool(
         np.any(usable(event.flags) & (event.depth <= deepest))
     )
+
+
+def with_planner_kind(job: ReplayJob, readers: Sequence[LogReader], config: RunConfig) -> RunConfig:
+    """Return the settings with what a replay with a goal plans: for a glider's logs a mission, where no kind is chosen.
+
+    Args:
+        job: Without a goal, nothing changes.
+        readers: Its opened logs.
+        config: The settings.
+    """
+    if job.goal is None or config.planner.kind != "auto":
+        return config
+    gliders = any(isinstance(log, LogFile) and log.is_gliders() for log in readers)
+    return config.model_copy(update={"planner": config.planner.resolved(gliders)})
+
+
+def check_goal(planner: Planner, flow: HasGrid, job: ReplayJob, config: RunConfig) -> None:
+    """Raise PlanError when the goal is outside the region or on land, and say so when the whole log is outside the region too."""
+    assert job.goal is not None
+    try:
+        planner.check(flow, job.goal)
+    except PlanError as error:
+        positions, _ = positions_of(job.logs, config)
+        local = (
+            to_local(flow.grid.projection, *np.array(positions).T)
+            if positions
+            else (np.empty(0), np.empty(0))
+        )
+        if not positions or np.any(inside_grid(flow.grid, *local)):
+            raise
+        (west, south), (east, north) = np.min(positions, axis=0), np.max(positions, axis=0)
+        raise PlanError(
+            f"{error}. The whole log lies outside it too, in {west:.4f}..{east:.4f} E, {south:.4f}..{north:.4f} N: "
+            "use an ensemble of that place, or --place-ensemble for a study"
+        ) from error

@@ -18,9 +18,8 @@ from replay_kit.measurements.consistency.speeds import (
 )
 from replay_kit.measurements.consistency.summary import PingSummary
 from replay_kit.measurements.consistency.tracks import LogTracks
-from replay_kit.workflows.replay.estimation import EstimationState, Step, assimilate
-from replay_kit.workflows.replay.profile_counts import ProfileCounts
-from replay_kit.workflows.replay.statistics import RunStatistics
+from replay_kit.workflows.replay.stages.counts import ProfileCounts
+from replay_kit.workflows.replay.stages.estimation import EstimationState, Step, assimilate
 
 _UNDETERMINED = "nothing here can tell whether directions are right"
 # Observations before which nothing is said of the forecast.
@@ -127,28 +126,24 @@ def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState
 
 
 def readmitted(
-    estimator: Any, estimation: EstimationState, state: MonitoringState, statistics: RunStatistics
-) -> tuple[EstimationState, MonitoringState, RunStatistics]:
-    """Return estimate, state and statistics with the measurements that the gate had rejected, once two sources contradict each other.
+    estimator: Any, estimation: EstimationState, state: MonitoringState, counts: ProfileCounts
+) -> tuple[EstimationState, MonitoringState, ProfileCounts]:
+    """Return estimate, state and counts with the measurements that the gate had rejected, once two sources contradict each other.
 
     Args:
         estimator: Its gate rejects neither.
         estimation: Before.
         state: With the measurements.
-        statistics: Of the run.
+        counts: Of the run.
     """
     if not (state.checks.sources_contradict and state.gated):
-        return estimation, state, statistics
+        return estimation, state, counts
     after, steps = assimilate(estimator, estimation, state.gated)
-    counts, again = statistics.profiles, len(state.gated)
+    again = len(state.gated)
     before = replace(counts, rejected=counts.rejected - again, gated=counts.gated - again)
     # they belong to dives before this one
     estimation = replace(estimation, current=after.current)
-    return (
-        estimation,
-        replace(state, gated=()),
-        RunStatistics(statistics.messages, before.after(steps)),
-    )
+    return estimation, replace(state, gated=()), before.after(steps)
 
 
 def _as_stated(finding: Finding, config: RunConfig) -> Finding:
@@ -191,9 +186,8 @@ def trusting(estimator: Any, state: MonitoringState) -> Any:
     return replace(gated, gating=gating.model_copy(update={"gate": "soften"}))
 
 
-def rebuilt(statistics: RunStatistics, steps: Sequence[Step]) -> RunStatistics:
-    """Return the statistics of an estimate that was rebuilt: what was used before counts as rejected, but for the steps of the new one."""
-    counts = statistics.profiles
+def rebuilt(counts: ProfileCounts, steps: Sequence[Step]) -> ProfileCounts:
+    """Return the counts of an estimate that was rebuilt: what was used before counts as rejected, but for the steps of the new one."""
     start = ProfileCounts(
         rejected=counts.rejected + counts.total.profiles - len(steps),
         last_position=counts.last_position,
@@ -204,23 +198,23 @@ def rebuilt(statistics: RunStatistics, steps: Sequence[Step]) -> RunStatistics:
         **counts.bins_rejected,
         "inconsistent": counts.bins_rejected.get("inconsistent", 0) + unused,
     }
-    return RunStatistics(statistics.messages, replace(after, bins_rejected=bins))
+    return replace(after, bins_rejected=bins)
 
 
 def conclusions(
-    state: MonitoringState, statistics: RunStatistics, config: RunConfig
+    state: MonitoringState, counts: ProfileCounts, config: RunConfig
 ) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
     """Return all findings of a run, and what its measurements cannot tell.
 
     Args:
         state: At the end of the run.
-        statistics: Of the run.
+        counts: Of its measurements.
         config: Its settings.
     """
     if config.consistency.on_failure == "ignore":
         return (), ("no consistency check was made (consistency.on_failure)",)
     found, blind = state.checks.findings, []
-    of_forecast = _of_forecast(statistics.profiles, config.forecast.place)
+    of_forecast = _of_forecast(counts, config.forecast.place)
     # faults of the log explain that it does not fit
     if all(finding.name == findings.ENSEMBLE for finding in found):
         found += tuple(

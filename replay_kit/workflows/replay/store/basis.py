@@ -21,10 +21,11 @@ from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import LogError
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import ensemble_files
-from replay_kit.workflows.replay.build import Forecasts, build
-from replay_kit.workflows.replay.inputs import ReplayJob
-from replay_kit.workflows.replay.provenance import file_hash, package_versions
-from replay_kit.workflows.replay.values import dump, load
+from replay_kit.workflows.replay.inputs.estimator import build
+from replay_kit.workflows.replay.inputs.forecast import Forecasts
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.provenance import file_hash, package_versions
+from replay_kit.workflows.replay.store.pickling import dump, load
 
 _MAGIC = b"replay-kit basis 1\n"
 # Bytes of the length of the index, and of the boundary at which arrays begin, as numpy's own routines like it.

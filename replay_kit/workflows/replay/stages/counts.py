@@ -17,7 +17,7 @@ from replay_kit.core.observation import (
     reasons_of,
 )
 from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.workflows.replay.estimation import Step
+from replay_kit.workflows.replay.stages.estimation import Step
 
 # Inflations of the covariance given in a note.
 _INFLATIONS_SHOWN = 5

@@ -23,7 +23,7 @@ from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator.next_dive.filter import DiveMean
 from replay_kit.estimator.next_dive.flight import FlightBias
 from replay_kit.measurements import Event
-from replay_kit.workflows.replay.dive_forecasts import ForecastState, dive_mean, with_profile
+from replay_kit.workflows.replay.surfacings.forecasts import ForecastState, dive_mean, with_profile
 
 
 @dataclass(frozen=True, slots=True, eq=False)

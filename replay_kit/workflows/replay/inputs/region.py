@@ -1,5 +1,6 @@
 """The part of a forecast that a log needs: found before its currents are read."""
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,12 +17,16 @@ from replay_kit.core.region import DEGREE, Region, around, centre, degree_of_lon
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.windows.geometry import moved_into
 from replay_kit.forecast.extent import Extent, open_extent
-from replay_kit.workflows.replay.look_ahead import places_of
+from replay_kit.workflows.replay.inputs.scan import places_of
 
 #: Name of the metadata record of a result that holds it.
 REGION_RECORD = "replay_kit.found_region"
 #: Correlation lengths between the log's positions and the side of the region found from them.
 MARGIN_LENGTHS = 4.0
+#: Begins a checkpoint; then a line with the part of the forecast that was found, the run's identity, the SHA-256 of the rest, and the rest.
+MAGIC = b"replay-kit checkpoint 8\n"
+# A line is no longer.
+_LONGEST = 1 << 16
 # Points a level of a forecast that is taken whole, and the share of a larger one from which on it is.
 _SMALL, _MOST = 1200, 2.0 / 3.0
 # Side of a window in correlation lengths, and its points at least, where the settings state none.
@@ -74,6 +79,28 @@ def from_record(record: Mapping[str, str]) -> FoundRegion:
 def _numbers(text: str) -> Region:
     west, south, east, north = (float(part) for part in text.split(","))
     return west, south, east, north
+
+
+def head(region: FoundRegion | None) -> bytes:
+    """Return the first bytes of a checkpoint, before the run's identity."""
+    return MAGIC + json.dumps(None if region is None else region.to_record()).encode() + b"\n"
+
+
+def recorded_region(path: Path | None) -> FoundRegion | None:
+    """Return the part of the forecast that a checkpoint's run found; None without a checkpoint, or where it found none.
+
+    What cannot be read is None too: the checkpoint's own reading says what is wrong with it.
+    """
+    try:
+        if path is None:
+            return None
+        with path.open("rb") as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                return None
+            record = json.loads(file.readline(_LONGEST))
+        return None if record is None else from_record(record)
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        return None
 
 
 def find_region(

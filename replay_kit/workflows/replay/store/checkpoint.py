@@ -20,10 +20,10 @@ from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.message import Message
 from replay_kit.measurements import MeasurementState
 from replay_kit.results import Journal, ResultWriter, read_journal
-from replay_kit.workflows.replay.checkpoint_head import MAGIC, checkpoint_files, head
-from replay_kit.workflows.replay.region import FoundRegion
+from replay_kit.workflows.replay.inputs.job import checkpoint_files
+from replay_kit.workflows.replay.inputs.region import MAGIC, FoundRegion, head
 from replay_kit.workflows.replay.session import ReplayState, Session
-from replay_kit.workflows.replay.values import check_opcodes, dump, load
+from replay_kit.workflows.replay.store.pickling import check_opcodes, dump, load
 
 # Bytes of the run's identity, and of the SHA-256 of what follows it.
 _IDENTITY, _DIGEST = 64, 32

@@ -22,8 +22,12 @@ from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.message import Message
 from replay_kit.measurements import MeasurementState
 from replay_kit.results import Journal, ResultWriter, read_journal
-from replay_kit.workflows.replay.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from replay_kit.workflows.replay.session import Session
+from replay_kit.workflows.replay.store.checkpoint import (
+    Checkpoint,
+    read_checkpoint,
+    write_checkpoint,
+)
 
 #: States kept at most, and how many of them are the latest.
 _KEPT, _LATEST = 6, 3

@@ -25,7 +25,7 @@ from replay_kit.estimator.next_dive.filter import FIXES_STD
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.measurements.current.dead_reckoning import Path, at_depth, begin, extend, path_mean
 from replay_kit.measurements.vehicle.surfacing import SurfacingState, detect_surfacing
-from replay_kit.workflows.replay.dive_outcomes import Before
+from replay_kit.workflows.replay.surfacings.outcomes import Before
 
 _MODEL = DiveModel.over_ground(1)
 #: Returns the estimate for a time [ns, UTC].

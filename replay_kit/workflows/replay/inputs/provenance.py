@@ -12,9 +12,9 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.version import __version__
 from replay_kit.results.losses import iso_time
-from replay_kit.workflows.replay.build import Forecasts
-from replay_kit.workflows.replay.inputs import ReplayJob
-from replay_kit.workflows.replay.region import REGION_RECORD, FoundRegion
+from replay_kit.workflows.replay.inputs.forecast import Forecasts
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.region import REGION_RECORD, FoundRegion
 
 _BLOCK = 1 << 20
 #: Key of the bathymetry among the inputs.
