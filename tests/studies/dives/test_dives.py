@@ -14,8 +14,13 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Flag, usable
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.dive_error import new_dive, with_dive_error
-from replay_kit.estimator.evolving.fit_log import fit_to_log, fitted_estimator, initial_settings
-from replay_kit.estimator.evolving.likelihood import log_likelihoods, observed_subspace_estimator
+from replay_kit.estimator.evolving.fit_log import (
+    fit_to_log,
+    fitted_estimator,
+    initial_settings,
+    log_likelihoods,
+    observed_subspace_estimator,
+)
 from replay_kit.studies.dives import read_dives, run_dives, to_json
 from replay_kit.studies.dives.forecasts import (
     after_dive,
