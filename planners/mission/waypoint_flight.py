@@ -9,10 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from planners.mission.check import Violation, check
-from planners.mission.flight import Legs, fly_legs
-from planners.mission.leg import fly_midpoints, leg_depths, steps_needed
-from planners.mission.task import MissionTask, turns_of
+from planners.mission.flight.legs import Legs, fly_legs, fly_midpoints
+from planners.mission.solve.check import Violation, check
+from planners.mission.task import MissionTask, leg_depths, steps_needed, turns_of
 from planners.mission.values import MissionPlan
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_geographic, to_local, true_north_halfway

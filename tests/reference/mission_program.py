@@ -5,9 +5,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from planners.mission.program import _PLANE_COST, _SMALL, MissionData, MissionModel
-from planners.mission.reference_path import REFERENCE_SLACK_COST
 from planners.shooting.functions import BOWL
+from planners.shooting.program import (
+    _PLANE_COST,
+    _SMALL,
+    REFERENCE_SLACK_COST,
+    MissionData,
+    MissionModel,
+)
 from planners.solver import HOUR, KM
 from replay_kit.core.arrays import Array
 from tests.reference.leg import leg_function, stage_latent

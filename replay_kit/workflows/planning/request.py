@@ -13,7 +13,7 @@ from replay_kit.core.time import parse_duration, parse_time
 # the planners take longer to load than what is asked for to be refused
 if TYPE_CHECKING:
     from planners import Line, MissionPlan, MissionRequest, Mooring, Weights
-    from planners.mission.flight import Flow
+    from planners.mission.flight.currents import Flow
 
 # Share of the samples that may violate a constraint where none is stated.
 ACCEPTED_RISK = 0.1

@@ -7,19 +7,20 @@ import pytest
 
 from planners import Glider, MissionRequest, MissionSettings
 from planners.front.route import Route
-from planners.mission.attempt import GoalSteps, LegsProblem
-from planners.mission.flight import Flight
-from planners.mission.program import (
+from planners.mission.flight.legs import Flight
+from planners.mission.solve.attempt import GoalSteps, LegsProblem
+from planners.mission.solve.legs import _points_along, _reference_weights_and_limits
+from planners.mission.task import REFINED, MissionTask, mission_task
+from planners.shooting.program import (
     MissionData,
     MissionGuess,
     MissionModel,
     MissionShape,
     _unknowns,
+    along_line,
+    near_place,
     solve_mission,
 )
-from planners.mission.reference_path import along_line, near_place
-from planners.mission.solve import _points_along, _reference_weights_and_limits
-from planners.mission.task import REFINED, MissionTask, mission_task
 from planners.shooting.walls import Walls
 from planners.solver import HOUR, KM
 from tests.planners.flow_samples import place, still_flow

@@ -19,11 +19,10 @@ from planners import (
     plan_mission,
     plan_mooring,
 )
-from planners.mission.attempt import ranking_key
-from planners.mission.program import MissionShape
-from planners.mission.reference_path import ReferencePath, along_line, near_place
-from planners.mission.solve import _reference_weights_and_limits, _weights
+from planners.mission.solve.attempt import ranking_key
+from planners.mission.solve.legs import _reference_weights_and_limits, _weights
 from planners.mission.task import MissionTask, mission_task
+from planners.shooting.program import MissionShape, ReferencePath, along_line, near_place
 from planners.vehicle import Glider
 from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow

@@ -8,10 +8,9 @@ import pytest
 
 from planners import Glider, SteadyFlight
 from planners.flow import latent_over_time
-from planners.mission.leg import leg_depths
-from planners.mission.program import MissionData, MissionModel, MissionShape, _case
-from planners.mission.reference_path import along_line
+from planners.mission.task import leg_depths
 from planners.route.hazards import NearRings, Ring
+from planners.shooting.program import MissionData, MissionModel, MissionShape, _case, along_line
 from planners.shooting.walls import Walls
 from planners.solver import HOUR, KM
 from tests.planners.flow_samples import LEVELS, eddying_flow

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, plan_mission
-from planners.mission.program import MissionModel, MissionSolution, solve_mission
+from planners.shooting.program import MissionModel, MissionSolution, solve_mission
 from planners.shooting.spline import spline_of
 from planners.shooting.stream import stream_of
 from replay_kit.core.arrays import Array
@@ -143,7 +143,7 @@ def test_a_plan_that_a_coarse_spline_leads_astray_is_polished_in_the_flow_itself
         solved_in.append(model.spline is not None)
         return solve_mission(model, *args, **options)
 
-    monkeypatch.setattr("planners.mission.solve.solve_mission", solve)
+    monkeypatch.setattr("planners.mission.solve.legs.solve_mission", solve)
     request = MissionRequest(place(flow, -6e3, -6e3, 0.0), (place(flow, 2e3, 2e3, 0.0),))
     exact, coarse = (
         plan_mission(

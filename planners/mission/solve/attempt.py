@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.front.bound import Bound
-from planners.mission.check import Violation
-from planners.mission.flight import Flight, Legs
-from planners.mission.objectives import Found
-from planners.mission.program import MissionGuess, MissionShape
+from planners.mission.flight.legs import Flight, Legs
+from planners.mission.solve.check import Violation
 from planners.mission.task import REFINED, MissionTask, YoDepths
+from planners.mission.values import Found
+from planners.shooting.program import MissionGuess, MissionShape
 from planners.solver import HOUR, KM
 from replay_kit.core.arrays import Array
 

@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planners.mission.flight import Flight
+from planners.mission.flight.legs import Flight
 from planners.mission.task import MissionTask
 from planners.route.bottom import DEPTH_TOLERANCE
 from planners.route.hazards import Ring, first_crossing
