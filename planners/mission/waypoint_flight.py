@@ -189,9 +189,7 @@ def dead_reckoned_current(
     along = float(plan.vehicle.speeds(np, angle)[0]) * max(
         duration - plan.settings.surface_time, 0.0
     )
-    return np.asarray(
-        (displacement - along * np.array([np.sin(heading), np.cos(heading)])) / duration
-    )
+    return (displacement - along * np.array([np.sin(heading), np.cos(heading)])) / duration
 
 
 def heading_for(

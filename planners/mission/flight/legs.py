@@ -228,6 +228,6 @@ def rate_over_ground(
         # flights that are corrected each on its own differ by less than the current changes over
         water = currents.velocity(at, weights[float(depth)], start_time + float(np.mean(now)))
         turned = frame.turn @ (at - frame.begin)[..., None] + frame.stretch @ water[..., None]
-        return np.asarray(frame.rate + turned[..., 0])
+        return frame.rate + turned[..., 0]
 
     return over_ground

@@ -293,9 +293,7 @@ def _approach(task: MissionTask, water: Water, limit: Limit) -> Attempt:
 
     def on_route(_at: Array, now: float, _goal: int) -> Array:
         # the last leg heads at the goal
-        return np.asarray(
-            goal if now + ahead >= route.times[-1] else route.at(np.array([now + ahead]))[0]
-        )
+        return goal if now + ahead >= route.times[-1] else route.at(np.array([now + ahead]))[0]
 
     def at_goal(_at: Array, _now: float, _goal: int) -> Array:
         return np.asarray(goal)

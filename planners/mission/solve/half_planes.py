@@ -50,7 +50,7 @@ class SafetyMargin:
         needed = (
             np.mean(towards, axis=0) + tolerance_factor(len(towards), self.share) * deviation_std
         )
-        return np.asarray(np.where(limits, np.maximum(needed, 0.0) + self.extra, 0.0))
+        return np.where(limits, np.maximum(needed, 0.0) + self.extra, 0.0)
 
 
 def tolerance_factor(count: int, share: float) -> float:

@@ -1,6 +1,5 @@
 """One number of legs solved: by IPOPT from a guess, flown densely, and held to half-planes when its path violates a constraint."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -19,12 +18,11 @@ from planners.mission.solve.half_planes import (
 )
 from planners.mission.task import REFINED, MissionTask, refine_steps, turns_of
 from planners.shooting.frames import FrameMap
+from planners.shooting.functions import MissionCase, Reference
 from planners.shooting.program import (
-    MissionData,
     MissionGuess,
-    MissionModel,
-    MissionShape,
     MissionSolution,
+    mission_program,
     solve_mission,
 )
 from planners.shooting.schedule import DRIFT_STEPS, schedule_of
@@ -41,6 +39,12 @@ from replay_kit.core.progress import announce
 _PENALTY = 50.0
 # The same penalty at the end of a line, times this: long deviations would cost more than missing the end.
 _END_OF_LINE = 40.0
+# A kilometre beyond a half-plane costs as much as this many kilometres missed along one axis.
+_PLANE_COST = 4.0
+# A kilometre beyond the distance allowed from a reference path costs as much as this many hours of the penalty of a kilometre missed.
+_SLACK_COST = 0.2
+# Weight of slacks that are not to count.
+_SMALL = 1e-6
 # Weights (of an hour, of a squared kilometre missed) when only the miss distance counts: time decides among equals.
 _CLOSEST = 1e-5, 1.0
 # Rounds in which half-planes are placed anew around the path found.
@@ -190,32 +194,40 @@ def _solve(
     warm_start: bool = False,
 ) -> MissionSolution:
     """Return the solver's solution; with ``closest`` only the miss distance counts."""
-    task, shape = problem.task, problem.shape(0 if walls is None else walls.count)
+    task, layout = problem.task, problem.layout(0 if walls is None else walls.count)
     time_weight, distance_weight, reference_weight = _weights(task)
     time_weight, miss_weight = _CLOSEST if closest else (time_weight, 0.0)
     if walls is not None:
         # a kilometre less of a large miss distance must not pay for a kilometre beyond a half-plane
-        miss_weight /= max(
-            float(np.max(np.linalg.norm(task.goals[:, :2] - task.start[:2], axis=1))) / KM, 1.0
-        )
-    line_end = _END_OF_LINE if shape.has_reference and distance_weight is None else 1.0
-    data = MissionData(
+        miss_weight /= max(float(np.max(task.from_start)) / KM, 1.0)
+    line_end = _END_OF_LINE if layout.has_reference and distance_weight is None else 1.0
+    penalty = 1e-6 if closest and walls is None else _PENALTY * line_end
+    linear, each = (
+        (0.0, penalty) if closest or distance_weight is None else (distance_weight, _SMALL)
+    )
+    flow, latent, drifts = task.flow, task.currents.latent[0], problem.drifts
+    case = MissionCase(
+        stream_of(flow, latent) if task.spline is None else task.spline,
+        schedule_of(
+            problem.depths,
+            drifts,
+            bool(np.any(drifts)),
+            flow.levels,
+            flow.depth_functions,
+            task.currents.times,
+        ),
+        drifts,
         task.start[:2],
         task.start_time,
         task.goals[:, :2],
-        tuple(problem.depths[problem.yo_depths.index(profile)] for profile in problem.profiles),
-        problem.drifts,
         walls,
         time_weight,
-        miss_weight,
-        1e-6 if closest and walls is None else _PENALTY * line_end,
-        task.currents.latent[0],
-        None if closest else distance_weight,
-        task.reference_path,
-        *_reference_weights_and_limits(task, guess.angles, shape, problem.depths, reference_weight),
+        (miss_weight, linear, each),
+        penalty * _PLANE_COST,
+        _reference(problem, guess.angles, reference_weight, penalty * _SLACK_COST),
     )
-    model = MissionModel(task.flow, task.vehicle, shape, task.currents.times, task.spline)
-    solution = solve_mission(model, data, guess, warm_start=warm_start)
+    program = mission_program(flow.grid.projection, task.vehicle, layout)
+    solution = solve_mission(program, task.vehicle, case, guess, warm_start=warm_start)
     if task.spline is None:
         return solution
     # what leaves the region is held back by half-planes next, whatever the current is out there
@@ -225,8 +237,9 @@ def _solve(
         return solution
     # once more in the flow itself
     polished = solve_mission(
-        replace(model, spline=None),
-        data,
+        program,
+        task.vehicle,
+        replace(case, stream=stream_of(flow, latent)),
         solution.guess if covered else guess,
         warm_start=covered or warm_start,
     )
@@ -256,38 +269,39 @@ def _weights(task: MissionTask) -> tuple[float, float | None, float]:
     )
 
 
-def _reference_weights_and_limits(
-    task: MissionTask, angles: Array, shape: MissionShape, depths: Sequence[Array], weight: float
-) -> tuple[Array, Array]:
-    """Return the cost of a squared kilometre between the reference path and each place, and the limit [m]: shape (L, n_places) each."""
-    reference = task.reference_path
-    if reference is None:
-        return np.zeros((0, 0)), np.zeros((0, 0))
-    hours = np.zeros((shape.n_legs, shape.n_places))
-    hours[:, : shape.n_steps] = [
-        np.abs(np.diff(steps)) / float(task.vehicle.speeds(np, angle)[1]) / HOUR
-        for steps, angle in zip(depths, angles, strict=True)
-    ]
-    if shape.drifts:
+def _reference(
+    problem: LegsProblem, angles: Array, weight: float, slack_cost: float
+) -> Reference | None:
+    """Return the reference path as the program takes it: a squared kilometre from it costs the weight for the hours spent there."""
+    task, path, layout = problem.task, problem.task.reference_path, problem.layout()
+    if path is None:
+        return None
+    hours = np.zeros((layout.n_legs, layout.n_places))
+    for of_leg, steps, angle in zip(hours, problem.depths, angles, strict=True):
+        down = float(task.vehicle.speeds(np, angle)[1])
+        of_leg[: steps.size - 1] = np.abs(np.diff(steps)) / down / HOUR
+    if np.any(problem.drifts):
         hours[:-1, -1] = task.settings.surface_time / HOUR
     # the optimiser's steps are coarser than those of the check
-    limit = min(max(reference.limit - task.settings.margin, 0.5 * reference.limit), _FAR)
+    limit = min(max(path.limit - task.settings.margin, 0.5 * path.limit), _FAR)
     limits = np.full(hours.shape, limit)
-    if reference.surfacings_only:
+    if path.surfacings_only:
         hours[:, -1] = hours.sum(axis=1)
         hours[:, :-1], limits[:, :-1] = 0.0, _FAR
-    return weight * hours, limits
+    return Reference(
+        path.origin / KM, path.across, weight * hours, limits / KM, slack_cost, path.least_duration
+    )
 
 
 def _points_along(problem: LegsProblem, guess: MissionGuess, route: Route | None = None) -> Array:
     """Return where each step of a guess ends, shape (L, n_places, 2) [m]: along its route, or straight from leg to leg without one."""
-    n_places, n_legs = problem.shape(0).n_places, problem.n_legs
+    n_places, n_legs = problem.layout().n_places, problem.n_legs
     share = np.arange(1, n_places + 1) / n_places
     if route is not None:
         times = route.times[-1] * (np.arange(n_legs)[:, None] + share) / n_legs
         return route.at(times.ravel()).reshape(n_legs, n_places, 2)
     begins = np.vstack([problem.task.start[None, :2], guess.places[:-1]])
-    return np.asarray(begins[:, None] + share[:, None] * (guess.places - begins)[:, None])
+    return begins[:, None] + share[:, None] * (guess.places - begins)[:, None]
 
 
 def _fly(problem: LegsProblem, solution: MissionSolution, iterations: int) -> Attempt:
