@@ -1,5 +1,6 @@
 """What a plan said of the next surfacing, beside what then happened."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,6 +61,16 @@ class Ellipse:
                 north + along * np.cos(bearing) - across * np.sin(bearing),
             ]
         )
+
+
+def planned_ellipses(legs: Sequence[Mapping[str, float]]) -> list[Ellipse]:
+    """Return the ellipses of the surfacings of a plan's legs, of those that have one."""
+    names = ("longitude", "latitude", "major_m", "minor_m", "bearing_deg")
+    return [
+        Ellipse(*(leg[f"ellipse_{name}"] for name in names))
+        for leg in legs
+        if "ellipse_major_m" in leg
+    ]
 
 
 @dataclass(frozen=True, slots=True)

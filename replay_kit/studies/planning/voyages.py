@@ -12,7 +12,7 @@ import numpy as np
 
 from planners import Glider, MissionPlan, MissionRequest, MissionSettings, plan_mission
 from planners.mission.flights import fly_mission
-from planners.mission.horizon import first_legs
+from planners.mission.timing import first_legs
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError

@@ -15,7 +15,7 @@ from planners.output.mission import as_glide, legs_table, to_csv, to_geojson, to
 from planners.output.waypoints import waypoint_json, waypoint_text
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.run import RunConfig
-from replay_kit.core.plan import Area, Plan
+from replay_kit.core.plan import Plan
 from replay_kit.core.text import time_text
 from replay_kit.results import ResultWriter
 from replay_kit.show.text import print_table
@@ -269,14 +269,8 @@ def _published(planned: PlannedMission, battery: float | None) -> Plan:
         planned.bathymetry,
         planned.projection,
     )
-    areas = tuple(
-        Area(area.name, area.surface_only, _open_ring(area.polygon)) for area in planned.no_go
-    )
+    areas = tuple(area.area for area in planned.no_go)
     return replace(made, areas=areas, battery=nan if battery is None else battery * 1e6)
-
-
-def _open_ring(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    return corners[:-1] if corners[0] == corners[-1] else corners
 
 
 def _effective_config(config: RunConfig, planned: PlannedMission) -> RunConfig:

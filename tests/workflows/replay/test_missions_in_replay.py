@@ -23,11 +23,10 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import distance, to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState
-from replay_kit.core.plan import Place
+from replay_kit.core.plan import Place, plan_legs
 from replay_kit.core.surfacing import Ellipse, Surfacing, surfacing_outcome
 from replay_kit.estimator import embed_member
 from replay_kit.measurements.vehicle.surfacing import SurfacingState, detect_surfacing
-from replay_kit.results.legs import plan_legs
 from replay_kit.results.outcome.outcome import outcome_of
 from replay_kit.results.views.contents import Contents
 from replay_kit.show import open_result

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planners.mission.flight import Currents, Flight, Legs, leg_frame, rate_over_ground
-from planners.mission.leg import fly_midpoints
+from planners.mission.flight.currents import Currents
+from planners.mission.flight.legs import Flight, Legs, fly_midpoints, leg_frame, rate_over_ground
 from planners.shooting.schedule import DRIFT_STEPS
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array

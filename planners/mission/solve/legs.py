@@ -1,43 +1,54 @@
 """One number of legs solved: by IPOPT from a guess, flown densely, and held to half-planes when its path violates a constraint."""
 
-from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.front.route import Route
-from planners.mission.attempt import Attempt, GoalSteps, LegsProblem, ranking_key
-from planners.mission.check import check
-from planners.mission.flight import Legs, refine_steps
-from planners.mission.program import (
-    MissionData,
+from planners.mission.flight.currents import Currents
+from planners.mission.flight.legs import Flight, Legs, fly_legs
+from planners.mission.solve.attempt import Attempt, GoalSteps, LegsProblem, ranking_key
+from planners.mission.solve.check import check
+from planners.mission.solve.half_planes import (
+    SafetyMargin,
+    following_walls,
+    standing_walls,
+    with_margin,
+)
+from planners.mission.task import REFINED, MissionTask, refine_steps, turns_of
+from planners.shooting.frames import FrameMap
+from planners.shooting.functions import MissionCase, Reference
+from planners.shooting.program import (
     MissionGuess,
-    MissionModel,
-    MissionShape,
     MissionSolution,
+    mission_program,
     solve_mission,
 )
-from planners.mission.safety_margin import SafetyMargin
-from planners.mission.solved_flight import fly_solution
-from planners.mission.task import REFINED, MissionTask, turns_of
-from planners.route.hazards import NearRings, Ring, near_rings
+from planners.shooting.schedule import DRIFT_STEPS, schedule_of
+from planners.shooting.stream import stream_of
+from planners.shooting.together import fly_together
 from planners.shooting.walls import Walls
 from planners.solver import HOUR, KM
+from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
+from replay_kit.core.grid import Projection
 from replay_kit.core.progress import announce
 
 # Hours that a kilometre of miss distance costs: more than any current takes to carry a glider over it.
 _PENALTY = 50.0
 # The same penalty at the end of a line, times this: long deviations would cost more than missing the end.
 _END_OF_LINE = 40.0
+# A kilometre beyond a half-plane costs as much as this many kilometres missed along one axis.
+_PLANE_COST = 4.0
+# A kilometre beyond the distance allowed from a reference path costs as much as this many hours of the penalty of a kilometre missed.
+_SLACK_COST = 0.2
+# Weight of slacks that are not to count.
+_SMALL = 1e-6
 # Weights (of an hour, of a squared kilometre missed) when only the miss distance counts: time decides among equals.
 _CLOSEST = 1e-5, 1.0
-# Rounds in which half-planes are placed anew around the path found, and half-planes for each of its points.
-_ROUNDS, _PLANES = 6, 3
-# Between the ends of a step half-planes follow it at one of these shares in each of so many parts.
-_PARTS = 3
-_BETWEEN = (np.arange(18) + 0.5) / 18.0
+# Rounds in which half-planes are placed anew around the path found.
+_ROUNDS = 6
 # No further rounds after so many iterations times legs: more of them do not help a mission without a solution.
 _EFFORT = 1500
 # Rounds with a safety margin: it is known only roughly.
@@ -128,7 +139,7 @@ def solve_with_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) 
         solution = _solve(
             problem,
             at,
-            _with_margin(_standing_walls(problem, _points_along(problem, at)), margin),
+            with_margin(standing_walls(problem, _points_along(problem, at)), margin),
             closest=closest,
             warm_start=best is not None,
         )
@@ -152,7 +163,7 @@ def _solve_within_half_planes(
         solution = _solve(
             problem,
             at,
-            (_following_walls if again else _standing_walls)(problem, path),
+            (following_walls if again else standing_walls)(problem, path),
             closest=closest,
             warm_start=again > 0,
         )
@@ -174,73 +185,6 @@ def _solve_within_half_planes(
     return replace(best, iterations=iterations)
 
 
-def _with_margin(walls: Walls, margin: SafetyMargin) -> Walls:
-    """Return half-planes that stay, moved by a safety margin."""
-    assert walls.planes is not None, "half-planes that follow the places have no safety margin"
-    planes = walls.planes.reshape(-1, *walls.planes.shape[2:]).copy()
-    planes[..., 2] -= margin.margins(planes[..., :2])
-    return replace(walls, planes=planes.reshape(walls.planes.shape))
-
-
-def _standing_walls(problem: LegsProblem, path: Array) -> Walls:
-    """Return half-planes that touch the rings nearest to the places of a path, shape (L, n_places, 2) [m]."""
-    at, surfaced = np.repeat(path[:, :, None], _PLANES, axis=2), _surfaced(problem, path.shape[1])
-    near = _near(problem, path, surfaced, _PLANES)
-    return Walls(np.ones(at.shape[:3]), near.planes(at.reshape(-1, 2))[0].reshape(*at.shape[:3], 3))
-
-
-def _following_walls(problem: LegsProblem, path: Array) -> Walls:
-    """Return what the places of legs keep clear of, and each third of the steps between them where it is nearest to an obstacle."""
-    surfaced = _surfaced(problem, path.shape[1])
-    begins = np.concatenate(
-        [np.vstack([problem.task.start[None, :2], path[:-1, -1]])[:, None], path[:, :-1]], axis=1
-    )
-    adrift = surfaced & np.concatenate([np.full((len(path), 1), False), surfaced[:, :-1]], axis=1)
-    shares = np.tile(_BETWEEN, (*path.shape[:2], 1))
-    along = begins[:, :, None] + shares[..., None] * (path - begins)[:, :, None]
-    near = _near(problem, along, np.repeat(adrift[..., None], shares.shape[2], axis=2), 1)
-    clear = near.clearance(along.reshape(-1, 2)).reshape(*path.shape[:2], _PARTS, -1)
-    worst = np.argmin(clear, axis=3)[..., None] + np.arange(_PARTS)[:, None] * clear.shape[3]
-    between, which = (
-        np.take_along_axis(one.reshape(shares.shape), worst[..., 0], axis=2)
-        for one in (shares, near.which)
-    )
-    ends = _near(problem, path, surfaced, _PLANES)
-    both = np.concatenate([ends.which.reshape(*path.shape[:2], -1), which], axis=2)
-    return Walls(
-        np.concatenate([np.ones((*path.shape[:2], _PLANES)), between], axis=2),
-        obstacles=replace(ends, which=both.ravel()),
-    )
-
-
-def _surfaced(problem: LegsProblem, n_places: int) -> NDArray[np.bool_]:
-    """Return which places of the legs are at the surface, shape (L, n_places)."""
-    # between the dives of a leg the glider is there, too
-    return (
-        np.array(
-            [
-                [*steps[1:], *steps[-1:].repeat(n_places - steps.size + 1)]
-                for steps in problem.depths
-            ]
-        )
-        <= 0.0
-    )
-
-
-def _near(
-    problem: LegsProblem, places: Array, surfaced: NDArray[np.bool_], count: int
-) -> NearRings:
-    """Return the rings nearest to places of each leg, shape (L, ..., 2) [m]; at the surface or not, shape (L, ...)."""
-    task, rings, turns = problem.task, list[Ring](), np.array(turns_of(problem.yo_depths))
-    which = np.empty((*surfaced.shape, count), dtype=np.intp)
-    for turn in np.unique(turns):
-        legs, there = turns == turn, task.rings_at(float(turn))
-        found = near_rings(there, places[legs].reshape(-1, 2), surfaced[legs].ravel(), count)
-        which[legs] = np.where(found >= 0, found + len(rings), -1).reshape(which[legs].shape)
-        rings += there
-    return NearRings(tuple(rings), which.ravel(), task.settings.margin)
-
-
 def _solve(
     problem: LegsProblem,
     guess: MissionGuess,
@@ -250,32 +194,40 @@ def _solve(
     warm_start: bool = False,
 ) -> MissionSolution:
     """Return the solver's solution; with ``closest`` only the miss distance counts."""
-    task, shape = problem.task, problem.shape(0 if walls is None else walls.count)
+    task, layout = problem.task, problem.layout(0 if walls is None else walls.count)
     time_weight, distance_weight, reference_weight = _weights(task)
     time_weight, miss_weight = _CLOSEST if closest else (time_weight, 0.0)
     if walls is not None:
         # a kilometre less of a large miss distance must not pay for a kilometre beyond a half-plane
-        miss_weight /= max(
-            float(np.max(np.linalg.norm(task.goals[:, :2] - task.start[:2], axis=1))) / KM, 1.0
-        )
-    line_end = _END_OF_LINE if shape.has_reference and distance_weight is None else 1.0
-    data = MissionData(
+        miss_weight /= max(float(np.max(task.from_start)) / KM, 1.0)
+    line_end = _END_OF_LINE if layout.has_reference and distance_weight is None else 1.0
+    penalty = 1e-6 if closest and walls is None else _PENALTY * line_end
+    linear, each = (
+        (0.0, penalty) if closest or distance_weight is None else (distance_weight, _SMALL)
+    )
+    flow, latent, drifts = task.flow, task.currents.latent[0], problem.drifts
+    case = MissionCase(
+        stream_of(flow, latent) if task.spline is None else task.spline,
+        schedule_of(
+            problem.depths,
+            drifts,
+            bool(np.any(drifts)),
+            flow.levels,
+            flow.depth_functions,
+            task.currents.times,
+        ),
+        drifts,
         task.start[:2],
         task.start_time,
         task.goals[:, :2],
-        tuple(problem.depths[problem.yo_depths.index(profile)] for profile in problem.profiles),
-        problem.drifts,
         walls,
         time_weight,
-        miss_weight,
-        1e-6 if closest and walls is None else _PENALTY * line_end,
-        task.currents.latent[0],
-        None if closest else distance_weight,
-        task.reference_path,
-        *_reference_weights_and_limits(task, guess.angles, shape, problem.depths, reference_weight),
+        (miss_weight, linear, each),
+        penalty * _PLANE_COST,
+        _reference(problem, guess.angles, reference_weight, penalty * _SLACK_COST),
     )
-    model = MissionModel(task.flow, task.vehicle, shape, task.currents.times, task.spline)
-    solution = solve_mission(model, data, guess, warm_start=warm_start)
+    program = mission_program(flow.grid.projection, task.vehicle, layout)
+    solution = solve_mission(program, task.vehicle, case, guess, warm_start=warm_start)
     if task.spline is None:
         return solution
     # what leaves the region is held back by half-planes next, whatever the current is out there
@@ -285,8 +237,9 @@ def _solve(
         return solution
     # once more in the flow itself
     polished = solve_mission(
-        replace(model, spline=None),
-        data,
+        program,
+        task.vehicle,
+        replace(case, stream=stream_of(flow, latent)),
         solution.guess if covered else guess,
         warm_start=covered or warm_start,
     )
@@ -316,38 +269,39 @@ def _weights(task: MissionTask) -> tuple[float, float | None, float]:
     )
 
 
-def _reference_weights_and_limits(
-    task: MissionTask, angles: Array, shape: MissionShape, depths: Sequence[Array], weight: float
-) -> tuple[Array, Array]:
-    """Return the cost of a squared kilometre between the reference path and each place, and the limit [m]: shape (L, n_places) each."""
-    reference = task.reference_path
-    if reference is None:
-        return np.zeros((0, 0)), np.zeros((0, 0))
-    hours = np.zeros((shape.n_legs, shape.n_places))
-    hours[:, : shape.n_steps] = [
-        np.abs(np.diff(steps)) / float(task.vehicle.speeds(np, angle)[1]) / HOUR
-        for steps, angle in zip(depths, angles, strict=True)
-    ]
-    if shape.drifts:
+def _reference(
+    problem: LegsProblem, angles: Array, weight: float, slack_cost: float
+) -> Reference | None:
+    """Return the reference path as the program takes it: a squared kilometre from it costs the weight for the hours spent there."""
+    task, path, layout = problem.task, problem.task.reference_path, problem.layout()
+    if path is None:
+        return None
+    hours = np.zeros((layout.n_legs, layout.n_places))
+    for of_leg, steps, angle in zip(hours, problem.depths, angles, strict=True):
+        down = float(task.vehicle.speeds(np, angle)[1])
+        of_leg[: steps.size - 1] = np.abs(np.diff(steps)) / down / HOUR
+    if np.any(problem.drifts):
         hours[:-1, -1] = task.settings.surface_time / HOUR
     # the optimiser's steps are coarser than those of the check
-    limit = min(max(reference.limit - task.settings.margin, 0.5 * reference.limit), _FAR)
+    limit = min(max(path.limit - task.settings.margin, 0.5 * path.limit), _FAR)
     limits = np.full(hours.shape, limit)
-    if reference.surfacings_only:
+    if path.surfacings_only:
         hours[:, -1] = hours.sum(axis=1)
         hours[:, :-1], limits[:, :-1] = 0.0, _FAR
-    return weight * hours, limits
+    return Reference(
+        path.origin / KM, path.across, weight * hours, limits / KM, slack_cost, path.least_duration
+    )
 
 
 def _points_along(problem: LegsProblem, guess: MissionGuess, route: Route | None = None) -> Array:
     """Return where each step of a guess ends, shape (L, n_places, 2) [m]: along its route, or straight from leg to leg without one."""
-    n_places, n_legs = problem.shape(0).n_places, problem.n_legs
+    n_places, n_legs = problem.layout().n_places, problem.n_legs
     share = np.arange(1, n_places + 1) / n_places
     if route is not None:
         times = route.times[-1] * (np.arange(n_legs)[:, None] + share) / n_legs
         return route.at(times.ravel()).reshape(n_legs, n_places, 2)
     begins = np.vstack([problem.task.start[None, :2], guess.places[:-1]])
-    return np.asarray(begins[:, None] + share[:, None] * (guess.places - begins)[:, None])
+    return begins[:, None] + share[:, None] * (guess.places - begins)[:, None]
 
 
 def _fly(problem: LegsProblem, solution: MissionSolution, iterations: int) -> Attempt:
@@ -384,3 +338,59 @@ def _fly(problem: LegsProblem, solution: MissionSolution, iterations: int) -> At
         status,
         solution.plane_violation,
     )
+
+
+def fly_solution(
+    currents: Currents,
+    vehicle: Glider,
+    start: Array,
+    legs: Legs,
+    start_time: float,
+    solution: MissionSolution,
+) -> Flight:
+    """Return the flight of the legs of a solution, as ``fly_legs`` does to a thousandth of a millimetre.
+
+    Args:
+        currents: One flow.
+        vehicle: The glider.
+        start: shape (2,) [m].
+        legs: Its commands.
+        start_time: On the clock of the currents' times [s].
+        solution: Where its legs begin and end.
+    """
+    flow, adrift, guess = currents.flow, bool(np.any(legs.drifts)), solution.guess
+    schedule = schedule_of(
+        legs.depths, legs.drifts, adrift, flow.levels, flow.depth_functions, currents.times
+    )
+    begins = np.column_stack([np.vstack([start, guess.places[:-1]]), legs.headings, legs.angles])
+    frames = _frames(flow.grid.projection, vehicle, len(begins))
+    flown = fly_together(
+        stream_of(flow, currents.latent[0]),
+        schedule,
+        frames,
+        (begins, start_time),
+        solution.through,
+    )
+    if flown is None:
+        return fly_legs(currents, vehicle, start, legs, start_time)
+    places, times = flown
+    # each leg but the first begins where and when the one before it ends; one without a drift has no steps adrift
+    kept = np.full(places.shape[:2], True)
+    kept[1:, 0] = False
+    kept[legs.drifts <= 0.0, schedule.n_wet + 1 :] = False
+    depths = np.concatenate(
+        [np.array(legs.depths), np.zeros((len(begins), DRIFT_STEPS * int(adrift)))], axis=1
+    )
+    number = np.broadcast_to(np.arange(len(begins))[:, None], kept.shape)
+    return Flight(
+        times[kept] - start_time,
+        depths[kept],
+        places[kept][None],
+        number[kept],
+        np.cumsum(kept.sum(axis=1)) - 1,
+    )
+
+
+@lru_cache(maxsize=64)
+def _frames(projection: Projection, vehicle: Glider, count: int) -> FrameMap:
+    return FrameMap(projection, vehicle, count)

@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.front.bound import Bound
-from planners.mission.check import Violation
-from planners.mission.flight import Flight, Legs
-from planners.mission.objectives import Found
-from planners.mission.program import MissionGuess, MissionShape
+from planners.mission.flight.legs import Flight, Legs
+from planners.mission.solve.check import Violation
 from planners.mission.task import REFINED, MissionTask, YoDepths
+from planners.mission.values import Found
+from planners.shooting.layout import Layout
+from planners.shooting.program import MissionGuess
 from planners.solver import HOUR, KM
 from replay_kit.core.arrays import Array
 
@@ -73,26 +74,17 @@ class LegsProblem:
         """Drift time [s] after each leg."""
         return self.task.drifts(self.n_legs)
 
-    def shape(self, n_planes: int) -> MissionShape:
-        """Return the shape of the program with so many half-planes for each place."""
-        profiles = tuple(self.profiles.index(leg) for leg in self.yo_depths)
-        n_steps, has_reference = self.depths[0].size - 1, self.task.reference_path is not None
-        drifts = bool(np.any(self.drifts))
-        return MissionShape(
-            self.n_legs,
-            n_steps,
-            self.goals.legs,
-            profiles,
-            n_planes,
-            drifts,
-            self.goals.steps,
-            has_reference,
+    def layout(self, n_planes: int = 0) -> Layout:
+        """Return the layout of its program with so many half-planes for each place."""
+        goals = tuple(
+            (leg - 1, step) for leg, step in zip(self.goals.legs, self.goals.steps, strict=True)
         )
-
-    @property
-    def profiles(self) -> list[YoDepths]:
-        """The different depth profiles among the legs."""
-        return list(dict.fromkeys(self.yo_depths))
+        n_places = self.depths[0].size - 1 + int(np.any(self.drifts))
+        has_reference, changing = (
+            self.task.reference_path is not None,
+            self.task.currents.times is not None,
+        )
+        return Layout(self.n_legs, goals, n_places, n_planes, has_reference, changing)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

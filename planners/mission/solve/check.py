@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planners.mission.flight import Flight
+from planners.mission.flight.legs import Flight
 from planners.mission.task import MissionTask
 from planners.route.bottom import DEPTH_TOLERANCE
 from planners.route.hazards import Ring, first_crossing
@@ -108,7 +108,7 @@ def _segments(place: Array) -> Array:
 
 def _at_surface(flight: Flight) -> NDArray[np.bool_]:
     """Return which segments end at the surface, shape (n - 1,): the start itself is given, whatever may be forbidden there."""
-    return np.asarray(flight.depth[1:] <= DEPTH_TOLERANCE)
+    return flight.depth[1:] <= DEPTH_TOLERANCE
 
 
 def _surfaced(segments: Array, depths: Array) -> Array:

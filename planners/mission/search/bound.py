@@ -1,35 +1,31 @@
-"""The earliest arrival of a mission: the route past its goals, a lower bound of the time that any vehicle of its speed takes, and a guess.
+"""The earliest arrival of any vehicle of a mission's speed: a lower bound of its time, or what keeps a goal out of reach.
 
 The front knows the mean current of the dives and drifts, and the greatest horizontal speed in the mean of both. The bound gives the vehicle
 every doubt: no margin, half-open water counts as open, it may wait, the goals' discs are enough, its speed is raised by the second-order
 terms of shear within a dive, and the time is lowered by the lattice's own error.
+
+A leg of duration T at glide angle g, and a drift d after it, lead over ground by V(g) T through water and by what the current gives: over
+the leg's own depths and at the surface. In the same time the vehicle of the bound goes S (T + d), beside the mean current m (T + d). Steep
+dives are short, so that the drifts between them are a larger part of the time; the last leg has no drift, may end at a depth, and the first
+may begin at one. Where the current differs between the surface and below, each of these may gain on the mean: the vehicle is given that
+lead (``Lead``).
 """
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import inf
 
 import numpy as np
-import shapely
 
-from planners.front.bound import Bound
-from planners.front.current import (
-    Complex,
-    CurrentLattice,
-    current_lattice,
-    shares_of_levels,
-    spacing_over,
-)
-from planners.front.front import sea_of, spread
+from planners.front.bound import Bound, Limit
+from planners.front.current import Complex, CurrentLattice, shares_of_levels
+from planners.front.front import Front, sea_of, spread
 from planners.front.obstacles import as_complex, directions_around, obstacles_of
 from planners.front.relax import relax
-from planners.front.route import Route
-from planners.mission.beyond import bound_beyond, limit_of
-from planners.mission.lead import Lead, currents_around, lead_of
-from planners.mission.program import MissionGuess
-from planners.mission.task import LEAST_DIVE, MissionTask
-from planners.route.hazards import Ring
+from planners.mission.search.passage import Water, currents_through, longest_time, water_of
+from planners.mission.task import LEAST_DIVE, MissionTask, YoDepths
 from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import true_north_halfway
+from replay_kit.core.flow.depth import depth_weights
 
 # What a bound is multiplied by, for the error of the lattice against Zermelo's rays: in currents up to a share of the vehicle's speed on
 # the way, where the rays were 0.12 % before the front at most, in faster ones, 0.7 %, and in strong ones.
@@ -40,140 +36,25 @@ _CALM, _STRONG, _FINER = 0.45, 0.75, 1.6
 _TRUSTED = 0.9
 # Points on the edge of a goal's disc.
 _ON_DISC = 12
-# Margins of wider routes [m], the widest first, and the share of time that they may cost.
-_WIDER, _MAY_COST = (600.0, 300.0, 150.0), 0.02
+# Kernel lengths around start and goals within which shear counts, and points that it is looked up at in each.
+_AROUND, _SAMPLES = 1.5, 2.0
+# Glide angles, and depths of a dive, among which the largest lead is sought.
+_ANGLES, _DEPTHS = 16, 101
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Passage:
-    """A route past all goals.
+class Lead:
+    """What the vehicle of a bound is given so that no mission leads ahead of it.
 
     Attributes:
-        route: Past all of them, or as far as can be reached.
-        passed: shape (G,), when it passes each [s].
+        speed: Through water, horizontal [m/s].
+        start: How far from the start it may begin [m].
+        goals: shape (G,) [m], how far from each goal it may pass, beside the tolerance.
     """
 
-    route: Route
-    passed: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Water:
-    """What a mission's vehicle meets in the mean over a leg.
-
-    Attributes:
-        current: Since the start of the mission.
-        speed: Horizontal, through water, in the mean of dives and drifts [m/s].
-    """
-
-    current: CurrentLattice
     speed: float
-
-
-def water_of(task: MissionTask, finer: float = 1.0) -> Water:
-    """Return the mean current of a mission's dives and drifts, over the times that it may last, and its speed in it.
-
-    Args:
-        task: The problem.
-        finer: How many times more lines than usual the lattice has.
-    """
-    flow, angle = task.flow, task.vehicle.angles[0]
-    drift_share = task.settings.surface_time / task.leg_time(angle)
-    times, latent = _through(task)
-    shares = shares_of_levels(flow, task.settings.depth, drift_share)
-    along = float(task.vehicle.speeds(np, angle)[0])
-    return Water(
-        current_lattice(flow, latent, times, spacing_over(flow, finer), shares),
-        (1.0 - drift_share) * along,
-    )
-
-
-def _through(task: MissionTask) -> tuple[Array, Array]:
-    """Return the times that a mission may meet, shape (T,) [s] since its start, and the latent values then, shape (M, Z T)."""
-    if task.currents.times is None:
-        return np.zeros(1), task.currents.latent[0]
-    times, levels = task.currents.times - task.start_time, np.arange(task.flow.levels.size)
-    # what lies before the start or after the end counts through the nearest time alone
-    keep = np.flatnonzero(
-        (np.append(times[1:], inf) > 0.0)
-        & (np.append(-inf, times[:-1]) < task.settings.max_duration)
-    )
-    return times[keep], task.currents.latent[0][:, (keep[:, None] * levels.size + levels).ravel()]
-
-
-def longest_time(task: MissionTask) -> float:
-    """Return the time of the longest mission considered [s]."""
-    settings = task.settings
-    return min(
-        (settings.legs or settings.most_legs) * task.leg_time(task.vehicle.angles[0]),
-        settings.max_duration,
-    )
-
-
-def passage_past_goals(
-    task: MissionTask,
-    water: Water,
-    rings: tuple[Ring, ...],
-    *,
-    margin: float | None = None,
-    depth: float | None = None,
-    quick: bool = False,
-) -> Passage:
-    """Return the quickest route past all goals, or as near as it comes to the first that is out of reach.
-
-    Args:
-        task: The problem.
-        water: What the vehicle meets.
-        rings: What the route keeps clear of at any depth.
-        margin: Distance kept from it [m]; None for that of the settings.
-        depth: Of the water that it needs [m]; None for that of the settings.
-        quick: Whether to stay on the lattice: a route that is somewhat longer.
-    """
-    shallows = task.bottom.rings(task.settings.depth if depth is None else depth)
-    places = task.places
-    obstacles = obstacles_of(
-        (*rings, *shallows), task.settings.margin if margin is None else margin, places
-    )
-    sea = sea_of(water.current, water.speed, places, obstacles)
-    first, now, last = water.current.places.size, 0.0, longest_time(task)
-    points, times, passed = [task.start[None, :2]], [np.zeros(1)], list[float]()
-    for k in range(1, places.size):
-        front = spread(sea, np.array([first + k - 1]), np.array([now]), last, np.array([first + k]))
-        arrives = bool(np.isfinite(front.times[first + k]))
-        number = first + k if arrives else front.nearest_to(complex(places[k]))
-        on_lattice = front.route_to(number, now, arrives)
-        route = on_lattice if quick else relax(sea, on_lattice, now)
-        points.append(route.points[1:])
-        times.append(now + route.times[1:])
-        now += float(route.times[-1])
-        passed.append(now)
-        if not arrives:
-            passed += [now] * (places.size - 1 - k)
-            break
-    return Passage(Route(np.concatenate(points), np.concatenate(times), arrives), np.array(passed))
-
-
-def is_beside(task: MissionTask, rings: tuple[Ring, ...], passage: Passage) -> bool:
-    """Return whether a passage leads beside an area or land, so that a wider way may differ from it."""
-    line = shapely.linestrings(passage.route.points)
-    solid = [
-        ring
-        for ring in (*rings, *task.bottom.rings(task.settings.depth))
-        if not ring.outside and not ring.surface_only
-    ]
-    return any(bool(shapely.dwithin(ring.area, line, _WIDER[0])) for ring in solid)
-
-
-def widest_passage(
-    task: MissionTask, water: Water, rings: tuple[Ring, ...], passage: Passage
-) -> Passage:
-    """Return the passage farthest from what it must keep clear of that takes little longer than the quickest."""
-    for margin in _WIDER:
-        if margin > task.settings.margin:
-            wider = passage_past_goals(task, water, rings, margin=margin)
-            if wider.route.arrives and wider.passed[-1] <= (1.0 + _MAY_COST) * passage.passed[-1]:
-                return wider
-    return passage
+    start: float
+    goals: Array
 
 
 def bound_of(task: MissionTask) -> tuple[Water, Bound]:
@@ -314,24 +195,126 @@ def _second_order(task: MissionTask) -> float:
 
 def _by_level(task: MissionTask) -> Array:
     """Return the current of each level that a mission may meet [m/s], shape (2, n, Z)."""
-    return currents_around(task, _through(task)[1])
+    return currents_around(task, currents_through(task)[1])
 
 
-def initial_guess(task: MissionTask, route: Route, water: Water, ends: Array) -> MissionGuess:
-    """Return a route cut into legs at some times, shape (L + 1,) [s], with the headings that follow it in the mean current."""
-    places, durations = route.at(ends), np.diff(ends)
-    current = water.current.at(
-        as_complex(0.5 * (places[1:] + places[:-1])), 0.5 * (ends[1:] + ends[:-1])
+def lead_of(task: MissionTask, by_level: Array) -> Lead:
+    """Return the lead of a mission.
+
+    Args:
+        task: The mission.
+        by_level: shape (2, n, Z) [m/s], the current of each level wherever and whenever it may be met.
+    """
+    drift, (first, full, last) = (
+        task.settings.surface_time,
+        (task.yo_depths(3)[k] for k in range(3)),
     )
-    through = np.diff(places, axis=0) / np.maximum(durations, 1.0)[:, None] - np.column_stack(
-        [current.real, current.imag]
-    )
-    turns = (None,) * durations.size if task.turns is None else task.turns
-    angles = [
-        task.angle_of(float(duration), turn)
-        for duration, turn in zip(durations, turns, strict=True)
+    speed = float(np.max(np.divide(*_ways(task, by_level, full, drift))))
+
+    def ahead(leg: YoDepths, then: float = 0.0) -> float:
+        way, lasts = _ways(task, by_level, leg, then)
+        # whole legs are not ahead but for rounding
+        return max(round(float(np.max(way - speed * lasts)), 3), 0.0)
+
+    goals = [
+        # a goal on the way is passed within a dive, or after a whole leg and its drift
+        max((ahead(part) for part in _down_to(full, float(depth))), default=0.0)
+        for depth in task.goals[:-1, 2]
     ]
-    turn = true_north_halfway(task.region.grid.projection, places[:-1], places[1:])
-    return MissionGuess(
-        places[1:], np.arctan2(through[:, 0], through[:, 1]) - turn, np.array(angles)
+    return Lead(
+        speed,
+        ahead(first, drift),
+        np.array([*goals, max(ahead(last), ahead(task.yo_depths(1)[0]))]),
     )
+
+
+def currents_around(task: MissionTask, latent: Array) -> Array:
+    """Return the current of each level [m/s], shape (2, n, Z), at places around start and goals, in all of T times.
+
+    Args:
+        task: The mission.
+        latent: shape (M, Z T), all levels of the first time first.
+    """
+    flow = task.flow
+    kernel, ends = flow.horizontal.kernel, np.vstack([task.start, task.goals])[:, :2]
+    lengths = np.array([kernel.length_east, kernel.length_north])
+    # beyond its region the flow is no estimate of a current
+    corners = np.array(
+        [[pick(axis) for axis in (flow.grid.east, flow.grid.north)] for pick in (np.min, np.max)]
+    )
+    low, high = np.clip(
+        [ends.min(axis=0) - _AROUND * lengths, ends.max(axis=0) + _AROUND * lengths], *corners
+    )
+    counts = np.ceil((high - low) / lengths * _SAMPLES).astype(int) + 1
+    points = np.stack(
+        np.meshgrid(*(np.linspace(low[i], high[i], counts[i]) for i in (0, 1))), axis=-1
+    ).reshape(-1, 2)
+    return np.asarray(flow.horizontal.velocity(points, latent)).reshape(2, -1, flow.levels.size)
+
+
+def _ways(task: MissionTask, by_level: Array, leg: YoDepths, drift: float) -> tuple[Array, Array]:
+    """Return how far a leg and a drift [s] lead at some glide angles at most, beside the mean current [m], and how long they last [s]."""
+    flow, whole, shallowest = task.flow, task.settings.surface_time, task.vehicle.angles[0]
+    along, down = task.vehicle.speeds(np, np.linspace(*task.vehicle.angles, _ANGLES))
+    dives, heights = zip(
+        *((_mean_weights(task, begin, end), abs(end - begin)) for begin, end in pairwise(leg)),
+        strict=True,
+    )
+    lasts = sum(heights) / np.asarray(down)
+    own = np.average(dives, axis=0, weights=heights)
+    surface = depth_weights(flow.depth_functions, np.zeros(1), flow.levels)[0]
+    mean = shares_of_levels(flow, task.settings.depth, whole / task.leg_time(shallowest))
+    weights = lasts[:, None] * own + drift * surface - (lasts + drift)[:, None] * mean
+    beside = np.linalg.norm(by_level @ weights.T, axis=0).max(axis=0)
+    return np.asarray(along * lasts + beside), lasts + drift
+
+
+def _mean_weights(task: MissionTask, begin: float, end: float) -> Array:
+    """Return the weights of the levels, shape (Z,), in the mean between two depths [m]."""
+    return np.asarray(
+        depth_weights(
+            task.flow.depth_functions, np.linspace(begin, end, _DEPTHS), task.flow.levels
+        ).mean(axis=0)
+    )
+
+
+def _down_to(leg: YoDepths, depth: float) -> list[YoDepths]:
+    """Return the parts of a leg up to where it passes a depth [m] below the surface."""
+    passes = [
+        k
+        for k, (begin, end) in enumerate(pairwise(leg))
+        if min(begin, end) < depth <= max(begin, end)
+    ]
+    return [(*leg[: k + 1], depth) for k in passes]
+
+
+def bound_beyond(front: Front, goal: int, place: complex, until: float) -> Bound:
+    """Return how near one can come to a goal that a front does not reach in time.
+
+    Args:
+        front: From the place before it.
+        goal: Its number, from 0.
+        place: Where it is [m], east + i north.
+        until: When the mission ends at the latest [s].
+    """
+    reached = replace(front, times=np.where(front.times <= until, front.times, inf))
+    return Bound(inf, until, goal, *reached.approach(place, until))
+
+
+def limit_of(task: MissionTask, current: CurrentLattice, speed: float, goal: int) -> Limit:
+    """Return what keeps a goal out of reach of any number of legs, by the time that the way there takes in still water.
+
+    Args:
+        task: The mission.
+        current: On its lattice.
+        speed: Of the vehicle through water [m/s].
+        goal: Number of the goal, from 0.
+    """
+    still = replace(current, times=np.zeros(1), values=np.zeros_like(current.values[:1]))
+    obstacles = obstacles_of((*task.rings, *task.bottom.rings(LEAST_DIVE)), 0.0, task.places)
+    sea, now = sea_of(still, speed, task.places[: goal + 2], obstacles), np.zeros(1)
+    for number in current.places.size + np.arange(goal + 1):
+        now = spread(sea, np.array([number]), now, inf, np.array([number + 1])).times[[number + 1]]
+    if np.isinf(now[0]):
+        return "ways"
+    return "duration" if now[0] > task.settings.max_duration else "current"

@@ -1,6 +1,6 @@
 """The search for the best number of legs: a route from the front, the nonlinear program from it, fewer or more legs than it suggests.
 
-1. Bound. The earliest arrival of any vehicle of this speed (``arrival.py``): a mission whose bound is later than its most legs take is not
+1. Bound. The earliest arrival of any vehicle of this speed (``bound.py``): a mission whose bound is later than its most legs take is not
 solved. It follows the way that comes nearest to the goal, each leg aimed where the glider comes up, and says how near that can be.
 
 2. Route. The quickest way past all goals through the current averaged over the dives, round all obstacles. It gives the number of legs and
@@ -31,10 +31,11 @@ from dataclasses import replace
 import numpy as np
 
 from planners.front.bound import Bound, Limit
-from planners.mission.arrival import (
+from planners.mission.search.bound import bound_of
+from planners.mission.search.course import Target, along_route, habit
+from planners.mission.search.passage import (
     Passage,
     Water,
-    bound_of,
     initial_guess,
     is_beside,
     longest_time,
@@ -42,16 +43,28 @@ from planners.mission.arrival import (
     water_of,
     widest_passage,
 )
-from planners.mission.attempt import Attempt, GoalSteps, best_of, goals_met, is_feasible, staying
-from planners.mission.course import Target, along_route, habit
-from planners.mission.goal_legs import add_leg, goal_legs_of, goal_steps_of
-from planners.mission.program import MissionGuess
-from planners.mission.solve import solve_legs
-from planners.mission.some_goals import met_at_start, to_all, to_some
+from planners.mission.search.turning import approach_turning, solve_turning
+from planners.mission.solve.attempt import (
+    Attempt,
+    GoalSteps,
+    best_of,
+    goals_met,
+    is_feasible,
+    staying,
+)
+from planners.mission.solve.goals import (
+    add_leg,
+    goal_legs_of,
+    goal_steps_of,
+    met_at_start,
+    to_all,
+    to_some,
+)
+from planners.mission.solve.legs import solve_legs
 from planners.mission.task import MissionTask, turns_of
-from planners.mission.turning import approach_turning, solve_turning
 from planners.mission.values import MissionPlan
 from planners.route.hazards import Ring
+from planners.shooting.program import MissionGuess
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
@@ -280,9 +293,7 @@ def _approach(task: MissionTask, water: Water, limit: Limit) -> Attempt:
 
     def on_route(_at: Array, now: float, _goal: int) -> Array:
         # the last leg heads at the goal
-        return np.asarray(
-            goal if now + ahead >= route.times[-1] else route.at(np.array([now + ahead]))[0]
-        )
+        return goal if now + ahead >= route.times[-1] else route.at(np.array([now + ahead]))[0]
 
     def at_goal(_at: Array, _now: float, _goal: int) -> Array:
         return np.asarray(goal)

@@ -8,10 +8,10 @@ import numpy as np
 
 from planners.front.bound import Bound
 from planners.front.route import Route
-from planners.mission.arrival import Water, initial_guess, longest_time, passage_past_goals
-from planners.mission.attempt import Attempt, GoalSteps, is_feasible
-from planners.mission.course import along_route
-from planners.mission.solve import solve_legs
+from planners.mission.search.course import along_route
+from planners.mission.search.passage import Water, initial_guess, longest_time, passage_past_goals
+from planners.mission.solve.attempt import Attempt, GoalSteps, is_feasible
+from planners.mission.solve.legs import solve_legs
 from planners.mission.task import LEAST_DIVE, MissionTask
 from planners.route.hazards import Ring
 from replay_kit.core.arrays import Array
@@ -22,10 +22,8 @@ _SPACING, _BESIDE = 50.0, 2.0
 _STEP = 5.0
 # Shares of the longest legs with which the route is cut, one after the other until the goals are met.
 _PACES = 1.0, 0.9, 0.8, 0.65
-
 # Shares of a route to a goal out of reach that are cut, one after the other until the legs are enough.
 _PARTS = 1.0, 0.5, 0.25, 0.1
-
 # The times at which legs begin and end [s], shape (L + 1,); the depths at which they turn [m]; after which leg each goal is met.
 _Cut = tuple[Array, tuple[float, ...], tuple[int, ...]]
 

@@ -5,14 +5,13 @@ from collections.abc import Callable
 import numpy as np
 
 from planners.front.obstacles import as_complex
-from planners.mission.arrival import Water
-from planners.mission.attempt import Attempt, GoalSteps, LegsProblem
-from planners.mission.feedback import aim
-from planners.mission.flight import Legs, fly_legs
-from planners.mission.leg import fly_midpoints
-from planners.mission.program import MissionGuess
-from planners.mission.solve import fly_guess
+from planners.mission.flight.legs import Legs, fly_legs, fly_midpoints
+from planners.mission.flight.pilot import aim
+from planners.mission.search.passage import Water
+from planners.mission.solve.attempt import Attempt, GoalSteps, LegsProblem
+from planners.mission.solve.legs import fly_guess
 from planners.mission.task import MissionTask
+from planners.shooting.program import MissionGuess
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import true_north_halfway
 
