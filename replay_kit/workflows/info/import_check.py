@@ -33,8 +33,7 @@ from replay_kit.logs import merge
 from replay_kit.measurements import events_of
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds
-from replay_kit.measurements.consistency.summary import REPAIRABLE
+from replay_kit.measurements.consistency.summary import REPAIRABLE, EnsembleSpeeds, ensemble_speeds
 from replay_kit.measurements.consistency.usual_faults import (
     Fault,
     Sounding,

@@ -11,7 +11,7 @@ import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Fix, PathMean, Source, VehicleState
-from replay_kit.measurements.current.dead_reckoning import (
+from replay_kit.measurements.vehicle.dead_reckoning import (
     Path,
     at_depth,
     begin,

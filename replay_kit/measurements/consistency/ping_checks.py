@@ -1,4 +1,4 @@
-"""Speeds of a log against those of the ensemble: its unit, where nothing else contradicts it."""
+"""The checks of pings: bins above the surface, and speeds against those of the ensemble."""
 
 import math
 from dataclasses import dataclass
@@ -6,13 +6,55 @@ from dataclasses import dataclass
 from replay_kit.core.finding import Finding
 from replay_kit.core.observation import Observation
 from replay_kit.measurements.consistency import findings
-from replay_kit.measurements.consistency.speeds import MOST_SPEED
-from replay_kit.measurements.consistency.summary import PingSummary
+from replay_kit.measurements.consistency.summary import MOST_SPEED, PingSummary
 
+# Share of the pings above the surface, and the number of them, from which depths are wrong.
+_MOST_ABOVE, _LEAST_ABOVE = 0.1, 5
 # Pings after which speeds are judged, and the factor beyond which they contradict the ensemble.
 _LEAST_PINGS, _ODD = 30, 8.0
 # m/s; a slower profile lacks even the noise of an instrument
 _LEAST_SPEED = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class DepthCounts:
+    """Pings so far, without those of an instrument at the surface.
+
+    An instrument that looks up from near the surface has bins above it, too; so a ping counts when most of its bins are there.
+
+    Attributes:
+        pings: Number of pings with a velocity.
+        above: Number of those with most of their bins above the surface.
+    """
+
+    pings: int = 0
+    above: int = 0
+
+    def after(self, ping: Observation, summary: PingSummary) -> "DepthCounts":
+        """Return the counts after a ping."""
+        return (
+            self
+            if summary.is_above is None
+            else DepthCounts(self.pings + 1, self.above + summary.is_above)
+        )
+
+    def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
+        """Return that the bins are above the surface, if they are."""
+        if not self.is_wrong:
+            return None
+        return Finding(
+            findings.DEPTH,
+            ping.time_ns,
+            f"{ping.source.topic}: most bins of {self.above} of {self.pings} pings lie above the surface",
+            "the sign of depth, or an instrument that looks up and is read as looking down, or the other way round",
+            "its profiles are not used; check depth_positive and orientation of the mapping, or the ping's orientation",
+            distrusts=True,
+        )
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether more pings lie above the surface than a sound instrument can give."""
+        return self.above >= _LEAST_ABOVE and self.above > _MOST_ABOVE * self.pings
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,7 @@
-"""Positions that no one vehicle can have: of another place or another year, as those of another mission's log among the logs."""
+"""The checks of positions: a vehicle that dives and stays on one spot to the last digit, and places that no one vehicle can join."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 from replay_kit.core.finding import Finding
 from replay_kit.core.geodesy import distance
@@ -8,6 +9,8 @@ from replay_kit.core.observation import VehicleState
 from replay_kit.core.text import place_text, time_text
 from replay_kit.measurements.consistency import findings
 
+# s, m and positions for which an unchanged position is that of a dead receiver
+_FROZEN_TIME, _FROZEN_DEPTH, _FROZEN_FIXES = 600.0, 20.0, 4
 # m and m/s: positions farther apart than a vehicle or a ship goes in the time between them, and by no small error; s between the
 # positions of one mission at most
 _FAR, _FASTEST, _LONGEST = 100e3, 10.0, 366 * 86_400.0
@@ -15,6 +18,71 @@ _FAR, _FASTEST, _LONGEST = 100e3, 10.0, 366 * 86_400.0
 _NEAR = 0.5
 # Positions before which a place counts as one: single wrong fixes make none.
 _LEAST = 5
+
+
+@dataclass(frozen=True, slots=True)
+class PositionRun:
+    """The positions since the last one that differed.
+
+    Attributes:
+        longitude: Of all of them [degrees]; NaN before the first.
+        latitude: Of all of them [degrees].
+        since_ns: Time of the first [ns, UTC].
+        last_ns: Time of the last [ns, UTC].
+        fixes: Number.
+        shallowest: Least depth [m]; NaN when none was known.
+        deepest: Greatest depth [m].
+    """
+
+    longitude: float = math.nan
+    latitude: float = math.nan
+    since_ns: int = 0
+    last_ns: int = 0
+    fixes: int = 0
+    shallowest: float = math.nan
+    deepest: float = math.nan
+
+    def after(self, vehicle: VehicleState) -> "PositionRun":
+        """Return the run after a position."""
+        depth = vehicle.depth
+        if vehicle.longitude != self.longitude or vehicle.latitude != self.latitude:
+            return PositionRun(
+                vehicle.longitude,
+                vehicle.latitude,
+                vehicle.time_ns,
+                vehicle.time_ns,
+                1,
+                depth,
+                depth,
+            )
+        # a depth that is not known changes neither bound
+        least = depth if not self.shallowest <= depth and math.isfinite(depth) else self.shallowest
+        most = depth if not self.deepest >= depth and math.isfinite(depth) else self.deepest
+        return replace(
+            self, last_ns=vehicle.time_ns, fixes=self.fixes + 1, shallowest=least, deepest=most
+        )
+
+    def found(self, vehicle: VehicleState, named: frozenset[str]) -> Finding | None:
+        """Return that the receiver repeats its position, if it does."""
+        if not self.is_unusable:
+            return None
+        return Finding(
+            findings.FROZEN,
+            self.last_ns,
+            f"{self.fixes} positions over {(self.last_ns - self.since_ns) * 1e-9:.0f} s are equal to the last digit "
+            f"while the vehicle moved between {self.shallowest:.0f} and {self.deepest:.0f} m",
+            "a receiver without a fix that repeats its last one",
+            "pings at such positions are not used; check the receiver, or give the dead-reckoned positions of the vehicle",
+        )
+
+    @property
+    def is_unusable(self) -> bool:
+        """Whether the receiver repeats a position while the vehicle dives, so that pings at it are not to be used."""
+        return (
+            self.fixes >= _FROZEN_FIXES
+            and self.last_ns - self.since_ns >= _FROZEN_TIME * 1e9
+            and self.deepest - self.shallowest > _FROZEN_DEPTH
+        )
 
 
 @dataclass(frozen=True, slots=True)
