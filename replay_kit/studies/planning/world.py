@@ -118,14 +118,12 @@ class World:
         truths: One for each member left out, or one of its own.
         job: The options.
         advance: Counts steps of what is being run.
-        series: The forecast at all of its times, for the study of a sea that changes; empty where it is not made.
     """
 
     ensemble: Ensemble
     truths: tuple[Withheld, ...]
     job: PlanningJob
     advance: Advance
-    series: tuple[Ensemble, ...] = ()
 
     def shares(self, count: int) -> tuple[int, ...]:
         """Return the number of cases of each truth when a count is spread over the truths as evenly as possible."""

@@ -51,7 +51,7 @@ class Sizes:
 
     study: Annotated[
         str | None,
-        parts("glides, missions, odds; if named, changing, for a forecast through time"),
+        parts("glides, missions, odds"),
     ] = None
     pairs: Annotated[
         int,
@@ -66,9 +66,6 @@ class Sizes:
     fresh: Annotated[
         int, option("--fresh", "Number of fresh samples that odds are compared with.", least=1)
     ] = 500
-    crossings: Annotated[
-        int, option("--crossings", "Number of missions of days in a sea that changes.", least=1)
-    ] = 40
     noise: Noise = 0.09
     seed: Annotated[int, option("--seed", "Seed of everything that is drawn.", least=0)] = 0
 
@@ -99,23 +96,20 @@ def planning(
     check_paths(read, [outputs.json_file], outputs.overwrite)
     config = settings.load()
 
-    from replay_kit.forecast import read_series
     from replay_kit.studies import planning as study
     from replay_kit.workflows.fleet.workers import calls_made_by
 
-    chosen = _chosen(sizes.study)
+    chosen = tuple(study.STUDIES if sizes.study is None else sizes.study.split(","))
     check_paths(read, [*study.replaced_files(out, chosen), outputs.json_file], outputs.overwrite)
     job = _job(chosen, truths, sizes)
     # before anything is read or made
     job.check(study.STUDIES)
     members, withheld = truths.read(config.forecast)
-    series = read_series(truths.ensemble, config.forecast) if study.THROUGH_TIME in chosen else ()
-
     with (
         calls_made_by(processes.scheduler, processes.workers),
         progress(config.output.threads) as advance,
     ):
-        for result in study.run_planning(members, withheld, config.estimator, job, advance, series):
+        for result in study.run_planning(members, withheld, config.estimator, job, advance):
             # made before the first study, so that a folder that cannot be made is reported at once
             out.mkdir(exist_ok=True)
             if result.reports:
@@ -134,17 +128,6 @@ def planning(
     return 0
 
 
-def _chosen(named: str | None) -> tuple[str, ...]:
-    """Return the names of the studies asked for; without any, those that need not be named."""
-    from replay_kit.studies import planning as study
-
-    return (
-        tuple(named.split(","))
-        if named is not None
-        else tuple(name for name in study.STUDIES if name != study.THROUGH_TIME)
-    )
-
-
 def _job(chosen: tuple[str, ...], truths: Truths, sizes: Sizes) -> "PlanningJob":
     """Return the job of some studies."""
     from replay_kit.studies import planning as study
@@ -157,6 +140,5 @@ def _job(chosen: tuple[str, ...], truths: Truths, sizes: Sizes) -> "PlanningJob"
         sizes.noise,
         sizes.legs,
         fresh=sizes.fresh,
-        crossings=sizes.crossings,
         seed=sizes.seed,
     )
