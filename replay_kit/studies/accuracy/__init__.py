@@ -1,6 +1,5 @@
 """``experiment accuracy``: the error of each estimation method against the number of pings."""
 
-from replay_kit.studies.accuracy.altered import Alteration
 from replay_kit.studies.accuracy.made import Sources, read_sources
 from replay_kit.studies.accuracy.methods import METHODS
 from replay_kit.studies.accuracy.page import FILES, write_accuracy
@@ -12,7 +11,6 @@ __all__ = [
     "METHODS",
     "AccuracyJob",
     "AccuracyResult",
-    "Alteration",
     "Sources",
     "print_accuracy",
     "read_sources",

@@ -17,7 +17,6 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
 from replay_kit.core.tasks import each_call
 from replay_kit.estimator import Estimator
-from replay_kit.studies.accuracy.altered import AS_GIVEN, Alteration, altered_cases
 from replay_kit.studies.accuracy.made import KINDS, Sources, made_cases
 from replay_kit.studies.accuracy.methods import METHODS, build_method
 from replay_kit.studies.jobs.checks import (
@@ -47,7 +46,6 @@ class AccuracyJob:
         noise: Standard deviation of each component of each bin [m/s].
         seeds: Seeds 0 to seeds - 1 are run.
         methods: Of ``METHODS``.
-        alteration: Of the ensemble and its truth.
     """
 
     leave_out: str | None = None
@@ -55,14 +53,12 @@ class AccuracyJob:
     noise: float = 0.09
     seeds: int = 5
     methods: tuple[str, ...] = METHODS
-    alteration: Alteration = AS_GIVEN
 
     def check(self) -> None:
         """Raise ConfigError when an option is wrong."""
         check_names("--methods", self.methods, METHODS)
         check_counts(self.pings)
         check_positive(seeds=self.seeds)
-        self.alteration.check()
         check_not_negative(noise=self.noise)
 
 
@@ -158,7 +154,7 @@ def run_accuracy(
         MeasurementError: No point of the truth lies in the region.
     """
     job.check()
-    each = list(altered_cases(ensemble, cases(ensemble, truth, job.leave_out), job.alteration))
+    each = list(cases(ensemble, truth, job.leave_out))
     runs = len(each) * len(job.methods) * (len(KINDS) if sources else 1)
     advance = Advance(runs * job.seeds * job.pings[-1], progress)
     in_turn = len(each) > 1

@@ -49,18 +49,6 @@ class Survey:
             metavar="M1,M2,...",
         ),
     ] = None
-    every: Annotated[
-        int, option("--every", "Give estimators every N-th member only, from the first.", least=1)
-    ] = 1
-    mean_factors: Annotated[
-        str,
-        option(
-            "--mean-factors",
-            "What the ensemble mean is multiplied by in the members, and in the truth: 4,2 makes the mean current twice as strong in the "
-            "forecast as it is.",
-            metavar="MEMBERS,TRUTH",
-        ),
-    ] = "1,1"
     archive: Annotated[
         Path | None,
         option(
@@ -104,7 +92,6 @@ def accuracy(
         FILES,
         METHODS,
         AccuracyJob,
-        Alteration,
         print_accuracy,
         read_sources,
         run_accuracy,
@@ -116,9 +103,7 @@ def accuracy(
     check_paths(read, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
     counts = tuple(int(n) for n in numbers(survey.pings, "--pings"))
     methods = METHODS if survey.methods is None else tuple(survey.methods.split(","))
-    of_members, of_truth = numbers(survey.mean_factors, "--mean-factors", "MEMBERS,TRUTH")
-    alteration = Alteration(survey.every, (of_members, of_truth))
-    job = AccuracyJob(truths.leave_out, counts, survey.noise, survey.seeds, methods, alteration)
+    job = AccuracyJob(truths.leave_out, counts, survey.noise, survey.seeds, methods)
     members, withheld = truths.read(config.forecast)
     sources = (
         None
