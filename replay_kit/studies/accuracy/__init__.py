@@ -2,8 +2,7 @@
 
 from replay_kit.studies.accuracy.made import Sources, read_sources
 from replay_kit.studies.accuracy.methods import METHODS
-from replay_kit.studies.accuracy.page import FILES, write_accuracy
-from replay_kit.studies.accuracy.report import print_accuracy, to_json
+from replay_kit.studies.accuracy.page import FILES, print_accuracy, to_json, write_accuracy
 from replay_kit.studies.accuracy.run import AccuracyJob, AccuracyResult, run_accuracy
 
 __all__ = [

@@ -19,16 +19,19 @@ from replay_kit.core.tasks import each_call
 from replay_kit.estimator import Estimator
 from replay_kit.studies.accuracy.made import KINDS, Sources, made_cases
 from replay_kit.studies.accuracy.methods import METHODS, build_method
-from replay_kit.studies.jobs.checks import (
+from replay_kit.studies.jobs import (
+    EXPECTED_FAILURES,
+    Advance,
+    Progress,
     check_counts,
     check_names,
     check_not_negative,
     check_positive,
+    reason_of,
 )
-from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Advance, Progress, reason_of
-from replay_kit.studies.scoring.scores import Score, bound, score
+from replay_kit.studies.scoring import Score, bound, score
+from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.profiles import random_observations
 from replay_kit.studies.twins.truths import Case, cases
 from replay_kit.workflows.replay.scoring import ScoredPoints, scored_points
 

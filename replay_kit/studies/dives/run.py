@@ -26,14 +26,16 @@ from replay_kit.estimator.evolving.fit_log import (
 from replay_kit.estimator.evolving.likelihood import observed_subspace_estimator
 from replay_kit.studies.dives.forecasts import (
     DiveForecasts,
+    Expected,
     after_dive,
     baseline_means,
     baseline_profiles,
     before_dives,
+    expect,
+    withheld,
 )
-from replay_kit.studies.dives.predict import Expected, expect, withheld
 from replay_kit.studies.dives.read import Dive
-from replay_kit.studies.jobs.progress import Progress
+from replay_kit.studies.jobs import Progress
 from replay_kit.workflows.replay.scoring import rms_length
 
 SHARES = (0.5, 0.9)

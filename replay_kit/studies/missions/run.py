@@ -8,15 +8,12 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.tasks import each_call
-from replay_kit.studies.jobs.progress import Advance, Progress
-from replay_kit.studies.missions.bias import biases
-from replay_kit.studies.missions.coverage import coverage
+from replay_kit.studies.jobs import Advance, Progress
+from replay_kit.studies.missions.estimates import coverage, through_time
 from replay_kit.studies.missions.flights import fly_pings, staying
-from replay_kit.studies.missions.given import mean_currents_alone, outliers, relative
-from replay_kit.studies.missions.job import MissionJob
-from replay_kit.studies.missions.rows import Figure, MissionRow, over_missions
-from replay_kit.studies.missions.scene import Scene, own_estimator, withhold
-from replay_kit.studies.missions.through_time import through_time
+from replay_kit.studies.missions.follow import Figure, MissionRow, over_missions
+from replay_kit.studies.missions.instruments import biases, mean_currents_alone, outliers, relative
+from replay_kit.studies.missions.scene import MissionJob, Scene, own_estimator, withhold
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.messages import Flight
 

@@ -16,7 +16,7 @@ from replay_kit.studies.paper.run import PaperTables, Shown
 from replay_kit.studies.paper.tables import methods_with_modes
 from replay_kit.studies.paper.views import from_above, in_3d, metres, shape_of, slice_3d
 from replay_kit.studies.reports.flows import EAST, FLOW_STYLES, LABELS, NORTH
-from replay_kit.studies.reports.pictures import Drawn, saved
+from replay_kit.studies.reports.page import Drawn, saved
 
 _MODES_SHOWN = (1, 2, 10, 30)
 # What is smaller than this over the largest is rounding, no property of the slices.

@@ -8,8 +8,8 @@ from replay_kit.core.text import count_text
 from replay_kit.studies.paper.rows import ErrorRow, SparseRow
 from replay_kit.studies.paper.run import PaperTables
 from replay_kit.studies.reports.flows import AVERAGED, LABELS, TRUTH
-from replay_kit.studies.reports.write import number
-from replay_kit.studies.scoring.scores import bootstrap_ratio
+from replay_kit.studies.reports.tables import number
+from replay_kit.studies.scoring import bootstrap_ratio
 
 # Cases from which an interval of 90 % decides a comparison: of four not even all on one side are that unlikely by chance.
 _LEAST_CASES = 5

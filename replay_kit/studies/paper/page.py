@@ -1,22 +1,153 @@
-"""The study to files: a page, a report in Markdown, CSV, JSON, figures."""
+"""The study of the paper on the console, as CSV, JSON and Markdown, and as a page with its figures."""
 
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
+
+from rich.console import Console
 
 from replay_kit.show.page import Section
 from replay_kit.studies.paper import findings
-from replay_kit.studies.paper.report import FIGURES, rows_to_csv, text_tables, to_json, to_markdown
+from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
 from replay_kit.studies.paper.run import PaperTables, Shown
 from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure, misses_chart
 from replay_kit.studies.reports.flows import LABELS
 from replay_kit.studies.reports.page import (
     PAGE,
+    Drawn,
     picture_figures,
     study_page,
     tables_html,
     words_html,
 )
-from replay_kit.studies.reports.pictures import Drawn
-from replay_kit.studies.reports.write import json_text, write_files
+from replay_kit.studies.reports.tables import (
+    Table,
+    answer_of,
+    json_text,
+    markdown,
+    named_columns,
+    number,
+    print_tables,
+    to_csv,
+    write_files,
+)
+
+_RUNGS = {"full": "full rank", "members": "one a member"}
+FIGURES = {
+    "singular_values": "Singular values of the depth slices, over the largest",
+    "modes_top": "Basis flows from above, each over its largest speed",
+    "modes_3d": "One basis flow in 3D: how far it reaches above and below its level",
+    "truth_3d": "The truth, and one ping",
+    "truth_top": "The truth from above, and the pings of Table II",
+    "sparse": "Relative error against the number of pings",
+    "glides_3d": "Glides planned on each flow and flown in the truth",
+    "glides_top": "The same glides from above",
+}
+
+
+def to_json(tables: PaperTables) -> dict[str, Any]:
+    """Return the JSON object of ``paper.json`` and ``--json``; undefined figures are null."""
+    return answer_of(
+        {**asdict(tables), "figures": FIGURES}, "numpy", "scipy", "casadi", "matplotlib"
+    )
+
+
+def print_paper(tables: PaperTables, console: Console) -> None:
+    """Print the tables, and how estimators compare with the default and with the ensemble mean."""
+    print_tables(console, text_tables(tables))
+    console.print(findings.errors(tables), soft_wrap=True)
+    console.print(findings.sparse_logs(tables)[0], soft_wrap=True)
+
+
+def rows_to_csv(rows: Sequence[ErrorRow | GlideRow | SparseRow]) -> str:
+    """Return rows as CSV with their fields' names; undefined figures are empty, lists have spaces between their numbers."""
+    return to_csv(named_columns("", "", [asdict(row) for row in rows]))
+
+
+def to_markdown(tables: PaperTables) -> str:
+    """Return the study as Markdown: conditions, tables, findings, figures."""
+    table1, table2, sparse, table3 = map(markdown, text_tables(tables))
+    where, *why = findings.sparse_logs(tables)
+    parts = [
+        "# The paper's study on this ensemble",
+        findings.conditions(tables),
+        *("## Errors", table1, table2, findings.errors(tables)),
+        *("## Sparse logs: where `paper` has larger errors, and why", sparse, where, *why),
+        *("## Glides", table3, findings.glides(tables)),
+        *(
+            "## Figures",
+            *(f"![{caption}]({name}.png)\n\n*{caption}.*" for name, caption in FIGURES.items()),
+        ),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def text_tables(tables: PaperTables) -> tuple[Table, ...]:
+    """Return all tables of a study as people read them."""
+    pings, several = tables.sparse[-1].pings, tables.truths > 1
+    over = f"; medians over {tables.truths} truths" if several else ""
+    ideal = f"Table I: each grid point measured once, no noise, R = (0.01 m/s)^2{over}"
+    noisy = f"Table II: {pings} random pings of 22 bins, noise {tables.noise:g} m/s{over}"
+    glides = f"Table III: closest approach to a target at {tables.target_depth:g} m, planned on each flow, flown in the truth"
+    return (
+        named_columns("table1", ideal, _error_cells(tables.table1, several)),
+        named_columns("table2", noisy, _error_cells(tables.table2, several)),
+        named_columns(
+            "sparse",
+            f"Relative error on the way through the pings of Table II{over}",
+            _sparse_cells(tables.sparse),
+        ),
+        named_columns("table3", glides, [_glide_cells(row) for row in tables.table3]),
+    )
+
+
+def _error_cells(rows: Sequence[ErrorRow], several: bool) -> list[dict[str, str | int | None]]:
+    noted = any(row.note for row in rows)
+    return [
+        {
+            "estimator": LABELS[row.method],
+            "modes": f"{row.modes} ({_RUNGS[row.rung]})"
+            if row.modes is not None and row.rung in _RUNGS
+            else row.modes,
+            "elements in H": row.elements,
+            "rel. error": number(row.rel_error),
+            "RMSE [m/s]": number(row.rmse, 4),
+            "bound [m/s]": number(row.bound, 4),
+            **(
+                {
+                    "worst rel. error": number(row.rel_error_worst),
+                    "worst RMSE [m/s]": number(row.rmse_worst, 4),
+                }
+                if several
+                else {}
+            ),
+            "time [s]": number(row.seconds, 1),
+            **({"note": row.note} if noted else {}),
+        }
+        for row in rows
+    ]
+
+
+def _sparse_cells(rows: Sequence[SparseRow]) -> list[dict[str, str | int]]:
+    by_pings: dict[int, dict[str, str | int]] = {}
+    for row in rows:
+        label = LABELS[row.method] + ("" if row.modes is None else f", {row.modes} modes")
+        by_pings.setdefault(row.pings, {"pings": row.pings})[label] = number(row.rel_error)
+    return list(by_pings.values())
+
+
+def _glide_cells(row: GlideRow) -> dict[str, str]:
+    return {
+        "planned on": LABELS[row.flow],
+        # the paper's column of digits ends at the metre, and plans on the truth itself pass closer than that
+        "median [m]": number(row.median, 0 if row.median >= 10.0 else 2),
+        "quartiles [m]": f"{number(row.lower_quartile, 0)} to {number(row.upper_quartile, 0)}",
+        "90 % interval of the median [m]": f"{number(row.median_low, 0)} to {number(row.median_high, 0)}",
+        "within 250 m": row.note or f"{row.within_250} of {row.pairs}",
+        "time [s]": number(row.seconds, 1),
+    }
+
 
 _TABLES = ("table1", "table2", "table3", "sparse")
 FILES = (

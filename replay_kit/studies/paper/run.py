@@ -12,30 +12,39 @@ from replay_kit.core.observation import Observation
 from replay_kit.core.tasks import each_call
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.baselines import average_over_depth
-from replay_kit.studies.jobs.checks import check_counts, check_not_negative, check_positive
-from replay_kit.studies.jobs.progress import Advance, Progress
-from replay_kit.studies.paper.diagnostics import (
-    DepthKernel,
-    coherence,
-    depth_kernel,
-    level_correlation,
+from replay_kit.studies.jobs import (
+    Advance,
+    Progress,
+    check_counts,
+    check_not_negative,
+    check_positive,
 )
-from replay_kit.studies.paper.glides import Glides, run_glides
 from replay_kit.studies.paper.rows import (
+    DepthKernel,
     ErrorRow,
     GlideRow,
     SparseRow,
+    coherence,
+    depth_kernel,
+    level_correlation,
     over_truths,
     sparse_over_truths,
 )
-from replay_kit.studies.paper.tables import Survey, run_table, rungs, sparse_rows
+from replay_kit.studies.paper.tables import (
+    Glides,
+    Survey,
+    run_glides,
+    run_table,
+    rungs,
+    sparse_rows,
+)
 from replay_kit.studies.reports.flows import AVERAGED, TRUTH
-from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.profiles import (
+from replay_kit.studies.twins.adcp import (
     IDEAL_ERROR_STD,
     grid_observations,
     random_observations,
 )
+from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.reachable import Pair, draw_pairs
 from replay_kit.studies.twins.truths import Case, cases, most_distant
 

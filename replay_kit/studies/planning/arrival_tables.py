@@ -11,7 +11,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.plan import Place
 from replay_kit.studies.reports.flows import AVERAGED, FLOW_STYLES, LABELS, TRUTH
 from replay_kit.studies.reports.tables import Cell, Criterion, Table, named_columns
-from replay_kit.studies.scoring.scores import bootstrap_ratio, miss_figures
+from replay_kit.studies.scoring import bootstrap_ratio, miss_figures
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replay_kit.studies.jobs.checks import check_names, check_not_negative, check_positive
+from replay_kit.studies.jobs import check_names, check_not_negative, check_positive
 from replay_kit.studies.reports.tables import Criterion, Picture, Table
 from replay_kit.studies.twins.truths import members_named
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
-from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Advance, Progress, reason_of
+from replay_kit.studies.jobs import EXPECTED_FAILURES, Advance, Progress, reason_of
 from replay_kit.studies.planning.arrivals import glides, missions
 from replay_kit.studies.planning.job import PlanningJob, PlanningResult, StudyReport
 from replay_kit.studies.planning.odds import odds

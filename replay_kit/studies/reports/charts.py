@@ -12,7 +12,7 @@ import numpy as np
 from replay_kit.show.page import Figure
 from replay_kit.show.page.section import column
 from replay_kit.studies.reports.flows import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
-from replay_kit.studies.reports.write import to_text
+from replay_kit.studies.reports.tables import to_text
 
 _COLOURS: tuple[Any, ...] = (BLUE, VERMILION, GREEN, {"$color": "ink"}, PURPLE, ORANGE, SKY, GREY)
 _SYMBOLS = (

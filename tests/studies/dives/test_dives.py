@@ -23,8 +23,9 @@ from replay_kit.studies.dives.forecasts import (
     baseline_profiles,
     before_dives,
     column,
+    conditional,
+    expect,
 )
-from replay_kit.studies.dives.predict import conditional, expect
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.replay.build import read_forecasts
 from replay_kit.workflows.replay.look_ahead import look_ahead

@@ -34,20 +34,27 @@ from replay_kit.studies.paper import (
     to_json,
     write_paper,
 )
-from replay_kit.studies.paper.diagnostics import coherence, depth_kernel, level_correlation
 from replay_kit.studies.paper.findings import sparse_logs
-from replay_kit.studies.paper.report import rows_to_csv, text_tables, to_markdown
-from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow, over_truths
+from replay_kit.studies.paper.page import rows_to_csv, text_tables, to_markdown
+from replay_kit.studies.paper.rows import (
+    ErrorRow,
+    GlideRow,
+    SparseRow,
+    coherence,
+    depth_kernel,
+    level_correlation,
+    over_truths,
+)
 from replay_kit.studies.paper.tables import Survey, run_table, rungs
-from replay_kit.studies.reports.pictures import Drawn
-from replay_kit.studies.scoring.scores import bootstrap_median, bound, miss_figures
+from replay_kit.studies.reports.page import Drawn
+from replay_kit.studies.scoring import bootstrap_median, bound, miss_figures
 from replay_kit.studies.twins import reachable
-from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.profiles import (
+from replay_kit.studies.twins.adcp import (
     IDEAL_ERROR_STD,
     grid_observations,
     random_observations,
 )
+from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.reachable import draw_pairs
 from replay_kit.studies.twins.truths import Case, leave_out
 from replay_kit.workflows.replay.scoring import scored_points

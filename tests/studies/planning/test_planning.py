@@ -17,13 +17,12 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.plan import Place
-from replay_kit.studies.jobs.progress import Advance
+from replay_kit.studies.jobs import Advance
 from replay_kit.studies.planning import STUDIES, PlanningJob
 from replay_kit.studies.planning.arrival_tables import Arrival, order_of, place_of_average
-from replay_kit.studies.planning.flights import draw_missions
 from replay_kit.studies.planning.odds import as_sample, odds
-from replay_kit.studies.planning.world import build_world
-from replay_kit.studies.scoring.scores import bootstrap_ratio
+from replay_kit.studies.planning.world import build_world, draw_missions
+from replay_kit.studies.scoring import bootstrap_ratio
 from tests import synthetic
 from tests.command import invoke
 

@@ -17,10 +17,8 @@ from replay_kit.studies.reports.charts import (
     chart_figure,
     misses_chart,
 )
-from replay_kit.studies.reports.page import words_html
-from replay_kit.studies.reports.pictures import drawn, saved
-from replay_kit.studies.reports.tables import Picture, Table
-from replay_kit.studies.reports.write import to_csv
+from replay_kit.studies.reports.page import drawn, saved, words_html
+from replay_kit.studies.reports.tables import Picture, Table, to_csv
 from tests.show.page.checks import check_figures
 from tests.show.report.html_of import elements, table, text_of
 from tests.studies.pages import accuracy_result, dives_result, mission_result, planning_result
