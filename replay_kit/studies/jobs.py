@@ -1,7 +1,7 @@
 """How studies run: options checked, progress counted, failures kept as results while the other parts go on."""
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -12,8 +12,7 @@ from replay_kit.core.errors import (
     MeasurementError,
     PlanError,
 )
-
-Progress = Callable[[int, int, str], None]
+from replay_kit.core.progress import Progress, silent
 
 #: A matrix that cannot be factorised, and inputs that one method or study cannot use. A wrong option (``ConfigError``) concerns the
 #: whole run, and any other error is a bug: neither is kept as a result.
@@ -37,20 +36,19 @@ class Advance:
     It is mutable: calls of ``each_call`` count in it as they go, where they are made in this process.
     """
 
-    def __init__(self, total: int = 0, progress: Progress | None = None) -> None:
+    def __init__(self, total: int = 0, progress: Progress = silent) -> None:
         """Begin with no step done.
 
         Args:
             total: Steps in all.
-            progress: Called with steps done, steps in all, and what is being run; None reports nothing.
+            progress: Called with steps done, steps in all, and what is being run.
         """
         self._total, self._progress, self.done = total, progress, 0
 
     def __call__(self, what: str, steps: int = 1) -> None:
         """Count steps of what is being run."""
         self.done += steps
-        if self._progress is not None:
-            self._progress(self.done, self._total, what)
+        self._progress(self.done, self._total, what)
 
     def reach(self, done: int, what: str) -> None:
         """Count what a call has done that was made elsewhere: as many steps as are missing to a number of them."""

@@ -79,7 +79,7 @@ def row_table(result: AccuracyResult) -> Table:
     return Table("accuracy", "Methods against the number of pings", columns, rows)
 
 
-def print_accuracy(result: AccuracyResult, console: Console) -> None:
+def print_study(result: AccuracyResult, console: Console) -> None:
     """Print the rows as a table, and below it why methods failed."""
     print_tables(console, [row_table(result)])
     for row in result.rows:
@@ -133,7 +133,7 @@ _CHARTS = (
 )
 
 
-def write_accuracy(out: Path, result: AccuracyResult) -> None:
+def write_study(out: Path, result: AccuracyResult) -> None:
     """Write ``FILES`` into a folder that exists, each whole or not at all; of an unfinished study all but the page."""
     page = {} if result.unfinished else {PAGE: accuracy_page(result)}
     write_files(

@@ -15,6 +15,7 @@ import numpy as np
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
+from replay_kit.core.progress import Progress, silent
 from replay_kit.core.tasks import each_call
 from replay_kit.estimator import Estimator
 from replay_kit.studies.accuracy.made import KINDS, Sources, made_cases
@@ -22,7 +23,6 @@ from replay_kit.studies.accuracy.methods import METHODS, build_method
 from replay_kit.studies.jobs import (
     EXPECTED_FAILURES,
     Advance,
-    Progress,
     check_counts,
     check_names,
     check_not_negative,
@@ -136,7 +136,7 @@ def run_accuracy(
     truth: Ensemble | None,
     config: EstimatorConfig,
     job: AccuracyJob,
-    progress: Progress | None = None,
+    progress: Progress = silent,
     sources: Sources | None = None,
 ) -> Iterator[AccuracyResult]:
     """Yield how well each method estimates a truth: the result so far after each method, then the whole one.

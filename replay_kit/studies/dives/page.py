@@ -31,7 +31,7 @@ TITLES = {
 }
 
 
-def print_dives(result: DivesResult, console: Console) -> None:
+def print_study(result: DivesResult, console: Console) -> None:
     """Print what a person reads: errors by dive and method, calibration, surfacings."""
     print_tables(console, [dive_table(result, kind) for kind in TITLES if result.rmse(kind)])
     for sentence in sentences_of(result):
@@ -136,7 +136,7 @@ _DIVES = Axis("dive [number]")
 _NAMES = {"profiles": "profiles of the current", "mean": "depth-averaged currents"}
 
 
-def write_dives(out: Path, result: DivesResult) -> None:
+def write_study(out: Path, result: DivesResult) -> None:
     """Write ``FILES`` into a folder that exists, each whole or not at all; of unfinished predictions all but the page."""
     page = {} if result.unfinished else {PAGE: dives_page(result)}
     write_files(

@@ -44,7 +44,7 @@ def to_csv(result: MissionResult) -> str:
     )
 
 
-def print_missions(result: MissionResult, console: Console) -> None:
+def print_study(result: MissionResult, console: Console) -> None:
     """Print a table for each study."""
     print_tables(console, [study_table(result, study) for study in result.job.studies])
     for why in result.lost:
@@ -83,7 +83,7 @@ _TITLES = {
 _CAPTION = "Dots are single missions, the diamond is all of them together, bars are the limits that it should keep to, where there are any."
 
 
-def write_missions(out: Path, result: MissionResult) -> None:
+def write_study(out: Path, result: MissionResult) -> None:
     """Write ``FILES`` into a folder that exists, each whole or not at all; of unfinished studies all but the page."""
     page = {} if result.unfinished else {PAGE: missions_page(result)}
     write_files(

@@ -7,8 +7,9 @@ from functools import partial
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
+from replay_kit.core.progress import Progress, silent
 from replay_kit.core.tasks import each_call
-from replay_kit.studies.jobs import Advance, Progress
+from replay_kit.studies.jobs import Advance
 from replay_kit.studies.missions.estimates import coverage, through_time
 from replay_kit.studies.missions.flights import fly_pings, staying
 from replay_kit.studies.missions.follow import Figure, MissionRow, over_missions
@@ -51,7 +52,7 @@ class MissionResult:
 
 
 def run_missions(
-    series: Sequence[Ensemble], config: RunConfig, job: MissionJob, progress: Progress | None = None
+    series: Sequence[Ensemble], config: RunConfig, job: MissionJob, progress: Progress = silent
 ) -> Iterator[MissionResult]:
     """Yield the studies on an ensemble: the result so far after each mission, then the whole one.
 

@@ -10,7 +10,7 @@ from rich.console import Console
 from replay_kit.show.page import Section
 from replay_kit.studies.paper import findings
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
-from replay_kit.studies.paper.run import PaperTables, Shown
+from replay_kit.studies.paper.run import PaperResult, PaperTables
 from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure, misses_chart
 from replay_kit.studies.reports.flows import LABELS
 from replay_kit.studies.reports.page import (
@@ -46,15 +46,16 @@ FIGURES = {
 }
 
 
-def to_json(tables: PaperTables) -> dict[str, Any]:
+def to_json(result: PaperResult) -> dict[str, Any]:
     """Return the JSON object of ``paper.json`` and ``--json``; undefined figures are null."""
     return answer_of(
-        {**asdict(tables), "figures": FIGURES}, "numpy", "scipy", "casadi", "matplotlib"
+        {**asdict(result[0]), "figures": FIGURES}, "numpy", "scipy", "casadi", "matplotlib"
     )
 
 
-def print_paper(tables: PaperTables, console: Console) -> None:
+def print_study(result: PaperResult, console: Console) -> None:
     """Print the tables, and how estimators compare with the default and with the ensemble mean."""
+    tables, _ = result
     print_tables(console, text_tables(tables))
     console.print(findings.errors(tables), soft_wrap=True)
     console.print(findings.sparse_logs(tables)[0], soft_wrap=True)
@@ -159,16 +160,9 @@ FILES = (
 )
 
 
-def write_paper(out: Path, tables: PaperTables, shown: Shown) -> None:
-    """Write ``FILES`` into a folder, each whole or not at all; existing ones are replaced.
-
-    Of an unfinished study, these are ``paper.json`` and the tables that have rows.
-
-    Args:
-        out: The folder; it exists.
-        tables: The results.
-        shown: What the figures show.
-    """
+def write_study(out: Path, result: PaperResult) -> None:
+    """Write ``FILES`` into a folder that exists, each whole or not at all; of an unfinished study JSON and the tables that have rows."""
+    tables, shown = result
     write_files(
         out,
         {
@@ -177,7 +171,7 @@ def write_paper(out: Path, tables: PaperTables, shown: Shown) -> None:
             if getattr(tables, name)
         },
     )
-    write_files(out, {"paper.json": json_text(to_json(tables))})
+    write_files(out, {"paper.json": json_text(to_json(result))})
     if tables.unfinished:
         return
     # matplotlib takes half a second to load, and nothing but this needs it
@@ -187,16 +181,12 @@ def write_paper(out: Path, tables: PaperTables, shown: Shown) -> None:
     for name, picture in draw(tables, shown):
         write_files(out, {f"{name}.{ending}": content for ending, content in picture.files.items()})
         pictures[name] = picture
-    write_files(out, {"report.md": to_markdown(tables), PAGE: paper_page(tables, pictures)})
+    write_files(out, {"report.md": to_markdown(tables), PAGE: paper_page(result, pictures)})
 
 
-def paper_page(tables: PaperTables, pictures: dict[str, Drawn]) -> str:
-    """Return the page of the finished study.
-
-    Args:
-        tables: The results.
-        pictures: By name.
-    """
+def paper_page(result: PaperResult, pictures: dict[str, Drawn]) -> str:
+    """Return the page of the finished study, with its pictures by name."""
+    tables, _ = result
     table1, table2, sparse, table3 = text_tables(tables)
     where, *why = findings.sparse_logs(tables)
     shown = picture_figures(
@@ -231,7 +221,7 @@ def paper_page(tables: PaperTables, pictures: dict[str, Drawn]) -> str:
         ),
         Section("pictures", "Figures of the paper", figures=shown),
     ]
-    return study_page("The paper's study on this ensemble", sections, to_json(tables))
+    return study_page("The paper's study on this ensemble", sections, to_json(result))
 
 
 def _sparse(tables: PaperTables) -> Chart:

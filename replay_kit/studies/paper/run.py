@@ -9,12 +9,12 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
+from replay_kit.core.progress import Progress, silent
 from replay_kit.core.tasks import each_call
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.baselines import average_over_depth
 from replay_kit.studies.jobs import (
     Advance,
-    Progress,
     check_counts,
     check_not_negative,
     check_positive,
@@ -148,6 +148,10 @@ class Shown:
     config: EstimatorConfig
 
 
+#: The tables so far, and what the figures show.
+PaperResult = tuple[PaperTables, Shown]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _OfCase:
     """Tables I and II of one truth, and the runs whose estimates are planned on."""
@@ -164,8 +168,8 @@ def run_paper(
     truth: Ensemble | None,
     config: EstimatorConfig,
     job: PaperJob,
-    progress: Progress | None = None,
-) -> Iterator[tuple[PaperTables, Shown]]:
+    progress: Progress = silent,
+) -> Iterator[PaperResult]:
     """Yield the study's tables, and what its figures show: those so far after each truth's Tables I and II, then the whole ones.
 
     Args:

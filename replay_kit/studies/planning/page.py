@@ -102,7 +102,7 @@ def conditions(result: PlanningResult) -> str:
     )
 
 
-def print_planning(result: PlanningResult, console: Console) -> None:
+def print_study(result: PlanningResult, console: Console) -> None:
     """Print the tables, the criteria, and the findings."""
     for report in result.reports:
         print_tables(console, all_tables(report))
@@ -118,19 +118,16 @@ def all_tables(report: StudyReport) -> tuple[Table, ...]:
     )
 
 
-def replaced_files(out: Path, studies: tuple[str, ...]) -> list[Path]:
-    """Return the files in a folder that a run of some studies would replace."""
-    patterns = [
-        PAGE,
-        "report.md",
-        "planning.json",
-        *(f"{study}*.{ending}" for study in studies for ending in ("csv", "png")),
-    ]
-    return sorted(path for pattern in patterns for path in out.glob(pattern))
+def files_of(studies: Sequence[str]) -> list[str]:
+    """Return patterns of the names of the files that a run of some studies writes."""
+    tables = [f"{study}*.{ending}" for study in studies for ending in ("csv", "png")]
+    return [PAGE, "report.md", "planning.json", *tables]
 
 
-def write_planning(out: Path, result: PlanningResult) -> None:
-    """Write everything into a folder that exists, each file whole or not at all; existing ones are replaced."""
+def write_study(out: Path, result: PlanningResult) -> None:
+    """Write all that is done into a folder that exists, each file whole or not at all; existing ones are replaced."""
+    if not result.reports:
+        return
     pictures = {
         picture.name: drawn(picture) for report in result.reports for picture in report.pictures
     }

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
-from replay_kit.studies.jobs import EXPECTED_FAILURES, Advance, Progress, reason_of
+from replay_kit.core.progress import Progress, silent
+from replay_kit.studies.jobs import EXPECTED_FAILURES, Advance, reason_of
 from replay_kit.studies.planning.arrivals import glides, missions
 from replay_kit.studies.planning.job import PlanningJob, PlanningResult, StudyReport
 from replay_kit.studies.planning.odds import odds
@@ -38,7 +39,7 @@ def run_planning(
     truth: Ensemble | None,
     config: EstimatorConfig,
     job: PlanningJob,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Iterator[PlanningResult]:
     """Yield the chosen studies so far, on a truth or on each member left out in turn.
 

@@ -9,8 +9,8 @@ import pytest
 from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
-from replay_kit.studies.accuracy import AccuracyJob, Sources, read_sources, run_accuracy
-from replay_kit.studies.accuracy.made import made_cases
+from replay_kit.studies.accuracy import AccuracyJob, read_sources, run_accuracy
+from replay_kit.studies.accuracy.made import Sources, made_cases
 from replay_kit.studies.twins.truths import leave_out
 from tests import synthetic
 from tests.command import invoke

@@ -16,7 +16,7 @@ from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.dive_error import new_dive, with_dive_error
 from replay_kit.estimator.evolving.fit_log import fit_to_log, fitted_estimator, initial_settings
 from replay_kit.estimator.evolving.likelihood import log_likelihoods, observed_subspace_estimator
-from replay_kit.studies.dives import read_dives, run_dives, to_json
+from replay_kit.studies.dives import read_dives, run_dives
 from replay_kit.studies.dives.forecasts import (
     after_dive,
     baseline_means,
@@ -26,6 +26,7 @@ from replay_kit.studies.dives.forecasts import (
     conditional,
     expect,
 )
+from replay_kit.studies.dives.page import to_json
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.replay.build import read_forecasts
 from replay_kit.workflows.replay.look_ahead import look_ahead

@@ -20,17 +20,10 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.studies.missions import (
-    STUDIES,
-    MissionJob,
-    estimates,
-    instruments,
-    run_missions,
-    to_csv,
-    to_json,
-)
+from replay_kit.studies.missions import STUDIES, MissionJob, estimates, instruments, run_missions
 from replay_kit.studies.missions.flights import fly_dives, fly_pings, measurements, staying
 from replay_kit.studies.missions.follow import Figure, evaluated_after, follow, over_missions
+from replay_kit.studies.missions.page import to_csv, to_json
 from replay_kit.studies.missions.scene import withhold
 from replay_kit.studies.twins.adcp import Faults
 from replay_kit.studies.twins.field import build_field

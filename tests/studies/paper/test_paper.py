@@ -25,17 +25,21 @@ from replay_kit.estimator import embed_member
 from replay_kit.estimator.basis.modes import build_basis
 from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.paper import (
-    FILES,
     PaperJob,
     figures,
     findings,
-    print_paper,
     run_paper,
-    to_json,
-    write_paper,
 )
 from replay_kit.studies.paper.findings import sparse_logs
-from replay_kit.studies.paper.page import rows_to_csv, text_tables, to_markdown
+from replay_kit.studies.paper.page import (
+    FILES,
+    print_study,
+    rows_to_csv,
+    text_tables,
+    to_json,
+    to_markdown,
+    write_study,
+)
 from replay_kit.studies.paper.rows import (
     ErrorRow,
     GlideRow,
@@ -87,7 +91,7 @@ def study():
 @pytest.fixture(scope="module")
 def folder(study, tmp_path_factory):
     out = tmp_path_factory.mktemp("paper")
-    write_paper(out, *study[:2])
+    write_study(out, study[:2])
     return out
 
 
@@ -228,7 +232,7 @@ def test_a_study_goes_on_around_land_and_without_a_method_that_fails(monkeypatch
         == {"paper"}
     )
     assert "cannot be built: Singular matrix" in to_markdown(tables)
-    assert to_json(tables)["sparse"][0]["rel_error"] is None
+    assert to_json((tables, shown))["sparse"][0]["rel_error"] is None
     assert [name for name, _ in islice(figures.draw(tables, shown), 2)] == [
         "singular_values",
         "modes_top",
@@ -482,7 +486,7 @@ def test_all_members_in_turn(tmp_path):
     assert len(partial[0][0].table2[0].rel_error_by_truth) == 1
     assert not tables.unfinished
     # of a study that is not finished the tables are written, and what is not known yet is not
-    write_paper(tmp_path, *partial[0])
+    write_study(tmp_path, partial[0])
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "paper.json",
         "sparse.csv",
@@ -490,7 +494,7 @@ def test_all_members_in_turn(tmp_path):
         "table2.csv",
     ]
     assert json.loads((tmp_path / "paper.json").read_text())["unfinished"] is True
-    assert "unfinished" not in to_json(tables)
+    assert "unfinished" not in to_json((tables, shown))
     assert (tables.truth, tables.truths) == ("all", 3)
     assert shown.case.member is not None
     assert tables.shown_truth == f"three#{shown.case.member}"
@@ -525,7 +529,7 @@ def test_files_say_the_same_numbers(study, folder):
     tables = study[0]
     assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
     answer = json.loads((folder / "paper.json").read_text())
-    assert answer == json.loads(json.dumps(to_json(tables), allow_nan=False))
+    assert answer == json.loads(json.dumps(to_json(study[:2]), allow_nan=False))
     assert {"replay-kit", "numpy", "matplotlib"} <= set(answer["versions"])
     assert answer["seed"] == 0
     for name, kind in (
@@ -550,7 +554,7 @@ def test_files_say_the_same_numbers(study, folder):
 def test_console_and_report_show_the_rows(study, folder):
     tables = study[0]
     words = io.StringIO()
-    print_paper(tables, Console(file=words, width=200))
+    print_study(study[:2], Console(file=words, width=200))
     written = (folder / "report.md").read_text()
     for row in (*tables.table1, *tables.table2):
         for text in (words.getvalue(), written):

@@ -97,7 +97,7 @@ def test_studies_are_reported_in_every_form(answer):
         assert np.ptp(matplotlib.image.imread(picture)[..., :3]) == 1.0
     # what is there already is not replaced without being asked to
     assert isinstance(again.exception, ConfigError)
-    assert "glides.csv: exists" in str(again.exception)
+    assert "index.html: exists" in str(again.exception)
 
 
 @pytest.mark.full

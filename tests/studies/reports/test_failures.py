@@ -8,8 +8,9 @@ import pytest
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, EstimatorError, PlanError
-from replay_kit.studies.accuracy import AccuracyJob, run_accuracy, to_json
+from replay_kit.studies.accuracy import AccuracyJob, run_accuracy
 from replay_kit.studies.accuracy import run as accuracy
+from replay_kit.studies.accuracy.page import to_json
 from replay_kit.studies.planning import PlanningJob, run_planning
 from replay_kit.studies.planning import run as planning_run
 from replay_kit.studies.planning.job import StudyReport

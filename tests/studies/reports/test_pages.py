@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from replay_kit import __version__
-from replay_kit.studies import accuracy, dives, missions, planning
+from replay_kit.studies.accuracy import page as accuracy
 from replay_kit.studies.accuracy.page import accuracy_page
+from replay_kit.studies.dives import page as dives
+from replay_kit.studies.missions import page as missions
+from replay_kit.studies.planning import page as planning
 from replay_kit.studies.reports.charts import (
     Axis,
     Chart,
@@ -24,10 +27,10 @@ from tests.show.report.html_of import elements, table, text_of
 from tests.studies.pages import accuracy_result, dives_result, mission_result, planning_result
 
 WRITTEN = [
-    (accuracy.write_accuracy, accuracy_result, ["error", "coverage", "nis"]),
-    (dives.write_dives, dives_result, ["errors-profiles", "errors-mean", "surfacings"]),
-    (missions.write_missions, mission_result, ["outliers-m-s", "outliers-1", "coverage-1"]),
-    (planning.write_planning, planning_result, ["glides-distribution", "glides-misses"]),
+    (accuracy.write_study, accuracy_result, ["error", "coverage", "nis"]),
+    (dives.write_study, dives_result, ["errors-profiles", "errors-mean", "surfacings"]),
+    (missions.write_study, mission_result, ["outliers-m-s", "outliers-1", "coverage-1"]),
+    (planning.write_study, planning_result, ["glides-distribution", "glides-misses"]),
 ]
 
 
@@ -91,7 +94,7 @@ def test_of_truths_in_turn_the_means_are_shown() -> None:
 
 
 def test_dives_say_how_the_estimate_compares(tmp_path: Path) -> None:
-    dives.write_dives(tmp_path, dives_result())
+    dives.write_study(tmp_path, dives_result())
     page = (tmp_path / "index.html").read_text()
     words, rms = text_of(page, "answer"), 100.0 * np.sqrt((2 * 0.1**2 + 2 * 0.2**2) / 2.0)
     assert (
@@ -117,7 +120,7 @@ def test_dives_say_how_the_estimate_compares(tmp_path: Path) -> None:
 
 
 def test_missions_say_what_does_not_keep_to_its_limit(tmp_path: Path) -> None:
-    missions.write_missions(tmp_path, mission_result())
+    missions.write_study(tmp_path, mission_result())
     page = (tmp_path / "index.html").read_text()
     words = text_of(page, "answer")
     assert "1 of 2 figures that have a limit keep to it; these do not:" in words
@@ -134,7 +137,7 @@ def test_missions_say_what_does_not_keep_to_its_limit(tmp_path: Path) -> None:
 
 
 def test_plans_say_which_criteria_are_not_met(tmp_path: Path) -> None:
-    planning.write_planning(tmp_path, planning_result())
+    planning.write_study(tmp_path, planning_result())
     page = (tmp_path / "index.html").read_text()
     words = text_of(page, "answer")
     assert "1 of 2 criteria are met; these are not:" in words
@@ -150,7 +153,8 @@ def test_plans_say_which_criteria_are_not_met(tmp_path: Path) -> None:
     # the medians of the two truths against their relative errors
     assert drawn["x"][-2:] == [0.1, 0.1]
     assert drawn["y"][-2:] == [2000.0, 300.0]
-    assert planning.replaced_files(tmp_path, ("glides",)) == sorted(tmp_path.iterdir())
+    patterns = planning.files_of(("glides",))
+    assert {path for each in patterns for path in tmp_path.glob(each)} == set(tmp_path.iterdir())
 
 
 def test_a_chart_says_its_data_in_words_and_fills_short_series() -> None:

@@ -11,7 +11,8 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.tasks import called_by
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.studies.accuracy import AccuracyJob, run_accuracy
-from replay_kit.studies.dives import read_dives, run_dives, to_json
+from replay_kit.studies.dives import read_dives, run_dives
+from replay_kit.studies.dives.page import to_json
 from replay_kit.studies.missions import MissionJob, run_missions
 from replay_kit.studies.paper import PaperJob, run_paper
 from replay_kit.studies.planning import PlanningJob, run_planning

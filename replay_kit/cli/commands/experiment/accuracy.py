@@ -4,21 +4,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from replay_kit.cli.commands.experiment.truths import (
+from replay_kit.cli.commands.experiment.study import (
     ESTIMATOR,
-    FOLDER,
     OneTruth,
-    existing,
-    folder,
-    name_page,
+    Outputs,
+    check_outputs,
+    run_study,
 )
-from replay_kit.cli.console import console_beside, keep_json, progress, write_json
 from replay_kit.cli.options import (
     PART_OF_FORECAST,
     TO_INPUTS,
     TO_OPTIONS,
     TO_OUTPUTS,
-    Answer,
     Noise,
     Processes,
     numbers,
@@ -26,7 +23,6 @@ from replay_kit.cli.options import (
 )
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.paths import check_folder, check_paths
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,13 +56,6 @@ class Survey:
     ] = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outputs(Answer):
-    """What is written."""
-
-    out: Annotated[Path | None, folder("a page, CSV and JSON"), FOLDER] = None
-
-
 @takes_settings(*PART_OF_FORECAST, "estimator", without=ESTIMATOR)
 def accuracy(
     *,
@@ -82,25 +71,13 @@ def accuracy(
         EstimatorError: Every method failed.
     """
     truths.check("accuracy")
-    read, out = [*truths.files, survey.archive, settings.file], outputs.out
-    if out is not None:
-        check_folder(out)
-    check_paths(read, [outputs.json_file], outputs.overwrite)
+    read = [*truths.files, survey.archive, settings.file]
+    check_outputs(read, outputs)
     config = settings.load()
 
-    from replay_kit.studies.accuracy import (
-        FILES,
-        METHODS,
-        AccuracyJob,
-        print_accuracy,
-        read_sources,
-        run_accuracy,
-        to_json,
-        write_accuracy,
-    )
-    from replay_kit.workflows.fleet.workers import calls_made_by
+    from replay_kit.studies.accuracy import METHODS, AccuracyJob, page, read_sources, run_accuracy
 
-    check_paths(read, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
+    check_outputs(read, outputs, page.FILES)
     counts = tuple(int(n) for n in numbers(survey.pings, "--pings"))
     methods = METHODS if survey.methods is None else tuple(survey.methods.split(","))
     job = AccuracyJob(truths.leave_out, counts, survey.noise, survey.seeds, methods)
@@ -110,19 +87,13 @@ def accuracy(
         if survey.archive is None
         else read_sources(truths.ensemble, survey.archive, config.forecast)
     )
-    with (
-        calls_made_by(processes.scheduler, processes.workers),
-        progress(config.output.threads) as advance,
-    ):
-        for result in run_accuracy(members, withheld, config.estimator, job, advance, sources):
-            if out is not None:
-                out.mkdir(exist_ok=True)
-                write_accuracy(out, result)
-            keep_json(outputs.json_file, to_json(result))
-    console = console_beside(outputs.json_file)
-    print_accuracy(result, console)
-    name_page(console, out)
-    write_json(outputs.json_file, to_json(result))
+    result = run_study(
+        page,
+        lambda advance: run_accuracy(members, withheld, config.estimator, job, advance, sources),
+        outputs,
+        config,
+        processes,
+    )
     if all(row.failed for row in result.rows):
         raise EstimatorError(
             f"experiment accuracy: every method failed, the first with {result.rows[0].failed}"
