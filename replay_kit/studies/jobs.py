@@ -1,7 +1,9 @@
 """How studies run: options checked, progress counted, failures kept as results while the other parts go on."""
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from itertools import tee
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -13,6 +15,9 @@ from replay_kit.core.errors import (
     PlanError,
 )
 from replay_kit.core.progress import Progress, silent
+from replay_kit.core.tasks import each_call
+
+Value = TypeVar("Value")
 
 #: A matrix that cannot be factorised, and inputs that one method or study cannot use. A wrong option (``ConfigError``) concerns the
 #: whole run, and any other error is a bug: neither is kept as a result.
@@ -33,7 +38,7 @@ def reason_of(error: Exception) -> str:
 class Advance:
     """Counts steps as done and reports each to a progress function; in another process, to which it is sent, it counts nothing.
 
-    It is mutable: calls of ``each_call`` count in it as they go, where they are made in this process.
+    It is mutable: calls count in it as they go, where they are made in this process.
     """
 
     def __init__(self, total: int = 0, progress: Progress = silent) -> None:
@@ -50,13 +55,30 @@ class Advance:
         self.done += steps
         self._progress(self.done, self._total, what)
 
-    def reach(self, done: int, what: str) -> None:
-        """Count what a call has done that was made elsewhere: as many steps as are missing to a number of them."""
-        if done > self.done:
-            self(what, done - self.done)
-
     def __reduce__(self) -> tuple[type["Advance"], tuple[()]]:
         return Advance, ()
+
+
+def each_counted(
+    function: Callable[..., Value],
+    calls: Iterable[tuple[Any, ...]],
+    advance: Advance,
+    steps: Callable[..., int],
+) -> Iterator[tuple[tuple[Any, ...], Value]]:
+    """Yield each call with its value, see ``each_call``; the steps of one made in another process are counted when it is done.
+
+    Args:
+        function: As of ``each_call``; it counts its steps where it runs.
+        calls: Its arguments.
+        advance: Counts steps.
+        steps: Number of steps of a call, of the same arguments.
+    """
+    done, (calls, made) = advance.done, tee(calls)
+    for call, value in zip(calls, each_call(function, made), strict=True):
+        done += steps(*call)
+        if done > advance.done:
+            advance("cases", done - advance.done)
+        yield call, value
 
 
 def check_names(option: str, chosen: Sequence[str], known: Collection[str]) -> None:

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from replay_kit.show.page import Section
 from replay_kit.studies.accuracy.run import FIGURES, AccuracyResult, AccuracyRow
-from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure
+from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure, series_by
 from replay_kit.studies.reports.flows import LABELS
 from replay_kit.studies.reports.page import PAGE, list_html, study_page, tables_html, words_html
 from replay_kit.studies.reports.tables import (
@@ -168,18 +168,12 @@ def accuracy_page(result: AccuracyResult) -> str:
 
 
 def _series(rows: Sequence[AccuracyRow], field: str) -> tuple[Series, ...]:
-    by_method: dict[str, list[AccuracyRow]] = {}
-    for row in rows:
-        # NaN is unequal to itself: methods without such a figure have no line
-        if (value := getattr(row, field)) == value:
-            by_method.setdefault(row.method, []).append(row)
-    return tuple(
-        Series(
-            LABELS.get(method, method),
-            [row.pings for row in of_method],
-            [getattr(row, field) for row in of_method],
-        )
-        for method, of_method in by_method.items()
+    figures = [(row, getattr(row, field)) for row in rows]
+    # NaN is unequal to itself: methods without such a figure have no line
+    return series_by(
+        (LABELS.get(row.method, row.method), row.pings, value)
+        for row, value in figures
+        if value == value
     )
 
 

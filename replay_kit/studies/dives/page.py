@@ -12,7 +12,7 @@ from replay_kit.results.surfacings.summary import surfacings_json
 from replay_kit.results.surfacings.words import surfacings_sentences
 from replay_kit.show.page import Section
 from replay_kit.studies.dives.run import DivePrediction, DivesResult
-from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure
+from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure, series_by
 from replay_kit.studies.reports.page import PAGE, list_html, study_page, tables_html, words_html
 from replay_kit.studies.reports.tables import (
     Table,
@@ -191,13 +191,10 @@ def _best(result: DivesResult, kind: str) -> str:
 
 
 def _errors(result: DivesResult, kind: str) -> Chart:
-    by_method: dict[str, list[tuple[float, float]]] = {method: [] for method in result.rmse(kind)}
-    for dive in result.dives[1:]:
-        for method, rmse in rmse_of(dive, kind).items():
-            by_method[method].append((dive.number, 100.0 * rmse))
-    series = tuple(
-        Series(method.replace("_", " "), [x for x, _ in each], [y for _, y in each])
-        for method, each in by_method.items()
+    series = series_by(
+        (method.replace("_", " "), dive.number, 100.0 * rmse)
+        for dive in result.dives[1:]
+        for method, rmse in rmse_of(dive, kind).items()
     )
     caption = "Lower is better. Where the estimate lies below the others, what it learned from earlier dives helped to predict this one."
     return Chart(

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -12,7 +13,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.evolving import EvolvingState
-from replay_kit.studies.reports.tables import NAN, is_within
+from replay_kit.studies.reports.tables import NAN, grouped, is_within
 from replay_kit.studies.twins.vehicle import DAY_NS
 
 RMSE = "RMSE [m/s]"
@@ -89,10 +90,7 @@ def over_missions(study: str, missions: Sequence[Sequence[Figure]]) -> tuple[Mis
         study: Its name.
         missions: The figures of each.
     """
-    alike: dict[tuple[str, str], list[Figure]] = {}
-    for figures in missions:
-        for figure in figures:
-            alike.setdefault((figure.method, figure.name), []).append(figure)
+    alike = grouped(chain.from_iterable(missions), lambda one: (one.method, one.name))
     return tuple(_row(study, figures) for figures in alike.values())
 
 

@@ -12,15 +12,16 @@ from replay_kit.show.page import Section
 from replay_kit.studies.missions.follow import MissionRow
 from replay_kit.studies.missions.run import MissionResult
 from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure
-from replay_kit.studies.reports.page import PAGE, list_html, study_page, tables_html, words_html
+from replay_kit.studies.reports.page import PAGE, criteria_html, study_page, tables_html, words_html
 from replay_kit.studies.reports.tables import (
+    Criterion,
     Table,
     answer_of,
+    grouped,
     json_text,
     limits_text,
     met_text,
     print_tables,
-    to_text,
     write_files,
 )
 from replay_kit.studies.reports.tables import to_csv as table_to_csv
@@ -106,31 +107,35 @@ def missions_page(result: MissionResult) -> str:
 
 
 def _answer(result: MissionResult) -> str:
-    job, limited = result.job, [row for row in result.rows if row.met is not None]
-    not_met = [row for row in limited if not row.met]
-    paragraphs = [
+    job = result.job
+    flown = (
         f"Gliders fly through {len(result.members)} members of `{result.ensemble}` that the estimator does not know, {job.seeds} for each,"
-        f" with {job.pings} pings of {job.noise:g} m/s noise.",
-        f"{len(limited) - len(not_met)} of {len(limited)} figures that have a limit keep to it{'; these do not:' if not_met else '.'}",
-    ]
-    lines = [
-        f"{row.study}, {row.method}, {row.figure}: *{to_text(row.value)}*, required {limits_text(row.at_least, row.at_most)}"
-        for row in not_met
-    ]
-    return words_html(paragraphs) + (list_html(lines) if lines else "")
+        f" with {job.pings} pings of {job.noise:g} m/s noise."
+    )
+    return words_html([flown]) + criteria_html(
+        [
+            Criterion(
+                f"{row.study}, {row.method}, {row.figure}", row.value, row.at_least, row.at_most
+            )
+            for row in result.rows
+            if row.met is not None
+        ]
+    )
 
 
 def _section(result: MissionResult, study: str) -> Section:
     rows = [row for row in result.rows if row.study == study]
-    by_unit: dict[str, list[MissionRow]] = {}
-    for row in rows:
-        found = re.search(r"\[(.+)\]", row.figure)
-        by_unit.setdefault(found[1] if found else "1", []).append(row)
+    by_unit = grouped(rows, _unit)
     figures = [chart_figure(_chart(study, unit, alike)) for unit, alike in by_unit.items()]
     missing = () if rows else ("No mission of this study is left.",)
     return Section(
         study, _TITLES[study], tables_html([study_table(result, study)]), figures, missing
     )
+
+
+def _unit(row: MissionRow) -> str:
+    found = re.search(r"\[(.+)\]", row.figure)
+    return found[1] if found else "1"
 
 
 def _chart(study: str, unit: str, rows: Sequence[MissionRow]) -> Chart:

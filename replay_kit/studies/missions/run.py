@@ -8,8 +8,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.progress import Progress, silent
-from replay_kit.core.tasks import each_call
-from replay_kit.studies.jobs import Advance
+from replay_kit.studies.jobs import Advance, each_counted
 from replay_kit.studies.missions.estimates import coverage, through_time
 from replay_kit.studies.missions.flights import fly_pings, staying
 from replay_kit.studies.missions.follow import Figure, MissionRow, over_missions
@@ -83,12 +82,14 @@ def run_missions(
             rows, series[0].source, members, len(series), job, tuple(lost), unfinished
         )
 
-    each = [(member, seed) for member in members for seed in range(job.seeds)]
-    calls = ((series, *mission, (config, job), advance) for mission in each)
-    for number, ((member, seed), found) in enumerate(
-        zip(each, each_call(_run_mission, calls), strict=True), start=1
+    calls = (
+        (series, member, seed, (config, job), advance)
+        for member in members
+        for seed in range(job.seeds)
+    )
+    for (_, member, seed, *_), found in each_counted(
+        _run_mission, calls, advance, lambda *_: len(job.studies)
     ):
-        advance.reach(number * len(job.studies), f"member {member}")
         for study, figures in found.items():
             if isinstance(figures, str):
                 # one mission less is no reason to lose the others

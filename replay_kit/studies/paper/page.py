@@ -11,7 +11,7 @@ from replay_kit.show.page import Section
 from replay_kit.studies.paper import findings
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
 from replay_kit.studies.paper.run import PaperResult, PaperTables
-from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure, misses_chart
+from replay_kit.studies.reports.charts import Axis, Chart, chart_figure, misses_chart, series_by
 from replay_kit.studies.reports.flows import LABELS
 from replay_kit.studies.reports.page import (
     PAGE,
@@ -225,15 +225,10 @@ def paper_page(result: PaperResult, pictures: dict[str, Drawn]) -> str:
 
 
 def _sparse(tables: PaperTables) -> Chart:
-    series = []
-    for method in dict.fromkeys(row.method for row in tables.sparse):
-        rows = [row for row in tables.sparse if row.method == method]
-        series.append(
-            Series(LABELS[method], [row.pings for row in rows], [row.rel_error for row in rows])
-        )
+    series = series_by((LABELS[row.method], row.pings, row.rel_error) for row in tables.sparse)
     axes = Axis("pings", log=True), Axis("RMSE / RMS speed of the truth [1]", log=True)
     caption = (
         "Error on the way through the pings of Table II. Lower is better; at 1 (dotted) an "
         "estimate is no better than no current at all."
     )
-    return Chart("sparse", FIGURES["sparse"], caption, axes, tuple(series), 1.0)
+    return Chart("sparse", FIGURES["sparse"], caption, axes, series, 1.0)

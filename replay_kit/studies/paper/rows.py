@@ -1,9 +1,9 @@
 """Rows of the tables, one frozen value each for console, CSV and JSON, and what explains them: conditioning, coherence in depth."""
 
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -13,9 +13,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.baselines import average_over_depth
 from replay_kit.estimator.basis.slices import ensemble_slices
-from replay_kit.studies.reports.tables import NAN
-
-_Row = TypeVar("_Row")
+from replay_kit.studies.reports.tables import NAN, grouped
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +110,10 @@ def over_truths(tables: Sequence[Sequence[ErrorRow]]) -> tuple[ErrorRow, ...]:
         tables: One for each truth.
     """
     return tuple(
-        _over_truths(alike) for alike in _alike(tables, lambda row: (row.method, row.rung))
+        _over_truths(alike)
+        for alike in grouped(
+            chain.from_iterable(tables), lambda row: (row.method, row.rung)
+        ).values()
     )
 
 
@@ -129,18 +130,10 @@ def sparse_over_truths(tables: Sequence[Sequence[SparseRow]]) -> tuple[SparseRow
             rel_error_worst=max(row.rel_error_worst for row in alike),
             rel_error_by_truth=tuple(value for row in alike for value in row.rel_error_by_truth),
         )
-        for alike in _alike(tables, lambda row: (row.pings, row.method))
+        for alike in grouped(
+            chain.from_iterable(tables), lambda row: (row.pings, row.method)
+        ).values()
     )
-
-
-def _alike(
-    tables: Sequence[Sequence[_Row]], key: Callable[[_Row], Hashable]
-) -> Iterable[list[_Row]]:
-    """Return the rows of all tables that have the same key, key by key."""
-    groups: dict[Hashable, list[_Row]] = {}
-    for row in chain.from_iterable(tables):
-        groups.setdefault(key(row), []).append(row)
-    return groups.values()
 
 
 def _over_truths(alike: Sequence[ErrorRow]) -> ErrorRow:

@@ -10,7 +10,6 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
 from replay_kit.core.progress import Progress, silent
-from replay_kit.core.tasks import each_call
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.baselines import average_over_depth
 from replay_kit.studies.jobs import (
@@ -18,6 +17,7 @@ from replay_kit.studies.jobs import (
     check_counts,
     check_not_negative,
     check_positive,
+    each_counted,
 )
 from replay_kit.studies.paper.rows import (
     DepthKernel,
@@ -187,8 +187,7 @@ def run_paper(
     job.check()
     began = time.perf_counter()
     each = list(cases(ensemble, truth, job.leave_out))
-    shown_at = most_distant(ensemble) if job.leave_out == "all" else 0
-    case = each[shown_at]
+    case = each[most_distant(ensemble) if job.leave_out == "all" else 0]
     truth_flow = embed_member(case.truth, 0, config)
     # before the hours of work, because this fails where the region is too small
     pairs = draw_pairs(build_field(case.truth), truth_flow, case.ensemble.grid, job.pairs, job.seed)
@@ -199,11 +198,9 @@ def run_paper(
         list[_OfCase](),
         dict[str, FlowEstimate | None](),
     )
-    for k, of_case in enumerate(
-        each_call(_run_case, ((case, config, job, advance) for case in each))
-    ):
-        advance.reach(sum(_steps(case, job) for case in each[: k + 1]), each[k].truth.source)
-        if k == shown_at:
+    calls = ((one, config, job, advance) for one in each)
+    for (one, *_), of_case in each_counted(_run_case, calls, advance, _steps):
+        if one is case:
             planned, shown = (
                 dict(of_case.planned),
                 replace(shown, observations=of_case.observations),
@@ -239,13 +236,13 @@ def run_paper(
 
 
 def _total(each: list[Case], job: PaperJob) -> int:
-    steps = sum(_steps(case, job) for case in each)
+    steps = sum(_steps(case, None, job) for case in each)
     methods = {rung.method for rung in rungs(each[0].ensemble, job.most_modes)}
     # beside the methods: the truth and its depth average
     return steps + (len(methods) + 2) * job.pairs
 
 
-def _steps(case: Case, job: PaperJob) -> int:
+def _steps(case: Case, _: object, job: PaperJob, *__: object) -> int:
     return len(rungs(case.ensemble, job.most_modes)) * (
         int(case.truth.grid.wet[0].sum()) + job.pings[-1]
     )

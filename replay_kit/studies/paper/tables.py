@@ -13,11 +13,10 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation import Observation
-from replay_kit.core.tasks import each_call
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.basis.slices import cell_size
 from replay_kit.studies.accuracy.methods import build_method
-from replay_kit.studies.jobs import Advance
+from replay_kit.studies.jobs import Advance, each_counted
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
 from replay_kit.studies.scoring import bound, miss_figures
 from replay_kit.studies.twins.reachable import Pair
@@ -256,15 +255,12 @@ def run_glides(
         pairs: Starts and targets.
         advance: Counts plans as steps.
     """
-    before, found = advance.done, list[Glides]()
     calls = (
         (name, flow, truth, pairs, partial(advance, f"Table III {name}"))
         for name, flow in flows.items()
     )
-    for glides in each_call(_glides_on, calls):
-        found.append(glides)
-        advance.reach(before + len(found) * len(pairs), "Table III")
-    return tuple(found)
+    each = each_counted(_glides_on, calls, advance, lambda *_: len(pairs))
+    return tuple(glides for _, glides in each)
 
 
 def _glides_on(

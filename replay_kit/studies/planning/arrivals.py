@@ -91,7 +91,7 @@ def _arrivals(
 ) -> tuple[list[Arrival], float]:
     """Return each plan's arrival in its truth, and the mean coherence in depth of the truths."""
     arrivals, coherent = [], []
-    for _, (of_truth, of_depth) in world.each_truth(
+    for of_truth, of_depth in world.each_truth(
         partial(_of_truth, study, draw, plan, fly), world.job.pairs, len(FLOWS)
     ):
         arrivals += of_truth

@@ -1,7 +1,7 @@
 """The studies of planning on the console, as CSV, JSON and Markdown, and as a page with its pictures."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,8 @@ from replay_kit.studies.reports.charts import chart_figure, misses_chart
 from replay_kit.studies.reports.page import (
     PAGE,
     Drawn,
+    criteria_html,
     drawn,
-    list_html,
     picture_figures,
     study_page,
     tables_html,
@@ -24,12 +24,11 @@ from replay_kit.studies.reports.tables import (
     Table,
     answer_of,
     criteria_table,
+    grouped,
     json_text,
-    limits_text,
     markdown,
     print_tables,
     to_csv,
-    to_text,
     write_files,
 )
 
@@ -161,7 +160,14 @@ def planning_page(result: PlanningResult, pictures: dict[str, Drawn]) -> str:
         Section(
             "answer",
             "In words",
-            words_html([conditions(result)]) + _met(result.reports),
+            words_html([conditions(result)])
+            + criteria_html(
+                [
+                    replace(one, what=f"{report.title}: {one.what}")
+                    for report in result.reports
+                    for one in report.criteria
+                ]
+            ),
             missing=missing,
         )
     ]
@@ -169,19 +175,6 @@ def planning_page(result: PlanningResult, pictures: dict[str, Drawn]) -> str:
     return study_page(
         "Plans flown in truths that the estimates do not know", sections, to_json(result)
     )
-
-
-def _met(reports: Sequence[StudyReport]) -> str:
-    limited = [(report.title, one) for report in reports for one in report.criteria]
-    not_met = [
-        f"{title}: {one.what} is *{to_text(one.value)}*, required {limits_text(one.at_least, one.at_most)}"
-        for title, one in limited
-        if not one.met
-    ]
-    if not limited:
-        return ""
-    said = f"{len(limited) - len(not_met)} of {len(limited)} criteria are met{'; these are not:' if not_met else '.'}"
-    return words_html([said]) + (list_html(not_met) if not_met else "")
 
 
 def _section(report: StudyReport, pictures: dict[str, Drawn]) -> Section:
@@ -203,18 +196,13 @@ def _section(report: StudyReport, pictures: dict[str, Drawn]) -> Section:
 
 def _misses(report: StudyReport) -> tuple[Figure, ...]:
     """Return the distribution of the miss distances, where a study has a table of plans on several flows."""
-    for table in report.tables:
-        if {"planned on", "miss [m]"} <= set(table.columns):
-            misses: dict[str, list[float]] = {}
-            for row, miss in zip(table.rows, table.column("miss [m]"), strict=True):
-                misses.setdefault(str(row[table.columns.index("planned on")]), []).append(
-                    float(miss)
-                )
-            return (
-                chart_figure(
-                    misses_chart(
-                        f"{report.study}-distribution", f"{report.title}: miss distances", misses
-                    )
-                ),
-            )
-    return ()
+    named = [table for table in report.tables if {"planned on", "miss [m]"} <= set(table.columns)]
+    if not named:
+        return ()
+    flow, miss = (named[0].columns.index(name) for name in ("planned on", "miss [m]"))
+    misses = {
+        str(name): [row[miss] for row in rows]
+        for name, rows in grouped(named[0].rows, lambda row: row[flow]).items()
+    }
+    key, title = f"{report.study}-distribution", f"{report.title}: miss distances"
+    return (chart_figure(misses_chart(key, title, misses)),)

@@ -16,11 +16,10 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
 from replay_kit.core.plan import Plan
-from replay_kit.core.tasks import each_call
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.baselines import average_over_depth
 from replay_kit.studies.accuracy.methods import build_method
-from replay_kit.studies.jobs import Advance
+from replay_kit.studies.jobs import Advance, each_counted
 from replay_kit.studies.planning.job import PlanningJob
 from replay_kit.studies.reports.flows import AVERAGED, TRUTH
 from replay_kit.studies.twins.adcp import random_observations
@@ -133,27 +132,21 @@ class World:
 
     def each_truth(
         self, function: Callable[["World", int], _Made], count: int, steps: int = 1
-    ) -> Iterator[tuple[Withheld, _Made]]:
-        """Yield each truth that has a share of cases, and what a function makes of it.
+    ) -> Iterator[_Made]:
+        """Yield what a function makes of each truth that has a share of cases.
 
         Args:
             function: Takes a world of one truth, and its share.
             count: Of the cases of all truths.
             steps: Of a case.
         """
-        given = [
-            (truth, share)
+        calls = (
+            (replace(self, truths=(truth,)), share)
             for truth, share in zip(self.truths, self.shares(count), strict=True)
             if share
-        ]
-        made = each_call(
-            function, ((replace(self, truths=(truth,)), share) for truth, share in given)
         )
-        for truth, share in given:
-            before = self.advance.done
-            found = next(made)
-            self.advance.reach(before + steps * share, f"truth {truth.member}")
-            yield truth, found
+        for _, made in each_counted(function, calls, self.advance, lambda _, share: steps * share):
+            yield made
 
     @property
     def depth(self) -> float:

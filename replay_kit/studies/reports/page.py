@@ -13,7 +13,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.show.page import Figure, Section, page_html
 from replay_kit.show.page.section import items_html, table_html
-from replay_kit.studies.reports.tables import Picture, Table, plain, to_text
+from replay_kit.studies.reports.tables import Criterion, Picture, Table, limits_text, plain, to_text
 
 _STYLE: Any = {
     "font.size": 12.0,
@@ -195,6 +195,21 @@ def _picture_figure(name: str, caption: str, picture: Drawn) -> Figure:
         {},
         image=image,
     )
+
+
+def criteria_html(criteria: Sequence[Criterion]) -> str:
+    """Return how many criteria are met, and those that are not beside their limits; empty without any."""
+    if not criteria:
+        return ""
+    not_met = [
+        f"{one.what}: *{to_text(one.value)}*, required {limits_text(one.at_least, one.at_most)}"
+        for one in criteria
+        if not one.met
+    ]
+    met = f"{len(criteria) - len(not_met)} of {len(criteria)} criteria are met"
+    if not not_met:
+        return words_html([f"{met}."])
+    return words_html([f"{met}; these are not:"]) + list_html(not_met)
 
 
 def study_page(title: str, sections: Sequence[Section], answer: Mapping[str, Any]) -> str:

@@ -4,23 +4,23 @@ import csv
 import io
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table as ConsoleTable
 
-from replay_kit.core.arrays import Array
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.printable import csv_cell
 from replay_kit.core.version import __version__
 
 NAN = math.nan
 
+Item = TypeVar("Item")
+Key = TypeVar("Key", bound=Hashable)
 Cell = str | int | float | bool | tuple[float, ...] | None
 
 
@@ -42,9 +42,13 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
     shown: bool = True
 
-    def column(self, name: str) -> Array:
-        """Return the numbers of a column, shape (rows,)."""
-        return np.array([row[self.columns.index(name)] for row in self.rows], dtype=np.float64)
+
+def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
+    """Return items by a key of each, in the order in which keys first come."""
+    groups: dict[Key, list[Item]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
 
 
 def named_columns(

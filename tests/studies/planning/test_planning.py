@@ -132,7 +132,7 @@ def test_odds_are_of_samples_and_of_a_truth_on_the_nodes_of_the_estimate(monkeyp
         None,
         CONFIG,
         replace(JOB, studies=("odds",), pairs=2, fresh=5),
-        lambda what, steps=1: None,
+        Advance(),
     )
     monkeypatch.setattr("replay_kit.studies.planning.odds.JUDGING", 4)
     monkeypatch.setattr("replay_kit.studies.planning.odds.ARRIVING", 0.0)
@@ -228,9 +228,9 @@ def test_a_wrong_option_makes_no_folder(tmp_path):
 def test_a_truth_of_its_own_leaves_no_member_out():
     truth = synthetic.ensemble(5, n_members=1, shape=(8, 9))
     with pytest.raises(ConfigError, match="--truth and --leave-out"):
-        build_world(MEMBERS, truth, CONFIG, JOB, lambda what, steps=1: None)
+        build_world(MEMBERS, truth, CONFIG, JOB, Advance())
     (withheld,) = build_world(
-        MEMBERS, truth, CONFIG, replace(JOB, leave_out=None), lambda what, steps=1: None
+        MEMBERS, truth, CONFIG, replace(JOB, leave_out=None), Advance()
     ).truths
     assert (withheld.case.ensemble.n_members, withheld.member) == (6, 6)
     assert withheld.case.truth is truth

@@ -123,7 +123,7 @@ def test_missions_say_what_does_not_keep_to_its_limit(tmp_path: Path) -> None:
     missions.write_study(tmp_path, mission_result())
     page = (tmp_path / "index.html").read_text()
     words = text_of(page, "answer")
-    assert "1 of 2 figures that have a limit keep to it; these do not:" in words
+    assert "1 of 2 criteria are met; these are not:" in words
     assert "outliers, gate soften, RMSE over that without outliers: 1.2, required <= 1.05" in words
     assert "Left out: member 5, seed 0, bias: carried away." in words
     assert text_of(page, "outliers").count("NOT MET") == 1
@@ -141,7 +141,7 @@ def test_plans_say_which_criteria_are_not_met(tmp_path: Path) -> None:
     page = (tmp_path / "index.html").read_text()
     words = text_of(page, "answer")
     assert "1 of 2 criteria are met; these are not:" in words
-    assert "Glides of constant velocity: ratio of medians is 1.4, required <= 1" in words
+    assert "Glides of constant velocity: ratio of medians: 1.4, required <= 1" in words
     assert "Not done when this was written: missions." in words
     assert "The study failed: PlanError: too little water." in text_of(page, "odds")
     assert "<em>truth</em> arrive, see <code>glides_cases</code>." in page
