@@ -63,10 +63,9 @@ from replay_kit.studies.twins.reachable import draw_pairs
 from replay_kit.studies.twins.truths import Case, leave_out
 from replay_kit.workflows.replay.scoring import scored_points
 from tests import synthetic
-from tests.command import invoke
 from tests.show.page.checks import check_figures
 from tests.show.report.html_of import elements, table
-from tests.studies.results import final
+from tests.studies.results import experiment, final
 
 MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
 CONFIG = EstimatorConfig()
@@ -663,41 +662,33 @@ def ocean(tmp_path_factory):
     return place
 
 
-def paper(ocean, *arguments):
-    return invoke(
-        ["experiment", "paper", "--ensemble", str(ocean / "ensemble.nc"), *map(str, arguments)]
-    )
-
-
-def refused(ocean, *arguments):
-    done = paper(ocean, *arguments)
-    assert done.exit_code != 0
-    return done.exception
+def paper(ocean, words):
+    return experiment(f"paper --ensemble {ocean}/ensemble.nc {words}")
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["-o", "new"], "--truth and --leave-out"),
-        (["-o", "new", "--leave-out", "0", "--truth", "ensemble.nc"], "--truth and --leave-out"),
-        (["-o", "new", "--leave-out", "some"], "all or most-distant"),
-        (["-o", "new", "--leave-out", "9"], "expected 0 to 5"),
-        (["-o", "full", "--leave-out", "0"], "--overwrite"),
-        (["-o", "file", "--leave-out", "0"], "is a file"),
-        (["-o", "absent/new", "--leave-out", "0"], "there is no folder"),
-        (["-o", "new", "--leave-out", "0", "--modes", "none"], "modes"),
+        ("-o new", "--truth and --leave-out"),
+        ("-o new --leave-out 0 --truth ensemble.nc", "--truth and --leave-out"),
+        ("-o new --leave-out some", "all or most-distant"),
+        ("-o new --leave-out 9", "expected 0 to 5"),
+        ("-o full --leave-out 0", "--overwrite"),
+        ("-o file --leave-out 0", "is a file"),
+        ("-o absent/new --leave-out 0", "there is no folder"),
+        ("-o new --leave-out 0 --modes none", "modes"),
         (
-            ["-o", "new", "--truth", "t.json", "--json", "t.json", "--overwrite"],
+            "-o new --truth t.json --json t.json --overwrite",
             "an input is never overwritten",
         ),
     ],
 )
 def test_wrong_options_end_with_code_2(ocean, monkeypatch, arguments, said):
     monkeypatch.chdir(ocean)
-    error = refused(ocean, *arguments)
-    assert isinstance(error, ConfigError)
-    assert error.exit_code == 2
-    assert said in str(error)
+    done = paper(ocean, arguments)
+    assert isinstance(done.exception, ConfigError)
+    assert done.exit_code == 2
+    assert said in str(done.exception)
     assert (ocean / "full" / "table1.csv").read_text() == "precious"
 
 
@@ -707,20 +698,8 @@ def test_the_command_writes_a_folder_and_replaces_it_when_told(ocean, monkeypatc
     monkeypatch.setattr(
         figures, "draw", lambda tables, shown: iter([("sparse", Drawn({"png": b"drawn"}, {}))])
     )
-    options = [
-        "--leave-out",
-        "most-distant",
-        "--modes",
-        "4",
-        "--pairs",
-        "1",
-        "-o",
-        ocean / "full",
-        "--overwrite",
-        "--json",
-        ocean / "a.json",
-    ]
-    done = paper(ocean, *options)
+    options = f"--leave-out most-distant --modes 4 --pairs 1 -o {ocean}/full --overwrite --json {ocean}/a.json"
+    done = paper(ocean, options)
     assert done.exit_code == 0, done.exception
     assert "Table III" in done.stdout
     kept = json.loads((ocean / "full" / "paper.json").read_text())

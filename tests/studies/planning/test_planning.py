@@ -24,7 +24,7 @@ from replay_kit.studies.planning.odds import as_sample, odds
 from replay_kit.studies.planning.world import build_world, draw_missions
 from replay_kit.studies.scoring import bootstrap_ratio
 from tests import synthetic
-from tests.command import invoke
+from tests.studies.results import experiment
 
 MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
 CONFIG = EstimatorConfig(modes=8)
@@ -52,17 +52,7 @@ def answer(tmp_path_factory):
     synthetic.dataset(n_members=6, shape=(8, 9)).to_netcdf(
         folder / "ensemble.nc", engine="h5netcdf"
     )
-    command = [
-        "experiment",
-        "planning",
-        "--ensemble",
-        str(folder / "ensemble.nc"),
-        "-o",
-        str(folder / "out"),
-        "--modes",
-        "8",
-    ]
-    command += ["--leave-out", "1,4", "--pairs", "1", "--pings", "6", "--legs", "2"]
+    command = f"planning --ensemble {folder}/ensemble.nc -o {folder}/out --modes 8 --leave-out 1,4 --pairs 1 --pings 6 --legs 2"
     # one start, coarse steps and few legs: plans are tested elsewhere
     plan, settings = planners.plan, planners.MissionSettings
     with pytest.MonkeyPatch.context() as patch:
@@ -70,9 +60,9 @@ def answer(tmp_path_factory):
             planners, "plan", partial(plan, settings=planners.GlideSettings(starts=1, n_steps=8))
         )
         patch.setattr(planners, "MissionSettings", lambda **how: settings(**{**how, "max_legs": 3}))
-        done = invoke([*command, "--study", ",".join(DRAWN), "--json", str(folder / "answer.json")])
+        done = experiment(f"{command} --study {','.join(DRAWN)} --json {folder}/answer.json")
     assert done.exit_code == 0, done.output
-    again = invoke([*command, "--study", "glides"])
+    again = experiment(f"{command} --study glides")
     return folder / "out", json.loads((folder / "answer.json").read_text()), done.output, again
 
 
@@ -211,17 +201,8 @@ def test_what_is_refused(changed, words):
 
 
 def test_a_wrong_option_makes_no_folder(tmp_path):
-    command = [
-        "experiment",
-        "planning",
-        "--ensemble",
-        str(tmp_path / "none.nc"),
-        "-o",
-        str(tmp_path / "out"),
-        "--study",
-        "glide",
-    ]
-    assert "expected some of glides" in str(invoke(command).exception)
+    done = experiment(f"planning --ensemble {tmp_path}/none.nc -o {tmp_path}/out --study glide")
+    assert "expected some of glides" in str(done.exception)
     assert not (tmp_path / "out").exists()
 
 

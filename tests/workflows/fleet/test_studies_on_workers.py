@@ -20,7 +20,7 @@ from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.fit import fit_prior
 from tests import synthetic
 from tests.command import invoke
-from tests.studies.results import final
+from tests.studies.results import experiment, final
 
 MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
 MODES = EstimatorConfig(modes=6, sample_share=0.6)
@@ -122,21 +122,9 @@ def test_planning(cluster, study):
 def test_the_switch_is_on_every_command_of_the_studies_and_gives_the_same_table(
     scheduler, table, tmp_path
 ):
-    words = [
-        "experiment",
-        "accuracy",
-        "--ensemble",
-        str(table.parent / "ensemble.nc"),
-        "--leave-out",
-        "1",
-        "--pings",
-        "2",
-        "--seeds",
-        "1",
-    ]
-    words += ["--methods", "nearest,ensemble_mean", "--json"]
-    assert invoke([*words, str(tmp_path / "here.json")]).exit_code == 0
-    done = invoke([*words, str(tmp_path / "there.json"), "--scheduler", scheduler])
+    words = f"accuracy --ensemble {table.parent}/ensemble.nc --leave-out 1 --pings 2 --seeds 1 --methods nearest,ensemble_mean --json"
+    assert experiment(f"{words} {tmp_path}/here.json").exit_code == 0
+    done = experiment(f"{words} {tmp_path}/there.json --scheduler {scheduler}")
     assert done.exit_code == 0, done.output
     assert (tmp_path / "here.json").read_bytes() == (tmp_path / "there.json").read_bytes()
     for command in (
