@@ -1,4 +1,4 @@
-"""How an estimate and its stated uncertainty compare with a known truth, the least error possible, and intervals of medians over cases."""
+"""Scores of an estimate and its stated errors against a known truth, its least possible error, and bootstrap intervals of medians."""
 
 from dataclasses import dataclass
 from typing import Any
