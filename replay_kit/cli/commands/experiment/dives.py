@@ -38,7 +38,6 @@ def dives(
 
     from replay_kit.estimator.evolving import build_evolving
     from replay_kit.studies.dives import DivesResult, page, read_dives, run_dives
-
     from replay_kit.workflows.replay.inputs.forecast import read_forecasts
     from replay_kit.workflows.replay.inputs.region import find_region
     from replay_kit.workflows.replay.inputs.scan import look_ahead
