@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.forecast import read_series
-from replay_kit.workflows.replay.build import read_forecasts
+from replay_kit.workflows.replay.inputs.forecast import read_forecasts
 from tests import synthetic
 from tests.command import invoke
 from tests.forecast import forms

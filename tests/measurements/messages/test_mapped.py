@@ -15,7 +15,7 @@ from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.measurements import Skipped, Used, initial_state, interpret
 from replay_kit.measurements.messages.mapped import look_up, mapped
 from replay_kit.measurements.messages.vehicle import Depth, Position, Pressure
-from replay_kit.workflows.replay.look_ahead import open_readers
+from replay_kit.workflows.replay.inputs.scan import open_readers
 from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.logs.log_samples import tlog_entry
 from tests.measurements.samples import fix, logged, mapping, only, reasons, run, the
