@@ -12,7 +12,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
 from replay_kit.measurements import Used, initial_state, interpret, suggestions
-from replay_kit.measurements.mapping.suggest import sample_key, suggested_entries
+from replay_kit.measurements.messages.suggest import sample_key, suggested_entries
 from replay_kit.workflows.replay.store.pickling import dump, load
 from tests.command import invoke
 from tests.logs.log_samples import tlog_entry
