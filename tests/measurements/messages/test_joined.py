@@ -43,11 +43,15 @@ def part(name, value, ms, seconds=1, topic=FLOAT):
     )
 
 
+def around(messages):
+    return [fix(0, depth=5.0), *messages, fix(9, depth=5.0)]
+
+
 def events(messages, **changes):
     config = mapping(VELOCITY | changes)
     return [
         event
-        for event in run([fix(0, depth=5.0), *messages, fix(9, depth=5.0)], config)
+        for event in run(around(messages), config)
         if getattr(event, "topic", FLOAT) != "/vehicle/fix"
     ]
 
@@ -101,11 +105,11 @@ def test_arrays_of_one_component_are_a_profile():
         part("VE", [10.0, 20.0], None, topic=ARRAY),
         part("VN", [-5.0, 0.0], None, topic=ARRAY),
     ]
-    observation = the(Observation, [fix(0, depth=5.0), *parts, fix(9, depth=5.0)], config)
+    observation = the(Observation, around(parts), config)
     assert_allclose(observation.velocity, [[0.1, -0.05], [0.2, 0.0]])
     assert observation.depth.tolist() == [8.0, 10.0]
     parts[1] = part("VN", [-5.0], None, topic=ARRAY)
-    unequal = run([fix(0, depth=5.0), *parts, fix(9, depth=5.0)], config)
+    unequal = run(around(parts), config)
     assert reasons(unequal) == ["measurements.map: east and north are not lists of one length"] * 2
 
 
