@@ -41,6 +41,11 @@ class MemberRule:
     days: float = 0.0
 
 
+def kind_of(rule: MemberRule | None) -> str:
+    """Return the kind of a rule; empty for none."""
+    return "" if rule is None else rule.kind
+
+
 def parse_rule(text: str | None) -> MemberRule | None:
     """Return what ``--members`` says; None where it says nothing.
 

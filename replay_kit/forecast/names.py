@@ -227,6 +227,11 @@ def _with_suffix(ds: xr.Dataset) -> dict[str, tuple[str, str]]:
     return found
 
 
+def sizes_text(held: xr.Dataset | xr.DataArray) -> str:
+    """Return dimensions with their sizes, such as ``depth = 4, lat = 5``."""
+    return ", ".join(f"{dim} = {size}" for dim, size in held.sizes.items())
+
+
 def no_current(ds: xr.Dataset, where: str) -> ForecastError:
     """Return the error for a file without velocities: what was expected, and what is there."""
     unstructured = " (an unstructured grid, which is not read)" if "nele" in ds.dims else ""

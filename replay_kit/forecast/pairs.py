@@ -1,6 +1,6 @@
 """Files that hold one component, both, or only the grid, joined to datasets with both components and the grid."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,6 +52,12 @@ class OpenedFile:
     current: Current | None
     argument: int
     label: str = ""
+
+    @property
+    def dims(self) -> tuple[Hashable, ...]:
+        """Dimensions of the component, or of the first of both, that the file holds."""
+        assert self.current is not None, "asked of files with a current"
+        return self.ds[self.current.u or self.current.v].dims
 
 
 def pair_files(

@@ -22,7 +22,7 @@ from replay_kit.forecast.gather import MemberStore, in_groups, in_local_frame
 from replay_kit.forecast.grid import bilinear, centre_longitude, find_cells, local_grid
 from replay_kit.forecast.layout import Layout, U, lay_out
 from replay_kit.forecast.members import MADE, MemberRule, common_water, parse_rule, unusual_members
-from replay_kit.forecast.names import MEMBER_NAMES, find_depth
+from replay_kit.forecast.names import MEMBER_NAMES, find_depth, sizes_text
 from replay_kit.forecast.pairs import Part
 from replay_kit.forecast.selection import Selection, select
 from replay_kit.forecast.window import Window, read_window, window_size
@@ -132,7 +132,7 @@ def read_truth(
 
 def _nothing_says(found: Collection) -> ForecastError:
     part = found.blocks[0].parts[0]
-    sizes = ", ".join(f"{dim} = {size}" for dim, size in part.ds["replay_kit_u"].sizes.items())
+    sizes = sizes_text(part.ds[U])
     return ForecastError(
         f"{part.paths[0]}: no member dimension; expected one of {', '.join(MEMBER_NAMES)}, got dimensions {sizes}{ways(found)}"
     )

@@ -14,7 +14,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text
 from replay_kit.forecast.blocks import Block, Collection
 from replay_kit.forecast.layout import U
-from replay_kit.forecast.members import WARNING
+from replay_kit.forecast.members import WARNING, kind_of
 from replay_kit.forecast.names import find_lead, find_time
 from replay_kit.forecast.pairs import Part
 from replay_kit.forecast.times import choose_time, wanted_time
@@ -84,11 +84,10 @@ def select(found: Collection, config: ForecastConfig, near_ns: int | None) -> Se
     Raises:
         ForecastError: The files do not hold what the rule of the members needs.
     """
-    kind = None if found.rule is None else found.rule.kind
+    kind = kind_of(found.rule)
     if kind == "lags":
         return _lagged(found, config, near_ns)
-    if kind == "times":
-        assert found.rule is not None
+    if found.rule is not None and kind == "times":
         return _of_season(found, found.rule.days, config, near_ns)
     fields, times, notes = [], [], list[str]()
     for block in found.blocks:
