@@ -101,7 +101,7 @@ def _joined(
     ds = ds.assign(
         {U: _marked(u.ds[u.current.u].variable, current.u), V: _marked(second, current.v)}
     )
-    notes = list(_told(u))
+    notes = list(_assumptions(u))
     for grid in grids:
         ds, fits = _with_grid(ds, grid.ds)
         if not fits:
@@ -112,7 +112,7 @@ def _joined(
     return Part(ds, current, (u.path,) if u is v else (u.path, v.path)), tuple(notes)
 
 
-def _told(u: OpenedFile) -> tuple[str, ...]:
+def _assumptions(u: OpenedFile) -> tuple[str, ...]:
     """Return what was assumed of a file's calendar and of coordinates that it names and lacks."""
     assert u.current is not None
     variable = u.ds[u.current.u]
