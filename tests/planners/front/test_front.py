@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners.front.current import CurrentLattice, current_lattice, shares_of_levels
-from planners.front.edges import edge_durations
 from planners.front.front import Front, Route, sea_of, spread
 from planners.front.obstacles import Obstacles, directions_around, obstacles_of
 from planners.front.relax import _swept, _times, relax
+from planners.front.route import edge_durations
 from planners.route.hazards import Ring
 from replay_kit.core.arrays import Array
 from tests.planners.flow_samples import eddying_flow

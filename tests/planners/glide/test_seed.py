@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from planners.glide.seeds import _fans, _fly_all, find_seeds, tabulate
-from planners.glide.settings import GlideSettings
-from planners.glide.transcription import GlideTask
+from planners.glide.transcription import GlideSettings, GlideTask
 from planners.route.region import region_of
 from tests.planners.flow_samples import eddying_flow, still_flow
 

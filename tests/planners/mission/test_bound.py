@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from planners import Glider, MissionPlan, MissionRequest, MissionSettings, plan_mission
-from planners.front.bound import Bound
 from planners.front.current import CurrentLattice
 from planners.front.front import sea_of, spread
 from planners.mission.search.bound import _by_level, bound_of, lead_of
+from planners.mission.solve.attempt import Bound
 from planners.mission.task import MissionTask, mission_task
 from planners.vehicle import SteadyFlight
 from replay_kit.core.flow.estimate import FlowEstimate
