@@ -26,16 +26,15 @@ from planners.mission.solve.half_planes import SafetyMargin, tolerance_factor
 from planners.mission.task import mission_task, turns_of
 from planners.vehicle import Glider
 from replay_kit.core.errors import PlanError
-from tests.planners.flow_samples import eddying_flow, place, uniform_flow
-from tests.planners.mission.test_mission import _area
+from tests.planners.flow_samples import eddying_flow, forbidden, place, uniform_flow
 
 FLOW = uniform_flow(0.02, 0.0)
-START, GOAL = place(FLOW, -5e3, -3e3, 0.0), place(FLOW, 6e3, -3e3, 0.0)
+START, GOAL = place(FLOW, -5e3, -3e3), place(FLOW, 6e3, -3e3)
 SETTINGS = MissionSettings(depth=390.0, legs=5)
-AREA = _area(FLOW, -0.7e3, -6e3, 0.7e3, -1e3)
+AREA = forbidden(FLOW, -0.7e3, -6e3, 0.7e3, -1e3)
 
 
-def _drawn(n: int, seed: int) -> list:
+def _drawn(n, seed):
     rng = np.random.default_rng(seed)
     east, north = uniform_flow(0.1, 0.0).latent, uniform_flow(0.0, 0.1).latent
     return [
@@ -78,9 +77,9 @@ def test_a_risk_is_kept_on_the_way_to_a_goal_within_reach_and_not_by_flying_past
         )
         for _ in range(12)
     ]
-    ends = place(FLOW, -18e3, 0.0, 0.0), (place(FLOW, 18e3, 0.0, 0.0),)
+    ends = place(FLOW, -18e3, 0.0), (place(FLOW, 18e3, 0.0),)
     asked = MissionRequest(
-        *ends, settings=replace(SETTINGS, legs=None), no_go=(_area(FLOW, -3e3, -8e3, 3e3, 8e3),)
+        *ends, settings=replace(SETTINGS, legs=None), no_go=(forbidden(FLOW, -3e3, -8e3, 3e3, 8e3),)
     )
     plan, summary = plan_scenarios(FLOW, drawn, asked, pilot=Pilot())
     assert plan.status == "reached"
@@ -93,7 +92,7 @@ def test_a_risk_is_kept_on_the_way_to_a_goal_within_reach_and_not_by_flying_past
 
 def test_a_flight_is_clear_where_the_dense_check_finds_nothing():
     plan = plan_mission(FLOW, MissionRequest(START, (GOAL,), settings=SETTINGS, no_go=(AREA,)))
-    lane = replace(_area(FLOW, 2e3, -4e3, 5e3, -2e3), name="lane", surface_only=True)
+    lane = replace(forbidden(FLOW, 2e3, -4e3, 5e3, -2e3), name="lane", surface_only=True)
     task = mission_task(FLOW, MissionRequest(START, (GOAL,), plan.vehicle, SETTINGS, (AREA, lane)))
     flight = fly_legs(
         currents_of_samples(_drawn(40, 3)),
@@ -188,7 +187,7 @@ def test_a_leg_is_aimed_so_that_it_ends_where_it_should():
 
 def test_a_pilot_who_is_right_changes_nothing_and_one_who_errs_corrects():
     flow = eddying_flow(5, speed=0.1)
-    start, goal = place(flow, -7e3, -3e3, 0.0), place(flow, 6e3, 2e3, 0.0)
+    start, goal = place(flow, -7e3, -3e3), place(flow, 6e3, 2e3)
     plan = plan_mission(
         flow, MissionRequest(start, (goal,), settings=replace(SETTINGS, legs=6, surface_time=600.0))
     )
@@ -253,7 +252,7 @@ def test_chances_count_every_goal_and_the_last_goal_s_misses():
     settings = MissionSettings(depth=390.0, tolerance=100.0)
     task = mission_task(
         FLOW,
-        MissionRequest(START, (place(FLOW, -3e3, -3e3, 0.0), GOAL), Glider(), settings, (AREA,)),
+        MissionRequest(START, (place(FLOW, -3e3, -3e3), GOAL), Glider(), settings, (AREA,)),
     )
     # five flights of two points after the start: off the first goal and off the last one by so much, all south of the area
     off_first, off_last = (

@@ -20,19 +20,12 @@ from planners.mission.waypoints import _distance_to_legs, kept_surfacings, waypo
 from planners.output.waypoints import _minutes, waypoint_json, waypoint_text
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
-from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
+from tests.planners.flow_samples import eddying_flow, place, plan_between, still_flow, uniform_flow
 from tests.reference.reference_path import farthest_left_out
 
 SETTINGS = MissionSettings(depth=300.0, surface_time=600.0)
 FLOW = eddying_flow(7)
-PLAN = plan_mission(
-    FLOW,
-    MissionRequest(
-        place(FLOW, -8e3, -6e3, 0.0),
-        (place(FLOW, -1e3, 4e3, 0.0), place(FLOW, 8e3, 1e3, 0.0)),
-        settings=replace(SETTINGS, legs=8),
-    ),
-)
+PLAN = plan_between(FLOW, (-8e3, -6e3), (-1e3, 4e3), (8e3, 1e3), settings=replace(SETTINGS, legs=8))
 PLACES = np.column_stack(
     to_local(
         FLOW.grid.projection,
@@ -55,14 +48,9 @@ def test_what_is_left_out_is_within_the_tolerance_and_goals_are_kept():
 
 
 @pytest.mark.parametrize("depth", [0.0, 120.0])
-def test_in_a_uniform_current_one_waypoint_loses_nothing(depth: float):
+def test_in_a_uniform_current_one_waypoint_loses_nothing(depth):
     flow = uniform_flow(0.1, 0.05)
-    plan = plan_mission(
-        flow,
-        MissionRequest(
-            place(flow, -6e3, -3e3, depth), (place(flow, 6e3, 3e3, 0.0),), settings=SETTINGS
-        ),
-    )
+    plan = plan_between(flow, (-6e3, -3e3, depth), (6e3, 3e3), settings=SETTINGS)
     one = waypoints_of(flow, plan)
     assert one.times.size == 1
     assert one.off_end < 20.0
@@ -175,13 +163,13 @@ def test_files_hold_the_waypoints():
         waypoint_text(few, Path("a.txt"))
 
 
-def _degrees(text: str) -> float:
+def _degrees(text):
     value = abs(float(text))
     return float(np.sign(float(text)) * (value // 100 + value % 100 / 60.0))
 
 
 @given(st.floats(-180.0, 180.0))
-def test_degrees_and_minutes_are_read_back(degrees: float):
+def test_degrees_and_minutes_are_read_back(degrees):
     text = _minutes(degrees)
     assert _degrees(text) == pytest.approx(degrees, abs=1e-6)
     assert float(text.split(".")[0][-2:]) < 60
@@ -189,7 +177,7 @@ def test_degrees_and_minutes_are_read_back(degrees: float):
 
 def test_a_mooring_and_a_mission_without_legs_have_no_waypoints():
     flow = still_flow()
-    here = place(flow, 0.0, 0.0, 0.0)
+    here = place(flow, 0.0, 0.0)
     with pytest.raises(PlanError, match="a mooring has no waypoints"):
         waypoints_of(
             flow,
@@ -257,7 +245,7 @@ def test_the_distance_to_legs_is_to_the_nearest_and_no_farther_than_their_ends()
 
 def test_a_dive_that_begins_below_the_surface_ends_at_it_and_the_last_drift_is_not_waited_for():
     flow = still_flow()
-    here, there = place(flow, 0.0, 0.0, 60.0), place(flow, 0.0, 3e3, 0.0)
+    here, there = place(flow, 0.0, 0.0, 60.0), place(flow, 0.0, 3e3)
     plan = plan_mission(flow, MissionRequest(here, (there,), settings=replace(SETTINGS, legs=2)))
     few = waypoints_of(flow, plan)
     assert few.times.size == 1

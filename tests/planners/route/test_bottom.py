@@ -18,7 +18,7 @@ from tests.planners.route.all_rings import all_rings
 GRID = still_flow().grid
 
 
-def step(limit_east: float) -> Bottom:
+def step(limit_east):
     """Return two cells of a kilometre: no limit of consequence in the west, a limit in the east."""
     east, north = np.meshgrid([0.0, 1e3, 2e3], [0.0, 1e3])
     return Bottom(
@@ -26,7 +26,7 @@ def step(limit_east: float) -> Bottom:
     )
 
 
-def segment(begin: tuple[float, float], end: tuple[float, float]) -> np.ndarray:
+def segment(begin, end):
     return np.array([[begin, end]])
 
 
