@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from planners import Bathymetry, GlideSettings, fly, plan
-from planners.glide.seeds import _fans, find_seeds, tabulate
+from planners.glide.seeds import find_seeds, tabulate
 from planners.glide.solve import _remaining
 from planners.glide.transcription import GlideTask
 from planners.route.region import region_of
@@ -123,21 +123,6 @@ def test_a_start_beside_an_edge_or_a_coast_leaves_it(beside):
     # the fan's headings are four degrees apart
     assert seed.distance < np.deg2rad(2.0) * 11.2e3 + 50.0
     assert seed.glide.duration == pytest.approx(11.2e3 / 0.3, rel=0.02)
-
-
-def test_the_fan_of_steady_rates_has_a_level_glide_and_others_that_use_up_the_water_column():
-    flow, longest = still_flow(), 1e5
-    begin = np.array([0.0, 0.0, 100.0])
-    rates, durations = _fans(
-        tabulate(flow, region_of(flow.grid)), begin, begin + np.array([1e4, 0.0, 0.0]), 0.3, longest
-    )[1]
-    assert durations[rates == 0.0] == longest
-    assert np.any(rates < 0.0)
-    assert np.any(rates > 0.0)
-    ends = (100.0 + rates * durations)[rates != 0.0]
-    np.testing.assert_allclose(
-        ends, np.where(rates[rates != 0.0] > 0.0, flow.levels[-1], 0.0), atol=1e-9
-    )
 
 
 @pytest.mark.parametrize("seed", [10, 11, 12])

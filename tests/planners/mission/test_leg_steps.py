@@ -20,7 +20,6 @@ from planners.mission.task import (
 )
 from planners.shooting.program import MissionGuess
 from planners.shooting.schedule import DRIFT_STEPS
-from replay_kit.core.flow.depth import depth_weights
 from tests.planners.flow_samples import (
     LEVELS,
     eddying_flow,
@@ -91,19 +90,6 @@ def test_a_rate_that_is_a_power_of_time_or_depth_is_integrated_exactly(method, p
         [7.0 + integral(1.0, 6.0), (integral(0.0, 6.0) + integral(2.0, 6.0)) / 2.0],
         rtol=1e-12,
     )
-
-
-@pytest.mark.parametrize("kind", ["hat", "gaussian"])
-def test_each_stage_has_the_latent_velocities_of_its_depth_and_the_last_those_of_the_surface(kind):
-    flow, later = (eddying_flow(seed, "hat" if kind == "hat" else "gaussian") for seed in (3, 4))
-    depths = np.array([0.0, 60.0, 300.0, 20.0])
-    both = np.concatenate([flow.latent, later.latent], axis=1)
-    stages = stage_latent(both, flow.levels, flow.depth_functions, depths)
-    expected = []
-    for stage in (0.0, 30.0, 60.0, 180.0, 300.0, 160.0, 20.0, 0.0):
-        at = depth_weights(flow.depth_functions, np.array([stage]), flow.levels)[0]
-        expected += [flow.latent @ at, later.latent @ at]
-    np.testing.assert_allclose(stages, np.column_stack(expected), atol=1e-15)
 
 
 def _dated(seed, days):

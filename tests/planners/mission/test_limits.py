@@ -89,6 +89,7 @@ def test_the_longest_duration_the_current_or_a_wall_are_named_where_they_bind():
     wall = forbidden(STILL, -1e3, -60e3, 1e3, 60e3)
     ends = place(STILL, -9e3, 0.0), (place(STILL, 9e3, 0.0),)
     closed = plan_mission(STILL, MissionRequest(*ends, settings=SETTINGS, no_go=(wall,)))
+    assert closed.status == against.status == "unreachable"
     assert "; a constraint closes every way: land, an area, " in closed.message
     assert "current" not in closed.message
 
