@@ -1,7 +1,6 @@
 """Virtual moorings and lines: in a uniform current, in still water, in eddies, and what cannot be asked for."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,16 +10,11 @@ from planners import (
     MissionRequest,
     MissionSettings,
     Mooring,
-    Weights,
     plan_line,
     plan_mission,
     plan_mooring,
 )
-from planners.mission.solve.attempt import ranking_key
-from planners.mission.solve.legs import _weights
-from planners.mission.task import mission_task
 from planners.shooting.program import along_line, near_place
-from planners.vehicle import Glider
 from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import (
     eddying_flow,
@@ -62,44 +56,6 @@ def test_distances_from_a_place_and_a_line_are_those_point_by_point():
     assert few.farthest_and_rms(time, path, np.array([1, 2, 3])) == pytest.approx(
         (300.0, 300.0 * np.sqrt(2.0 / 3.0))
     )
-
-
-def _task(reference, weights):
-    flow = still_flow()
-    settings = replace(SETTINGS, surface_time=900.0, margin=100.0, objective=weights)
-    request = request_between(
-        flow, (0.0, 0.0), (5e3, 0.0), vehicle=Glider(hotel=2.0), settings=settings
-    )
-    return replace(mission_task(flow, request), reference_path=reference)
-
-
-def test_of_the_weights_the_largest_is_one():
-    # two watts are 7.2 kJ in an hour
-    assert _weights(_task(None, Weights(time=0.1, energy=0.05))) == (pytest.approx(1.0), None, 0.0)
-    assert _weights(_task(None, Weights(time=0.1, closest=0.4))) == pytest.approx((0.25, 1.0, 0.0))
-    assert _weights(
-        _task(along_line(np.zeros(2), np.array([1e3, 0.0]), 5.0, 1e3), Weights(time=2.0))
-    ) == (0.4, None, 1.0)
-
-
-def test_being_off_a_guide_costs_by_the_hour_and_the_squared_kilometre():
-    task = _task(along_line(np.zeros(2), np.array([1e3, 0.0]), 5.0, 1e3), Weights(time=2.0))
-    legs = SimpleNamespace(headings=np.zeros(2), angles=np.zeros(2))
-    attempt = SimpleNamespace(
-        legs=legs,
-        yo_depths=(),
-        flight=SimpleNamespace(time=np.array([0.0, 3.0 * HOURS])),
-        miss=np.zeros(1),
-        violation=None,
-    )
-    # three hours at two, and three times five a squared kilometre
-    assert ranking_key(
-        task, SimpleNamespace(**vars(attempt), deviation=(800.0, 200.0))
-    ) == pytest.approx((False, 0.0, 6.0 + 15.0 * 0.04))
-    # 400 m beyond the width
-    assert ranking_key(
-        task, SimpleNamespace(**vars(attempt), deviation=(1400.0, 1000.0))
-    ) == pytest.approx((True, 400.0, 21.0))
 
 
 def test_a_mooring_heads_against_a_uniform_current_at_the_angle_that_makes_no_way():
