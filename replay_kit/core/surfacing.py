@@ -91,7 +91,7 @@ class Surfacing:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class SurfacingOutcome:
     """A plan's next surfacing beside the vehicle's.
 
     Attributes:
@@ -127,7 +127,7 @@ class Outcome:
         )
 
 
-def outcome_of(planned_ns: int, predicted: Surfacing, fix: VehicleState) -> Outcome:
+def surfacing_outcome(planned_ns: int, predicted: Surfacing, fix: VehicleState) -> SurfacingOutcome:
     """Return a predicted surfacing beside the fix at which the vehicle surfaced.
 
     Args:
@@ -139,4 +139,6 @@ def outcome_of(planned_ns: int, predicted: Surfacing, fix: VehicleState) -> Outc
         Projection(predicted.longitude, predicted.latitude), fix.longitude, fix.latitude
     )
     away, direction = float(np.hypot(east, north)), float(heading_deg(east, north))
-    return Outcome(planned_ns, predicted, fix.time_ns, fix.longitude, fix.latitude, away, direction)
+    return SurfacingOutcome(
+        planned_ns, predicted, fix.time_ns, fix.longitude, fix.latitude, away, direction
+    )

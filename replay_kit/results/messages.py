@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.dive_forecast import DiveForecast, DiveOutcome
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.finding import Finding, finding_json
 from replay_kit.core.geodesy import to_geographic, unwrap_longitude
 from replay_kit.core.geojson import collection_text, feature, positions
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Innovation, VehicleState
+from replay_kit.core.observation import Fix, Innovation, VehicleState
 from replay_kit.core.plan import Plan, plan_legs
-from replay_kit.core.surfacing import Outcome, planned_ellipses
+from replay_kit.core.surfacing import SurfacingOutcome, planned_ellipses
 from replay_kit.results.flight_correction import mean_current_values
 from replay_kit.results.schemas import encode
 
@@ -215,7 +216,7 @@ def plan_controls(plan: Plan) -> bytes:
     )
 
 
-def plan_outcome(outcome: Outcome) -> bytes:
+def plan_outcome(outcome: SurfacingOutcome) -> bytes:
     """Return ``replay_kit.PlanOutcome``; without an ellipse its numbers are NaN."""
     predicted, ellipse = outcome.predicted, outcome.predicted.ellipse
     names = {
@@ -330,3 +331,38 @@ def _time(time_ns: int) -> dict[str, int]:
 def _attributes(value: Innovation | Plan, names: str) -> dict[str, Any]:
     """Return attributes that a message has under the same names."""
     return {name: getattr(value, name) for name in names.split()}
+
+
+def surfacing_message(outcome: DiveOutcome) -> bytes:
+    """Return ``replay_kit.Surfacing``; figures of the last dive's current are NaN where it has no spread yet."""
+    forecast = outcome.forecast
+    begin, end = stamp(forecast.start.time_ns), stamp(outcome.fix.time_ns)
+    return encode(
+        "Surfacing",
+        {
+            "timestamp": {"seconds": end.sec, "nanos": end.nsec},
+            "dive_begin": {"seconds": begin.sec, "nanos": begin.nsec},
+            "dive": forecast.dive,
+            "earlier_dives": forecast.earlier,
+            "start": _place(forecast.start),
+            "expected": _place(forecast),
+            "actual": _place(outcome.fix),
+            "distance": outcome.distance,
+            "direction_deg": outcome.direction_deg,
+            "ellipse_bearing": forecast.outer.bearing_deg,
+            "inner_major": forecast.inner.major,
+            "inner_minor": forecast.inner.minor,
+            "outer_major": forecast.outer.major,
+            "outer_minor": forecast.outer.minor,
+            "inside_inner": outcome.in_inner,
+            "inside_outer": outcome.in_outer,
+            "log_score": outcome.log_score,
+            "persistent_log_score": outcome.persistent_log_score,
+            "persistent_distance": outcome.persistent_distance,
+            "persistent_radius": forecast.persistent_radius,
+        },
+    )
+
+
+def _place(place: Fix | DiveForecast) -> dict[str, float]:
+    return {"longitude": place.longitude, "latitude": place.latitude, "depth": 0.0}

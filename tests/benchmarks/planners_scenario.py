@@ -32,8 +32,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble
+from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.profiles import random_observations
 from replay_kit.studies.twins.truths import leave_out
 from tests.benchmarks.estimator import row
 from tests.planners.flow_samples import eddying_flow, place

@@ -196,9 +196,9 @@ def _expected(measurements: Sequence[Any]) -> float:
     return math.sqrt(sum(value**2 for value in known) / len(known)) if known else math.nan
 
 
-def last_plan(held: Held) -> tuple[dict[str, Any] | None, int]:
+def last_plan(held: Held) -> tuple[Mapping[str, Any] | None, int]:
     """Return how the last attempt to plan ended, as the JSON of a summary has it, and when [ns, UTC]; None without a plan."""
-    said = held.summary.get("plan")
+    said = None if held.outcome is None else held.outcome.plan
     if said is not None and said["status"] == "failed":
         # no plan was written for it
         return said, held.last_ns

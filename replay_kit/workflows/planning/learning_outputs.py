@@ -16,13 +16,12 @@ from replay_kit.core.geojson import collection_text, feature
 from replay_kit.core.plan import Plan, leg_statistics
 from replay_kit.core.text import csv_text, time_text
 from replay_kit.results import ResultWriter
-from replay_kit.results.text import print_table
+from replay_kit.show.text import print_table
 from replay_kit.workflows.planning.adapters import over_bottom
 from replay_kit.workflows.planning.learning import Learnt
-from replay_kit.workflows.planning.learning_request import LearnJob
 from replay_kit.workflows.planning.record import plan_metadata
 from replay_kit.workflows.planning.seabed import seabed_of
-from replay_kit.workflows.replay.provenance import run_settings_toml
+from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 
 _COLUMNS = (
     "leg",
@@ -195,8 +194,6 @@ def write_learning(
     path: Path,
     overwrite: bool,
     learnt: Learnt,
-    job: LearnJob,
-    options: Mapping[str, object],
     config: RunConfig,
 ) -> None:
     """Write a plan that learns as a result MCAP of its own.
@@ -205,9 +202,7 @@ def write_learning(
         path: The result.
         overwrite: Replace an existing one.
         learnt: The plan.
-        job: What was asked for; its files are recorded with their hashes.
-        options: What was asked for beyond the configuration, recorded as it was given; None for what was not.
-        config: All settings, attached as ``config.toml``.
+        config: All settings, attached as ``config.toml``; what was asked for is recorded, its files with their hashes.
 
     Raises:
         ConfigError: The result exists and may not be replaced, or cannot be written.
@@ -220,7 +215,7 @@ def write_learning(
         "latitude": asked.start.latitude,
     }
     about = {
-        **plan_metadata(job, options),
+        **plan_metadata(config.plan),
         "mission": {
             "status": plan.status,
             "message": plan.message,
