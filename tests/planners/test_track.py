@@ -28,7 +28,7 @@ def test_fractions_step_on_every_level_crossed():
 
 @pytest.mark.parametrize("kind", ["hat", "gaussian"])
 def test_flight_is_of_fourth_order(kind):
-    flow = eddying_flow(7, "hat" if kind == "hat" else "gaussian")
+    flow = eddying_flow(7, kind)
     velocity, duration = np.array([0.2, 0.1, 0.004]), 8e4
 
     def end(steps):

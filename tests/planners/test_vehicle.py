@@ -11,13 +11,12 @@ from planners import (
     GlideSettings,
     MissionRequest,
     MissionSettings,
-    NoGo,
     plan,
     plan_mission,
 )
 from planners.vehicle import DENSITY, GRAVITY, SteadyFlight, angle_of_pitch, fit_flight
 from replay_kit.core.errors import PlanError
-from tests.planners.flow_samples import place, still_flow
+from tests.planners.flow_samples import forbidden, place, still_flow
 
 ANGLES = np.deg2rad(np.linspace(13.0, 60.0, 9))
 
@@ -84,6 +83,7 @@ def test_energy_is_pump_work_and_hotel_load():
         {"max_angle": 90.0},
         {"speed": 0.0},
         {"hotel": float("nan")},
+        {"max_depth": 0.0},
     ],
 )
 def test_a_glider_that_cannot_be_is_refused(wrong):
@@ -125,18 +125,9 @@ def test_a_glide_passes_no_deeper_than_the_vehicle_s_limit():
     )
 
 
-def test_a_limit_is_a_depth():
-    with pytest.raises(PlanError, match=r"a glider's max_depth is 0\.0; expected a number above 0"):
-        Glider(max_depth=0.0)
-
-
 @pytest.mark.parametrize(("east", "named"), [(-3e3, "start"), (3e3, "goal")])
 def test_an_area_over_the_start_or_the_goal_is_refused(east, named):
-    corners = (
-        place(FLOW, east + x, y)
-        for x, y in ((-100.0, -100.0), (100.0, -100.0), (100.0, 100.0), (-100.0, 100.0))
-    )
-    area = NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), "range")
+    area = forbidden(FLOW, east - 100.0, -100.0, east + 100.0, 100.0)
     for turned in (area, replace(area, polygon=tuple((x - 360.0, y) for x, y in area.polygon))):
         with pytest.raises(
             PlanError, match=f"{named} is where the vehicle may not go: range; move it"

@@ -15,7 +15,7 @@ SPEED, LONGEST = 0.3, 2e5
 
 @pytest.mark.parametrize("kind", ["hat", "gaussian"])
 def test_the_table_is_the_flow_at_its_points_and_linear_or_constant_elsewhere(kind):
-    flow = eddying_flow(3, "hat" if kind == "hat" else "gaussian")
+    flow = eddying_flow(3, kind)
     table = tabulate(flow, region_of(flow.grid))
     assert np.all(table.spacing <= np.array([12e3, 10.8e3]) / 3.0)
     n_north, n_east = table.velocity.shape[2:]

@@ -32,7 +32,7 @@ def asked(*goals, depth=0.0, **settings):
     places = tuple(place(FLOW, *goal) for goal in goals)
     return MissionRequest(
         place(FLOW, 0.0, 0.0, depth), places, settings=replace(SETTINGS, **settings)
-    )  # type: ignore[arg-type]
+    )
 
 
 @pytest.mark.parametrize("objective", ["time", "energy", "closest"])

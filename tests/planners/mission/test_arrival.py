@@ -29,7 +29,7 @@ SETTINGS = MissionSettings(depth=300.0, surface_time=600.0)
 
 def request_in(flow, begin, end, **more):
     asked = request_between(flow, begin, end, settings=SETTINGS)
-    return replace(asked, **more)  # type: ignore[arg-type]
+    return replace(asked, **more)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -123,7 +123,7 @@ def test_no_plan_is_below_its_bound_where_the_shear_comes_later():
 
 def test_whole_legs_of_a_current_without_shear_are_not_ahead():
     def task_of(flow, **settings):
-        how = replace(MissionSettings(depth=300.0), **settings)  # type: ignore[arg-type]
+        how = replace(MissionSettings(depth=300.0), **settings)
         return mission_task(
             flow,
             request_between(flow, (-5e3, 0.0), (5e3, 0.0), settings=how),

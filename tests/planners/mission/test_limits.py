@@ -35,7 +35,7 @@ def planned(
     start=(-20e3, 0.0),
     **settings,
 ):
-    how = replace(SETTINGS, **settings)  # type: ignore[arg-type]
+    how = replace(SETTINGS, **settings)
     return plan_mission(
         flow,
         MissionRequest(

@@ -90,18 +90,6 @@ def land(dry, levels=slice(None), depth=100.0):
     return rings
 
 
-def test_land_has_a_ring_for_each_cell_beside_water_and_none_inside():
-    rings = land(np.s_[2:5, 1:5])
-    # of three by four cells the two in the middle are beside land alone
-    assert [ring.name for ring in rings] == ["land"] * 10
-    points = np.column_stack([GRID.east.ravel(), GRID.north.ravel()])
-    forbidden = np.any([ring.forbids(points) for ring in rings], axis=0).reshape(GRID.east.shape)
-    expected = np.zeros_like(forbidden)
-    expected[2:5, 1:5] = True
-    expected[3, 2:4] = False
-    np.testing.assert_array_equal(forbidden, expected)
-
-
 def test_what_is_dry_below_the_dives_is_no_land():
     assert land(np.s_[2:5, 1:5], slice(3, None), depth=100.0) == []
     assert len(land(np.s_[2:5, 1:5], slice(3, None), depth=300.0)) == 10
@@ -120,24 +108,6 @@ def test_a_cell_s_corners_are_halfway_to_its_neighbours_also_at_the_edge_of_the_
 
 FLOW = still_flow()
 FRAME = FLOW.grid.projection
-
-
-@pytest.mark.parametrize("width", [0.5, 2.0, 4.0])
-@pytest.mark.parametrize("angle", [0.0, 20.0, 85.0])
-def test_an_area_metres_wide_is_crossed_however_far_apart_the_points_are(width, angle):
-    (ring,) = no_go_rings(FRAME, forbidden(FLOW, -0.5 * width, -3e3, 0.5 * width, 3e3))
-    along = 200.0 * np.array([np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))])
-    ends = np.array([-along - [3.0, 0.0], along - [3.0, 0.0]])
-    assert not ring.forbids(ends).any()
-    name, segment, share = first_crossing(
-        [ring], np.array([[2.0 * ends[0], ends[0]], ends]), np.zeros(2)
-    ) or ("", -1, -1.0)
-    entry = (3.0 - 0.5 * width + along[0]) / (2.0 * along[0])
-    assert (name, segment) == ("range", 1)
-    assert share == pytest.approx(entry, abs=1e-3)
-    assert (
-        first_crossing([ring], ends[:, None] + [[-300.0, 0.0], [-200.0, 0.0]], np.zeros(2)) is None
-    )
 
 
 @pytest.mark.parametrize("latitude", [-40.0, 60.0])
@@ -162,6 +132,11 @@ def test_both_meanings_of_a_long_edge_are_forbidden(latitude):
     assert forbidden(latitude - 1e-5 * np.sign(latitude))
     assert forbidden(shortest - 1e-5 * np.sign(latitude))
     assert not forbidden(shortest + 1e-5 * np.sign(latitude))
+    # longitudes of another turn mean the same area
+    turned = replace(area, polygon=tuple((east + 360.0, north) for east, north in area.polygon))
+    assert sum(ring.area.area for ring in no_go_rings(frame, turned)) == pytest.approx(
+        sum(ring.area.area for ring in rings), rel=1e-12
+    )
 
 
 def _beside_a_sliver():

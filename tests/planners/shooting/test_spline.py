@@ -68,7 +68,7 @@ def test_stream_functions_have_the_velocity_of_their_flow_and_derivatives_as_dif
 
 @pytest.mark.parametrize("kind", ["hat", "gaussian"])
 def test_its_error_is_as_stated_and_falls_with_the_fifth_power(kind):
-    flow = eddying_flow(3, kind=kind)  # type: ignore[arg-type]
+    flow = eddying_flow(3, kind=kind)
     rng, exact, errors = np.random.default_rng(9), stream_of(flow, flow.latent), []
     at = rng.uniform(*BOX, (400, 2))
     weights = depth_weights(flow.depth_functions, rng.uniform(-10.0, 500.0, 400), flow.levels)[
