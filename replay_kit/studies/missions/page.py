@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -22,27 +22,14 @@ from replay_kit.studies.reports.tables import (
     limits_text,
     met_text,
     print_tables,
+    rows_to_csv,
     write_files,
 )
-from replay_kit.studies.reports.tables import to_csv as table_to_csv
 
 
 def to_json(result: MissionResult) -> dict[str, Any]:
     """Return the JSON object of ``--json``; undefined figures are null."""
     return answer_of(asdict(result), "numpy", "scipy")
-
-
-def to_csv(result: MissionResult) -> str:
-    """Return the rows as CSV with their fields' names; undefined figures are empty, lists have spaces between their numbers."""
-    columns = tuple(field.name for field in fields(MissionRow))
-    return table_to_csv(
-        Table(
-            "missions",
-            "All figures",
-            columns,
-            tuple(tuple(asdict(row).values()) for row in result.rows),
-        )
-    )
 
 
 def print_study(result: MissionResult, console: Console) -> None:
@@ -88,7 +75,12 @@ def write_study(out: Path, result: MissionResult) -> None:
     """Write ``FILES`` into a folder that exists, each whole or not at all; of unfinished studies all but the page."""
     page = {} if result.unfinished else {PAGE: missions_page(result)}
     write_files(
-        out, {"missions.csv": to_csv(result), "missions.json": json_text(to_json(result)), **page}
+        out,
+        {
+            "missions.csv": rows_to_csv(MissionRow, result.rows),
+            "missions.json": json_text(to_json(result)),
+            **page,
+        },
     )
 
 
