@@ -108,19 +108,19 @@ _CHARTS = (
     ),
     (
         "coverage",
-        "How many components lie in their 90 % intervals",
+        "Coverage of the 90 % intervals",
         "coverage90",
         Axis("share inside [1]"),
         0.9,
-        "A method that knows how much it errs holds 0.9 (dotted); below it the stated errors are too small. Some methods state none.",
+        "Share of components inside; 0.9 (dotted) is right, below it the stated errors are too small. Some methods state none.",
     ),
     (
         "nis",
-        "Errors of predictions over their stated size",
+        "Consistency of the innovations",
         "nis_per_dof",
         Axis("NIS per degree of freedom [1]", log=True),
         1.0,
-        "Each ping is predicted before it is used. At 1 (dotted) the predictions err as much as they state; above it more, below it less.",
+        "Each ping is predicted before it is used. 1 (dotted) is consistent; above it the stated errors are too small, below it too large.",
     ),
 )
 

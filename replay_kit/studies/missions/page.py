@@ -61,14 +61,14 @@ def study_table(result: MissionResult, study: str) -> Table:
 
 FILES = ("missions.csv", "missions.json", PAGE)
 _TITLES = {
-    "time": "A truth that changes",
+    "time": "A truth that changes in time",
     "relative": "Profiles relative to the vehicle",
-    "dac": "Mean currents of dives alone",
-    "outliers": "Pings that are wrong",
-    "bias": "Instruments with a bias",
-    "coverage": "Whether the stated errors are right",
+    "dac": "Depth-averaged currents alone",
+    "outliers": "Outliers",
+    "bias": "Biases of compass and scale",
+    "coverage": "Coverage of the stated errors",
 }
-_CAPTION = "Dots are single missions, the diamond is all of them together, bars are the limits that it should keep to, where there are any."
+_CAPTION = "Dots: single missions; diamond: all missions together; bars: the limits required, where there are any."
 
 
 def write_study(out: Path, result: MissionResult) -> None:
@@ -101,7 +101,7 @@ def missions_page(result: MissionResult) -> str:
 def _answer(result: MissionResult) -> str:
     job = result.job
     flown = (
-        f"Gliders fly through {len(result.members)} members of `{result.ensemble}` that the estimator does not know, {job.seeds} for each,"
+        f"Gliders fly through {len(result.members)} members of `{result.ensemble}` withheld from the estimator, {job.seeds} for each,"
         f" with {job.pings} pings of {job.noise:g} m/s noise."
     )
     return words_html([flown]) + criteria_html(
