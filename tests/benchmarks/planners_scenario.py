@@ -22,9 +22,10 @@ from planners import (
     plan_mission,
     plan_scenarios,
 )
-from planners.mission.flight import Legs, currents_of, fly_legs
-from planners.mission.leg import leg_depths, steps_needed
+from planners.mission.flight.currents import currents_of
+from planners.mission.flight.legs import Legs, fly_legs
 from planners.mission.scenarios import passes_binomial_test
+from planners.mission.task import leg_depths, steps_needed
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate

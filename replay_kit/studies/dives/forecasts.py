@@ -16,7 +16,7 @@ from replay_kit.estimator.evolving.observation_operator import LinearObservation
 from replay_kit.estimator.next_dive.profiles import Bins, ColumnModel, ColumnState, joined
 from replay_kit.estimator.update.screening import local_mean
 from replay_kit.studies.dives.read import Dive
-from replay_kit.workflows.replay.dive_forecasts import (
+from replay_kit.workflows.replay.surfacings.forecasts import (
     ForecastState,
     backgrounds_of,
     forecast_mean,

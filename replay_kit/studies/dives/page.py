@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from replay_kit.results.surfacings.summary import surfacings_json
-from replay_kit.results.surfacings.words import surfacings_sentences
+from replay_kit.results.outcome.figures import surfacings_json
 from replay_kit.show.page import Section
+from replay_kit.show.words import surfacings_sentences
 from replay_kit.studies.dives.run import DivePrediction, DivesResult
 from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure, series_by
 from replay_kit.studies.reports.page import PAGE, list_html, study_page, tables_html, words_html

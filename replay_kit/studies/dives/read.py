@@ -13,7 +13,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import Measurement, Observation, PathMean
 from replay_kit.logs import merge
 from replay_kit.measurements import Event, events_of
-from replay_kit.workflows.replay.look_ahead import open_readers
+from replay_kit.workflows.replay.inputs.scan import open_readers
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,9 +23,9 @@ from replay_kit.estimator.evolving.fit_log import (
     fit_to_log,
     fitted_estimator,
     initial_settings,
+    observed_subspace_estimator,
     with_errors,
 )
-from replay_kit.estimator.evolving.likelihood import observed_subspace_estimator
 from replay_kit.studies.dives.forecasts import (
     DiveForecasts,
     Expected,

@@ -18,7 +18,8 @@ from replay_kit.studies.jobs import check_names, check_positive
 from replay_kit.studies.missions.follow import Followed, follow
 from replay_kit.studies.twins.messages import Flight
 from replay_kit.studies.twins.truths import leave_out, members_named
-from replay_kit.workflows.replay.build import Forecasts, build
+from replay_kit.workflows.replay.inputs.estimator import build
+from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points
 
 STUDIES = ("time", "relative", "dac", "outliers", "bias", "coverage")

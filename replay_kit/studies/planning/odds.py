@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import planners
+from replay_kit.config.plan import ACCEPTED_RISK, ARRIVING
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.horizontal import NodeKernel
 from replay_kit.studies.planning.job import StudyReport
 from replay_kit.studies.planning.world import Withheld, World, draw_missions
 from replay_kit.studies.reports.tables import NAN, Cell, Criterion, Table, named_columns
 from replay_kit.studies.twins.reachable import Pair
-from replay_kit.workflows.planning.request import ACCEPTED_RISK, ARRIVING, JUDGING
+from replay_kit.workflows.planning.adapters import JUDGING
 
 NAME = "odds"
 # Shares that arrive, least asked for: in fresh samples, in withheld truths.

@@ -14,8 +14,13 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Flag, usable
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.dive_error import new_dive, with_dive_error
-from replay_kit.estimator.evolving.fit_log import fit_to_log, fitted_estimator, initial_settings
-from replay_kit.estimator.evolving.likelihood import log_likelihoods, observed_subspace_estimator
+from replay_kit.estimator.evolving.fit_log import (
+    fit_to_log,
+    fitted_estimator,
+    initial_settings,
+    log_likelihoods,
+    observed_subspace_estimator,
+)
 from replay_kit.studies.dives import read_dives, run_dives
 from replay_kit.studies.dives.forecasts import (
     after_dive,
@@ -28,8 +33,8 @@ from replay_kit.studies.dives.forecasts import (
 )
 from replay_kit.studies.dives.page import to_json
 from replay_kit.studies.twins import Twin, make_twin
-from replay_kit.workflows.replay.build import read_forecasts
-from replay_kit.workflows.replay.look_ahead import look_ahead
+from replay_kit.workflows.replay.inputs.forecast import read_forecasts
+from replay_kit.workflows.replay.inputs.scan import look_ahead
 from tests import synthetic
 from tests.places import DATA
 from tests.reference import dives as slow

@@ -18,10 +18,10 @@ from replay_kit.cli.options import (
     TO_OUTPUTS,
     Noise,
     Processes,
-    numbers,
     option,
 )
 from replay_kit.cli.settings import Settings, takes_settings
+from replay_kit.config.option import numbers
 from replay_kit.core.errors import EstimatorError
 
 

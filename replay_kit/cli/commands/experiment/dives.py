@@ -38,9 +38,9 @@ def dives(
 
     from replay_kit.estimator.evolving import build_evolving
     from replay_kit.studies.dives import DivesResult, page, read_dives, run_dives
-    from replay_kit.workflows.replay.build import read_forecasts
-    from replay_kit.workflows.replay.look_ahead import look_ahead
-    from replay_kit.workflows.replay.region import find_region
+    from replay_kit.workflows.replay.inputs.forecast import read_forecasts
+    from replay_kit.workflows.replay.inputs.region import find_region
+    from replay_kit.workflows.replay.inputs.scan import look_ahead
 
     check_outputs(read, outputs, page.FILES)
     if config.estimator.name != "reduced_basis" or config.estimator.preset != "default":
