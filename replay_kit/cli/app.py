@@ -14,10 +14,9 @@ from cyclopts import App, CycloptsError, Parameter
 from cyclopts.exceptions import MissingArgumentError, RepeatArgumentError
 
 from replay_kit.cli import reporting
-from replay_kit.cli.ensembles import repeat_ensembles
 from replay_kit.cli.help import command_group, layout, option_groups
 from replay_kit.cli.options import CHOICES, before_conversion
-from replay_kit.cli.unknown import refuse_unknown
+from replay_kit.cli.words import refuse_unknown, repeat_ensembles
 from replay_kit.core.errors import ConfigError, ReplayKitError
 from replay_kit.core.printable import printable
 from replay_kit.core.version import __version__

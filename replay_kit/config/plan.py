@@ -6,9 +6,9 @@ Places, times and lists of numbers are texts, as on the command line, and are re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
-from replay_kit.config.option import PLACE, Numbers, Option, numbers
+from replay_kit.config.section import PLACE, Numbers, Option, Section, numbers
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.objective import ObjectiveName
 from replay_kit.core.time import parse_duration, parse_time
@@ -26,11 +26,11 @@ _MOST_DEPARTURES = 100
 _INPUTS, _OPTIONS, _OUTPUTS = "Inputs", "Options", "Outputs"
 
 
-class PlanRequest(BaseModel):
+class PlanRequest(Section):
     """``[plan]``: where to go from where, when, what for, and how it is judged."""
 
     # numbers that are not finite are refused by name below
-    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
+    model_config = ConfigDict(allow_inf_nan=True)
 
     flows: tuple[Path, ...] = Field(default=(), description="Files of the estimate.")
     start: Annotated[str | None, Option("--start", PLACE.form, _INPUTS), PLACE] = Field(

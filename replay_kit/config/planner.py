@@ -5,9 +5,9 @@ from math import inf
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-from replay_kit.config.option import Option
+from replay_kit.config.section import Option, Section
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.objective import ObjectiveName
 
@@ -35,10 +35,8 @@ class DiveSettings:
     origin: str
 
 
-class PlannerConfig(BaseModel):
+class PlannerConfig(Section):
     """``[planner]``: one glide, or a mission of many dives; keys that only a mission has say so."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     kind: Annotated[Literal["auto", "glide", "mission"], Option("--planner")] = Field(
         default="auto",

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
-    BaseModel,
-    ConfigDict,
+    AfterValidator,
     Field,
     ValidationError,
     field_serializer,
@@ -20,30 +19,35 @@ from pydantic import (
 
 from replay_kit.config import without
 from replay_kit.config.earlier import refuse_earlier
-from replay_kit.config.explain import explain
+from replay_kit.config.file import explain, read_toml
 from replay_kit.config.gating import ConsistencyConfig, GatingConfig
 from replay_kit.config.mapping import TopicMap
-from replay_kit.config.moment import Moment
-from replay_kit.config.option import Option
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.quality import QualityConfig
+from replay_kit.config.section import Option, Section
 from replay_kit.config.time import TimeConfig
-from replay_kit.config.toml_file import read_toml
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.time import parse_time
 
+
+def _checked_time(text: str) -> str:
+    try:
+        parse_time(text)
+    except ConfigError as error:
+        # the kind of error that pydantic gathers and names the key of
+        raise ValueError(str(error)) from error
+    return text
+
+
+#: A setting that is a time, ISO 8601 UTC.
+Moment = Annotated[str, AfterValidator(_checked_time)]
 #: The region that ``--region all`` stands for.
 EVERYWHERE = (-180.0, -90.0, 180.0, 90.0)
 _Depth = Annotated[float, Field(ge=0.0)]
 
 
-class _Section(BaseModel):
-    # built when first used: a command's help needs the fields alone
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
-
-
-class LogConfig(_Section):
+class LogConfig(Section):
     """``[logs]``: how logs are read."""
 
     clock: Annotated[Literal["log", "publish", "header"], Option("--clock")] = Field(
@@ -88,7 +92,7 @@ class LogConfig(_Section):
         return None if self.end is None else parse_time(self.end)
 
 
-class MeasurementConfig(_Section):
+class MeasurementConfig(Section):
     """``[measurements]``: how messages become observations."""
 
     position_max_age: float = Field(
@@ -188,7 +192,7 @@ class MeasurementConfig(_Section):
         return value
 
 
-class ForecastConfig(_Section):
+class ForecastConfig(Section):
     """``[forecast]``: what the members of the ensemble are, and which part of it is used."""
 
     members: Annotated[str | None, Option("--members", "RULE")] = Field(
@@ -255,7 +259,7 @@ class ForecastConfig(_Section):
         return value
 
 
-class EstimatorConfig(_Section):
+class EstimatorConfig(Section):
     """``[estimator]``: the basis, the prior and the error model; ``None`` means the preset's own value."""
 
     name: Annotated[str, Option("--estimator", "NAME")] = Field(
@@ -340,7 +344,7 @@ class EstimatorConfig(_Section):
         return "all" if value is None else value
 
 
-class OutputConfig(_Section):
+class OutputConfig(Section):
     """``[output]``: what is published, and how often."""
 
     depths: tuple[_Depth, ...] | None = Field(
@@ -360,7 +364,7 @@ class OutputConfig(_Section):
     )
 
 
-class RunConfig(_Section):
+class RunConfig(Section):
     """All of a run's settings."""
 
     logs: LogConfig = Field(default_factory=LogConfig)

@@ -2,18 +2,16 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from replay_kit.config.option import Option
+from replay_kit.config.section import Option, Section
 
 Oscillation = Literal["steady", "inertial", "M2", "S2", "K1", "O1"]
 Bias = Literal["heading", "scale", "shear"]
 
 
-class TimeConfig(BaseModel):
+class TimeConfig(Section):
     """``[time]``: change of the current in time, oscillations, and biases of the instrument."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     scale: Annotated[
         Literal["auto", "static"] | Annotated[float, Field(gt=0.0)],

@@ -104,7 +104,7 @@ class Following:
         from replay_kit.results.summary import print_summary
         from replay_kit.results.summary_json import to_json
         from replay_kit.workflows.follow.follow import follow
-        from replay_kit.workflows.follow.options import FollowOptions
+        from replay_kit.workflows.follow.watch import FollowOptions
         from replay_kit.workflows.planning import planner_of
 
         assert job.out is not None
