@@ -43,9 +43,7 @@ _ALSO_INVERTED = (
 _INVERTED = "computed from the dive's pings and mean current, which are used instead (measurements.use_inverted)"
 _NO_ATTITUDE = "DVL: no attitude within a second"
 _NO_DECLINATION = "DVL: whether its heading is true or magnetic is not known; state measurements.magnetic_declination, 0 for a true one"
-_NO_LAYER = (
-    "DVL: water track, known layer's depth it does not say; state measurements.water_track_distance"
-)
+_NO_LAYER = "DVL water track does not state its layer depth; set measurements.water_track_distance"
 _NO_BOTTOM = "DVL: water track without a bottom track, which says nothing of the current"
 
 

@@ -80,7 +80,7 @@ def _candidate_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
 def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:
     when = time_text(start_ns + round(row["surfacing_s"] * 1e9)) if start_ns else "-"
     where = f"{row['longitude']:.4f}, {row['latitude']:.4f}"
-    kind = "without fixes" if row["blind"] else ""
+    kind = "dead-reckoned" if row["blind"] else ""
     return (
         str(row["leg"]),
         f"{row['heading_deg']:.1f}",

@@ -48,7 +48,7 @@ def test_a_large_log_is_described_by_its_index(log):
         None,
     )
     assert found.report.read["/vendor/text"] == 400
-    assert found.use == "replay: it has positions and profiles of the current"
+    assert found.use == "ready for replay: positions and current profiles found"
 
 
 def test_what_the_index_does_not_know_is_said_to_need_full(log):
@@ -56,7 +56,7 @@ def test_what_the_index_does_not_know_is_said_to_need_full(log):
     assert done.exit_code == 0
     assert "Read: the index, and 202 messages" in done.stdout
     assert "late messages, gaps and damage: with --full" in done.stdout
-    assert "Use, by the messages read: replay" in done.stdout
+    assert "Use, by the messages read: ready for replay" in done.stdout
     assert "usable bins," not in done.stdout
     (answer,) = json.loads(log.with_suffix(".json").read_text())["logs"]
     assert answer["read"] == {"whole": False, "messages": 202}

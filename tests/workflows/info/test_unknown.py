@@ -187,7 +187,7 @@ def test_a_gliders_log_is_ready_for_a_replay(tmp_path, write, ending):
     said = invoke(["info", str(write(tmp_path / "a b.nc"))]).stdout
     assert f"Next: replay-kit replay '{tmp_path / 'a b.nc'}'" in said
     assert said.rstrip().endswith(ending)
-    assert "Use: replay: it has" in said
+    assert "Use: ready for replay: " in said
 
 
 def test_a_log_without_currents_says_what_to_add(tmp_path):
