@@ -197,9 +197,9 @@ class ForecastConfig(Section):
 
     members: Annotated[str | None, Option("--members", "RULE")] = Field(
         default=None,
-        description="Definition of a member. dim[:NAME]: a position along a dimension; files[:REGEX]: a file, or files of one label; suffix: "
-        "variables such as uo_glor and uo_oras; lags: forecasts of several starts, valid at one time; times:15d: fields within so many "
-        "days of the season, as anomalies about the forecast; models: several products without their mean biases. Default: the member "
+        description="Definition of a member. dim[:NAME]: a position along a dimension; files[:REGEX]: a file, or files of one label; "
+        "suffix: variables such as uo_glor and uo_oras; lags: forecasts of several starts, valid at one time; times:15d: fields within so "
+        "many days of the season, as anomalies about the forecast; models: several products without their mean biases. Default: the member "
         "dimension, else labels such as mem001 in the names of files.",
     )
     axes: Annotated[Literal["auto", "grid", "true"], Option("--axes")] = Field(

@@ -29,7 +29,7 @@ from replay_kit.logs.reader import reading
 from replay_kit.measurements import events_of
 from replay_kit.measurements.consistency.tracks import LogTracks
 from replay_kit.results import ResultWriter
-from replay_kit.results.summary import ReplaySummary
+from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.workflows.replay.inputs.estimator import build, flow_at
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs

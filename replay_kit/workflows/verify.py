@@ -30,7 +30,7 @@ from replay_kit.results import (
     first_difference,
     read_recorded,
 )
-from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
+from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.provenance import (
     BATHYMETRY,

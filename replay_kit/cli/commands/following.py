@@ -101,8 +101,8 @@ class Following:
         json_file: Path | None,
     ) -> int:
         """Follow the logs of a job, and return the exit code of the last summary."""
-        from replay_kit.results.summary import print_summary
-        from replay_kit.results.summary_json import to_json
+        from replay_kit.results.outcome.outcome import outcome_of
+        from replay_kit.show.summary import print_summary
         from replay_kit.workflows.follow.follow import follow
         from replay_kit.workflows.follow.watch import FollowOptions
         from replay_kit.workflows.planning import planner_of
@@ -129,6 +129,7 @@ class Following:
             raise LogError(
                 "no log that can be replayed has arrived; check the folder and the messages about its files"
             )
-        print_summary(summary, console)
-        write_json(json_file, to_json(summary))
+        outcome = outcome_of(summary)
+        print_summary(outcome, console)
+        write_json(json_file, outcome.to_json())
         return summary.exit_code

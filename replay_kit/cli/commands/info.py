@@ -74,7 +74,7 @@ def info(
     config = settings.load()
 
     from replay_kit.measurements import suggestions
-    from replay_kit.results.text import print_lines
+    from replay_kit.show.text import print_lines
     from replay_kit.workflows.info.inspect import inspect_logs
     from replay_kit.workflows.info.listing import (
         asks_for_replay,

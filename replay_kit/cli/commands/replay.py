@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from replay_kit.config.run import RunConfig
     from replay_kit.core.plan import Place
-    from replay_kit.results.summary import ReplaySummary
+    from replay_kit.results.outcome.run import ReplaySummary
     from replay_kit.workflows.replay.inputs.forecast import Forecasts
     from replay_kit.workflows.replay.inputs.job import ReplayJob
 
@@ -167,7 +167,7 @@ def replay(
     goal, config = None if inputs.goal is None else place(inputs.goal, "--goal"), settings.load()
 
     # what takes long to load, after what is quickly refused
-    from replay_kit.results.summary_json import failure_json
+    from replay_kit.results.outcome.outcome import failed
     from replay_kit.workflows.planning import planner_of
     from replay_kit.workflows.replay.inputs.job import check_outputs
     from replay_kit.workflows.replay.inputs.opened import forecasts_of
@@ -189,7 +189,7 @@ def replay(
                 check_smoothable(forecasts)
             summary, _ = replay_logs(job, config, planner_of, advance, forecasts=forecasts)
     except (MeasurementError, ForecastError) as error:
-        write_json(outputs.json_file, error.answer or failure_json(error))
+        write_json(outputs.json_file, error.answer or failed(error).to_json())
         raise
     _smooth(outputs, job, config, forecasts)
     _answer(outputs, summary, console)
@@ -244,13 +244,14 @@ def _smooth(
 
 def _answer(outputs: Outputs, summary: "ReplaySummary", console: "Console") -> None:
     """Print the summary, and write the report and the JSON if they are asked for."""
-    from replay_kit.results.summary import print_summary
-    from replay_kit.results.summary_json import to_json
+    from replay_kit.results.outcome.outcome import outcome_of
+    from replay_kit.show.summary import print_summary
 
-    print_summary(summary, console, outputs.verbose)
+    outcome = outcome_of(summary)
+    print_summary(outcome, console, outputs.verbose)
     if outputs.page is not None:
         from replay_kit.workflows.report import report
 
         report(outputs.out, outputs.page, outputs.overwrite, summary)
         console.print(f"Report: {outputs.page}; open it in a browser.", soft_wrap=True)
-    write_json(outputs.json_file, to_json(summary))
+    write_json(outputs.json_file, outcome.to_json())

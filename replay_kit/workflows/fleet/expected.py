@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 
 from replay_kit.core.arrays import IN_MEMORY
-from replay_kit.results.text import print_lines, print_table
+from replay_kit.show.text import print_lines, print_table
 from replay_kit.workflows.fleet.cluster import Cluster
 from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.fleet.run import Outcome, failure

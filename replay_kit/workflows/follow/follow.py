@@ -20,7 +20,7 @@ from replay_kit.core.text import count_text, place_text
 from replay_kit.core.unchanged import Stamp, stamps_of
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.folders import STREAMS
-from replay_kit.results.summary import ReplaySummary
+from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.show.status.held import Held, read_held
 from replay_kit.show.status.status import Status, status_of
 from replay_kit.workflows.follow import memory as remembered

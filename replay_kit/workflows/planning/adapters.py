@@ -8,9 +8,9 @@ from typing import TypeVar
 import numpy as np
 
 import planners
-from planners.mission.flight import Sample
+from planners.mission.flight.currents import Sample
 from planners.mission.flights import fly_mission, surfacing_ellipses
-from planners.mission.horizon import first_legs
+from planners.mission.timing import first_legs
 from planners.output.mission import as_glide
 from planners.route.region import locate, region_of
 from replay_kit.config.plan import ACCEPTED_RISK, ARRIVING

@@ -1,7 +1,5 @@
 """A plan that learns for people and other programs: tables, JSON, GeoJSON, CSV, a result MCAP."""
 
-import csv
-import io
 import json
 from collections.abc import Mapping
 from math import isfinite, nan
@@ -14,9 +12,10 @@ from rich.console import Console
 from planners.learning.values import LearnPlan
 from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import to_geographic
-from replay_kit.core.plan import Plan
-from replay_kit.core.text import time_text
-from replay_kit.results.text import print_table
+from replay_kit.core.geojson import collection_text, feature
+from replay_kit.core.plan import Plan, leg_statistics
+from replay_kit.core.text import csv_text, time_text
+from replay_kit.show.text import print_table
 from replay_kit.workflows.planning.learning import Learnt
 from replay_kit.workflows.planning.record import write_plan
 
@@ -171,27 +170,22 @@ def learning_geojson(learnt: Learnt) -> str:
     longitude, latitude = to_geographic(
         learnt.on.region.projection, plan.track[:, 0], plan.track[:, 1]
     )
-    line = {"type": "LineString", "coordinates": np.column_stack([longitude, latitude]).tolist()}
+    line = np.column_stack([longitude, latitude]).tolist()
     about = {
         "status": plan.status,
         "message": plan.message,
         "objective": plan.objective,
         "duration_s": plan.duration,
     }
-    features = [{"type": "Feature", "geometry": line, "properties": about}]
-    for row in legs_table(plan):
-        point = {"type": "Point", "coordinates": [row["longitude"], row["latitude"]]}
-        features.append({"type": "Feature", "geometry": point, "properties": row})
-    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1) + "\n"
+    points = [
+        feature("Point", [row["longitude"], row["latitude"]], row) for row in legs_table(plan)
+    ]
+    return collection_text([feature("LineString", line, about), *points], indent=1) + "\n"
 
 
 def learning_csv(learnt: Learnt) -> str:
     """Return the legs as CSV text, one line a leg."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(legs_table(learnt.plan))
-    return text.getvalue()
+    return csv_text(legs_table(learnt.plan), _COLUMNS)
 
 
 def write_learning(
@@ -247,6 +241,6 @@ def _published(plan: LearnPlan) -> Plan:
         track_time=plan.track_time,
         track=plan.track,
         message=plan.message,
-        statistics={**plan.figures, **{f"leg_{row['leg']:03d}": json.dumps(row) for row in rows}},
+        statistics={**plan.figures, **leg_statistics(rows)},
         energy=nan,
     )

@@ -22,8 +22,8 @@ from planners import (
     waypoints_of,
     with_odds,
 )
-from planners.mission.flight import Flow, Sample
-from planners.mission.horizon import to_its_end
+from planners.mission.flight.currents import Flow, Sample
+from planners.mission.timing import to_its_end
 from planners.mission.waypoints import Waypoints
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig

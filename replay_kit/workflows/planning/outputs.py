@@ -15,7 +15,7 @@ from planners.output.waypoints import waypoint_json, waypoint_text
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.run import RunConfig
 from replay_kit.core.text import time_text
-from replay_kit.results.text import print_table
+from replay_kit.show.text import print_table
 from replay_kit.workflows.planning.mission import PlannedMission, mission_planner
 from replay_kit.workflows.planning.record import write_plan
 

@@ -9,7 +9,7 @@ from pydantic import TypeAdapter, ValidationError
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.plan import Area, Plan
+from replay_kit.core.plan import Plan
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.planning.adapters import over_bottom
 from replay_kit.workflows.planning.bathymetry import seabed_of
@@ -76,7 +76,7 @@ def write_plan(
         "longitude": str(plan.start.longitude),
         "latitude": str(plan.start.latitude),
     }
-    areas = tuple(Area(area.name, area.surface_only, _open_ring(area.polygon)) for area in on.no_go)
+    areas = tuple(area.area for area in on.no_go)
     metadata = {**plan_metadata(config.plan), "mission": about, **records}
     with ResultWriter(path, overwrite) as writer:
         writer.start(projection, begin, metadata, run_settings_toml(config))
@@ -84,10 +84,6 @@ def write_plan(
             writer.seabed(begin, seabed_of(on.bathymetry, on.region))
         writer.plan(over_bottom(replace(plan, areas=areas), on.bathymetry, projection), projection)
         writer.digest(begin)
-
-
-def _open_ring(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    return corners[:-1] if corners[0] == corners[-1] else corners
 
 
 def recorded_request(record: Mapping[str, str], found: Mapping[str, Path]) -> PlanRequest:

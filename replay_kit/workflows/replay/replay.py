@@ -31,8 +31,8 @@ from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import reading
 from replay_kit.measurements import finish, initial_state, interpret_block
 from replay_kit.results import Digest, ResultWriter
-from replay_kit.results.summary import ReplaySummary
-from replay_kit.results.summary_json import failure_json
+from replay_kit.results.outcome.outcome import failed
+from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.workflows.replay.checks import check_goal, with_planner_kind
 from replay_kit.workflows.replay.conclude import conclude
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
@@ -130,9 +130,8 @@ def _replay(
             (session.writer.discard if unusable else session.writer.abandon)()
         if isinstance(error, ReplayKitError) and unusable:
             error.findings = error.findings or session.monitoring.checks.findings
-            error.answer = failure_json(
-                error, session.statistics.summary([reader.report() for reader in inputs.readers])
-            )
+            so_far = session.statistics.summary([reader.report() for reader in inputs.readers])
+            error.answer = failed(error, so_far).to_json()
         raise
     finally:
         if checkpoints is not None:

@@ -194,7 +194,10 @@ def test_a_plan_that_does_not_arrive_comes_first_in_the_table_and_on_the_page(ca
     print_fleet(outcomes, Console(width=200))
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"ALARM: b: the plan is unreachable: {message}"
-    assert [line.split()[2] for line in lines[3:5]] == ["reached", "unreachable"]
+    assert [line.split()[2:] for line in lines[3:5]] == [
+        ["trust", "reached", "3", "0"],
+        ["with", "care", "unreachable", "3", "0"],
+    ]
     page = fleet_page(outcomes)
     assert page.index(f"b: the plan is unreachable: {message}") < page.index(
         "3 of 3 missions were replayed"

@@ -18,7 +18,7 @@ from planners import (
     plan_mission,
 )
 from planners.mission.flights import fly_mission
-from planners.mission.horizon import first_legs
+from planners.mission.timing import first_legs
 from replay_kit.config.plan import departures_of
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig

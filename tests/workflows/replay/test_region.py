@@ -20,9 +20,10 @@ from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.core.region import DEGREE, inside
-from replay_kit.forecast.extent import open_extent
-from replay_kit.results.mcap_writer import WINDOWS_RECORD, ResultWriter
+from replay_kit.forecast.describe import open_extent
+from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.result import ResultFile
+from replay_kit.results.topics import WINDOWS_RECORD
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.opened import forecasts_of

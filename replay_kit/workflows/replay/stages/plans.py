@@ -11,9 +11,9 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.observation import VehicleState
 from replay_kit.core.plan import Place
-from replay_kit.core.surfacing import Outcome, Surfacing, outcome_of
+from replay_kit.core.surfacing import Surfacing, SurfacingOutcome, surfacing_outcome
 from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.measurements.vehicle.surfacing import SurfacingState, detect_surfacing
+from replay_kit.measurements.vehicle.dives import SurfacingState, detect_surfacing
 from replay_kit.workflows.replay.stages.estimation import Step
 from replay_kit.workflows.replay.stages.planner import Planner, PlanResult
 from replay_kit.workflows.replay.stages.publishing import LogWarning, Output, PublishedPlan
@@ -87,7 +87,7 @@ class PlanningState:
     result: PlanResult | None = None
     failure: str = ""
     expected: tuple[int, Surfacing] | None = None
-    outcomes: tuple[Outcome, ...] = ()
+    outcomes: tuple[SurfacingOutcome, ...] = ()
     detection: SurfacingState = field(default_factory=SurfacingState)
     surfaced: VehicleState | None = None
     next_plan_ns: int | None = None
@@ -149,7 +149,7 @@ def finish_surfacing(
     if fix is None:
         return state, ()
     if state.expected is not None:
-        outcome = outcome_of(*state.expected, fix)
+        outcome = surfacing_outcome(*state.expected, fix)
         state, outputs = (
             replace(state, expected=None, outcomes=(*state.outcomes, outcome)),
             (outcome,),

@@ -14,7 +14,7 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
-from replay_kit.core.surfacing import Outcome
+from replay_kit.core.surfacing import SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay.stages.estimation import Step
 
@@ -143,7 +143,7 @@ Output = (
     | AtVehicle
     | DepthSlices
     | PublishedPlan
-    | Outcome
+    | SurfacingOutcome
     | DiveOutcome
     | LeftWindow
     | Findings
@@ -171,7 +171,7 @@ def write(writer: ResultWriter, output: Output) -> None:
             writer.digest(time_ns)
         case PublishedPlan(plan, projection):
             writer.plan(plan, projection)
-        case Outcome():
+        case SurfacingOutcome():
             writer.outcome(output)
         case DiveOutcome():
             writer.dive_outcome(output)

@@ -10,8 +10,8 @@ from typing import Any, BinaryIO
 from pydantic import BaseModel
 from scipy.sparse import sparray, spmatrix
 
-from replay_kit.estimator.update.grouping import Buffer
 from replay_kit.estimator.update.growing_cholesky import GrowingCholesky
+from replay_kit.estimator.update.reduced_subspace import Buffer
 
 # The functions and classes of other libraries that a pickle of these values may name; nothing else is loaded.
 _FUNCTIONS = {

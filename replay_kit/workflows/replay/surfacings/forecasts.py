@@ -18,7 +18,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Observation, PathMean, usable
 from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Persistence
 from replay_kit.estimator.next_dive.filter import SURFACE_DEPTH
-from replay_kit.estimator.next_dive.local import local_step
+from replay_kit.estimator.next_dive.flight import local_step
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
 from replay_kit.workflows.replay.surfacings.displacements import (
