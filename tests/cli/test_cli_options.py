@@ -197,9 +197,7 @@ def test_options_with_an_underscore_and_words_after_two_hyphens_are_no_unknown_o
 @pytest.fixture(scope="module")
 def log(tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("log") / "A.TLOG"
-    made = invoke(
-        ["twin", "--truth", str(ROOT / "sample_logs" / "truth.nc"), "--pings", "2", "-o", str(out)]
-    )
+    made = invoke(f"twin --truth {ROOT}/sample_logs/truth.nc --pings 2 -o {out}")
     assert made.exit_code == 0, made.exception
     return out
 

@@ -45,7 +45,7 @@ def test_quiet_keeps_answers_that_are_asked_for_and_errors(log) -> None:
     done = invoke(["info", log, "-q", "--json", "-"])
     assert json.loads(done.stdout)["format_version"] == FORMAT_VERSION == 2
     assert done.stderr == ""
-    assert "file not found" in invoke(["-q", "info", "absent.mcap"]).stderr
+    assert "file not found" in invoke("-q info absent.mcap").stderr
 
 
 def test_a_log_keeps_what_is_printed_with_the_time(log, usual, tmp_path) -> None:
