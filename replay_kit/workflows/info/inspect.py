@@ -133,9 +133,9 @@ class LogInfo:
     def use(self) -> str:
         """What the log can be used for, in words."""
         if self.content.bins:
-            return "replay: it has positions and profiles of the current"
+            return "ready for replay: positions and current profiles found"
         if self.content.mean_currents:
-            return "replay: it has mean currents between fixes, which alone estimate a field; no usable profile of the current"
+            return "ready for replay: mean currents between fixes found, no usable current profile"
         if self.is_result:
             return "a result of a replay, to be opened with status, report, plot, export or plan"
         if self.content.positions:

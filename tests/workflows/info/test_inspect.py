@@ -56,7 +56,7 @@ def test_a_suggested_mapping_is_printed_alone(log):
     assert 'topic = "/vendor/nav"' in said.stdout
     assert "/adcp" not in said.stdout
     assert "mavlink" not in said.stdout
-    assert "Use: replay" in said.stderr
+    assert "Use: ready for replay" in said.stderr
 
 
 def test_a_suggested_mapping_makes_the_topic_usable(log, tmp_path):
