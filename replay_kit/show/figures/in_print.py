@@ -22,8 +22,8 @@ from replay_kit.show.figures.values import Axis, Chart, Mark, Panel, Tables, val
 
 #: Where a point of a map lies in its axes: of east and north [km].
 Place = Callable[[Array, Array], tuple[Array, Array]]
-# Points of a printed figure for a pixel of a page.
-_POINT = 0.55
+# Points of a printed figure for a pixel of a page, of the width of lines and of the size of marks.
+_WIDTH, _SIZE = 0.55, 0.45
 _SYMBOLS = {"diamond": "D", "square": "s", "triangle-up": "^", "x": "x", "star": "*"}
 _DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}
 # Labels of an axis of time in a figure of two panels beside each other.
@@ -54,7 +54,7 @@ def draw_mark(axes: Axes, mark: Mark, tables: Tables, place: Place | None = None
         return
     x, y = (values_of(tables, values) for values in (mark.x, mark.y))
     x, y = (x, y) if place is None else place(x, y)
-    color, width = color_of(mark.color), _POINT * mark.width
+    color, width = color_of(mark.color), _WIDTH * mark.width
     if mark.halo:
         axes.plot(x, y, color="white", linewidth=width + 1.1, solid_capstyle="round")
     if mark.kind == "bars":
@@ -73,7 +73,7 @@ def draw_mark(axes: Axes, mark: Mark, tables: Tables, place: Place | None = None
     look["linestyle"] = "none" if mark.kind == "points" else _DASHES[mark.dash]
     look |= {"drawstyle": "steps-mid"} if mark.step else {}
     if mark.kind in ("points", "joined"):
-        look |= {"marker": _SYMBOLS.get(mark.symbol, "o"), "markersize": _POINT * mark.size}
+        look |= {"marker": _SYMBOLS.get(mark.symbol, "o"), "markersize": _SIZE * mark.size}
         look |= {"markerfacecolor": "none"} if mark.symbol.endswith("-open") else {}
         look |= (
             {"markeredgecolor": color_of(mark.edge), "markeredgewidth": 0.6} if mark.edge else {}
@@ -113,7 +113,6 @@ def _draw_panel(chart: Chart, panel: Panel, most: int, axes: Axes) -> None:
         date_axis(axes, most)
     if chart.equal:
         axes.set_box_aspect(1.0)
-    axes.legend(loc="best")
 
 
 def _text(axis: Axis) -> str:

@@ -188,7 +188,7 @@ def error_chart(slices: CurrentSlices) -> Chart:
             f"error.{name}",
             f"{depth:g} m",
             _COLORS[k % 4],
-            dash=_DASHES[k // 4 % 4],
+            dash=_DASHES[(k + k // 4) % 4],
         )
         for k, (name, depth) in enumerate(zip(names, slices.depths, strict=True))
     ]

@@ -12,22 +12,20 @@ from replay_kit.core.plan import ORIGIN
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.slices import CurrentSlices
+from replay_kit.show.figures.in_print import drawing_of
+from replay_kit.show.figures.map_layers import hazard_layer, plan_layer, surfacing_layer
+from replay_kit.show.figures.plan import profile_chart
 from replay_kit.show.plots.current_map import (
     ABOVE_KEY,
-    END,
     At,
     degrees,
-    draw_hazards,
-    draw_plan,
+    draw_layers,
     draw_speed,
-    draw_surfacings,
     frame,
     slices_at,
     without_current,
 )
 from replay_kit.show.plots.panel import Panel, Panels, missing
-from replay_kit.show.plots.style import FIRST, INK, LAND
-from replay_kit.show.report.sections.last_plan import profile_floor
 
 
 def plan_panels(contents: Contents, at: At | None) -> Panels:
@@ -69,7 +67,8 @@ def plan_panels(contents: Contents, at: At | None) -> Panels:
         )
     ]
     if len(plan.track):
-        panels.append(Panel("depth along the plan", partial(_profile, plan), 0.85, True, ABOVE_KEY))
+        draw = drawing_of(profile_chart(contents, plan), 0)
+        panels.append(Panel("depth along the plan", draw, 0.85, True, ABOVE_KEY))
     return Panels(panels, 2, notes)
 
 
@@ -133,22 +132,8 @@ def _map(
     longitude, latitude = degrees(contents, *np.meshgrid(*around))
     limits = {"xlim": (longitude.min(), longitude.max()), "ylim": (latitude.min(), latitude.max())}
     axes.set(**limits)
-    draw_hazards(contents, axes)
-    axes.plot(
-        *degrees(contents, *_ends(contents, plan)[0]), "o", label="start", markersize=5.0, **END
+    draw_layers(
+        contents, axes, hazard_layer(contents), plan_layer(contents), surfacing_layer(contents)
     )
-    draw_plan(contents, axes)
-    draw_surfacings(contents, axes)
     axes.set(**limits)
     frame(axes)
-
-
-def _profile(plan: LastPlan, axes: Axes) -> None:
-    along, depth = plan.along / 1e3, plan.track["depth"].to_numpy(np.float64)
-    floor = profile_floor(depth, plan.bottom)
-    if plan.bottom is not None:
-        axes.fill_between(along, np.minimum(plan.bottom, floor), floor, color=LAND, linewidth=0.0)
-        axes.plot(along, plan.bottom, color=INK, linewidth=0.8, label="bottom")
-    axes.plot(along, depth, color=FIRST, label="plan")
-    axes.set(xlabel="distance along the plan [km]", ylabel="depth [m]", ylim=(floor, 0.0))
-    axes.grid(linewidth=0.3, color="0.85")

@@ -102,8 +102,6 @@ class Plots:
                 f"panel: expected 0 to {len(panels) - 1}, got {panel}; {kind} has {len(panels)} here"
             )
         panels[panel].draw_into(ax)
-        if panels[panel].shares_legend and ax.get_legend_handles_labels()[0]:
-            ax.legend(loc="best")
         figure = ax.get_figure(root=True)
         assert figure is not None  # axes belong to a figure
         return figure

@@ -8,17 +8,16 @@ from matplotlib.axes import Axes
 
 from replay_kit.core.arrays import Array
 from replay_kit.results.views.contents import Contents
+from replay_kit.show.colors import PRINT
+from replay_kit.show.figures.along_track import (
+    COMPONENTS,
+    gridded,
+)
 from replay_kit.show.figures.in_print import date_axis
 from replay_kit.show.plots.current_map import At
 from replay_kit.show.plots.panel import Panel, Panels, missing
-from replay_kit.show.plots.style import LAND, colorbar, colormap
-from replay_kit.show.report.sections.sections_along_track import (
-    gridded,
-    limits_of,
-    quantities_of,
-)
+from replay_kit.show.plots.style import colorbar, colormap
 
-_COMPONENTS = ("eastward", "northward")
 # The least width of a section [ns]: one profile has none.
 _LEAST_NS = 600_000_000_000
 
@@ -38,7 +37,6 @@ def section_panels(contents: Contents, at: At | None) -> Panels:
         notes.append(
             "No profile of the current was used: the section shows the estimate along the track alone."
         )
-    time_ns, depths, values = gridded(bins)
     if not np.isfinite(bins.estimated).any():
         notes.append(
             "The result holds no estimate: the section shows measured minus estimated alone, which it holds for each bin."
@@ -47,43 +45,35 @@ def section_panels(contents: Contents, at: At | None) -> Panels:
         notes.append(
             f"{bins.left_out} of {bins.left_out + bins.profiles} profiles are left out, evenly spread."
         )
-    edges = (
-        _time_edges(time_ns.size, int(bins.time_ns.min()), int(bins.time_ns.max())),
-        _depth_edges(depths),
-    )
-    names, _ = quantities_of(bins)
     if np.isfinite(bins.replayed).any():
         notes.append(
             "The result is smoothed: its estimate knows the measurements after each time too."
         )
-    limits = limits_of(names, values)
+    grid = gridded(bins)
+    edges = (
+        _time_edges(grid.time_ns.size, int(bins.time_ns.min()), int(bins.time_ns.max())),
+        np.linspace(0.0, grid.depths[-1] + grid.depths[0], grid.depths.size + 1),
+    )
     panels = [
         Panel(
-            f"{row}, {_COMPONENTS[component]}",
-            partial(_panel, edges, values[k, component], limits[k], row == "standard error"),
+            f"{grid.names[quantity]}, {component}",
+            partial(_panel, edges, grid.values[quantity, k], grid.colors(quantity)),
             0.42,
         )
-        for k, row in enumerate(names)
-        if np.isfinite(values[k]).any()
-        for component in range(2)
+        for quantity in grid.shown
+        for k, component in enumerate(COMPONENTS)
     ]
     return Panels(panels, 2, notes)
 
 
 def _panel(
-    edges: tuple[Any, Array], values: Array, limit: float, is_error: bool, axes: Axes
+    edges: tuple[Any, Array], values: Array, colors: tuple[str, float, float], axes: Axes
 ) -> None:
-    axes.set_facecolor(LAND)
-    mesh = axes.pcolormesh(
-        edges[0],
-        edges[1],
-        np.ma.masked_invalid(values),
-        cmap=colormap("amp" if is_error else "balance"),
-        vmin=0.0 if is_error else -limit,
-        vmax=limit,
-        rasterized=True,
-    )
-    colorbar(axes, mesh, "m s$^{-1}$", "max" if is_error else "both")
+    name, least, most = colors
+    axes.set_facecolor(PRINT["land"])
+    look: Any = {"cmap": colormap(name), "vmin": least, "vmax": most, "rasterized": True}
+    mesh = axes.pcolormesh(*edges, np.ma.masked_invalid(values), **look)
+    colorbar(axes, mesh, "m s$^{-1}$", "both" if least else "max")
     axes.invert_yaxis()
     axes.set_ylabel("depth [m]")
     date_axis(axes)
@@ -94,7 +84,3 @@ def _time_edges(columns: int, first: int, last: int) -> Any:
     half = max(middle, 0.5 * _LEAST_NS)
     offsets = np.linspace(middle - half, middle + half, columns + 1)
     return (first + np.rint(offsets).astype(np.int64)).astype("datetime64[ns]")
-
-
-def _depth_edges(depths: Array) -> Array:
-    return np.linspace(0.0, depths[-1] + depths[0], depths.size + 1)

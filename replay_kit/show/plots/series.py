@@ -1,17 +1,17 @@
 """The current at a place through time, with its standard error."""
 
-from functools import partial
-
 import numpy as np
-from matplotlib.axes import Axes
 
 from replay_kit.core.text import place_text
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.series import Series, series_of, typical_depth
-from replay_kit.show.figures.in_print import date_axis
+from replay_kit.show.figures import values as figures
+from replay_kit.show.figures.in_print import drawing_of
+from replay_kit.show.figures.values import Axis, Chart, Mark
 from replay_kit.show.plots.current_map import At
 from replay_kit.show.plots.panel import Panel, Panels, missing
-from replay_kit.show.plots.style import FIRST, SOFT
+
+_COMPONENTS = {"u": "eastward", "v": "northward"}
 
 
 def series_panels(contents: Contents, at: At | None) -> Panels:
@@ -44,44 +44,22 @@ def series_panels(contents: Contents, at: At | None) -> Panels:
         notes.append(
             f"At {series.depth:g} m the standard error of the last estimate alone is known; through time it was published at {depths} m."
         )
-    where = f"{place_text(at[0], at[1])}, {series.depth:g} m"
-    panels = [
-        Panel(
-            f"{name} current, {where}",
-            partial(_panel, series, key, f"{letter} [m s$^{{-1}}$]"),
-            0.5,
-        )
-        for name, key, letter in (("eastward", "u", "$u$"), ("northward", "v", "$v$"))
-    ]
     if series.time_ns.size == 1:
         notes.append("The current was published once: there is no series.")
+    where = f"{place_text(at[0], at[1])}, {series.depth:g} m"
+    chart = Chart("", "", Axis("time (UTC)"), [_panel(series, key, where) for key in _COMPONENTS])
+    panels = [Panel(panel.title, drawing_of(chart, k), 0.5) for k, panel in enumerate(chart.panels)]
     return Panels(panels, 2, notes)
 
 
-def _panel(series: Series, key: str, label: str, axes: Axes) -> None:
+def _panel(series: Series, key: str, where: str) -> figures.Panel:
     times, values = series.time_ns.astype("datetime64[ns]"), getattr(series, key)
     errors = getattr(series, f"{key}_standard_error")
+    marks = [Mark("joined", times, values, "estimate", size=4.5)]
+    name = "one standard error"
     if np.isfinite(errors).sum() > 1:
-        axes.fill_between(
-            times,
-            values - errors,
-            values + errors,
-            color=FIRST,
-            alpha=0.22,
-            linewidth=0.0,
-            label="one standard error",
-        )
+        marks.append(Mark("area", times, values - errors, name, base=values + errors))
     elif np.isfinite(errors).any():
-        axes.errorbar(
-            times[-1:],
-            values[-1:],
-            errors[-1:],
-            color=FIRST,
-            capsize=3.0,
-            label="one standard error",
-        )
-    axes.plot(times, values, "o-", color=FIRST, markersize=2.5, label="estimate")
-    axes.axhline(0.0, color=SOFT, linewidth=0.5)
-    axes.set_ylabel(label)
-    date_axis(axes)
-    axes.legend(loc="best")
+        marks.append(Mark("points", times[-1:], values[-1:], name, size=4.5, error=errors[-1:]))
+    title = f"{_COMPONENTS[key]} current, {where}"
+    return figures.Panel(title, Axis(f"${key}$", "m/s"), marks, level=0.0)

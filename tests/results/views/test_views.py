@@ -23,7 +23,7 @@ from replay_kit.results.views.slices import published_slices, slices_of
 from replay_kit.results.views.track import thinned, track_of
 from replay_kit.results.views.trust import calibration, error_through_time, information_by_dive
 from replay_kit.show import open_result
-from replay_kit.show.report.sections.sections_along_track import (
+from replay_kit.show.figures.along_track import (
     QUANTITIES,
     limits_of,
     quantities_of,

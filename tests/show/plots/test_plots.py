@@ -138,7 +138,7 @@ SAID = [
         "The result holds no plan: no goal was given, or none was due; replay-kit plan makes one",
     ),
     (no_plan_and_one_ping, "series", "The current was published once: there is no series."),
-    (no_plan_and_one_ping, "trust", "There are fewer than two dives to predict from each other."),
+    (no_plan_and_one_ping, "trust", "Fewer than two dives: none can be predicted from another."),
     (empty, "map", "The result holds neither a current nor a position."),
     (
         empty,
@@ -149,7 +149,7 @@ SAID = [
     (
         empty,
         "trust",
-        "The result holds no measurement: there is nothing to compare the estimate with.",
+        "The result holds no measurement to compare the estimate with.",
     ),
     (failed_plan, "plan", "The last plan has no track: no path."),
 ]
@@ -196,7 +196,7 @@ def test_the_library_draws_a_panel_into_axes_of_its_own(contents):
     figure = contents.result.plot.trust(axes, panel=1)
     assert figure is axes.figure
     assert axes.get_title() == "normalised innovation squared"
-    assert axes.get_ylabel() == "NIS per degree of freedom"
+    assert axes.get_ylabel() == "NIS / dof"
     with pytest.raises(ConfigError, match="panel: expected 0 to 3, got 4; trust has 4 here"):
         contents.result.plot.trust(axes, panel=4)
     with pytest.raises(ConfigError, match="columns: expected 1 or 2, got 3"):

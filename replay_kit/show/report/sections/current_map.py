@@ -11,7 +11,18 @@ from replay_kit.core.text import time_text
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import bathymetry_name
 from replay_kit.results.views.slices import CurrentSlices
-from replay_kit.show.colors import scale
+from replay_kit.show.colors import ON_FIELD, scale
+from replay_kit.show.figures.map_layers import (
+    POSITIONS,
+    contour_step,
+    contrast,
+    hazard_layer,
+    plan_layer,
+    position_layer,
+    surfacing_layer,
+    track_layer,
+)
+from replay_kit.show.figures.on_page import color_of, tables_of, traces_of
 from replay_kit.show.page.section import Control, Figure, Section, column, pack, times
 from replay_kit.show.report.sections.map_frame import (
     Extent,
@@ -20,19 +31,11 @@ from replay_kit.show.report.sections.map_frame import (
     graticule,
     hatching,
 )
-from replay_kit.show.report.sections.map_hazards import area_marks, seabed_contours
-from replay_kit.show.report.sections.map_marks import (
-    DARK,
-    POSITIONS,
-    plan_marks,
-    surfacing_marks,
-    track_marks,
-)
 
 #: Arrows along a side.
 _ARROWS = 24
-#: Of one step of the packed current [m/s].
-_STEP = 5e-4
+#: Of one step of the packed current [m/s] and of the packed depth of the bottom [m].
+_STEP, _DEPTH_STEP = 5e-4, 0.5
 
 
 def map_section(contents: Contents) -> Section:
@@ -48,17 +51,19 @@ def map_section(contents: Contents) -> Section:
         return Section("map", "Map", missing=missing)
     tables, traces = _field_traces(contents, slices)
     extent = _extent(contents, slices)
-    bottom_table, contours, bottom = seabed_contours(contents)
+    bottom_table, contours, bottom = _seabed_contours(contents)
     tables |= bottom_table
     traces += contours
-    for more_tables, more_traces in (
-        area_marks(contents),
-        track_marks(contents),
-        surfacing_marks(contents),
-        plan_marks(contents),
+    track_marks = track_layer(contents)
+    for layer in (
+        hazard_layer(contents),
+        track_marks,
+        position_layer(track_marks),
+        surfacing_layer(contents),
+        plan_layer(contents),
     ):
-        tables |= more_tables
-        traces += more_traces
+        tables |= tables_of(layer.tables)
+        traces += [trace for mark in layer.marks for trace in traces_of(mark)]
     lines, labels = graticule(contents.projection, extent)
     traces[1:1] = lines if slices is not None else []
     traces += [labels] if slices is not None else [*lines, labels]
@@ -172,7 +177,7 @@ def _field_traces(
         "name": "coast" if slices.outside is not None else "coast, or edge of the forecast",
         "x": shore[0],
         "y": shore[1],
-        "line": {"color": DARK, "width": 1.5},
+        "line": {"color": ON_FIELD, "width": 1.5},
         "hoverinfo": "skip",
     }
     longitude, latitude = to_geographic(
@@ -268,7 +273,7 @@ def _arrows(
     }
     return [
         {**arrows, "line": {"color": "rgba(255,255,255,0.7)", "width": 3.4}},
-        {**arrows, "line": {"color": DARK, "width": 1.3}},
+        {**arrows, "line": {"color": ON_FIELD, "width": 1.3}},
     ]
 
 
@@ -280,6 +285,47 @@ def _limits(slices: CurrentSlices) -> tuple[float, float]:
         known = values[np.isfinite(values)]
         out.append(float(f"{known.max():.2g}") if known.size and known.max() > 0.0 else 1.0)
     return out[0], float(f"{out[1] / np.sqrt(2.0):.2g}")
+
+
+def _seabed_contours(
+    contents: Contents,
+) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Any]]:
+    """Return the table, the contours and the packed depth of the bottom; nothing without a bathymetry."""
+    seabed = contents.seabed
+    if seabed is None:
+        return {}, [], {}
+    color = color_of(contrast(contents))
+    longitude, latitude = to_geographic(
+        contents.projection, *np.meshgrid(seabed.east, seabed.north)
+    )
+    table = {
+        "field": "seabed",
+        "axes": {"quantity": ["bottom"], "unit": ["m"]},
+        "cells": {"longitude": column(longitude, 8), "latitude": column(latitude, 8)},
+        "names": ["depth_m"],
+    }
+    known = seabed.depth[np.isfinite(seabed.depth)]
+    step = contour_step(float(known.max()) if known.size else 0.0)
+    contours = {
+        "type": "contour",
+        "name": "depth of the bottom [m]",
+        "x": column(seabed.east / 1e3),
+        "y": column(seabed.north / 1e3),
+        "z": {"$field": "seabed", "at": [0, 0]},
+        "contours": {
+            "coloring": "none",
+            "start": step,
+            "end": float(known.max()) if known.size else step,
+            "size": step,
+            "showlabels": True,
+            "labelfont": {"size": 10, "color": color},
+        },
+        "line": {"color": color, "width": 0.8},
+        "showscale": False,
+        "showlegend": True,
+        "hoverinfo": "skip",
+    }
+    return {"seabed": table}, [contours], {"seabed": pack(seabed.depth[None, None], _DEPTH_STEP)}
 
 
 def _caption(contents: Contents, slices: CurrentSlices | None) -> str:
@@ -299,7 +345,7 @@ def _caption(contents: Contents, slices: CurrentSlices | None) -> str:
     count = contents.track.time_ns.size
     if count:
         texts.append(
-            "The track goes from dark (begin) to light (end); circles are fixes, the rest is dead reckoned."
+            "Positions go from dark (begin) to light (end); circles are fixes, the others are dead-reckoned."
         )
     if count > POSITIONS:
         texts.append(f"Of {count:,} positions {POSITIONS:,} are drawn, evenly spread.")

@@ -8,13 +8,14 @@ import numpy as np
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.track import thinned
-from replay_kit.show.page.section import Figure, Section, column, number, table_html
+from replay_kit.show.figures.on_page import figure_of
+from replay_kit.show.figures.plan import profile_chart, surfacing_chart
+from replay_kit.show.page.section import Section, number, table_html
 from replay_kit.show.report.sections.last_plan import (
     last_plan_html,
-    profile_figure,
     what_is_missing,
 )
-from replay_kit.show.report.sections.learning import learning_html, value_figure
+from replay_kit.show.report.sections.learning import learning_html, value_chart
 from replay_kit.show.report.sections.waypoint import waypoint_figure
 
 _PLANS = 30
@@ -33,15 +34,13 @@ def plan_section(contents: Contents) -> Section:
         return Section(
             "plan", "Plan", missing=[f"{why}; replay-kit plan makes one on this estimate."]
         )
-    figures = [profile_figure(contents, plan)] if len(plan.track) else []
-    value = value_figure(contents)
-    if value is not None:
-        figures.append(value)
-    waypoint = waypoint_figure(contents)
-    if waypoint is not None:
+    figures = [figure_of(profile_chart(contents, plan))] if len(plan.track) else []
+    if (value := value_chart(contents)) is not None:
+        figures.append(figure_of(value))
+    if (waypoint := waypoint_figure(contents)) is not None:
         figures.append(waypoint)
     if len(contents.result.surfacings):
-        figures.append(_surfacings(contents))
+        figures.append(figure_of(surfacing_chart(contents)))
     html = (
         last_plan_html(contents, plan)
         + _departures_html(contents)
@@ -155,55 +154,3 @@ def _figures_of_surfacings(contents: Contents) -> str:
     if share is not None:
         text += f"; {number('surfacings.inside_ellipse', share, f'{100.0 * share:.0f} %')} lie inside the ellipse of 90 %"
     return f"<p>{text}. If the vehicle flew other plans than these, the distances include the difference of the two.</p>"
-
-
-def _surfacings(contents: Contents) -> Figure:
-    table = contents.result.surfacings
-    radians = np.deg2rad(table["direction_deg"].to_numpy(np.float64))
-    distance = table["distance"].to_numpy(np.float64) / 1e3
-    data = {
-        "time": [str(time)[:19] for time in table.index],
-        "east_km": column(distance * np.sin(radians)),
-        "north_km": column(distance * np.cos(radians)),
-        "delay_min": column(table["delay"].to_numpy(np.float64) / 60.0),
-        "inside_ellipse": table["inside_ellipse"].astype(int).tolist(),
-    }
-    points = {
-        "type": "scatter",
-        "mode": "markers",
-        "x": "$surfacing_errors.east_km",
-        "y": "$surfacing_errors.north_km",
-        "text": "$surfacing_errors.time",
-        "customdata": "$surfacing_errors.delay_min",
-        "marker": {"size": 9, "color": {"$color": "one"}},
-        "hovertemplate": "%{text}<br>%{x:.2f} km east, %{y:.2f} km north, %{customdata:+.0f} min<extra></extra>",
-    }
-    reach = float(f"{1.15 * max(distance.max(), 0.1):.3g}")
-    layout = {
-        "height": 420,
-        "xaxis": {
-            "title": {"text": "actual minus predicted, east [km]"},
-            "range": [-reach, reach],
-            "constrain": "domain",
-        },
-        "yaxis": {
-            "title": {"text": "north [km]"},
-            "scaleanchor": "x",
-            "range": [-reach, reach],
-            "constrain": "domain",
-        },
-        "showlegend": False,
-    }
-    caption = (
-        "Each point: where the vehicle surfaced, seen from where the plan before had predicted it. A cloud beside the "
-        "centre is a current that the estimate lacks, or another plan flown."
-    )
-    return Figure(
-        "surfacing-errors",
-        "Predicted and actual surfacings",
-        caption,
-        f"Error of {len(table)} predicted surfacings, east and north.",
-        {"surfacing_errors": data},
-        [points],
-        layout,
-    )
