@@ -11,8 +11,7 @@ import pandas as pd
 from replay_kit.core.geodesy import to_geographic, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.results.views.last_plan import LastPlan
-from replay_kit.results.views.surfacings import outlines_of
-from replay_kit.results.views.track import thinned
+from replay_kit.results.views.track import outlines_of, thinned
 
 #: Tables that have places on a map.
 FEATURES = ("series", "track", "surfacings", "plans")

@@ -8,9 +8,10 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.surfacings import outlines_of
-from replay_kit.results.views.track import thinned
+from replay_kit.results.views.slices import CurrentSlices
+from replay_kit.results.views.track import outlines_of, thinned
 from replay_kit.show.colors import NO_GO, ON_FIELD, PRINT
+from replay_kit.show.figures.plan import plan_table
 from replay_kit.show.figures.values import Layer, Mark
 
 #: Positions of the track shown; more are thinned.
@@ -108,16 +109,6 @@ def plan_layer(contents: Contents) -> Layer:
     plan = contents.last_plan
     if plan is None:
         return Layer()
-    kept = thinned(len(plan.track), POSITIONS)
-    last = plan.track.iloc[kept]
-    table = {
-        "time": last.index.to_numpy(),
-        "longitude": last["longitude"].to_numpy(np.float64),
-        "latitude": last["latitude"].to_numpy(np.float64),
-        "depth_m": last["depth"].to_numpy(np.float64),
-        "east_km": plan.east[kept] / 1e3,
-        "north_km": plan.north[kept] / 1e3,
-    }
     hover = "plan %{text}<br>depth %{customdata} m<extra></extra>"
     about: Any = {"hover": hover, "text": "plan.time", "detail": "plan.depth_m", "halo": True}
     path = Mark("line", "plan.east_km", "plan.north_km", "last plan", _PLAN, width=2.5, **about)
@@ -127,7 +118,7 @@ def plan_layer(contents: Contents) -> Layer:
         east, north = (np.array([value]) / 1e3 for value in to_local(contents.projection, *at))
         about = {"size": size, "edge": ON_FIELD, "hover": f"{name}<extra></extra>"}
         ends.append(Mark("points", east, north, name, _SURFACING, symbol, **about))
-    return Layer([path, *ends], {"plan": table}) if len(last) else Layer(ends)
+    return Layer([path, *ends], {"plan": plan_table(plan)}) if len(plan.track) else Layer(ends)
 
 
 def hazard_layer(contents: Contents) -> Layer:
@@ -150,6 +141,45 @@ def hazard_layer(contents: Contents) -> Layer:
     if plan.ellipses:
         marks.append(_rings(plan.ellipses, "90 % of planned surfacings", _PLAN))
     return Layer(marks, tables)
+
+
+def coastline(slices: CurrentSlices) -> tuple[Array, Array]:
+    """Return the edges between wet and dry cells of the shallowest slice as a line with gaps: east and north [km].
+
+    Cells that are known to lie off the forecast's grid are neither.
+    """
+    wet = np.isfinite(slices.fields[0, -1, 0])
+    dry = ~wet if slices.outside is None else ~wet & ~slices.outside
+    half = 0.5 * np.array([slices.east[1] - slices.east[0], slices.north[1] - slices.north[0]])
+    edges = [np.empty((0, 2))]
+    # between neighbours in east, whose edge runs north, and the other way around
+    for step, along in (((0, 1), (0.0, 1.0)), ((1, 0), (1.0, 0.0))):
+        here, there = (slice(None, -k or None) for k in step), (slice(k, None) for k in step)
+        one, other = tuple(here), tuple(there)
+        for j, i in zip(*np.nonzero(wet[one] & dry[other] | dry[one] & wet[other]), strict=True):
+            first = np.array([slices.east[i], slices.north[j]])
+            second = np.array([slices.east[i + step[1]], slices.north[j + step[0]]])
+            ends = 0.5 * (first + second) + half * np.outer([-1.0, 1.0], along)
+            edges += [ends / 1e3, _GAP]
+    east, north = np.concatenate(edges).T
+    return east, north
+
+
+def coast_layer(slices: CurrentSlices) -> Layer:
+    """Return the coast, which may be the edge of the forecast where that is not known; nothing without one."""
+    name = "coast" if slices.outside is not None else "coast, or edge of the forecast"
+    east, north = coastline(slices)
+    mark = Mark("line", east, north, name, ON_FIELD, width=1.5, hover="skip")
+    return Layer([mark]) if east.size else Layer()
+
+
+def dry_text(slices: CurrentSlices) -> str:
+    """Return what cells without a current are, other than those that are known to lie off the forecast's grid."""
+    return (
+        "land, or below the bottom"
+        if slices.outside is not None
+        else "land, below the bottom, or outside the forecast"
+    )
 
 
 def contour_step(span: float) -> float:

@@ -15,20 +15,26 @@ _POINTS = 3000
 _BELOW = 2.5
 
 
-def profile_chart(contents: Contents, plan: LastPlan) -> Chart:
-    """Return the depth of the last plan along its way, over the bottom."""
+def plan_table(plan: LastPlan) -> dict[str, Any]:
+    """Return the track of a plan that has one as columns, thinned to what can be shown."""
     kept = thinned(len(plan.track), _POINTS)
-    track, along = plan.track.iloc[kept], plan.along[kept] / 1e3
-    hours = (track.index - track.index[0]).total_seconds().to_numpy() / 3600.0
-    depth = track["depth"].to_numpy(np.float64)
-    table: dict[str, Any] = {
+    track = plan.track.iloc[kept]
+    return {
         "time": track.index.to_numpy(),
-        "hours": hours,
-        "distance_km": along,
-        "depth_m": depth,
+        "hours": (track.index - track.index[0]).total_seconds().to_numpy() / 3600.0,
         "longitude": track["longitude"].to_numpy(np.float64),
         "latitude": track["latitude"].to_numpy(np.float64),
+        "depth_m": track["depth"].to_numpy(np.float64),
+        "distance_km": plan.along[kept] / 1e3,
+        "east_km": plan.east[kept] / 1e3,
+        "north_km": plan.north[kept] / 1e3,
     }
+
+
+def profile_chart(contents: Contents, plan: LastPlan) -> Chart:
+    """Return the depth of the last plan along its way, over the bottom."""
+    table, kept = plan_table(plan), thinned(len(plan.track), _POINTS)
+    along, depth, hours = (table[name] for name in ("distance_km", "depth_m", "hours"))
     ground = None if plan.bottom is None else plan.bottom[kept]
     floor, x, marks, below = profile_floor(depth, ground), "plan.distance_km", [], ""
     if ground is not None:

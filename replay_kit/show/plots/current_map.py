@@ -14,21 +14,22 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, unwrap_longitude
 from replay_kit.core.text import time_text
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.series import typical_depth
+from replay_kit.results.views.history import typical_depth
 from replay_kit.results.views.slices import CurrentSlices, slices_of
 from replay_kit.show.colors import PRINT
 from replay_kit.show.figures.in_print import draw_mark
 from replay_kit.show.figures.map_layers import (
+    coast_layer,
     contour_step,
+    dry_text,
     hazard_layer,
     plan_layer,
     surfacing_layer,
     track_layer,
 )
-from replay_kit.show.figures.values import Layer
+from replay_kit.show.figures.values import Layer, Mark
 from replay_kit.show.plots.panel import CONTOUR_LABEL, Panel, Panels, missing
 from replay_kit.show.plots.style import colorbar, colormap
-from replay_kit.show.report.sections.map_frame import coastline, dry_text
 
 #: A place: longitude, latitude [degrees] and depth [m].
 At = tuple[float, float, float]
@@ -193,14 +194,13 @@ def frame(axes: Axes) -> None:
 
 
 def draw_layers(contents: Contents, axes: Axes, *layers: Layer) -> None:
-    """Draw the depth of the bottom as contours, and layers of marks over it.
+    """Draw layers of marks.
 
     Args:
         contents: Of the result.
-        axes: In degrees, with their limits.
+        axes: In degrees.
         layers: From the lowest to the highest.
     """
-    _draw_seabed(contents, axes)
 
     def place(east: Array, north: Array) -> tuple[Array, Array]:
         return degrees(contents, 1e3 * east, 1e3 * north)
@@ -210,7 +210,8 @@ def draw_layers(contents: Contents, axes: Axes, *layers: Layer) -> None:
             draw_mark(axes, mark, layer.tables, place)
 
 
-def _draw_seabed(contents: Contents, axes: Axes) -> None:
+def draw_seabed(contents: Contents, axes: Axes) -> None:
+    """Draw contours of the depth of the bottom into axes in degrees that have their limits; nothing without a bathymetry."""
     seabed = contents.seabed
     if seabed is None:
         return
@@ -249,6 +250,7 @@ def _error(contents: Contents, slices: CurrentSlices, at: At | None, axes: Axes)
 def _marks(contents: Contents, slices: CurrentSlices | None, at: At | None, axes: Axes) -> None:
     if slices is None:
         _widen(contents, axes)
+    draw_seabed(contents, axes)
     draw_layers(
         contents,
         axes,
@@ -258,17 +260,9 @@ def _marks(contents: Contents, slices: CurrentSlices | None, at: At | None, axes
         plan_layer(contents),
     )
     if at is not None:
-        x = float(unwrap_longitude(at[0], contents.projection.longitude))
-        axes.plot(
-            x,
-            at[1],
-            "*",
-            color="white",
-            markeredgecolor=PRINT["ink"],
-            markersize=8.0,
-            linestyle="none",
-            label="place asked for",
-        )
+        x = np.array([float(unwrap_longitude(at[0], contents.projection.longitude))])
+        star: Any = {"color": "#ffffff", "symbol": "star", "size": 18.0, "edge": "ink"}
+        draw_mark(axes, Mark("points", x, np.array([at[1]]), "place asked for", **star), {})
     frame(axes)
 
 
@@ -297,9 +291,7 @@ def _field(
     else:
         mesh = axes.pcolormesh(longitude, latitude, np.ma.masked_invalid(values), **colors)
     colorbar(axes, mesh, look[1])
-    x, y = (1e3 * np.array(line, dtype=np.float64) for line in coastline(slices))
-    if x.size:
-        axes.plot(*degrees(contents, x, y), color=PRINT["ink"], linewidth=0.8)
+    draw_layers(contents, axes, coast_layer(slices))
     axes.set(xlim=(centres[0].min(), centres[0].max()), ylim=(centres[1].min(), centres[1].max()))
 
 

@@ -20,6 +20,7 @@ from replay_kit.show.plots.current_map import (
     At,
     degrees,
     draw_layers,
+    draw_seabed,
     draw_speed,
     frame,
     slices_at,
@@ -132,6 +133,7 @@ def _map(
     longitude, latitude = degrees(contents, *np.meshgrid(*around))
     limits = {"xlim": (longitude.min(), longitude.max()), "ylim": (latitude.min(), latitude.max())}
     axes.set(**limits)
+    draw_seabed(contents, axes)
     draw_layers(
         contents, axes, hazard_layer(contents), plan_layer(contents), surfacing_layer(contents)
     )

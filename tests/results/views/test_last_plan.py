@@ -18,7 +18,7 @@ from replay_kit.show.export import export
 from replay_kit.show.figures.map_layers import contour_step
 from replay_kit.show.figures.plan import profile_floor
 from replay_kit.show.plots import drawn
-from replay_kit.show.plots.current_map import draw_layers
+from replay_kit.show.plots.current_map import draw_seabed
 from replay_kit.show.plots.panel import CONTOUR_LABEL
 from replay_kit.show.report import report_html
 from tests.results.result_samples import CONFIG, METADATA
@@ -219,7 +219,7 @@ def test_a_bottom_that_is_flat_or_out_of_sight_has_no_contours(plan, tmp_path):
     axes = drawn(contents, "map").axes[0]
     assert not contour_labels(axes)
     axes.set_xlim(100.0, 101.0)
-    draw_layers(contents, axes)
+    draw_seabed(contents, axes)
     assert not contour_labels(axes)
     unknown = written(
         tmp_path / "unknown.mcap", plan, replace_depth(np.full(SEABED.depth.shape, np.nan))

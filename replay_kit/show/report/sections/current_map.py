@@ -4,9 +4,9 @@ from html import escape
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.core.geodesy import to_geographic, to_local
+from replay_kit.core.seabed import Seabed
 from replay_kit.core.text import time_text
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import bathymetry_name
@@ -14,8 +14,10 @@ from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.show.colors import ON_FIELD, scale
 from replay_kit.show.figures.map_layers import (
     POSITIONS,
+    coast_layer,
     contour_step,
     contrast,
+    dry_text,
     hazard_layer,
     plan_layer,
     position_layer,
@@ -26,8 +28,6 @@ from replay_kit.show.figures.on_page import color_of, tables_of, traces_of
 from replay_kit.show.page.section import Control, Figure, Section, column, pack, times
 from replay_kit.show.report.sections.map_frame import (
     Extent,
-    coastline,
-    dry_text,
     graticule,
     hatching,
 )
@@ -46,14 +46,14 @@ def map_section(contents: Contents) -> Section:
         missing.append("The result holds no current: the map shows positions and plans alone.")
     if track.time_ns.size == 0:
         missing.append("The result holds no position of the vehicle.")
-    tracks = contents.result.plan_tracks
-    if slices is None and track.time_ns.size == 0 and not len(tracks):
+    if slices is None and track.time_ns.size == 0 and not len(contents.result.plan_tracks):
         return Section("map", "Map", missing=missing)
-    tables, traces = _field_traces(contents, slices)
+    tables, traces, packed = ({}, [], {}) if slices is None else _field(contents, slices)
     extent = _extent(contents, slices)
-    bottom_table, contours, bottom = _seabed_contours(contents)
-    tables |= bottom_table
-    traces += contours
+    lines, labels = graticule(contents.projection, extent)
+    traces[1:1] = lines
+    if contents.seabed is not None:
+        traces.append(_seabed_contours(contents, contents.seabed, tables, packed))
     track_marks = track_layer(contents)
     for layer in (
         hazard_layer(contents),
@@ -64,30 +64,18 @@ def map_section(contents: Contents) -> Section:
     ):
         tables |= tables_of(layer.tables)
         traces += [trace for mark in layer.marks for trace in traces_of(mark)]
-    lines, labels = graticule(contents.projection, extent)
-    traces[1:1] = lines if slices is not None else []
-    traces += [labels] if slices is not None else [*lines, labels]
-    controls = [] if slices is None else _controls(slices, track.time_ns.size > 0)
+    bare = {"constrain": "domain", "showgrid": False, "zeroline": False}
     east, north = _ranges(contents, extent, slices)
-    packed = {**_packed(slices), **bottom}
     layout = {
         "height": 800,
-        "xaxis": {
-            "title": {"text": "local east [km]"},
-            "constrain": "domain",
-            "range": east,
-            "showgrid": False,
-            "zeroline": False,
-        },
+        "xaxis": {"title": {"text": "local east [km]"}, "range": east, **bare},
         "yaxis": {
             "title": {"text": "local north [km]"},
-            "scaleanchor": "x",
-            "constrain": "domain",
             "range": north,
-            "showgrid": False,
-            "zeroline": False,
+            "scaleanchor": "x",
+            **bare,
         },
-        "shapes": [] if _outside(slices) is None else [hatching(extent)],
+        "shapes": [hatching(extent)] if "outside" in packed else [],
     }
     figure = Figure(
         "current-map",
@@ -95,32 +83,17 @@ def map_section(contents: Contents) -> Section:
         _caption(contents, slices),
         _alternative(contents),
         tables,
-        traces,
+        [*traces, labels],
         layout,
-        controls,
+        [] if slices is None else _controls(slices, track.time_ns.size > 0),
         packed,
     )
     return Section("map", "Map", figures=(figure,), missing=missing)
 
 
-def _packed(slices: CurrentSlices | None) -> dict[str, Any]:
-    """Return the current, and where the map leaves the forecast's grid."""
-    if slices is None:
-        return {}
-    outside = _outside(slices)
-    return {
-        "current": pack(slices.fields, _STEP),
-        **({} if outside is None else {"outside": pack(np.where(outside, 1.0, np.nan), 1.0)}),
-    }
-
-
-def _outside(slices: CurrentSlices | None) -> NDArray[np.bool_] | None:
-    """Return the cells that are known to lie off the forecast's grid; None where there is none."""
-    return (
-        None
-        if slices is None or slices.outside is None or not slices.outside.any()
-        else slices.outside
-    )
+def _leaves_forecast(slices: CurrentSlices) -> bool:
+    """Return whether cells are known to lie off the forecast's grid."""
+    return slices.outside is not None and bool(slices.outside.any())
 
 
 def _controls(slices: CurrentSlices, has_track: bool) -> list[Control]:
@@ -164,22 +137,13 @@ def _extent(contents: Contents, slices: CurrentSlices | None) -> Extent:
     return Extent.around(np.concatenate(east) / 1e3, np.concatenate(north) / 1e3)
 
 
-def _field_traces(
-    contents: Contents, slices: CurrentSlices | None
-) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return the coloured field, land, coastline and arrows."""
-    if slices is None:
-        return {}, []
-    shore = coastline(slices)
-    coast = {
-        "type": "scatter",
-        "mode": "lines",
-        "name": "coast" if slices.outside is not None else "coast, or edge of the forecast",
-        "x": shore[0],
-        "y": shore[1],
-        "line": {"color": ON_FIELD, "width": 1.5},
-        "hoverinfo": "skip",
-    }
+def _field(
+    contents: Contents, slices: CurrentSlices
+) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Any]]:
+    """Return the tables, traces and packed arrays of the coloured field, land, coastline and arrows."""
+    packed = {"current": pack(slices.fields, _STEP)}
+    if slices.outside is not None and slices.outside.any():
+        packed["outside"] = pack(np.where(slices.outside, 1.0, np.nan), 1.0)
     longitude, latitude = to_geographic(
         contents.projection, *np.meshgrid(slices.east, slices.north)
     )
@@ -190,11 +154,12 @@ def _field_traces(
         "names": ["u_m_s", "v_m_s", "u_standard_error_m_s", "v_standard_error_m_s"],
     }
     x, y = column(slices.east / 1e3), column(slices.north / 1e3)
-    return {"current": table}, [
+    traces = [
         *_heatmaps(slices, x, y),
-        *([coast] if shore[0] else []),
+        *(trace for mark in coast_layer(slices).marks for trace in traces_of(mark)),
         *_arrows(slices, x, y),
     ]
+    return {"current": table}, traces, packed
 
 
 def _heatmaps(
@@ -227,7 +192,7 @@ def _heatmaps(
         "zsmooth": {"$choose": 0, "of": ["best" if known else False for known in whole]},
     }
     outside = {"$field": "outside", "at": []}
-    leaves = _outside(slices) is not None
+    leaves = _leaves_forecast(slices)
     kinds: list[tuple[dict[str, Any], Any, str]] = [
         (
             {"$op": "dry", "of": [u, outside] if leaves else [u]},
@@ -288,17 +253,14 @@ def _limits(slices: CurrentSlices) -> tuple[float, float]:
 
 
 def _seabed_contours(
-    contents: Contents,
-) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Any]]:
-    """Return the table, the contours and the packed depth of the bottom; nothing without a bathymetry."""
-    seabed = contents.seabed
-    if seabed is None:
-        return {}, [], {}
+    contents: Contents, seabed: Seabed, tables: dict[str, Any], packed: dict[str, Any]
+) -> dict[str, Any]:
+    """Return the contours of the depth of the bottom, and add it to the tables and the packed arrays."""
     color = color_of(contrast(contents))
     longitude, latitude = to_geographic(
         contents.projection, *np.meshgrid(seabed.east, seabed.north)
     )
-    table = {
+    tables["seabed"] = {
         "field": "seabed",
         "axes": {"quantity": ["bottom"], "unit": ["m"]},
         "cells": {"longitude": column(longitude, 8), "latitude": column(latitude, 8)},
@@ -306,7 +268,8 @@ def _seabed_contours(
     }
     known = seabed.depth[np.isfinite(seabed.depth)]
     step = contour_step(float(known.max()) if known.size else 0.0)
-    contours = {
+    packed["seabed"] = pack(seabed.depth[None, None], _DEPTH_STEP)
+    return {
         "type": "contour",
         "name": "depth of the bottom [m]",
         "x": column(seabed.east / 1e3),
@@ -325,7 +288,6 @@ def _seabed_contours(
         "showlegend": True,
         "hoverinfo": "skip",
     }
-    return {"seabed": table}, [contours], {"seabed": pack(seabed.depth[None, None], _DEPTH_STEP)}
 
 
 def _caption(contents: Contents, slices: CurrentSlices | None) -> str:
@@ -336,7 +298,7 @@ def _caption(contents: Contents, slices: CurrentSlices | None) -> str:
             "to one scale. Move the "
             f"sliders to another depth and time: the error shrinks along the track as measurements come in. Grey: {dry_text(slices)}."
         )
-        if _outside(slices) is not None:
+        if _leaves_forecast(slices):
             texts.append("Hatched: outside the forecast.")
         if slices.left_out:
             texts.append(

@@ -8,7 +8,6 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.show.page.section import column
 
 #: Steps between lines of longitude or latitude [degrees].
@@ -38,39 +37,6 @@ class Extent:
             beyond = max(0.03 * (most - least), 0.5 * (_LEAST - (most - least)))
             ends += [least - beyond, most + beyond]
         return cls(*(float(f"{end:.5g}") for end in ends))
-
-
-def coastline(slices: CurrentSlices) -> tuple[list[float | None], list[float | None]]:
-    """Return the edges between wet and dry cells of the shallowest slice as a line with gaps: east and north [km].
-
-    Cells that are known to lie off the forecast's grid are neither.
-    """
-    wet = np.isfinite(slices.fields[0, -1, 0])
-    dry = ~wet if slices.outside is None else ~wet & ~slices.outside
-    half = 0.5 * np.array([slices.east[1] - slices.east[0], slices.north[1] - slices.north[0]])
-    x: list[Array] = []
-    y: list[Array] = []
-    gap = np.array([np.nan])
-    for j, i in zip(
-        *np.nonzero((wet[:, 1:] & dry[:, :-1]) | (dry[:, 1:] & wet[:, :-1])), strict=True
-    ):
-        edge = 0.5 * (slices.east[i] + slices.east[i + 1])
-        x += [np.array([edge, edge]), gap]
-        y += [slices.north[j] + half[1] * np.array([-1.0, 1.0]), gap]
-    for j, i in zip(*np.nonzero((wet[1:] & dry[:-1]) | (dry[1:] & wet[:-1])), strict=True):
-        edge = 0.5 * (slices.north[j] + slices.north[j + 1])
-        x += [slices.east[i] + half[0] * np.array([-1.0, 1.0]), gap]
-        y += [np.array([edge, edge]), gap]
-    return (column(np.concatenate(x) / 1e3), column(np.concatenate(y) / 1e3)) if x else ([], [])
-
-
-def dry_text(slices: CurrentSlices) -> str:
-    """Return what cells without a current are, other than those that are known to lie off the forecast's grid."""
-    return (
-        "land, or below the bottom"
-        if slices.outside is not None
-        else "land, below the bottom, or outside the forecast"
-    )
 
 
 def hatching(extent: Extent) -> dict[str, Any]:
