@@ -91,7 +91,7 @@ def series_panels(contents: Contents, at: At | None) -> Panels:
         at = (float(track.longitude[-1]), float(track.latitude[-1]), depth)
     if slices is None or at is None:
         what = (
-            "no published current" if slices is None else "no position, and no place was asked for"
+            "no published current" if slices is None else "no position, and no place was requested"
         )
         return Panels([missing("Current at a place", f"The result holds {what}.")], 1, notes)
     series = contents.series(at)
@@ -100,13 +100,11 @@ def series_panels(contents: Contents, at: At | None) -> Panels:
         why = f"{place_text(at[0], at[1])} at {at[2]:g} m is on land, below the bottom, or outside the region of the estimate."
         return Panels([missing("Current at a place", why)], 1, notes)
     if series.depth != at[2]:
-        notes.append(
-            f"The depth asked for is {at[2]:g} m; the nearest published one is {series.depth:g} m."
-        )
+        notes.append(f"Requested depth: {at[2]:g} m; nearest published depth: {series.depth:g} m.")
     elif np.isnan(series.u_standard_error[:-1]).all() and series.time_ns.size > 1:
         depths = ", ".join(f"{depth:g}" for depth in slices.depths)
         notes.append(
-            f"At {series.depth:g} m the standard error of the last estimate alone is known; through time it was published at {depths} m."
+            f"At {series.depth:g} m only the last standard error is known; through time it was published at {depths} m."
         )
     if series.time_ns.size == 1:
         notes.append("The current was published once: there is no series.")
@@ -148,19 +146,19 @@ def section_panels(contents: Contents, at: At | None) -> Panels:
         return Panels([missing("Section along the track", why)], 1, notes)
     if not contents.bins.time_ns.size:
         notes.append(
-            "No profile of the current was used: the section shows the estimate along the track alone."
+            "No profile of the current was used: the section shows only the estimate along the track."
         )
     if not np.isfinite(bins.estimated).any():
         notes.append(
-            "The result holds no estimate: the section shows measured minus estimated alone, which it holds for each bin."
+            "The result holds no estimate: the section shows only measured minus estimated, which it holds for each bin."
         )
     if bins.left_out:
         notes.append(
-            f"{bins.left_out} of {bins.left_out + bins.profiles} profiles are left out, evenly spread."
+            f"{bins.left_out} of {bins.left_out + bins.profiles} profiles are omitted, evenly spread."
         )
     if np.isfinite(bins.replayed).any():
         notes.append(
-            "The result is smoothed: its estimate knows the measurements after each time too."
+            "The result is smoothed: the estimate at each time also uses later measurements."
         )
     grid = gridded(bins)
     edges = (

@@ -59,7 +59,7 @@ def map_panels(contents: Contents, at: At | None) -> Panels:
             notes=notes,
         )
     if slices is None:
-        notes.append("The result holds no current: the map shows positions alone.")
+        notes.append("The result holds no current: the map shows only positions.")
         return Panels(
             [Panel("track", partial(_marks, contents, None, at), 0.8, shares_legend=True)], 1, notes
         )
@@ -262,7 +262,7 @@ def _marks(contents: Contents, slices: CurrentSlices | None, at: At | None, axes
     if at is not None:
         x = np.array([float(unwrap_longitude(at[0], contents.projection.longitude))])
         star: Any = {"color": "#ffffff", "symbol": "star", "size": 18.0, "edge": "ink"}
-        draw_mark(axes, Mark("points", x, np.array([at[1]]), "place asked for", **star), {})
+        draw_mark(axes, Mark("points", x, np.array([at[1]]), "requested place", **star), {})
     frame(axes)
 
 

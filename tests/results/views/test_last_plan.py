@@ -195,7 +195,7 @@ def test_the_page_shows_them(contents):
     assert len(traces["no-go area"]["x"]) == 2 * 5
     assert traces["no-go area"]["text"] == ["range"] * 4 + [""] + ["lane (surface only)"] * 4 + [""]
     assert len(traces["90 % of planned surfacings"]["x"]) == 38
-    assert "Labelled lines are depths of the bottom, of bottom.nc." in text_of(page, "map")
+    assert "Labelled lines: depth of the bottom, from bottom.nc." in text_of(page, "map")
 
 
 def test_the_figures_show_them(full, tmp_path):

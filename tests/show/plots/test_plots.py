@@ -116,9 +116,9 @@ SAID = [
     (
         no_estimate,
         "section",
-        "The result holds no estimate: the section shows measured minus estimated alone",
+        "The result holds no estimate: the section shows only measured minus estimated",
     ),
-    (nothing_of_the_current, "map", "The result holds no current: the map shows positions alone."),
+    (nothing_of_the_current, "map", "The result holds no current: the map shows only positions."),
     (nothing_of_the_current, "series", "The result holds no published current."),
     (nothing_of_the_current, "trust", "Fewer than two grids with a standard error were published"),
     (
@@ -210,7 +210,7 @@ def test_the_depth_asked_for_is_that_of_the_map(contents):
     said = words(figure)
     assert "(a) eastward current, 5.0000 E, 62.0000 N, 77 m" in said
     assert (
-        "At 77 m the standard error of the last estimate alone is known; through time it was published at 0.5, 120 m."
+        "At 77 m only the last standard error is known; through time it was published at 0.5, 120 m."
         in said
     )
 
@@ -246,7 +246,7 @@ def test_without_an_estimate_the_series_is_that_of_the_nearest_depth_and_says_so
     contents = no_estimate(tmp_path / "case.mcap", flow, innovation, plan)
     said = words(drawn(contents, "series", (5.0, 62.0, 77.0)))
     assert "120 m" in said
-    assert "The depth asked for is 77 m; the nearest published one is 120 m." in said
+    assert "Requested depth: 77 m; nearest published depth: 120 m." in said
 
 
 def test_a_series_is_that_of_its_cell_towards_true_north():

@@ -43,7 +43,7 @@ def map_section(contents: Contents) -> Section:
     slices, track = contents.slices, contents.track
     missing = []
     if slices is None:
-        missing.append("The result holds no current: the map shows positions and plans alone.")
+        missing.append("The result holds no current: the map shows only positions and plans.")
     if track.time_ns.size == 0:
         missing.append("The result holds no position of the vehicle.")
     if slices is None and track.time_ns.size == 0 and not len(contents.result.plan_tracks):
@@ -294,15 +294,14 @@ def _caption(contents: Contents, slices: CurrentSlices | None) -> str:
     texts = []
     if slices is not None:
         texts.append(
-            "Colours give the speed, or the standard error of a velocity component; arrows give the current, all drawn "
-            "to one scale. Move the "
-            f"sliders to another depth and time: the error shrinks along the track as measurements come in. Grey: {dry_text(slices)}."
+            "Colours: speed, or standard error of a velocity component. Arrows: current, all to one scale. The sliders choose depth "
+            f"and time; the error decreases along the track as measurements come in. Grey: {dry_text(slices)}."
         )
         if _leaves_forecast(slices):
             texts.append("Hatched: outside the forecast.")
         if slices.left_out:
             texts.append(
-                f"{slices.left_out} of {slices.left_out + slices.time_ns.size} published times are left out, evenly spread."
+                f"{slices.left_out} of {slices.left_out + slices.time_ns.size} published times are omitted, evenly spread."
             )
     count = contents.track.time_ns.size
     if count:
@@ -313,10 +312,10 @@ def _caption(contents: Contents, slices: CurrentSlices | None) -> str:
         texts.append(f"Of {count:,} positions {POSITIONS:,} are drawn, evenly spread.")
     if contents.seabed is not None:
         texts.append(
-            f"Labelled lines are depths of the bottom, of {escape(bathymetry_name(contents.record))}."
+            f"Labelled lines: depth of the bottom, from {escape(bathymetry_name(contents.record))}."
         )
     texts.append(
-        "Axes are kilometres along the local frame of the result; thin lines are meridians and parallels."
+        "Axes: kilometres in the local frame of the result; dotted lines: meridians and parallels."
     )
     return " ".join(texts)
 

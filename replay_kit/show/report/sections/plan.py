@@ -80,7 +80,7 @@ def _odds(plan: LastPlan) -> str:
     return (
         f"{said['reached']} of {count} samples of the estimate arrive with headings corrected at each surfacing, "
         f"{said['reached_held']} with headings held; "
-        f"{said['safe']} violate no constraint; they end {median} off in the median, 90 % within {most}"
+        f"{said['safe']} violate no constraint; median miss {median}, 90 % within {most}"
     )
 
 
@@ -93,7 +93,7 @@ def what_is_missing(plan: LastPlan) -> list[str]:
         )
     if plan.odds is None and plan.row["status"] != "failed":
         out.append(
-            "The result holds no odds of arriving: [planner] samples = 40 flies each mission through as many samples of the estimate."
+            "The result holds no odds of arriving: [planner] samples = 40 flies each mission through 40 samples of the estimate."
         )
     if plan.bottom is None:
         out.append(
@@ -182,7 +182,7 @@ def _departures_html(contents: Contents) -> str:
         "departure (UTC)",
         "status",
         "arrival (UTC)",
-        "lasts [h]",
+        "duration [h]",
         "energy [kJ]",
         "samples that arrive",
         "",
@@ -213,11 +213,11 @@ def _plans_html(contents: Contents) -> str:
         "status",
         "heading [° true]",
         "glide angle [°]",
-        "lasts [h]",
+        "duration [h]",
         "misses the goal by [m]",
         "message",
     ]
-    return table_html(heads, rows, f"The plans, in the order in which they were made{thin}")
+    return table_html(heads, rows, f"All plans, oldest first{thin}")
 
 
 def _figures_of_surfacings(contents: Contents) -> str:
@@ -231,10 +231,10 @@ def _figures_of_surfacings(contents: Contents) -> str:
     )
     text = (
         f"{number('surfacings.count', figures['count'], str(figures['count']))} surfacings were predicted by the plan "
-        "before: in the median "
-        f"{number('surfacings.distance_median_m', median, f'{median:,.0f}')} m off, at "
+        "before: median distance "
+        f"{number('surfacings.distance_median_m', median, f'{median:,.0f}')} m, median delay "
         f"{number('surfacings.delay_median_s', delay, f'{delay / 60.0:+.0f}')} minutes"
     )
     if share is not None:
-        text += f"; {number('surfacings.inside_ellipse', share, f'{100.0 * share:.0f} %')} lie inside the ellipse of 90 %"
-    return f"<p>{text}. If the vehicle flew other plans than these, the distances include the difference of the two.</p>"
+        text += f"; {number('surfacings.inside_ellipse', share, f'{100.0 * share:.0f} %')} are inside the 90 % ellipse"
+    return f"<p>{text}. If the vehicle flew other plans, the distances include that difference.</p>"

@@ -35,20 +35,20 @@ def along_track_section(contents: Contents) -> Section:
         figures.append(_profiles(bins))
     if not contents.bins.time_ns.size:
         without = (
-            "the section shows the estimate along the track alone"
+            "the section shows only the estimate along the track"
             if bins.time_ns.size
             else "there is no section"
         )
         missing.append(f"The result holds no profile of the current that was used: {without}.")
     if bins.time_ns.size and not np.isfinite(bins.estimated).any():
         missing.append(
-            "Without an estimate, the section shows the difference to the estimate alone, which the result holds for each bin."
+            "Without an estimate, the section shows the difference only, which the result holds for each bin."
         )
     means = contents.mean_currents
     if means.time_ns.size:
         figures.append(figure_of(mean_current_chart(means)))
     else:
-        missing.append("The result holds no mean current of a dive that was used by itself.")
+        missing.append("The result holds no mean current of a dive that was used.")
     return Section("section", "Section along the track", figures=figures, missing=missing)
 
 
@@ -128,26 +128,25 @@ def _panel(grid: SectionGrid, quantity: int) -> dict[str, Any]:
 
 
 def _caption(bins: BinsAlongTrack) -> str:
+    error = "The standard error is that of the last estimate at these places."
     if not np.isfinite(bins.residual).any():
         return (
-            "The estimate just after the last measurement before each time, along the local axes; it rests on the mean currents of the "
-            "dives. How it changes with depth is known from the ensemble only. The standard error "
-            "is that of the last estimate at these places."
+            "The estimate just after the last measurement before each time, along the local axes. It is based on the mean currents of "
+            f"the dives; how it varies with depth comes from the ensemble only. {error}"
         )
     thinned = (
-        f" Of {bins.profiles + bins.left_out:,} profiles {bins.profiles:,} are shown, evenly spread."
+        f" {bins.profiles:,} of {bins.profiles + bins.left_out:,} profiles are shown, evenly spread."
         if bins.left_out
         else ""
     )
     smoothed = (
-        " The result is smoothed: its estimate knows the measurements after each time too; before smoothing it is that of the replay."
+        " The result is smoothed: the estimate at each time also uses later measurements; the one before smoothing is that of the replay."
         if np.isfinite(bins.replayed).any()
         else ""
     )
     return (
-        "Each bin beside the estimate just after it was used, along the local axes; means over cells of time and "
-        "depth. Look for structure in the "
-        "difference: noise alone leaves none. Stripes that follow the dives point to the instrument or the dead "
-        "reckoning, layers to depths "
-        f"that the estimate does not resolve. The standard error is that of the last estimate at these places.{smoothed}{thinned}"
+        "Each bin and the estimate just after it was used, along the local axes, averaged over cells of time and depth. "
+        "Look for structure in the difference; pure noise shows none. Stripes that follow the dives point to the "
+        "instrument or the dead reckoning, layers to depths "
+        f"that the estimate does not resolve. {error}{smoothed}{thinned}"
     )

@@ -108,7 +108,7 @@ def readout(arrivals: list[Arrival], tolerance: float) -> str:
     hours = [arrival.duration / 3600.0 for arrival in samples]
     misses = np.median([arrival.miss for arrival in samples])
     return (
-        f"{text} In {len(samples)} samples of it: after {min(hours):.1f} to {max(hours):.1f} h, {misses:.0f} m off in the median; "
+        f"{text} In {len(samples)} samples of it: after {min(hours):.1f} to {max(hours):.1f} h, median miss {misses:.0f} m; "
         f"{100.0 * near / len(samples):.0f} % arrive within {tolerance:.0f} m."
     )
 
@@ -256,7 +256,7 @@ def _caption(samples: int, dives: Dives) -> str:
         "Drag a diamond, or choose a waypoint and move the sliders: the glider steers from the plan's start over the "
         "waypoints to the goal, "
         "dive by dive, and at each surfacing "
-        "corrects for the mean current of its last dive. The thick line is its way in the estimate"
+        "corrects for the mean current of its last dive. The thick line is its path in the estimate"
         + (
             f", thin lines in {samples} samples of it: where they spread, the current is uncertain."
             if samples
@@ -264,7 +264,7 @@ def _caption(samples: int, dives: Dives) -> str:
         )
         + f" Dives to {dives.depth:.0f} m at {dives.speed:.2f} m/s and {dives.glide_angle_deg:.0f}° of glide; "
         "grey arrows are the current near the surface. "
-        "The current is that of the end of the log, and does not change; land and constraints of the plan are not looked at."
+        "The current is that of the end of the log and constant; land and the plan's constraints are ignored."
     )
     return (
         text
