@@ -18,7 +18,7 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import Observation
 from replay_kit.estimator import ReducedBasisEstimator, build_estimator
 from replay_kit.estimator.baselines import build_baseline
-from replay_kit.estimator.baselines.letkf import RADIUS_IN_CELLS
+from replay_kit.estimator.baselines.etkf import RADIUS_IN_CELLS
 from replay_kit.estimator.basis.modes import build_basis
 from replay_kit.estimator.basis.slices import cell_size, ensemble_slices
 from replay_kit.estimator.prior.localised import gaspari_cohn

@@ -18,7 +18,7 @@ from replay_kit.core.flow.depth_means import depth_means
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.observation import PathMean, Source
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.next_dive.local import local_current, local_step
+from replay_kit.estimator.next_dive.flight import local_current, local_step
 from replay_kit.forecast import read_ensemble
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.truths import leave_out

@@ -1,4 +1,4 @@
-"""The published estimate on depth slices through time."""
+"""The published estimate on depth slices through time, and whether its stated uncertainty holds."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace

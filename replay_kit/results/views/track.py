@@ -1,4 +1,4 @@
-"""Where the vehicle was."""
+"""Where the vehicle was, and the ellipses of where it was predicted to surface."""
 
 from dataclasses import dataclass
 from typing import Any

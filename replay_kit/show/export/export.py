@@ -1,4 +1,4 @@
-"""A result to a file of another program; the ending of its name says which."""
+"""A result to a file of another program, whose name's ending says which: its tables, with a row a value, and what has a place."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

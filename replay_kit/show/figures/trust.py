@@ -1,5 +1,6 @@
 """Charts on trust: innovations and their spread, the fall of the error, each dive predicted from those before it."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,7 @@ def trust_charts(contents: Contents) -> tuple[dict[str, Chart], list[str]]:
         missing.append(
             "Fewer than two grids with a standard error were published: how the error decreased is unknown."
         )
-    dives = contents.summary.get("by_dive") or []
+    dives = contents.outcome.by_dive
     if len(dives) > 1:
         charts.append(dives_chart(contents, dives))
     else:
@@ -205,7 +206,7 @@ def error_chart(slices: CurrentSlices) -> Chart:
     )
 
 
-def dives_chart(contents: Contents, dives: list[dict[str, Any]]) -> Chart:
+def dives_chart(contents: Contents, dives: Sequence[Mapping[str, Any]]) -> Chart:
     """Return how far each dive lay from its predictions, and what it determined; the dives are those of the summary."""
     information = information_by_dive(contents.result.observations)
     predicted, prior = (

@@ -1,4 +1,4 @@
-"""Mean currents of dives beside the estimate's."""
+"""Figures whose panels are charts: mean currents of dives, trust, the series at a place, the section along the track."""
 
 from dataclasses import replace
 from functools import partial

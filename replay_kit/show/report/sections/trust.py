@@ -1,15 +1,19 @@
 """Whether the answer can be trusted: innovations, their spread against the stated errors, the error's decrease, the gate."""
 
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
-from replay_kit.results.evidence.words import evidence_sentence, referee_sentences
-from replay_kit.results.surfacings.words import surfacings_sentences
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import EXPECTED, Calibration, calibration, information_by_dive
 from replay_kit.show.figures.on_page import figure_of
 from replay_kit.show.figures.trust import trust_charts
 from replay_kit.show.page.section import Section, cm, number, table_html
+from replay_kit.show.words import (
+    evidence_sentence,
+    referee_sentences,
+    surfacings_sentences,
+)
 
 
 def trust_section(contents: Contents) -> Section:
@@ -21,13 +25,13 @@ def trust_section(contents: Contents) -> Section:
             missing=["The result holds no measurement to compare the estimate with."],
         )
     charts, missing = trust_charts(contents)
-    dives = contents.summary.get("by_dive") or []
+    dives = contents.outcome.by_dive
     html = (
         _coverage_html(calibration(contents.result.innovations))
         + _gate_html(contents)
         + _dives_html(contents, dives)
         + _evidence_html(contents)
-        + surfacings_html(contents.summary.get("expected_surfacings"))
+        + surfacings_html(contents.outcome.expected_surfacings)
     )
     return Section("trust", "Trust", html, [figure_of(chart) for chart in charts.values()], missing)
 
@@ -58,7 +62,7 @@ def _gate_html(contents: Contents) -> str:
         if inflated
         else ""
     )
-    notes = [note for note in contents.summary.get("notes", ()) if "bias" in note]
+    notes = [note for note in contents.outcome.notes if "bias" in note]
     biases = "".join(f"<p>{escape(note)}.</p>" for note in notes)
     return (
         table_html(
@@ -71,7 +75,7 @@ def _gate_html(contents: Contents) -> str:
 
 def _evidence_html(contents: Contents) -> str:
     """Return the log evidence of the run, and of the forecasts that it was compared with, in words."""
-    found, compared = contents.summary.get("evidence"), contents.summary.get("referee")
+    found, compared = contents.outcome.evidence, contents.outcome.referee
     if not found:
         return ""
     sentences = [
@@ -81,7 +85,7 @@ def _evidence_html(contents: Contents) -> str:
     return "".join(f"<p>{escape(sentence)}.</p>" for sentence in sentences)
 
 
-def _dives_html(contents: Contents, dives: list[dict[str, Any]]) -> str:
+def _dives_html(contents: Contents, dives: Sequence[Mapping[str, Any]]) -> str:
     if not dives:
         return "<p>The log has no dives with measurements to compare.</p>"
     information = information_by_dive(contents.result.observations)
@@ -126,7 +130,7 @@ _SURFACING_HEADS = (
 )
 
 
-def surfacings_html(found: dict[str, Any] | None) -> str:
+def surfacings_html(found: Mapping[str, Any] | None) -> str:
     """Return the expected surfacings of a summary as a table with its sentences; empty without any."""
     if not found:
         return ""
