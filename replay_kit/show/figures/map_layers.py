@@ -113,11 +113,10 @@ def plan_layer(contents: Contents) -> Layer:
     about: Any = {"hover": hover, "text": "plan.time", "detail": "plan.depth_m", "halo": True}
     path = Mark("line", "plan.east_km", "plan.north_km", "last plan", _PLAN, width=2.5, **about)
     ends = []
-    for name, symbol, size in (("start", "circle", 9.0), ("goal", "star", 16.0)):
-        at = plan.row[f"{name}_longitude"], plan.row[f"{name}_latitude"]
-        east, north = (np.array([value]) / 1e3 for value in to_local(contents.projection, *at))
-        about = {"size": size, "edge": ON_FIELD, "hover": f"{name}<extra></extra>"}
-        ends.append(Mark("points", east, north, name, _SURFACING, symbol, **about))
+    for name, at, symbol in (("start", plan.start, "circle"), ("goal", plan.goal, "star")):
+        about = {"edge": ON_FIELD, "hover": f"{name}<extra></extra>"}
+        about["size"] = 16.0 if symbol == "star" else 9.0
+        ends.append(Mark("points", at[:1] / 1e3, at[1:] / 1e3, name, _SURFACING, symbol, **about))
     return Layer([path, *ends], {"plan": plan_table(plan)}) if len(plan.track) else Layer(ends)
 
 

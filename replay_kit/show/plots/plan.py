@@ -7,7 +7,6 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import to_local
 from replay_kit.core.plan import ORIGIN
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.last_plan import LastPlan
@@ -54,7 +53,7 @@ def plan_panels(contents: Contents, at: At | None) -> Panels:
     else:
         notes.append(_in_words(plan.row))
         notes += _figures_in_words(plan)
-    slices, around = slices_at(contents, at), _around(contents, plan)
+    slices, around = slices_at(contents, at), _around(plan)
     notes += [] if slices is None else without_current(slices, around)
     panels = [
         Panel(
@@ -101,24 +100,13 @@ def _in_words(plan: Any) -> str:
     )
 
 
-def _ends(contents: Contents, plan: LastPlan) -> list[tuple[Array, Array]]:
-    """Return start and goal of a plan, local east and north [m]."""
-    return [
-        to_local(contents.projection, plan.row[f"{name}_longitude"], plan.row[f"{name}_latitude"])
-        for name in ("start", "goal")
-    ]
-
-
-def _around(contents: Contents, plan: LastPlan) -> tuple[Array, Array]:
+def _around(plan: LastPlan) -> tuple[Array, Array]:
     """Return the ends in east and in north [m] of a square around a plan."""
-    ends = _ends(contents, plan)
-    east, north = (
-        np.append(values, [end[k] for end in ends])
-        for k, values in enumerate((plan.east, plan.north))
-    )
-    reach = 0.65 * max(float(np.ptp(east)), float(np.ptp(north)), 2e3)
+    places = np.vstack([np.column_stack([plan.east, plan.north]), plan.start, plan.goal])
+    middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
+    reach = 0.65 * max(float(np.ptp(places, axis=0).max()), 2e3)
     about = np.array([-reach, reach])
-    return 0.5 * (east.min() + east.max()) + about, 0.5 * (north.min() + north.max()) + about
+    return middle[0] + about, middle[1] + about
 
 
 def _map(

@@ -28,12 +28,12 @@ from replay_kit.show.figures.on_page import color_of, tables_of, traces_of
 from replay_kit.show.page.section import Control, Figure, Section, column, pack, times
 from replay_kit.show.report.sections.map_frame import (
     Extent,
+    arrows,
     graticule,
     hatching,
+    map_layout,
 )
 
-#: Arrows along a side.
-_ARROWS = 24
 #: Of one step of the packed current [m/s] and of the packed depth of the bottom [m].
 _STEP, _DEPTH_STEP = 5e-4, 0.5
 
@@ -64,19 +64,7 @@ def map_section(contents: Contents) -> Section:
     ):
         tables |= tables_of(layer.tables)
         traces += [trace for mark in layer.marks for trace in traces_of(mark)]
-    bare = {"constrain": "domain", "showgrid": False, "zeroline": False}
-    east, north = _ranges(contents, extent, slices)
-    layout = {
-        "height": 800,
-        "xaxis": {"title": {"text": "local east [km]"}, "range": east, **bare},
-        "yaxis": {
-            "title": {"text": "local north [km]"},
-            "range": north,
-            "scaleanchor": "x",
-            **bare,
-        },
-        "shapes": [hatching(extent)] if "outside" in packed else [],
-    }
+    shapes = [hatching(extent)] if "outside" in packed else []
     figure = Figure(
         "current-map",
         "The current, the track and the plans",
@@ -84,7 +72,7 @@ def map_section(contents: Contents) -> Section:
         _alternative(contents),
         tables,
         [*traces, labels],
-        layout,
+        {**map_layout(*_ranges(contents, extent, slices)), "height": 800, "shapes": shapes},
         [] if slices is None else _controls(slices, track.time_ns.size > 0),
         packed,
     )
@@ -157,7 +145,12 @@ def _field(
     traces = [
         *_heatmaps(slices, x, y),
         *(trace for mark in coast_layer(slices).marks for trace in traces_of(mark)),
-        *_arrows(slices, x, y),
+        # dark on a light halo, to be seen on both ends of the colour scale
+        *(
+            arrows("current", (slices.east, slices.north), 1.4 / _limits(slices)[0], "c1", "c2")
+            | {"line": {"color": color, "width": width}}
+            for color, width in (("rgba(255,255,255,0.7)", 3.4), (ON_FIELD, 1.3))
+        ),
     ]
     return {"current": table}, traces, packed
 
@@ -214,31 +207,6 @@ def _heatmaps(
             }
             for z, color, text in kinds
         ),
-    ]
-
-
-def _arrows(
-    slices: CurrentSlices, x: list[float | None], y: list[float | None]
-) -> list[dict[str, Any]]:
-    """Return the arrows of the current, dark on a light halo, to be seen on both ends of the colour scale."""
-    u, v = ({"$field": "current", "at": ["c1", "c2", k]} for k in range(2))
-    step = -(-max(slices.east.size, slices.north.size) // _ARROWS)
-    cell = (
-        step * float(min(slices.east[1] - slices.east[0], slices.north[1] - slices.north[0])) / 1e3
-    )
-    arrows = {
-        "type": "arrows",
-        "x": x,
-        "y": y,
-        "u": u,
-        "v": v,
-        "step": step,
-        "length": 1.4 * cell / _limits(slices)[0],
-        "showlegend": False,
-    }
-    return [
-        {**arrows, "line": {"color": "rgba(255,255,255,0.7)", "width": 3.4}},
-        {**arrows, "line": {"color": ON_FIELD, "width": 1.3}},
     ]
 
 

@@ -13,6 +13,8 @@ from replay_kit.show.page.section import column
 #: Steps between lines of longitude or latitude [degrees].
 _STEPS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0)
 _LINES = 4
+#: Arrows along the longer side of a map.
+_ARROWS = 24
 #: Lines of the hatching along a map's longer side.
 _STROKES = 60
 #: The least width of a map [km]: one position alone has none.
@@ -37,6 +39,44 @@ class Extent:
             beyond = max(0.03 * (most - least), 0.5 * (_LEAST - (most - least)))
             ends += [least - beyond, most + beyond]
         return cls(*(float(f"{end:.5g}") for end in ends))
+
+
+def map_layout(east: Any, north: Any) -> dict[str, Any]:
+    """Return plotly's layout of a map that shows ranges [km] in the local frame."""
+    bare = {"constrain": "domain", "showgrid": False, "zeroline": False}
+    return {
+        "xaxis": {"title": {"text": "local east [km]"}, "range": east, **bare},
+        "yaxis": {
+            "title": {"text": "local north [km]"},
+            "range": north,
+            "scaleanchor": "x",
+            **bare,
+        },
+    }
+
+
+def arrows(
+    packed: str,
+    axes: tuple[Array, Array],
+    length: float,
+    first: int | str = 0,
+    second: int | str = 0,
+) -> dict[str, Any]:
+    """Return arrows along a packed current, which the page's script draws; their line is not stated.
+
+    Args:
+        packed: Name of the packed array.
+        axes: Cell centres in east and in north [m].
+        length: Of an arrow, in steps between arrows per m/s.
+        first: Index of the array's first axis, or the control that chooses it.
+        second: Of its second axis.
+    """
+    step = -(-max(axis.size for axis in axes) // _ARROWS)
+    cell = step * float(min(axis[1] - axis[0] for axis in axes)) / 1e3
+    u, v = ({"$field": packed, "at": [first, second, k]} for k in (0, 1))
+    x, y = (column(axis / 1e3) for axis in axes)
+    shown = {"step": step, "length": length * cell, "showlegend": False}
+    return {"type": "arrows", "x": x, "y": y, "u": u, "v": v, **shown}
 
 
 def hatching(extent: Extent) -> dict[str, Any]:
