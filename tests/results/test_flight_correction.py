@@ -9,7 +9,7 @@ from replay_kit import open_result
 from replay_kit.core.flight_correction import FlightCorrection
 from replay_kit.results import ResultWriter
 from replay_kit.results.flight_correction import mean_current_parts
-from replay_kit.results.outcome.figures import flight_correction_json
+from replay_kit.results.outcome.from_run import flight_correction_json
 from replay_kit.results.schemas import decode, encode
 from replay_kit.results.views.along_track import mean_currents
 from replay_kit.results.views.history import EstimateHistory
