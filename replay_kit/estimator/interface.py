@@ -5,17 +5,47 @@ member here; none of them needs to know which estimator it has.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import ClassVar, Protocol, TypeVar
+from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Innovation, Measurement
-from replay_kit.estimator.update.group_step import Stepped
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 
 State = TypeVar("State")
+
+
+class Stepped(NamedTuple, Generic[State]):
+    """What became of a profile, or of several combined ones.
+
+    Attributes:
+        event: The measurement or the group.
+        before: The estimator's state before it.
+        after: The estimator's state after it.
+        innovation: To publish.
+    """
+
+    event: Measurement | ProfileGroup
+    before: State
+    after: State
+    innovation: Innovation
+
+
+def each_stepped(
+    state: State, measurements: Iterable[Measurement], steps: Iterable[tuple[State, Innovation]]
+) -> Iterator[Stepped[State]]:
+    """Yield what became of measurements, each alone.
+
+    Args:
+        state: Before them.
+        measurements: In order.
+        steps: The state after each, and its innovation.
+    """
+    for measurement, (after, innovation) in zip(measurements, steps, strict=True):
+        yield Stepped(measurement, state, after, innovation)
+        state = after
 
 
 class Estimator(Protocol[State]):
@@ -75,11 +105,7 @@ class Estimator(Protocol[State]):
         An estimator without ``grouping`` is given none.
         """
         measurements = [item for item in items if not isinstance(item, ProfileGroup)]
-        for measurement, (after, innovation) in zip(
-            measurements, self.steps(state, measurements), strict=True
-        ):
-            yield Stepped(measurement, state, after, innovation)
-            state = after
+        yield from each_stepped(state, measurements, self.steps(state, measurements))
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""

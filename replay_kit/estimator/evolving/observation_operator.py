@@ -23,9 +23,9 @@ from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator.basis.modes import Basis
-from replay_kit.estimator.update.biases import Biases, relative_velocity
-from replay_kit.estimator.update.rows import Bins, bin_noise, depth_means, mean_noise
-from replay_kit.estimator.update.screening import local_mean
+from replay_kit.estimator.update.biases import Biases
+from replay_kit.estimator.update.rows import Bins, depth_means, mean_noise, profile_noise
+from replay_kit.estimator.update.screening import local_mean, relative_velocities
 
 # rad/s; the Earth's rotation, and the tides of Doodson (1921) as the IHO's list of constituents gives them, degrees an hour
 EARTH_ROTATION = 7.292115e-5
@@ -209,16 +209,10 @@ class ObservationOperator:
         (of_levels,) = self.basis.local_error(
             np.array([[east, north]], dtype=np.float64), self.representation_std
         )
-        representation = np.interp(depth, grid.levels, of_levels)
-        noise = bin_noise(
-            depth,
-            observation.error_std[used],
-            representation,
-            observation.common_std,
-            observation.correlation_depth,
-        )
-        relative = relative_velocity(observation, used, grid.projection)
-        of_biases = self.biases.bins(depth, relative)
+        noise = profile_noise(observation, used, grid.levels, of_levels)
+        is_used = np.isin(np.arange(observation.depth.size), used)
+        relative = relative_velocities([observation], is_used[None], grid)
+        of_biases = self.biases.bins(depth, None if relative is None else relative[0])
         joint: Array = np.hstack([weights, self.oscillations.weights(depth), of_biases.depth])
         q, r = np.linalg.qr(noise.whiten @ joint)
         n_levels, n_knots = weights.shape[1], self.oscillations.knots.size

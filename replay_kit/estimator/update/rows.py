@@ -23,11 +23,12 @@ from itertools import takewhile
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.observation import PathMean
+from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.update.screening import local_mean
 
@@ -97,6 +98,23 @@ def bin_noise(
     return BinNoise(complement.T @ whiten, lower @ complement, log_scale)
 
 
+def profile_noise(
+    observation: Observation, used: NDArray[np.intp], levels: Array, representation: Array
+) -> BinNoise:
+    """Return the noise of a profile's usable bins.
+
+    Args:
+        observation: The profile.
+        used: Positions of its usable bins.
+        levels: shape (Z,) [m].
+        representation: shape (Z,) [m/s], representation error at its place, by level.
+    """
+    depth = observation.depth[used]
+    extra = np.interp(depth, levels, representation)
+    own, common = observation.error_std[used], observation.common_std
+    return bin_noise(depth, own, extra, common, observation.correlation_depth)
+
+
 def _orthogonal_complement(vector: Array) -> Array:
     """Return an orthonormal basis, shape (n, n - 1), of the complement of a vector: the other columns of its Householder reflection."""
     reflector = vector / np.linalg.norm(vector)
@@ -124,6 +142,10 @@ class Bins:
     def dof(self) -> int:
         """Number of independent measured values in both components."""
         return 2 * len(self.q)
+
+    def ones(self) -> Array:
+        """Return the rows of a velocity of one in all bins, shape (k,)."""
+        return np.asarray(self.q.T @ self.noise.whiten.sum(axis=1))
 
     def compress(self, values: Array) -> tuple[Array, float]:
         """Return the rows of bin values, shape (2 k,), and the squared norm of the compression residual.
@@ -192,8 +214,8 @@ def compress_profile(
     return ProfileRows(q, noise, values, r, basis)
 
 
-def dependence_inflation(residual: Array) -> float:
-    """Return the factor by which correlated errors inflate the error variance of a profile's bins.
+def dependence_inflation(residual: Array, size: NDArray[np.intp]) -> Array:
+    """Return the factors by which correlated errors inflate the error variance of profiles' bins, shape (n,), at least 1.
 
     Bins smoothed by an inversion, or affected by structure that the basis cannot represent, leave residuals that are correlated
     along the profile; treated as independent they would count many times over. For a first-order autoregressive error of
@@ -201,16 +223,15 @@ def dependence_inflation(residual: Array) -> float:
     residuals' own mean square is applied too when it is above one. Below three standard errors of rho the factor is 1.
 
     Args:
-        residual: shape (n, 2), measured minus estimated over the bins' error, neighbours in depth next to each other.
-
-    Returns:
-        A factor of at least 1.
+        residual: shape (n, m, 2), measured minus estimated over the bins' error, neighbours in depth next to each other; 0 beyond
+            the last bin.
+        size: shape (n,), number of values, of both components.
     """
-    mean_square = float(np.mean(residual**2))
-    rho = float(np.sum(residual[1:] * residual[:-1]) / np.sum(residual**2))
-    if rho <= 3.0 / np.sqrt(residual.size):
-        return 1.0
-    return (1.0 + rho) / (1.0 - rho) * max(1.0, mean_square)
+    square = np.sum(residual**2, axis=(1, 2))
+    product = np.sum(residual[:, 1:] * residual[:, :-1], axis=(1, 2))
+    rho = np.divide(product, square, out=np.zeros_like(square), where=square > 0.0)
+    rho = np.where((rho > 3.0 / np.sqrt(size)) & (size > 2), rho, 0.0)
+    return np.where(rho > 0.0, (1.0 + rho) / (1.0 - rho) * np.maximum(1.0, square / size), 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,12 +13,11 @@ from replay_kit.core.geodesy import inside_grid
 from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Innovation, Measurement, Observation
 from replay_kit.core.region import Region, inside
-from replay_kit.estimator.interface import Estimator
+from replay_kit.estimator.interface import Estimator, Stepped
 from replay_kit.estimator.prior.amplitude import ScaledPrior
 from replay_kit.estimator.prior.conditioned import conditioned
 from replay_kit.estimator.static.filter import ReducedBasisEstimator
 from replay_kit.estimator.static.state import FilterState
-from replay_kit.estimator.update.group_step import Stepped
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 from replay_kit.estimator.update.observation_space import initial
 from replay_kit.estimator.windows.geometry import next_window

@@ -224,17 +224,19 @@ def test_measurements_shrink_the_uncertainty_everywhere():
 
 def test_inflation_is_one_for_independent_residuals_and_ar1_s_for_correlated_ones():
     rng = np.random.default_rng(0)
-    assert dependence_inflation(rng.standard_normal((22, 2))) == 1.0
+
+    def inflation(series):
+        return dependence_inflation(series[None], np.array([series.size]))
+
+    assert inflation(rng.standard_normal((22, 2))) == 1.0
     for rho in (0.6, 0.9):
         noise = rng.standard_normal((20_000, 2))
         series = np.zeros_like(noise)
         for k in range(1, len(series)):
             series[k] = rho * series[k - 1] + np.sqrt(1 - rho**2) * noise[k]
-        assert dependence_inflation(series) == pytest.approx((1 + rho) / (1 - rho), rel=0.1)
+        assert inflation(series) == pytest.approx((1 + rho) / (1 - rho), rel=0.1)
         # twice the residual is four times the variance
-        assert dependence_inflation(2.0 * series) == pytest.approx(
-            4 * (1 + rho) / (1 - rho), rel=0.1
-        )
+        assert inflation(2.0 * series) == pytest.approx(4 * (1 + rho) / (1 - rho), rel=0.1)
 
 
 def test_correlated_bins_move_the_estimate_as_the_inflated_errors_would_and_paper_never_inflates():

@@ -112,7 +112,7 @@ def as_span(state):
     dual = state.posterior
     std = nonzero_mode_std(dual.prior)
     return FilterState(
-        to_reduced_subspace(dual, directions(dual.profile_basis * std), std), state.time_ns
+        to_reduced_subspace(dual, directions(dual.profile_basis * std), std), time_ns=state.time_ns
     )
 
 
@@ -240,10 +240,8 @@ def test_what_is_folded_into_the_prior_is_kept():
         new = to_full_covariance(state.posterior)
         assert new.n_rows == 0
         np.testing.assert_allclose(new.mean, state.mean, atol=1e-12)
-        again = to_full_covariance(run(estimator, second, FilterState(new, None))[0].posterior)
-        assert_is(
-            estimator, FilterState(again, None), expected.mean, expected.posterior.covariance()
-        )
+        again = to_full_covariance(run(estimator, second, FilterState(new))[0].posterior)
+        assert_is(estimator, FilterState(again), expected.mean, expected.posterior.covariance())
 
 
 @pytest.mark.parametrize("form", ["dual", "span"])
@@ -360,7 +358,7 @@ def test_an_inflated_posterior_keeps_its_form_and_goes_on_as_the_textbook_s(form
         state = (
             as_span(state)
             if form == "span"
-            else FilterState(to_full_covariance(state.posterior), state.time_ns)
+            else FilterState(to_full_covariance(state.posterior), time_ns=state.time_ns)
         )
     bias = state.posterior.bias_sensitivity()
     for factor in (2.5, 1.2):

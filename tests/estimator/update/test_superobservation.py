@@ -11,17 +11,16 @@ from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.estimator.static.group import step_group as static_step
-from replay_kit.estimator.update.gate import gate_innovation
-from replay_kit.estimator.update.group_gate import DECISIONS, gate_profiles
+from replay_kit.estimator.update.gate import DECISIONS
 from replay_kit.estimator.update.group_step import screen_group, stack_of
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 from replay_kit.estimator.update.rows import dependence_inflation
-from replay_kit.estimator.update.screening import screen, screen_profiles
-from replay_kit.estimator.update.superobservation import Column, combined
+from replay_kit.estimator.update.screening import screen, screen_measurement
+from replay_kit.estimator.update.superobservation import Column, combined, gate_profiles
 from replay_kit.workflows.replay.build import with_window
 from replay_kit.workflows.replay.estimation import EstimationState, assimilate
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles
+from tests.estimator.update.test_gate import gate_innovation
 
 SECOND = 10**9
 ENSEMBLE = forecasts(1)[0]
@@ -201,9 +200,8 @@ def test_the_gate_of_many_is_that_of_each(gate, is_consistent, dropouts):
     column, stack = column_and_stack(log)
     predicted = column.predicted(stack.of("r"))[..., 0]
     found = gate_profiles(
-        stack, predicted, column.predicted_cov(stack.of("r")), (config, True, is_consistent)
+        stack, predicted, column.predicted_cov(stack.of("r")), config, True, is_consistent
     )
-    jacobians = found.scale_jacobians(stack)
     seen = set()
     for i in range(len(log)):
         part = stack.part(np.array([i]))
@@ -225,7 +223,7 @@ def test_the_gate_of_many_is_that_of_each(gate, is_consistent, dropouts):
         assert found.threshold[i] == pytest.approx(single.threshold)
         assert found.exceeds[i] == single.exceeds_gate
         nis = innovation @ np.linalg.solve(cov + np.eye(innovation.size), innovation) + square
-        assert found.nis[i] == pytest.approx(nis)
+        assert found.nis[i] + stack.residual_square[i] == pytest.approx(nis)
         if single.decision == "rejected":
             continue
         mean = (
@@ -236,9 +234,9 @@ def test_the_gate_of_many_is_that_of_each(gate, is_consistent, dropouts):
         left = (layout.whiten @ part.values[0])[:known] - layout.q[
             :known, : layout.k
         ] @ mean.reshape(2, -1).T
-        further = dependence_inflation(left / np.sqrt(single.inflation))
+        left = left / np.sqrt(single.inflation)
+        further = dependence_inflation(left[None], np.array([left.size]))
         assert found.inflation[i] == pytest.approx(single.inflation * further)
-        assert jacobians[i] == 0.0
     assert len(seen) == (2 if gate in ("reject", "soften") else 1)
 
 
@@ -277,11 +275,11 @@ def test_screening_of_many_is_that_of_each():
     wet = ENSEMBLE.grid.wet.copy()
     wet[1] = False
     for grid in (ENSEMBLE.grid, replace(ENSEMBLE.grid, wet=wet)):
-        flags, reasons = screen_profiles(log, grid)
+        flags, reasons = screen(log, grid)
         for i, profile in enumerate(log):
-            expected = screen(profile, grid, relative=True)
-            np.testing.assert_array_equal(flags[i], expected[0])
-            np.testing.assert_array_equal(reasons[i], expected[1])
+            alone = screen_measurement(profile, grid).unused
+            np.testing.assert_array_equal(flags[i], alone.flags)
+            np.testing.assert_array_equal(reasons[i], alone.reasons)
 
 
 @pytest.mark.parametrize("through_time", [False, True])
@@ -331,7 +329,7 @@ def test_a_bad_profile_is_rejected_alone(through_time):
 def test_a_profile_logged_twice_counts_once():
     log = quick_log(6)
     estimator = build_estimator(ENSEMBLE, CONFIG)
-    found = static_step(estimator, estimator.initial(), ProfileGroup((*log[:3], log[2], *log[3:])))
+    found = estimator.step_group(estimator.initial(), ProfileGroup((*log[:3], log[2], *log[3:])))
     twice = [step for step in found if step.innovation.profiles == 1]
     assert [bool((step.innovation.reasons & Reason.DUPLICATE).all()) for step in twice] == [True]
     assert found[-1].innovation.profiles == 6
