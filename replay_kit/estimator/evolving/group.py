@@ -6,19 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import depth_weights
-from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import Observation
 from replay_kit.estimator.evolving.observation_operator import ObservationOperator
-from replay_kit.estimator.update.biases import BiasBins
 from replay_kit.estimator.update.group_step import (
     ScreenedGroup,
     stack_of,
 )
-from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.profile_stack import ProfileStack
 from replay_kit.estimator.update.rows import BinNoise, profile_noise
-from replay_kit.estimator.update.screening import relative_velocities
 
 _NS = 1e9
 
@@ -43,44 +38,13 @@ def column_operator(operator: ObservationOperator, screened: ScreenedGroup) -> C
 
     Errors of the instrument that are part of the state act through the profiles' mean motion relative to the platform.
     """
-    grid = operator.basis.grid
-    middle = ProfileGroup(tuple(screened.profiles[i] for i in screened.used))
-    east, north = to_local(grid.projection, middle.longitude, middle.latitude)
-    known, unknown = operator.current(float(east), float(north), middle.time_ns)
-    (of_levels,) = operator.basis.local_error(
-        np.array([[east, north]], dtype=np.float64), operator.representation_std
-    )
-    functions = operator.basis.depth_functions
-    oscillations = operator.oscillations
+    basis, middle = operator.basis, screened.usable
+    relative = screened.relative(basis.grid)
+    known, design = operator.column(middle, None if relative is None else relative.mean(axis=0))
 
     def factors(profile: Observation, used: NDArray[np.intp]) -> tuple[Array, BinNoise]:
-        depth = profile.depth[used]
-        noise = profile_noise(profile, used, grid.levels, of_levels)
-        of_biases = operator.biases.bins(depth, None).depth
-        return np.hstack(
-            [depth_weights(functions, depth, grid.levels), oscillations.weights(depth), of_biases]
-        ), noise
+        noise = profile_noise(profile, used, basis, operator.representation_std, middle)
+        return operator.joint(profile.depth[used]), noise
 
-    stack = stack_of(
-        screened, grid, known, lambda depth: depth_weights(functions, depth, grid.levels), factors
-    )
-    of_biases = _mean_factor(operator, stack)
-    n_levels, n_knots, n_functions = (
-        grid.levels.size,
-        oscillations.knots.size,
-        of_biases.factor[0].shape[0],
-    )
-    start, end = operator.process.size, operator.process.size + oscillations.size
-    design = np.zeros((2, n_levels + n_knots + n_functions, end + operator.biases.size))
-    for c in range(2):
-        design[c, :n_levels, :start] = unknown[:, :, c].T
-        design[c, n_levels : n_levels + n_knots, start:end] = oscillations.factor(c)
-        design[c, n_levels + n_knots :, end:] = of_biases.factor[c]
+    stack = stack_of(screened, basis, known, factors)
     return ColumnOperator(stack, design.reshape(-1, design.shape[2]), middle.time_ns)
-
-
-def _mean_factor(operator: ObservationOperator, stack: ProfileStack) -> BiasBins:
-    """Return the effect of the biases on the mean of the profiles; nothing where the log does not state their motion."""
-    relative = relative_velocities(stack.observations, stack.used, operator.basis.grid)
-    depth = stack.observations[0].depth[:1]
-    return operator.biases.bins(depth, None if relative is None else relative.mean(axis=0))

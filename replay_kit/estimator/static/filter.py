@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import constant
-from replay_kit.core.geodesy import rotate_to_local, to_local
+from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason
 from replay_kit.estimator.basis.modes import Basis, build_basis, mean_variance
@@ -59,7 +58,12 @@ from replay_kit.estimator.update.rows import (
     profile_noise,
     profiles_before_path,
 )
-from replay_kit.estimator.update.screening import Screened, is_duplicate, screen_measurement
+from replay_kit.estimator.update.screening import (
+    Screened,
+    is_duplicate,
+    local_velocities,
+    screen_measurement,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -314,30 +318,20 @@ class ReducedBasisEstimator(GroupedEstimator[FilterState]):
 
     def rows(self, observation: Observation, used: NDArray[np.intp]) -> ProfileRows:
         """Return the compressed rows of a profile's usable bins."""
-        grid, depth = self.basis.grid, observation.depth[used]
-        east, north = to_local(grid.projection, observation.longitude, observation.latitude)
-        offset, modes = self.basis.at_place(np.array([east, north], dtype=np.float64))
-        weights = depth_weights(self.basis.depth_functions, depth, grid.levels)
-        noise = self.noise(observation, used)
-        u, v = rotate_to_local(
-            grid.projection,
-            observation.longitude,
-            observation.latitude,
-            *observation.velocity[used].T,
-        )
-        values = np.column_stack([u, v]) - weights @ offset.T
+        place = to_local(self.grid.projection, observation.longitude, observation.latitude)
+        offset, modes = self.basis.at_place(np.array(place, dtype=np.float64))
+        weights = self.basis.depth_weights(observation.depth[used])
+        velocity = local_velocities([observation], self.grid)[0, used]
+        noise, values = self.noise(observation, used), velocity - weights @ offset.T
         return compress_profile(weights, modes, noise, values)
 
     def noise(self, observation: Observation, used: NDArray[np.intp]) -> BinNoise:
         """Return the noise of a profile's usable bins."""
-        grid = self.basis.grid
-        if self.error_std is not None:
-            common = 0.0 if np.isfinite(observation.common_std) else np.inf
-            own = np.full(used.size, self.error_std)
-            return bin_noise(observation.depth[used], own, np.zeros(used.size), common, 0.0)
-        place = to_local(grid.projection, observation.longitude, observation.latitude)
-        (of_levels,) = self.basis.local_error(np.array([place]), self.representation_std)
-        return profile_noise(observation, used, grid.levels, of_levels)
+        if self.error_std is None:
+            return profile_noise(observation, used, self.basis, self.representation_std)
+        common = 0.0 if np.isfinite(observation.common_std) else np.inf
+        own = np.full(used.size, self.error_std)
+        return bin_noise(observation.depth[used], own, np.zeros(used.size), common, 0.0)
 
     @property
     def basis_size(self) -> tuple[int | None, int | None]:

@@ -4,11 +4,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.observation import Measurement
+from replay_kit.core.observation import Measurement, Observation
 from replay_kit.estimator.interface import Stepped
 from replay_kit.estimator.static.state import FilterState, SpreadFit
 from replay_kit.estimator.update.evaluation import PredictedObservation
@@ -115,21 +115,14 @@ def profiles_of(
     estimator: "ReducedBasisEstimator", screened: ScreenedGroup
 ) -> tuple[Array, ProfileStack]:
     """Return the modes' velocity at the middle of the usable profiles, shape (2, r), and these as arrays."""
-    grid, functions = estimator.basis.grid, estimator.basis.depth_functions
-    middle = ProfileGroup(tuple(screened.profiles[i] for i in screened.used))
-    east, north = to_local(grid.projection, middle.longitude, middle.latitude)
-    offset, modes = estimator.basis.at_place(np.array([float(east), float(north)]))
-    stack = stack_of(
-        screened,
-        grid,
-        offset.T,
-        lambda depth: depth_weights(functions, depth, grid.levels),
-        lambda profile, used: (
-            depth_weights(functions, profile.depth[used], grid.levels),
-            estimator.noise(profile, used),
-        ),
-    )
-    return modes, stack
+    basis, middle = estimator.basis, screened.usable
+    east, north = to_local(basis.grid.projection, middle.longitude, middle.latitude)
+    offset, modes = basis.at_place(np.array([float(east), float(north)]))
+
+    def factors(profile: Observation, used: NDArray[np.intp]) -> tuple[Array, BinNoise]:
+        return basis.depth_weights(profile.depth[used]), estimator.noise(profile, used)
+
+    return modes, stack_of(screened, basis, offset.T, factors)
 
 
 def column_rows(basis: Array, r: Array, whole: CombinedRows | None = None) -> ProfileRows:

@@ -22,7 +22,11 @@ from scipy.linalg import solve_triangular
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Measurement
-from replay_kit.estimator.prior.amplitude import AmplitudePrior, MeanAmplitude, fit_amplitude
+from replay_kit.estimator.prior.amplitude import (
+    AmplitudePrior,
+    MeanAmplitude,
+    fit_amplitude,
+)
 from replay_kit.estimator.prior.hybrid import HybridPrior, Prior
 from replay_kit.estimator.update.evaluation import Assimilation
 from replay_kit.estimator.update.grouping import ProfileGroup

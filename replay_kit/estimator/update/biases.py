@@ -40,19 +40,6 @@ _PARTS, _LEAST_PARTS = 32, 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BiasBins:
-    """The effect of one unit of each bias on a profile.
-
-    Attributes:
-        depth: shape (n, 2), functions of depth that both components share: one, and the distance from the first bin; none without biases.
-        factor: For each component, shape (2, biases).
-    """
-
-    depth: Array
-    factor: tuple[Array, Array]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Biases:
     """Systematic errors of the instrument, by name.
 
@@ -74,28 +61,29 @@ class Biases:
         """Number of biases."""
         return len(self.names)
 
-    def bins(self, depth: Array, relative: Array | None) -> BiasBins:
-        """Return the effect of one prior standard deviation of each bias on a profile.
+    def functions(self, depth: Array) -> Array:
+        """Return the functions of depth that both components share, shape (n, 2): one, and the distance from the first bin; or none."""
+        functions = np.column_stack([np.ones(depth.size), np.abs(depth - depth[0])])
+        return functions if self.names else functions[:, :0]
+
+    def factor(self, relative: Array | None) -> Array:
+        """Return the effect of one prior standard deviation of each bias on these, shape (2, 2, b): component by component.
 
         Args:
-            depth: shape (n,) [m].
             relative: shape (2,) [m/s], mean velocity relative to the platform, local axes; None when the log does not state it.
         """
-        if not self.names:
-            return BiasBins(np.empty((depth.size, 0)), (np.empty((0, 0)), np.empty((0, 0))))
-        functions = np.column_stack([np.ones(depth.size), np.abs(depth - depth[0])])
         east, north = motion = np.zeros(2) if relative is None else relative
         speed = float(np.hypot(*motion))
-        factors = []
-        for component, (along, across) in enumerate(((east, north), (north, -east))):
-            columns = {
-                "heading": (across, 0.0),
-                "scale": (along, 0.0),
-                # the water moves backwards relative to the platform
-                "shear": (0.0, -float(motion[component]) / speed if speed > 0.0 else 0.0),
-            }
-            factors.append(np.column_stack([columns[name] for name in self.names]) * self.std)
-        return BiasBins(functions, (factors[0], factors[1]))
+        # the water moves backwards relative to the platform
+        along = -motion / speed if speed > 0.0 else np.zeros(2)
+        columns = {
+            "heading": [[north, 0.0], [-east, 0.0]],
+            "scale": [[east, 0.0], [north, 0.0]],
+            "shear": [[0.0, along[0]], [0.0, along[1]]],
+        }
+        if not self.names:
+            return np.empty((2, 0, 0))
+        return np.stack([columns[name] for name in self.names], axis=-1) * self.std
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,6 +20,7 @@ from replay_kit.core.observation import (
     reasons_of,
     usable,
 )
+from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.interface import Estimator, Stepped, each_stepped
 from replay_kit.estimator.update.evaluation import Assimilation, PredictedObservation
 from replay_kit.estimator.update.gate import SOFTENED
@@ -61,6 +62,20 @@ class ScreenedGroup:
     used: NDArray[np.intp]
     duplicates: frozenset[int]
 
+    @property
+    def usable(self) -> ProfileGroup:
+        """The usable profiles."""
+        return ProfileGroup(tuple(self.profiles[i] for i in self.used))
+
+    @property
+    def is_used(self) -> NDArray[np.bool_]:
+        """Which of their bins are used, shape (n, m)."""
+        return usable(self.flags[self.used])
+
+    def relative(self, grid: Grid) -> Array | None:
+        """Return their mean velocity relative to the platform; see ``relative_velocities``."""
+        return relative_velocities(self.usable.profiles, self.is_used, grid)
+
     def unused(self, i: int) -> Innovation:
         """Return the innovation of a profile that is not used."""
         blank = unused_innovation(self.profiles[i], self.flags[i], self.reasons[i])
@@ -93,33 +108,22 @@ def screen_group(group: ProfileGroup, last: Measurement | None, grid: Grid) -> S
 
 
 def stack_of(
-    screened: ScreenedGroup,
-    grid: Grid,
-    reference: Array,
-    depth_weights: Callable[[Array], Array],
-    factors: Factors,
+    screened: ScreenedGroup, basis: Basis, reference: Array, factors: Factors
 ) -> ProfileStack:
     """Return the usable profiles as arrays.
 
     Args:
         screened: The group after screening.
-        grid: The region.
+        basis: Basis flows.
         reference: shape (Z, 2) [m/s], the estimator's reference current at the place.
-        depth_weights: Gives the weights of the levels at depths, shape (n, Z) for n depths [m].
-        factors: See ``superobservation.Factors``.
+        factors: See ``profile_stack.Factors``.
     """
-    profiles = tuple(screened.profiles[i] for i in screened.used)
-    used = usable(screened.flags[screened.used])
+    profiles, used = screened.usable.profiles, screened.is_used
     depth = np.stack([each.depth for each in profiles])
     at, back = np.unique(np.where(used, depth, 0.0), return_inverse=True)
-    known = (depth_weights(at) @ reference)[back.reshape(depth.shape)]
-    return stacked(
-        profiles,
-        used,
-        local_velocities(profiles, grid) - known,
-        relative_velocities(profiles, used, grid),
-        factors,
-    )
+    known = (basis.depth_weights(at) @ reference)[back.reshape(depth.shape)]
+    values = local_velocities(profiles, basis.grid) - known
+    return stacked(profiles, used, values, screened.relative(basis.grid), factors)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,6 +30,7 @@ from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator.basis.modes import Basis
+from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.screening import local_mean
 
 
@@ -99,20 +100,26 @@ def bin_noise(
 
 
 def profile_noise(
-    observation: Observation, used: NDArray[np.intp], levels: Array, representation: Array
+    observation: Observation,
+    used: NDArray[np.intp],
+    basis: Basis,
+    representation_std: Array,
+    at: Observation | ProfileGroup | None = None,
 ) -> BinNoise:
     """Return the noise of a profile's usable bins.
 
     Args:
         observation: The profile.
         used: Positions of its usable bins.
-        levels: shape (Z,) [m].
-        representation: shape (Z,) [m/s], representation error at its place, by level.
+        basis: Basis flows.
+        representation_std: shape (Z,) [m/s], representation error of the basis, by level.
+        at: Has the place of the representation error; None for the profile's own.
     """
-    depth = observation.depth[used]
-    extra = np.interp(depth, levels, representation)
-    own, common = observation.error_std[used], observation.common_std
-    return bin_noise(depth, own, extra, common, observation.correlation_depth)
+    grid, depth, at = basis.grid, observation.depth[used], at or observation
+    place = to_local(grid.projection, at.longitude, at.latitude)
+    (of_levels,) = basis.local_error(np.array([place], dtype=np.float64), representation_std)
+    extra, own = np.interp(depth, grid.levels, of_levels), observation.error_std[used]
+    return bin_noise(depth, own, extra, observation.common_std, observation.correlation_depth)
 
 
 def _orthogonal_complement(vector: Array) -> Array:
@@ -266,9 +273,7 @@ def mean_noise(mean: PathMean, basis: Basis, places: Array, representation_std: 
 
 def depth_means(mean: PathMean, basis: Basis) -> Array:
     """Return the weight of each level at each point in the mean, shape (m, Z); above and below the levels the nearest level holds."""
-    return np.asarray(
-        mean.weight[:, None] * depth_weights(basis.depth_functions, mean.depth, basis.grid.levels)
-    )
+    return np.asarray(mean.weight[:, None] * basis.depth_weights(mean.depth))
 
 
 def path_rows(mean: PathMean, basis: Basis, representation_std: Array) -> PathRows:

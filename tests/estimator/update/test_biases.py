@@ -90,8 +90,8 @@ def test_the_evidence_is_the_score_of_a_gaussian_s_likelihood():
     is_used = np.isin(np.arange(profile.depth.size), used)
     (relative,) = relative_velocities([profile], is_used[None], ENSEMBLE.grid)
     for k, name in enumerate(NAMES):
-        effect = Biases((name,), np.ones(1)).bins(profile.depth[used], relative)
-        column = np.hstack([effect.depth @ factor for factor in effect.factor])
+        bias = Biases((name,), np.ones(1))
+        column = np.hstack([bias.functions(profile.depth[used]) @ f for f in bias.factor(relative)])
 
         def log_likelihood(size, column=column):
             left = innovation - size * rows.compress(column)[0]
@@ -112,9 +112,9 @@ def test_a_shear_goes_along_the_way_through_the_water_expected_and_is_what_a_sta
         for off in (innovation, 0.0 * innovation)
     )
     np.testing.assert_allclose(along, np.outer([0.0, -1.0], distance), atol=1e-12)
-    of_state = Biases(("shear",), np.ones(1)).bins(10.0 + distance, relative[0])
-    for component, factor in enumerate(of_state.factor):
-        np.testing.assert_allclose(measured[component], (of_state.depth @ factor)[:, 0])
+    of_state = Biases(("shear",), np.ones(1))
+    column = of_state.functions(10.0 + distance) @ of_state.factor(relative[0])
+    np.testing.assert_allclose(measured, column[..., 0])
 
 
 def test_the_water_s_own_shear_is_no_error_of_the_instrument():

@@ -7,7 +7,6 @@ import pytest
 
 from replay_kit.config.gating import GatingConfig
 from replay_kit.config.time import TimeConfig
-from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
@@ -171,14 +170,13 @@ def test_biases_in_the_state_are_estimated_from_groups():
 def column_and_stack(log):
     """A column of the estimate, and profiles as arrays."""
     estimator = build_estimator(ENSEMBLE, CONFIG)
-    levels, functions = ENSEMBLE.grid.levels, estimator.basis.depth_functions
+    levels = ENSEMBLE.grid.levels
     screened = screen_group(ProfileGroup(tuple(log)), None, ENSEMBLE.grid)
     stack = stack_of(
         screened,
-        ENSEMBLE.grid,
+        estimator.basis,
         np.zeros((levels.size, 2)),
-        lambda depth: depth_weights(functions, depth, levels),
-        lambda p, used: (depth_weights(functions, p.depth[used], levels), estimator.noise(p, used)),
+        lambda p, used: (estimator.basis.depth_weights(p.depth[used]), estimator.noise(p, used)),
     )
     root = 0.1 * np.random.default_rng(1).standard_normal((2 * levels.size, 2 * levels.size))
     return Column(np.zeros((2 * levels.size, 4)), root @ root.T), stack
