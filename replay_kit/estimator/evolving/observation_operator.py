@@ -27,7 +27,7 @@ from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.update.biases import Biases
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.rows import Bins, depth_means, mean_noise, profile_noise
-from replay_kit.estimator.update.screening import local_mean, local_velocities, relative_velocities
+from replay_kit.estimator.update.screening import local_mean, local_velocity, relative_velocities
 
 # rad/s; the Earth's rotation, and the tides of Doodson (1921) as the IHO's list of constituents gives them, degrees an hour
 EARTH_ROTATION = 7.292115e-5
@@ -245,7 +245,7 @@ class ObservationOperator:
         is_used = np.isin(np.arange(observation.depth.size), used)
         relative = relative_velocities([observation], is_used[None], grid)
         known, design = self.column(observation, None if relative is None else relative[0])
-        velocity = local_velocities([observation], grid)[0, used]
+        velocity = local_velocity(observation, used, grid)
         noise = profile_noise(observation, used, self.basis, self.representation_std)
         q, r = np.linalg.qr(noise.whiten @ self.joint(depth))
         values = velocity - self.basis.depth_weights(depth) @ known

@@ -61,7 +61,7 @@ from replay_kit.estimator.update.rows import (
 from replay_kit.estimator.update.screening import (
     Screened,
     is_duplicate,
-    local_velocities,
+    local_velocity,
     screen_measurement,
 )
 
@@ -321,7 +321,7 @@ class ReducedBasisEstimator(GroupedEstimator[FilterState]):
         place = to_local(self.grid.projection, observation.longitude, observation.latitude)
         offset, modes = self.basis.at_place(np.array(place, dtype=np.float64))
         weights = self.basis.depth_weights(observation.depth[used])
-        velocity = local_velocities([observation], self.grid)[0, used]
+        velocity = local_velocity(observation, used, self.grid)
         noise, values = self.noise(observation, used), velocity - weights @ offset.T
         return compress_profile(weights, modes, noise, values)
 

@@ -122,7 +122,7 @@ def stack_of(
     depth = np.stack([each.depth for each in profiles])
     at, back = np.unique(np.where(used, depth, 0.0), return_inverse=True)
     known = (basis.depth_weights(at) @ reference)[back.reshape(depth.shape)]
-    values = local_velocities(profiles, basis.grid) - known
+    values = local_velocities(profiles, used, basis.grid) - known
     return stacked(profiles, used, values, screened.relative(basis.grid), factors)
 
 

@@ -172,12 +172,18 @@ def _places(profiles: Sequence[Observation]) -> tuple[Array, Array]:
     return longitude, latitude
 
 
-def local_velocities(profiles: Sequence[Observation], grid: Grid) -> Array:
-    """Return the velocities of profiles along the local axes, shape (n, m, 2) [m/s]."""
+def local_velocity(observation: Observation, used: NDArray[np.intp], grid: Grid) -> Array:
+    """Return the velocity of a profile's usable bins along the local axes, shape (n, 2) [m/s]."""
+    place = (grid.projection, observation.longitude, observation.latitude)
+    return np.column_stack(rotate_to_local(*place, *observation.velocity[used].T))
+
+
+def local_velocities(profiles: Sequence[Observation], used: NDArray[np.bool_], grid: Grid) -> Array:
+    """Return the velocities of profiles along the local axes, shape (n, m, 2) [m/s]; 0 of bins that are not used."""
     longitude, latitude = _places(profiles)
-    velocity = np.stack([each.velocity for each in profiles])
+    velocity = np.where(used[..., None], np.stack([each.velocity for each in profiles]), 0.0)
     turned = rotate_to_local(
-        grid.projection, longitude[:, None], latitude[:, None], velocity[..., 0], velocity[..., 1]
+        grid.projection, longitude[:, None], latitude[:, None], *np.moveaxis(velocity, -1, 0)
     )
     return np.stack(turned, axis=-1)
 

@@ -14,11 +14,11 @@ from replay_kit.estimator.update.gate import DECISIONS
 from replay_kit.estimator.update.group_step import screen_group, stack_of
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 from replay_kit.estimator.update.rows import dependence_inflation
-from replay_kit.estimator.update.screening import screen, screen_measurement
 from replay_kit.estimator.update.superobservation import Column, combined, gate_profiles
 from replay_kit.workflows.replay.build import with_window
 from replay_kit.workflows.replay.estimation import EstimationState, assimilate
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles
+from tests.estimator.runs import after
 from tests.estimator.update.test_gate import gate_innovation
 
 SECOND = 10**9
@@ -34,7 +34,8 @@ def quick_log(n=20, *, moving=0.0, deepening=0.0, dropouts=0.0, seed=4, noise=0.
             np.int8
         )
         velocity = start.velocity + noise * rng.standard_normal(start.velocity.shape)
-        velocity[flags == Flag.FAIL] = np.nan
+        # what is not a number must not be reckoned with
+        velocity[flags == Flag.FAIL] = np.nan if k % 2 else np.inf
         place = {"longitude": start.longitude + moving * k, "depth": start.depth + deepening * k}
         log.append(
             replace(start, time_ns=DAY + k * SECOND, velocity=velocity, flags=flags, **place)
@@ -61,11 +62,6 @@ def joint(estimator, log):
     return last
 
 
-def one_by_one(estimator, log):
-    *_, (state, _) = estimator.steps(estimator.initial(), log)
-    return state
-
-
 KINDS = {"plain": lambda log: log, "stated": stated, "relative": unstated}
 
 
@@ -75,7 +71,7 @@ def test_profiles_under_one_place_say_together_what_they_say_alone(kind, dropout
     """Bins sink and are missing, but the place is one: the update is exact."""
     log = KINDS[kind](quick_log(dropouts=dropouts, deepening=0.7))
     estimator = build_estimator(ENSEMBLE, CONFIG)
-    state, together = one_by_one(estimator, log), joint(estimator, log)
+    state, together = after(estimator, log), joint(estimator, log)
     inflation = {i.error_inflation for _, i in estimator.steps(estimator.initial(), log)}
     assert inflation == {1.0}, "errors that adapt differ a little"
     assert together.innovation.profiles == len(log)
@@ -125,7 +121,7 @@ def test_through_time_too(oscillators):
     estimator = build_evolving(forecasts(), CONFIG, time)
     # at one time, so that nothing but the grouping differs
     log = [replace(each, time_ns=DAY) for each in log]
-    state, together = one_by_one(estimator, log), joint(estimator, log)
+    state, together = after(estimator, log), joint(estimator, log)
     np.testing.assert_allclose(
         together.after.mean, state.mean, atol=1e-8 * np.abs(state.mean).max()
     )
@@ -162,7 +158,7 @@ def test_biases_in_the_state_are_estimated_from_groups():
     for begin in range(0, len(log), 5):
         *_, last = estimator.group_steps(state, [ProfileGroup(tuple(log[begin : begin + 5]))])
         state = last.after
-    alone = one_by_one(estimator, log)
+    alone = after(estimator, log)
     (mean, std), (expected, _) = estimator.biases(state)["scale"], estimator.biases(alone)["scale"]
     assert abs(mean - expected) < 0.3 * std
 
@@ -253,31 +249,6 @@ def test_rows_of_one_layout_are_combined_as_those_of_several():
         )
         square = np.sum(weight[:, None, None] * y[..., 0] ** 2) - np.sum(whole.y[..., 0] ** 2)
         assert whole.residual == pytest.approx(square)
-
-
-def test_screening_of_many_is_that_of_each():
-    log = quick_log(12, dropouts=0.3)
-    log[2] = replace(log[2], longitude=log[2].longitude + 30.0)
-    log[3] = replace(log[3], depth=log[3].depth + 400.0)
-    log[4] = replace(
-        log[4], error_std=np.where(np.arange(log[4].depth.size) == 1, np.nan, log[4].error_std)
-    )
-    log[5] = replace(
-        log[5],
-        velocity=np.where(np.arange(log[5].depth.size)[:, None] == 1, np.inf, log[5].velocity),
-    )
-    log[6] = replace(
-        unstated([log[6]])[0],
-        flags=np.where(np.arange(log[6].depth.size) == 0, Flag.GOOD, Flag.FAIL).astype(np.int8),
-    )
-    wet = ENSEMBLE.grid.wet.copy()
-    wet[1] = False
-    for grid in (ENSEMBLE.grid, replace(ENSEMBLE.grid, wet=wet)):
-        flags, reasons = screen(log, grid)
-        for i, profile in enumerate(log):
-            alone = screen_measurement(profile, grid).unused
-            np.testing.assert_array_equal(flags[i], alone.flags)
-            np.testing.assert_array_equal(reasons[i], alone.reasons)
 
 
 @pytest.mark.parametrize("through_time", [False, True])
