@@ -1,33 +1,22 @@
 """The estimator against its slow twin, online against batch, and the physics every basis flow must obey."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.geodesy import rotate_to_local, to_local
-from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.basis.slices import ensemble_slices
 from replay_kit.estimator.update.rows import dependence_inflation
 from tests import synthetic
+from tests.estimator.runs import run
 from tests.reference import estimator as slow
 from tests.reference.lattice import matrix as functions_at
 from tests.reference.representation import error_at
 
 SMALL = synthetic.ensemble(n_members=5, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
 DEFAULT = EstimatorConfig(mean_variance=0.1)
-
-
-def run(estimator, observations):
-    state = estimator.initial()
-    innovations = []
-    for observation in observations:
-        state, innovation = estimator.step(state, observation)
-        innovations.append(innovation)
-    return state, innovations
 
 
 def local_values(grid, observation):
@@ -141,27 +130,6 @@ def test_innovation_std_and_residual_are_those_of_the_uncompressed_profile():
     expected = np.hypot(before.standard_error(east, north, depth), error_std[:, None])
     np.testing.assert_allclose(innovation.innovation_std[used], expected, rtol=1e-10)
     assert np.isnan(innovation.innovation[~used]).all()
-
-
-def test_an_unusable_profile_changes_nothing_and_says_why():
-    estimator = build_estimator(SMALL, DEFAULT)
-    state = estimator.initial()
-    observation = synthetic.random_profiles(SMALL.grid, 1)[0]
-    missing = replace(
-        observation,
-        velocity=np.full_like(observation.velocity, np.nan),
-        flags=np.full(11, Flag.MISSING, np.int8),
-    )
-    after, innovation = estimator.step(state, missing)
-    assert after is state
-    assert not innovation.accepted
-    outside = replace(observation, longitude=160.0)
-    after, innovation = estimator.step(state, outside)
-    assert after is state
-    assert np.all(innovation.reasons & Reason.OUTSIDE_REGION)
-    deep = replace(observation, depth=observation.depth + 1000.0)
-    _, innovation = estimator.step(state, deep)
-    assert np.all(innovation.reasons & Reason.BELOW_GRID)
 
 
 @pytest.mark.parametrize("preset", ["default", "paper"])
