@@ -18,7 +18,7 @@ State = TypeVar("State")
 
 
 class Stepped(NamedTuple, Generic[State]):
-    """What became of a profile, or of several combined ones.
+    """The outcome of one measurement, or of several combined profiles.
 
     Attributes:
         event: The measurement or the group.
@@ -36,7 +36,7 @@ class Stepped(NamedTuple, Generic[State]):
 def each_stepped(
     state: State, measurements: Iterable[Measurement], steps: Iterable[tuple[State, Innovation]]
 ) -> Iterator[Stepped[State]]:
-    """Yield what became of measurements, each alone.
+    """Yield the outcome of measurements, each alone.
 
     Args:
         state: Before them.
@@ -100,7 +100,7 @@ class Estimator(Protocol[State]):
     def group_steps(
         self, state: State, items: Iterable[Measurement | ProfileGroup]
     ) -> Iterator[Stepped[State]]:
-        """Yield what became of measurements and groups of profiles: several things of a group where some of it is not used.
+        """Yield the outcome of measurements and groups of profiles: several outcomes of a group where some of it is not used.
 
         An estimator without ``grouping`` is given none.
         """
@@ -133,7 +133,7 @@ class Estimator(Protocol[State]):
         return iter(())
 
     def without_left(self, state: State) -> State:
-        """Return a state without the windows that the vehicle has left, once their estimates were taken."""
+        """Return a state without the windows that the vehicle has left, once their estimates were published."""
         return state
 
     def weights(self, states: Sequence[State]) -> Sequence[Array | None]:
@@ -163,7 +163,7 @@ class Estimator(Protocol[State]):
         return []
 
     def bias_notes(self, state: State) -> list[str]:
-        """Return notes on what the log taught: the prior's amplitude, systematic errors of the instrument; for the user."""
+        """Return notes on what was estimated from the log, for the user: the prior's amplitude, systematic errors of the instrument."""
         return []
 
     def spread_record(self, state: State) -> dict[str, str]:

@@ -112,7 +112,7 @@ class ProfileBaseline(Estimator[State], Protocol[State]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ColumnBaseline(ProfileBaseline[State]):
-    """A baseline whose estimate is made of whole flows.
+    """A baseline whose estimate is a combination of whole flows.
 
     Attributes:
         columns: The flows.

@@ -13,22 +13,20 @@ from replay_kit.core.flow.oscillation import Oscillation
 from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Innovation, Measurement, PathMean, Reason
 from replay_kit.estimator.basis.modes import Basis
-from replay_kit.estimator.evolving.group import column_operator
 from replay_kit.estimator.evolving.observation_operator import (
     LinearObservation,
     ObservationOperator,
+    column_operator,
 )
 from replay_kit.estimator.evolving.state_space import EvolvingState, StateSpace
 from replay_kit.estimator.update.biases import (
     NAMES,
     notes_of,
     significant_bias_notes,
-    unit_bias_rows,
 )
 from replay_kit.estimator.update.evaluation import (
     ObservationUpdate,
     PredictedObservation,
-    evaluate_observation,
     predict_observation,
 )
 from replay_kit.estimator.update.group_step import GroupColumn, GroupedEstimator, ScreenedGroup
@@ -40,7 +38,7 @@ from replay_kit.estimator.update.superobservation import Column, CombinedRows
 _NS = 1e9
 # Observations late by no more count at the state's time: pings wait for the position after them, other measurements do not.
 _LATE_NS = 1_200_000_000_000
-# Share of a bias's prior standard deviation above which nothing was learnt of it.
+# Share of a bias's prior standard deviation above which the log has no information on it.
 _UNOBSERVED = 0.95
 
 
@@ -161,10 +159,7 @@ class EvolvingEstimator(GroupedEstimator[EvolvingState]):
         rows = self._linearised(screened)
         before = self.predict(state, observation.time_ns)
         predicted = predict_observation(before.means, before.cov, rows.design)
-        evaluated = evaluate_observation(
-            rows, predicted, self.gating, True, before.monitor.is_consistent
-        )
-        bias_rows = unit_bias_rows(screened, self.basis.grid, rows, rows.residual(predicted.mean))
+        evaluated, bias_rows = self.evaluated(before, screened, rows, predicted)
         return Candidate(screened, before, rows, evaluated, predicted.cross_covariance, bias_rows)
 
     def _linearised(self, screened: Screened) -> LinearObservation:
@@ -224,10 +219,6 @@ class EvolvingEstimator(GroupedEstimator[EvolvingState]):
             return None
         k = biases.names.index("scale")
         return self.state_space.parts["biases"].start + k, float(biases.std[k])
-
-    def usable(self, observation: Measurement) -> bool:
-        """Return whether an observation has a bin that ``step`` would use."""
-        return screen_measurement(observation, self.basis.grid).used.size > 0
 
     def innovation(self, state: EvolvingState, observation: Measurement) -> Array:
         """Return measured minus predicted at the observation's time, shape (n, 2) [m/s], local axes; NaN for bins not usable."""

@@ -6,7 +6,7 @@ platform. So a component's design is
 
     [D S_c | D_o O_c | M B_c] = J F_c,    J = [D | D_o | M],
 
-with one depth factor J for both components, which a QR factorisation compresses as in ``update/compression.py``.
+with one depth factor J for both components, which a QR factorisation compresses as in ``update/rows.py``.
 """
 
 from collections.abc import Sequence
@@ -25,8 +25,13 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.update.biases import Biases
+from replay_kit.estimator.update.group_step import (
+    ScreenedGroup,
+    stack_of,
+)
 from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.estimator.update.rows import Bins, depth_means, mean_noise, profile_noise
+from replay_kit.estimator.update.profile_stack import ProfileStack
+from replay_kit.estimator.update.rows import BinNoise, Bins, depth_means, mean_noise, profile_noise
 from replay_kit.estimator.update.screening import local_mean, local_velocity, relative_velocities
 
 # rad/s; the Earth's rotation, and the tides of Doodson (1921) as the IHO's list of constituents gives them, degrees an hour
@@ -283,3 +288,35 @@ class ObservationOperator:
         return LinearObservation(
             np.ones((1, 1)), noise, local_mean(mean, grid.projection) - known, rows
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ColumnOperator:
+    """The profiles of a group, and the unknowns of the column of water that they see.
+
+    Attributes:
+        stack: The profiles.
+        design: shape (2 q, n), from the state to the column's unknowns, component after component.
+        time_ns: For which they count [ns, UTC].
+    """
+
+    stack: ProfileStack
+    design: Array
+    time_ns: int
+
+
+def column_operator(operator: ObservationOperator, screened: ScreenedGroup) -> ColumnOperator:
+    """Return the usable profiles of a group, at their mean place and time.
+
+    Errors of the instrument that are part of the state act through the profiles' mean motion relative to the platform.
+    """
+    basis, middle = operator.basis, screened.usable
+    relative = screened.relative(basis.grid)
+    known, design = operator.column(middle, None if relative is None else relative.mean(axis=0))
+
+    def factors(profile: Observation, used: NDArray[np.intp]) -> tuple[Array, BinNoise]:
+        noise = profile_noise(profile, used, basis, operator.representation_std, middle)
+        return operator.joint(profile.depth[used]), noise
+
+    stack = stack_of(screened, basis, known, factors)
+    return ColumnOperator(stack, design.reshape(-1, design.shape[2]), middle.time_ns)

@@ -12,15 +12,15 @@ any variance as much as the others. The first profiles of a log have few indepen
 expected, with a standard deviation of log 2, adds (log(a / expected) / log 2)^2 (maximum a posteriori).
 
 **Ensemble mean.** Its variance is averaged over by its marginal likelihood as a log begins. The weights are w = w0 + a m with m the
-ensemble mean and w0 of the members' prior. What profiles say of a is Gaussian: with their innovations e about w0, of covariance S, and
-their rows H,
+ensemble mean and w0 of the members' prior. The likelihood of a given profiles is Gaussian: with their innovations e about w0, of covariance
+S, and their rows H,
 
     J = (H m)' S^-1 H m,    b = (H m)' S^-1 e,
 
 its likelihood is proportional to exp(b a - J a^2 / 2). Under a prior N(0, k) of a its posterior has the variance v = 1 / (1 / k + J)
 and the mean v b, and k has the marginal likelihood (1 + k J)^-1/2 exp(v b^2 / 2). Whether they agree on a mean that is wrong as a whole,
 members cannot say, so k is averaged over a few values, of which half of the weight is on none: where the mean is right an estimate
-hardly loses, and where it is wrong the first profiles say so. A Gaussian N(shift, variance) of a that has the same posterior mean and
+hardly loses, and where it is wrong the first profiles show it. A Gaussian N(shift, variance) of a that has the same posterior mean and
 variance stands for that mixture, so an estimate remains one Gaussian.
 """
 

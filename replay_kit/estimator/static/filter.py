@@ -35,8 +35,8 @@ from replay_kit.estimator.prior.hybrid import (
 )
 from replay_kit.estimator.static.group import column_rows, fitting_step, group_column, profiles_of
 from replay_kit.estimator.static.state import FilterState, SpreadFit, with_mean_averaged
-from replay_kit.estimator.update.biases import NAMES, significant_bias_notes, unit_bias_rows
-from replay_kit.estimator.update.evaluation import PredictedObservation, evaluate_observation
+from replay_kit.estimator.update.biases import NAMES, significant_bias_notes
+from replay_kit.estimator.update.evaluation import PredictedObservation
 from replay_kit.estimator.update.group_step import GroupColumn, GroupedEstimator, ScreenedGroup
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup, current_gradient
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
@@ -162,7 +162,7 @@ class ReducedBasisEstimator(GroupedEstimator[FilterState]):
         yield from self.alone(state, source)
 
     def step_group(self, state: FilterState, group: ProfileGroup) -> list[Stepped[FilterState]]:
-        """Return what became of the profiles of a group."""
+        """Return the outcome of the profiles of a group."""
         if state.is_fitting:
             return fitting_step(self, state, group)
         return GroupedEstimator.step_group(self, state, group)
@@ -226,10 +226,7 @@ class ReducedBasisEstimator(GroupedEstimator[FilterState]):
         predicted: PredictedObservation[Posterior],
     ) -> tuple[FilterState, Innovation]:
         """Return the state after an observation with a prediction, and the innovation."""
-        update = evaluate_observation(
-            rows, predicted, self.gating, self.adapts_errors, state.monitor.is_consistent
-        )
-        bias_rows = unit_bias_rows(screened, self.basis.grid, rows, rows.residual(predicted.mean))
+        update, bias_rows = self.evaluated(state, screened, rows, predicted)
         monitor, inflation = state.monitor.updated(update.gate, self.gating)
         after = replace(
             state,
@@ -255,10 +252,6 @@ class ReducedBasisEstimator(GroupedEstimator[FilterState]):
         if isinstance(observation, PathMean):
             return screened, path_rows(observation, self.basis, self.representation_std)
         return screened, self.rows(observation, screened.used)
-
-    def usable(self, observation: Measurement) -> bool:
-        """Return whether an observation has a bin that ``step`` would use."""
-        return screen_measurement(observation, self.basis.grid).used.size > 0
 
     def innovation(self, state: FilterState, observation: Measurement) -> Array:
         """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""

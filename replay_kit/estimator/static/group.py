@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 def fitting_step(
     estimator: "ReducedBasisEstimator", state: FilterState, item: Measurement | ProfileGroup
 ) -> list[Stepped[FilterState]]:
-    """Return what became of a measurement or group, with the amplitude fitted if it is time, and the innovations before that."""
+    """Return the outcome of a measurement or group, with the amplitude fitted if it is time, and the innovations before that."""
     stepped = _stepped(estimator, state, item)
     state, spread = stepped[-1].after, state.spread
     assert spread is not None

@@ -109,12 +109,7 @@ class SpreadFit:
         )
         if innovation.size > _MOST_INNOVATIONS:
             return self._ended()
-        design = np.concatenate(
-            [
-                each.design() if isinstance(each, ProfileRows) else each.design.reshape(2, -1)
-                for each in rows
-            ]
-        )
+        design = np.concatenate([each.design() for each in rows])
         covariance = design @ prior.matvec(design.reshape(-1, *mean.shape)).reshape(design.shape).T
         amplitude = fit_amplitude(innovation, 0.5 * (covariance + covariance.T), self.expected)
         done = replace(self, amplitude=amplitude, fitted_to=len(self.apart))

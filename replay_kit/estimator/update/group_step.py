@@ -22,16 +22,25 @@ from replay_kit.core.observation import (
 )
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.interface import Estimator, Stepped, each_stepped
-from replay_kit.estimator.update.evaluation import Assimilation, PredictedObservation
+from replay_kit.estimator.update.biases import unit_bias_rows
+from replay_kit.estimator.update.evaluation import (
+    After,
+    Assimilation,
+    ObservationUpdate,
+    PredictedObservation,
+    evaluate_observation,
+)
 from replay_kit.estimator.update.gate import SOFTENED
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.profile_stack import Factors, ProfileStack, stacked
+from replay_kit.estimator.update.rows import Bins
 from replay_kit.estimator.update.screening import (
     Screened,
     is_duplicate,
     local_velocities,
     relative_velocities,
     screen,
+    screen_measurement,
     unused_innovation,
 )
 from replay_kit.estimator.update.superobservation import (
@@ -284,7 +293,7 @@ def _mean_std(stack: ProfileStack, std: Array) -> Array:
 def results_of(
     result: GroupResult, states: tuple[State, State], seen: State
 ) -> list[Stepped[State]]:
-    """Return what became of each profile of a group, and of the accepted ones together, in the order of the first.
+    """Return the outcome of each profile of a group, and of the accepted ones together, in the order of the first.
 
     Args:
         result: The evaluation.
@@ -377,6 +386,19 @@ class GroupedEstimator(Estimator[State], Protocol[State]):
         """Return whether an observation of a time is too old for a state."""
         return False
 
+    def usable(self, observation: Measurement) -> bool:
+        """Return whether an observation has a bin that ``step`` would use."""
+        return screen_measurement(observation, self.grid).used.size > 0
+
+    def evaluated(
+        self, state: State, screened: Screened, rows: Bins, predicted: PredictedObservation[After]
+    ) -> tuple[ObservationUpdate[After], Array | None]:
+        """Return the evaluation of one measurement, and the effect of instrument errors of one unit on its rows."""
+        update = evaluate_observation(
+            rows, predicted, self.gating, self.adapts_errors, state.monitor.is_consistent
+        )
+        return update, unit_bias_rows(screened, self.grid, rows, rows.residual(predicted.mean))
+
     def alone(
         self, state: State, measurements: Iterable[Measurement]
     ) -> Iterator[tuple[State, Innovation]]:
@@ -386,7 +408,7 @@ class GroupedEstimator(Estimator[State], Protocol[State]):
     def group_steps(
         self, state: State, items: Iterable[Measurement | ProfileGroup]
     ) -> Iterator[Stepped[State]]:
-        """Yield what became of measurements and groups of profiles."""
+        """Yield the outcome of measurements and groups of profiles."""
         waiting: list[Measurement] = []
         for item in items:
             if not isinstance(item, ProfileGroup):
@@ -402,7 +424,7 @@ class GroupedEstimator(Estimator[State], Protocol[State]):
         yield from each_stepped(state, waiting, self.steps(state, waiting))
 
     def step_group(self, state: State, group: ProfileGroup) -> list[Stepped[State]]:
-        """Return what became of the profiles of a group."""
+        """Return the outcome of the profiles of a group."""
         screened = screen_group(group, state.last, self.grid)
         if screened.used.size < 2 or self.is_late(state, min(p.time_ns for p in group.profiles)):
             return list(each_stepped(state, group.profiles, self.alone(state, group.profiles)))

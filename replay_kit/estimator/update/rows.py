@@ -11,8 +11,8 @@ the weights and then taking the marginal of the weights.
 
 **Compression** of a profile to at most 2 Z independent rows. All bins of a profile lie under one point, so its design is a product: H = D
 (bins x Z) times G (2 x r), one row for each bin and component. Whitening by the bins' errors, W, and a QR factorisation W D = Q R leave
-rows R G that hold all the bins say of the weights; the component orthogonal to Q is pure noise and enters the normalised innovation squared
-only.
+rows R G that hold all the bins' information on the weights; the component orthogonal to Q is pure noise and enters the normalised
+innovation squared only.
 
 **A mean along a path** is the exact weighted sum of the basis flows at the path's points.
 """
@@ -246,14 +246,18 @@ class PathRows(Bins):
     """A mean along a path: one row a component, y = H w + noise of unit variance.
 
     Attributes:
-        design: shape (2, Z, r), H.
+        by_level: shape (2, Z, r), H.
     """
 
-    design: Array
+    by_level: Array
+
+    def design(self) -> Array:
+        """Return H, shape (2, Z r)."""
+        return self.by_level.reshape(2, -1)
 
     def matvec(self, weights: Array) -> Array:
         """Return H times weights, shape (..., 2); ``weights`` of shape (..., Z, r)."""
-        return np.asarray(np.tensordot(weights, self.design, axes=([-2, -1], [1, 2])))
+        return np.asarray(np.tensordot(weights, self.by_level, axes=([-2, -1], [1, 2])))
 
 
 def mean_noise(mean: PathMean, basis: Basis, places: Array, representation_std: Array) -> BinNoise:

@@ -112,7 +112,7 @@ def screen_measurement(observation: Measurement, grid: Grid, relative: bool = Tr
 def _with_mean_current(
     innovation: Innovation, mean: PathMean, projection: Projection
 ) -> Innovation:
-    """Return an innovation with what was measured of a mean along a path, and what the flight model's correction made of it."""
+    """Return an innovation with the measured mean along a path, and with the mean corrected for the flight model's error."""
     if mean.corrected is not None:
         innovation = replace(
             innovation,

@@ -2,16 +2,16 @@
 
 The bins of profile i under one place are v_i = J_i x + noise for each component, with x the unknowns of the column of water there: the
 current at the levels, and what else a row holds. Whitened and compressed (``rows.py``) it is y_i = R_i x + noise of unit variance.
-With an error variance w_i times the stated one all profiles together say what the rows
+With an error variance w_i times the stated one all profiles together are equivalent to the rows
 
     R'R = sum R_i'R_i / w_i,    R y = sum R_i'y_i / w_i
 
-say, which are as many as one profile's. So a group costs the filter one update. Only the place is shared, the mean of
+which are as many as one profile's. So a group costs the filter one update. Only the place is shared, the mean of
 the profiles': depths, errors and missing bins are each one's own.
 
 Each profile is judged on its own: its gate, errors and dependence of residuals are those of ``gate.py`` and ``rows.py``, for many
 profiles at once. The first is held against the estimate before the group, the second against that with the first, then two, four, eight ...
-against that with all before them, so that one that is wrong is told from the others as it would be alone, in the
+against that with all before them, so that an outlier is distinguished from the others as it would be alone, in the
 column's few unknowns instead of the weights.
 """
 
@@ -118,7 +118,7 @@ def combined(r: Array, y: Array, weight: Array) -> CombinedRows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroupUpdate:
-    """What a group says, profile by profile and as one.
+    """The evaluation of a group, profile by profile and as one.
 
     Attributes:
         stack: The profiles.

@@ -160,7 +160,7 @@ def test_mean_currents_alone_fit_it_too():
     state = after(ESTIMATOR, dives)
     assert state.spread.fitted_to == 8
     rows = [path_rows(dive, ESTIMATOR.basis, ESTIMATOR.representation_std) for dive in dives]
-    design = np.concatenate([each.design.reshape(2, -1) for each in rows])
+    design = np.concatenate([each.design() for each in rows])
     innovation = (
         np.concatenate([(each.values / each.noise.std[0]).ravel() for each in rows])
         - design @ ESTIMATOR.prior.mean
