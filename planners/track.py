@@ -50,7 +50,7 @@ class Track:
                 - s * (step * self.velocity[i + 1] - (end - begin))
             )
         )
-        return np.asarray(begin + s * (end - begin) + bend)
+        return begin + s * (end - begin) + bend
 
     def closest(self, goal: Array, until: float) -> tuple[float, float]:
         """Return (time [s], distance [m]) of the closest approach to a goal, shape (3,) [m], no later than ``until`` [s]."""

@@ -210,7 +210,7 @@ def estimated(mapping: Mapping, rows: Rows, values: Array) -> Array:
     """Return the box's currents less the estimate's after measurements, shape (S, P, 2), at the end, of the dives' mean."""
     sought = rows_at(mapping.known, mapping.box, np.full(len(mapping.box), mapping.times[-1]))
     weighed = gains(rows, values, mapping.variance)
-    return np.asarray((covariance(sought, rows) @ weighed[..., None]).reshape(len(values), -1, 2))
+    return (covariance(sought, rows) @ weighed[..., None]).reshape(len(values), -1, 2)
 
 
 def _interval(errors: Array) -> tuple[float, float, float]:

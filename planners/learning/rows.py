@@ -69,12 +69,12 @@ class Combined:
     def cross(self, measured: Rows) -> Array:
         """Return the covariance of the numbers with rows of shape (..., q'): shape (..., m, q')."""
         if not measured.parts:
-            return np.asarray((self.weights @ self.rows.now) @ measured.now.swapaxes(-1, -2))
-        return np.asarray(self.weights @ covariance(self.rows, measured))
+            return (self.weights @ self.rows.now) @ measured.now.swapaxes(-1, -2)
+        return self.weights @ covariance(self.rows, measured)
 
     def variance(self) -> Array:
         """Return the covariance of the numbers, shape (m, m)."""
-        return np.asarray(self.weights @ covariance(self.rows, self.rows) @ self.weights.T)
+        return self.weights @ covariance(self.rows, self.rows) @ self.weights.T
 
 
 def rows_at(known: DepthMeans, points: Array, after: Array, which: int = 0) -> Rows:
@@ -164,7 +164,7 @@ def posterior(sought: Combined, measured: Rows, variance: float) -> Array:
     )
     cross = sought.cross(measured).swapaxes(-1, -2)
     inside = _solved(lower, cross)
-    return np.asarray(sought.variance() - inside.swapaxes(-1, -2) @ inside)
+    return sought.variance() - inside.swapaxes(-1, -2) @ inside
 
 
 def _solved(lower: Array, right: Array) -> Array:

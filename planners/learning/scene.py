@@ -69,7 +69,7 @@ class Scene:
     @property
     def goals(self) -> Complex:
         """Where it leads, shape (G,) [m]."""
-        return np.asarray(self.task.goals[:, 0] + 1j * self.task.goals[:, 1])
+        return self.task.goals[:, 0] + 1j * self.task.goals[:, 1]
 
     @property
     def projection(self) -> Projection:
@@ -99,7 +99,7 @@ class Scene:
         lines = shapely.linestrings(
             np.stack([np.stack([one.real, one.imag], axis=-1) for one in (begins, ends)], axis=1)
         )
-        return np.asarray(free & clear_lines(lines, self.hazards, self.settings.margin))
+        return free & clear_lines(lines, self.hazards, self.settings.margin)
 
     def place(self, point: complex, depth: float = 0.0) -> Place:
         """Return a local point as a place."""

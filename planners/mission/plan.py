@@ -6,16 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from planners.front.route import Route
-from planners.mission.attempt import GoalSteps
-from planners.mission.objectives import Weights
-from planners.mission.program import MissionGuess
-from planners.mission.reference_path import along_line, near_place
 from planners.mission.result import to_plan
-from planners.mission.search import solve_attempts
-from planners.mission.solve import solve_legs
+from planners.mission.search.search import solve_attempts
+from planners.mission.solve.attempt import GoalSteps
+from planners.mission.solve.legs import solve_legs
 from planners.mission.task import LEAST_DIVE, MissionTask, mission_task
-from planners.mission.values import Line, MissionPlan, MissionRequest, Mooring
+from planners.mission.values import Line, MissionPlan, MissionRequest, Mooring, Weights
 from planners.route.region import locate
+from planners.shooting.program import MissionGuess, along_line, near_place
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate

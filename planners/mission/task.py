@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import inf
 from time import monotonic
 
@@ -9,14 +10,14 @@ import numpy as np
 
 from planners.front.current import Complex
 from planners.front.obstacles import as_complex
-from planners.mission.flight import Currents, currents_of
-from planners.mission.leg import leg_depths, step_stops, steps_needed
-from planners.mission.reference_path import ReferencePath
+from planners.mission.flight.currents import Currents, currents_of
 from planners.mission.values import MissionRequest, MissionSettings
 from planners.route.bottom import DEPTH_TOLERANCE, Bottom, bottom_of, fixed_rings
 from planners.route.hazards import Ring, check_outside
 from planners.route.region import Region, locate, region_of
+from planners.shooting.program import ReferencePath
 from planners.shooting.spline import FlowSpline, spline_of
+from planners.track import fractions_of_duration
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -30,7 +31,6 @@ _ANGLES = 64
 _AROUND = 1e5
 # Dives that turn above this are of no use [m].
 LEAST_DIVE = 10.0
-
 YoDepths = tuple[float, ...]
 
 
@@ -273,3 +273,46 @@ def _check_request(request: MissionRequest, region: Region) -> None:
 def time_on_clock(currents: Currents, time_ns: int) -> float:
     """Return a time [ns, UTC] on the clock of the currents' times [s]; 0 for currents that do not change, and for no time."""
     return currents.clock(time_ns)
+
+
+def leg_depths(depths: tuple[float, ...], levels: Array, n_steps: int) -> Array:
+    """Return the depths [m] of a leg's steps, shape (n_steps + 1,), its turning points and each level crossed among them.
+
+    Args:
+        depths: Where the leg begins, turns and ends [m].
+        levels: shape (Z,) [m]; hats bend there, and a step across a bend would lose the integrator's order.
+        n_steps: Number of steps.
+    """
+    distance = np.abs(np.diff(depths))
+    # Steps go in proportion to the distance, but no part has fewer than it has levels.
+    least = np.array(
+        [1 + np.sum((levels > min(a, b)) & (levels < max(a, b))) for a, b in pairwise(depths)]
+    )
+    counts = least.copy()
+    for _ in range(n_steps - int(least.sum())):
+        counts[np.argmax(distance / counts)] += 1
+    parts = [
+        a + (b - a) * fractions_of_duration(a, b, levels, int(n))
+        for a, b, n in zip(depths[:-1], depths[1:], counts, strict=True)
+    ]
+    return np.concatenate([*(part[:-1] for part in parts), [depths[-1]]])
+
+
+def step_stops(levels: Array, goal_depths: Array) -> Array:
+    """Return the depths [m] at which steps end: the levels, shape (Z,), and those of goals below the surface."""
+    return np.union1d(levels, goal_depths[goal_depths > 0.0])
+
+
+def steps_needed(depths: tuple[float, ...], levels: Array, each: int) -> int:
+    """Return the number of steps of a leg: ``each`` for a dive or climb, and one for each level crossed."""
+    crossed = sum(
+        int(np.sum((levels > min(a, b)) & (levels < max(a, b)))) for a, b in pairwise(depths)
+    )
+    return crossed + each * (len(depths) - 1)
+
+
+def refine_steps(depths: Array, factor: int) -> Array:
+    """Return the depths of a leg's steps with each step divided by a factor."""
+    return np.interp(
+        np.arange((depths.size - 1) * factor + 1) / factor, np.arange(depths.size), depths
+    )

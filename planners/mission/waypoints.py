@@ -13,8 +13,8 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from planners.mission.check import Violation
 from planners.mission.flights import legs_of_plan
+from planners.mission.solve.check import Violation
 from planners.mission.task import MissionTask, mission_task
 from planners.mission.values import MissionPlan, MissionRequest
 from planners.mission.waypoint_flight import Followed, first_currents, follow

@@ -27,6 +27,7 @@ class Reference:
         weights: shape (L, n_places), of a squared kilometre.
         limits: shape (L, n_places) [km].
         slack_cost: Of its slack.
+        least_duration: Of the mission [s].
     """
 
     origin: Array
@@ -34,6 +35,7 @@ class Reference:
     weights: Array
     limits: Array
     slack_cost: float
+    least_duration: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +45,6 @@ class MissionCase:
     Attributes:
         stream: Of the current.
         schedule: Of the legs.
-        lengths: shape (L,) [m], depth passed by each leg.
         drifts: shape (L,) [s].
         start: shape (2,) [m].
         start_time: [s].
@@ -57,7 +58,6 @@ class MissionCase:
 
     stream: Stream
     schedule: Schedule
-    lengths: Array
     drifts: Array
     start: Array
     start_time: float
@@ -67,6 +67,11 @@ class MissionCase:
     miss_weights: tuple[float, float, float]
     plane_cost: float
     reference: Reference | None
+
+    @property
+    def lengths(self) -> Array:
+        """Metres of depth that each leg passes, shape (L,)."""
+        return self.schedule.lengths
 
 
 class MissionFunctions:

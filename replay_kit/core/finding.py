@@ -1,5 +1,6 @@
 """A contradiction in the inputs: what was found, since when, on what evidence, and what a person can do."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -34,8 +35,7 @@ class Finding:
 
     def __str__(self) -> str:
         """Return it as a sentence."""
-        since = f" (since {time_text(self.since_ns)})" if self.since_ns else ""
-        return f"{self.name}{since}: {self.evidence}; likely cause: {self.cause}; {self.advice}"
+        return finding_text(finding_json(self))
 
 
 def finding_json(finding: Finding) -> dict[str, Any]:
@@ -55,6 +55,12 @@ def severity_word(severity: str) -> str:
     return severity if severity in ("warning", "misfit") else "contradiction"
 
 
-def finding_line(finding: Finding) -> str:
-    """Return a finding as a line of an answer on the terminal."""
-    return f"{severity_word(finding.severity).upper()}: {finding}"
+def finding_text(found: Mapping[str, Any]) -> str:
+    """Return a finding, as ``finding_json`` has it, as a sentence."""
+    since = f" (since {found['since']})" if found["since"] else ""
+    return f"{found['name']}{since}: {found['evidence']}; likely cause: {found['likely_cause']}; {found['set']}"
+
+
+def finding_line(found: Mapping[str, Any]) -> str:
+    """Return a finding, as ``finding_json`` has it, as a line of an answer on the terminal."""
+    return f"{severity_word(found['severity']).upper()}: {finding_text(found)}"

@@ -1,7 +1,10 @@
-"""Short texts of values for people: times, places and ranges."""
+"""Short texts of values for people: times, places and ranges; rows as CSV."""
 
-from collections.abc import Sequence
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,3 +43,12 @@ def span_text(values: ArrayLike, digits: int = 4) -> str:
 def place_text(longitude: float, latitude: float) -> str:
     """Return a place [degrees] such as ``152.6000 E, 40.1000 S``."""
     return f"{abs(longitude):.4f} {'W' if longitude < 0.0 else 'E'}, {abs(latitude):.4f} {'S' if latitude < 0.0 else 'N'}"
+
+
+def csv_text(rows: Iterable[Mapping[str, Any]], names: Iterable[str]) -> str:
+    """Return rows as CSV with a header line of names."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(names), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()

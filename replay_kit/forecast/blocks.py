@@ -11,10 +11,15 @@ import xarray as xr
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.paths import Paths
 from replay_kit.core.text import some_text
-from replay_kit.forecast.agreement import WARNING
-from replay_kit.forecast.files import open_file
+from replay_kit.forecast.files import find_sources, natural, open_file
 from replay_kit.forecast.layout import U, V
-from replay_kit.forecast.members import MemberRule, is_background, label_files, usual_labels
+from replay_kit.forecast.members import (
+    WARNING,
+    MemberRule,
+    is_background,
+    label_files,
+    usual_labels,
+)
 from replay_kit.forecast.names import (
     MEMBER_NAMES,
     Axes,
@@ -27,7 +32,6 @@ from replay_kit.forecast.names import (
     without_partner,
 )
 from replay_kit.forecast.pairs import OpenedFile, Part, pair_files
-from replay_kit.forecast.sources import find_sources, natural
 
 #: What xarray, HDF5, pyproj and numpy raise on contents that are none of a forecast.
 _FOREIGN = (

@@ -9,9 +9,9 @@ import xarray as xr
 
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text, some_text
+from replay_kit.forecast.files import natural
 from replay_kit.forecast.layout import STAGGERED, U, V
 from replay_kit.forecast.names import Current, find_time
-from replay_kit.forecast.sources import natural
 
 _TIMES_OF_GRIDS = ("time", "time_counter", "time_steps", "ocean_time")
 

@@ -14,18 +14,16 @@ from replay_kit.core.grid import Ensemble, Projection
 from replay_kit.core.paths import Paths
 from replay_kit.core.progress import announce
 from replay_kit.core.text import count_text
-from replay_kit.forecast.agreement import common_water, unusual_members
 from replay_kit.forecast.axes import AxesCheck, check_axes
 from replay_kit.forecast.blocks import Block, Collection, open_collection
-from replay_kit.forecast.depths import depths_text
+from replay_kit.forecast.depths import depths_text, to_levels
 from replay_kit.forecast.files import size_text
 from replay_kit.forecast.gather import MemberStore, in_groups, in_local_frame
-from replay_kit.forecast.grid import centre_longitude, local_grid
+from replay_kit.forecast.grid import bilinear, centre_longitude, find_cells, local_grid
 from replay_kit.forecast.layout import Layout, U, lay_out
-from replay_kit.forecast.members import MADE, MemberRule, parse_rule
+from replay_kit.forecast.members import MADE, MemberRule, common_water, parse_rule, unusual_members
 from replay_kit.forecast.names import MEMBER_NAMES, find_depth
 from replay_kit.forecast.pairs import Part
-from replay_kit.forecast.regrid import bilinear, find_cells, to_levels
 from replay_kit.forecast.selection import Selected, Selection, select
 from replay_kit.forecast.window import Window, read_window, window_size
 

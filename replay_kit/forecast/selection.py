@@ -13,9 +13,9 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text
 from replay_kit.core.time import parse_time
-from replay_kit.forecast.agreement import WARNING
 from replay_kit.forecast.blocks import Block, Collection
 from replay_kit.forecast.layout import U
+from replay_kit.forecast.members import WARNING
 from replay_kit.forecast.names import find_lead, find_time
 from replay_kit.forecast.pairs import Part
 from replay_kit.forecast.times import choose_time

@@ -23,7 +23,7 @@ from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds
+from replay_kit.measurements.consistency.summary import EnsembleSpeeds, ensemble_speeds
 from replay_kit.studies.twins import Faults
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import mission as glider_mission

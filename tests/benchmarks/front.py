@@ -19,7 +19,8 @@ from planners.front.current import CurrentLattice, current_lattice, shares_of_le
 from planners.front.front import sea_of, spread
 from planners.front.obstacles import as_complex
 from planners.front.relax import relax
-from planners.mission.arrival import bound_of, longest_time
+from planners.mission.search.bound import bound_of
+from planners.mission.search.passage import longest_time
 from planners.mission.task import LEAST_DIVE, MissionTask, mission_task
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array

@@ -16,7 +16,7 @@ from replay_kit.forecast import read_truth
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins import Twin, make_twin, write_ensemble
-from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests.benchmarks.estimator import row
 from tests.benchmarks.measure import alone, seconds

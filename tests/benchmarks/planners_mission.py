@@ -13,8 +13,8 @@ import numpy as np
 
 from planners import Glider, MissionSettings
 from planners.flow import field_function
-from planners.mission.leg import leg_depths, steps_needed
-from planners.mission.program import (
+from planners.mission.task import leg_depths, steps_needed
+from planners.shooting.program import (
     MissionData,
     MissionGuess,
     MissionModel,

@@ -23,16 +23,17 @@ from planners import (
     plan_mission,
     plan_scenarios,
 )
-from planners.mission.flight import Legs, currents_of, fly_legs
-from planners.mission.leg import leg_depths, steps_needed
+from planners.mission.flight.currents import currents_of
+from planners.mission.flight.legs import Legs, fly_legs
 from planners.mission.scenarios import passes_binomial_test
+from planners.mission.task import leg_depths, steps_needed
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble
+from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.profiles import random_observations
 from replay_kit.studies.twins.truths import leave_out
 from tests.benchmarks.estimator import row
 from tests.planners.flow_samples import eddying_flow, place

@@ -48,11 +48,8 @@ class PositionCheck(Protocol):
 
 
 # Module and class, in the order in which findings are reported.
-_OF_PINGS = (
-    "geometry:DepthCounts",
-    "speed_counts:SpeedCounts",
-)
-_OF_POSITIONS = ("geometry:PositionRun", "places:SeparatePlaces")
+_OF_PINGS = ("ping_checks:DepthCounts", "ping_checks:SpeedCounts")
+_OF_POSITIONS = ("position_checks:PositionRun", "position_checks:SeparatePlaces")
 #: The checks before the first ping, and before the first position.
 PING_CHECKS: tuple[PingCheck, ...] = tuple(
     resolve_name(f"{__package__}.{name}")() for name in _OF_PINGS

@@ -16,8 +16,7 @@ from replay_kit.measurements.consistency import checks, findings
 from replay_kit.measurements.consistency.pairs import Explanation
 from replay_kit.measurements.consistency.raw import RawHistory
 from replay_kit.measurements.consistency.sources import SourceStatistics
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds
-from replay_kit.measurements.consistency.summary import PingSummary, summaries
+from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
 
 # Pairs before which nothing is said: of mean currents, of dives relative to the vehicle, of the platform's motion, of gross units.
 _LEAST_MEANS, _LEAST_DIVES, _LEAST_MOTIONS, _LEAST_UNITS = 3, 2, 4, 1

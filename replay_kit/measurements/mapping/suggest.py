@@ -11,11 +11,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from replay_kit.measurements.mapping.leaves import Leaf, leaves
 from replay_kit.measurements.mapping.suggest_profile import (
     NO_REFERENCE,
+    Leaf,
+    beside,
     geometry_lines,
+    leaves,
     line,
+    named,
     profile_lines,
     speed_lines,
     velocity_lines,
@@ -28,6 +31,10 @@ _EAST = re.compile(
 )
 # s; components of one measurement are sent one after the other, a few milliseconds apart
 _WITHIN = 0.05
+_NO_SCHEMA = "message without a schema"
+_AT_VEHICLE = line(
+    "distance", 0.0, "NOT KNOWN: of the cell from the vehicle, in m; 0 measures at the vehicle"
+)
 #: Key to schema and payload, as of ``suggestions``.
 Samples = Mapping[str, tuple[str, Mapping[str, Any]]]
 
@@ -61,32 +68,29 @@ def component_pairs(samples: Samples, carries_names: Mapping[str, bool]) -> list
 def joined_entry(east: str, north: str, samples: Samples) -> str:
     """Return the TOML of an entry for two components, with a comment on each guess."""
     topic, _, east_name = east.partition("\n")
-    north_name = north.partition("\n")[2]
     schema, payload = samples[east]
     values = [*_values(payload), *_values(samples[north][1])]
     profile = len(values) > 2
-    found = [
-        f"# {json.dumps(topic, ensure_ascii=False)}: one component in each {schema or 'message without a schema'}",
-        "[[measurements.map]]",
-        f"topic = {json.dumps(topic, ensure_ascii=False)}",
-        f'kind = "{"profile" if profile else "velocity"}"',
+    of_profile = [line("frame", "enu", "by its names"), *geometry_lines([], len(values) // 2)]
+    lines = [
         line("reference", "unknown", NO_REFERENCE),
         line("east", east_name, "the name of its messages; vx of NED axes is north"),
-        line("north", north_name, "the name of its messages"),
+        line("north", north.partition("\n")[2], "the name of its messages"),
         line("join_within", _WITHIN, "s between the stamps of the two"),
         *speed_lines(values),
+        *(of_profile if profile else [_AT_VEHICLE]),
     ]
-    if profile:
-        found += [line("frame", "enu", "by its names"), *geometry_lines([], len(values) // 2)]
-    else:
-        found.append(
-            line(
-                "distance",
-                0.0,
-                "NOT KNOWN: of the cell from the vehicle, in m; 0 measures at the vehicle",
-            )
-        )
-    return "\n".join(found) + "\n"
+    head = f"one component in each {schema or _NO_SCHEMA}"
+    return _entry(topic, head, [], "profile" if profile else "velocity", lines)
+
+
+def _entry(topic: str, head: str, select: list[str], kind: str, lines: list[str]) -> str:
+    """Return an entry; one all of whose fields are doubtful is doubtful as a whole."""
+    quoted = json.dumps(topic, ensure_ascii=False)
+    entry = ["[[measurements.map]]", f"topic = {quoted}", *select, f'kind = "{kind}"']
+    if all(each.startswith("#") for each in lines):
+        entry = [f"# {each}" for each in entry]
+    return "\n".join([f"# {quoted}: {head}", *entry, *lines, ""])
 
 
 def _values(payload: Mapping[str, Any]) -> tuple[float, ...]:
@@ -130,47 +134,25 @@ def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | Non
         payload: One of its messages.
     """
     found, name = leaves(payload), payload.get("name")
-    named = isinstance(name, str) and _carries_names(topic)
+    named_by_sender = isinstance(name, str) and _carries_names(topic)
+    label = f"{topic} {name if named_by_sender else ''}"
     found = [
-        _by_name(leaf, f"{topic} {name if named else ''}", str(name).lower())
-        if named or leaf.name == "data"
-        else leaf
+        _by_name(leaf, label, str(name).lower()) if named_by_sender or leaf.name == "data" else leaf
         for leaf in found
     ]
-    for kind, guess in (
-        ("profile", _profile),
-        ("velocity", _velocity),
-        ("position", _position),
-        ("depth", _only_depth),
-    ):
-        lines = guess(found)
-        if lines:
-            head = [
-                f"# {json.dumps(topic, ensure_ascii=False)}: {len(found)} numbers in a {schema or 'message without a schema'}"
-            ]
-            select = [f"name = {json.dumps(name, ensure_ascii=False)}"] if named else []
-            entry = [
-                "[[measurements.map]]",
-                f"topic = {json.dumps(topic, ensure_ascii=False)}",
-                *select,
-                f'kind = "{kind}"',
-                *lines,
-            ]
-            # an entry all of whose fields are doubtful is doubtful as a whole
-            doubtful = all(line.startswith("#") for line in lines)
-            return (
-                "\n".join(
-                    [
-                        *head,
-                        *(
-                            f"# {line}" if doubtful and not line.startswith("#") else line
-                            for line in entry
-                        ),
-                    ]
-                )
-                + "\n"
-            )
-    return None
+    select = [f"name = {json.dumps(name, ensure_ascii=False)}"] if named_by_sender else []
+    scalars = [leaf for leaf in found if leaf.shape == ()]
+    profile = profile_lines(found)
+    guesses = {
+        "profile": [*profile, *_place(scalars)] if profile else [],
+        "velocity": _velocity(scalars),
+        "position": _position(scalars),
+        "depth": _depth_lines(scalars),
+    }
+    head = f"{len(found)} numbers in a {schema or _NO_SCHEMA}"
+    return next(
+        (_entry(topic, head, select, kind, lines) for kind, lines in guesses.items() if lines), None
+    )
 
 
 def _by_name(leaf: Leaf, label: str, name: str) -> Leaf:
@@ -240,44 +222,22 @@ def suggestions(samples: Samples) -> str:
     )
 
 
-def _profile(found: Sequence[Leaf]) -> list[str]:
-    lines = profile_lines(found)
-    return [*lines, *_place([leaf for leaf in found if leaf.shape == ()])] if lines else []
-
-
-def _velocity(found: Sequence[Leaf]) -> list[str]:
+def _velocity(scalars: Sequence[Leaf]) -> list[str]:
     """Return the lines of one velocity at one depth, with its place where the message has one."""
-    scalars = [leaf for leaf in found if leaf.shape == ()]
     lines = velocity_lines(scalars)
     if not lines:
         return []
-    place = _place(scalars)
-    depth = next((leaf for leaf in scalars if _DEPTH.fullmatch(leaf.name)), None)
+    place, depth = _place(scalars), named(scalars, _DEPTH)
+    where = [_AT_VEHICLE]
     if depth is not None:
-        return [*lines, *place, *_as_depth(depth)]
-    if place and not place[0].startswith("#"):
-        return [
-            *lines,
-            *place,
-            line(
-                "at_depth",
-                0.0,
-                "NOT FOUND in the message: state the depth of the measurement, in m",
-            ),
-        ]
-    return [
-        *lines,
-        *place,
-        line(
-            "distance",
-            0.0,
-            "NOT KNOWN: of the cell from the vehicle, in m; 0 measures at the vehicle",
-        ),
-    ]
+        where = _as_depth(depth)
+    elif place and not place[0].startswith("#"):
+        unknown = "NOT FOUND in the message: state the depth of the measurement, in m"
+        where = [line("at_depth", 0.0, unknown)]
+    return [*lines, *place, *where]
 
 
-def _position(found: Sequence[Leaf]) -> list[str]:
-    scalars = [leaf for leaf in found if leaf.shape == ()]
+def _position(scalars: Sequence[Leaf]) -> list[str]:
     place = _place(scalars)
     # a position must have its place
     depth = [] if any(text.startswith("#") for text in place) else _depth_lines(scalars)
@@ -294,18 +254,14 @@ def _place(scalars: Sequence[Leaf]) -> list[str]:
 
 def _pair(scalars: Sequence[Leaf]) -> list[str]:
     for latitude in scalars:
-        if _LATITUDE.fullmatch(latitude.name):
-            beside = (
-                leaf
-                for leaf in scalars
-                if leaf.parent == latitude.parent and _LONGITUDE.fullmatch(leaf.name)
-            )
-            if (longitude := next(beside, None)) is not None:
-                pair = [
-                    line("longitude", longitude.path, "by its name"),
-                    line("latitude", latitude.path, "by its name"),
-                ]
-                return [*pair, _angle_unit(longitude, latitude)]
+        if _LATITUDE.fullmatch(latitude.name) and (
+            longitude := beside(latitude, scalars, _LONGITUDE)
+        ):
+            return [
+                line("longitude", longitude.path, "by its name"),
+                line("latitude", latitude.path, "by its name"),
+                _angle_unit(longitude, latitude),
+            ]
     return []
 
 
@@ -322,19 +278,11 @@ def _angle_unit(longitude: Leaf, latitude: Leaf) -> str:
     return line("angle_unit", "deg", f"the latitude is {latitude.values[0]:g}")
 
 
-def _only_depth(found: Sequence[Leaf]) -> list[str]:
-    return _depth_lines([leaf for leaf in found if leaf.shape == ()])
-
-
 def _depth_lines(scalars: Sequence[Leaf]) -> list[str]:
     """Return the lines of a depth: a depth if there is one, else a pressure, else a height, which only a person can place."""
+    of_place = [leaf for leaf in scalars if _is_of_place(leaf)]
     for pattern, lines in ((_DEPTH, _as_depth), (_PRESSURE, _as_pressure), (_HEIGHT, _as_height)):
-        if (
-            leaf := next(
-                (leaf for leaf in scalars if pattern.fullmatch(leaf.name) and _is_of_place(leaf)),
-                None,
-            )
-        ) is not None:
+        if (leaf := named(of_place, pattern)) is not None:
             return lines(leaf)
     return []
 

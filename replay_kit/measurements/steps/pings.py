@@ -12,11 +12,15 @@ from replay_kit.core.observation import Source, VehicleState
 from replay_kit.measurements.consistency.raw import raw_values
 from replay_kit.measurements.events import Event, Skipped, Used
 from replay_kit.measurements.messages.adcp_ping import parse_ping
-from replay_kit.measurements.messages.mavlink_ping import Key, PingFrame, assemble, is_complete
-from replay_kit.measurements.messages.motion import Dvl, horizontal, water_track
+from replay_kit.measurements.messages.mavlink import Key, PingFrame, assemble, is_complete
 from replay_kit.measurements.messages.profiles import StatedPing
-from replay_kit.measurements.ping.adcp_ping import AdcpPing, PlatformVelocity
-from replay_kit.measurements.ping.attitude import attitude_within, with_attitude
+from replay_kit.measurements.messages.vehicle import Dvl, horizontal, water_track
+from replay_kit.measurements.ping.adcp_ping import (
+    AdcpPing,
+    PlatformVelocity,
+    attitude_within,
+    with_attitude,
+)
 from replay_kit.measurements.ping.earth import earth_referenced, with_bottom_track
 from replay_kit.measurements.steps.position_matching import (
     RELATIVE,
@@ -28,7 +32,7 @@ from replay_kit.measurements.steps.position_matching import (
     refuse,
 )
 from replay_kit.measurements.steps.state import MeasurementState, Step, at_depth
-from replay_kit.measurements.vehicle.pressure import depth_of_pressure
+from replay_kit.measurements.vehicle.dives import depth_of_pressure
 from replay_kit.measurements.vehicle.vessel_velocity import waits_until
 
 # Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.

@@ -13,6 +13,7 @@ from replay_kit.core.dive_forecast import DiveOutcome
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.gaussian import coverage
 from replay_kit.core.observation import Measurement, Observation
+from replay_kit.core.progress import Progress, silent
 from replay_kit.core.tasks import each_call
 from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
 from replay_kit.estimator.evolving.dive_error import by_dive, new_dive
@@ -26,14 +27,15 @@ from replay_kit.estimator.evolving.fit_log import (
 )
 from replay_kit.studies.dives.forecasts import (
     DiveForecasts,
+    Expected,
     after_dive,
     baseline_means,
     baseline_profiles,
     before_dives,
+    expect,
+    withheld,
 )
-from replay_kit.studies.dives.predict import Expected, expect, withheld
 from replay_kit.studies.dives.read import Dive
-from replay_kit.studies.jobs.progress import Progress
 from replay_kit.workflows.replay.scoring import rms_length
 
 SHARES = (0.5, 0.9)
@@ -135,7 +137,7 @@ def run_dives(
     config: RunConfig,
     fit: bool,
     source: str,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Iterator[DivesResult]:
     """Yield the dives predicted so far, each from the dives before it, after each dive; the last result has them all.
 
@@ -172,7 +174,7 @@ def _each_before(
     dives: Sequence[Dive],
     config: TimeConfig,
     fit: bool,
-    progress: Progress | None,
+    progress: Progress,
 ) -> Iterator[
     tuple[EvolvingEstimator, EvolvingState, Sequence[Dive], Dive, LogSettings, DiveForecasts]
 ]:
@@ -181,8 +183,7 @@ def _each_before(
     changed = fitted_estimator(small, config, settings)
     state, known = changed.initial(), before_dives(dives)
     for k, dive in enumerate(dives):
-        if progress is not None:
-            progress(k, len(dives), f"dive {dive.number}")
+        progress(k, len(dives), f"dive {dive.number}")
         before = [event for earlier in dives[:k] for event in earlier.given]
         found = fit_to_log(small, config, before, settings) if fit and before else settings
         if found != settings:

@@ -14,7 +14,7 @@ from replay_kit.logs.shared.overview import Overview
 from replay_kit.measurements.mapping.suggest import NAMED
 from replay_kit.measurements.messages.kinds import may_state
 from replay_kit.results.losses import iso_time
-from replay_kit.results.text import iso
+from replay_kit.show.text import iso
 from replay_kit.workflows.info.order import TopicInfo
 
 # printed; all are in the JSON

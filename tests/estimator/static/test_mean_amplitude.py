@@ -13,7 +13,7 @@ from replay_kit.estimator.prior.amplitude import MeanAmplitude, before_the_log, 
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.representation import PosteriorCovariance
 from replay_kit.estimator.windows.filter import hand_over
-from replay_kit.workflows.replay.values import dump, load
+from replay_kit.workflows.replay.store.pickling import dump, load
 from tests import synthetic
 from tests.estimator.runs import after
 from tests.reference import estimator as slow

@@ -26,8 +26,8 @@ from replay_kit.estimator.update.gate import gate_innovations
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior
 from replay_kit.estimator.update.screening import relative_velocities, screen_measurement
+from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.profiles import random_observations
 from tests import synthetic
 from tests.estimator.evolving.test_extras import faulty
 from tests.estimator.update.test_path_mean import dive

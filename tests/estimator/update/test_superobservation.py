@@ -15,8 +15,8 @@ from replay_kit.estimator.update.group_step import screen_group, stack_of
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 from replay_kit.estimator.update.rows import dependence_inflation
 from replay_kit.estimator.update.superobservation import Column, combined, gate_profiles
-from replay_kit.workflows.replay.build import with_window
-from replay_kit.workflows.replay.estimation import EstimationState, assimilate
+from replay_kit.workflows.replay.inputs.estimator import with_window
+from replay_kit.workflows.replay.stages.estimation import EstimationState, assimilate
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles
 from tests.estimator.runs import after
 from tests.estimator.update.test_gate import gate_innovation

@@ -2,16 +2,16 @@
 
 import math
 
-import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from replay_kit.config.run import load_config
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.measurements import suggestions
-from replay_kit.measurements.mapping.leaves import leaves
 from replay_kit.measurements.mapping.suggest import sample_key
-from tests.measurements.samples import only, run
+from replay_kit.measurements.mapping.suggest_profile import leaves
+from tests.measurements.samples import logged, only, run, the
 
 
 def suggested(tmp_path, payload, **replaced):
@@ -27,7 +27,7 @@ def suggested(tmp_path, payload, **replaced):
 
 
 def events(config, payload):
-    return run([Message(0, '/vendor "x"', "vendor.Thing", payload, 0, 0)], config)
+    return run([logged("vendor.Thing", payload, topic='/vendor "x"')], config)
 
 
 @pytest.mark.parametrize(
@@ -137,8 +137,8 @@ def test_profiles_are_not_used_until_a_person_states_the_reference(
     assert "NOT KNOWN" in text
     config, _ = suggested(tmp_path, payload, reference='"earth"', **answers)
     (observation,) = only(Observation, events(config, payload))
-    np.testing.assert_array_equal(observation.velocity, velocity)
-    np.testing.assert_array_equal(observation.depth, depth)
+    assert_array_equal(observation.velocity, velocity)
+    assert_array_equal(observation.depth, depth)
 
 
 @pytest.mark.parametrize(
@@ -227,25 +227,22 @@ def test_a_twist_on_a_topic_of_one_cell_is_a_velocity_at_a_distance(tmp_path):
         0.0,
     )
     assert "NOT KNOWN" in text
-    here = Message(
-        0,
-        "/fix",
+    here = logged(
         "foxglove.LocationFix",
         {"longitude": 152.0, "latitude": -40.0, "metadata": {"depth": 7.0}},
-        0,
-        0,
+        topic="/fix",
     )
-    message = Message(0, '/vendor "x"', "geometry_msgs/TwistStamped", TWIST, 0, 1)
+    message = logged("geometry_msgs/TwistStamped", TWIST, topic='/vendor "x"')
     assert not only(Observation, run([here, message], config))
     config, _ = suggested(tmp_path, TWIST, reference='"earth"', distance="12.0")
-    (observation,) = only(Observation, run([here, message], config))
-    np.testing.assert_array_equal(observation.velocity, [[0.12, -0.05]])
-    np.testing.assert_array_equal(observation.depth, [19.0])
+    observation = the(Observation, [here, message], config)
+    assert_array_equal(observation.velocity, [[0.12, -0.05]])
+    assert_array_equal(observation.depth, [19.0])
     upward = config.model_copy(
         update={"map": (config.map[0].model_copy(update={"orientation": "up", "distance": 5.0}),)}
     )
-    (observation,) = only(Observation, run([here, message], upward))
-    np.testing.assert_array_equal(observation.depth, [2.0])
+    observation = the(Observation, [here, message], upward)
+    assert_array_equal(observation.depth, [2.0])
 
 
 def mavlink(kind, **fields):
@@ -288,11 +285,11 @@ def test_a_mapping_of_a_name_leaves_other_names_alone(tmp_path):
     config = load_config(tmp_path / "map.toml").measurements
     here = Message(2, "/fix", "foxglove.LocationFix", {"longitude": 152.0, "latitude": -40.0}, 0, 2)
     messages = [
-        Message(0, topic, schema, payload, 0, 0),
+        logged(schema, payload, topic=topic),
         Message(1, topic, schema, payload | {"name": "Volt", "value": 24.0}, 0, 1),
         here,
     ]
-    (state,) = only(VehicleState, run(messages, config))
+    state = the(VehicleState, messages, config)
     assert state.depth == 12.5
 
 

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 
 from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.writer import MAX_CELLS, write_tlog
-from replay_kit.measurements.messages.mavlink_ping import (
+from replay_kit.measurements.messages.mavlink import (
     SCHEMA,
     PingFrame,
     assemble,
@@ -93,9 +94,9 @@ def test_a_ping_comes_back_to_the_last_bit_of_float32(
     back = through_a_log(tmp_path, payload, time_us * 1000)
     cells = payload["n_cells"]
     assert back["n_cells"] == cells
-    np.testing.assert_array_equal(np.array(back["velocity"]), float32(payload["velocity"]))
+    assert_array_equal(np.array(back["velocity"]), float32(payload["velocity"]))
     std = payload["velocity_std"]
-    np.testing.assert_array_equal(
+    assert_array_equal(
         np.array(back["velocity_std"]), float32(std if isinstance(std, list) else [std] * cells)
     )
     for name in (
@@ -109,7 +110,7 @@ def test_a_ping_comes_back_to_the_last_bit_of_float32(
         "temperature",
         "transducer_depth",
     ):
-        np.testing.assert_array_equal(back[name], float32(payload[name]))
+        assert_array_equal(back[name], float32(payload[name]))
 
 
 @pytest.mark.parametrize("part", ["ADCP_E", "ADCP_CFG"])

@@ -18,7 +18,7 @@ from planners.front.current import CurrentLattice
 from planners.front.front import sea_of
 from planners.front.relax import relax
 from planners.front.route import Route
-from planners.mission.horizon import cut_at_horizon
+from planners.mission.timing import cut_at_horizon
 from planners.output.mission import as_glide
 from replay_kit.core.arrays import Array
 from tests.planners.flow_samples import eddying_flow, place, still_flow

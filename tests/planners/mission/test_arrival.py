@@ -8,18 +8,13 @@ import pytest
 
 from planners import MissionPlan, MissionRequest, MissionSettings, NoGo, plan_mission
 from planners.front.current import shares_of_levels
-from planners.mission.arrival import (
-    _second_order,
-    bound_of,
-    initial_guess,
-    passage_past_goals,
-    water_of,
-)
-from planners.mission.attempt import is_feasible
-from planners.mission.course import habit
-from planners.mission.departures import _missing_legs
-from planners.mission.search import _fewest_legs, _more_legs, likely_legs
+from planners.mission.search.bound import _second_order, bound_of
+from planners.mission.search.course import habit
+from planners.mission.search.passage import initial_guess, passage_past_goals, water_of
+from planners.mission.search.search import _fewest_legs, _more_legs, likely_legs
+from planners.mission.solve.attempt import is_feasible
 from planners.mission.task import mission_task
+from planners.mission.timing import _missing_legs
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow

@@ -17,10 +17,10 @@ from planners import (
     plan_mooring,
 )
 from planners.front.route import Route
-from planners.mission.check import check, clearances
-from planners.mission.flight import Flight
+from planners.mission.flight.legs import Flight
+from planners.mission.search.turning import _cut
+from planners.mission.solve.check import check, clearances
 from planners.mission.task import mission_task
-from planners.mission.turning import _cut
 from planners.mission.values import Mooring
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError

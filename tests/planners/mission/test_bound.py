@@ -9,8 +9,7 @@ from planners import Glider, MissionPlan, MissionRequest, MissionSettings, plan_
 from planners.front.bound import Bound
 from planners.front.current import CurrentLattice
 from planners.front.front import sea_of, spread
-from planners.mission.arrival import _by_level, bound_of
-from planners.mission.lead import lead_of
+from planners.mission.search.bound import _by_level, bound_of, lead_of
 from planners.mission.task import MissionTask, mission_task
 from planners.vehicle import SteadyFlight
 from replay_kit.core.flow.estimate import FlowEstimate

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from pyproj import Geod
 
-from planners.mission.flight import Legs, currents_of, fly_legs
-from planners.mission.leg import leg_depths
+from planners.mission.flight.currents import currents_of
+from planners.mission.flight.legs import Legs, fly_legs
+from planners.mission.task import leg_depths
 from planners.vehicle import Glider
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import (

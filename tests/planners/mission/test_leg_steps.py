@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from planners import Glider
-from planners.mission.flight import Legs, currents_of, currents_of_samples, fly_legs, refine_steps
-from planners.mission.leg import fly_midpoints, fly_steps, leg_depths, step_stops, steps_needed
+from planners.mission.flight.currents import currents_of, currents_of_samples
+from planners.mission.flight.legs import Legs, fly_legs, fly_midpoints, fly_steps
+from planners.mission.task import leg_depths, refine_steps, step_stops, steps_needed
 from planners.shooting.schedule import DRIFT_STEPS
 from replay_kit.core.flow.depth import depth_weights
 from tests.planners.flow_samples import LEVELS, eddying_flow

@@ -14,7 +14,7 @@ from planners import (
     plan_scenarios,
     waypoints_of,
 )
-from planners.mission.search import _more_legs
+from planners.mission.search.search import _more_legs
 from planners.mission.task import mission_task
 from replay_kit.core.flow.estimate import FlowEstimate
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow

@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, MonteCarloSummary, plan_scenarios
-from planners.mission import scenarios
-from planners.mission.safety_margin import SafetyMargin
-from planners.mission.scenarios import (
-    _widen_margin,
-    most_violations_allowed,
-    points_at,
-    summarise_flights,
-)
-from planners.mission.search import solve_attempts
+from planners.mission import flights, scenarios
+from planners.mission.flights import points_at, summarise_flights
+from planners.mission.scenarios import _widen_margin, most_violations_allowed
+from planners.mission.search.search import solve_attempts
+from planners.mission.solve.half_planes import SafetyMargin
 from planners.mission.task import mission_task
 from tests.planners.flow_samples import place, uniform_flow
 
@@ -175,7 +171,7 @@ def test_a_risk_that_is_kept_by_a_plan_that_arrives_needs_no_other_way(
 def test_on_the_edge_of_an_area_is_in_it(monkeypatch, problem) -> None:
     task, attempt = problem
     monkeypatch.setattr(
-        scenarios, "clearances", lambda *_: {"range": np.array([0.0]), "land": np.array([3.0])}
+        flights, "clearances", lambda *_: {"range": np.array([0.0]), "land": np.array([3.0])}
     )
     summary, clear = summarise_flights(
         task, attempt.flight, points_at(attempt.flight, attempt.flight.time[-1:])

@@ -16,11 +16,11 @@ from planners import (
     Weights,
     plan_mission,
 )
-from planners.mission.arrival import bound_of
-from planners.mission.flight import Legs, currents_of, currents_of_samples, fly_legs, refine_steps
-from planners.mission.goal_legs import add_leg, goal_legs_of
-from planners.mission.leg import fly_midpoints, fly_steps, leg_depths, steps_needed
-from planners.mission.task import MissionTask, mission_task
+from planners.mission.flight.currents import currents_of, currents_of_samples
+from planners.mission.flight.legs import Legs, fly_legs, fly_midpoints, fly_steps
+from planners.mission.search.bound import bound_of
+from planners.mission.solve.goals import add_leg, goal_legs_of
+from planners.mission.task import MissionTask, leg_depths, mission_task, refine_steps, steps_needed
 from planners.route.hazards import NearRings, Ring, near_rings, no_go_rings
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate

@@ -7,11 +7,11 @@ import pytest
 
 from planners import MissionRequest, MissionSettings, NoGo, plan_mission
 from planners.front.route import Route
-from planners.mission.attempt import GoalSteps
-from planners.mission.flight import currents_of
-from planners.mission.program import MissionGuess
-from planners.mission.solve import solve_legs
+from planners.mission.flight.currents import currents_of
+from planners.mission.solve.attempt import GoalSteps
+from planners.mission.solve.legs import solve_legs
 from planners.mission.task import mission_task, time_on_clock
+from planners.shooting.program import MissionGuess
 from planners.vehicle import Glider
 from tests.planners.flow_samples import eddying_flow, place, still_flow
 

@@ -19,11 +19,10 @@ from planners import (
     plan_mission,
     plan_mooring,
 )
-from planners.mission.attempt import ranking_key
-from planners.mission.program import MissionShape
-from planners.mission.reference_path import ReferencePath, along_line, near_place
-from planners.mission.solve import _reference_weights_and_limits, _weights
+from planners.mission.solve.attempt import ranking_key
+from planners.mission.solve.legs import _weights
 from planners.mission.task import MissionTask, mission_task
+from planners.shooting.program import ReferencePath, along_line, near_place
 from planners.vehicle import Glider
 from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
@@ -97,29 +96,6 @@ def test_being_off_a_guide_costs_by_the_hour_and_the_squared_kilometre():
     assert ranking_key(
         task, SimpleNamespace(**vars(attempt), deviation=(1400.0, 1000.0))
     ) == pytest.approx((True, 400.0, 21.0))
-
-
-@pytest.mark.parametrize("surfacings_only", [False, True])
-def test_a_place_near_a_guide_counts_for_as_long_as_the_glider_takes_to_it(surfacings_only: bool):
-    # two legs of two equal steps, one down and one up, and a drift of a quarter of an hour between the legs
-    task = _task(
-        replace(near_place(np.zeros(2), 1e3, HOURS, surfacings_only), weight=3.0), Weights(time=1.0)
-    )
-    shape = MissionShape(2, 2, (2,), (0, 0), 0, True, (0,), True)
-    angles, depths = np.array([0.3, 0.5]), [np.array([0.0, 300.0, 0.0])] * 2
-    cost, limits = _reference_weights_and_limits(task, angles, shape, depths, 2.0)
-    down = 300.0 / (0.3 * np.sin(angles)) / HOURS
-    if surfacings_only:
-        np.testing.assert_allclose(
-            cost, 2.0 * np.array([[0.0, 0.0, 2.0 * down[0] + 0.25], [0.0, 0.0, 2.0 * down[1]]])
-        )
-        assert np.all(limits[:, -1] == 900.0)
-        assert np.all(limits[:, :-1] >= 1e6)  # a thousand kilometres are no limit
-    else:
-        np.testing.assert_allclose(
-            cost, 2.0 * np.array([[down[0], down[0], 0.25], [down[1], down[1], 0.0]])
-        )
-        assert np.all(limits == 900.0)
 
 
 def test_a_mooring_heads_against_a_uniform_current_at_the_angle_that_makes_no_way():

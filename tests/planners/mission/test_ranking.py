@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from planners import Glider, MissionRequest, MissionSettings, Weights
-from planners.mission.attempt import (
+from planners.mission.result import to_plan
+from planners.mission.search.search import solve_attempts
+from planners.mission.solve.attempt import (
     Attempt,
     best_of,
     energy_of,
@@ -14,14 +16,12 @@ from planners.mission.attempt import (
     goals_met,
     ranking_key,
 )
-from planners.mission.check import Violation
-from planners.mission.departures import best_departure
-from planners.mission.objectives import OBJECTIVES, Found, Objective
-from planners.mission.reference_path import near_place
-from planners.mission.result import to_plan
-from planners.mission.search import solve_attempts
-from planners.mission.solve import _weights
+from planners.mission.solve.check import Violation
+from planners.mission.solve.legs import _weights
 from planners.mission.task import MissionTask, mission_task
+from planners.mission.timing import best_departure
+from planners.mission.values import OBJECTIVES, Found, Objective
+from planners.shooting.program import near_place
 from planners.vehicle import SteadyFlight
 from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import place, still_flow

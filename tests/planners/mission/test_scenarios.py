@@ -14,19 +14,15 @@ from planners import (
     plan_mission,
     plan_scenarios,
 )
-from planners.mission.check import bends, check, clearances
-from planners.mission.feedback import aim, fly_corrected
-from planners.mission.flight import Flight, currents_of, currents_of_samples, fly_legs
-from planners.mission.flights import fly_mission, legs_of_plan
-from planners.mission.safety_margin import SafetyMargin, tolerance_factor
-from planners.mission.scenarios import (
-    most_violations_allowed,
-    passes_binomial_test,
-    points_at,
-    summarise_flights,
-    with_n_legs,
-)
-from planners.mission.search import solve_attempts
+from planners.mission.flight.currents import currents_of, currents_of_samples
+from planners.mission.flight.legs import Flight, fly_legs
+from planners.mission.flight.pilot import aim, fly_corrected
+from planners.mission.flights import fly_mission, legs_of_plan, points_at, summarise_flights
+from planners.mission.scenarios import most_violations_allowed, passes_binomial_test
+from planners.mission.search.search import solve_attempts
+from planners.mission.solve.check import bends, check, clearances
+from planners.mission.solve.goals import with_n_legs
+from planners.mission.solve.half_planes import SafetyMargin, tolerance_factor
 from planners.mission.task import mission_task, turns_of
 from planners.vehicle import Glider
 from replay_kit.core.errors import PlanError

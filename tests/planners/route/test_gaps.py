@@ -7,7 +7,7 @@ import pytest
 from pyproj import Geod
 
 from planners import MissionRequest, MissionSettings, NoGo, plan_mission
-from planners.mission.arrival import passage_past_goals, water_of
+from planners.mission.search.passage import passage_past_goals, water_of
 from planners.mission.task import mission_task
 from planners.route.hazards import first_crossing, no_go_rings
 from replay_kit.core.geodesy import to_local

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from planners import Glider, MissionRequest, MissionSettings, plan_mission
-from planners.mission.flight import Currents, Legs, currents_of, fly_legs, refine_steps
-from planners.mission.leg import leg_depths
-from planners.mission.program import MissionGuess, MissionSolution
-from planners.mission.solved_flight import fly_solution
+from planners.mission.flight.currents import Currents, currents_of
+from planners.mission.flight.legs import Legs, fly_legs
+from planners.mission.solve.legs import fly_solution
+from planners.mission.task import leg_depths, refine_steps
+from planners.shooting.program import MissionGuess, MissionSolution
 from tests.planners.flow_samples import LEVELS, eddying_flow, place
 
 GLIDER, START = Glider(), np.array([2e3, -5e3])

@@ -1,14 +1,13 @@
 """The B-spline of a flow's stream function: its error and order, its derivatives, missions planned in it."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, plan_mission
-from planners.mission.program import MissionModel, MissionSolution, solve_mission
-from planners.shooting.spline import spline_of
+from planners.shooting.program import solve_mission
+from planners.shooting.spline import FlowSpline, spline_of
 from planners.shooting.stream import stream_of
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
@@ -139,11 +138,11 @@ def test_a_plan_that_a_coarse_spline_leads_astray_is_polished_in_the_flow_itself
 ) -> None:
     flow, solved_in = eddying_flow(6), list[bool]()
 
-    def solve(model: MissionModel, *args: Any, **options: Any) -> MissionSolution:
-        solved_in.append(model.spline is not None)
-        return solve_mission(model, *args, **options)
+    def solve(program, vehicle, case, guess, **options):
+        solved_in.append(isinstance(case.stream, FlowSpline))
+        return solve_mission(program, vehicle, case, guess, **options)
 
-    monkeypatch.setattr("planners.mission.solve.solve_mission", solve)
+    monkeypatch.setattr("planners.mission.solve.legs.solve_mission", solve)
     request = MissionRequest(place(flow, -6e3, -6e3, 0.0), (place(flow, 2e3, 2e3, 0.0),))
     exact, coarse = (
         plan_mission(

@@ -20,13 +20,10 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.studies.missions import STUDIES, MissionJob, run_missions, to_csv, to_json
-from replay_kit.studies.missions import bias as bias_module
-from replay_kit.studies.missions import coverage as coverage_module
+from replay_kit.studies.missions import STUDIES, MissionJob, estimates, instruments, run_missions
 from replay_kit.studies.missions.flights import fly_dives, fly_pings, measurements, staying
-from replay_kit.studies.missions.follow import evaluated_after, follow
-from replay_kit.studies.missions.given import _spread
-from replay_kit.studies.missions.rows import Figure, over_missions
+from replay_kit.studies.missions.follow import Figure, evaluated_after, follow, over_missions
+from replay_kit.studies.missions.page import to_csv, to_json
 from replay_kit.studies.missions.scene import withhold
 from replay_kit.studies.twins.adcp import Faults
 from replay_kit.studies.twins.field import build_field
@@ -74,7 +71,7 @@ def flown():
 def result():
     with pytest.MonkeyPatch.context() as patch:
         # a ping in ten minutes of a mission is many for a test
-        patch.setattr(bias_module, "_EVERY_S", 3600.0)
+        patch.setattr(instruments, "_EVERY_S", 3600.0)
         return final(run_missions(series(), CONFIG, JOB))
 
 
@@ -264,11 +261,11 @@ def test_intervals_are_counted_apart_near_to_pings_and_far():
     std[0] = np.nan  # nothing is known there
     flow = SimpleNamespace(velocity=lambda *_: truth + 0.1, standard_error=lambda *_: std)
     pinged = withheld().at.points[:1] + np.array([0.0, 10_001.0])
-    near = coverage_module._near(withheld().at.points, pinged)
+    near = estimates._near(withheld().at.points, pinged)
     np.testing.assert_array_equal(near, np.hypot(*(withheld().at.points - pinged).T) <= 10e3)
     assert 0 < near.sum() < near.size
     assert not near[0]
-    hits = coverage_module._hits(
+    hits = estimates._hits(
         SimpleNamespace(case=withheld()), flow, int(withheld().times_ns[0]), near, "now"
     )
     observed, unobserved = 2 * int(near.sum()), 2 * int((~near).sum()) - 2
@@ -281,8 +278,8 @@ def test_intervals_are_counted_apart_near_to_pings_and_far():
 
 
 def test_some_of_the_dives_are_spread_over_the_mission():
-    assert _spread(tuple(range(10)), 5) == (1, 3, 5, 7, 9)
-    assert _spread(tuple(range(3)), 5) == (0, 1, 2)
+    assert instruments._spread(tuple(range(10)), 5) == (1, 3, 5, 7, 9)
+    assert instruments._spread(tuple(range(3)), 5) == (0, 1, 2)
 
 
 def test_every_study_has_figures_with_limits(result):
