@@ -1,6 +1,6 @@
 """One number of legs solved and flown, how attempts are ranked, and what no vehicle of their speed can do better."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -233,3 +233,20 @@ def ranking_key(task: MissionTask, attempt: Attempt) -> tuple[bool, float, float
 def best_of(task: MissionTask, attempts: list[Attempt]) -> Attempt:
     """Return the attempt that ranks first."""
     return min(attempts, key=lambda attempt: ranking_key(task, attempt))
+
+
+def above_bound(task: MissionTask, attempt: Attempt) -> float | None:
+    """Return how much later than any vehicle of its speed could a mission arrives [%]; None where the bound does not hold or is 0."""
+    bound = attempt.bound
+    # shallower dives than those asked for meet another mean current
+    full = attempt.yo_depths == replace(task, turns=None).yo_depths(len(attempt.yo_depths))
+    if (
+        bound is None
+        or not bound.is_tight
+        or not 0.0 < bound.time < np.inf
+        or not full
+        or not goals_met(task, attempt)
+    ):
+        return None
+    last = float(attempt.flight.time[attempt.goals.points(attempt.flight)[-1]])
+    return 100.0 * (last / bound.time - 1.0)
