@@ -103,7 +103,7 @@ _STUDIES = {
     ),
     "missions": (
         "--ensemble FILE --leave-out K,K,...",
-        "Fly gliders through members left out: changes in time, relative profiles, mean currents, outliers, biases, intervals.",
+        "Simulate glider missions in members left out: changes in time, relative profiles, mean currents, outliers, biases, coverage.",
     ),
     "paper": (
         "--ensemble FILE (--truth FILE | --leave-out K) -o DIR",

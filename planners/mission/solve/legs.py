@@ -19,12 +19,7 @@ from planners.mission.solve.half_planes import (
 from planners.mission.task import REFINED, MissionTask, refine_steps, turns_of
 from planners.shooting.frames import FrameMap
 from planners.shooting.functions import MissionCase, Reference
-from planners.shooting.program import (
-    MissionGuess,
-    MissionSolution,
-    mission_program,
-    solve_mission,
-)
+from planners.shooting.program import MissionGuess, MissionSolution, mission_program, solve_mission
 from planners.shooting.schedule import DRIFT_STEPS, schedule_of
 from planners.shooting.stream import stream_of
 from planners.shooting.together import fly_together

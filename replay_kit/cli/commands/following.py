@@ -101,7 +101,7 @@ class Following:
         json_file: Path | None,
     ) -> int:
         """Follow the logs of a job, and return the exit code of the last summary."""
-        from replay_kit.results.outcome.outcome import outcome_of
+        from replay_kit.results.outcome.from_run import outcome_of
         from replay_kit.show.summary import print_summary
         from replay_kit.workflows.follow.follow import follow
         from replay_kit.workflows.follow.watch import FollowOptions

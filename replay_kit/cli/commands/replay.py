@@ -167,7 +167,7 @@ def replay(
     goal, config = None if inputs.goal is None else place(inputs.goal, "--goal"), settings.load()
 
     # what takes long to load, after what is quickly refused
-    from replay_kit.results.outcome.outcome import failed
+    from replay_kit.results.outcome.from_run import failed
     from replay_kit.workflows.planning import planner_of
     from replay_kit.workflows.replay.inputs.job import check_outputs
     from replay_kit.workflows.replay.inputs.opened import forecasts_of
@@ -244,7 +244,7 @@ def _smooth(
 
 def _answer(outputs: Outputs, summary: "ReplaySummary", console: "Console") -> None:
     """Print the summary, and write the report and the JSON if they are asked for."""
-    from replay_kit.results.outcome.outcome import outcome_of
+    from replay_kit.results.outcome.from_run import outcome_of
     from replay_kit.show.summary import print_summary
 
     outcome = outcome_of(summary)

@@ -31,7 +31,7 @@ from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import reading
 from replay_kit.measurements import finish, initial_state, interpret_block
 from replay_kit.results import Digest, ResultWriter
-from replay_kit.results.outcome.outcome import failed
+from replay_kit.results.outcome.from_run import failed
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.workflows.replay.checks import check_goal, with_planner_kind
 from replay_kit.workflows.replay.conclude import conclude

@@ -72,7 +72,6 @@ def accuracy(
     """
     truths.check("accuracy")
     read = [*truths.files, survey.archive, settings.file]
-    check_outputs(read, outputs)
     config = settings.load()
 
     from replay_kit.studies.accuracy import METHODS, AccuracyJob, page, read_sources, run_accuracy
