@@ -405,7 +405,7 @@ def test_info_says_what_a_log_is_good_for(ocean, tmp_path):
     done = invoke(f"info {ocean}/glider.mcap {ocean}/glider.tlog --json {tmp_path}/i.json")
     assert done.exit_code == 0, done.output
     one, other = json.loads((tmp_path / "i.json").read_text())["logs"]
-    assert one["use"].startswith("replay")
+    assert one["use"].startswith("ready for replay")
     assert one["profiles"] == other["profiles"] == 40
     assert (one["format"], other["format"]) == ("mcap", "tlog")
 
