@@ -11,8 +11,8 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from replay_kit.core.claims import exceeds_claim
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.paths import exceeds_claim
 from replay_kit.forecast.sources import STORE_MARKS
 
 _HINT = "give the path of a NetCDF file or a Zarr store"

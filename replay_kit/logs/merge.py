@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar, cast
 
-from replay_kit.core.message import Message
-from replay_kit.core.raw import RawMessage
+from replay_kit.core.message import Message, RawMessage
 from replay_kit.logs.shared.stamps import FAR_NS, ClockJump, Settled, Settling, is_latched
 
 _T = TypeVar("_T", bound=Message | RawMessage)

@@ -13,9 +13,8 @@ from mcap.records import Attachment, Metadata
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import LogReader, LogReport, Message
+from replay_kit.core.message import LogReader, LogReport, Message, RawMessage
 from replay_kit.core.progress import Progress
-from replay_kit.core.raw import RawMessage
 from replay_kit.logs.decode.to_json import JsonChannels
 from replay_kit.logs.shared.blocks import Block, blocks_of
 from replay_kit.logs.shared.overview import Overview

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flight_correction import FlightCorrection
+from replay_kit.core.as_flown import FlightCorrection
 from replay_kit.core.observation import Innovation
 from replay_kit.results.schemas import CONTRACT_VERSION
 

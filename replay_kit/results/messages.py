@@ -13,8 +13,7 @@ import foxglove.messages as fox
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.errors import ReplayKitError
-from replay_kit.core.finding import Finding, finding_json
+from replay_kit.core.errors import Finding, ReplayKitError, finding_json
 from replay_kit.core.geodesy import to_geographic, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState

@@ -6,13 +6,12 @@ from dataclasses import dataclass, field
 
 from rich.console import Console
 
-from replay_kit.core.dive_forecast import DiveForecast, DiveOutcome
+from replay_kit.core.as_flown import FlightCorrection
+from replay_kit.core.errors import Finding, finding_line
 from replay_kit.core.evidence import Evidence
-from replay_kit.core.finding import Finding, finding_line
-from replay_kit.core.flight_correction import FlightCorrection
 from replay_kit.core.message import Loss
 from replay_kit.core.plan import Plan
-from replay_kit.core.surfacing import Outcome
+from replay_kit.core.surfacing import DiveForecast, DiveOutcome, Outcome
 from replay_kit.results.alarms import plan_alarm
 from replay_kit.results.evidence.summary import Rival, evidence_json, referee_json
 from replay_kit.results.evidence.words import evidence_sentence, referee_sentences

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.core.errors import ReplayKitError
-from replay_kit.core.finding import finding_json
+from replay_kit.core.errors import ReplayKitError, finding_json
 from replay_kit.results.alarms import alarms_json
 from replay_kit.results.evidence.summary import evidence_json, referee_json
 from replay_kit.results.flight_correction import flight_correction_json

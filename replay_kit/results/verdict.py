@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from replay_kit.core.finding import Finding, severity_word
+from replay_kit.core.errors import Finding, severity_word
 
 # Normalised innovations squared per degree of freedom between which stated errors are taken for right.
 LEAST_NIS, MOST_NIS = 0.5, 2.0

@@ -5,7 +5,7 @@ import statistics
 
 import numpy as np
 
-from replay_kit.core.bootstrap import bootstrap_interval
+from replay_kit.core.evidence import bootstrap_interval
 
 
 def test_the_interval_is_that_of_cases_drawn_one_by_one():

@@ -8,7 +8,7 @@ import numpy as np
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
-from replay_kit.core.flow.oscillation import Oscillation
+from replay_kit.core.flow.local import Oscillation
 from replay_kit.estimator.update.biases import Biases
 
 # rad/s; the Earth's rotation, and the tides of Doodson (1921) as the IHO's list of constituents gives them, degrees an hour

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.linalg
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.process import ProcessModel
+from replay_kit.core.flow.evolution import ProcessModel
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import Innovation, Measurement, PathMean
 from replay_kit.estimator.evolving.dive_error import by_dive, new_dive

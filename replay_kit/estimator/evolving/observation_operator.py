@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
-from replay_kit.core.flow.process import ProcessModel
+from replay_kit.core.flow.evolution import ProcessModel
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator.basis.modes import Basis

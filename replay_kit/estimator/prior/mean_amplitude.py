@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.reduction import Reduction
+from replay_kit.core.flow.covariance import Reduction
 from replay_kit.estimator.prior.hybrid import HybridPrior, PriorSettings
 
 # The variances that are averaged over, and their weights before the log.

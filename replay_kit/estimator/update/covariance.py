@@ -7,9 +7,8 @@ import numpy as np
 import scipy.linalg
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.covariance import Levels, symmetric
+from replay_kit.core.flow.covariance import Levels, Reduction, symmetric
 from replay_kit.core.flow.factors import CovarianceFactors, half_size, n_stored
-from replay_kit.core.flow.reduction import Reduction
 from replay_kit.estimator.prior.amplitude import hybrid_parts
 from replay_kit.estimator.prior.conditioned import ConditionedPrior
 from replay_kit.estimator.update.posterior import Posterior

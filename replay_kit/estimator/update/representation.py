@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.reduction import Reduction, reduction_by_products
+from replay_kit.core.flow.covariance import Reduction, reduction_by_products
 from replay_kit.estimator.prior.amplitude import ScaledPrior
 from replay_kit.estimator.prior.conditioned import ConditionedPrior, as_conditioned
 from replay_kit.estimator.prior.hybrid import Prior

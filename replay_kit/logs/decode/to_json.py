@@ -8,8 +8,7 @@ from typing import Any
 import orjson
 
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import Message
-from replay_kit.core.raw import RawChannel, RawMessage
+from replay_kit.core.message import Message, RawChannel, RawMessage
 from replay_kit.logs.decode.json_schemas import ANY_OBJECT, JSON_SCHEMAS
 
 

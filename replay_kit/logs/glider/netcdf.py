@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.io import netcdf_file
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.claims import exceeds_claim
 from replay_kit.core.errors import LogError
+from replay_kit.core.paths import exceeds_claim
 
 _ATTRIBUTES = (
     *("units", "_FillValue", "missing_value", "scale_factor", "add_offset"),

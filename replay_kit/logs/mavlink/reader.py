@@ -12,8 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import LogReport, Message
-from replay_kit.core.raw import MAVLINK_FRAMES, RawChannel, RawMessage
+from replay_kit.core.message import MAVLINK_FRAMES, LogReport, Message, RawChannel, RawMessage
 from replay_kit.logs.mavlink.clock import StartClock, SystemTimes, header_time
 from replay_kit.logs.mavlink.frames import Frames, read_frames
 from replay_kit.logs.reader import LogFile

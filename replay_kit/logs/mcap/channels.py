@@ -7,7 +7,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding
 
-from replay_kit.core.raw import MAVLINK_FRAMES, RawChannel
+from replay_kit.core.message import MAVLINK_FRAMES, RawChannel
 from replay_kit.logs.decode.budget import MOST_DECLARED, MOST_SCHEMA, MOST_SCHEMAS, check_size
 from replay_kit.logs.decode.decoders import Decoder, channel_decoder
 from replay_kit.logs.mcap.records import parse

@@ -10,8 +10,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Header, Metadata
 
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import Message
-from replay_kit.core.raw import MAVLINK_FRAMES, RawMessage
+from replay_kit.core.message import MAVLINK_FRAMES, Message, RawMessage
 from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, explain
 from replay_kit.logs.decode.json_schemas import DIVE_MEAN
 from replay_kit.logs.mcap.channels import Channels

@@ -3,7 +3,7 @@
 from pkgutil import resolve_name
 from typing import Protocol, Self
 
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.measurements.consistency.summary import PingSummary
 

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.summary import PingSummary

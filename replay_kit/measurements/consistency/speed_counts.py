@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Observation
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.speeds import MOST_SPEED

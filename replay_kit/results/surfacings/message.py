@@ -1,7 +1,7 @@
 """The message of a dive that was expected to surface at one place and surfaced at another."""
 
-from replay_kit.core.dive_forecast import DiveForecast, DiveOutcome
 from replay_kit.core.observation import Fix
+from replay_kit.core.surfacing import DiveForecast, DiveOutcome
 from replay_kit.results.messages import stamp
 from replay_kit.results.schemas import encode
 

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.core.dive_forecast import DiveForecast, DiveOutcome, held_shares
 from replay_kit.core.observation import Fix
-from replay_kit.core.surfacing import Ellipse
+from replay_kit.core.surfacing import DiveForecast, DiveOutcome, Ellipse, held_shares
 
 _KINDS = ("first", "second", "later")
 

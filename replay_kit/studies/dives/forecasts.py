@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.dive_forecast import DiveOutcome
 from replay_kit.core.geodesy import rotate_to_local
 from replay_kit.core.observation import Observation, PathMean, usable
+from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
 from replay_kit.estimator.next_dive.profiles import Bins, ColumnModel, ColumnState, joined
 from replay_kit.estimator.update.screening import local_mean

@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 
 from replay_kit.core.atomic import atomic_file
-from replay_kit.core.printable import csv_cell
+from replay_kit.core.text import csv_cell
 from replay_kit.results.alarms import plan_alarm
 from replay_kit.results.text import print_lines, print_table
 from replay_kit.workflows.fleet.run import Outcome

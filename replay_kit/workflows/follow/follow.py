@@ -15,9 +15,9 @@ from replay_kit.core.errors import (
     PlanError,
     ReplayKitError,
 )
+from replay_kit.core.paths import Stamp, stamps_of
 from replay_kit.core.plan import Place
 from replay_kit.core.text import count_text, place_text
-from replay_kit.core.unchanged import Stamp, stamps_of
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.folders import STREAMS
 from replay_kit.results.summary import ReplaySummary

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import ConfigError, LogError
+from replay_kit.core.paths import Stamp, stamps_of
 from replay_kit.core.plan import Place
 from replay_kit.core.text import time_text
-from replay_kit.core.unchanged import Stamp, stamps_of
 from replay_kit.logs import open_log
 from replay_kit.logs.folders import STREAMS
 from replay_kit.logs.glider.missions import pattern

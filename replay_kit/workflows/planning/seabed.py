@@ -7,8 +7,7 @@ from scipy.interpolate import LinearNDInterpolator
 from planners import Bathymetry
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.grid import Grid, Projection
-from replay_kit.core.seabed import Seabed
+from replay_kit.core.grid import Grid, Projection, Seabed
 
 # Most cells along a side of the grid, and points of a bathymetry along a side between which depths are interpolated.
 _CELLS, _POINTS = 160, 400

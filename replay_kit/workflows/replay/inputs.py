@@ -11,10 +11,9 @@ from replay_kit.core.errors import ForecastError, PlanError
 from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
-from replay_kit.core.paths import check_paths, truth_path
+from replay_kit.core.paths import Stamp, check_paths, stamps_of, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.core.region import Region
-from replay_kit.core.unchanged import Stamp, stamps_of
 from replay_kit.forecast import ensemble_files, read_truth
 from replay_kit.logs import open_logs
 from replay_kit.logs.folders import logs_in

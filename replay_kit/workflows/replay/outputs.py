@@ -3,13 +3,12 @@
 from dataclasses import dataclass
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.dive_forecast import DiveOutcome
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
-from replay_kit.core.surfacing import Outcome
+from replay_kit.core.surfacing import DiveOutcome, Outcome
 from replay_kit.results import ResultWriter
 
 

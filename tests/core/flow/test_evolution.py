@@ -9,10 +9,9 @@ import pytest
 
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evolution import Evolution, constant, sample_through
+from replay_kit.core.flow.evolution import Evolution, ProcessModel, constant, sample_through
 from replay_kit.core.flow.load import load, load_bytes
 from replay_kit.core.flow.lossless import save_bytes
-from replay_kit.core.flow.process import ProcessModel
 from tests.synthetic_flow import TIME_NS, synthetic_flow
 
 HOUR = 3600 * 10**9

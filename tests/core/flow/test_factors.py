@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from replay_kit.core.flow.covariance import HybridCovariance
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.factors import CovarianceFactors, half_of, half_size, whole_of
-from replay_kit.core.flow.hybrid import HybridCovariance
 from replay_kit.core.flow.load import load, load_bytes
 from replay_kit.core.flow.lossless import save_bytes
 from tests.reference import estimator as slow
