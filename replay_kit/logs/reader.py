@@ -16,8 +16,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.message import LogReader, LogReport, Message, RawMessage
 from replay_kit.core.progress import Progress
 from replay_kit.logs.decode.to_json import JsonChannels
-from replay_kit.logs.shared.blocks import Block, blocks_of
-from replay_kit.logs.shared.overview import Overview
+from replay_kit.logs.shared.blocks import Block, Overview, blocks_of
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 # Messages between two looks at how much is read.

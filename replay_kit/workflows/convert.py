@@ -19,10 +19,10 @@ from replay_kit.core.message import LogReport, Loss, RawMessage
 from replay_kit.core.paths import check_paths, check_unchanged, stamps_of
 from replay_kit.core.progress import Progress, silent
 from replay_kit.logs import merge, open_logs
-from replay_kit.logs.folders import logs_in
 from replay_kit.logs.mavlink.writer import TlogFrames
 from replay_kit.logs.mcap.writer import McapLogWriter, open_mcap_log
 from replay_kit.logs.reader import LogFile, RawLog, reading
+from replay_kit.logs.registry import logs_in
 from replay_kit.results.losses import (
     loss_json,
     loss_lines,

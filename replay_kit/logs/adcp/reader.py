@@ -20,10 +20,16 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
 from replay_kit.logs.adcp.bottom_track import bottom_tracks, with_bottom
-from replay_kit.logs.adcp.dolfyn import NO_ENSEMBLE, read_ad2cp, read_pd0
 from replay_kit.logs.adcp.pd0 import by_configuration
 from replay_kit.logs.adcp.profiles import RawProfiles, raw_profiles
-from replay_kit.logs.adcp.records import PD0_MAGIC, lose_between, scan
+from replay_kit.logs.adcp.records import (
+    NO_ENSEMBLE,
+    PD0_MAGIC,
+    lose_between,
+    read_ad2cp,
+    read_pd0,
+    scan,
+)
 from replay_kit.logs.reader import Entry, LogFile
 from replay_kit.logs.shared.payloads import FIX, PING, Positions, location_fix, numbers, stamp
 from replay_kit.logs.shared.statistics import ReadStatistics

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
-from replay_kit.logs.dataflash.formats import scaled, unit_names
-from replay_kit.logs.dataflash.records import Records, read_records
+from replay_kit.logs.dataflash.records import Records, read_records, scaled, unit_names
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.shared.clock import (
     ClockFit,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.logs.glider import units
-from replay_kit.logs.glider.dialect import QUANTITIES, TIMES, Dialect, Names
+from replay_kit.logs.glider.dialects import QUANTITIES, TIMES, Dialect, Names
 from replay_kit.logs.glider.netcdf import NetcdfFile
 
 #: Columns of one length by name; ``time`` and names that end in it hold ns UTC, 0 where unknown.
@@ -111,7 +111,7 @@ def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Column
         f"{name}: bears the standard name of a depth and counts upwards; not used"
         for name in heights
     ]
-    if (dive := dive_number(file)) is not None:
+    if (dive := file.dive_number) is not None:
         values["dive"] = np.array([float(dive)])
     skipped = _without_bad(file, dialect, chosen, values, notes)
     _with_sign(file, chosen, values, notes)
@@ -168,14 +168,6 @@ def _missing(chosen: Mapping[str, str], values: Mapping[str, NDArray[Any]]) -> l
     }
     lacking = ", ".join(f"{count} of {name}" for name, count in counts.items() if count)
     return [f"missing (fill values, or not believable): {lacking}"] if lacking else []
-
-
-def dive_number(file: NetcdfFile) -> int | None:
-    """Return the dive that a basestation's file is of; None for files that are not of one dive."""
-    stated = file.attributes.get("dive_number", file.scalar("log_dive"))
-    return (
-        int(stated) if isinstance(stated, int | float | np.number) and np.isfinite(stated) else None
-    )
 
 
 def _without_bad(

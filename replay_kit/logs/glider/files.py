@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
-from replay_kit.logs.glider.dialect import Dialect
-from replay_kit.logs.glider.dialects import dialect_of
+from replay_kit.logs.glider.dialects import Dialect, dialect_of
 from replay_kit.logs.glider.missions import FIRST_COLUMNS, GZIP_MAGIC, is_seaexplorer, mission_of
 from replay_kit.logs.glider.netcdf import Choose, NetcdfFile, Stored, as_number, open_netcdf
 

@@ -142,6 +142,13 @@ class NetcdfFile:
         values = self.array(name).ravel() if self.has(name) else np.empty(0)
         return float(values[0]) if values.size else float("nan")
 
+    @property
+    def dive_number(self) -> int | None:
+        """The dive that a basestation's file is of; None for files that are not of one dive."""
+        stated = self.attributes.get("dive_number", self.scalar("log_dive"))
+        known = isinstance(stated, int | float | np.number) and np.isfinite(stated)
+        return int(stated) if known else None
+
 
 def open_netcdf(path: Path, choose: Choose) -> NetcdfFile:
     """Return the variables of a file that are chosen, loaded.

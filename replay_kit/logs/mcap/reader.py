@@ -12,8 +12,7 @@ from mcap.records import Attachment, Header, Metadata
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import MAVLINK_FRAMES, Message, RawMessage
 from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, explain
-from replay_kit.logs.decode.json_schemas import DIVE_MEAN
-from replay_kit.logs.mcap.channels import Channels
+from replay_kit.logs.decode.to_json import DIVE_MEAN
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     MAGIC,
@@ -24,10 +23,9 @@ from replay_kit.logs.mcap.records import (
     parse,
 )
 from replay_kit.logs.mcap.scanner import MESSAGE, Make, McapScanner
-from replay_kit.logs.mcap.summary import read_summary
+from replay_kit.logs.mcap.summary import Channels, read_summary
 from replay_kit.logs.reader import LogFile, OnExtra
-from replay_kit.logs.shared.blocks import Block
-from replay_kit.logs.shared.overview import Overview
+from replay_kit.logs.shared.blocks import Block, Overview
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 _MAX_TIME_NS = 2**63 - 1
@@ -67,7 +65,7 @@ class McapReader(LogFile):
 
     def overview(self) -> Overview | str:
         """Return what the index at the end of the file says; as ``LogFile.overview``."""
-        from replay_kit.logs.mcap.overview import overview_of
+        from replay_kit.logs.mcap.survey import overview_of
 
         if self._clock != "log":
             return f"the index holds log times alone, and the clock is {self._clock}"

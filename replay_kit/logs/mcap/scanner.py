@@ -8,7 +8,6 @@ from typing import BinaryIO, Generic, TypeVar
 from mcap.opcode import Opcode
 from mcap.records import DataEnd, Statistics
 
-from replay_kit.logs.mcap.channels import Channels
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     INNER,
@@ -25,7 +24,7 @@ from replay_kit.logs.mcap.records import (
     parse_chunk,
 )
 from replay_kit.logs.mcap.salvage import Salvage, WholeChunk, begins_chain, goes_on
-from replay_kit.logs.mcap.summary import read_summary
+from replay_kit.logs.mcap.summary import Channels, read_summary
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 #: Fixed part of a message record: channel, sequence, log time, publish time. Unpacked here at once, because the library's

@@ -16,8 +16,8 @@ from replay_kit.core.plan import Place
 from replay_kit.core.region import Region
 from replay_kit.forecast import ensemble_files, read_truth
 from replay_kit.logs import open_logs
-from replay_kit.logs.folders import logs_in
 from replay_kit.logs.reader import LogFile
+from replay_kit.logs.registry import logs_in
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay.build import Forecasts, read_forecasts
 from replay_kit.workflows.replay.checkpoint_head import checkpoint_files, recorded_region

@@ -14,8 +14,8 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log
 from replay_kit.logs.dataflash import records as dataflash_records
-from replay_kit.logs.dataflash.formats import Format
 from replay_kit.logs.dataflash.reader import DataflashReader
+from replay_kit.logs.dataflash.records import Format
 from replay_kit.workflows.convert import convert
 from tests.logs.dataflash.dataflash_samples import (
     dataflash,

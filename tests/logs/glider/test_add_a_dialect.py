@@ -7,7 +7,7 @@ import pytest
 
 from replay_kit.logs import open_log, open_logs
 from replay_kit.logs.glider import dialects
-from replay_kit.logs.glider.dialect import Dialect
+from replay_kit.logs.glider.dialects import Dialect
 from tests.logs.glider import glider_samples as made
 
 MINE = Dialect(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from replay_kit.logs.glider.seaglider import agreement, orientation
+from replay_kit.logs.glider.adcp import agreement, orientation
 
 DISTANCE = np.arange(2.1, 32.0, 2.0)
 

@@ -8,7 +8,7 @@ import pytest
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.logs import merge, open_log, open_logs
-from replay_kit.logs.glider.ad2cp import _BEAMS
+from replay_kit.logs.glider.adcp import _BEAMS
 from replay_kit.measurements import observations
 from tests.logs.glider import glider_samples as made
 

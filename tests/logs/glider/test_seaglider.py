@@ -11,7 +11,6 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
 from replay_kit.logs import open_log
-from replay_kit.logs.glider.columns import dive_number
 from replay_kit.logs.glider.files import open_glider_file
 from replay_kit.logs.glider.reader import GliderReader
 from replay_kit.measurements import observations
@@ -98,7 +97,7 @@ def _assert_as_h5netcdf_reads(path: Path) -> None:
     assert opened is not None
     dive = opened.content
     with h5netcdf.File(path, "r") as file:
-        assert dive_number(dive) == int(file.attrs["dive_number"])
+        assert dive.dive_number == int(file.attrs["dive_number"])
         for name, stored in dive.variables.items():
             np.testing.assert_array_equal(stored.values, file.variables[name][...], strict=True)
             # h5netcdf leaves text of a fixed length as bytes

@@ -7,8 +7,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Schema
 
 from replay_kit.logs.decode.budget import MOST_DECLARED, MOST_SCHEMA, BudgetError
-from replay_kit.logs.mcap.channels import Channels
-from replay_kit.logs.mcap.summary import Summary
+from replay_kit.logs.mcap.summary import Channels, Summary
 
 
 def body(record: Schema | Channel) -> bytes:

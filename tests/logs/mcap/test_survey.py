@@ -8,11 +8,11 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 
 from replay_kit.config.run import LogConfig
-from replay_kit.logs.mcap import overview as overviews
+from replay_kit.logs.mcap import survey as overviews
 from replay_kit.logs.mcap.reader import McapReader
 from replay_kit.logs.mcap.records import chunk_contents, file_records, parse_chunk
 from replay_kit.logs.mcap.survey import columns_of
-from replay_kit.logs.shared.overview import Overview, TopicExtent
+from replay_kit.logs.shared.blocks import Overview, TopicExtent
 from tests.logs.log_samples import json_mcap
 
 TIMES = [1_000 + 10 * n for n in range(300)]

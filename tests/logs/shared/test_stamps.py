@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from replay_kit.core.message import LogReport, Message
 from replay_kit.logs import merge
-from replay_kit.logs.shared.stamps import LOOK_AHEAD, ClockJump, LogClock, settle
+from replay_kit.logs.merge import LOOK_AHEAD, ClockJump, LogClock, settle
 from tests.reference.stamps import DAY, corrected
 
 SECOND = 1_000_000_000
