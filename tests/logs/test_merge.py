@@ -1,7 +1,6 @@
 """Merging: equal to the obvious sort of everything, in bounded memory, with late messages counted and not given."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -20,29 +19,27 @@ class Recorded:
     path = "made"
     format = "made"
 
-    def __init__(self, times: Sequence[int], input: int) -> None:
+    def __init__(self, times, input):
         self.times, self.input, self.read = times, input, 0
 
-    def messages(self) -> Iterator[Message]:
+    def messages(self):
         for position, time in enumerate(self.times):
             self.read += 1
             yield Message(time * SECOND, f"/{self.input}", "", {}, self.input, position)
 
-    def report(self) -> LogReport:
+    def report(self):
         return LogReport(self.path, self.format, {}, {}, ())
 
 
-def recorded(times: Sequence[Sequence[int]]) -> list[Recorded]:
+def recorded(times):
     return [Recorded(row, k) for k, row in enumerate(times)]
 
 
-def key(message: Message) -> tuple[int, int, int]:
+def key(message):
     return message.time_ns, message.input, message.position
 
 
-def obvious(
-    times: Sequence[Sequence[int]], window: float
-) -> tuple[list[tuple[int, int, int]], Counter[str]]:
+def obvious(times, window):
     """Give each log's messages the slow way: after each arrival, everything older than the window, in order."""
     kept: list[tuple[int, int, int]] = []
     late: Counter[str] = Counter()
@@ -65,7 +62,7 @@ def obvious(
 
 @quick
 @given(times=logs, window=st.sampled_from([0.0, 1.0, 5.0]))
-def test_as_the_obvious_sort(times: list[list[int]], window: float) -> None:
+def test_as_the_obvious_sort(times, window):
     merged = merge(recorded(times), window)
     expected, late = obvious(times, window)
     assert [key(m) for m in merged] == expected
@@ -74,7 +71,7 @@ def test_as_the_obvious_sort(times: list[list[int]], window: float) -> None:
 
 @quick
 @given(times=logs)
-def test_a_wide_window_sorts_everything(times: list[list[int]]) -> None:
+def test_a_wide_window_sorts_everything(times):
     merged = merge(recorded(times), 50.0)
     everything = sorted(
         (time * SECOND, k, position)
@@ -87,7 +84,7 @@ def test_a_wide_window_sorts_everything(times: list[list[int]]) -> None:
 
 @quick
 @given(times=logs, start=st.integers(0, 50), end=st.integers(0, 50))
-def test_limits_are_a_filter_of_the_whole(times: list[list[int]], start: int, end: int) -> None:
+def test_limits_are_a_filter_of_the_whole(times, start, end):
     whole = merge(recorded(times), 2.0)
     part = merge(recorded(times), 2.0, start * SECOND, end * SECOND)
     assert [key(m) for m in part] == [
@@ -95,14 +92,14 @@ def test_limits_are_a_filter_of_the_whole(times: list[list[int]], start: int, en
     ]
 
 
-def test_a_late_message_is_counted_by_topic_and_not_given() -> None:
+def test_a_late_message_is_counted_by_topic_and_not_given():
     merged = merge(recorded([[0, 10, 20, 3, 30]]), 1.0)
     assert [m.time_ns // SECOND for m in merged] == [0, 10, 20, 30]
     assert merged.late == {"/0": 1}
     assert merge(recorded([[0, 10, 20, 3, 30]]), 1.0, start_ns=5 * SECOND).late == {}
 
 
-def test_the_window_alone_is_held() -> None:
+def test_the_window_alone_is_held():
     logs = recorded([range(100_000), range(100_000)])
     stream = iter(merge(logs, 10.0))
     for _ in range(1000):
@@ -110,21 +107,21 @@ def test_the_window_alone_is_held() -> None:
     assert all(log.read < 520 for log in logs)
 
 
-def test_one_stamp_far_in_the_future_is_set_aside() -> None:
+def test_one_stamp_far_in_the_future_is_set_aside():
     merged = merge(recorded([[0, 1, 10**6, 2, 3, 4, 5]]), 1.0)
     assert [m.time_ns // SECOND for m in merged] == [0, 1, 2, 3, 4, 5]
     assert merged.astray == {"/0": 1}
     assert merged.late == {}
 
 
-def test_nothing_to_merge() -> None:
+def test_nothing_to_merge():
     assert list(merge([], 1.0)) == []
     assert list(merge(recorded([[], []]), 1.0)) == []
 
 
-def test_what_comes_once_counts_before_the_start() -> None:
+def test_what_comes_once_counts_before_the_start():
     class Topics(Recorded):
-        def messages(self) -> Iterator[Message]:
+        def messages(self):
             for position, topic in enumerate(
                 (
                     "/tf_static",
@@ -153,7 +150,7 @@ def test_what_comes_once_counts_before_the_start() -> None:
 
 @quick
 @given(times=logs, window=st.integers(0, 5))
-def test_a_copy_keeps_late_messages(times: list[list[int]], window: int) -> None:
+def test_a_copy_keeps_late_messages(times, window):
     merged = merge(recorded(times), float(window), keep_late=True)
     assert sorted(map(key, merged)) == sorted(
         (time * SECOND, k, n) for k, row in enumerate(times) for n, time in enumerate(row)

@@ -1,7 +1,5 @@
 """Profiles of the current in gliders' files without a real sample: the field that was written comes back, on true axes."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -13,7 +11,7 @@ from replay_kit.measurements import observations
 from tests.logs.glider import glider_samples as made
 
 
-def test_absolute_profiles_of_spray_come_back_with_depth_first(tmp_path: Path) -> None:
+def test_absolute_profiles_of_spray_come_back_with_depth_first(tmp_path):
     log = open_log(made.spray(tmp_path / "a.nc"))
     profiles = [
         event
@@ -45,7 +43,7 @@ def test_absolute_profiles_of_spray_come_back_with_depth_first(tmp_path: Path) -
 VELOCITY = np.array([0.3, -0.1, 0.05])
 
 
-def test_velocities_of_a_midas_export_come_back_on_true_axes(tmp_path: Path) -> None:
+def test_velocities_of_a_midas_export_come_back_on_true_axes(tmp_path):
     export = made.midas(tmp_path / "sea063_M22.ad2cp.nc", VELOCITY, _BEAMS)
     track = made.bodc(tmp_path / "track.nc")
     logs = open_logs([export, track])

@@ -1,6 +1,4 @@
 from collections import Counter
-from pathlib import Path
-from typing import Any
 
 import h5netcdf
 import numpy as np
@@ -9,7 +7,6 @@ from scipy.io import netcdf_file
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from replay_kit.logs.glider.files import open_glider_file
 from replay_kit.logs.glider.reader import GliderReader
@@ -25,15 +22,15 @@ START = 1_700_000_000.0
 _SECONDS = {"units": "seconds since 1970-1-1 00:00:00"}
 
 
-def _read(path: Path) -> list[Message]:
+def _read(path):
     return list(open_log(path).messages())
 
 
-def _topic(messages: list[Message], topic: str) -> list[Message]:
+def _topic(messages, topic):
     return [message for message in messages if message.topic == topic]
 
 
-def _small_dive() -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
+def _small_dive():
     """A dive of 20 minutes to 100 m: name to dimensions, values, attributes."""
     time = START + np.arange(0.0, 1201.0, 10.0)
     depth = 100.0 - np.abs(np.linspace(-100.0, 100.0, time.size))
@@ -72,11 +69,11 @@ def _small_dive() -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
     }
 
 
-def _write_hdf5(path: Path, variables: dict[str, Any]) -> Path:
+def _write_hdf5(path, variables):
     return made.write(path, variables, {"dive_number": 7})
 
 
-def _write_classic(path: Path, variables: dict[str, Any]) -> Path:
+def _write_classic(path, variables):
     with netcdf_file(path, "w") as file:
         file.dive_number = 7
         for name, (dims, values, attributes) in variables.items():
@@ -92,7 +89,7 @@ def _write_classic(path: Path, variables: dict[str, Any]) -> Path:
     return path
 
 
-def _assert_as_h5netcdf_reads(path: Path) -> None:
+def _assert_as_h5netcdf_reads(path):
     opened = open_glider_file(path)
     assert opened is not None
     dive = opened.content
@@ -128,11 +125,11 @@ def _assert_as_h5netcdf_reads(path: Path) -> None:
         } <= set(dive.variables)
 
 
-def test_variables_are_those_that_h5netcdf_reads(tmp_path: Path) -> None:
+def test_variables_are_those_that_h5netcdf_reads(tmp_path):
     _assert_as_h5netcdf_reads(_write_hdf5(tmp_path / "p0010007.nc", _small_dive()))
 
 
-def test_velocities_on_other_axes_than_the_earths_are_not_read(tmp_path: Path) -> None:
+def test_velocities_on_other_axes_than_the_earths_are_not_read(tmp_path):
     for system, pings in ((0.0, 3), (1.0, 0)):
         path = _write_hdf5(
             tmp_path / f"{system}.nc", _small_dive() | {"ad2cp_coordinateSystem": ((), system, {})}
@@ -143,7 +140,7 @@ def test_velocities_on_other_axes_than_the_earths_are_not_read(tmp_path: Path) -
 
 
 @real
-def test_the_adcp_of_real_dives_looks_up() -> None:
+def test_the_adcp_of_real_dives_looks_up():
     for path in WITH_ADCP:
         log = open_log(path)
         assert {ping.payload["orientation"] for ping in _topic(list(log.messages()), "/adcp")} == {
@@ -153,12 +150,12 @@ def test_the_adcp_of_real_dives_looks_up() -> None:
 
 
 @real
-def test_variables_of_a_real_dive_are_those_that_h5netcdf_reads() -> None:
+def test_variables_of_a_real_dive_are_those_that_h5netcdf_reads():
     _assert_as_h5netcdf_reads(WITH_ADCP[0])
 
 
 @pytest.mark.parametrize("write", [_write_hdf5, _write_classic])
-def test_a_small_dive(tmp_path: Path, write: Any) -> None:
+def test_a_small_dive(tmp_path, write):
     reader = open_log(write(tmp_path / "p0010007.nc", _small_dive()), 2)
     assert isinstance(reader, GliderReader)
     messages = list(reader.messages())
@@ -207,7 +204,7 @@ def test_a_small_dive(tmp_path: Path, write: Any) -> None:
     assert dac.time_ns == round(START + 1260) * 10**9
 
 
-def test_profiles_are_observed_at_their_depths(tmp_path: Path) -> None:
+def test_profiles_are_observed_at_their_depths(tmp_path):
     messages = _read(_write_hdf5(tmp_path / "a.nc", _small_dive()))
     down, up = observations(messages, MeasurementConfig())
     np.testing.assert_allclose(down.depth, np.arange(31) * 5.0)
@@ -224,7 +221,7 @@ def test_profiles_are_observed_at_their_depths(tmp_path: Path) -> None:
     assert up.longitude == pytest.approx(85.01, abs=1e-4)
 
 
-def test_bad_fixes_are_counted_and_not_given(tmp_path: Path) -> None:
+def test_bad_fixes_are_counted_and_not_given(tmp_path):
     dive = _small_dive()
     dive["log_gps_qc"] = (("gps",), np.array([b"4", b"1", b"9"]), {})
     dive["depth_avg_curr_qc"] = ((), b"4", {})
@@ -238,14 +235,14 @@ def test_bad_fixes_are_counted_and_not_given(tmp_path: Path) -> None:
     }
 
 
-def test_a_dive_without_adcp_or_track_still_has_its_fixes(tmp_path: Path) -> None:
+def test_a_dive_without_adcp_or_track_still_has_its_fixes(tmp_path):
     kept = {name: value for name, value in _small_dive().items() if name.startswith("log_gps")}
     assert {message.topic for message in _read(_write_hdf5(tmp_path / "a.nc", kept))} == {
         "/vehicle/fix"
     }
 
 
-def test_other_units_are_read_or_refused(tmp_path: Path) -> None:
+def test_other_units_are_read_or_refused(tmp_path):
     dive = _small_dive()
     dive["ad2cp_cellSize"] = ((), 4.0, {"units": "m"})
     (ping, *_) = _topic(_read(_write_hdf5(tmp_path / "a.nc", dive)), "/adcp")
@@ -259,7 +256,7 @@ def test_other_units_are_read_or_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("write", [_write_hdf5, _write_classic])
-def test_another_netcdf_is_refused(tmp_path: Path, write: Any) -> None:
+def test_another_netcdf_is_refused(tmp_path, write):
     path = write(tmp_path / "a.nc", {"uo": (("x",), np.zeros(3), {})})
     with pytest.raises(LogError, match="expected a Seaglider basestation file"):
         open_log(path)
@@ -267,7 +264,7 @@ def test_another_netcdf_is_refused(tmp_path: Path, write: Any) -> None:
 
 @pytest.mark.parametrize("write", [_write_hdf5, _write_classic])
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.7])
-def test_a_cut_file_is_an_error_of_ours(tmp_path: Path, write: Any, share: float) -> None:
+def test_a_cut_file_is_an_error_of_ours(tmp_path, write, share):
     data = write(tmp_path / "a.nc", _small_dive()).read_bytes()
     (tmp_path / "b.nc").write_bytes(data[: int(len(data) * share)])
     with pytest.raises(LogError, match=r"b\.nc"):
@@ -276,7 +273,7 @@ def test_a_cut_file_is_an_error_of_ours(tmp_path: Path, write: Any, share: float
 
 @real
 @pytest.mark.parametrize("path", WITH_ADCP, ids=lambda path: path.stem)
-def test_real_dives_with_adcp(path: Path) -> None:
+def test_real_dives_with_adcp(path):
     messages = _read(path)
     times = [message.time_ns for message in messages]
     assert times == sorted(times)
@@ -299,7 +296,7 @@ def test_real_dives_with_adcp(path: Path) -> None:
 
 @real
 @pytest.mark.parametrize("path", WITH_ADCP, ids=lambda path: path.stem)
-def test_relative_velocities_are_in_earth_coordinates(path: Path) -> None:
+def test_relative_velocities_are_in_earth_coordinates(path):
     """The third component is the vertical speed that pressure gives, whatever the pitch: so the axes are not the instrument's."""
     pings = _topic(_read(path), "/adcp")
     time = np.array([ping.time_ns for ping in pings]) * 1e-9
@@ -315,7 +312,7 @@ def test_relative_velocities_are_in_earth_coordinates(path: Path) -> None:
 
 @real
 @pytest.mark.parametrize("path", WITHOUT_ADCP, ids=lambda path: path.stem)
-def test_real_dives_without_adcp(path: Path) -> None:
+def test_real_dives_without_adcp(path):
     messages = _read(path)
     assert {message.topic for message in messages} == {"/vehicle/fix", "/vehicle/position", "/dac"}
     (dac,) = _topic(messages, "/dac")

@@ -1,19 +1,16 @@
 """MCAP files as a whole: order, clocks, what is no log, and real files."""
 
-from pathlib import Path
-
 import pytest
 from mcap.writer import CompressionType
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import LogReport, Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.reader import McapReader, header_stamp
 from tests.logs.log_samples import SECOND, SHARED, json_mcap, one_channel_mcap
 
 
-def read(path: Path, data: bytes, **options: object) -> tuple[list[Message], LogReport]:
+def read(path, data, **options: object):
     file = path / "log.anything"
     file.write_bytes(data)
     reader = open_log(file, 3, LogConfig.model_validate(options))
@@ -22,9 +19,7 @@ def read(path: Path, data: bytes, **options: object) -> tuple[list[Message], Log
 
 @pytest.mark.parametrize("compression", list(CompressionType))
 @pytest.mark.parametrize("use_chunking", [True, False])
-def test_json_comes_back_in_file_order(
-    tmp_path: Path, compression: CompressionType, use_chunking: bool
-) -> None:
+def test_json_comes_back_in_file_order(tmp_path, compression, use_chunking):
     times = [5, 3, 3, 9, 1, 8] * 5
     messages, report = read(
         tmp_path, json_mcap(times, compression, use_chunking=use_chunking, data_crcs=True)
@@ -40,7 +35,7 @@ def test_json_comes_back_in_file_order(
     assert report.format == "mcap"
 
 
-def test_a_second_pass_reads_anew(tmp_path: Path) -> None:
+def test_a_second_pass_reads_anew(tmp_path):
     file = tmp_path / "log"
     file.write_bytes(json_mcap([1, 2, 3]))
     reader = open_log(file)
@@ -48,7 +43,7 @@ def test_a_second_pass_reads_anew(tmp_path: Path) -> None:
     assert reader.report().read == {"/a": 2, "/b": 1}
 
 
-def test_clocks(tmp_path: Path) -> None:
+def test_clocks(tmp_path):
     stamped = b'{"header": {"stamp": {"sec": 4, "nanosec": 5}}}'
     data = one_channel_mcap("json", None, [stamped, b"{}"])
     file = tmp_path / "log"
@@ -76,17 +71,17 @@ def test_clocks(tmp_path: Path) -> None:
         ({}, None),
     ],
 )
-def test_header_stamp(payload: dict[str, object], expected: int | None) -> None:
+def test_header_stamp(payload, expected):
     assert header_stamp(payload) == expected
 
 
-def test_a_time_that_int64_cannot_hold(tmp_path: Path) -> None:
+def test_a_time_that_int64_cannot_hold(tmp_path):
     messages, report = read(tmp_path, json_mcap([1, 2**63, 2**63 - 1]))
     assert [m.time_ns for m in messages] == [1, 2**63 - 1]
     assert report.undecodable["/b"][0] == 1
 
 
-def test_what_is_no_log(tmp_path: Path) -> None:
+def test_what_is_no_log(tmp_path):
     cases = {
         "empty": b"",
         "text": b"time,lat,lon\n",
@@ -109,7 +104,7 @@ def test_what_is_no_log(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared logs are not on this machine")
-def test_real_ros2_logs() -> None:
+def test_real_ros2_logs():
     counts = {}
     for file in sorted((SHARED / "rosbag2").glob("*.mcap")):
         reader = open_log(file)
@@ -133,7 +128,7 @@ def test_real_ros2_logs() -> None:
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared logs are not on this machine")
-def test_conformance_files() -> None:
+def test_conformance_files():
     files = sorted((SHARED / "mcap-conformance").rglob("*.mcap"))
     assert len(files) == 416
     for file in files:

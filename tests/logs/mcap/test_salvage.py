@@ -3,7 +3,6 @@
 import struct
 import zlib
 from io import BytesIO
-from pathlib import Path
 
 import pytest
 from mcap.opcode import Opcode
@@ -23,21 +22,19 @@ OUTSIDE, CUT = (
 )
 
 
-def without_end(whole: bytes) -> bytes:
+def without_end(whole):
     """Return a file as it is after a power cut: without end and summary."""
     return whole[: record_offsets(whole, Opcode.DATA_END)[0]]
 
 
-def record(opcode: int, body: bytes) -> bytes:
+def record(opcode, body):
     return struct.pack("<BQ", opcode, len(body)) + body
 
 
 @pytest.mark.parametrize(
     "whole", [PLAIN, without_end(PLAIN)], ids=["with a summary", "without an end"]
 )
-def test_after_a_lost_boundary_outside_chunks_all_other_messages_are_read(
-    tmp_path: Path, whole: bytes
-) -> None:
+def test_after_a_lost_boundary_outside_chunks_all_other_messages_are_read(tmp_path, whole):
     messages = record_offsets(whole, Opcode.MESSAGE)
     damaged = bytearray(whole)
     damaged[messages[7] + 5] = 0x40
@@ -57,7 +54,7 @@ def test_after_a_lost_boundary_outside_chunks_all_other_messages_are_read(
 @pytest.mark.parametrize(
     "whole", [CHUNKED, without_end(CHUNKED)], ids=["with a summary", "without an end"]
 )
-def test_an_index_that_is_said_to_be_a_chunk_costs_no_message(tmp_path: Path, whole: bytes) -> None:
+def test_an_index_that_is_said_to_be_a_chunk_costs_no_message(tmp_path, whole):
     damaged = bytearray(whole)
     # two topics: behind it the other index of the same chunk, which lists messages that are read
     damaged[record_offsets(whole, Opcode.MESSAGE_INDEX)[2]] = Opcode.CHUNK
@@ -67,8 +64,8 @@ def test_an_index_that_is_said_to_be_a_chunk_costs_no_message(tmp_path: Path, wh
 
 
 def test_a_length_that_is_too_small_or_too_large_by_a_few_bytes_costs_one_message(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     messages = record_offsets(PLAIN, Opcode.MESSAGE)
     for flip in (0x01, 0x10, 0x40):
         damaged = bytearray(PLAIN)
@@ -79,8 +76,8 @@ def test_a_length_that_is_too_small_or_too_large_by_a_few_bytes_costs_one_messag
 
 
 def test_a_sound_file_without_chunks_is_verified_by_the_checksum_of_its_section(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     assert read(tmp_path, PLAIN)[1].unchecked == {}
     assert read(tmp_path, without_end(PLAIN))[1].unchecked == {OUTSIDE: 40}
     damaged = bytearray(PLAIN)
@@ -90,9 +87,7 @@ def test_a_sound_file_without_chunks_is_verified_by_the_checksum_of_its_section(
 
 @pytest.mark.parametrize("where", ["head", "data", "index"])
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
-def test_the_chunk_after_one_that_lacks_bytes_is_read(
-    tmp_path: Path, compression: CompressionType, where: str
-) -> None:
+def test_the_chunk_after_one_that_lacks_bytes_is_read(tmp_path, compression, where):
     whole = without_end(json_mcap(range(1000, 1040), compression))
     chunks = record_offsets(whole, Opcode.CHUNK)
     index = next(at for at in record_offsets(whole, Opcode.MESSAGE_INDEX) if at > chunks[2])
@@ -103,7 +98,7 @@ def test_the_chunk_after_one_that_lacks_bytes_is_read(
     assert report.losses[0].messages is None
 
 
-def test_a_chunk_whose_opcode_or_length_is_damaged_is_used_whole(tmp_path: Path) -> None:
+def test_a_chunk_whose_opcode_or_length_is_damaged_is_used_whole(tmp_path):
     whole = without_end(CHUNKED)
     chunks = record_offsets(whole, Opcode.CHUNK)
     for opcode, size in (
@@ -123,14 +118,14 @@ def test_a_chunk_whose_opcode_or_length_is_damaged_is_used_whole(tmp_path: Path)
         ]
 
 
-def test_messages_of_a_cut_chunk_are_counted_as_unverified(tmp_path: Path) -> None:
+def test_messages_of_a_cut_chunk_are_counted_as_unverified(tmp_path):
     chunks = record_offsets(CHUNKED, Opcode.CHUNK)
     found, report = read(tmp_path, CHUNKED[: chunks[2] + 250])
     assert len(found) > 11
     assert report.unchecked == {CUT: len(found) - 11}
 
 
-def test_the_index_of_a_damaged_chunk_counts_when_a_record_follows_it(tmp_path: Path) -> None:
+def test_the_index_of_a_damaged_chunk_counts_when_a_record_follows_it(tmp_path):
     whole = without_end(CHUNKED)
     chunks = record_offsets(whole, Opcode.CHUNK)
     damaged = bytearray(whole)
@@ -141,7 +136,7 @@ def test_the_index_of_a_damaged_chunk_counts_when_a_record_follows_it(tmp_path: 
     assert read(tmp_path, bytes(damaged))[1].losses[0].messages is None
 
 
-def test_a_chunk_without_a_checksum_that_is_emptied_is_told(tmp_path: Path) -> None:
+def test_a_chunk_without_a_checksum_that_is_emptied_is_told(tmp_path):
     whole = without_end(CHUNKED)
     chunk = record_offsets(whole, Opcode.CHUNK)[2]
     damaged = bytearray(whole)
@@ -154,7 +149,7 @@ def test_a_chunk_without_a_checksum_that_is_emptied_is_told(tmp_path: Path) -> N
     ]
 
 
-def test_a_number_of_messages_in_a_damaged_summary_is_not_believed(tmp_path: Path) -> None:
+def test_a_number_of_messages_in_a_damaged_summary_is_not_believed(tmp_path):
     damaged = bytearray(CHUNKED)
     damaged[record_offsets(CHUNKED, Opcode.STATISTICS)[0] + 9 + 4] ^= 4
     found, report = read(tmp_path, bytes(damaged))
@@ -163,7 +158,7 @@ def test_a_number_of_messages_in_a_damaged_summary_is_not_believed(tmp_path: Pat
     assert report.losses[1].what == "the file states 17179869224 messages, 40 were found"
 
 
-def test_a_record_begins_where_opcode_and_length_are_those_of_one() -> None:
+def test_a_record_begins_where_opcode_and_length_are_those_of_one():
     message, index = (
         record(Opcode.MESSAGE, bytes(22)),
         record(Opcode.MESSAGE_INDEX, struct.pack("<HI", 1, 16) + bytes(16)),
@@ -187,7 +182,7 @@ def test_a_record_begins_where_opcode_and_length_are_those_of_one() -> None:
         )
 
 
-def test_three_records_are_a_chain_and_two_before_bad_bytes_are_none() -> None:
+def test_three_records_are_a_chain_and_two_before_bad_bytes_are_none():
     message, footer = record(Opcode.MESSAGE, bytes(22)), record(Opcode.FOOTER, bytes(20))
     for data, chain in (
         (3 * message + b"bad bytes", True),
@@ -201,7 +196,7 @@ def test_three_records_are_a_chain_and_two_before_bad_bytes_are_none() -> None:
         assert begins_chain(BytesIO(data), 0, len(data)) is chain, data
 
 
-def test_the_search_finds_chains_and_chunks_whose_checksum_fits() -> None:
+def test_the_search_finds_chains_and_chunks_whose_checksum_fits():
     message = record(Opcode.MESSAGE, b"payload" * 4)
     contents = record(Opcode.SCHEMA, bytes(14)) + message
     good, bad = (
@@ -225,7 +220,7 @@ def test_the_search_finds_chains_and_chunks_whose_checksum_fits() -> None:
     assert search.next_record(0, (1 << 20) - 4, True) is None
 
 
-def test_what_is_spent_on_checksums_is_bounded_by_the_size_of_the_file() -> None:
+def test_what_is_spent_on_checksums_is_bounded_by_the_size_of_the_file():
     claims = 5000 * struct.pack("<BQQQQIIQ", Opcode.CHUNK, 50_041, 0, 0, 50_000, 7, 0, 50_000)
     data = claims + bytes(60_000)
     file = BytesIO(data)

@@ -1,7 +1,5 @@
 """Stamps far from their neighbours and jumps of a clock: as the slow twin, through `merge`, and in a replay."""
 
-from collections.abc import Iterator, Sequence
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -19,25 +17,25 @@ YEAR_2200 = 84_006 * DAY
 class Recorded:
     """A log made of stamps."""
 
-    def __init__(self, stamps: Sequence[int], topics: Sequence[str] = ()) -> None:
+    def __init__(self, stamps, topics=()):
         self.stamps, self.topics, self.read = stamps, topics, 0
 
-    def messages(self) -> Iterator[Message]:
+    def messages(self):
         for position, stamp in enumerate(self.stamps):
             self.read += 1
             yield Message(
                 stamp, self.topics[position] if self.topics else "/a", "", {}, 0, position
             )
 
-    def report(self) -> LogReport:
+    def report(self):
         return LogReport("made", "made", {}, {}, ())
 
 
-def steady(n: int, start: int = START) -> list[int]:
+def steady(n, start=START):
     return [start + k * SECOND for k in range(n)]
 
 
-def streamed(stamps: Sequence[int]) -> tuple[list[int | None], tuple[ClockJump, ...]]:
+def streamed(stamps):
     """Return the time of each message, by its place in the log, and the jumps; a window so wide that none is late."""
     merged = merge([Recorded(stamps)], 1e12)
     times: list[int | None] = [None] * len(stamps)
@@ -49,7 +47,7 @@ def streamed(stamps: Sequence[int]) -> tuple[list[int | None], tuple[ClockJump, 
 
 
 @pytest.mark.parametrize("place", [0, 1, 40, 79])
-def test_one_stamp_in_the_year_2200_is_set_aside_and_counted(place: int) -> None:
+def test_one_stamp_in_the_year_2200_is_set_aside_and_counted(place):
     stamps = steady(80)
     stamps[place] = YEAR_2200
     merged = merge([Recorded(stamps)], 1.0)
@@ -57,7 +55,7 @@ def test_one_stamp_in_the_year_2200_is_set_aside_and_counted(place: int) -> None
     assert (merged.astray, merged.late, merged.jumps) == ({"/a": 1}, {}, ())
 
 
-def test_after_a_clock_jumps_back_no_message_is_late_and_times_continue() -> None:
+def test_after_a_clock_jumps_back_no_message_is_late_and_times_continue():
     stamps = steady(50) + steady(70, START - 30 * DAY)
     merged = merge([Recorded(stamps)], 1.0)
     last = START + 49 * SECOND
@@ -77,7 +75,7 @@ def test_after_a_clock_jumps_back_no_message_is_late_and_times_continue() -> Non
     assert len(merged.jumps) == 1
 
 
-def test_a_clock_that_returns_is_believed_again() -> None:
+def test_a_clock_that_returns_is_believed_again():
     stamps = steady(40) + steady(40, START - 30 * DAY) + steady(40, START + 80 * SECOND)
     times, jumps = streamed(stamps)
     assert times == steady(40) + steady(40, START + 39 * SECOND) + steady(40, START + 80 * SECOND)
@@ -85,7 +83,7 @@ def test_a_clock_that_returns_is_believed_again() -> None:
     assert str(jumps[1]).endswith("a new segment, their stamps are used as they are")
 
 
-def test_gaps_and_sparse_logs_are_left_alone() -> None:
+def test_gaps_and_sparse_logs_are_left_alone():
     for stamps in (
         steady(40) + steady(40, START + 90 * DAY),
         [START + 2 * k * DAY for k in range(60)],
@@ -94,7 +92,7 @@ def test_gaps_and_sparse_logs_are_left_alone() -> None:
         assert streamed(stamps) == (stamps, ())
 
 
-def test_late_by_less_than_a_day_is_late_as_before() -> None:
+def test_late_by_less_than_a_day_is_late_as_before():
     merged = merge(
         [Recorded([*steady(40), START - DAY + 60 * SECOND, *steady(40, START + 40 * SECOND)])], 1.0
     )
@@ -102,19 +100,19 @@ def test_late_by_less_than_a_day_is_late_as_before() -> None:
     assert (merged.late, merged.astray, merged.jumps) == ({"/a": 1}, {}, ())
 
 
-def test_what_comes_once_may_be_older_than_the_recording() -> None:
+def test_what_comes_once_may_be_older_than_the_recording():
     stamps, topics = [START - 9 * DAY, *steady(3)], ["/tf_static", "/a", "/a", "/a"]
     assert [m.time_ns for m in merge([Recorded(stamps, topics)], 1.0)] == stamps
 
 
-def test_a_copy_keeps_stamps_as_they_are() -> None:
+def test_a_copy_keeps_stamps_as_they_are():
     stamps = steady(40) + steady(40, START - 30 * DAY) + [YEAR_2200]
     assert sorted(m.time_ns for m in merge([Recorded(stamps)], 1.0, keep_late=True)) == sorted(
         stamps
     )
 
 
-def test_no_more_than_the_look_ahead_is_held() -> None:
+def test_no_more_than_the_look_ahead_is_held():
     log = Recorded([*steady(10), YEAR_2200, *steady(500, START + 10 * SECOND)])
     stream = iter(merge([log], 0.0))
     for _ in range(10):
@@ -122,7 +120,7 @@ def test_no_more_than_the_look_ahead_is_held() -> None:
     assert log.read <= 11 + LOOK_AHEAD + 1
 
 
-def test_the_edges_of_the_rule() -> None:
+def test_the_edges_of_the_rule():
     clock = LogClock(START)
     assert settle(clock, START + DAY, []) == LogClock(START + DAY)
     assert settle(clock, START - DAY, []) == LogClock(START - DAY)
@@ -162,7 +160,7 @@ steps = st.lists(
     steps=steps,
     strays=st.dictionaries(st.integers(0, 119), st.sampled_from([YEAR_2200, 0, START + 2 * DAY])),
 )
-def test_as_the_slow_twin(steps: list[int], strays: dict[int, int]) -> None:
+def test_as_the_slow_twin(steps, strays):
     stamps, time = [], START
     for k, step in enumerate(steps):
         time += step
