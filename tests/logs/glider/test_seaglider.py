@@ -40,33 +40,43 @@ def _small_dive():
     profile = np.full((31, 2), 0.125)
     profile[25:] = -999.0
     fill = {"_FillValue": np.float64(-999.0)}
-    return {
-        "log_gps_time": (("gps",), START + np.array([-300.0, -60.0, 1260.0]), _SECONDS),
-        "log_gps_lat": (("gps",), np.array([12.0, 12.001, 12.01]), {}),
-        "log_gps_lon": (("gps",), np.array([85.0, 85.001, 85.01]), {}),
-        "log_gps_qc": (("gps",), np.array([b"1", b"1", b"1"]), {}),
-        "ctd_time": (("ctd",), time, _SECONDS),
-        "ctd_depth": (("ctd",), depth, {"_FillValue": np.float64(np.nan)}),
-        "latitude": (("ctd",), np.linspace(12.001, 12.01, time.size), {}),
-        "longitude": (("ctd",), np.linspace(85.001, 85.01, time.size), {}),
-        "ad2cp_time": (("ping",), START + np.array([100.0, 200.0, 300.0]), _SECONDS),
-        **{f"ad2cp_vel{axis}": (("ping", "cell"), relative, {"units": "m/s"}) for axis in "XYZ"},
-        "ad2cp_blanking": ((), 10.0, {"units": "cm"}),
-        "ad2cp_cellSize": ((), 2000.0, {"units": "mm"}),
-        "ad2cp_soundspeed": ((), 15_300.0, {"units": "m/s"}),
-        "ad2cp_temperature": (("ping",), np.array([300.0, 295.0, 290.0]), {}),
-        "ad2cp_inv_profile_depth": (("level",), np.arange(31) * 5.0, fill),
-        **{
-            f"ad2cp_inv_profile_{name}": (("level", "leg"), profile, fill)
-            for name in ("uocn", "vocn", "wocn")
-        },
-        "depth_avg_curr_east": ((), 0.1, {}),
-        "depth_avg_curr_north": ((), -0.2, {}),
-        "depth_avg_curr_error": ((), 0.01, {}),
-        "depth_avg_curr_qc": ((), b"1", {}),
-        "magnetic_variation": ((), -1.5, {}),
-        "log_dive": ((), 7.0, {}),
+    gps = {
+        "log_gps_time": (START + np.array([-300.0, -60.0, 1260.0]), _SECONDS),
+        "log_gps_lat": np.array([12.0, 12.001, 12.01]),
+        "log_gps_lon": np.array([85.0, 85.001, 85.01]),
+        "log_gps_qc": np.array([b"1", b"1", b"1"]),
     }
+    ctd = {
+        "ctd_time": (time, _SECONDS),
+        "ctd_depth": (depth, {"_FillValue": np.float64(np.nan)}),
+        "latitude": np.linspace(12.001, 12.01, time.size),
+        "longitude": np.linspace(85.001, 85.01, time.size),
+    }
+    pings = {
+        "ad2cp_time": (START + np.array([100.0, 200.0, 300.0]), _SECONDS),
+        "ad2cp_temperature": np.array([300.0, 295.0, 290.0]),
+    }
+    once = {
+        "ad2cp_blanking": (10.0, "cm"),
+        "ad2cp_cellSize": (2000.0, "mm"),
+        "ad2cp_soundspeed": (15_300.0, "m/s"),
+        "depth_avg_curr_east": 0.1,
+        "depth_avg_curr_north": -0.2,
+        "depth_avg_curr_error": 0.01,
+        "depth_avg_curr_qc": b"1",
+        "magnetic_variation": -1.5,
+        "log_dive": 7.0,
+    }
+    inverted = {f"ad2cp_inv_profile_{name}": (profile, fill) for name in ("uocn", "vocn", "wocn")}
+    return (
+        made.over("gps", gps)
+        | made.over("ctd", ctd)
+        | made.over("ping", pings)
+        | made.over(("ping", "cell"), {f"ad2cp_vel{axis}": (relative, "m/s") for axis in "XYZ"})
+        | made.over((), once)
+        | made.over("level", {"ad2cp_inv_profile_depth": (np.arange(31) * 5.0, fill)})
+        | made.over(("level", "leg"), inverted)
+    )
 
 
 def _write_hdf5(path, variables):

@@ -9,6 +9,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink import clock as mavlink_clock
 from tests.logs.log_samples import SHARED, attitude, tlog_entry
+from tests.logs.log_samples import read_log as read
 
 START = 1_700_000_000_000_000
 SMALL = SHARED / "ardusub" / "small.tlog"
@@ -29,13 +30,6 @@ def position(stamp_us, system):
         1000, 473000000, -1246305732, 0, -1500, 0, 0, 0, 65535
     )
     return tlog_entry(stamp_us, message, system=system)
-
-
-def read(folder, data, config=None, wanted=None):
-    file = folder / "log"
-    file.write_bytes(data)
-    reader = open_log(file, 0, config, wanted)
-    return list(reader.messages()), reader.report()
 
 
 def late_recorder(n, starts=1):

@@ -15,6 +15,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.records import MAGIC, MAX_CONTENTS, MAX_SIZE
 from tests.logs.log_samples import json_mcap
+from tests.logs.log_samples import read_log as read
 
 # Function-scoped folders are shared by the examples on purpose: each example writes the one file anew.
 broken = settings(
@@ -31,13 +32,6 @@ SAMPLES = {
     "one chunk": json_mcap(range(40), chunk_size=1 << 20),
     "unchunked": json_mcap(range(40), use_chunking=False, data_crcs=True),
 }
-
-
-def read(folder, data):
-    file = folder / "log"
-    file.write_bytes(data)
-    reader = open_log(file)
-    return list(reader.messages()), reader.report()
 
 
 def numbers(messages):

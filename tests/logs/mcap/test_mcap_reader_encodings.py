@@ -15,13 +15,7 @@ from replay_kit.logs import open_log
 from replay_kit.logs.decode.decoders import channel_decoder, decode_json
 from replay_kit.logs.decode.ros2idl import ros2msg_from_idl
 from tests.logs.log_samples import one_channel_mcap
-
-
-def read(path, data):
-    file = path / "log.anything"
-    file.write_bytes(data)
-    reader = open_log(file)
-    return list(reader.messages()), reader.report()
+from tests.logs.log_samples import read_log as read
 
 
 @pytest.mark.parametrize(

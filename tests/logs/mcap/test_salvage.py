@@ -12,7 +12,8 @@ from replay_kit.logs.mcap.records import MAGIC
 from replay_kit.logs.mcap.salvage import Salvage, begins_chain, begins_record
 from replay_kit.logs.mcap.summary import read_summary
 from tests.logs.log_samples import json_mcap
-from tests.logs.mcap.test_broken_mcap import chunk_record, numbers, read, record_offsets
+from tests.logs.log_samples import read_log as read
+from tests.logs.mcap.test_broken_mcap import chunk_record, numbers, record_offsets
 
 CHUNKED = json_mcap(range(1000, 1040))
 PLAIN = json_mcap(range(1000, 1040), use_chunking=False, data_crcs=True)
