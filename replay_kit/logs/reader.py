@@ -73,6 +73,10 @@ class LogFile(AbstractContextManager["LogFile"]):
         self._clock = self._config.clock
         self._wanted = wanted
         self._files: list[BinaryIO] = []
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Read what a format needs before its first message; nothing by default."""
 
     def __repr__(self) -> str:
         """Return the file, and what the pass begun last has read of it."""

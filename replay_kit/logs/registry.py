@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import NamedTuple
@@ -79,6 +80,10 @@ _DATAFLASH_MAGIC = b"\xa3\x95"
 _HEAD = 1 << 16
 
 
+#: Makes the reader of a log: path, input, configuration and what is wanted, as of ``open_log``.
+Open = Callable[[Path, int, LogConfig | None, frozenset[str] | None], LogFile]
+
+
 class LogFormat(NamedTuple):
     """A format of logs.
 
@@ -90,7 +95,7 @@ class LogFormat(NamedTuple):
 
     name: str
     recognises: Callable[[bytes], bool]
-    load: Callable[[], Callable[[Path, int, LogConfig | None, frozenset[str] | None], LogFile]]
+    load: Callable[[], Open]
 
 
 def _begins(*magics: bytes) -> Callable[[bytes], bool]:
@@ -112,21 +117,6 @@ def _is_dataflash(head: bytes) -> bool:
     return is_dataflash(head)
 
 
-# Readers are imported with the first log of their format: the libraries of one take longer to load than a small log of another to read.
-
-
-def _mcap() -> type[LogFile]:
-    from replay_kit.logs.mcap.reader import McapReader
-
-    return McapReader
-
-
-def _glider() -> Callable[[Path, int, LogConfig | None, frozenset[str] | None], LogFile]:
-    from replay_kit.logs.glider.reader import open_glider
-
-    return open_glider
-
-
 def _is_glider(head: bytes) -> bool:
     if head.startswith(_NETCDF):
         return True
@@ -135,32 +125,24 @@ def _is_glider(head: bytes) -> bool:
     return is_seaexplorer(head)
 
 
-def _raw_adcp() -> type[LogFile]:
-    from replay_kit.logs.adcp.reader import RawAdcpReader
+def _reader(module: str, name: str) -> Callable[[], Open]:
+    """Return what imports a reader, with the first log of its format: its libraries may take longer to load than a log to read."""
 
-    return RawAdcpReader
+    def load() -> Open:
+        found: Open = getattr(import_module(f"replay_kit.logs.{module}"), name)
+        return found
 
-
-def _tlog() -> type[LogFile]:
-    from replay_kit.logs.mavlink.reader import TlogReader
-
-    return TlogReader
-
-
-def _dataflash() -> type[LogFile]:
-    from replay_kit.logs.dataflash.reader import DataflashReader
-
-    return DataflashReader
+    return load
 
 
 #: In the order in which they are tried: those with magic bytes first.
 FORMATS = (
-    LogFormat("mcap", _begins(b"\x89MCAP0\r\n"), _mcap),
-    LogFormat("glider", _is_glider, _glider),
-    LogFormat("pd0", _begins(PD0_MAGIC), _raw_adcp),
-    LogFormat("ad2cp", _begins(*AD2CP_MAGICS), _raw_adcp),
-    LogFormat("tlog", _is_tlog, _tlog),
-    LogFormat("dataflash", _is_dataflash, _dataflash),
+    LogFormat("mcap", _begins(b"\x89MCAP0\r\n"), _reader("mcap.reader", "McapReader")),
+    LogFormat("glider", _is_glider, _reader("glider.reader", "open_glider")),
+    LogFormat("pd0", _begins(PD0_MAGIC), _reader("adcp.reader", "RawAdcpReader")),
+    LogFormat("ad2cp", _begins(*AD2CP_MAGICS), _reader("adcp.reader", "RawAdcpReader")),
+    LogFormat("tlog", _is_tlog, _reader("mavlink.reader", "TlogReader")),
+    LogFormat("dataflash", _is_dataflash, _reader("dataflash.reader", "DataflashReader")),
 )
 #: Group of entry points of other packages' readers, such as one of a Slocum's binary files; each is the function
 #: ``open(path, input, config, wanted)`` that returns a ``LogFile``, or None for a file that is not its own.

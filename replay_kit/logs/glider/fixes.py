@@ -1,7 +1,5 @@
 """Fixes at the surface, by whatever a file tells them from dead-reckoned positions with."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,18 +11,7 @@ from replay_kit.logs.shared.payloads import Positions
 _FIX_STATE = 119
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Fixes(Positions):
-    """Positions measured at the surface, in order of time.
-
-    Attributes:
-        error: shape (n,) [m], standard deviation of each component; NaN where unknown.
-    """
-
-    error: Array
-
-
-def fixes_of(columns: Columns, notes: list[str]) -> tuple[Fixes, int]:
+def fixes_of(columns: Columns, notes: list[str]) -> tuple[Positions, int]:
     """Return the fixes of a mission, and how many more lack a time or a position.
 
     Those that have variables of their own; else those at either end of a stretch at the surface, by the flag of dead reckoning or by
@@ -56,7 +43,9 @@ def fixes_of(columns: Columns, notes: list[str]) -> tuple[Fixes, int]:
         columns.samples
     ):
         notes.append(f"{repeated} fixes at the time of another, left out")
-    return Fixes(*(values[whole][first] for values in (time_ns, longitude, latitude, error))), lost
+    return Positions(
+        *(values[whole][first] for values in (time_ns, longitude, latitude, error))
+    ), lost
 
 
 def _table(table: Table, part: str) -> tuple[NDArray[np.int64], Array, Array, Array]:

@@ -9,12 +9,13 @@ import numpy as np
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.message import Message
+from replay_kit.core.observation import Fix
 from replay_kit.logs.glider.adcp import FROM_SURFACE, INVERTED, earth_ping
 from replay_kit.logs.glider.columns import Columns, joined, read_columns
-from replay_kit.logs.glider.currents import DiveMean, End, mean_currents
+from replay_kit.logs.glider.currents import DiveMean, mean_currents
 from replay_kit.logs.glider.dialects import Dialect
 from replay_kit.logs.glider.files import GliderFile, open_glider_file
-from replay_kit.logs.glider.fixes import Fixes, fixes_of
+from replay_kit.logs.glider.fixes import fixes_of
 from replay_kit.logs.glider.missions import mission_of
 from replay_kit.logs.glider.rows import NetcdfRows
 from replay_kit.logs.reader import Entry, LogFile
@@ -42,27 +43,19 @@ class GliderReader(LogFile):
     without_checksum = "values of NetCDF or text files"
 
     def __init__(
-        self,
-        path: Path,
-        input: int = 0,
-        config: LogConfig | None = None,
-        wanted: frozenset[str] | None = None,
-        *,
-        files: Sequence[GliderFile],
+        self, files: Sequence[GliderFile], input: int = 0, config: LogConfig | None = None
     ) -> None:
-        """Read the files; other arguments as of ``LogFile``.
+        """Read the files.
 
         Args:
-            path: The log's name: of its file, or of the first of its files.
+            files: The log's files, all of one dialect, in order of time; the log is named after the first.
             input: Position of the log among the run's inputs.
             config: How logs are read.
-            wanted: Without effect.
-            files: The log's files, all of one dialect, in order of time.
 
         Raises:
             LogError: A variable has a unit that is not understood.
         """
-        super().__init__(path, input, config, wanted)
+        super().__init__(files[0].content.path, input, config)
         self._dialect = files[0].dialect
         self.format = self._dialect.name
         notes: list[str] = (
@@ -103,7 +96,7 @@ class GliderReader(LogFile):
             self._skip("/dac", reason, count)
         # at one time a position comes before the velocities measured there
         yield from self._by_time(
-            [*_fix_entries(self._fixes), *self._positions(), *self._dacs(), *self._adcp]
+            [*self._fixes.entries(), *self._positions(), *self._dacs(), *self._adcp]
         )
 
     def is_gliders(self) -> bool:
@@ -185,22 +178,6 @@ def _depth_at_times(samples: Mapping[str, Any]) -> Any:
     return np.where((most - least)[of_time] > _ONE_DEPTH, np.nan, depth)
 
 
-def _fix_entries(fixes: Fixes) -> Iterator[Entry]:
-    for time_ns, longitude, latitude, error in zip(
-        fixes.time_ns.tolist(),
-        fixes.longitude.tolist(),
-        fixes.latitude.tolist(),
-        fixes.error.tolist(),
-        strict=True,
-    ):
-        yield (
-            time_ns,
-            "/vehicle/fix",
-            FIX,
-            location_fix(time_ns, longitude, latitude, 0.0, False, error),
-        )
-
-
 def _dac(mean: DiveMean, kind: str) -> dict[str, Any]:
     return {
         "stamp": stamp(mean.end.time_ns),
@@ -216,7 +193,7 @@ def _dac(mean: DiveMean, kind: str) -> dict[str, Any]:
     }
 
 
-def _end(end: End) -> dict[str, Any]:
+def _end(end: Fix) -> dict[str, Any]:
     return {"time": stamp(end.time_ns), "lon": end.longitude, "lat": end.latitude}
 
 
@@ -271,11 +248,7 @@ def open_glider(
         LogError: A file cannot be read, or is of no known dialect.
     """
     files = [file for part in (path, *more) if (file := open_glider_file(part)) is not None]
-    return (
-        GliderReader(path, input, config, wanted, files=files)
-        if files
-        else NetcdfRows(path, input, config, wanted)
-    )
+    return GliderReader(files, input, config) if files else NetcdfRows(path, input, config, wanted)
 
 
 #: Topic of the profiles.

@@ -23,7 +23,7 @@ from replay_kit.logs.mcap.records import (
     parse,
     parse_chunk,
 )
-from replay_kit.logs.mcap.salvage import Salvage, WholeChunk, begins_chain, goes_on
+from replay_kit.logs.mcap.salvage import Salvage, WholeChunk, goes_on
 from replay_kit.logs.mcap.summary import Channels, read_summary
 from replay_kit.logs.shared.statistics import ReadStatistics
 
@@ -226,7 +226,7 @@ class McapScanner(Generic[_T]):
         """Count the damage to the opcode or length of a chunk whose checksum fits; return where reading goes on, or None."""
         resume = (
             end
-            if (follows := begins_chain(self._file, end, self._size))
+            if (follows := self._salvage.begins_chain(end))
             else self._salvage.resume(end - 1, end, False)
         )
         what = (

@@ -9,7 +9,7 @@ from mcap.opcode import Opcode
 from mcap.writer import CompressionType
 
 from replay_kit.logs.mcap.records import MAGIC
-from replay_kit.logs.mcap.salvage import Salvage, begins_chain, begins_record
+from replay_kit.logs.mcap.salvage import Salvage
 from replay_kit.logs.mcap.summary import read_summary
 from tests.logs.log_samples import json_mcap
 from tests.logs.log_samples import read_log as read
@@ -30,6 +30,11 @@ def without_end(whole):
 
 def record(opcode, body):
     return struct.pack("<BQ", opcode, len(body)) + body
+
+
+def salvage(data):
+    file = BytesIO(data)
+    return Salvage(file, len(data), read_summary(file, len(data)))
 
 
 @pytest.mark.parametrize(
@@ -178,9 +183,7 @@ def test_a_record_begins_where_opcode_and_length_are_those_of_one():
         (record(Opcode.FOOTER, bytes(20)) + MAGIC, 29),
         (record(Opcode.FOOTER, bytes(20)) + MAGIC + b"\x00", None),
     ):
-        assert begins_record(BytesIO(b"??" + data), 2, len(data) + 2) == (
-            None if end is None else end + 2
-        )
+        assert salvage(b"??" + data).begins_record(2) == (None if end is None else end + 2)
 
 
 def test_three_records_are_a_chain_and_two_before_bad_bytes_are_none():
@@ -194,7 +197,7 @@ def test_three_records_are_a_chain_and_two_before_bad_bytes_are_none():
         (b"bad bytes", False),
         (b"", False),
     ):
-        assert begins_chain(BytesIO(data), 0, len(data)) is chain, data
+        assert salvage(data).begins_chain(0) is chain, data
 
 
 def test_the_search_finds_chains_and_chunks_whose_checksum_fits():
@@ -211,8 +214,7 @@ def test_the_search_finds_chains_and_chunks_whose_checksum_fits():
         (bytes(1 << 20) + good + b"bad bytes", 1 << 20, 1 << 20),
         (bytes((1 << 20) - 4) + 3 * message + b"bad", (1 << 20) - 4, None),
     ):
-        file = BytesIO(data)
-        search = Salvage(file, len(data), read_summary(file, len(data)))
+        search = salvage(data)
         assert (
             search.next_record(0, len(data), True),
             search.next_record(0, len(data), False),
@@ -224,8 +226,7 @@ def test_the_search_finds_chains_and_chunks_whose_checksum_fits():
 def test_what_is_spent_on_checksums_is_bounded_by_the_size_of_the_file():
     claims = 5000 * struct.pack("<BQQQQIIQ", Opcode.CHUNK, 50_041, 0, 0, 50_000, 7, 0, 50_000)
     data = claims + bytes(60_000)
-    file = BytesIO(data)
-    search = Salvage(file, len(data), read_summary(file, len(data)))
+    search = salvage(data)
     assert search.next_record(0, len(data), False) is None
     assert search.whole_chunk(0) is None
     assert search._left < 50_000
