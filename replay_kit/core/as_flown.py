@@ -60,7 +60,7 @@ def flown_dive(
 
 @dataclass(frozen=True, slots=True)
 class AsFlown:
-    """How a vehicle flew, the median of its dives, in the digits in which it is said: what is said is what is planned with.
+    """How a vehicle flew: the median of its dives, rounded as displayed, so that plans use the displayed values.
 
     Attributes:
         speed: Through the water, along the glide, to 1 cm/s [m/s].
@@ -121,7 +121,7 @@ class FlightCorrection:
     """The correction of a log's mean currents, as its dives show it at the end.
 
     Attributes:
-        sizes: Length of what was taken from each mean current that was corrected and used [m/s].
+        sizes: Magnitude of the correction of each mean current that was corrected and used [m/s].
         along: Error of the flight model along the way through the water, as a share of it.
         across: The same across the way, to the left.
         along_std: Its standard deviation.

@@ -60,7 +60,7 @@ class LogReport:
 
     Attributes:
         path: The log.
-        format: ``mcap``, ``tlog``, ``dataflash``, ``pd0``, ``ad2cp``, or the name of a glider's dialect, such as ``seaglider``.
+        format: ``mcap``, ``tlog``, ``dataflash``, ``pd0``, ``ad2cp``, or a dialect of glider files, such as ``seaglider``.
         read: Messages found, by topic, decoded or not.
         undecodable: Topic to (count, reason) for what no decoder could read.
         losses: Damage found; empty for a sound file.

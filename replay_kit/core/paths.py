@@ -42,9 +42,7 @@ def check_paths(
         if path.is_dir():
             raise ConfigError(f"{path}: is a folder; give the name of a file")
         if path.is_socket() or path.is_block_device():
-            raise ConfigError(
-                f"{path}: is a socket or a disk, which is not replaced; give the name of a file"
-            )
+            raise ConfigError(f"{path}: is a socket or a disk, not a file; choose another name")
         if not path.parent.is_dir():
             raise ConfigError(
                 f"{path}: there is no folder {path.parent}; make it, or choose another place"
@@ -136,7 +134,7 @@ def _touches(path: Path, source: Path) -> bool:
     )
 
 
-#: What any file may claim [bytes], and for each byte that it has: the shared forecasts have five to twelve.
+#: Size that any file may declare [bytes], and per byte of the file; forecasts in use have five to twelve.
 _FREE, _RATIO = 1 << 25, 100
 
 

@@ -14,7 +14,7 @@ from replay_kit.core.observation import Fix, VehicleState
 
 @dataclass(frozen=True, slots=True)
 class Ellipse:
-    """Where nine of ten surfacings are expected.
+    """An ellipse of predicted surfacings.
 
     Attributes:
         longitude: Of its centre [degrees east].
@@ -72,7 +72,7 @@ class Surfacing:
         time_ns: [ns, UTC].
         longitude: [degrees east].
         latitude: [degrees north].
-        ellipse: Where nine of ten samples of the estimate end; None without samples.
+        ellipse: Holds nine of ten samples of the estimate; None without samples.
     """
 
     time_ns: int
@@ -87,7 +87,7 @@ class Outcome:
 
     Attributes:
         planned_ns: When the plan begins [ns, UTC].
-        predicted: What it said.
+        predicted: The predicted surfacing.
         time_ns: When the vehicle surfaced [ns, UTC].
         longitude: Where [degrees east].
         latitude: Where [degrees north].
@@ -123,7 +123,7 @@ def outcome_of(planned_ns: int, predicted: Surfacing, fix: VehicleState) -> Outc
 
     Args:
         planned_ns: When the plan begins [ns, UTC].
-        predicted: What it said.
+        predicted: The predicted surfacing.
         fix: The vehicle's.
     """
     east, north = to_local(
@@ -133,7 +133,7 @@ def outcome_of(planned_ns: int, predicted: Surfacing, fix: VehicleState) -> Outc
     return Outcome(planned_ns, predicted, fix.time_ns, fix.longitude, fix.latitude, away, direction)
 
 
-#: What a dive's end is expected from: the way through the water by the flight model and the mean currents of the dives before; or their
+#: What a dive's end is predicted from: the way through the water by the flight model and the mean currents of the dives before; or their
 #: mean velocities over ground, beside the estimate of the current or alone.
 Basis = Literal["mean_currents", "estimate", "displacements"]
 
@@ -143,21 +143,21 @@ SHARES = (0.5, 0.9)
 
 @dataclass(frozen=True, slots=True)
 class DiveForecast:
-    """The expected end of a dive.
+    """The predicted end of a dive.
 
     Attributes:
         dive: Its number.
-        earlier: Number of dives that it is expected from.
+        earlier: Number of dives that it is predicted from.
         start: The fix before it.
         time_ns: When it ends [ns, UTC].
-        longitude: Where it is expected to surface [degrees east].
+        longitude: Where it is predicted to surface [degrees east].
         latitude: The same [degrees north].
         inner: The ellipse that should hold half of such surfacings.
         outer: The ellipse that should hold nine in ten.
         persistent_radius: Radius of the circle about the place with the last dive's mean current that should hold nine in ten, given how
             much mean currents have changed from dive to dive [m]; NaN before a first change. Without mean currents it is their velocity
             over ground.
-        basis: What it is expected from.
+        basis: What it is predicted from.
     """
 
     dive: int
@@ -179,7 +179,7 @@ class DiveForecast:
 
 @dataclass(frozen=True, slots=True)
 class DiveOutcome:
-    """An expected end of a dive beside the actual one.
+    """A predicted end of a dive beside the actual one.
 
     Attributes:
         forecast: Made without anything that was measured in the dive, but for its way through the water.
@@ -198,17 +198,17 @@ class DiveOutcome:
 
     @property
     def distance(self) -> float:
-        """From the expected place to the actual one [m]."""
+        """From the predicted place to the actual one [m]."""
         return float(np.hypot(*self.off))
 
     @property
     def direction_deg(self) -> float:
-        """From the expected place to the actual one, clockwise from true north."""
+        """From the predicted place to the actual one, clockwise from true north."""
         return float(heading_deg(*self.off))
 
     @property
     def off(self) -> tuple[float, float]:
-        """From the expected place to the actual one, true east and north [m]."""
+        """From the predicted place to the actual one, true east and north [m]."""
         east, north = to_local(
             Projection(self.forecast.longitude, self.forecast.latitude),
             self.fix.longitude,

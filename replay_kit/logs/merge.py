@@ -15,7 +15,7 @@ from replay_kit.core.text import time_text
 
 #: Nearer stamps are no matter of a wrong clock: messages are late by hours where data are buffered [ns].
 FAR_NS = 86_400_000_000_000
-#: Messages that are looked at before a far stamp is judged.
+#: Following messages used to judge a stamp that is far from its neighbours.
 LOOK_AHEAD = 32
 #: Last part of latched topics, and words in it: their messages come once, when a recording begins, and hold from then on.
 _LATCHED_TOPICS = frozenset({"tf_static", "robot_description", "PARAM_VALUE"})

@@ -138,7 +138,7 @@ class LogFile(AbstractContextManager["LogFile"]):
         yield from map(channels.raw, self.messages())
 
     def is_gliders(self) -> bool:
-        """Return whether the log is a glider's: it is a file of a glider, or states mean currents of dives."""
+        """Return whether the log is of a glider: a glider file, or one with mean currents of dives."""
         return False
 
     def frames(self) -> Iterator[RawMessage]:

@@ -45,7 +45,7 @@ def logs_in(path: Path) -> list[Path]:
     if not gliders and not streams:
         names = ", ".join(file.name for file in held[:5]) or "no file"
         raise LogError(
-            f"{path}: expected a ROS 2 bag (with {_BAG}), a glider's files (.nc, .gli, .pld1) or logs ({', '.join(STREAMS)}); "
+            f"{path}: expected a ROS 2 bag (with {_BAG}), glider files (.nc, .gli, .pld1) or logs ({', '.join(STREAMS)}); "
             f"the folder holds {names}; give the logs themselves"
         )
     return [*gliders, *streams]
@@ -197,7 +197,7 @@ def open_log(
             return log
     foreign = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
     raise LogError(
-        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a DataFlash log (.BIN), a glider's NetCDF or "
+        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a DataFlash log (.BIN), a glider NetCDF or "
         "SeaExplorer file, or a raw ADCP file (PD0, AD2CP); "
         + (
             f"this is {foreign}"
@@ -213,16 +213,16 @@ def open_logs(
     wanted: frozenset[str] | None = None,
     several_missions: bool = False,
 ) -> list[LogFile]:
-    """Return the readers of a mission's logs: a folder stands for the logs in it, and a glider's files of single profiles are one log.
+    """Return the readers of a mission's logs: a folder stands for the logs in it, and glider files of single profiles are one log.
 
     Args:
-        paths: Files and folders: a ROS 2 bag, or a folder of a glider's files.
+        paths: Files and folders: a ROS 2 bag, or a folder of glider files.
         config: How logs are read; the defaults when None.
         wanted: As of ``open_log``.
         several_missions: Whether a folder may hold the files of several missions.
 
     Raises:
-        LogError: As of ``open_log``; or a folder holds no log, or gliders' files of several missions.
+        LogError: As of ``open_log``; or a folder holds no log, or glider files of several missions.
     """
     files = [file for path in paths for file in logs_in(Path(path))]
     places = [place for place, file in enumerate(files) if _is_glider(_first_bytes(file))]
@@ -260,7 +260,7 @@ def _first_bytes(path: Path) -> bytes:
         with open(path, "rb") as file:
             head = file.read(_HEAD)
     except FileNotFoundError as error:
-        raise LogError(f"{path}: expected a log, there is no such file; check the path") from error
+        raise LogError(f"{path}: file not found") from error
     except OSError as error:
         raise unreadable(path, error) from error
     if not head:

@@ -37,7 +37,7 @@ def test_a_link_in_place_of_the_part_is_not_followed(tmp_path, write):
     victim, out = tmp_path / "victim", tmp_path / "out"
     victim.write_text("old")
     (tmp_path / "out.part").symlink_to(victim)
-    with pytest.raises(ConfigError, match=r"out\.part: is no file but a link"):
+    with pytest.raises(ConfigError, match=r"out\.part: is a link"):
         write(out)
     assert victim.read_text() == "old"
     assert not out.exists()
@@ -73,9 +73,7 @@ def test_devices_folders_pipes_and_sockets_are_not_replaced(tmp_path, monkeypatc
         monkeypatch.chdir(tmp_path)
         server.bind("socket")
         for name in ("pipe", "folder", "null", "socket"):
-            with pytest.raises(
-                ConfigError, match=f"{name}: is no file but a folder, device, pipe or socket"
-            ):
+            with pytest.raises(ConfigError, match=f"{name}: is a folder, device, pipe or socket"):
                 write(tmp_path / name)
             assert not (tmp_path / f"{name}.part").exists()
         with pytest.raises(ConfigError, match="socket: is a socket or a disk"):
@@ -83,7 +81,7 @@ def test_devices_folders_pipes_and_sockets_are_not_replaced(tmp_path, monkeypatc
 
 
 def test_a_device_is_not_replaced_even_by_who_may(tmp_path):
-    with pytest.raises(ConfigError, match="/dev/null: is no file but a folder, device"):
+    with pytest.raises(ConfigError, match="/dev/null: is a folder, device"):
         open_part(Path("/dev/null"))
     assert Path("/dev/null").is_char_device()
     assert not Path("/dev/null.part").exists()
@@ -94,7 +92,7 @@ def test_a_part_that_is_a_folder_or_a_pipe_is_said(tmp_path):
     os.mkfifo(tmp_path / "b.part")
     for name in ("a", "b"):
         with pytest.raises(
-            ConfigError, match=rf"{name}\.part: is no file but a link, folder or device; remove it"
+            ConfigError, match=rf"{name}\.part: is a link, folder or device, not a file; remove it"
         ):
             open_part(tmp_path / name)
 

@@ -60,7 +60,7 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
                 return from_lossless(dataset.load())
     except (OSError, ValueError, KeyError, RuntimeError) as error:
         raise ForecastError(
-            f"{name}: expected a file of --save-estimate (NetCDF-4), but it is none or is damaged: {error}"
+            f"{name}: expected a file of --save-estimate (NetCDF-4), but it is not one, or is damaged: {error}"
         ) from error
     if kind != FORMAT:
         raise ForecastError(

@@ -181,7 +181,7 @@ class RawAdcpReader(LogFile):
             self._gps, self._profiles = (self._pd0 if self.format == "pd0" else self._ad2cp)(data)
         except (LookupError, ValueError, TypeError) as error:
             raise LogError(
-                f"{self.path}: not a setting of an instrument that is understood: {type(error).__name__}: {error}"
+                f"{self.path}: unknown setting of an instrument: {type(error).__name__}: {error}"
             ) from error
         if not self._profiles:
             raise LogError(

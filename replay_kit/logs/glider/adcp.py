@@ -235,11 +235,11 @@ def orientation(velocity: Array, depth: Array, distance: Array, notes: list[str]
     found = "down" if ratio < 1.0 / _CLEAR else "up"
     if 1.0 / _CLEAR <= ratio <= _CLEAR or np.isnan(ratio):
         notes.append(
-            "ADCP: taken to look up, because neither the file nor its shears tell where it looks"
+            "ADCP: assumed to look up; neither the file nor its shears show its orientation"
         )
     else:
         notes.append(
-            f"ADCP: looks {found}, by its shears, which agree {max(ratio, 1.0 / ratio):.2f} times as well so as the other way"
+            f"ADCP: looks {found} by its shears, whose variance is {max(ratio, 1.0 / ratio):.2f} times smaller than the other way"
         )
     return found
 
@@ -304,12 +304,12 @@ def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
     up = up[np.isfinite(up)]
     orientation = "down" if up.size and np.median(up) < 0.0 else "up"
     notes.append(
-        f"ADCP: looks {orientation}, by its accelerometer" if up.size else "ADCP: taken to look up"
+        f"ADCP: looks {orientation} by its accelerometer" if up.size else "ADCP: assumed to look up"
     )
     notes.append(
-        "ADCP: beams taken to be those of Nortek's glider head (47.5 degrees fore and aft, 25 degrees abeam)"
+        "ADCP: beams assumed to be those of Nortek's glider head (47.5 degrees fore and aft, 25 degrees abeam)"
     )
-    notes.append("ADCP: headings are magnetic; state measurements.magnetic_declination")
+    notes.append("ADCP: headings are magnetic; set measurements.magnetic_declination")
     distance = file.array(held["velocityrange"]).ravel() if "velocityrange" in held else np.empty(0)
     distance = (
         distance if distance.size == velocity.shape[1] else _distances(file, velocity.shape[1])

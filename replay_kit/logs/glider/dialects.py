@@ -48,7 +48,7 @@ _ALWAYS = ("rowsize", "row_size", "trajectory", "mission_name")
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """One way of writing a glider's data.
+    """One convention of glider files.
 
     Attributes:
         name: As in ``LogReport.format``.

@@ -1,4 +1,4 @@
-"""A glider's files of any known dialect as messages of the kinds that other logs hold."""
+"""Reader of glider files: fixes, positions, mean currents and ADCP pings of any known dialect as messages."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -235,7 +235,7 @@ def open_glider(
     wanted: frozenset[str] | None = None,
     more: Sequence[Path] = (),
 ) -> LogFile:
-    """Return the reader of a glider's file, or of several that are one log.
+    """Return the reader of a glider file, or of several that are one log.
 
     Args:
         path: The file, or the first of them.

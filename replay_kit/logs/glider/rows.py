@@ -1,4 +1,4 @@
-"""A NetCDF file of no known dialect, row by row: each time is a message that a mapping can read."""
+"""NetCDF files of no known dialect: each time is a message, for ``[[measurements.map]]``."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,11 +24,11 @@ _VELOCITY = (
     "sea_water_y_velocity",
 )
 _NOT_A_LOG = "; a forecast is given with --ensemble, not as a log"
-_EXPECTED = "expected a Seaglider basestation file or a glider's file of another known dialect"
+_EXPECTED = "expected a Seaglider basestation file or a glider file of another known dialect"
 
 
 class NetcdfRows(LogFile):
-    """A file whose variables are rows over one time; which of them is what, ``[[measurements.map]]`` says."""
+    """A file whose variables are rows over one time; ``[[measurements.map]]`` maps them."""
 
     format = "netcdf"
 

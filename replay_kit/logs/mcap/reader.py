@@ -1,4 +1,4 @@
-"""Streaming MCAP reader: one chunk in memory, messages in file order, damage counted and stepped over."""
+"""Streaming MCAP reader: one chunk in memory, messages in file order, damage counted and skipped."""
 
 import os
 import struct

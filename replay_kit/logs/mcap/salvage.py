@@ -1,4 +1,4 @@
-"""Where reading goes on after damage to an MCAP file: the next place at which records, or a chunk whose checksum fits, begin."""
+"""Resynchronisation after damage to an MCAP file: the next offset at which records, or a chunk whose checksum fits, begin."""
 
 import re
 import struct
@@ -76,7 +76,7 @@ def _is_index(body: bytes, length: int) -> bool:
 
 
 class Salvage:
-    """Says what is a record of one file, and where reading goes on; what checksums of candidates cost is bounded by the file's size."""
+    """Says what is a record of one file, and where reading resumes; what checksums of candidates cost is bounded by the file's size."""
 
     def __init__(self, file: BinaryIO, size: int, summary: Summary) -> None:
         """Begin with a file, its size [bytes] and its summary."""
@@ -230,5 +230,5 @@ class Salvage:
 
 
 def goes_on(resume: int | None) -> str:
-    """Return where reading goes on in words, for the end of a sentence; empty when it does not."""
-    return "" if resume is None else f"; reading goes on at byte {resume}"
+    """Return the end of a sentence that says where reading resumes; empty when it does not."""
+    return "" if resume is None else f"; reading resumes at byte {resume}"

@@ -266,7 +266,7 @@ def _problem(summary: Summary, held: Mapping[int, Sequence[ChunkIndex]]) -> str:
     if not counts.keys() <= summary.channels.keys():
         return "its index does not declare all topics"
     if not counts.keys() <= held.keys() or len(summary.chunks) != statistics.chunk_count:
-        return "its index does not say where the messages of each topic are"
+        return "its index does not locate the messages of each topic"
     return ""
 
 

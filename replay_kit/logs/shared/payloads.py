@@ -1,4 +1,4 @@
-"""Parts of the messages that readers of foreign formats make: stamps, fixes, numbers that may be unknown."""
+"""Parts of the messages made from foreign formats: stamps, fixes, missing numbers, notes."""
 
 import math
 import re

@@ -82,7 +82,7 @@ def test_load_refuses_other_files(flow, tmp_path):
     path.write_bytes(b"no NetCDF at all")
     with pytest.raises(
         ForecastError,
-        match=r"expected a file of --save-estimate \(NetCDF-4\), but it is none or is damaged",
+        match=r"expected a file of --save-estimate \(NetCDF-4\), but it is not one, or is damaged",
     ):
         load(path)
     write_grid(flow, path)

@@ -61,7 +61,7 @@ def test_each_ensemble_is_read_by_its_own_leader(tmp_path):
 def test_the_change_is_told_with_the_ping_and_what_changed(tmp_path):
     path = write(tmp_path, joined({0: SURVEY, 10: CHANGED, 25: SURVEY}))
     told = (
-        "the instrument's configuration changes 2 times, each ping is read by its own: "
+        "the instrument's configuration changes 2 times, each ping uses its own: "
         "at ping 10: cells 12 -> 7, cell size 1 m -> 2 m, coordinates beam -> earth; "
         "at ping 25: cells 7 -> 12, cell size 2 m -> 1 m, coordinates earth -> beam",
     )
@@ -83,7 +83,7 @@ def test_one_change_is_told_once(tmp_path, changed, words):
     log = open_log(write(tmp_path, joined({0: SURVEY, 29: replace(SURVEY, **changed)})))
     list(log.messages())
     assert log.report().notes == (
-        f"the instrument's configuration changes once, each ping is read by its own: at ping 29: {words}",
+        f"the instrument's configuration changes once, each ping uses its own: at ping 29: {words}",
     )
 
 

@@ -92,7 +92,7 @@ def test_times_of_fixes_that_are_all_fill_do_not_cost_the_file(tmp_path):
     assert [message.time_ns for message in log.messages() if message.topic == "/vehicle/fix"] == [
         round(made.START + seconds) * 10**9 for seconds in made.FIXES[:, 0]
     ]
-    assert "TIME_GPS: holds no time of a mission, not used" in log.report().notes
+    assert "TIME_GPS: holds no plausible times, not used" in log.report().notes
     with h5py.File(path, "r+") as file:
         file["TIME_GPS"][0] = made.START + 5.0
     assert [

@@ -106,10 +106,8 @@ def test_what_was_assumed_is_noted(tmp_path):
     assert "IOOS GliderDAC: 4 files are one log" in notes["gliderdac"]
     assert "mean current: 2 in 118 values, each counted once" in notes["gliderdac"]
     assert "WATERCURRENTS_U, WATERCURRENTS_V: converted from cm/s to m/s" in notes["bodc"]
-    assert (
-        "DEPTH_Z: bears the standard name of a depth and counts upwards; not used" in notes["bodc"]
-    )
-    assert "depth: counts upwards (its values are negative), sign reversed" in notes["socib"]
+    assert "DEPTH_Z: has the standard name depth but is positive up; not used" in notes["bodc"]
+    assert "depth: positive up (by its negative values), sign reversed" in notes["socib"]
     radians = "heading: no value above 1.50, so taken as radians although its unit is degrees; converted to degrees"
     assert radians in notes["socib"]
     assert (
@@ -169,4 +167,4 @@ def test_the_parts_of_a_seaexplorer_come_back_with_their_fixes(tmp_path):
             (longitude, latitude), abs=1e-6
         )
     assert "Declination: declination 17 degrees" in " ".join(log.report().notes)
-    assert "Timestamp: 1 values without a time, left out" in log.report().notes
+    assert "Timestamp: 1 values without a time, excluded" in log.report().notes

@@ -40,7 +40,7 @@ def test_shears_tell_where_it_looks(sign, looks):
     ratio = _twin(shear, depth[:, None] + middle) / _twin(shear, depth[:, None] - middle)
     assert agreement(velocity, depth, DISTANCE) == pytest.approx(ratio, rel=1e-10)
     assert notes == [
-        f"ADCP: looks {looks}, by its shears, which agree {max(ratio, 1 / ratio):.2f} times as well so as the other way"
+        f"ADCP: looks {looks} by its shears, whose variance is {max(ratio, 1 / ratio):.2f} times smaller than the other way"
     ]
 
 
@@ -50,5 +50,5 @@ def test_where_shears_do_not_tell_up_is_taken(cells):
     notes: list[str] = []
     assert orientation(velocity, depth, DISTANCE[:cells], notes) == "up"
     assert notes == [
-        "ADCP: taken to look up, because neither the file nor its shears tell where it looks"
+        "ADCP: assumed to look up; neither the file nor its shears show its orientation"
     ]

@@ -64,4 +64,4 @@ def test_velocities_of_a_midas_export_come_back_on_true_axes(tmp_path):
         np.testing.assert_allclose(ping.velocity, np.tile([east, north], (5, 1)), atol=1e-5)
     # up from 33 dbar
     np.testing.assert_allclose(pings[0].depth, 32.7 - np.arange(2.0, 12.0, 2.0), atol=0.2)
-    assert any("looks up, by its accelerometer" in note for note in logs[0].report().notes)
+    assert any("looks up by its accelerometer" in note for note in logs[0].report().notes)

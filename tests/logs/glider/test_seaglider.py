@@ -156,7 +156,7 @@ def test_the_adcp_of_real_dives_looks_up():
         assert {ping.payload["orientation"] for ping in _topic(list(log.messages()), "/adcp")} == {
             "up"
         }
-        assert any(note.startswith("ADCP: looks up, by its shears") for note in log.report().notes)
+        assert any(note.startswith("ADCP: looks up by its shears") for note in log.report().notes)
 
 
 @real

@@ -211,7 +211,7 @@ def test_a_ragged_array_states_a_profile_once(tmp_path):
         list(open_log(made.erddap(tmp_path / "rows.nc")).messages())
     )
     assert (
-        "2 profiles of 118 samples: what is stated once for each holds at all of its samples"
+        "2 profiles of 118 samples: values stated once for each are repeated at its samples"
         in ragged.report().notes
     )
 

@@ -166,7 +166,7 @@ def test_reading_goes_on_at_the_next_chunk_after_a_wrong_length(tmp_path):
     assert len(report.losses) == 1
     # the chunk's own lengths and checksum fit: nothing is lost but its length, and its index is read too
     index = next(at for at in record_offsets(whole, Opcode.MESSAGE_INDEX) if at > chunks[2])
-    assert report.losses[0].what.endswith(f"reading goes on at byte {index}")
+    assert report.losses[0].what.endswith(f"reading resumes at byte {index}")
     assert (report.losses[0].offset, report.losses[0].bytes, report.losses[0].messages) == (
         chunks[2],
         9,

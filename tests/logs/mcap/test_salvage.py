@@ -52,7 +52,7 @@ def test_after_a_lost_boundary_outside_chunks_all_other_messages_are_read(tmp_pa
         messages[8] - messages[7],
         None,
     )
-    assert loss.what.endswith(f"reading goes on at byte {messages[8]}")
+    assert loss.what.endswith(f"reading resumes at byte {messages[8]}")
     # the checksum of the whole section cannot say which of them are sound
     assert report.unchecked == {OUTSIDE: 39}
 

@@ -209,8 +209,8 @@ def sizes(**options):
         (sizes()[:-20], "it has no index, or its end is missing"),
         (sizes(use_statistics=False), "it has no index, or its end is missing"),
         (sizes(repeat_channels=False), "does not declare all topics"),
-        (sizes(use_chunking=False), "does not say where the messages"),
-        (sizes(index_types=IndexType.NONE), "does not say where the messages"),
+        (sizes(use_chunking=False), "does not locate the messages"),
+        (sizes(index_types=IndexType.NONE), "does not locate the messages"),
     ],
     ids=["cut", "no statistics", "no channels", "no chunks", "no indexes"],
 )

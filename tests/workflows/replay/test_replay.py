@@ -296,7 +296,7 @@ def empty_file(folder):
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [
-        (lambda folder: None, LogError, "no such file"),
+        (lambda folder: None, LogError, "file not found"),
         (no_log, LogError, "expected an MCAP file"),
         (empty_file, LogError, "empty"),
         (empty_mcap, MeasurementError, "no messages at all"),
