@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink import DFReader
 
@@ -23,16 +23,10 @@ from tests.logs.dataflash.dataflash_samples import (
     gps,
     record,
 )
-from tests.logs.log_samples import SHARED, read_log
+from tests.logs.log_samples import SHARED, broken, read_log
 
 SMALL = SHARED / "ardusub" / "small.BIN"
 real = pytest.mark.skipif(not SMALL.exists(), reason="the shared logs are not on this machine")
-broken = settings(
-    max_examples=50,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
 
 
 def slow_twin(path):

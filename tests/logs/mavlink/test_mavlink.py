@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -12,17 +12,10 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.message import LogReport
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.reader import TlogReader
-from tests.logs.log_samples import SHARED, attitude, json_mcap, read_log, tlog, tlog_entry
+from tests.logs.log_samples import SHARED, attitude, broken, json_mcap, read_log, tlog, tlog_entry
 
 START = 1_700_000_000_000_000
 SMALL = SHARED / "ardusub" / "small.tlog"
-
-broken = settings(
-    max_examples=100,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
 
 
 def boots(messages):

@@ -6,7 +6,7 @@ import zlib
 
 import pytest
 import zstandard
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType
@@ -14,16 +14,8 @@ from mcap.writer import CompressionType
 from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.records import MAGIC, MAX_CONTENTS, MAX_SIZE
-from tests.logs.log_samples import json_mcap
+from tests.logs.log_samples import broken, json_mcap
 from tests.logs.log_samples import read_log as read
-
-# Function-scoped folders are shared by the examples on purpose: each example writes the one file anew.
-broken = settings(
-    max_examples=60,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
 
 SAMPLES = {
     "none": json_mcap(range(40)),

@@ -84,38 +84,23 @@ def test_protobuf_nested_maps_oneofs_and_recursion(tmp_path):
     kind = descriptor_pb2.FieldDescriptorProto
     entry = node.nested_type.add(name="NamedEntry")
     entry.options.map_entry = True
-    entry.field.add(name="key", number=1, type=kind.TYPE_STRING, label=kind.LABEL_OPTIONAL)
-    entry.field.add(
-        name="value",
-        number=2,
-        type=kind.TYPE_MESSAGE,
-        type_name=".t.Node",
-        label=kind.LABEL_OPTIONAL,
-    )
-    node.field.add(
-        name="named",
-        number=1,
-        type=kind.TYPE_MESSAGE,
-        type_name=".t.Node.NamedEntry",
-        label=kind.LABEL_REPEATED,
-    )
-    node.field.add(
-        name="children",
-        number=2,
-        type=kind.TYPE_MESSAGE,
-        type_name=".t.Node",
-        label=kind.LABEL_REPEATED,
-    )
-    node.field.add(name="value", number=3, type=kind.TYPE_DOUBLE, label=kind.LABEL_OPTIONAL)
+
+    def field(
+        message, name, number, of="", label=kind.LABEL_OPTIONAL, type=kind.TYPE_DOUBLE, **more
+    ):
+        if of:
+            type = kind.TYPE_MESSAGE
+        message.field.add(
+            name=name, number=number, type=type, type_name=of or None, label=label, **more
+        )
+
+    field(entry, "key", 1, type=kind.TYPE_STRING)
+    field(entry, "value", 2, ".t.Node")
+    field(node, "named", 1, ".t.Node.NamedEntry", kind.LABEL_REPEATED)
+    field(node, "children", 2, ".t.Node", kind.LABEL_REPEATED)
+    field(node, "value", 3)
     node.oneof_decl.add(name="_depth")
-    node.field.add(
-        name="depth",
-        number=4,
-        type=kind.TYPE_DOUBLE,
-        label=kind.LABEL_OPTIONAL,
-        proto3_optional=True,
-        oneof_index=0,
-    )
+    field(node, "depth", 4, proto3_optional=True, oneof_index=0)
     pool = DescriptorPool()
     pool.Add(file)
     tree = message_factory.GetMessageClass(pool.FindMessageTypeByName("t.Node"))()
