@@ -14,7 +14,6 @@ from replay_kit.logs.mcap.records import (
     MAX_SIZE,
     RECORD_ERRORS,
     RECORD_HEAD,
-    Chunk,
     Record,
     chunk_contents,
     parse_chunk,
@@ -57,12 +56,10 @@ class WholeChunk(NamedTuple):
     """A chunk whose checksum fits its contents, wherever its record is said to end.
 
     Attributes:
-        chunk: The chunk.
         contents: Its records.
         end: Where its data end in the file [bytes].
     """
 
-    chunk: Chunk
     contents: bytes
     end: int
 
@@ -192,7 +189,7 @@ class Salvage:
             self._left -= cost
             self._file.seek(start)
             chunk = replace(stated, data=memoryview(self._file.read(length)))
-            return WholeChunk(chunk, chunk_contents(chunk), start + length)
+            return WholeChunk(chunk_contents(chunk), start + length)
         except RECORD_ERRORS:
             return None
 

@@ -148,7 +148,7 @@ def test_a_flow_on_a_lattice_survives_a_file_and_a_pickle(flow, n_modes):
 
 
 def test_nodes_that_are_not_the_grid_s_survive(flow):
-    moved = replace(flow, horizontal=flow.horizontal.at_nodes(flow.nodes + 100.0))
+    moved = replace(flow, horizontal=replace(flow.horizontal, nodes=flow.nodes + 100.0))
     assert_same_flow(moved, load_bytes(save_bytes(moved), "flow"))
 
 

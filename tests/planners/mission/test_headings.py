@@ -33,7 +33,7 @@ def moved(flow: FlowEstimate, frame: Projection, east: float, north: float) -> F
     return replace(
         flow,
         grid=replace(grid, longitude=longitude, latitude=latitude),
-        horizontal=flow.horizontal.at_nodes(grid.nodes),
+        horizontal=replace(flow.horizontal, nodes=grid.nodes),
     )
 
 
