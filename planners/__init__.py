@@ -10,23 +10,22 @@
 * ``waypoints_of`` reduces a mission to a list of few waypoints.
 """
 
-from planners.glide.settings import GlideSettings
-from planners.glide.simulate import fly
+from planners.glide.candidate import fly
 from planners.glide.solve import plan
-from planners.mission.departures import best_departure, plan_departures
-from planners.mission.feedback import Pilot
-from planners.mission.horizon import cut_at_horizon
-from planners.mission.objectives import Weights
+from planners.glide.transcription import GlideSettings
+from planners.mission.flight.pilot import Pilot
+from planners.mission.flights import MonteCarloSummary, fly_scenarios
 from planners.mission.odds import MissionOdds, mission_odds, with_odds
 from planners.mission.plan import plan_line, plan_mission, plan_mooring
-from planners.mission.scenarios import fly_scenarios, plan_scenarios
+from planners.mission.scenarios import plan_scenarios
+from planners.mission.timing import best_departure, cut_at_horizon, plan_departures
 from planners.mission.values import (
     Line,
     MissionPlan,
     MissionRequest,
     MissionSettings,
-    MonteCarloSummary,
     Mooring,
+    Weights,
 )
 from planners.mission.waypoints import Waypoints, waypoints_of
 from planners.route.bottom import Bathymetry

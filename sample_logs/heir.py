@@ -90,7 +90,7 @@ ADDITIONS = (
         "_LISTED = (\n",
         '_LISTED = (\n    "depths:depths_section",\n',
     ),
-    ("planners/mission/objectives.py", '    "energy": ', f'{OBJECTIVE}    "energy": '),
+    ("planners/mission/values.py", '    "energy": ', f'{OBJECTIVE}    "energy": '),
     ("replay_kit/core/objective.py", '"closest"]', '"closest", "surfacings"]'),
 )
 

@@ -53,7 +53,7 @@ def test_planners_see_the_core_alone():
             "planners/route/region.py",
             "from replay_kit.workflows.replay.statistics import RunStatistics",
         ),
-        ("replay_kit/estimator/filter.py", "import replay_kit.results.summary"),
+        ("replay_kit/estimator/filter.py", "import replay_kit.results.outcome.run"),
         ("replay_kit/estimator/filter.py", "from mcap.reader import make_reader"),
     ],
 )

@@ -13,7 +13,7 @@ from replay_kit.config.run import load_config
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.workflows.library import settings_of
-from replay_kit.workflows.replay.provenance import run_settings_toml
+from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from tests.places import ROOT, SAMPLES
 
 LOG, ENSEMBLE = SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc"
@@ -39,13 +39,8 @@ def test_a_replay_is_one_call_and_its_answer_one_more(result) -> None:
         result.summary.profiles_used == (result.observations["decision"] == "accepted").sum() > 20
     )
     summary = result.summary
-    profiles, bins = (
-        summary.profiles_used - summary.mean_currents,
-        summary.bins_used - summary.mean_currents,
-    )
-    assert repr(summary).startswith(
-        f"Observations: {profiles} profiles used ({bins} bins), {summary.mean_currents} mean current used, "
-    )
+    assert result.outcome.observations["used"] == summary.profiles_used
+    assert repr(result.outcome).startswith(result.outcome.decision.word)
 
 
 def test_what_is_opened_is_what_was_made(result, tmp_path: Path) -> None:
@@ -59,6 +54,7 @@ def test_what_is_opened_is_what_was_made(result, tmp_path: Path) -> None:
     opened = rk.open_result(str(tmp_path / "out.mcap"))
     assert made.path.read_bytes() == result.path.read_bytes()
     assert opened.summary is None
+    assert opened.outcome == made.outcome
     np.testing.assert_array_equal(opened.estimate.latent, result.estimate.latent)
     np.testing.assert_array_equal(
         opened.estimate.at(2 * 10**18).weight_cov, result.estimate.at(2 * 10**18).weight_cov

@@ -46,7 +46,7 @@ class CurrentLattice:
     def places(self) -> Complex:
         """The points, shape (n_north n_east,) [m], east + i north."""
         rows, columns = np.divmod(np.arange(self.shape[0] * self.shape[1]), self.shape[1])
-        return np.asarray(complex(*self.origin) + self.spacing * (columns + 1j * rows))
+        return complex(*self.origin) + self.spacing * (columns + 1j * rows)
 
     @property
     def fastest(self) -> float:

@@ -125,7 +125,7 @@ def _corners(water: Any) -> Complex:
     if corners.size <= _MANY:
         return corners
     cells = np.round(np.column_stack([corners.real, corners.imag]) / _APART)
-    return np.asarray(corners[np.unique(cells, axis=0, return_index=True)[1]])
+    return corners[np.unique(cells, axis=0, return_index=True)[1]]
 
 
 def directions_around(place: complex, radius: float, count: int) -> Complex:
@@ -137,4 +137,4 @@ def directions_around(place: complex, radius: float, count: int) -> Complex:
 
 def as_complex(points: Array) -> Complex:
     """Return points, shape (n, 2) [m], as east + i north, shape (n,)."""
-    return np.asarray(points[:, 0] + 1j * points[:, 1])
+    return points[:, 0] + 1j * points[:, 1]

@@ -13,9 +13,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.learning.current import Complex, Currents
+from planners.front.current import Complex
+from planners.learning.current import Currents
 from planners.learning.loops import Survey
-from planners.learning.rows import Rows, covariance, rows_at, stacked, together
+from planners.learning.rows import Rows, covariance, lower_root, rows_at, stacked, together
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.depth_means import DepthMeans
@@ -57,7 +58,7 @@ class Mapping:
     @property
     def profile_times(self) -> Array:
         """Times of the profiles, shape (N,) [s]: the middle of each leg."""
-        return np.asarray(0.5 * (self.times[1:] + self.times[:-1]))
+        return 0.5 * (self.times[1:] + self.times[:-1])
 
     def sought(self) -> Rows:
         """Return the rows of the currents that count, at the end."""
@@ -88,10 +89,7 @@ class Mapping:
 
 def reduction(sought: Rows, measured: Rows, variance: float) -> Array:
     """Return by how much measurements, shape (..., q), reduce the variance of each sought number, shape (..., m)."""
-    lower = np.linalg.cholesky(
-        covariance(measured, measured) + variance * np.eye(measured.now.shape[-2])
-    )
-    inside = np.linalg.solve(lower, covariance(measured, sought))
+    inside = np.linalg.solve(lower_root(measured, variance), covariance(measured, sought))
     return np.asarray(np.sum(inside**2, axis=-2))
 
 
@@ -141,7 +139,7 @@ class _Search:
             left[part.which] = np.exp(
                 -(self.mapping.times[-1] - self.mapping.profile_times[step]) / part.scale
             )
-        return np.asarray(self.box * left)
+        return self.box * left
 
     def next_ways(self, ways: Sequence[_Way], step: int) -> list[_Way]:
         """Return the best ways a leg longer, each looked at in all directions, of those that end near each other the best alone."""
@@ -270,7 +268,7 @@ def _turned(held: Complex, spread: float, rng: np.random.Generator, speed: float
     chosen = tried[tries, legs]
     size = np.where(full, speed, np.minimum(np.abs(chosen), speed))
     tried[tries, legs] = chosen * size / np.maximum(np.abs(chosen), 1e-9)
-    return np.asarray(tried * np.minimum(1.0, speed / np.maximum(np.abs(tried), 1e-9)))
+    return tried * np.minimum(1.0, speed / np.maximum(np.abs(tried), 1e-9))
 
 
 def _flown_with(mapping: Mapping, allowed: Allowed, held: Complex) -> tuple[Survey, Array]:

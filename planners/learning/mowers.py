@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from planners.learning.current import Complex
+from planners.front.current import Complex
 from planners.learning.loops import Survey
 from planners.learning.mapping import COUNTED, Mapping
 from replay_kit.core.arrays import Array
@@ -42,7 +42,7 @@ def _mower(low: Array, high: Array, lanes: int, turns: tuple[bool, bool, bool]) 
         corners += [(along, share) if not turned else (share, along) for along in ends]
     unit = np.array(corners)
     places = low + unit * (high - low)
-    return np.asarray(places[:, 0] + 1j * places[:, 1])
+    return places[:, 0] + 1j * places[:, 1]
 
 
 def _spaced(mapping: Mapping, corners: Complex) -> tuple[Complex, Complex]:

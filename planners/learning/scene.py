@@ -6,10 +6,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planners.front.current import shares_of_levels
+from planners.front.current import Complex, shares_of_levels
 from planners.learning.choose import Aim
 from planners.learning.closed_loop import mean_currents, slices
-from planners.learning.current import Complex, Currents
+from planners.learning.current import Currents
 from planners.learning.loops import Survey, clear_lines
 from planners.learning.rows import Combined, rows_at, together
 from planners.learning.values import LearnLeg, LearnRequest, LearnSettings, ValueMap
@@ -69,7 +69,7 @@ class Scene:
     @property
     def goals(self) -> Complex:
         """Where it leads, shape (G,) [m]."""
-        return np.asarray(self.task.goals[:, 0] + 1j * self.task.goals[:, 1])
+        return self.task.goals[:, 0] + 1j * self.task.goals[:, 1]
 
     @property
     def projection(self) -> Projection:
@@ -99,7 +99,7 @@ class Scene:
         lines = shapely.linestrings(
             np.stack([np.stack([one.real, one.imag], axis=-1) for one in (begins, ends)], axis=1)
         )
-        return np.asarray(free & clear_lines(lines, self.hazards, self.settings.margin))
+        return free & clear_lines(lines, self.hazards, self.settings.margin)
 
     def place(self, point: complex, depth: float = 0.0) -> Place:
         """Return a local point as a place."""

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planners.learning.current import Complex, Currents
+from planners.front.current import Complex
+from planners.learning.current import Currents
 from replay_kit.core.arrays import Array
 
 # Longest step of the integration [s], and Newton steps for a velocity through water, which are enough where it converges.
@@ -232,10 +233,8 @@ def _solved(derivative: Array, miss: Complex, duration: float) -> Complex:
     right = derivative.swapaxes(-1, -2) @ np.stack([miss.real, miss.imag], axis=-1)[..., None]
     change = np.linalg.solve(square, right)[..., 0]
     found = change[..., 0] + 1j * change[..., 1]
-    return np.asarray(
-        found * np.minimum(1.0, 2.0 * np.abs(still) / np.maximum(np.abs(found), 1e-12))
-    )
+    return found * np.minimum(1.0, 2.0 * np.abs(still) / np.maximum(np.abs(found), 1e-12))
 
 
 def _limited(velocity: Complex, speed: float) -> Complex:
-    return np.asarray(velocity * np.minimum(1.0, speed / np.maximum(np.abs(velocity), 1e-12)))
+    return velocity * np.minimum(1.0, speed / np.maximum(np.abs(velocity), 1e-12))

@@ -1,20 +1,62 @@
-"""A mission flown in other currents than it was planned on: in a truth, or in samples of the estimate."""
+"""A mission flown in other currents than it was planned on: in a truth, or in samples of the estimate, with a pilot or without."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import fdtri
 
-from planners.mission.flight import Legs, Sample, currents_of_samples, fly_legs, refine_steps
-from planners.mission.leg import leg_depths, step_stops, steps_needed
-from planners.mission.task import REFINED
+from planners.flow import graph_key
+from planners.mission.flight.currents import (
+    Currents,
+    Flow,
+    Sample,
+    currents_of,
+    currents_of_samples,
+    flows_of,
+    with_courses,
+)
+from planners.mission.flight.legs import Flight, Legs, fly_legs, fly_midpoints
+from planners.mission.flight.pilot import Pilot, fly_corrected
+from planners.mission.solve.check import clearances
+from planners.mission.task import (
+    REFINED,
+    MissionTask,
+    leg_depths,
+    refine_steps,
+    step_stops,
+    steps_needed,
+    task_of_plan,
+)
 from planners.mission.values import MissionPlan
+from planners.route.bottom import Bathymetry
+from planners.route.hazards import NoGo
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic, to_local
 from replay_kit.core.grid import Projection
+
+
+@dataclass(frozen=True, slots=True)
+class MonteCarloSummary:
+    """A mission flown in samples of the current.
+
+    Attributes:
+        reached: Share of the samples in which every goal is met within the tolerance.
+        safe: Share without a constraint violation.
+        miss_median: Median miss distance of the last goal [m].
+        miss_90_percent: 90th percentile of the miss distance of the last goal [m].
+        violations: Share that violates a constraint, by the name of the hazard; hazards without violations are left out.
+    """
+
+    reached: float
+    safe: float
+    miss_median: float
+    miss_90_percent: float
+    violations: Mapping[str, float]
+
 
 # Share of the surfacings that an ellipse holds.
 _SHARE = 0.9
@@ -138,4 +180,107 @@ def ellipse_factor(count: int) -> float:
         np.sqrt(
             2.0 * (count - 1) * (count + 1) * fdtri(2, count - 2, _SHARE) / (count * (count - 2))
         )
+    )
+
+
+def fly_scenarios(
+    flow: Flow,
+    samples: Sequence[Sample],
+    plan: MissionPlan,
+    *,
+    pilot: Pilot | None = None,
+    no_go: tuple[NoGo, ...] = (),
+    bathymetry: Bathymetry | None = None,
+) -> MonteCarloSummary:
+    """Return the summary of a mission flown in samples of the current.
+
+    Args:
+        flow: The estimate, or estimates for increasing times: what a pilot knows of the current.
+        samples: As for ``plan_scenarios``.
+        plan: The mission.
+        pilot: Who corrects it at each surfacing; None when its headings are held whatever the current.
+        no_go: Areas that must not be entered.
+        bathymetry: Bottom depth.
+
+    Raises:
+        PlanError: The mission has no legs, it does not fit the flow, or the samples are not on the nodes of the estimate.
+    """
+    legs = legs_of_plan(plan, flow if isinstance(flow, FlowEstimate) else flow[0], 1)
+    task = task_of_plan(flow, plan, no_go, bathymetry)
+    predicted = predict(task, legs)
+    flight = fly_samples(task, currents_of_estimate(flow, samples), legs, predicted, pilot)
+    return summarise_flights(task, flight, points_at(predicted, plan.goal_times))[0]
+
+
+def points_at(predicted: Flight, times: Array) -> NDArray[np.intp]:
+    """Return the numbers of a flight's points at some times, shape (G,) [s]; all flights of the same legs have the same points."""
+    return np.asarray(np.argmin(np.abs(predicted.time - times[:, None]), axis=1))
+
+
+def summarise_flights(
+    task: MissionTask, flight: Flight, points: NDArray[np.intp]
+) -> tuple[MonteCarloSummary, Array]:
+    """Return the summary of K flights and the least clearance of each [m], shape (K,): 0 or less where it violates a constraint.
+
+    Args:
+        task: The problem.
+        flight: The flights.
+        points: shape (G,), numbers of their points at which the goals are to be met.
+    """
+    miss = np.linalg.norm(flight.place[:, points] - task.goals[:, :2], axis=2)
+    by_name = clearances(task, flight)
+    clear = np.min(list(by_name.values()), axis=0)
+    violations = {
+        name: float(np.mean(one <= 0.0)) for name, one in by_name.items() if np.any(one <= 0.0)
+    }
+    median, ninety = (float(np.quantile(miss[:, -1], share)) for share in (0.5, 0.9))
+    reached = float(np.mean(np.all(miss <= task.settings.tolerance, axis=1)))
+    return MonteCarloSummary(
+        reached, float(np.mean(clear > 0.0)), median, ninety, violations
+    ), clear
+
+
+def predict(task: MissionTask, legs: Legs) -> Flight:
+    """Return the flight of legs in the estimate."""
+    return fly_legs(task.currents, task.vehicle, task.start[:2], legs, task.start_time)
+
+
+def fly_samples(
+    task: MissionTask, currents: Currents, legs: Legs, predicted: Flight, pilot: Pilot | None
+) -> Flight:
+    """Return the flights of legs in K currents, by the midpoint method; a pilot leads them where the prediction goes."""
+    known, met = (one.since(task.request.start_time_ns) for one in (task.currents, currents))
+    if pilot is None:
+        return fly_legs(met, task.vehicle, task.start[:2], legs, 0.0, fly_midpoints)
+    return fly_corrected(known, met, task.vehicle, predicted, legs, pilot).flight
+
+
+def currents_of_estimate(flow: Flow, samples: Sequence[Sample]) -> Currents:
+    """Return the samples' currents, all on the nodes of the estimate.
+
+    Samples that change are flown as they are. Where the estimate changes and they do not, they change as it does: what they differ by
+    from its first time persists.
+    """
+    if not samples:
+        raise PlanError(
+            "a plan for samples of the estimate needs some; draw them with flow.sample(20, seed)"
+        )
+    return with_courses(_flows_around(flow, flows_of(samples)), samples)
+
+
+def _flows_around(flow: Flow, samples: Sequence[Flow]) -> Currents:
+    first = flow if isinstance(flow, FlowEstimate) else flow[0]
+    if not isinstance(samples[0], FlowEstimate):
+        changing = currents_of_samples(samples)
+        if graph_key(changing.flow) != graph_key(first):
+            raise PlanError(
+                "the samples are not on the nodes, levels, kernel and depth functions of the estimate; draw them from it"
+            )
+        return changing
+    both = currents_of_samples([first, *samples])
+    if isinstance(flow, FlowEstimate):
+        return replace(both, latent=both.latent[1:])
+    known = currents_of(flow)
+    return replace(
+        known, latent=known.latent + np.tile(both.latent[1:] - both.latent[:1], (1, 1, len(flow)))
     )

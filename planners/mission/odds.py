@@ -5,18 +5,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planners.mission.feedback import Pilot
-from planners.mission.flight import Flight, Flow, Sample
-from planners.mission.flights import MissionFlights, legs_of_plan, surfacing_ellipses
-from planners.mission.scenarios import (
-    currents_around,
+from planners.mission.flight.currents import Flow, Sample
+from planners.mission.flight.legs import Flight
+from planners.mission.flight.pilot import Pilot
+from planners.mission.flights import (
+    MissionFlights,
+    MonteCarloSummary,
     fly_samples,
+    legs_of_plan,
     points_at,
     predict,
     summarise_flights,
+    surfacing_ellipses,
 )
+from planners.mission.flights import currents_of_estimate as currents_around
 from planners.mission.task import mission_task
-from planners.mission.values import MissionPlan, MissionRequest, MonteCarloSummary, Mooring
+from planners.mission.values import MissionPlan, MissionRequest, Mooring
 from replay_kit.core.arrays import Array
 
 

@@ -4,11 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from planners.mission.attempt import Attempt, best_of, energy_of, goals_met, is_feasible, staying
+from planners.mission.solve.attempt import (
+    Attempt,
+    best_of,
+    energy_of,
+    goals_met,
+    is_feasible,
+    staying,
+)
 from planners.mission.task import MissionTask
-from planners.mission.values import MissionPlan, MissionStatus
+from planners.mission.values import MissionPlan
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.plan import PlanStatus
 from replay_kit.core.text import time_text
 
 Statistics = dict[str, float | int | str]
@@ -23,7 +31,7 @@ def to_plan(task: MissionTask, attempts: list[Attempt]) -> MissionPlan:
         what = "no path is finite" if attempts else "the current is not a number"
         return _failed_plan(task, f"{what}; check the estimate's latent velocities")
     best = best_of(task, finite)
-    status: MissionStatus = (
+    status: PlanStatus = (
         "unsafe" if best.violation else "reached" if goals_met(task, best) else "unreachable"
     )
     goal_times = best.flight.time[best.goals.points(best.flight)]
@@ -41,7 +49,7 @@ def to_plan(task: MissionTask, attempts: list[Attempt]) -> MissionPlan:
 def _plan_of(
     task: MissionTask,
     best: Attempt,
-    status: MissionStatus,
+    status: PlanStatus,
     goal_times: Array,
     message: str,
     statistics: Statistics,

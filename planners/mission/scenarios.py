@@ -12,41 +12,27 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import bdtr
 
-from planners.flow import graph_key
-from planners.mission.attempt import Attempt, best_of, is_feasible
-from planners.mission.check import clearances
-from planners.mission.feedback import Pilot, fly_corrected
-from planners.mission.flight import (
-    Currents,
-    Flight,
-    Flow,
-    Legs,
-    Sample,
-    currents_of,
-    currents_of_samples,
-    flows_of,
-    fly_legs,
-    with_courses,
+from planners.mission.flight.currents import Currents, Flow, Sample
+from planners.mission.flight.pilot import Pilot
+from planners.mission.flights import (
+    MonteCarloSummary,
+    currents_of_estimate,
+    fly_samples,
+    points_at,
+    predict,
+    summarise_flights,
 )
-from planners.mission.flights import legs_of_plan
-from planners.mission.goal_legs import goal_legs_of, goal_steps_of
-from planners.mission.leg import fly_midpoints
-from planners.mission.program import MissionGuess
 from planners.mission.result import to_plan
-from planners.mission.safety_margin import SafetyMargin
-from planners.mission.search import solve_attempts
-from planners.mission.solve import solve_with_margin
-from planners.mission.some_goals import aimed_at, to_all
-from planners.mission.task import MissionTask, mission_task, turns_of
-from planners.mission.values import MissionPlan, MissionRequest, MonteCarloSummary
-from planners.route.bottom import Bathymetry
-from planners.route.hazards import NoGo
+from planners.mission.search.search import solve_attempts
+from planners.mission.solve.attempt import Attempt, best_of, is_feasible
+from planners.mission.solve.goals import aimed_at, to_all, with_n_legs
+from planners.mission.solve.half_planes import SafetyMargin
+from planners.mission.solve.legs import solve_with_margin
+from planners.mission.task import MissionTask, mission_task
+from planners.mission.values import MissionPlan, MissionRequest
 from replay_kit.core.arrays import Array
-from replay_kit.core.errors import PlanError
-from replay_kit.core.flow.estimate import FlowEstimate
 
 # Plans made with wider and wider margins at most; each margin grows by this factor of what is missing, and by so much at least [m].
 _PLANS, _GROWTH, _LEAST = 4, 1.15, 50.0
@@ -104,7 +90,7 @@ def plan_scenarios(
     Raises:
         PlanError: As for ``plan_mission``; or there are no samples, or they are not on the nodes of the estimate.
     """
-    currents, whole = currents_around(flow, samples), mission_task(flow, request)
+    currents, whole = currents_of_estimate(flow, samples), mission_task(flow, request)
     attempts = solve_attempts(whole)
     if not attempts:
         return to_plan(whole, []), MonteCarloSummary(0.0, 0.0, float("nan"), float("nan"), {})
@@ -197,46 +183,6 @@ def _wider_ways(
     return trials
 
 
-def fly_scenarios(
-    flow: Flow,
-    samples: Sequence[Sample],
-    plan: MissionPlan,
-    *,
-    pilot: Pilot | None = None,
-    no_go: tuple[NoGo, ...] = (),
-    bathymetry: Bathymetry | None = None,
-) -> MonteCarloSummary:
-    """Return the summary of a mission flown in samples of the current.
-
-    Args:
-        flow: The estimate, or estimates for increasing times: what a pilot knows of the current.
-        samples: As for ``plan_scenarios``.
-        plan: The mission.
-        pilot: Who corrects it at each surfacing; None when its headings are held whatever the current.
-        no_go: Areas that must not be entered.
-        bathymetry: Bottom depth.
-
-    Raises:
-        PlanError: The mission has no legs, it does not fit the flow, or the samples are not on the nodes of the estimate.
-    """
-    legs = legs_of_plan(plan, flow if isinstance(flow, FlowEstimate) else flow[0], 1)
-    task = mission_task(
-        flow,
-        MissionRequest(
-            plan.start,
-            plan.goals,
-            plan.vehicle,
-            plan.settings,
-            no_go,
-            bathymetry,
-            plan.start_time_ns,
-        ),
-    )
-    predicted = predict(task, legs)
-    flight = fly_samples(task, currents_around(flow, samples), legs, predicted, pilot)
-    return summarise_flights(task, flight, points_at(predicted, plan.goal_times))[0]
-
-
 def passes_binomial_test(violations: int, count: int, allowed: float) -> bool:
     """Return whether so few violations among some samples make it unlikely that more than the allowed share of all would violate.
 
@@ -248,80 +194,6 @@ def passes_binomial_test(violations: int, count: int, allowed: float) -> bool:
 def most_violations_allowed(count: int, allowed: float) -> int:
     """Return the largest number of violations among ``count`` samples that passes the binomial test."""
     return max(number for number in range(count) if passes_binomial_test(number, count, allowed))
-
-
-def points_at(predicted: Flight, times: Array) -> NDArray[np.intp]:
-    """Return the numbers of a flight's points at some times, shape (G,) [s]; all flights of the same legs have the same points."""
-    return np.asarray(np.argmin(np.abs(predicted.time - times[:, None]), axis=1))
-
-
-def summarise_flights(
-    task: MissionTask, flight: Flight, points: NDArray[np.intp]
-) -> tuple[MonteCarloSummary, Array]:
-    """Return the summary of K flights and the least clearance of each [m], shape (K,): 0 or less where it violates a constraint.
-
-    Args:
-        task: The problem.
-        flight: The flights.
-        points: shape (G,), numbers of their points at which the goals are to be met.
-    """
-    miss = np.linalg.norm(flight.place[:, points] - task.goals[:, :2], axis=2)
-    by_name = clearances(task, flight)
-    clear = np.min(list(by_name.values()), axis=0)
-    violations = {
-        name: float(np.mean(one <= 0.0)) for name, one in by_name.items() if np.any(one <= 0.0)
-    }
-    median, ninety = (float(np.quantile(miss[:, -1], share)) for share in (0.5, 0.9))
-    reached = float(np.mean(np.all(miss <= task.settings.tolerance, axis=1)))
-    return MonteCarloSummary(
-        reached, float(np.mean(clear > 0.0)), median, ninety, violations
-    ), clear
-
-
-def predict(task: MissionTask, legs: Legs) -> Flight:
-    """Return the flight of legs in the estimate."""
-    return fly_legs(task.currents, task.vehicle, task.start[:2], legs, task.start_time)
-
-
-def fly_samples(
-    task: MissionTask, currents: Currents, legs: Legs, predicted: Flight, pilot: Pilot | None
-) -> Flight:
-    """Return the flights of legs in K currents, by the midpoint method; a pilot leads them where the prediction goes."""
-    known, met = (one.since(task.request.start_time_ns) for one in (task.currents, currents))
-    if pilot is None:
-        return fly_legs(met, task.vehicle, task.start[:2], legs, 0.0, fly_midpoints)
-    return fly_corrected(known, met, task.vehicle, predicted, legs, pilot).flight
-
-
-def currents_around(flow: Flow, samples: Sequence[Sample]) -> Currents:
-    """Return the samples' currents, all on the nodes of the estimate.
-
-    Samples that change are flown as they are. Where the estimate changes and they do not, they change as it does: what they differ by
-    from its first time persists.
-    """
-    if not samples:
-        raise PlanError(
-            "a plan for samples of the estimate needs some; draw them with flow.sample(20, seed)"
-        )
-    return with_courses(_flows_around(flow, flows_of(samples)), samples)
-
-
-def _flows_around(flow: Flow, samples: Sequence[Flow]) -> Currents:
-    first = flow if isinstance(flow, FlowEstimate) else flow[0]
-    if not isinstance(samples[0], FlowEstimate):
-        changing = currents_of_samples(samples)
-        if graph_key(changing.flow) != graph_key(first):
-            raise PlanError(
-                "the samples are not on the nodes, levels, kernel and depth functions of the estimate; draw them from it"
-            )
-        return changing
-    both = currents_of_samples([first, *samples])
-    if isinstance(flow, FlowEstimate):
-        return replace(both, latent=both.latent[1:])
-    known = currents_of(flow)
-    return replace(
-        known, latent=known.latent + np.tile(both.latent[1:] - both.latent[:1], (1, 1, len(flow)))
-    )
 
 
 def _widen_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) -> Attempt:
@@ -338,33 +210,3 @@ def _widen_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) -> A
         more = solve_with_margin(task, with_n_legs(task, before, longer), margin)
         found = min(found, more, key=lambda one: (not is_feasible(task, one), one.plane_violation))
     return found
-
-
-def with_n_legs(task: MissionTask, attempt: Attempt, n_legs: int) -> Attempt:
-    """Return an attempt whose guess has ``n_legs`` legs of equal time along the same path."""
-    flight, duration = attempt.flight, float(attempt.flight.time[-1])
-    at = duration * np.arange(1, n_legs + 1) / n_legs
-    places = np.column_stack([np.interp(at, flight.time, flight.place[0, :, i]) for i in (0, 1)])
-    headings = np.interp(
-        at - 0.5 * at[0], flight.time, np.unwrap(attempt.legs.headings)[flight.leg]
-    )
-    passed = flight.time[attempt.goals.points(flight)]
-    # a leg over several turns as high as the highest of their dives
-    ends, turns = flight.time[flight.ends], np.array(turns_of(attempt.yo_depths))
-    first, last = (
-        np.searchsorted(ends, at - at[0], side="right"),
-        np.minimum(np.searchsorted(ends, at), len(ends) - 1),
-    )
-    limited = replace(
-        task,
-        turns=tuple(
-            float(turns[begin : end + 1].min()) for begin, end in zip(first, last, strict=True)
-        ),
-    )
-    goals = goal_steps_of(limited, passed, goal_legs_of(passed, n_legs))
-    return replace(
-        attempt,
-        yo_depths=limited.yo_depths(n_legs),
-        guess=MissionGuess(places, headings, np.full(n_legs, task.angle_of(at[0]))),
-        goals=goals,
-    )

@@ -1,7 +1,7 @@
 """One mission in the local frame: its places, hazards and depth profiles."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import inf
 from time import monotonic
 
@@ -9,14 +9,14 @@ import numpy as np
 
 from planners.front.current import Complex
 from planners.front.obstacles import as_complex
-from planners.mission.flight import Currents, currents_of
-from planners.mission.leg import leg_depths, step_stops, steps_needed
-from planners.mission.reference_path import ReferencePath
-from planners.mission.values import MissionRequest, MissionSettings
-from planners.route.bottom import DEPTH_TOLERANCE, Bottom, bottom_of, fixed_rings
-from planners.route.hazards import Ring, check_outside
+from planners.mission.flight.currents import Currents, Flow, currents_of
+from planners.mission.values import MissionPlan, MissionRequest, MissionSettings
+from planners.route.bottom import DEPTH_TOLERANCE, Bathymetry, Bottom, bottom_of, fixed_rings
+from planners.route.hazards import NoGo, Ring, check_outside
 from planners.route.region import Region, locate, region_of
+from planners.shooting.program import ReferencePath
 from planners.shooting.spline import FlowSpline, spline_of
+from planners.track import fractions_of_duration
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -30,7 +30,6 @@ _ANGLES = 64
 _AROUND = 1e5
 # Dives that turn above this are of no use [m].
 LEAST_DIVE = 10.0
-
 YoDepths = tuple[float, ...]
 
 
@@ -178,9 +177,17 @@ def turns_of(yo_depths: tuple[YoDepths, ...]) -> tuple[float, ...]:
     return tuple(max(leg[1:]) for leg in yo_depths)
 
 
-def mission_task(
-    flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRequest
+def task_of_plan(
+    flow: Flow, plan: MissionPlan, no_go: tuple[NoGo, ...], bathymetry: Bathymetry | None
 ) -> MissionTask:
+    """Return the task of a mission that is planned, in a flow that may be another and with what it must keep clear of."""
+    places = plan.start, plan.goals, plan.vehicle, plan.settings
+    return mission_task(
+        flow, MissionRequest(*places, no_go, bathymetry, start_time_ns=plan.start_time_ns)
+    )
+
+
+def mission_task(flow: Flow, request: MissionRequest) -> MissionTask:
     """Return a mission in the local frame of its flow.
 
     Raises:
@@ -209,7 +216,7 @@ def mission_task(
     )
     request = replace(request, settings=replace(settings, depth=depth))
     clock, deadline = (
-        time_on_clock(currents, request.start_time_ns),
+        currents.clock(request.start_time_ns),
         monotonic() + settings.time_limit,
     )
     task = MissionTask(
@@ -270,6 +277,44 @@ def _check_request(request: MissionRequest, region: Region) -> None:
         )
 
 
-def time_on_clock(currents: Currents, time_ns: int) -> float:
-    """Return a time [ns, UTC] on the clock of the currents' times [s]; 0 for currents that do not change, and for no time."""
-    return currents.clock(time_ns)
+def leg_depths(depths: tuple[float, ...], levels: Array, n_steps: int) -> Array:
+    """Return the depths [m] of a leg's steps, shape (n_steps + 1,), its turning points and each level crossed among them.
+
+    Args:
+        depths: Where the leg begins, turns and ends [m].
+        levels: shape (Z,) [m]; hats bend there, and a step across a bend would lose the integrator's order.
+        n_steps: Number of steps.
+    """
+    distance = np.abs(np.diff(depths))
+    # Steps go in proportion to the distance, but no part has fewer than it has levels.
+    least = np.array(
+        [1 + np.sum((levels > min(a, b)) & (levels < max(a, b))) for a, b in pairwise(depths)]
+    )
+    counts = least.copy()
+    for _ in range(n_steps - int(least.sum())):
+        counts[np.argmax(distance / counts)] += 1
+    parts = [
+        a + (b - a) * fractions_of_duration(a, b, levels, int(n))
+        for a, b, n in zip(depths[:-1], depths[1:], counts, strict=True)
+    ]
+    return np.concatenate([*(part[:-1] for part in parts), [depths[-1]]])
+
+
+def step_stops(levels: Array, goal_depths: Array) -> Array:
+    """Return the depths [m] at which steps end: the levels, shape (Z,), and those of goals below the surface."""
+    return np.union1d(levels, goal_depths[goal_depths > 0.0])
+
+
+def steps_needed(depths: tuple[float, ...], levels: Array, each: int) -> int:
+    """Return the number of steps of a leg: ``each`` for a dive or climb, and one for each level crossed."""
+    crossed = sum(
+        int(np.sum((levels > min(a, b)) & (levels < max(a, b)))) for a, b in pairwise(depths)
+    )
+    return crossed + each * (len(depths) - 1)
+
+
+def refine_steps(depths: Array, factor: int) -> Array:
+    """Return the depths of a leg's steps with each step divided by a factor."""
+    return np.interp(
+        np.arange((depths.size - 1) * factor + 1) / factor, np.arange(depths.size), depths
+    )

@@ -1,22 +1,107 @@
-"""The request for a mission and the plan that answers it."""
+"""The request for a mission, what it minimises and what ranks the missions found, and the plan that answers it.
 
-from collections.abc import Mapping
+``replay_kit/core/objective.py`` lists the names of the objectives.
+"""
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import inf
-from typing import Literal
 
 import numpy as np
 
-from planners.mission.objectives import OBJECTIVES, Objective, Weights
 from planners.route.bottom import Bathymetry
 from planners.route.hazards import NoGo
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.objective import ObjectiveName
-from replay_kit.core.plan import Place
+from replay_kit.core.plan import Place, PlanStatus
 
-MissionStatus = Literal["reached", "uncertain", "partial", "unreachable", "unsafe", "failed"]
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """The cost of a mission as a weighted sum.
+
+    Attributes:
+        time: Cost of an hour.
+        energy: Cost of a kilojoule.
+        closest: Cost of a kilometre of miss distance; None when each goal must be met as closely as possible, at any cost.
+    """
+
+    time: float = 0.0
+    energy: float = 0.0
+    closest: float | None = None
+
+    def __post_init__(self) -> None:
+        """Raise PlanError for weights that are negative or all zero."""
+        values = (self.time, self.energy, self.closest or 0.0)
+        if not all(0.0 <= value < float("inf") for value in values) or not any(values):
+            raise PlanError(
+                f"weights of a mission are {self}; expected numbers of 0 or more, at least one of them above 0"
+            )
+
+    def cost(self, duration: float, energy: float, miss: float) -> float:
+        """Return the cost of a mission of a duration [s], an energy [J] and a sum of miss distances [m]."""
+        return (
+            self.time * duration / 3600.0
+            + self.energy * energy / 1e3
+            + (self.closest or 0.0) * miss / 1e3
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """What a mission that was found may be ranked by.
+
+    Attributes:
+        vehicle: The glider.
+        glide_angles: shape (L,) [rad], of each leg.
+        yo_depths: Depths [m] at which each leg begins, turns and ends.
+        duration: [s].
+        energy: [J].
+        miss: Sum of the miss distances of the goals [m].
+    """
+
+    vehicle: Glider
+    glide_angles: Array
+    yo_depths: tuple[tuple[float, ...], ...]
+    duration: float
+    energy: float
+    miss: float
+
+
+@dataclass(frozen=True, slots=True)
+class Objective:
+    """What a mission minimises.
+
+    Attributes:
+        weights: What the optimiser minimises with a given number of legs.
+        rank: Cost by which missions that meet their goals are compared: those of other numbers of legs, ways and departures. None: the
+            weights' cost.
+        distance_first: Whether the miss distance alone counts, and the cost only among equals.
+        earliest_arrival: Whether of several departures the one that arrives first is the best, as a wait before it costs time too.
+    """
+
+    weights: Weights
+    rank: Callable[[Found], float] | None = None
+    distance_first: bool = False
+    earliest_arrival: bool = False
+
+    def cost(self, found: Found) -> float:
+        """Return the cost of a mission that was found."""
+        return (
+            self.weights.cost(found.duration, found.energy, found.miss)
+            if self.rank is None
+            else self.rank(found)
+        )
+
+
+OBJECTIVES: dict[ObjectiveName, Objective] = {
+    "time": Objective(Weights(time=1.0), earliest_arrival=True),
+    "energy": Objective(Weights(energy=1.0)),
+    # of two missions that are equally close the quicker one
+    "closest": Objective(Weights(time=1.0), distance_first=True),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +289,7 @@ class MissionPlan:
         statistics: Counts and figures of the search.
     """
 
-    status: MissionStatus
+    status: PlanStatus
     start: Place
     goals: tuple[Place, ...]
     start_time_ns: int
@@ -233,22 +318,3 @@ class MissionPlan:
         """
         ends = np.concatenate([[0.0], self.surfacing_times])
         return int(np.sum(0.5 * (ends[1:] + ends[:-1]) < (time_ns - self.start_time_ns) / 1e9))
-
-
-@dataclass(frozen=True, slots=True)
-class MonteCarloSummary:
-    """A mission flown in samples of the current.
-
-    Attributes:
-        reached: Share of the samples in which every goal is met within the tolerance.
-        safe: Share without a constraint violation.
-        miss_median: Median miss distance of the last goal [m].
-        miss_90_percent: 90th percentile of the miss distance of the last goal [m].
-        violations: Share that violates a constraint, by the name of the hazard; hazards without violations are left out.
-    """
-
-    reached: float
-    safe: float
-    miss_median: float
-    miss_90_percent: float
-    violations: Mapping[str, float]

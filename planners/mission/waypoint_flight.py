@@ -9,10 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from planners.mission.check import Violation, check
-from planners.mission.flight import Legs, fly_legs
-from planners.mission.leg import fly_midpoints, leg_depths, steps_needed
-from planners.mission.task import MissionTask, turns_of
+from planners.mission.flight.legs import Legs, fly_legs, fly_midpoints
+from planners.mission.solve.check import Violation, check
+from planners.mission.task import MissionTask, leg_depths, steps_needed, turns_of
 from planners.mission.values import MissionPlan
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_geographic, to_local, true_north_halfway
@@ -190,9 +189,7 @@ def dead_reckoned_current(
     along = float(plan.vehicle.speeds(np, angle)[0]) * max(
         duration - plan.settings.surface_time, 0.0
     )
-    return np.asarray(
-        (displacement - along * np.array([np.sin(heading), np.cos(heading)])) / duration
-    )
+    return (displacement - along * np.array([np.sin(heading), np.cos(heading)])) / duration
 
 
 def heading_for(

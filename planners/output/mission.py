@@ -1,6 +1,5 @@
 """A mission for people and other programs: legs as a table, as GeoJSON, as JSON."""
 
-import json
 from itertools import pairwise
 from typing import Any
 
@@ -8,15 +7,16 @@ import numpy as np
 
 from planners.mission.odds import MissionOdds
 from planners.mission.values import MissionPlan
-from planners.output.formats import collection_text, csv_text, feature, position
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
+from replay_kit.core.geojson import collection_text, feature, positions
 from replay_kit.core.grid import Projection
-from replay_kit.core.plan import Odds, Plan
+from replay_kit.core.plan import Odds, Plan, leg_statistics
 from replay_kit.core.surfacing import Ellipse
+from replay_kit.core.text import csv_text
 
 
-def legs_table(plan: MissionPlan, ellipses: Array | None) -> list[dict[str, float]]:
+def legs_table(plan: MissionPlan, ellipses: Array | None) -> list[dict[str, Any]]:
     """Return the commands at the beginning of each leg and the place of its end, one row per leg.
 
     Args:
@@ -69,7 +69,8 @@ def goals_table(plan: MissionPlan) -> list[dict[str, float]]:
 def to_csv(plan: MissionPlan, ellipses: Array | None) -> str:
     """Return the legs as CSV with a line of names; without legs only that there are none."""
     rows = legs_table(plan, ellipses)
-    return csv_text([{name: round(value, 7) for name, value in row.items()} for row in rows], "leg")
+    rounded = [{name: round(value, 7) for name, value in row.items()} for row in rows]
+    return csv_text(rounded, rows[0] if rows else ["leg"])
 
 
 def to_json(plan: MissionPlan, ellipses: Array | None) -> dict[str, Any]:
@@ -99,41 +100,34 @@ def to_geojson(
         ellipses: shape (L, 5), of ``surfacing_ellipses``; None without.
         samples: Number of flights that the ellipses are made from; None when it is not to be stated.
     """
-
-    def at(longitude: float, latitude: float) -> list[float]:
-        return position(longitude, latitude, plan.start.longitude)
-
+    near, rows = plan.start.longitude, legs_table(plan, ellipses)
     features = []
     if len(plan.track) > 1:
-        line = zip(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]), strict=True)
-        properties = {
+        line = positions(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]), near)
+        about = {
             "name": "track",
             "status": plan.status,
             "message": plan.message,
             "duration_s": plan.duration,
             "energy_j": plan.energy,
         }
-        features.append(
-            feature("LineString", [at(float(lon), float(lat)) for lon, lat in line], properties)
-        )
-    features.append(
-        feature("Point", at(plan.start.longitude, plan.start.latitude), {"name": "start"})
+        features.append(feature("LineString", line, about))
+    named: list[dict[str, Any]] = [
+        {"name": "start"},
+        *({"name": f"goal {k}", **met} for k, met in enumerate(goals_table(plan), 1)),
+        *({"name": f"surfacing {row['leg']}", **row} for row in rows),
+    ]
+    places = [plan.start, *plan.goals]
+    at = positions(
+        [*(place.longitude for place in places), *(row["longitude"] for row in rows)],
+        [*(place.latitude for place in places), *(row["latitude"] for row in rows)],
+        near,
     )
-    for k, (goal, met) in enumerate(zip(plan.goals, goals_table(plan), strict=True)):
-        features.append(
-            feature("Point", at(goal.longitude, goal.latitude), {"name": f"goal {k + 1}", **met})
-        )
-    for row in legs_table(plan, ellipses):
-        features.append(
-            feature(
-                "Point",
-                at(row["longitude"], row["latitude"]),
-                {"name": f"surfacing {row['leg']}", **row},
-            )
-        )
-    for k, ellipse in enumerate([] if ellipses is None else ellipses):
-        around = [at(float(lon), float(lat)) for lon, lat in ellipse_outline(ellipse, projection)]
-        about = {"name": f"90 % of surfacings {k + 1}"} | (
+    features += [feature("Point", *one) for one in zip(at, named, strict=True)]
+    for k, ellipse in enumerate([] if ellipses is None else ellipses, 1):
+        longitude, latitude = ellipse_outline(ellipse, projection).T
+        around = positions(longitude, latitude, near)
+        about = {"name": f"90 % of surfacings {k}"} | (
             {} if samples is None else {"samples": samples}
         )
         features.append(feature("Polygon", [around], about))
@@ -172,7 +166,6 @@ def as_glide(plan: MissionPlan, projection: Projection, odds: MissionOdds | None
     turn = float(grid_bearing_of_true_north(projection, plan.start.longitude, plan.start.latitude))
     local = np.deg2rad(heading) + turn
     ellipses = None if odds is None else odds.ellipses
-    controls = {f"leg_{int(row['leg']):03d}": json.dumps(row) for row in legs_table(plan, ellipses)}
     return Plan(
         status=plan.status,
         start=plan.start,
@@ -189,7 +182,7 @@ def as_glide(plan: MissionPlan, projection: Projection, odds: MissionOdds | None
         track_time=plan.track_time,
         track=plan.track,
         message=plan.message,
-        statistics={**plan.statistics, **controls},
+        statistics={**plan.statistics, **leg_statistics(legs_table(plan, ellipses))},
         energy=plan.energy,
         odds=None if odds is None else _odds(odds),
     )

@@ -9,8 +9,9 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from planners.mission.waypoints import Waypoints
-from planners.output.formats import collection_text, csv_text, feature, position
 from replay_kit.core.errors import PlanError
+from replay_kit.core.geojson import collection_text, feature, positions
+from replay_kit.core.text import csv_text
 
 
 def waypoint_text(waypoints: Waypoints, path: Path) -> str:
@@ -74,7 +75,8 @@ def waypoint_json(waypoints: Waypoints) -> dict[str, Any]:
 
 
 def _csv(waypoints: Waypoints) -> str:
-    return csv_text(waypoint_rows(waypoints), "waypoint")
+    rows = waypoint_rows(waypoints)
+    return csv_text(rows, rows[0])
 
 
 def _json(waypoints: Waypoints) -> str:
@@ -85,16 +87,11 @@ def _geojson(waypoints: Waypoints) -> str:
     """Return the waypoints as points, and where the glider surfaces on the way as one feature of many points."""
     near = float(waypoints.longitude[0])
     about = {name: value for name, value in waypoint_json(waypoints).items() if name != "waypoints"}
-    features = [
-        feature(
-            "MultiPoint",
-            [position(x, y, near) for x, y in waypoints.surfacings],
-            {"name": "surfacings on the way", **about},
-        )
-    ]
-    for k, row in enumerate(waypoint_rows(waypoints)):
-        at = position(float(waypoints.longitude[k]), float(waypoints.latitude[k]), near)
-        features.append(feature("Point", at, {"name": f"waypoint {k + 1}", **row}))
+    surfacings = positions(waypoints.surfacings[:, 0], waypoints.surfacings[:, 1], near)
+    features = [feature("MultiPoint", surfacings, {"name": "surfacings on the way", **about})]
+    at = positions(waypoints.longitude, waypoints.latitude, near)
+    for place, row in zip(at, waypoint_rows(waypoints), strict=True):
+        features.append(feature("Point", place, {"name": f"waypoint {row['waypoint']}", **row}))
     return collection_text(features) + "\n"
 
 
@@ -215,11 +212,8 @@ def _kml(waypoints: Waypoints) -> str:
 
     References: OGC 12-007r2, OGC KML 2.3: coordinates are longitude, latitude and height.
     """
-    near = float(waypoints.longitude[0])
-    texts = [
-        ",".join(f"{value:.7f}" for value in position(float(x), float(y), near)) + ",0"
-        for x, y in zip(waypoints.longitude, waypoints.latitude, strict=True)
-    ]
+    at = positions(waypoints.longitude, waypoints.latitude, float(waypoints.longitude[0]))
+    texts = [f"{longitude:.7f},{latitude:.7f},0" for longitude, latitude in at]
     placemarks = [
         f"<Placemark><name>waypoint {k}</name><Point><coordinates>{at}</coordinates></Point></Placemark>"
         for k, at in enumerate(texts, 1)

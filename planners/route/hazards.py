@@ -15,6 +15,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
+from replay_kit.core.plan import Area
 
 # Offset of a half-plane that forbids nothing [m].
 _FAR = 1e9
@@ -38,6 +39,12 @@ class NoGo:
     polygon: tuple[tuple[float, float], ...]
     name: str
     surface_only: bool = False
+
+    @property
+    def area(self) -> Area:
+        """It as results hold it, its first corner not repeated."""
+        closed = self.polygon[0] == self.polygon[-1]
+        return Area(self.name, self.surface_only, self.polygon[: -1 if closed else None])
 
 
 # Not slotted: the geometries are made when they are first needed.

@@ -58,7 +58,7 @@ class Region:
     def wet_by_level(self, points: Array) -> NDArray[np.bool_]:
         """Return whether horizontal points, shape (..., 2) [m], are water at each level, shape (Z, ...)."""
         nearest = self.tree.query(points)[1]
-        return np.asarray(self.grid.wet.reshape(self.grid.levels.size, -1)[:, nearest])
+        return self.grid.wet.reshape(self.grid.levels.size, -1)[:, nearest]
 
     def inside_outline(self, points: Array) -> NDArray[np.bool_]:
         """Return whether horizontal points, shape (..., 2) [m], lie within the grid's outline."""
@@ -69,7 +69,7 @@ class Region:
         depth_fits = (points[:, 2] >= -_DEPTH_MARGIN) & (
             points[:, 2] <= self.deepest + _DEPTH_MARGIN
         )
-        return np.asarray(depth_fits & self.inside_outline(points[:, :2]))
+        return depth_fits & self.inside_outline(points[:, :2])
 
     def allowed(self, points: Array) -> NDArray[np.bool_]:
         """Return whether points, shape (n, 3) [m], are inside and water."""

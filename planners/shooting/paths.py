@@ -44,7 +44,7 @@ class Starts:
     def clock(self, schedule: Schedule) -> Array:
         """Return the times of the beginning, middle and end of each step of the legs, shape (L, N, 3) [s]."""
         passed = schedule.depth_passed * self.coefficients[:, None, SIGMA:]
-        return np.asarray(self.times[:, None, None] + passed + schedule.adrift)
+        return self.times[:, None, None] + passed + schedule.adrift
 
     def motion(self, wet: bool) -> tuple[Array, Array]:
         """Return rho, shape (L, 2), and tau beside kappa, shape (L, 2, 4), under water or adrift."""

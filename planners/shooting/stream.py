@@ -80,11 +80,11 @@ class LatticeStream:
         """Return the factors as ``Separable`` says."""
         lattice = self.lattice
         lines = lattice.origin[axis] + lattice.spacing[axis] * np.arange(lattice.shape[axis])
-        return np.asarray(np.exp(-0.5 * ((sites[:, None] - lines) / lattice.widths[axis]) ** 2))
+        return np.exp(-0.5 * ((sites[:, None] - lines) / lattice.widths[axis]) ** 2)
 
     def products(self, east: Array, north: Array) -> Array:
         """Return the stream function as ``Separable`` says."""
-        return np.asarray(east @ self.coefficients @ north.T)
+        return east @ self.coefficients @ north.T
 
 
 def _window_factors(

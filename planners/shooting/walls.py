@@ -44,11 +44,11 @@ class Limits:
     def _moved(self, begins: Array, ends: Array) -> Array:
         """Return the derivatives of the places at which they count, shape (L, n_places, P, 2, Q)."""
         shares = self.shares[..., None, None]
-        return np.asarray((1.0 - shares) * begins[:, :, None] + shares * ends[:, :, None])
+        return (1.0 - shares) * begins[:, :, None] + shares * ends[:, :, None]
 
     def jacobian(self, begins: Array, ends: Array) -> Array:
         """Return the derivatives of ``beyond``, shape (L, n_places, P, Q), by those of where steps begin and end, (L, n_places, 2, Q)."""
-        return np.asarray((self.normals[..., None, :] @ self._moved(begins, ends))[..., 0, :])
+        return (self.normals[..., None, :] @ self._moved(begins, ends))[..., 0, :]
 
     def pulls(self, weights: Array) -> Array:
         """Return a weighted sum, weights of shape (L, n_places, P), as one over the places: shape (L, n_places, 2)."""

@@ -104,7 +104,7 @@ _STUDIES = {
     ),
     "missions": (
         "--ensemble FILE --leave-out K,K,...",
-        "Fly gliders through members left out: changes in time, relative profiles, mean currents, outliers, biases, intervals.",
+        "Simulate glider missions in members left out: changes in time, relative profiles, mean currents, outliers, biases, coverage.",
     ),
     "paper": (
         "--ensemble FILE (--truth FILE | --leave-out K) -o DIR",
@@ -112,7 +112,7 @@ _STUDIES = {
     ),
     "planning": (
         "--ensemble FILE -o DIR",
-        "Plan on estimates, fly in the truth: glides, missions, scenarios, random islands, problems without a solution.",
+        "Plan on estimates, fly in the truth: glides, missions of many dives, and the odds stated for them.",
     ),
 }
 _EVERY = {**_COMMANDS, **{f"experiment {_name}": _words for _name, _words in _STUDIES.items()}}

@@ -1,7 +1,5 @@
 """What the commands share: option groups, the endings of outputs, and the reading of values with several parts."""
 
-import math
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
@@ -10,6 +8,7 @@ from cyclopts import App, ArgumentCollection, Group, Parameter
 from cyclopts.validators import Number
 
 from replay_kit.cli.reporting import Reporting, begin
+from replay_kit.config.option import PLACE, Numbers, numbers
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import is_stream
 
@@ -134,27 +133,6 @@ class Ending:
             )
 
 
-@dataclass(frozen=True, slots=True)
-class Numbers:
-    """Mark of an option's annotation: the names of its numbers, which commas divide, such as ``LON,LAT,DEPTH``."""
-
-    form: str
-
-    def check(self, name: str, text: str) -> None:
-        """Raise ConfigError when a value does not hold these numbers, or no place on the Earth."""
-        values = numbers(text, name, self.form)
-        if self.form.startswith("LON,LAT,") and abs(values[1]) > 90.0:
-            swapped = ",".join(f"{value:g}" for value in (values[1], values[0], *values[2:]))
-            meant = (
-                f"did you mean {name}={swapped}?"
-                if abs(values[0]) <= 90.0
-                else "give a place on the Earth"
-            )
-            raise ConfigError(
-                f"{name}: expected {self.form}, got '{text}': the latitude {values[1]:g} is outside -90..90; {meant}"
-            )
-
-
 def before_conversion(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
     """Refuse names of outputs and numbers that do not fit, before missing options are named and values converted; then begin to report.
 
@@ -195,7 +173,6 @@ _LOGS = (
 )
 Log = Annotated[Path, argument("LOG", _LOGS)]
 LogIfAny = Annotated[Path, Parameter(name="LOG", help=_LOGS, group=INPUTS, required=False)]
-PLACE = Numbers("LON,LAT,DEPTH")
 MCAP, NETCDF, HTML = Ending((".mcap",)), Ending((".nc",)), Ending((".html",))
 ENSEMBLE_HELP = "NetCDF files, Zarr stores, folders or patterns; may be repeated. --members says what a member is."
 Ensemble = Annotated[
@@ -249,45 +226,6 @@ class Answer(Replacing):
         option("--json", "Write the answer as JSON; - is standard output.", metavar="FILE"),
         Ending((".json",), stream=True),
     ] = None
-
-
-def numbers(text: str, name: str, form: str | None = None) -> tuple[float, ...]:
-    """Return the finite numbers of an option, with commas between them.
-
-    Args:
-        text: The option's value.
-        name: Of the option.
-        form: Names of the numbers, with commas between them; None for any count.
-
-    Raises:
-        ConfigError: They are not numbers, or not as many as are expected.
-    """
-    parts, labels = text.split(","), [] if form is None else form.split(",")
-    expected = f"{name}: expected {form or 'numbers with commas between them'}, got '{text}'"
-    if labels and len(parts) < len(labels):
-        missing = labels[len(parts) :]
-        raise ConfigError(
-            f"{expected}: {' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
-        )
-    if labels and len(parts) > len(labels):
-        raise ConfigError(f"{expected}: {len(parts)} numbers instead of {len(labels)}")
-    return tuple(_number(part.strip(), expected) for part in parts)
-
-
-def _number(part: str, expected: str) -> float:
-    """Return a finite number; ``expected`` begins the error where it is none."""
-    if hemisphere := re.fullmatch(r"([\d.]+)\s*°?\s*([NSEWnsew])", part):
-        sign = "-" if hemisphere[2] in "SWsw" else ""
-        raise ConfigError(
-            f"{expected}: write {sign}{hemisphere[1]} for {part}; west and south are negative"
-        )
-    try:
-        value = float(part)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise ConfigError(f"{expected}: '{part}' is no finite number")
-    return value
 
 
 def place(text: str, name: str) -> "Place":

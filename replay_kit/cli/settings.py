@@ -11,13 +11,16 @@ from cyclopts import Group, Parameter
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from replay_kit.cli.options import ConfigFile
-from replay_kit.config.option import Option
+from replay_kit.cli.options import CHOICES, INPUTS, OUTPUTS, ConfigFile
+from replay_kit.config.option import Numbers, Option
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError
 
+_Mark = TypeVar("_Mark")
 _Command = TypeVar("_Command", bound=Callable[..., int])
-_COMMON = Group("Settings", sort_key=4)
+_HEADINGS = {
+    group.name: group for group in (INPUTS, OUTPUTS, CHOICES, Group("Settings", sort_key=4))
+}
 
 
 @dataclass(frozen=True)
@@ -92,11 +95,11 @@ def takes_settings(
         )
     for path, setting in known.items():
         if path not in without and any(f"{path}.".startswith(f"{wanted}.") for wanted in paths):
-            kind, read = _option_type(setting.annotation)
+            kind, read = _option_type(setting)
             entry = field(default=None, metadata={"path": path, "read": read})
-            entries.append(
-                (path.replace(".", "__"), Annotated[kind, _parameter(path, setting, short)], entry)
-            )
+            # the forms of numbers are checked with the option
+            marks = _parameter(path, setting, short), *_marks(setting, Numbers)
+            entries.append((path.replace(".", "__"), Annotated[kind, *marks], entry))
     # cyclopts takes a class without a module of its own for one of Python's, which it does not look into
     given = make_dataclass(
         "GivenSettings", entries, bases=(Settings,), frozen=True, namespace={"__module__": __name__}
@@ -135,11 +138,19 @@ def _settings(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, F
             yield f"{prefix}{name}", setting
 
 
-def _option_type(annotation: Any) -> tuple[Any, Callable[[Any], object]]:
+def _marks(setting: FieldInfo, kind: type[_Mark]) -> list[_Mark]:
+    """Return the marks of a kind in a setting's annotation."""
+    return [part for part in setting.metadata if isinstance(part, kind)]
+
+
+def _option_type(setting: FieldInfo) -> tuple[Any, Callable[[Any], object]]:
     """Return the type of a setting's option, and the function that reads its value.
 
     Switches and words are checked with the option; other text is checked by the settings' model, as a TOML file is.
     """
+    annotation: Any = setting.annotation
+    if any(mark.repeats for mark in _marks(setting, Option)):
+        return list[str] | None, list
     members = (
         get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
     )
@@ -155,11 +166,13 @@ def _option_type(annotation: Any) -> tuple[Any, Callable[[Any], object]]:
 def _parameter(path: str, setting: FieldInfo, short: str) -> Parameter:
     """Return the option of a setting: ``--section.key``, after its short name where it has one."""
     section, _, key = path.replace("_", "-").rpartition(".")
-    mark = next((part for part in setting.metadata if isinstance(part, Option)), None)
+    mark = next(iter(_marks(setting, Option)), None)
     if section == short:
         mark = Option(f"--{key}")
     long = f"--{section}.{key}"
     names = (long,) if mark is None else (mark.name, long)
+    if mark is not None and mark.heading != "Settings":
+        names = (mark.name,)
     return Parameter(
         # cyclopts looks at no other name after one that the text begins with, as --planner.kind begins with --planner
         name=names[::-1] if long.startswith(f"{names[0]}.") else names,
@@ -171,7 +184,9 @@ def _parameter(path: str, setting: FieldInfo, short: str) -> Parameter:
         # the option's own default is that it is not given
         show_default=False,
         help=f"{setting.description}{_default_in_words(setting.default)}",
-        group=Group(f"Section {section} of the settings", sort_key=5) if mark is None else _COMMON,
+        group=Group(f"Section {section} of the settings", sort_key=5)
+        if mark is None
+        else _HEADINGS[mark.heading],
     )
 
 

@@ -25,6 +25,7 @@ from replay_kit.config.gating import ConsistencyConfig, GatingConfig
 from replay_kit.config.mapping import TopicMap
 from replay_kit.config.moment import Moment
 from replay_kit.config.option import Option
+from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.quality import QualityConfig
 from replay_kit.config.time import TimeConfig
@@ -371,6 +372,8 @@ class RunConfig(_Section):
     consistency: ConsistencyConfig = Field(default_factory=ConsistencyConfig)
     planner: PlannerConfig = Field(default_factory=PlannerConfig)
     output: OutputConfig = Field(default_factory=OutputConfig)
+    # a run does not depend on it, and does not record it
+    plan: PlanRequest = Field(default_factory=PlanRequest, exclude=True)
 
 
 def load_config(path: Path | None, overrides: Mapping[str, Any] | None = None) -> RunConfig:

@@ -4,7 +4,7 @@ Every message states what was expected, what was found, where, and what to do ab
 command line returns for the error; 3 means that an input is unusable, 2 that an option or the configuration is wrong.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -39,8 +39,7 @@ class Finding:
 
     def __str__(self) -> str:
         """Return it as a sentence."""
-        since = f" (since {time_text(self.since_ns)})" if self.since_ns else ""
-        return f"{self.name}{since}: {self.evidence}; likely cause: {self.cause}; {self.advice}"
+        return finding_text(finding_json(self))
 
 
 def finding_json(finding: Finding) -> dict[str, Any]:
@@ -60,9 +59,15 @@ def severity_word(severity: str) -> str:
     return severity if severity in ("warning", "misfit") else "contradiction"
 
 
-def finding_line(finding: Finding) -> str:
-    """Return a finding as a line of an answer on the terminal."""
-    return f"{severity_word(finding.severity).upper()}: {finding}"
+def finding_text(found: Mapping[str, Any]) -> str:
+    """Return a finding, as ``finding_json`` has it, as a sentence."""
+    since = f" (since {found['since']})" if found["since"] else ""
+    return f"{found['name']}{since}: {found['evidence']}; likely cause: {found['likely_cause']}; {found['set']}"
+
+
+def finding_line(found: Mapping[str, Any]) -> str:
+    """Return a finding, as ``finding_json`` has it, as a line of an answer on the terminal."""
+    return f"{severity_word(found['severity']).upper()}: {finding_text(found)}"
 
 
 class ReplayKitError(Exception):

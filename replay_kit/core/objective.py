@@ -1,4 +1,4 @@
-"""The names of what a mission may minimise; ``planners/mission/objectives.py`` says what each is."""
+"""The names of what a mission may minimise; ``planners/mission/values.py`` says what each is."""
 
 from typing import Literal
 

@@ -1,8 +1,9 @@
 """Where to go, and how to get there."""
 
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.text import place_text, time_text
@@ -85,7 +86,7 @@ class Plan:
         track_time: shape (n,) [s] since the start.
         track: shape (n, 3) [m], predicted local east, north, depth.
         message: Words for a person, with the limit that binds if any.
-        statistics: What the solver did: iterations, starts, return status.
+        statistics: What the solver did: iterations, starts, return status; of a mission its legs too (``plan_legs``).
         energy: [J]; NaN when it is not known.
         battery: Energy that the vehicle has [J]; NaN when it is not stated.
         odds: Of arriving; None without samples.
@@ -127,3 +128,13 @@ class Plan:
         return (
             f"Plan for {time_text(self.start_time_ns)}: {self.status}; {ends}\n  {steer}, {outcome}"
         )
+
+
+def leg_statistics(legs: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """Return the legs of a mission as the statistics of its plan hold them: JSON by number."""
+    return {f"leg_{leg['leg']:03d}": json.dumps(leg) for leg in legs}
+
+
+def plan_legs(statistics: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the legs of a mission from the statistics of its plan, in order; none of a glide."""
+    return [json.loads(statistics[name]) for name in sorted(statistics) if name.startswith("leg_")]

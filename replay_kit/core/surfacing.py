@@ -1,6 +1,6 @@
 """Where a dive or a plan's first leg is predicted to surface, and where the vehicle did."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -64,6 +64,16 @@ class Ellipse:
         )
 
 
+def planned_ellipses(legs: Sequence[Mapping[str, float]]) -> list[Ellipse]:
+    """Return the ellipses of the surfacings of a plan's legs, of those that have one."""
+    names = ("longitude", "latitude", "major_m", "minor_m", "bearing_deg")
+    return [
+        Ellipse(*(leg[f"ellipse_{name}"] for name in names))
+        for leg in legs
+        if "ellipse_major_m" in leg
+    ]
+
+
 @dataclass(frozen=True, slots=True)
 class Surfacing:
     """Where and when a plan's first leg ends at the surface.
@@ -82,7 +92,7 @@ class Surfacing:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class SurfacingOutcome:
     """A plan's next surfacing beside the vehicle's.
 
     Attributes:
@@ -118,7 +128,7 @@ class Outcome:
         )
 
 
-def outcome_of(planned_ns: int, predicted: Surfacing, fix: VehicleState) -> Outcome:
+def surfacing_outcome(planned_ns: int, predicted: Surfacing, fix: VehicleState) -> SurfacingOutcome:
     """Return a predicted surfacing beside the fix at which the vehicle surfaced.
 
     Args:
@@ -130,7 +140,9 @@ def outcome_of(planned_ns: int, predicted: Surfacing, fix: VehicleState) -> Outc
         Projection(predicted.longitude, predicted.latitude), fix.longitude, fix.latitude
     )
     away, direction = float(np.hypot(east, north)), float(heading_deg(east, north))
-    return Outcome(planned_ns, predicted, fix.time_ns, fix.longitude, fix.latitude, away, direction)
+    return SurfacingOutcome(
+        planned_ns, predicted, fix.time_ns, fix.longitude, fix.latitude, away, direction
+    )
 
 
 #: What a dive's end is predicted from: the way through the water by the flight model and the mean currents of the dives before; or their

@@ -1,10 +1,10 @@
-"""Short texts of values (times, places, ranges), and foreign texts made safe for a terminal and a spreadsheet.
+"""Short texts of values (times, places, ranges), rows as CSV, and foreign texts made safe for a terminal and a spreadsheet.
 
 Source: OWASP, "CSV Injection" (owasp.org/www-community/attacks/CSV_Injection).
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -73,3 +73,16 @@ def csv_cell(value: Any) -> Any:
     Names of topics, sensors, frames and missions are what a log's author wrote.
     """
     return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULAS) else value
+
+
+def csv_text(rows: Iterable[Mapping[str, Any]], names: Iterable[str]) -> str:
+    """Return rows as CSV with a header line of names."""
+    # most commands write none
+    import csv
+    import io
+
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(names), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()

@@ -6,11 +6,11 @@ from replay_kit.core.on_demand import on_demand
 
 if TYPE_CHECKING:
     from replay_kit.results.compare import Difference, Recorded, first_difference, read_recorded
-    from replay_kit.results.digest import Digest
     from replay_kit.results.journal import Journal, read_journal
     from replay_kit.results.mcap_reader import read_estimate
     from replay_kit.results.mcap_writer import ResultWriter
     from replay_kit.results.schemas import CONTRACT_VERSION
+    from replay_kit.results.topics import Digest
 
 __all__ = [
     "CONTRACT_VERSION",
@@ -31,7 +31,7 @@ __getattr__ = on_demand(
     {
         "CONTRACT_VERSION": "schemas",
         "Difference": "compare",
-        "Digest": "digest",
+        "Digest": "topics",
         "Journal": "journal",
         "Recorded": "compare",
         "ResultWriter": "mcap_writer",

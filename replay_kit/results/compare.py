@@ -17,8 +17,7 @@ from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.core.errors import LogError
-from replay_kit.results.digest import DIGEST_NAME, Digest
-from replay_kit.results.mcap_writer import CONFIG_NAME
+from replay_kit.results.topics import CONFIG_NAME, DIGEST_NAME, Digest
 
 _FIELDS_SHOWN = 10
 #: What the readers raise on a damaged file: their own errors, and what bytes taken for lengths and numbers lead to.

@@ -2,13 +2,11 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.as_flown import FlightCorrection
 from replay_kit.core.observation import Innovation
 from replay_kit.results.schemas import CONTRACT_VERSION
 
@@ -23,29 +21,6 @@ _SINCE = (
     "measured_standard_error",
     *(f"{name}_{end}" for name in ("corrected", "estimated") for end in _ENDS),
 )
-
-
-def flight_correction_json(found: FlightCorrection) -> dict[str, Any]:
-    """Return the correction of one mean current at least for JSON."""
-    figures = asdict(found)
-    sizes = figures.pop("sizes")
-    rms = math.sqrt(sum(size**2 for size in sizes) / len(sizes))
-    return {"corrected": len(sizes), "rms_m_s": rms, "largest_m_s": max(sizes), **figures}
-
-
-def flight_correction_sentence(found: Mapping[str, Any]) -> str:
-    """Return the figures of ``flight_correction_json`` as a sentence."""
-    count = found["corrected"]
-    along, across = (
-        f"{100.0 * found[name]:.0f} ± {100.0 * found[f'{name}_std']:.0f} %"
-        for name in ("along", "across")
-    )
-    return (
-        f"{count} mean {'current was' if count == 1 else 'currents were'} corrected for the flight model's error, by "
-        f"{100.0 * found['rms_m_s']:.1f} cm/s RMS, {100.0 * found['largest_m_s']:.1f} cm/s at most; from {found['dives']} dives this error "
-        f"is {along} of the way through the water along it and {across} across it, with a log evidence of at least {found['evidence']:.1f} "
-        "whichever dive is left out"
-    )
 
 
 def mean_current_values(value: Innovation, used: Array) -> dict[str, Any]:

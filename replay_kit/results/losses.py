@@ -1,5 +1,6 @@
 """What a reader reports of a log, damage above all, as lines for a person and as JSON."""
 
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
@@ -10,15 +11,17 @@ from replay_kit.core.message import LogReport, Loss
 
 def loss_words(loss: Loss) -> str:
     """Return what was lost in bytes, messages and time."""
-    messages = (
-        "an unknown number of messages" if loss.messages is None else f"{loss.messages} messages"
+    return lost_text(loss_json(loss))
+
+
+def lost_text(found: Mapping[str, Any]) -> str:
+    """Return what was lost, as ``loss_json`` has it, in bytes, messages and time."""
+    number, first, last = found["messages"], found["first"], found["last"]
+    messages = "an unknown number of messages" if number is None else f"{number} messages"
+    span = "" if first is None or last is None or number == 0 else f" of {first} to {last}"
+    return (
+        f"{found['what']} ({found['bytes']} bytes, from byte {found['offset']}; {messages}{span})"
     )
-    span = (
-        ""
-        if loss.first_ns is None or loss.last_ns is None
-        else f" of {iso_time(loss.first_ns)} to {iso_time(loss.last_ns)}"
-    )
-    return f"{loss.what} ({loss.bytes} bytes, from byte {loss.offset}; {messages}{span if loss.messages != 0 else ''})"
 
 
 def loss_json(loss: Loss) -> dict[str, Any]:
@@ -69,3 +72,17 @@ def iso_time(time_ns: int, unit: Literal["s", "ms"] = "ms") -> str:
     """Return a time as ISO 8601 UTC; one outside 0 to 2**63 - 1 ns, as a damaged stamp may be, is given as the nearest inside."""
     clipped = min(max(time_ns, 0), 2**63 - 1)
     return f"{np.datetime_as_string(np.datetime64(clipped, 'ns'), unit=unit)}Z"
+
+
+def coded(counts: Mapping[str, int]) -> list[dict[str, Any]]:
+    """Return the number of each reason for JSON, with the code that a program knows it by and the sentence for a person."""
+    return [
+        {"code": code_of(reason), "reason": reason, "count": count}
+        for reason, count in counts.items()
+    ]
+
+
+def code_of(reason: str) -> str:
+    """Return the code of a reason: the words of its first clause, without numbers, quotations and parentheses."""
+    clause = re.split(r"[:;,]", re.sub(r"'[^']*'|\([^)]*\)|-?\d[\d.]*", "", reason))[0]
+    return "_".join(re.findall(r"[a-z0-9]+", clause.lower())) or "other"

@@ -9,7 +9,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.load import load_bytes
 from replay_kit.core.paths import as_path
-from replay_kit.results.mcap_writer import ESTIMATE_NAME, WINDOW_NAME, WINDOWS_RECORD
+from replay_kit.results.topics import ESTIMATE_NAME, WINDOW_NAME, WINDOWS_RECORD
 
 
 def read_windows(path: str | Path) -> tuple[FlowEstimate, ...]:

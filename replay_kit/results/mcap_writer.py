@@ -18,10 +18,9 @@ from replay_kit.core.flow.lossless import save_bytes
 from replay_kit.core.grid import Projection, Seabed
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
-from replay_kit.core.surfacing import DiveOutcome, Outcome
+from replay_kit.core.surfacing import DiveOutcome, SurfacingOutcome
 from replay_kit.core.version import __version__
 from replay_kit.results import messages
-from replay_kit.results.digest import DIGEST_NAME, Digest
 from replay_kit.results.journal import Journal
 from replay_kit.results.layout.layout import layout_of, layout_text
 from replay_kit.results.mcap_file import ResultFile
@@ -33,16 +32,15 @@ from replay_kit.results.slices import (
     grid_message,
     seabed_message,
 )
-from replay_kit.results.surfacings.message import surfacing_message
-
-ESTIMATE_NAME = "estimate.nc"
-#: Beginning of the names of the estimates of windows that the vehicle left; their number and ``.nc`` follow.
-WINDOW_NAME = "estimate_window_"
-#: Name of the metadata record that holds how many of them, the first ones, belong to an estimate that was rebuilt.
-WINDOWS_RECORD = "replay_kit.windows"
-CONFIG_NAME = "config.toml"
-SUMMARY_NAME = "summary.json"
-LAYOUT_NAME = "layout.json"
+from replay_kit.results.topics import (
+    CONFIG_NAME,
+    DIGEST_NAME,
+    ESTIMATE_NAME,
+    LAYOUT_NAME,
+    SUMMARY_NAME,
+    WINDOW_NAME,
+    Digest,
+)
 
 _OWN_SCHEMA = ("protobuf", DESCRIPTOR_SET)
 
@@ -190,7 +188,7 @@ class ResultWriter(ResultFile):
         """Write the bottom around the region to ``/plan/seabed``."""
         self._log("/plan/seabed", seabed_message(time_ns, seabed), time_ns)
 
-    def outcome(self, outcome: Outcome) -> None:
+    def outcome(self, outcome: SurfacingOutcome) -> None:
         """Write a predicted surfacing with the actual one to ``/plan/outcome``."""
         self._log_own(
             "/plan/outcome", "PlanOutcome", messages.plan_outcome(outcome), outcome.time_ns
@@ -199,7 +197,7 @@ class ResultWriter(ResultFile):
     def dive_outcome(self, outcome: DiveOutcome) -> None:
         """Write where a dive was expected to surface, and where it did, to ``/flow/surfacing``."""
         self._log_own(
-            "/flow/surfacing", "Surfacing", surfacing_message(outcome), outcome.fix.time_ns
+            "/flow/surfacing", "Surfacing", messages.surfacing_message(outcome), outcome.fix.time_ns
         )
 
     def log(self, time_ns: int, level: messages.Level, text: str) -> None:
@@ -242,7 +240,7 @@ class ResultWriter(ResultFile):
 
         Args:
             time_ns: Time of the run's last message [ns, UTC].
-            summary: As ``replay_kit.results.summary.to_record`` returns it.
+            summary: As ``Outcome.to_record`` returns it.
         """
         self.attach(
             time_ns,

@@ -3,24 +3,24 @@
 Poses are in the frame ``map``: local east, local north, up, so z = -depth.
 """
 
-import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any, Literal
 
 import foxglove.messages as fox
 import numpy as np
+from numpy.typing import ArrayLike
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding, ReplayKitError, finding_json
 from replay_kit.core.geodesy import to_geographic, unwrap_longitude
+from replay_kit.core.geojson import collection_text, feature, positions
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Innovation, VehicleState
-from replay_kit.core.plan import Plan
-from replay_kit.core.surfacing import Outcome
+from replay_kit.core.observation import Fix, Innovation, VehicleState
+from replay_kit.core.plan import Plan, plan_legs
+from replay_kit.core.surfacing import DiveForecast, DiveOutcome, SurfacingOutcome, planned_ellipses
 from replay_kit.results.flight_correction import mean_current_values
-from replay_kit.results.legs import plan_legs, planned_ellipses
 from replay_kit.results.schemas import encode
 
 Level = Literal["debug", "info", "warning", "error"]
@@ -214,7 +214,7 @@ def plan_controls(plan: Plan) -> bytes:
     )
 
 
-def plan_outcome(outcome: Outcome) -> bytes:
+def plan_outcome(outcome: SurfacingOutcome) -> bytes:
     """Return ``replay_kit.PlanOutcome``; without an ellipse its numbers are NaN."""
     predicted, ellipse = outcome.predicted, outcome.predicted.ellipse
     names = {
@@ -263,40 +263,29 @@ def plan_geojson(plan: Plan, projection: Projection) -> fox.GeoJson:
     The plan's figures are properties of the line.
     """
 
-    def positions(longitude: Array, latitude: Array) -> list[list[float]]:
-        # Continuous across the antimeridian, or a map draws the line around the world.
-        near: list[list[float]] = (
-            np.column_stack([unwrap_longitude(longitude, plan.start.longitude), latitude])
-            .round(7)
-            .tolist()
-        )
-        return near
+    def line(longitude: ArrayLike, latitude: ArrayLike) -> list[list[float]]:
+        return positions(longitude, latitude, plan.start.longitude)
 
     places = (plan.start, plan.goal)
-    ends = positions(
-        np.array([place.longitude for place in places]),
-        np.array([place.latitude for place in places]),
-    )
+    ends = line([place.longitude for place in places], [place.latitude for place in places])
     features = [
-        _feature("Point", end, {"name": name, "depth_m": _finite(place.depth)})
+        feature("Point", end, {"name": name, "depth_m": _finite(place.depth)})
         for name, end, place in zip(("start", "goal"), ends, places, strict=True)
     ]
     for number, ellipse in enumerate(planned_ellipses(plan_legs(plan.statistics)), start=1):
-        ring = positions(*to_geographic(projection, *ellipse.outline(projection).T))
+        ring = line(*to_geographic(projection, *ellipse.outline(projection).T))
         features.append(
-            _feature("Polygon", [ring], {"name": f"90 % of surfacings {number}", "kind": "ellipse"})
+            feature("Polygon", [ring], {"name": f"90 % of surfacings {number}", "kind": "ellipse"})
         )
     for area in plan.areas:
         corners = np.array([*area.corners, area.corners[0]])
         about = {"name": area.name, "kind": "no_go", "surface_only": area.surface_only}
-        features.append(_feature("Polygon", [positions(*corners.T)], about))
+        features.append(feature("Polygon", [line(*corners.T)], about))
     # A line of fewer than two positions is not GeoJSON; a failed plan may have none.
     if len(plan.track) > 1:
-        line = positions(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]))
-        features.insert(0, _feature("LineString", line, _properties(plan)))
-    return fox.GeoJson(
-        geojson=json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)
-    )
+        track = line(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]))
+        features.insert(0, feature("LineString", track, _properties(plan)))
+    return fox.GeoJson(geojson=collection_text(features))
 
 
 def pose(x: float, y: float, z: float, rotation: fox.Quaternion) -> fox.Pose:
@@ -327,14 +316,6 @@ def _properties(plan: Plan) -> dict[str, Any]:
     }
 
 
-def _feature(kind: str, coordinates: list[Any], properties: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "type": "Feature",
-        "geometry": {"type": kind, "coordinates": coordinates},
-        "properties": properties,
-    }
-
-
 def _finite(number: float) -> float | None:
     """Return the number, or None (JSON null) for what JSON cannot say."""
     return float(number) if math.isfinite(number) else None
@@ -348,3 +329,38 @@ def _time(time_ns: int) -> dict[str, int]:
 def _attributes(value: Innovation | Plan, names: str) -> dict[str, Any]:
     """Return attributes that a message has under the same names."""
     return {name: getattr(value, name) for name in names.split()}
+
+
+def surfacing_message(outcome: DiveOutcome) -> bytes:
+    """Return ``replay_kit.Surfacing``; figures of the last dive's current are NaN where it has no spread yet."""
+    forecast = outcome.forecast
+    begin, end = stamp(forecast.start.time_ns), stamp(outcome.fix.time_ns)
+    return encode(
+        "Surfacing",
+        {
+            "timestamp": {"seconds": end.sec, "nanos": end.nsec},
+            "dive_begin": {"seconds": begin.sec, "nanos": begin.nsec},
+            "dive": forecast.dive,
+            "earlier_dives": forecast.earlier,
+            "start": _place(forecast.start),
+            "expected": _place(forecast),
+            "actual": _place(outcome.fix),
+            "distance": outcome.distance,
+            "direction_deg": outcome.direction_deg,
+            "ellipse_bearing": forecast.outer.bearing_deg,
+            "inner_major": forecast.inner.major,
+            "inner_minor": forecast.inner.minor,
+            "outer_major": forecast.outer.major,
+            "outer_minor": forecast.outer.minor,
+            "inside_inner": outcome.in_inner,
+            "inside_outer": outcome.in_outer,
+            "log_score": outcome.log_score,
+            "persistent_log_score": outcome.persistent_log_score,
+            "persistent_distance": outcome.persistent_distance,
+            "persistent_radius": forecast.persistent_radius,
+        },
+    )
+
+
+def _place(place: Fix | DiveForecast) -> dict[str, float]:
+    return {"longitude": place.longitude, "latitude": place.latitude, "depth": 0.0}

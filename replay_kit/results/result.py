@@ -25,10 +25,9 @@ from replay_kit.core.text import time_text
 from replay_kit.results.columns import ListValues, SingleValues, shared, single_columns
 from replay_kit.results.flight_correction import named_by_contract
 from replay_kit.results.mcap_reader import read_estimate, read_windows
-from replay_kit.results.mcap_writer import CONFIG_NAME, ESTIMATE_NAME
+from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.schemas import decode
-from replay_kit.results.summary import ReplaySummary
-from replay_kit.results.topics import read_messages
+from replay_kit.results.topics import CONFIG_NAME, ESTIMATE_NAME, read_messages
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,7 +1,11 @@
-"""The messages of a topic of a result MCAP by time, without the libraries that read estimates."""
+"""What a result MCAP is made of: the names of its records and attachments, and the messages of a topic by time.
+
+It needs none of the libraries that read estimates.
+"""
 
 import struct
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from mcap.data_stream import ReadDataStream
@@ -13,8 +17,34 @@ from mcap.stream_reader import get_chunk_data_stream
 
 from replay_kit.core.errors import LogError
 
+#: Names of attachments and metadata records.
+ESTIMATE_NAME = "estimate.nc"
+#: Beginning of the names of the estimates of windows that the vehicle left; their number and ``.nc`` follow.
+WINDOW_NAME = "estimate_window_"
+#: Name of the metadata record that holds how many of them, the first ones, belong to an estimate that was rebuilt.
+WINDOWS_RECORD = "replay_kit.windows"
+CONFIG_NAME = "config.toml"
+SUMMARY_NAME = "summary.json"
+LAYOUT_NAME = "layout.json"
+DIGEST_NAME = "replay_kit.digest"
+
 # opcode, length; channel, sequence, time of log, time of publication
 _HEAD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
+
+
+@dataclass(frozen=True, slots=True)
+class Digest:
+    """The digest of a result's messages up to some place.
+
+    Attributes:
+        time_ns: When in the log [ns, UTC].
+        messages: Number of messages before.
+        sha256: Of their topics, times and data, in order.
+    """
+
+    time_ns: int
+    messages: int
+    sha256: str
 
 
 def topics_of(path: Path) -> tuple[str, ...]:

@@ -4,7 +4,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.result import ResultFile, result_path
+from replay_kit.results.views.record import outcome_of_result, read_record
 
 if TYPE_CHECKING:
     from replay_kit.show.plots import Plots
@@ -12,6 +14,11 @@ if TYPE_CHECKING:
 
 class Result(ResultFile):
     """What a replay found: its estimate and tables (see ``ResultFile``), and its figures."""
+
+    @cached_property
+    def outcome(self) -> Outcome:
+        """What the run found and how far to trust it: counts, fit, verdict, plan, surfacings, contradictions, losses."""
+        return outcome_of_result(self, read_record(self.path))
 
     @cached_property
     def plot(self) -> "Plots":

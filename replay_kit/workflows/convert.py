@@ -24,6 +24,7 @@ from replay_kit.logs.mcap.writer import McapLogWriter, open_mcap_log
 from replay_kit.logs.reader import LogFile, RawLog, reading
 from replay_kit.logs.registry import logs_in
 from replay_kit.results.losses import (
+    code_of,
     loss_json,
     loss_lines,
     note_lines,
@@ -32,7 +33,7 @@ from replay_kit.results.losses import (
     undecodable_lines,
 )
 from replay_kit.results.readback import check_written
-from replay_kit.results.text import code_of, folded, print_lines, print_table
+from replay_kit.show.text import folded, print_lines, print_table
 
 _STAMP_BYTES = 8
 

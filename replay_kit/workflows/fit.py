@@ -16,7 +16,7 @@ from replay_kit.estimator.basis.modes import build_basis
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.prior.fit import FitRow, best, fit_settings, fit_steps, members_in_basis
 from replay_kit.estimator.prior.hybrid import PriorSettings
-from replay_kit.results.text import print_table
+from replay_kit.show.text import print_table
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ from replay_kit.forecast import read_ensemble
 from replay_kit.show import Result
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.planning.currents import KnownCurrent
-from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay as replay_job
 
 #: Settings of a run: tables of keys as in TOML, a TOML file, or a whole configuration; None for the defaults.

@@ -11,7 +11,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.paths import check_paths
 from replay_kit.results import CONTRACT_VERSION
 from replay_kit.results.losses import loss_words
-from replay_kit.results.summary import ReplaySummary
+from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import read_record
 from replay_kit.show import Result, open_result

@@ -29,19 +29,20 @@ from replay_kit.logs.reader import reading
 from replay_kit.measurements import events_of
 from replay_kit.measurements.consistency.tracks import LogTracks
 from replay_kit.results import ResultWriter
-from replay_kit.results.summary import ReplaySummary
-from replay_kit.workflows.replay.build import Forecasts, build, flow_at
-from replay_kit.workflows.replay.consistency import MonitoringState, require_one_vehicle
-from replay_kit.workflows.replay.dive_forecasts import flown_of
-from replay_kit.workflows.replay.estimation import EstimationState, assimilate
-from replay_kit.workflows.replay.flight_bias import FlightState, as_used
-from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, forecasts_of
-from replay_kit.workflows.replay.look_ahead import open_readers
-from replay_kit.workflows.replay.outputs import Weights, write
-from replay_kit.workflows.replay.provenance import run_metadata, run_settings_toml
-from replay_kit.workflows.replay.publishing import depth_slices
+from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.workflows.replay.inputs.estimator import build, flow_at
+from replay_kit.workflows.replay.inputs.forecast import Forecasts
+from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs
+from replay_kit.workflows.replay.inputs.opened import forecasts_of
+from replay_kit.workflows.replay.inputs.provenance import run_metadata, run_settings_toml
+from replay_kit.workflows.replay.inputs.scan import open_readers
+from replay_kit.workflows.replay.stages.consistency import MonitoringState, require_one_vehicle
+from replay_kit.workflows.replay.stages.estimation import EstimationState, assimilate
+from replay_kit.workflows.replay.stages.publishing import Weights, depth_slices, write
 from replay_kit.workflows.replay.statistics import RunStatistics
 from replay_kit.workflows.replay.stopwatch import Stopwatch
+from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, as_used
+from replay_kit.workflows.replay.surfacings.forecasts import flown_of
 
 _NS = 1_000_000_000
 #: Said in a result whose estimate is static.

@@ -30,19 +30,19 @@ from replay_kit.results import (
     first_difference,
     read_recorded,
 )
-from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
-from replay_kit.workflows.replay.inputs import ReplayJob
-from replay_kit.workflows.replay.planner import PlannerFactory
-from replay_kit.workflows.replay.provenance import (
+from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.provenance import (
     BATHYMETRY,
     FOLLOWED,
     PLAN_RECORD,
     file_hash,
     with_bathymetry,
 )
+from replay_kit.workflows.replay.inputs.region import REGION_RECORD, from_record
 from replay_kit.workflows.replay.referee import RIVAL
-from replay_kit.workflows.replay.region import REGION_RECORD, from_record
 from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.replay.stages.planner import PlannerFactory
 
 _VERSIONS = "replay_kit.versions"
 _VALUES_SHOWN = 10

@@ -401,6 +401,21 @@ def test_a_risk_that_cannot_be_kept_ends_with_7_and_without_files(flow, tmp_path
     assert csv.exists()
 
 
+def test_a_file_may_hold_what_is_asked_for(flow, tmp_path):
+    config = tmp_path / "run.toml"
+    config.write_text(
+        "[planner]\ndepth = 390.0\n[plan]\nstart = '152.42,-40.0,0'\ngoal = ['152.52,-39.96,0']\narrive = 1\n"
+    )
+    found = [
+        json.loads(run(flow, *asked, "--samples", 0, "--json", "-").stdout)
+        for asked in (["--config", config], [*ASK, "--arrive", 1])
+    ]
+    assert found[0]["legs"] == found[1]["legs"] != []
+    assert "--start is missing; expected replay-kit plan FLOW" in run(flow, *ASK[1:], code=2).output
+    config.write_text("[plan]\nrisky = 0.1\n")
+    assert "unknown key 'plan.risky'" in run(flow, *ASK, "--config", config, code=2).output
+
+
 def test_an_estimate_without_uncertainty_has_no_odds_and_says_so(flow, tmp_path):
     load(flow).mean_flow().save(tmp_path / "mean.nc")
     said = json.loads(run(tmp_path / "mean.nc", *ASK, "--json", "-").stdout)

@@ -7,7 +7,7 @@ from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.time import parse_time
-from replay_kit.workflows.replay.provenance import run_settings_toml
+from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 
 
 def test_an_unknown_key_is_an_error_that_names_the_known_ones(tmp_path):

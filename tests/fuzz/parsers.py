@@ -17,7 +17,7 @@ from replay_kit.logs.decode.decoders import decode_json
 from replay_kit.logs.decode.ros2idl import ros2msg_from_idl
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.reader import McapReader
-from replay_kit.workflows.replay.checkpoint import CheckpointFile
+from replay_kit.workflows.replay.store.checkpoint import CheckpointFile
 
 IDENTITY = "0" * 64
 CORPUS = Path(__file__).parent / "corpus"
@@ -139,7 +139,7 @@ def toml(data: bytes) -> None:
 def checkpoint(data: bytes) -> None:
     """What a checkpoint holds, with the right version, run and checksum before it."""
     _file().write_bytes(
-        b"replay-kit checkpoint 7\nnull\n"
+        b"replay-kit checkpoint 8\nnull\n"
         + IDENTITY.encode()
         + hashlib.sha256(data).digest()
         + data

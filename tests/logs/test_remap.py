@@ -9,7 +9,7 @@ from replay_kit.config.run import LogConfig, RunConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.logs import open_log
 from replay_kit.workflows.convert import convert
-from replay_kit.workflows.replay.provenance import run_settings_toml
+from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from tests.logs.log_samples import json_mcap, one_channel_mcap, tlog
 
 CONFIG = LogConfig(remap={"/a": "/left", "mavlink/1/1/ATTITUDE": "/attitude", "/x": "/y"})

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from planners.flow import _field
-from planners.mission.leg import fly_midpoints
+from planners.mission.flight.legs import fly_midpoints
 from planners.shooting.frames import frame_function
 from planners.shooting.schedule import DRIFT_STEPS
 from planners.vehicle import Glider

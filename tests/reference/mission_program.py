@@ -1,78 +1,88 @@
 """A mission's program as one graph that CasADi differentiates: the twin of its functions computed with NumPy."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from planners.mission.program import _PLANE_COST, _SMALL, MissionData, MissionModel
-from planners.mission.reference_path import REFERENCE_SLACK_COST
-from planners.shooting.functions import BOWL
+from planners.shooting.functions import BOWL, MissionCase
+from planners.shooting.layout import Layout
 from planners.solver import HOUR, KM
+from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
 from tests.reference.leg import leg_function, stage_latent
 
 
-def parameters_of(model: MissionModel, data: MissionData) -> Array:
+@dataclass(frozen=True)
+class Mission:
+    """What the graph is made of: the depths of each leg's steps, and latent values at some times."""
+
+    flow: FlowEstimate
+    vehicle: Glider
+    layout: Layout
+    depths: Sequence[Array]
+    latent: Array
+    times: Array | None
+
+
+def parameters_of(mission: Mission, case: MissionCase) -> Array:
     """Return the numbers of a mission as the graph takes them."""
-    flow, reference = model.flow, data.reference_path
-    miss_weights = (
-        [0.0, data.penalty] if data.distance_weight is None else [data.distance_weight, _SMALL]
-    )
-    parts = [data.start, [data.start_time], data.goals.ravel(), *data.depths, data.drifts]
-    parts += [] if data.walls is None else [data.walls.planes.ravel()]
-    parts += [[data.time_weight, data.miss_weight, data.penalty, *miss_weights]]
+    flow, reference = mission.flow, case.reference
+    parts = [case.start, [case.start_time], case.goals.ravel(), *mission.depths, case.drifts]
+    parts += [] if case.walls is None else [case.walls.planes.ravel()]
+    slack_cost = 0.0 if reference is None else reference.slack_cost
+    parts += [[case.time_weight, *case.miss_weights, case.plane_cost, slack_cost]]
     if reference is not None:
-        parts += [reference.origin / KM, reference.across.ravel(order="F")]
-        parts += [data.reference_weights.ravel(), data.reference_limits.ravel() / KM]
+        parts += [reference.origin, reference.across.ravel(order="F")]
+        parts += [reference.weights.ravel(), reference.limits.ravel()]
     parts += [
-        stage_latent(data.latent, flow.levels, flow.depth_functions, depths).ravel(order="F")
-        for depths in data.depths
+        stage_latent(mission.latent, flow.levels, flow.depth_functions, depths).ravel(order="F")
+        for depths in mission.depths
     ]
     return np.concatenate([np.asarray(part) for part in parts])
 
 
-def program_graph(model: MissionModel) -> dict[str, Any]:
+def program_graph(mission: Mission) -> dict[str, Any]:
     """Return the program's unknowns, parameters, cost and constraints as expressions."""
-    shape, n_times = model.shape, 1 if model.times is None else model.times.size
-    n_legs, n_steps, n_goals, n_planes = (
-        shape.n_legs,
-        shape.n_steps,
-        len(shape.goal_legs),
-        shape.n_planes,
+    flow, layout = mission.flow, mission.layout
+    n_times, n_legs, n_goals, n_planes = (
+        1 if mission.times is None else mission.times.size,
+        layout.n_legs,
+        len(layout.goals),
+        layout.n_planes,
     )
+    n_steps = mission.depths[0].size - 1
     start, start_time, goals = (
         ca.MX.sym("start", 2),
         ca.MX.sym("start_time"),
         ca.MX.sym("goals", 2, n_goals),
     )
-    drifts, weights, profiles = (
-        ca.MX.sym("drifts", n_legs),
-        ca.MX.sym("weights", 5),
-        range(max(shape.profiles) + 1),
-    )
-    depths = [ca.MX.sym("depths", n_steps + 1) for _ in profiles]
+    drifts, weights = ca.MX.sym("drifts", n_legs), ca.MX.sym("weights", 6)
+    depths = [ca.MX.sym("depths", n_steps + 1) for _ in range(n_legs)]
     latent = [
-        ca.MX.sym("latent", len(model.flow.latent), (2 * n_steps + 2) * n_times) for _ in profiles
+        ca.MX.sym("latent", len(flow.latent), (2 * n_steps + 2) * n_times) for _ in range(n_legs)
     ]
-    planes = [ca.MX.sym("planes", 3, n_planes * shape.n_places) for _ in range(n_legs)]
+    planes = [ca.MX.sym("planes", 3, n_planes * layout.n_places) for _ in range(n_legs)]
     legs = [ca.MX.sym("leg", 5) for _ in range(n_legs)]
     slacks: Any = ca.MX.sym("slacks", 4, n_goals)
     plane_slack = ca.MX.sym("plane_slack", int(n_planes > 0))
-    reference = _ReferencePathTerms(n_legs, shape.n_places if shape.has_reference else 0)
-    leg = leg_function(model.flow, model.vehicle, n_steps, model.times, shape.drifts)
+    reference = _ReferencePathTerms(n_legs, layout.n_places if layout.has_reference else 0)
+    leg = leg_function(flow, mission.vehicle, n_steps, mission.times, layout.n_places > n_steps)
     place, time = start, ca.MX.zeros(1)
     equal, limited, tracks = [], [], []
-    for k, profile in enumerate(shape.profiles):
+    for k in range(n_legs):
         heading, angle = legs[k][3], legs[k][4]
         places, end_time = leg(
             place,
             start_time + time * HOUR,
             heading,
             angle,
-            depths[profile],
+            depths[k],
             drifts[k],
-            latent[profile],
+            latent[k],
         )
         equal.append(
             ca.vertcat(
@@ -85,14 +95,12 @@ def program_graph(model: MissionModel) -> dict[str, Any]:
         tracks.append(places)
         place, time = legs[k][:2] * KM, legs[k][2]
     misses = [slacks[:2, g] - slacks[2:, g] for g in range(n_goals)]
-    for g, (number, step) in enumerate(
-        zip(shape.goal_legs, shape.goal_steps or (0,) * n_goals, strict=True)
-    ):
-        at = legs[number - 1][:2] if step == 0 else tracks[number - 1][:, step - 1] / KM
+    for g, (number, step) in enumerate(layout.goals):
+        at = legs[number][:2] if step == 0 else tracks[number][:, step - 1] / KM
         equal.append(at - goals[:, g] / KM - misses[g])
     miss_cost = weights[1] * sum(ca.sumsqr(miss) for miss in misses)
-    miss_cost += weights[3] * sum(ca.sqrt(ca.sumsqr(miss) + BOWL**2) for miss in misses)
-    slack_cost = _PLANE_COST * ca.sum1(plane_slack) + reference.slack_cost
+    miss_cost += weights[2] * sum(ca.sqrt(ca.sumsqr(miss) + BOWL**2) for miss in misses)
+    slack_cost = weights[4] * ca.sum1(plane_slack) + weights[5] * ca.sum1(reference.slack)
     return {
         "x": ca.veccat(*legs, slacks, reference.slack, plane_slack),
         "p": ca.veccat(
@@ -108,8 +116,8 @@ def program_graph(model: MissionModel) -> dict[str, Any]:
         ),
         "f": weights[0] * time
         + miss_cost
-        + weights[4] * ca.sum1(ca.vec(slacks))
-        + weights[2] * slack_cost
+        + weights[3] * ca.sum1(ca.vec(slacks))
+        + slack_cost
         + reference.cost,
         "g": ca.vertcat(*equal, *limited, *reference.excess),
     }
@@ -121,7 +129,6 @@ class _ReferencePathTerms:
     Attributes:
         parameters: Origin [km], projection, weight and limit [km] of each place.
         slack: The unknown [km] by which the limits are exceeded.
-        slack_cost: Cost of the slack, in kilometres beyond a half-plane.
         cost: Of all places.
         excess: Must be 0 or less, one column per leg.
     """
@@ -136,7 +143,6 @@ class _ReferencePathTerms:
             ca.MX.sym("reference_limits", n_legs * n_places),
         )
         self.slack, self.n_places = ca.MX.sym("reference_slack", size), n_places
-        self.slack_cost = REFERENCE_SLACK_COST * ca.sum1(self.slack)
         self.cost: Any = ca.MX(1, 1)
         self.excess: list[Any] = []
 

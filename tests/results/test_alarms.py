@@ -10,8 +10,8 @@ from rich.console import Console
 from replay_kit.core.errors import Finding
 from replay_kit.core.plan import Odds
 from replay_kit.results import ResultWriter
-from replay_kit.results.summary import ReplaySummary, print_summary
-from replay_kit.results.summary_json import to_json, to_record
+from replay_kit.results.outcome.from_run import outcome_of
+from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.views.contents import Contents
 from replay_kit.show import open_result
 from replay_kit.show.report.sections.warnings import what_looks_wrong
@@ -19,6 +19,7 @@ from replay_kit.show.status.held import read_held
 from replay_kit.show.status.page import status_page
 from replay_kit.show.status.status import status_of
 from replay_kit.show.status.text import status_text
+from replay_kit.show.summary import print_summary
 from tests.results.result_samples import CONFIG, METADATA
 from tests.show.status.held_samples import held
 from tests.synthetic_flow import synthetic_flow
@@ -55,7 +56,8 @@ def written(path, plan, findings=(FINDING,)):
         writer.start(flow.grid.projection, plan.start_time_ns, METADATA, CONFIG)
         writer.plan(plan, flow.grid.projection)
         writer.summary(
-            plan.start_time_ns, to_record(replace(SUMMARY, plan=plan, findings=findings), ())
+            plan.start_time_ns,
+            outcome_of(replace(SUMMARY, plan=plan, findings=findings)).to_record(),
         )
     return path
 
@@ -74,16 +76,17 @@ def test_a_plan_that_must_not_be_flown_is_the_first_alarm_wherever_it_is_shown(
     assert text.splitlines()[1] == f"! PLAN: {said}"
     assert page.index(f"<b>plan</b> {said}") < page.index("<b>consistency</b>")
     assert "arrives after" not in text + page
-    assert (
-        Contents(open_result(path)).summary["alarms"]
-        == to_json(replace(SUMMARY, plan=plan))["alarms"]
-    )
+    assert open_result(path).outcome == outcome_of(replace(SUMMARY, plan=plan))
     assert what_looks_wrong(Contents(open_result(path)))[0] == said[:1].upper() + said[1:] + "."
     made = replace(SUMMARY, plan=plan)
-    assert [one["kind"] for one in to_json(made)["alarms"]] == ["plan", "consistency"]
-    assert to_json(made)["alarms"][0]["text"] == status.figures["alarms"][0]["text"] == said
+    assert [one["kind"] for one in outcome_of(made).to_json()["alarms"]] == ["plan", "consistency"]
+    assert (
+        outcome_of(made).to_json()["alarms"][0]["text"]
+        == status.figures["alarms"][0]["text"]
+        == said
+    )
     printed = io.StringIO()
-    print_summary(made, Console(file=printed, width=400))
+    print_summary(outcome_of(made), Console(file=printed, width=400))
     assert printed.getvalue().splitlines()[0] == f"ALARM: {said}"
 
 
@@ -94,16 +97,19 @@ def test_a_plan_that_arrives_is_no_alarm(plan, tmp_path):
     status = status_of(read_held(path))
     assert status.alarms == ()
     assert "plan reached: arrives after 1.0 h, 12 m off" in status_text(status)
-    assert to_json(replace(SUMMARY, plan=plan, findings=()))["alarms"] == []
+    assert outcome_of(replace(SUMMARY, plan=plan, findings=())).alarms == ()
     assert not any("plan" in text for text in what_looks_wrong(Contents(open_result(path))))
 
 
 def test_a_replay_that_could_make_no_plan_in_the_end_says_so_first():
     """An earlier plan of it may have arrived."""
-    summary = to_json(replace(SUMMARY, plan_note="the goal is on land"))
-    assert summary["alarms"][0] == {"kind": "plan", "text": "the plan failed: the goal is on land"}
+    outcome = outcome_of(replace(SUMMARY, plan_note="the goal is on land"))
+    assert outcome.to_json()["alarms"][0] == {
+        "kind": "plan",
+        "text": "the plan failed: the goal is on land",
+    }
     for plans in (held().plans, []):
-        status = status_of(held(summary=summary, plans=plans))
+        status = status_of(held(outcome=outcome, plans=plans))
         assert status.alarms[0].text == "the plan failed: the goal is on land"
         assert "plan failed: the goal is on land" in status_text(status)
         assert "arrives after" not in status_text(status)

@@ -12,7 +12,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
-from replay_kit.core.surfacing import Ellipse, Outcome, Surfacing
+from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.show import Result, open_result
 from tests.results.result_samples import CONFIG, METADATA, Run
@@ -55,7 +55,9 @@ def opened(
             flow.grid.projection,
         )
         predicted = Surfacing(TIME_NS + SECOND, 5.0, 62.0, Ellipse(5.0, 62.0, 300.0, 200.0, 10.0))
-        writer.outcome(Outcome(TIME_NS, predicted, TIME_NS + 5 * SECOND, 5.01, 62.01, 1234.5, 45.0))
+        writer.outcome(
+            SurfacingOutcome(TIME_NS, predicted, TIME_NS + 5 * SECOND, 5.01, 62.01, 1234.5, 45.0)
+        )
         writer.finish(flow)
     return open_result(tmp_path / "out.mcap")
 

@@ -7,17 +7,12 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from replay_kit.core.surfacing import Ellipse, Outcome, Surfacing
-from replay_kit.results.summary import DiveRow, ReplaySummary, TopicRow, print_summary
-from replay_kit.results.summary_json import to_json
-from replay_kit.results.summary_plan import (
-    outcomes_json,
-    outcomes_sentence,
-    plan_json,
-    plan_sentence,
-)
-from replay_kit.results.text import (
-    code_of,
+from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
+from replay_kit.results.losses import code_of
+from replay_kit.results.outcome.from_run import outcome_of, outcomes_json, plan_json
+from replay_kit.results.outcome.run import DiveRow, ReplaySummary, TopicRow
+from replay_kit.show.summary import print_summary
+from replay_kit.show.text import (
     fold_names,
     folded,
     iso,
@@ -25,6 +20,7 @@ from replay_kit.results.text import (
     print_table,
     short_times,
 )
+from replay_kit.show.words import outcomes_sentence, plan_sentence
 
 DAY = 86_400 * 10**9
 # 2018-11-16
@@ -169,15 +165,15 @@ SUMMARY = ReplaySummary(
 
 
 def test_dives_are_a_line_with_the_worst_three_and_rows_when_asked_for() -> None:
-    few = printed(lambda console: print_summary(SUMMARY, console), 400)
+    few = printed(lambda console: print_summary(outcome_of(SUMMARY), console), 400)
     # sqrt((1 x 0.1^2 + 3 x 0.3^2 + 0.2^2 + 0.05^2) / 6)
     assert (
-        "Dives: 5; RMS innovation 23.18 cm/s predicted from earlier dives, 20.00 cm/s from the ensemble alone; "
+        "Dives: 5; RMS innovation 23.18 cm/s predicted from earlier dives, 20.00 cm/s by the prior forecast; "
         "worst: 2 (30.00 cm/s), 4 (20.00 cm/s), 1 (10.00 cm/s); -v shows all"
     ) in few
     assert "/adcp/cell_1 ... _3, 3 topics     5     3        2" in few
     assert "Not used: 6 x /adcp/cell_1 ... _3, 3 topics: late: by 3 s" in few
-    whole = printed(lambda console: print_summary(SUMMARY, console, verbose=True), 400)
+    whole = printed(lambda console: print_summary(outcome_of(SUMMARY), console, verbose=True), 400)
     assert not any("worst" in line for line in whole)
     assert sum(line.startswith("/adcp/cell_") for line in whole) == 3
     assert [line.split() for line in whole if line.split()[1:3] == ["1", "3"]] == [
@@ -186,17 +182,17 @@ def test_dives_are_a_line_with_the_worst_three_and_rows_when_asked_for() -> None
 
 
 def test_reasons_have_codes_in_json() -> None:
-    assert to_json(SUMMARY)["messages"][0]["reasons"] == [
+    assert outcome_of(SUMMARY).to_json()["messages"][0]["reasons"] == [
         {"code": "late", "reason": "late: by 3 s", "count": 2}
     ]
 
 
 def test_a_plan_is_told_by_how_to_steer_and_a_failed_one_by_why(plan, failed_plan) -> None:
     assert (
-        plan_sentence(plan)
+        plan_sentence(plan_json(plan) or {})
         == "reached: steer 45.0 degrees true at 0.30 m/s through water, 20.00 degrees down; ok"
     )
-    assert plan_sentence(failed_plan) == "failed: no path"
+    assert plan_sentence(plan_json(failed_plan) or {}) == "failed: no path"
     for energy, told in ((5.0, 5.0), (math.nan, None), (math.inf, None)):
         assert plan_json(replace(plan, energy=energy))["energy_j"] == told
         assert plan_json(replace(plan, battery=energy))["battery_j"] == told
@@ -211,7 +207,7 @@ def test_surfacings_are_told_by_the_medians_of_their_errors_and_the_share_inside
         (None, 240, 0.0, 9e3),
     )
     made = [
-        Outcome(
+        SurfacingOutcome(
             START,
             Surfacing(START, 5.0, 62.0, area),
             START + late * 10**9,
@@ -223,11 +219,11 @@ def test_surfacings_are_told_by_the_medians_of_their_errors_and_the_share_inside
         for area, late, away, distance in misses
     ]
     assert (
-        outcomes_sentence(made)
+        outcomes_sentence(outcomes_json(made))
         == "4 predicted by the plan before; median distance 2250 m, +2 min, 67 % inside the 90 % ellipse"
     )
     assert (
-        outcomes_sentence(made[3:])
+        outcomes_sentence(outcomes_json(made[3:]))
         == "1 predicted by the plan before; median distance 9000 m, +4 min"
     )
     told = outcomes_json(made)

@@ -14,7 +14,7 @@ from replay_kit.studies.accuracy.run import AccuracyRow
 from replay_kit.studies.dives import DivesResult
 from replay_kit.studies.dives.run import DivePrediction
 from replay_kit.studies.missions import MissionJob
-from replay_kit.studies.missions.rows import MissionRow
+from replay_kit.studies.missions.follow import MissionRow
 from replay_kit.studies.missions.run import MissionResult
 from replay_kit.studies.planning import PlanningJob
 from replay_kit.studies.planning.arrival_tables import Arrival, draw_misses

@@ -15,7 +15,7 @@ from replay_kit.logs import merge, open_log
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements import observations
-from replay_kit.results.text import iso
+from replay_kit.show.text import iso
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.convert import convert, convert_json, print_converted
 from tests.command import invoke

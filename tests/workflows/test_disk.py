@@ -16,7 +16,7 @@ from replay_kit.logs import reader
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.convert import convert
 from replay_kit.workflows.info.inspect import inspect_logs
-from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests.command import invoke
 from tests.studies.twins.truths import make_truth

@@ -6,7 +6,7 @@ import xarray as xr
 from mcap.reader import make_reader
 
 from tests.command import invoke
-from tests.forecast.test_forms import save
+from tests.forecast.forms import save
 from tests.places import SAMPLES
 
 

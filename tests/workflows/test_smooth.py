@@ -15,8 +15,8 @@ from replay_kit.show.report import report_html
 from replay_kit.show.status.held import read_held
 from replay_kit.workflows.library import settings_of
 from replay_kit.workflows.planning import planner_of
-from replay_kit.workflows.replay.flight_bias import FlightState, as_used
-from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, as_used
 from replay_kit.workflows.smooth import STATIC, published_times, smooth
 from replay_kit.workflows.verify import verify
 from tests.places import SAMPLES

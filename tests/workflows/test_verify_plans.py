@@ -11,7 +11,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.results import read_recorded
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.planning.again import plan_again
-from replay_kit.workflows.planning.record import recorded_job
+from replay_kit.workflows.planning.record import recorded_request
 from replay_kit.workflows.verify import verify
 from tests.command import invoke
 from tests.planners.flow_samples import eddying_flow
@@ -163,7 +163,7 @@ def test_an_altered_message_is_named(mission, tmp_path):
 def test_an_altered_request_gives_another_plan(mission, tmp_path):
     def other(name, values):
         return (
-            values | {"job": values["job"].replace("152.52", "152.53")}
+            values | {"request": values["request"].replace("152.52", "152.53")}
             if name == "replay_kit.plan"
             else values
         )
@@ -176,11 +176,11 @@ def test_an_altered_request_gives_another_plan(mission, tmp_path):
 def test_no_file_is_read_that_is_none_of_the_inputs(mission):
     record = read_recorded(mission / "plan.mcap").metadata["replay_kit.plan"]
     foreign = json.dumps(
-        json.loads(record["job"])
+        json.loads(record["request"])
         | {"bathymetry": "/etc/hostname", "others": ["/etc/hostname"], "flows": ["x.nc"]}
     )
-    job = recorded_job(
-        record | {"job": foreign},
+    job = recorded_request(
+        record | {"request": foreign},
         {"flow0": mission / "flow.nc", "no_go": mission / "areas.geojson"},
     )
     assert (job.flows, job.no_go, job.bathymetry) == (
@@ -203,10 +203,10 @@ def test_a_plan_that_does_not_say_what_was_asked_for_is_refused(mission, tmp_pat
         again(old, mission)
     assert invoke(["verify", str(old), "--inputs", str(mission)]).exit_code == 3
     for record in (
-        {"kind": "tour", "job": "{}"},
-        {"kind": "mission", "job": "{"},
-        {"kind": "mission", "job": '{"start": 3}'},
+        {"kind": "mission", "job": "{}"},
+        {"request": "{"},
+        {"request": '{"start": 3}'},
         {},
     ):
-        with pytest.raises(LogError, match="expected the kind of a plan and what was asked for"):
-            recorded_job(record, {})
+        with pytest.raises(LogError, match="expected what a plan of this version was asked for"):
+            recorded_request(record, {})

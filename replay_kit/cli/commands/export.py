@@ -6,14 +6,13 @@ from typing import Annotated, Literal
 from replay_kit.cli.console import console_beside
 from replay_kit.cli.options import (
     OUTPUTS,
-    PLACE,
     TO_OUTPUTS,
     Ending,
     Replacing,
     argument,
-    numbers,
     option,
 )
+from replay_kit.config.option import PLACE, numbers
 from replay_kit.core.paths import check_paths
 
 _ENDINGS = Ending((".nc", ".csv", ".kml", ".geojson"))

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from replay_kit.config.run import RunConfig
-    from replay_kit.workflows.replay.inputs import ReplayJob
+    from replay_kit.workflows.replay.inputs.job import ReplayJob
 
 # Seconds between two looks, at least: a look reads the names in a folder.
 _LEAST = 0.1
@@ -101,8 +101,8 @@ class Following:
         json_file: Path | None,
     ) -> int:
         """Follow the logs of a job, and return the exit code of the last summary."""
-        from replay_kit.results.summary import print_summary
-        from replay_kit.results.summary_json import to_json
+        from replay_kit.results.outcome.from_run import outcome_of
+        from replay_kit.show.summary import print_summary
         from replay_kit.workflows.follow.follow import follow
         from replay_kit.workflows.follow.options import FollowOptions
         from replay_kit.workflows.planning import planner_of
@@ -129,6 +129,7 @@ class Following:
             raise LogError(
                 "no log that can be replayed has come; check the folder, and what was said of the files in it"
             )
-        print_summary(summary, console)
-        write_json(json_file, to_json(summary))
+        outcome = outcome_of(summary)
+        print_summary(outcome, console)
+        write_json(json_file, outcome.to_json())
         return summary.exit_code

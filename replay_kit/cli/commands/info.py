@@ -74,7 +74,7 @@ def info(
     config = settings.load()
 
     from replay_kit.measurements import suggestions
-    from replay_kit.results.text import print_lines
+    from replay_kit.show.text import print_lines
     from replay_kit.workflows.info.inspect import inspect_logs
     from replay_kit.workflows.info.listing import (
         asks_for_replay,
@@ -95,7 +95,7 @@ def info(
                 import_check_json,
                 print_import_check,
             )
-            from replay_kit.workflows.replay.look_ahead import look_ahead
+            from replay_kit.workflows.replay.inputs.scan import look_ahead
 
             advance(0, 1, "checking against the ensemble" if logs else "reading the forecast")
             # as a replay of the logs would read it

@@ -1,40 +1,92 @@
-"""``plan``: a glider's mission on an estimate."""
+"""``plan``: a glider's mission on an estimate, or what to measure before one."""
 
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from replay_kit.cli.commands.plan_learning import plan_learning, refuse_learning
-from replay_kit.cli.commands.plan_options import Aim, Method, Outputs, Places, Times
 from replay_kit.cli.console import console_beside, progress, write_json, write_text
-from replay_kit.cli.options import TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, argument, numbers, place
+from replay_kit.cli.options import (
+    CHOICES,
+    MCAP,
+    TO_OUTPUTS,
+    Answer,
+    Ending,
+    argument,
+    flag,
+    option,
+)
 from replay_kit.cli.settings import Settings, takes_settings
+from replay_kit.config.option import Numbers, numbers
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import check_inputs, check_paths
 
 if TYPE_CHECKING:
+    from replay_kit.config.run import RunConfig
     from replay_kit.workflows.planning.mission import PlannedMission
-    from replay_kit.workflows.planning.request import MissionKind, PlanJob
 
 
 # Exit code of a plan that is not safe enough to be handed to a vehicle.
 _UNSAFE = 7
+_ANGLES = Numbers("MIN,MAX")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outputs(Answer):
+    """What is written."""
+
+    out: Annotated[
+        Path | None,
+        option("--out -o", "Predicted track and legs, for any MCAP viewer.", metavar="PLAN.mcap"),
+        MCAP,
+    ] = None
+    geojson: Annotated[
+        Path | None,
+        option("--geojson", "Track, surfacings and goals; - is standard output.", metavar="FILE"),
+        Ending((".geojson", ".json"), stream=True),
+    ] = None
+    csv: Annotated[
+        Path | None,
+        option("--csv", "One line for each leg; - is standard output.", metavar="FILE"),
+        Ending((".csv",), stream=True),
+    ] = None
+    waypoints: Annotated[
+        Path | None,
+        option(
+            "--waypoints",
+            "Short list of places to head for: .csv, .geojson, .json, .kml, .plan for QGroundControl, .ma for a Slocum (yo*.ma: dives), "
+            ".targets for a Seaglider.",
+            metavar="FILE",
+        ),
+        Ending((".csv", ".geojson", ".json", ".kml", ".plan", ".ma", ".targets")),
+    ] = None
+    write_unsafe: Annotated[
+        bool,
+        flag(
+            "--write-unsafe",
+            "Write files of a plan that violates a constraint more often than accepted, or of such waypoints.",
+        ),
+    ] = False
 
 
 @takes_settings(
+    "plan",
     "planner",
     without=[
-        f"planner.{key}"
-        for key in (
-            "kind",
-            "when",
-            "interval",
-            "flow_step",
-            "objective",
-            "min_angle",
-            "max_angle",
-            "bathymetry",
-        )
+        "plan.flows",
+        "plan.waypoints",
+        *(
+            f"planner.{key}"
+            for key in (
+                "kind",
+                "when",
+                "interval",
+                "flow_step",
+                "objective",
+                "min_angle",
+                "max_angle",
+                "bathymetry",
+            )
+        ),
     ],
     short="planner",
 )
@@ -46,10 +98,16 @@ def plan(
             "Estimate: a file of --save-estimate or a result of replay; several hold for increasing times.",
         ),
     ],
-    places: Annotated[Places, TO_INPUTS],
-    times: Annotated[Times, TO_OPTIONS] = Times(),
-    aim: Annotated[Aim, TO_OPTIONS] = Aim(),
-    method: Annotated[Method, TO_OPTIONS] = Method(),
+    angles: Annotated[
+        str | None,
+        option(
+            "--angles",
+            "Shallowest and steepest glide angle [degrees]. Default: as flown where the speed is, else 15,35.",
+            metavar="MIN,MAX",
+            group=CHOICES,
+        ),
+        _ANGLES,
+    ] = None,
     settings: Settings,
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
 ) -> int:
@@ -59,28 +117,32 @@ def plan(
         raise ConfigError(
             "--geojson, --csv and --json: only one of them can have standard output; give the others files"
         )
-    others = aim.others or ()
-    check_paths(
-        [*flows, *others, settings.file, places.no_go, places.bathymetry],
-        [outputs.out, outputs.waypoints, *streams],
-        outputs.overwrite,
-    )
-    least, most = _pair(method.angles, "--angles", "MIN,MAX") or (None, None)
+    least, most = (None, None) if angles is None else numbers(angles, "--angles", _ANGLES.form)
     config = settings.load(planner={"min_angle": least, "max_angle": most})
-
-    if aim.objective in ("learn", "map"):
-        return plan_learning(flows, (places, times, aim, method, outputs), config)
-    refuse_learning(places.goal, aim)
-    job = _job(flows, places, times, aim, method, outputs)
-    if job.bathymetry is None:
-        job = replace(job, bathymetry=config.planner.bathymetry_path)
-    check_inputs([*job.flows, job.no_go, job.bathymetry])
+    asked = {"flows": flows, "waypoints": outputs.waypoints is not None}
+    if config.plan.bathymetry is None:
+        asked["bathymetry"] = config.planner.bathymetry_path
+    request = config.plan.model_copy(update=asked)
+    files = [*flows, *request.others, request.no_go, request.bathymetry]
+    check_paths(
+        [*files, settings.file], [outputs.out, outputs.waypoints, *streams], outputs.overwrite
+    )
 
     # what takes long to load, after what is quickly refused
+    from replay_kit.workflows.planning.request import checked
+
+    request = checked(request)
+    check_inputs(files)
+    config = config.model_copy(update={"plan": request})
+    return (_learning if request.learns else _mission)(config, outputs)
+
+
+def _mission(config: "RunConfig", outputs: Outputs) -> int:
+    """Plan a mission and write it; return the exit code."""
     from replay_kit.workflows.planning.mission import make_mission
 
     with progress():
-        planned = make_mission(job, config.planner)
+        planned = make_mission(config.plan, config.planner)
 
     from replay_kit.workflows.planning.outputs import (
         mission_json,
@@ -89,87 +151,21 @@ def plan(
         write_mission,
     )
 
-    console, unsafe = console_beside(*streams), unsafe_reason(planned, job)
+    console = console_beside(outputs.geojson, outputs.csv, outputs.json_file)
+    unsafe = unsafe_reason(planned, config.plan)
     withheld = unsafe is not None and not outputs.write_unsafe
     try:
         write_json(outputs.json_file, mission_json(planned))
         if not withheld:
             _write(planned, outputs)
             if outputs.out is not None:
-                asked = _asked(places, times, aim, method, job.kind)
-                write_mission(outputs.out, outputs.overwrite, planned, job, asked, config)
+                write_mission(outputs.out, outputs.overwrite, planned, config)
     finally:
         # after the files, which a reader of the first lines alone would end; and also where one cannot be written
-        print_mission(planned, console, job.battery)
+        print_mission(planned, console, config.plan.battery)
     if withheld:
         console.print(f"{unsafe}; no other file is written without --write-unsafe", soft_wrap=True)
     return 0 if unsafe is None else _UNSAFE
-
-
-def _job(
-    flows: tuple[Path, ...],
-    places: Places,
-    times: Times,
-    aim: Aim,
-    method: Method,
-    outputs: Outputs,
-) -> "PlanJob":
-    """Return the mission asked for, checked."""
-    from replay_kit.workflows.planning.request import (
-        MissionKind,
-        PlanJob,
-        departures_of,
-        horizon_of,
-        start_time_of,
-    )
-
-    mooring = _pair(aim.mooring, "--mooring", "RADIUS,HOURS")
-    kind = MissionKind(
-        mooring, aim.surfacings_only, aim.line, aim.line_weight, aim.objective, aim.line_width
-    )
-    job = PlanJob(
-        flows,
-        place(places.start, "--start"),
-        tuple(place(text, "--goal") for text in places.goal or ()),
-        kind=kind,
-        no_go=places.no_go,
-        bathymetry=places.bathymetry,
-        spline=method.spline,
-        risk=method.risk,
-        waypoints=outputs.waypoints is not None,
-        waypoint_tolerance=outputs.waypoint_tolerance,
-        arrive=method.arrive,
-        time_limit=method.time_limit,
-        battery=method.battery,
-        start_time_ns=None if times.start_time is None else start_time_of(times.start_time),
-        departures_ns=() if times.depart is None else departures_of(times.depart),
-        horizon=None if times.horizon is None else horizon_of(times.horizon),
-    )
-    job.check()
-    return job
-
-
-def _asked(
-    places: Places, times: Times, aim: Aim, method: Method, kind: "MissionKind"
-) -> dict[str, object]:
-    """Return what was asked for beyond the configuration, as it was given."""
-    line = kind.followed
-    return {
-        "start": places.start,
-        "goals": " ".join(places.goal or ()),
-        "objective": aim.objective,
-        "mooring": aim.mooring,
-        "spline": method.spline,
-        "risk": method.risk,
-        "arrive": method.arrive,
-        "time_limit": method.time_limit,
-        "surfacings_only": aim.surfacings_only,
-        "line_weight": line and line.weight,
-        "line_width": line and line.width,
-        "start_time": times.start_time,
-        "depart": times.depart,
-        "horizon": times.horizon,
-    }
 
 
 def _write(planned: "PlannedMission", outputs: Outputs) -> None:
@@ -184,9 +180,29 @@ def _write(planned: "PlannedMission", outputs: Outputs) -> None:
         write_text(outputs.waypoints, waypoint_file(planned.waypoints, outputs.waypoints))
 
 
-def _pair(text: str | None, name: str, form: str) -> tuple[float, float] | None:
-    """Return the two numbers of an option; None when it is not given."""
-    if text is None:
-        return None
-    first, second = numbers(text, name, form)
-    return first, second
+def _learning(config: "RunConfig", outputs: Outputs) -> int:
+    """Plan what to measure and write it; return 0, for a plan that is of no use is a result."""
+    from replay_kit.workflows.planning.learning import make_learning
+
+    with progress():
+        learnt = make_learning(config.plan, config.planner)
+
+    from replay_kit.workflows.planning.learning_outputs import (
+        learning_csv,
+        learning_geojson,
+        learning_json,
+        print_learning,
+        write_learning,
+    )
+
+    try:
+        write_json(outputs.json_file, learning_json(learnt))
+        if outputs.geojson is not None:
+            write_text(outputs.geojson, learning_geojson(learnt))
+        if outputs.csv is not None:
+            write_text(outputs.csv, learning_csv(learnt))
+        if outputs.out is not None:
+            write_learning(outputs.out, outputs.overwrite, learnt, config)
+    finally:
+        print_learning(learnt, console_beside(outputs.geojson, outputs.csv, outputs.json_file))
+    return 0

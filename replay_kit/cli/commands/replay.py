@@ -9,7 +9,6 @@ from replay_kit.cli.console import console_beside, part_named, progress, write_j
 from replay_kit.cli.options import (
     MCAP,
     NETCDF,
-    PLACE,
     TO_INPUTS,
     TO_OPTIONS,
     TO_OUTPUTS,
@@ -22,6 +21,7 @@ from replay_kit.cli.options import (
     place,
 )
 from replay_kit.cli.settings import Settings, takes_settings
+from replay_kit.config.option import PLACE
 from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError
 from replay_kit.core.paths import check_paths, truth_path
 
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
     from replay_kit.config.run import RunConfig
     from replay_kit.core.plan import Place
-    from replay_kit.results.summary import ReplaySummary
-    from replay_kit.workflows.replay.build import Forecasts
-    from replay_kit.workflows.replay.inputs import ReplayJob
+    from replay_kit.results.outcome.run import ReplaySummary
+    from replay_kit.workflows.replay.inputs.forecast import Forecasts
+    from replay_kit.workflows.replay.inputs.job import ReplayJob
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,9 +166,10 @@ def replay(
     goal, config = None if inputs.goal is None else place(inputs.goal, "--goal"), settings.load()
 
     # what takes long to load, after what is quickly refused
-    from replay_kit.results.summary_json import failure_json
+    from replay_kit.results.outcome.from_run import failed
     from replay_kit.workflows.planning import planner_of
-    from replay_kit.workflows.replay.inputs import check_outputs, forecasts_of
+    from replay_kit.workflows.replay.inputs.job import check_outputs
+    from replay_kit.workflows.replay.inputs.opened import forecasts_of
     from replay_kit.workflows.replay.replay import replay as replay_logs
     from replay_kit.workflows.smooth import check_smoothable
 
@@ -187,7 +188,7 @@ def replay(
                 check_smoothable(forecasts)
             summary, _ = replay_logs(job, config, planner_of, advance, forecasts=forecasts)
     except (MeasurementError, ForecastError) as error:
-        write_json(outputs.json_file, error.answer or failure_json(error))
+        write_json(outputs.json_file, error.answer or failed(error).to_json())
         raise
     _smooth(outputs, job, config, forecasts)
     _answer(outputs, summary, console)
@@ -197,7 +198,7 @@ def replay(
 def _job(
     logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs, goal: "Place | None"
 ) -> "ReplayJob":
-    from replay_kit.workflows.replay.inputs import ReplayJob
+    from replay_kit.workflows.replay.inputs.job import ReplayJob
 
     return ReplayJob(
         logs=logs,
@@ -242,13 +243,14 @@ def _smooth(
 
 def _answer(outputs: Outputs, summary: "ReplaySummary", console: "Console") -> None:
     """Print the summary, and write the report and the JSON if they are asked for."""
-    from replay_kit.results.summary import print_summary
-    from replay_kit.results.summary_json import to_json
+    from replay_kit.results.outcome.from_run import outcome_of
+    from replay_kit.show.summary import print_summary
 
-    print_summary(summary, console, outputs.verbose)
+    outcome = outcome_of(summary)
+    print_summary(outcome, console, outputs.verbose)
     if outputs.page is not None:
         from replay_kit.workflows.report import report
 
         report(outputs.out, outputs.page, outputs.overwrite, summary)
         console.print(f"Report: {outputs.page}; open it in a browser.", soft_wrap=True)
-    write_json(outputs.json_file, to_json(summary))
+    write_json(outputs.json_file, outcome.to_json())

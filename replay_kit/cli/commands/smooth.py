@@ -45,15 +45,16 @@ def smooth(
     )
     config = settings.load()
 
-    from replay_kit.results.summary import print_summary
-    from replay_kit.results.summary_json import to_json
-    from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs
+    from replay_kit.results.outcome.from_run import outcome_of
+    from replay_kit.show.summary import print_summary
+    from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs
     from replay_kit.workflows.smooth import smooth as smooth_logs
 
     job = ReplayJob(logs, inputs.ensemble, outputs.out, overwrite=outputs.overwrite)
     check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file])
     with part_named(outputs.out), progress() as advance:
         summary = smooth_logs(job, config, advance)
-    print_summary(summary, console_beside(outputs.json_file), outputs.verbose)
-    write_json(outputs.json_file, to_json(summary))
+    outcome = outcome_of(summary)
+    print_summary(outcome, console_beside(outputs.json_file), outputs.verbose)
+    write_json(outputs.json_file, outcome.to_json())
     return summary.exit_code

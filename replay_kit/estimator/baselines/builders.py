@@ -12,11 +12,9 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.estimator import Estimator, build_estimator
 from replay_kit.estimator.baselines.depth_average import build_depth_average
-from replay_kit.estimator.baselines.etkf import Etkf, TransformState, build_etkf
+from replay_kit.estimator.baselines.etkf import Etkf, TransformState, build_etkf, build_letkf
 from replay_kit.estimator.baselines.gp import build_gp
-from replay_kit.estimator.baselines.letkf import build_letkf
-from replay_kit.estimator.baselines.naive import build_naive
-from replay_kit.estimator.baselines.nearest import build_nearest
+from replay_kit.estimator.baselines.whole_flows import build_naive, build_nearest
 
 
 @dataclass(frozen=True, slots=True, eq=False)

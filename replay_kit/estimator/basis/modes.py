@@ -22,14 +22,20 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.horizontal import HorizontalFunctions, HorizontalKernel, NodeKernel
 from replay_kit.core.flow.lattice import lattice_over
 from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.estimator.basis.decomposition import decompose, exact_svd
 from replay_kit.estimator.basis.embedding import LEAST_NUGGET, embed
-from replay_kit.estimator.basis.representation import ErrorField, error_field, shifted_residual
-from replay_kit.estimator.basis.shifts import SHIFT_WEIGHTS, shifted_copies
+from replay_kit.estimator.basis.shifts import (
+    SHIFT_WEIGHTS,
+    ErrorField,
+    error_field,
+    shifted_copies,
+    shifted_residual,
+)
 from replay_kit.estimator.basis.slices import (
     cell_size,
     correlation_length,
+    decompose,
     ensemble_slices,
+    exact_svd,
     slice_blocks,
     surface_speed,
 )

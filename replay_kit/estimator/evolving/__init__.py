@@ -2,6 +2,6 @@
 
 from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
-from replay_kit.estimator.evolving.state import EvolvingState
+from replay_kit.estimator.evolving.state_space import EvolvingState
 
 __all__ = ["EvolvingEstimator", "EvolvingState", "build_evolving"]

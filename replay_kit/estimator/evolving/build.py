@@ -15,9 +15,12 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.basis.modes import Basis, build_basis, mean_variance
 from replay_kit.estimator.basis.shifts import projector, shift_operators, shifted_in_modes
 from replay_kit.estimator.basis.slices import correlation_length
-from replay_kit.estimator.evolving.extras import biases, oscillations
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
-from replay_kit.estimator.evolving.observation_operator import ObservationOperator
+from replay_kit.estimator.evolving.observation_operator import (
+    ObservationOperator,
+    biases,
+    oscillations,
+)
 from replay_kit.estimator.evolving.state_space import StateSpace
 from replay_kit.estimator.prior.fit import Members, choose_settings, members_in_basis
 from replay_kit.estimator.prior.hybrid import PriorSettings

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.observation import Measurement, Observation, PathMean
-from replay_kit.estimator.evolving.extras import Oscillations, oscillations
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.estimator.evolving.observation_operator import (
     LinearObservation,
     ObservationOperator,
+    Oscillations,
+    oscillations,
 )
-from replay_kit.estimator.evolving.state import EvolvingState
+from replay_kit.estimator.evolving.state_space import EvolvingState
 
 _PART = "dive_error"
 

@@ -17,8 +17,7 @@ from replay_kit.estimator.evolving.observation_operator import (
     LinearObservation,
     ObservationOperator,
 )
-from replay_kit.estimator.evolving.state import EvolvingState
-from replay_kit.estimator.evolving.state_space import StateSpace
+from replay_kit.estimator.evolving.state_space import EvolvingState, StateSpace
 from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.update.biases import (
     NAMES,
@@ -27,11 +26,14 @@ from replay_kit.estimator.update.biases import (
     significant_bias_notes,
     unit_bias_rows,
 )
-from replay_kit.estimator.update.evaluation import ObservationUpdate, evaluate_observation
+from replay_kit.estimator.update.evaluation import (
+    ObservationUpdate,
+    evaluate_observation,
+    predict_observation,
+)
 from replay_kit.estimator.update.gate import ConsistencyMonitor
 from replay_kit.estimator.update.group_step import Stepped
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
-from replay_kit.estimator.update.posterior import predict_observation
 from replay_kit.estimator.update.screening import Screened, is_duplicate, screen_measurement
 
 _NS = 1e9

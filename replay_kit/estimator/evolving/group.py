@@ -12,12 +12,10 @@ from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import Innovation, Measurement, Observation
 from replay_kit.estimator.basis.modes import Basis
-from replay_kit.estimator.basis.noise import BinNoise, bin_noise
 from replay_kit.estimator.evolving.observation_operator import ObservationOperator
-from replay_kit.estimator.evolving.state import EvolvingState
-from replay_kit.estimator.evolving.state_space import StateSpace
+from replay_kit.estimator.evolving.state_space import EvolvingState, StateSpace
 from replay_kit.estimator.update.biases import BiasBins
-from replay_kit.estimator.update.group_screening import relative_velocities
+from replay_kit.estimator.update.evaluation import predict_observation
 from replay_kit.estimator.update.group_step import (
     GroupResult,
     ScreenedGroup,
@@ -27,8 +25,9 @@ from replay_kit.estimator.update.group_step import (
     stack_of,
 )
 from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.estimator.update.posterior import predict_observation
 from replay_kit.estimator.update.profile_stack import ProfileStack
+from replay_kit.estimator.update.rows import BinNoise, bin_noise
+from replay_kit.estimator.update.screening import relative_velocities
 from replay_kit.estimator.update.superobservation import Column, evaluate_group
 
 _NS = 1e9

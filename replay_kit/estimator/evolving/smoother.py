@@ -21,8 +21,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.estimator.evolving.filter import Candidate, EvolvingEstimator
-from replay_kit.estimator.evolving.state import EvolvingState
-from replay_kit.estimator.evolving.state_space import StateSpace
+from replay_kit.estimator.evolving.state_space import EvolvingState, StateSpace
 
 _NS = 1e9
 

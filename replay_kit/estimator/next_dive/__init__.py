@@ -1,7 +1,6 @@
 """The mean current of a vehicle's next dive, and so where it surfaces, from the dives before it."""
 
-from replay_kit.estimator.next_dive.baseline import Persistence
 from replay_kit.estimator.next_dive.filter import DiveMean, DiveModel, DiveState
-from replay_kit.estimator.next_dive.mixture import Mixture
+from replay_kit.estimator.next_dive.mixture import Mixture, Persistence
 
 __all__ = ["DiveMean", "DiveModel", "DiveState", "Mixture", "Persistence"]

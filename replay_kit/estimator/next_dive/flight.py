@@ -1,19 +1,27 @@
-"""Whether a flight model errs in proportion to the way through the water, by how much, and on how many dives that rests.
+"""What dives' mean currents say beside the next one: whether the flight model errs, and the current beside the estimate.
 
-An error is believed only where the dives are e^2 times as likely with one as without, whichever single dive is left out: a mean current
-that is wrong, by a bad fix or a wrong entry, is explained by such an error as well as by anything, and would be taken from all others.
+**Flight model.** It may err in proportion to the way through the water. An error is believed only where the dives are e^2 times as likely
+with one as without, whichever single dive is left out: a mean current that is wrong, by a bad fix or a wrong entry, is explained by such an
+error as well as by anything, and would be taken from all others.
+
+**Current beside the estimate.** The estimate's own error is part of what a dive's mean current may differ by, and one combination of
+settings has no current beside the estimate: only what the estimate does not explain, dive after dive, speaks for one.
 """
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from replay_kit.core.arrays import Array
+from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.estimator.next_dive.filter import DiveMean, DiveModel, DiveState
+from replay_kit.estimator.next_dive.settings import local_combinations
 
 #: nats; least log evidence of an error over none.
 LEAST_EVIDENCE = 2.0
 # Dives that are left out at most: where there are more, those without which the evidence is least.
 _MOST_LEFT_OUT = 32
-_MODEL = DiveModel.of_flight()
+_FLIGHT_MODEL = DiveModel.of_flight()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +45,7 @@ class FlightBias:
     def evidence(self) -> float:
         """Log evidence of an error over none, without the dive on which it rests most [nats]."""
         states = self.without if self.known is None else (self.known, *self.without)
-        return min(map(_MODEL.flight_evidence, states), default=0.0)
+        return min(map(_FLIGHT_MODEL.flight_evidence, states), default=0.0)
 
     @property
     def is_believed(self) -> bool:
@@ -47,13 +55,51 @@ class FlightBias:
     @property
     def share(self) -> tuple[Array, Array]:
         """Mean and standard deviation of the error along and across the way, as shares of it; shape (2,) each."""
-        return _MODEL.flight_bias(_MODEL.initial() if self.known is None else self.known)
+        return _FLIGHT_MODEL.flight_bias(
+            _FLIGHT_MODEL.initial() if self.known is None else self.known
+        )
 
     def after(self, dive: DiveMean) -> "FlightBias":
         """Return what is known after one more dive."""
-        before = _MODEL.initial() if self.known is None else self.known
-        without = [*(_MODEL.step(state, dive) for state in self.without), before]
+        before = _FLIGHT_MODEL.initial() if self.known is None else self.known
+        without = [*(_FLIGHT_MODEL.step(state, dive) for state in self.without), before]
         return FlightBias(
-            _MODEL.step(before, dive),
-            tuple(sorted(without, key=_MODEL.flight_evidence)[:_MOST_LEFT_OUT]),
+            _FLIGHT_MODEL.step(before, dive),
+            tuple(sorted(without, key=_FLIGHT_MODEL.flight_evidence)[:_MOST_LEFT_OUT]),
         )
+
+
+_LOCAL_MODEL = DiveModel(local_combinations())
+# Position among the unknowns of the part that decorrelates, to the east; to the north it is the next.
+_LOCAL = 2
+
+
+def local_step(state: DiveState | None, time_ns: int, innovation: Array, std: Array) -> DiveState:
+    """Return the state after a dive.
+
+    Args:
+        state: After those before; None before the first.
+        time_ns: Of the dive's middle [ns, UTC].
+        innovation: shape (2,) [m/s], mean current minus that of the estimate before the dive, local axes.
+        std: shape (2,) [m/s], of the innovation as the estimate and the measurement state it.
+    """
+    stated = float(np.sqrt(np.mean(std**2)))
+    # an error of so many metres in a second is one of so many metres a second
+    dive = DiveMean(time_ns, 1.0, np.zeros(2), 0.0, innovation, position_std=stated)
+    return _LOCAL_MODEL.step(_LOCAL_MODEL.initial() if state is None else state, dive)
+
+
+def local_current(state: DiveState | None) -> LocalCurrent | None:
+    """Return the current beside the estimate after some dives; None before the first."""
+    if state is None or state.time_ns is None:
+        return None
+    settings, part = _LOCAL_MODEL.settings, slice(_LOCAL, _LOCAL + 2)
+    std, scale = np.sqrt(settings.variance[:, _LOCAL]), settings.scales[:, _LOCAL]
+    return LocalCurrent(
+        np.exp(state.log_weights),
+        std,
+        scale,
+        state.mean[:, part],
+        state.cov[:, part, part],
+        state.time_ns,
+    )

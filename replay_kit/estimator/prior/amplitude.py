@@ -1,18 +1,31 @@
-"""The amplitude of a prior's covariance, fitted to innovations.
+"""The amplitudes of the prior: of its covariance, fitted to innovations, and of the ensemble mean, averaged over.
 
-Where members were not made as an ensemble (lagged forecasts, fields of other times, several models), how much they differ says little of
-how much they err. With rows y = H w + noise of unit variance, the prior covariance P times an amplitude a, and d = y - H m, the innovations
-have the covariance a H P H' + 1. With the eigenvalues s of H P H' and the components c of d along its eigenvectors, minus twice the
-logarithm of the likelihood is, up to a constant,
+**Covariance.** Where members were not made as an ensemble (lagged forecasts, fields of other times, several models), how much they differ
+says little of how much they err. With rows y = H w + noise of unit variance, the prior covariance P times an amplitude a, and d = y - H m,
+the innovations have the covariance a H P H' + 1. With the eigenvalues s of H P H' and the components c of d along its eigenvectors, minus
+twice the logarithm of the likelihood is, up to a constant,
 
     sum log(a s + 1) + c^2 / (a s + 1)
 
 (Dee 1995, Mon. Wea. Rev. 123, 1128-1145, for one parameter). A mean of c^2 / s alone would weigh directions in which the prior has hardly
 any variance as much as the others. The first profiles of a log have few independent directions: a normal prior of log a, centred on what is
 expected, with a standard deviation of log 2, adds (log(a / expected) / log 2)^2 (maximum a posteriori).
+
+**Ensemble mean.** Its variance is averaged over by its marginal likelihood as a log begins. The weights are w = w0 + a m with m the
+ensemble mean and w0 of the members' prior. What profiles say of a is Gaussian: with their innovations e about w0, of covariance S, and
+their rows H,
+
+    J = (H m)' S^-1 H m,    b = (H m)' S^-1 e,
+
+its likelihood is proportional to exp(b a - J a^2 / 2). Under a prior N(0, k) of a its posterior has the variance v = 1 / (1 / k + J)
+and the mean v b, and k has the marginal likelihood (1 + k J)^-1/2 exp(v b^2 / 2). Whether they agree on a mean that is wrong as a whole,
+members cannot say, so k is averaged over a few values, of which half of the weight is on none: where the mean is right an estimate
+hardly loses, and where it is wrong the first profiles say so. A Gaussian N(shift, variance) of a that has the same posterior mean and
+variance stands for that mixture, so an estimate remains one Gaussian.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -20,7 +33,143 @@ from scipy.optimize import minimize_scalar
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.covariance import HybridCovariance, Reduction, symmetric
 from replay_kit.estimator.prior.hybrid import HybridPrior, Prior, PriorSettings
-from replay_kit.estimator.prior.mean_amplitude import AmplitudePrior
+
+# The variances that are averaged over, and their weights before the log.
+_VARIANCES = np.array([0.0, 0.03, 0.1, 0.3])
+_WEIGHTS = np.array([0.5, 0.5 / 3, 0.5 / 3, 0.5 / 3])
+# Least variance of the Gaussian that stands for the mixture.
+_LEAST = 1e-6
+# Numbers of profiles, or of groups of them, after which the average is taken again; later the amplitude is known.
+_COUNTS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 28)
+
+
+@dataclass(frozen=True, slots=True)
+class MeanAmplitude:
+    """The Gaussian, before the log, of how far the amplitude of the ensemble mean is from 1, that stands for the mixture after it.
+
+    Attributes:
+        shift: Its mean.
+        variance: Its variance.
+        profiles: Number of profiles that it was averaged with; None after the last.
+    """
+
+    shift: float
+    variance: float
+    profiles: int | None = 0
+
+    def is_due(self, profiles: int) -> bool:
+        """Return whether the average is taken after so many profiles."""
+        return self.profiles is not None and profiles > self.profiles and profiles in _COUNTS
+
+    def until_due(self, profiles: int) -> int | None:
+        """Return how many profiles there are from so many until the average is taken again; None for never."""
+        later = [count for count in _COUNTS if count > profiles]
+        return later[0] - profiles if later and self.profiles is not None else None
+
+    def averaged(self, information: float, score: float, profiles: int) -> "MeanAmplitude":
+        """Return the average after profiles.
+
+        Args:
+            information: (H m)' S^-1 H m, with S the covariance of the profiles' innovations under this Gaussian.
+            score: (H m)' S^-1 e, with e their innovations under it.
+            profiles: Their number.
+        """
+        # of the likelihood alone, this Gaussian taken out
+        variance = self.variance - self.variance**2 * information
+        precision = information / (1.0 - self.variance * information)
+        total = (self.shift + self.variance * score) / variance - self.shift / self.variance
+        mean, spread = mixture(precision, total)
+        # a mixture of two peaks may be wider than any of its Gaussians: its mean is kept, its variance is that of the widest
+        own = 1.0 / np.clip(1.0 / spread - precision, 1.0 / _VARIANCES[-1], 1.0 / _LEAST)
+        shift = own * (mean * (1.0 / own + precision) - total)
+        return MeanAmplitude(float(shift), float(own), profiles if profiles < _COUNTS[-1] else None)
+
+    def ended(self) -> "MeanAmplitude":
+        """Return the same, never to be averaged again."""
+        return replace(self, profiles=None)
+
+
+def before_the_log() -> MeanAmplitude:
+    """Return the average over variances before any profile."""
+    return MeanAmplitude(0.0, float(_WEIGHTS @ _VARIANCES))
+
+
+def mixture(precision: float, total: float) -> tuple[float, float]:
+    """Return mean and variance of the amplitude's deviation from 1 under the mixture, given its likelihood.
+
+    Args:
+        precision: J.
+        total: b.
+    """
+    variances = _VARIANCES / (1.0 + _VARIANCES * precision)
+    means = variances * total
+    log_weights = np.log(_WEIGHTS) - 0.5 * np.log1p(_VARIANCES * precision) + 0.5 * means * total
+    weights = np.exp(log_weights - log_weights.max())
+    weights /= weights.sum()
+    mean = float(weights @ means)
+    return mean, float(weights @ (variances + (means - mean) ** 2))
+
+
+# Not slotted: the parts are put together when they are first asked for.
+@dataclass(frozen=True, eq=False)
+class AmplitudePrior:
+    """A hybrid prior with another Gaussian of the ensemble mean's amplitude.
+
+    Attributes:
+        base: The prior; the last row of its factor is along the mean.
+        mean_weights: shape (Z, r), the ensemble mean.
+        amplitude: The Gaussian.
+    """
+
+    base: HybridPrior
+    mean_weights: Array
+    amplitude: MeanAmplitude
+
+    @cached_property
+    def whole(self) -> HybridPrior:
+        """The same as one hybrid prior."""
+        row = np.sqrt(self.amplitude.variance) * self.mean_weights[None]
+        mean = self.base.mean + self.amplitude.shift * self.mean_weights.ravel()
+        return replace(self.base, mean=mean, factor=np.concatenate([self.base.factor[:-1], row]))
+
+    def __reduce__(self) -> tuple[type["AmplitudePrior"], tuple[object, ...]]:
+        """Pickle the parts alone: the base is in no checkpoint."""
+        return type(self), (self.base, self.mean_weights, self.amplitude)
+
+    @property
+    def settings(self) -> PriorSettings | None:
+        """The settings of the base."""
+        return self.base.settings
+
+    @property
+    def mean(self) -> Array:
+        """Mean, shape (Z r,)."""
+        return self.whole.mean
+
+    def matvec(self, weights: Array) -> Array:
+        """Return the covariance times each weight vector, shape (m, Z, r), in the same shape."""
+        return self.whole.matvec(weights)
+
+    def matvec_modes(self, basis: Array, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of some levels' weights with ``basis``, shape (c, r), at each level: shape (Z, c, L, r)."""
+        return self.whole.matvec_modes(basis, levels)
+
+    def mode_std(self) -> Array:
+        """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
+        return self.whole.mode_std()
+
+    def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
+        return self.whole.covariance(levels)
+
+    def of_sum(self, levels: tuple[int, ...]) -> Array:
+        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
+        return self.whole.of_sum(levels)
+
+    def reduction(self, directions: Array, matrix: Array) -> Reduction:
+        """Return what rows in ``directions``, shape (s, r), with ``matrix``, shape (Z s, Z s), take from sums of levels."""
+        return self.whole.reduction(directions, matrix)
+
 
 #: Least and largest amplitude that a fit gives.
 AMPLITUDES = (0.05, 20.0)

@@ -17,10 +17,15 @@ from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason
 from replay_kit.estimator.basis.modes import Basis, build_basis, mean_variance
-from replay_kit.estimator.basis.noise import BinNoise, bin_noise
 from replay_kit.estimator.basis.slices import cell_size, correlation_length
 from replay_kit.estimator.interface import Estimator
-from replay_kit.estimator.prior.amplitude import ScaledPrior, scaled_prior
+from replay_kit.estimator.prior.amplitude import (
+    AmplitudePrior,
+    MeanAmplitude,
+    ScaledPrior,
+    before_the_log,
+    scaled_prior,
+)
 from replay_kit.estimator.prior.fit import choose_settings, left_out_amplitude, members_in_basis
 from replay_kit.estimator.prior.hybrid import (
     HybridPrior,
@@ -29,31 +34,29 @@ from replay_kit.estimator.prior.hybrid import (
     hybrid_prior,
     with_mean_amplitude,
 )
-from replay_kit.estimator.prior.mean_amplitude import AmplitudePrior, MeanAmplitude, before_the_log
 from replay_kit.estimator.static.group import fitting_step, group_innovation, group_steps
-from replay_kit.estimator.static.mean_amplitude import with_mean_averaged
-from replay_kit.estimator.static.spread import SpreadFit
-from replay_kit.estimator.static.state import FilterState
+from replay_kit.estimator.static.state import FilterState, SpreadFit, with_mean_averaged
 from replay_kit.estimator.update.biases import NAMES, significant_bias_notes, unit_bias_rows
-from replay_kit.estimator.update.compression import ProfileRows, compress_profile
-from replay_kit.estimator.update.covariance import PosteriorCovariance
-from replay_kit.estimator.update.evaluation import evaluate_observation
+from replay_kit.estimator.update.evaluation import PredictedObservation, evaluate_observation
 from replay_kit.estimator.update.group_step import Stepped
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup, current_gradient
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
-from replay_kit.estimator.update.path_mean import (
-    PathRows,
-    path_rows,
+from replay_kit.estimator.update.posterior import Posterior, PriorCrossCovariance, means
+from replay_kit.estimator.update.representation import (
+    PosteriorCovariance,
+    inflated,
     predict_path_mean,
+    select_representation,
+)
+from replay_kit.estimator.update.rows import (
+    BinNoise,
+    PathRows,
+    ProfileRows,
+    bin_noise,
+    compress_profile,
+    path_rows,
     profiles_before_path,
 )
-from replay_kit.estimator.update.posterior import (
-    Posterior,
-    PredictedObservation,
-    PriorCrossCovariance,
-    means,
-)
-from replay_kit.estimator.update.representation import inflated, select_representation
 from replay_kit.estimator.update.screening import Screened, is_duplicate, screen_measurement
 
 

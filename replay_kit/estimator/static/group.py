@@ -13,12 +13,8 @@ from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import Innovation, Measurement, Observation
 from replay_kit.estimator.basis.modes import Basis
-from replay_kit.estimator.basis.noise import BinNoise
 from replay_kit.estimator.prior.hybrid import Prior
-from replay_kit.estimator.static.mean_amplitude import with_mean_averaged
-from replay_kit.estimator.static.spread import SpreadFit
-from replay_kit.estimator.static.state import FilterState
-from replay_kit.estimator.update.compression import ProfileRows
+from replay_kit.estimator.static.state import FilterState, SpreadFit, with_mean_averaged
 from replay_kit.estimator.update.group_step import (
     GroupResult,
     ScreenedGroup,
@@ -28,10 +24,10 @@ from replay_kit.estimator.update.group_step import (
     stack_of,
 )
 from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.estimator.update.path_mean import PathRows
 from replay_kit.estimator.update.posterior import PriorCrossCovariance
 from replay_kit.estimator.update.profile_stack import ProfileStack
 from replay_kit.estimator.update.representation import inflated, select_representation
+from replay_kit.estimator.update.rows import BinNoise, PathRows, ProfileRows
 from replay_kit.estimator.update.screening import Screened
 from replay_kit.estimator.update.superobservation import (
     Column,

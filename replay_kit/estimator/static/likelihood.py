@@ -1,6 +1,6 @@
 """The joint likelihood of several profiles under the prior, before any of them is assimilated.
 
-With the compressed rows of each profile (``update/compression.py``) whitened by the bins' errors, y = H w + noise of unit variance, the
+With the compressed rows of each profile (``update/rows.py``) whitened by the bins' errors, y = H w + noise of unit variance, the
 rows of all profiles have mean H mean and covariance S = H P H' + 1. The compression residual is noise alone.
 """
 
@@ -14,8 +14,8 @@ from scipy.linalg import solve_triangular
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Observation
 from replay_kit.estimator.static.filter import ReducedBasisEstimator
-from replay_kit.estimator.update.compression import ProfileRows
 from replay_kit.estimator.update.posterior import prior_covariance
+from replay_kit.estimator.update.rows import ProfileRows
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,134 @@
-"""The state of the static estimator."""
+"""The state of the static estimator, and the amplitudes of the prior that a log teaches it.
 
-from dataclasses import dataclass
+**Covariance.** The first fit is to members left out. Measurements of the log follow, profiles and mean currents: after 8, 16 and 32 of them
+that lie apart, and then a few times up to 128, the amplitude is fitted to their innovations from the prior alone, centred on the first fit,
+and all measurements so far are assimilated again under it. An estimate is thus never made with an amplitude that later measurements had a
+part in. Measurements within half a cell, in which no grid has structure, repeat one innovation of the prior, so they count once.
+
+One factor cannot be right at all scales: fields of other times differ by more at large scales than a forecast errs there, and by less at
+small ones. Few measurements tell of the large scales, which they also determine; the more there are, the finer is what is still uncertain,
+and the later fits are to that.
+
+**Ensemble mean** (``prior/amplitude.py``). The posterior in observation space has the rows H and the Cholesky factor L of their covariance.
+Another Gaussian of the amplitude changes that covariance by one outer product, and the innovations by a multiple of H m: nothing is
+assimilated again.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import solve_triangular
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Measurement
-from replay_kit.estimator.prior.mean_amplitude import MeanAmplitude
-from replay_kit.estimator.static.spread import SpreadFit
+from replay_kit.estimator.prior.amplitude import AmplitudePrior, MeanAmplitude, fit_amplitude
+from replay_kit.estimator.prior.hybrid import HybridPrior, Prior
 from replay_kit.estimator.update.biases import BiasScore
 from replay_kit.estimator.update.gate import ConsistencyMonitor
+from replay_kit.estimator.update.grouping import ProfileGroup
+from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.posterior import Posterior
+from replay_kit.estimator.update.rows import PathRows, ProfileRows
+
+# Numbers of measurements at which the amplitude is fitted.
+_COUNTS = (8, 16, 32, 48, 64, 96, 128)
+# Measurements that are kept for the next fit at most: a vehicle may stay at one place.
+_MOST_KEPT = 1024
+# Innovations that are fitted at most: the cost goes with the cube of their number, some seconds for so many.
+_MOST_INNOVATIONS = 4096
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpreadFit:
+    """The amplitude of the prior's covariance in a state.
+
+    Attributes:
+        amplitude: Factor on the covariance.
+        expected: That of members left out.
+        fitted_to: Number of measurements that it was fitted to; 0 for members left out.
+        spacing: Least distance between measurements that count [m].
+        apart: Those that count so far, with their places; of a group of profiles those accepted. None after the last fit.
+        past: All measurements so far; None after the last fit.
+    """
+
+    amplitude: float
+    expected: float
+    fitted_to: int
+    spacing: float
+    apart: tuple[tuple[Measurement | ProfileGroup, Array], ...] = ()
+    past: tuple[Measurement | ProfileGroup, ...] | None = ()
+
+    @property
+    def is_due(self) -> bool:
+        """Whether the amplitude is to be fitted now."""
+        return len(self.apart) in _COUNTS and len(self.apart) > self.fitted_to
+
+    def after(
+        self,
+        measurement: Measurement | ProfileGroup,
+        place: Array | None,
+        used: Measurement | ProfileGroup | None = None,
+    ) -> "SpreadFit":
+        """Return the same after a measurement.
+
+        Args:
+            measurement: The measurement, or a group of profiles.
+            used: What of it was accepted; None for all.
+            place: shape (2,) [m], local east and north, the middle of a path; None of what was not accepted.
+        """
+        if self.past is None:
+            return self
+        if len(self.past) == _MOST_KEPT:
+            return self._ended()
+        counts = place is not None and all(
+            np.hypot(*(place - other)) >= self.spacing for _, other in self.apart
+        )
+        apart = (
+            (*self.apart, (used or measurement, place))
+            if counts and place is not None
+            else self.apart
+        )
+        return replace(self, apart=apart, past=(*self.past, measurement))
+
+    def fitted(
+        self, prior: Prior, mean: Array, rows: Sequence[ProfileRows | PathRows]
+    ) -> "SpreadFit":
+        """Return the same with the amplitude of the measurements that count; after the last fit nothing is kept.
+
+        Args:
+            prior: With an amplitude of one.
+            mean: Its mean, shape (Z, r).
+            rows: Of the measurements that count.
+        """
+        innovation = np.concatenate(
+            [each.compress(each.values)[0] - each.matvec(mean) for each in rows]
+        )
+        if innovation.size > _MOST_INNOVATIONS:
+            return self._ended()
+        design = np.concatenate(
+            [
+                each.design() if isinstance(each, ProfileRows) else each.design.reshape(2, -1)
+                for each in rows
+            ]
+        )
+        covariance = design @ prior.matvec(design.reshape(-1, *mean.shape)).reshape(design.shape).T
+        amplitude = fit_amplitude(innovation, 0.5 * (covariance + covariance.T), self.expected)
+        done = replace(self, amplitude=amplitude, fitted_to=len(self.apart))
+        return done._ended() if done.fitted_to == _COUNTS[-1] else done
+
+    def _ended(self) -> "SpreadFit":
+        return replace(self, apart=(), past=None)
+
+    def __str__(self) -> str:
+        """Return the amplitude and what it rests on."""
+        rests_on = (
+            f"{self.fitted_to} measurements of the log"
+            if self.fitted_to
+            else "members left out, no measurement of the log"
+        )
+        return f"variance of the prior multiplied by {self.amplitude:.2f}, fitted to {rests_on}"
+
 
 _NEW_MONITOR, _NO_SCORE = ConsistencyMonitor(), BiasScore()
 
@@ -39,3 +159,59 @@ class FilterState:
     def mean(self) -> Array:
         """Mean of the weights, shape (Z r,), level after level; computed when first asked for."""
         return self.posterior.mean
+
+
+def with_mean_averaged(state: FilterState, mean_weights: Array | None) -> FilterState:
+    """Return the state after the average over the amplitude's variance, if it is time.
+
+    Once the posterior is in another form, after a mean along a path or where the basis is small, the Gaussian stays as it is.
+
+    Args:
+        state: After a profile or a group of them.
+        mean_weights: shape (Z, r), the ensemble mean; None where its amplitude is certain.
+    """
+    before, posterior = state.mean_amplitude, state.posterior
+    if (
+        before is None
+        or mean_weights is None
+        or not isinstance(posterior, ObservationSpacePosterior)
+        or not before.is_due(posterior.n)
+    ):
+        return state
+    prior = posterior.prior
+    base = prior.base if isinstance(prior, AmplitudePrior) else prior
+    if not isinstance(base, HybridPrior):
+        return replace(state, mean_amplitude=before.ended())
+    rows = posterior.rows_times(mean_weights)
+    whitened = posterior.factor.solve(posterior.n, rows[:, None])[:, 0]
+    after = before.averaged(
+        float(whitened @ whitened), float(whitened @ posterior.forward[:, 0]), posterior.n
+    )
+    changed = _under(posterior, AmplitudePrior(base, mean_weights, after), rows, before)
+    return replace(state, posterior=changed, mean_amplitude=after)
+
+
+def _under(
+    posterior: ObservationSpacePosterior, prior: AmplitudePrior, rows: Array, before: MeanAmplitude
+) -> Posterior:
+    """Return a posterior under another Gaussian of the amplitude.
+
+    Args:
+        posterior: Under the Gaussian ``before``.
+        prior: Has the other one.
+        rows: shape (K,), H m.
+        before: The Gaussian until now.
+    """
+    lower = posterior.factor.dense(posterior.n)
+    innovation = lower @ posterior.forward
+    innovation[:, 0] -= (prior.amplitude.shift - before.shift) * rows
+    covariance = lower @ lower.T + (prior.amplitude.variance - before.variance) * np.outer(
+        rows, rows
+    )
+    changed = np.linalg.cholesky(covariance)
+    forward = solve_triangular(changed, innovation, lower=True, check_finite=False)
+    return replace(
+        posterior,
+        prior=prior,
+        factor=posterior.factor.refactored(posterior.n, np.asarray(changed), forward),
+    )

@@ -29,7 +29,7 @@ from replay_kit.core.gaussian import normalised_square
 from replay_kit.core.geodesy import rotate_to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Measurement, Observation, PathMean
-from replay_kit.estimator.update.compression import Bins
+from replay_kit.estimator.update.rows import Bins
 from replay_kit.estimator.update.screening import Screened
 
 NAMES = ("heading", "scale", "shear")

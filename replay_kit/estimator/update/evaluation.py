@@ -1,18 +1,107 @@
-"""The evaluation of an observation against its prediction: gate, errors and innovation, the same for every estimator with a basis."""
+"""The prediction of an observation's rows and its evaluation against them: gate, errors and innovation, the same for every estimator."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Generic
+from typing import Generic, TypeVar
 
 import numpy as np
+import scipy.linalg
 
 from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
+from replay_kit.core.gaussian import normalised_square
 from replay_kit.core.observation import Innovation, Measurement, PathMean
 from replay_kit.estimator.update.biases import BiasScore, scale_jacobian
-from replay_kit.estimator.update.compression import Bins, dependence_inflation
 from replay_kit.estimator.update.gate import GateResult, gate_innovation
-from replay_kit.estimator.update.posterior import After, PredictedObservation
+from replay_kit.estimator.update.rows import Bins, dependence_inflation
 from replay_kit.estimator.update.screening import Screened
+
+After = TypeVar("After")
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedObservation(Generic[After]):
+    """The prediction of an observation's rows before they are assimilated.
+
+    Attributes:
+        mean: shape (2 k,), of the rows.
+        bias_sensitivity: shape (2 k, b), change of the mean for each instrument error of one unit.
+        cov: shape (2 k, 2 k), of the rows without their own noise.
+        update: Returns the estimate after the rows, given the Cholesky factor of the scaled innovation covariance, the innovation whitened
+            by it, and the error scale by which both were divided.
+    """
+
+    mean: Array
+    bias_sensitivity: Array
+    cov: Array
+    update: Callable[[Array, Array, float], After]
+
+    def posterior(self, innovation: Array, error_scale: float) -> After:
+        """Return the estimate after the rows.
+
+        Args:
+            innovation: shape (2 k, 1 + b), see ``augmented_innovation``.
+            error_scale: Standard deviation of the rows' independent noise.
+        """
+        lower = self._factor(error_scale)
+        whitened = scipy.linalg.solve_triangular(lower, innovation / error_scale, lower=True)
+        return self.update(lower, np.asarray(whitened), error_scale)
+
+    def augmented_innovation(self, innovation: Array, bias_rows: Array | None) -> Array:
+        """Return the innovations of the rows and of the instrument errors, shape (2 k, 1 + b).
+
+        Args:
+            innovation: shape (2 k,), rows minus their mean.
+            bias_rows: shape (2 k, b), effect of errors of one unit on the rows; None where the log does not state it.
+        """
+        return np.column_stack(
+            [innovation, (0.0 if bias_rows is None else bias_rows) - self.bias_sensitivity]
+        )
+
+    def posterior_mean(self, innovation: Array, error_scale: float) -> Array:
+        """Return the rows' mean in that posterior, shape (2 k,), for an innovation of shape (2 k,)."""
+        gained = scipy.linalg.cho_solve((self._factor(error_scale), True), innovation / error_scale)
+        return np.asarray(self.mean + self.cov @ gained / error_scale)
+
+    def _factor(self, error_scale: float) -> Array:
+        return np.asarray(
+            np.linalg.cholesky(self.cov / error_scale**2 + np.eye(self.mean.size)), dtype=np.float64
+        )
+
+    def normalised_square(self, innovation: Array) -> tuple[float, float]:
+        """Return the rows' normalised innovation squared, with noise of unit variance, and half the covariance's log-determinant."""
+        return normalised_square(innovation, self.cov + np.eye(innovation.size))
+
+
+@dataclass(frozen=True, eq=False)
+class StatePrediction(PredictedObservation[tuple[Array, Array]]):
+    """The prediction of rows by a state.
+
+    Attributes:
+        cross_covariance: shape (m, n), the rows times the state's covariance.
+    """
+
+    cross_covariance: Array
+
+
+def predict_observation(means: Array, cov: Array, design: Array) -> StatePrediction:
+    """Return the prediction of rows, whose update gives means and covariance.
+
+    Args:
+        means: shape (n, 1 + b): the state's mean, and its sensitivity to each instrument error of one unit.
+        cov: shape (n, n).
+        design: shape (m, n).
+    """
+    cross = design @ cov
+
+    def update(lower: Array, whitened: Array, error_scale: float) -> tuple[Array, Array]:
+        gain = np.asarray(scipy.linalg.solve_triangular(lower, cross / error_scale, lower=True))
+        return means + gain.T @ whitened, cov - gain.T @ gain
+
+    of_rows = cross @ design.T
+    return StatePrediction(
+        design @ means[:, 0], design @ means[:, 1:], 0.5 * (of_rows + of_rows.T), update, cross
+    )
 
 
 @dataclass(frozen=True, eq=False)

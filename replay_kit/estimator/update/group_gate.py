@@ -1,4 +1,4 @@
-"""The gate of many profiles at once: what ``gate.gate_innovation`` and ``compression.dependence_inflation`` say of each."""
+"""The gate of many profiles at once: what ``gate.gate_innovation`` and ``rows.dependence_inflation`` say of each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -19,14 +19,16 @@ from replay_kit.core.observation import (
     usable,
 )
 from replay_kit.estimator.update.group_gate import DECISIONS
-from replay_kit.estimator.update.group_screening import (
+from replay_kit.estimator.update.grouping import ProfileGroup
+from replay_kit.estimator.update.profile_stack import Factors, ProfileStack, stacked
+from replay_kit.estimator.update.screening import (
+    Screened,
+    is_duplicate,
     local_velocities,
     relative_velocities,
     screen_profiles,
+    unused_innovation,
 )
-from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.estimator.update.profile_stack import Factors, ProfileStack, stacked
-from replay_kit.estimator.update.screening import Screened, is_duplicate, unused_innovation
 from replay_kit.estimator.update.superobservation import Column, GroupUpdate
 
 State = TypeVar("State")

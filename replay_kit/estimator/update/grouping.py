@@ -7,7 +7,7 @@ from math import cos, hypot, isfinite, radians
 
 import numpy as np
 
-from replay_kit.core.arrays import Array, one_by_one
+from replay_kit.core.arrays import one_by_one
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation, PathMean, Source, VehicleState
 
@@ -159,25 +159,3 @@ def spread_of(ensembles: Sequence[Ensemble]) -> float:
     """Return the RMS standard deviation of a component of ensembles' members [m/s]."""
     variances = [np.mean(np.var(each.velocity, axis=0)[:, each.grid.wet]) for each in ensembles]
     return float(np.sqrt(np.mean(variances)))
-
-
-class Buffer:
-    """Rows that only grow at the end, shared by the states of a run.
-
-    A state owns the first n rows. If the buffer holds no others, ``appended`` writes in place; otherwise another state has already
-    continued from this one, and it writes to a copy. So no state ever changes, and a run of steps copies nothing.
-    """
-
-    def __init__(self, capacity: int, size: int) -> None:
-        self.rows = np.zeros((capacity, size))
-        self.filled = 0
-
-    def appended(self, n: int, more: Array) -> "Buffer":
-        """Return a buffer of the first n rows followed by ``more``: this buffer where possible, else a copy."""
-        new = self
-        if self.filled != n:
-            new = Buffer(*self.rows.shape)
-            new.rows[:n] = self.rows[:n]
-        new.filled = n + len(more)
-        new.rows[n : new.filled] = more
-        return new

@@ -6,8 +6,8 @@ import numpy as np
 import scipy.linalg.lapack
 
 from replay_kit.core.arrays import Array
-from replay_kit.estimator.update.compression import ProfileRows
 from replay_kit.estimator.update.posterior import tiled_product
+from replay_kit.estimator.update.rows import ProfileRows
 
 # Rows of L kept together: one product with earlier unknowns for all of them.
 _PANEL_ROWS = 256

@@ -1,4 +1,4 @@
-"""The usable profiles of a group as arrays, whitened and compressed as ``compression.py`` does with one."""
+"""The usable profiles of a group as arrays, whitened and compressed as ``rows.py`` does with one."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Observation
-from replay_kit.estimator.basis.noise import BinNoise
+from replay_kit.estimator.update.rows import BinNoise
 
 #: Joint factor and noise of a profile's used bins: shapes (m, q) and of m bins.
 Factors = Callable[[Observation, NDArray[np.intp]], tuple[Array, BinNoise]]

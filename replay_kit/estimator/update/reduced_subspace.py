@@ -26,18 +26,40 @@ import scipy.linalg
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.covariance import Reduction
 from replay_kit.estimator.prior.hybrid import Prior
-from replay_kit.estimator.update.compression import ProfileRows
-from replay_kit.estimator.update.grouping import Buffer
+from replay_kit.estimator.update.evaluation import PredictedObservation
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.posterior import (
     Posterior,
-    PredictedObservation,
     PriorCrossCovariance,
     gram,
+    new_directions,
     rank_k_update,
     tiled_product,
 )
-from replay_kit.estimator.update.subspace import new_directions
+from replay_kit.estimator.update.rows import ProfileRows
+
+
+class Buffer:
+    """Rows that only grow at the end, shared by the states of a run.
+
+    A state owns the first n rows. If the buffer holds no others, ``appended`` writes in place; otherwise another state has already
+    continued from this one, and it writes to a copy. So no state ever changes, and a run of steps copies nothing.
+    """
+
+    def __init__(self, capacity: int, size: int) -> None:
+        self.rows = np.zeros((capacity, size))
+        self.filled = 0
+
+    def appended(self, n: int, more: Array) -> "Buffer":
+        """Return a buffer of the first n rows followed by ``more``: this buffer where possible, else a copy."""
+        new = self
+        if self.filled != n:
+            new = Buffer(*self.rows.shape)
+            new.rows[:n] = self.rows[:n]
+        new.filled = n + len(more)
+        new.rows[n : new.filled] = more
+        return new
+
 
 # Directions whose singular value is below this share of G are dropped when room runs out.
 _NEGLIGIBLE = 2.5e-11

@@ -23,121 +23,33 @@ within a few hundred metres) and lies above what rounding leaves in G with all m
 direction of noise.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import scipy.linalg
+from scipy.linalg import solve_triangular
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.covariance import Reduction, reduction_by_products
-from replay_kit.estimator.prior.amplitude import ScaledPrior
-from replay_kit.estimator.prior.conditioned import ConditionedPrior, as_conditioned
+from replay_kit.core.flow.covariance import Levels, Reduction, symmetric
+from replay_kit.core.flow.factors import CovarianceFactors, half_size, n_stored
+from replay_kit.estimator.prior.amplitude import ScaledPrior, hybrid_parts
+from replay_kit.estimator.prior.conditioned import (
+    ConditionedPrior,
+    FullCovariancePrior,
+    as_conditioned,
+    full_covariance_prior,
+)
 from replay_kit.estimator.prior.hybrid import Prior
+from replay_kit.estimator.update.evaluation import PredictedObservation
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
-from replay_kit.estimator.update.posterior import Posterior
+from replay_kit.estimator.update.posterior import Posterior, directions, nonzero_mode_std
+from replay_kit.estimator.update.posterior import directions as orthonormal
 from replay_kit.estimator.update.reduced_subspace import (
     ReducedSubspacePosterior,
     to_reduced_subspace,
 )
-from replay_kit.estimator.update.subspace import directions, nonzero_mode_std
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FullCovariancePrior:
-    """A Gaussian of the weights whose covariance has no further structure.
-
-    Attributes:
-        mean: shape (Z r,).
-        blocks: shape (Z (Z + 1) / 2, r, r), covariance of level 0 with 0, 1 with 0, 1 with 1, 2 with 0 ...
-        settings: Always None.
-    """
-
-    mean: Array
-    blocks: Array
-    settings: None = None
-
-    def matvec(self, weights: Array) -> Array:
-        """Return the covariance times each weight vector, shape (m, Z, r), in the same shape."""
-        out = np.zeros_like(weights)
-        for level, other, block in self._lower():
-            out[:, other] += weights[:, level] @ block
-            if level != other:
-                out[:, level] += weights[:, other] @ block.T
-        return out
-
-    def matvec_modes(self, basis: Array, levels: tuple[int, ...] | None = None) -> Array:
-        """Return the covariance of some levels' weights with ``basis``, shape (c, r), at each level: shape (Z, c, L, r)."""
-        n_modes = basis.shape[1]
-        n_levels = self.mean.size // n_modes
-        at = {
-            level: position
-            for position, level in enumerate(range(n_levels) if levels is None else levels)
-        }
-        out = np.empty((n_levels, len(basis), len(at), n_modes))
-        for level, other, block in self._lower():
-            if other in at:
-                out[level, :, at[other]] = basis @ block
-            if level != other and level in at:
-                out[other, :, at[level]] = basis @ block.T
-        return out
-
-    def mode_std(self) -> Array:
-        """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
-        variances = [np.diagonal(block) for level, other, block in self._lower() if level == other]
-        return np.asarray(np.sqrt(np.mean(variances, axis=0)))
-
-    def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
-        """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
-        r = self.blocks.shape[1]
-        chosen = range(self.mean.size // r) if levels is None else levels
-        parts = {
-            level: slice(position * r, (position + 1) * r) for position, level in enumerate(chosen)
-        }
-        out = np.empty((len(parts) * r, len(parts) * r))
-        for level, other, block in self._lower():
-            if level in parts and other in parts:
-                out[parts[level], parts[other]] = block
-                out[parts[other], parts[level]] = block.T
-        return out
-
-    def of_sum(self, levels: tuple[int, ...]) -> Array:
-        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
-        r = self.blocks.shape[1]
-        return np.asarray(
-            self.covariance(levels).reshape(len(levels), r, len(levels), r).sum(axis=(0, 2))
-        )
-
-    def reduction(self, directions: Array, matrix: Array) -> Reduction:
-        """Return what rows in ``directions``, shape (s, r), with ``matrix``, shape (Z s, Z s), take from sums of levels."""
-        return reduction_by_products(self, directions, matrix)
-
-    def downdate(self, mean: Array, rows: Array) -> "FullCovariancePrior":
-        """Return the Gaussian of another mean with the Gram matrix of ``rows``, shape (m, Z r), subtracted from the covariance."""
-        by_level = rows.reshape(len(rows), -1, self.blocks.shape[1])
-        blocks = self.blocks.copy()
-        for (level, other, _), block in zip(self._lower(), blocks, strict=True):
-            block -= by_level[:, level].T @ by_level[:, other]
-        return FullCovariancePrior(mean, blocks)
-
-    def after_rows(self, mean: Array, whitened: Array, gain: Array) -> "FullCovariancePrior":
-        """Return the Gaussian after rows, as ``ConditionedPrior.after_rows`` does; the rows themselves, ``whitened``, are not kept."""
-        return self.downdate(mean, gain.reshape(len(whitened), -1))
-
-    def _lower(self) -> Iterator[tuple[int, int, Array]]:
-        """Yield each block with the levels of its rows and its columns."""
-        n_levels = self.mean.size // self.blocks.shape[1]
-        for (level, other), block in zip(
-            zip(*np.tril_indices(n_levels), strict=True), self.blocks, strict=True
-        ):
-            yield int(level), int(other), block
-
-
-def full_covariance_prior(mean: Array, covariance: Array, n_levels: int) -> FullCovariancePrior:
-    """Return a Gaussian, shapes (Z r,) and (Z r, Z r), as a prior."""
-    by_level = covariance.reshape(n_levels, mean.size // n_levels, n_levels, -1)
-    level, other = np.tril_indices(n_levels)
-    return FullCovariancePrior(mean, by_level[level, :, other])
-
+from replay_kit.estimator.update.rows import PathRows
 
 # Directions for each profile below which the reduced-subspace form is cheaper; at scattered places there are two.
 _FEW = 1.25
@@ -282,3 +194,99 @@ def _scaled(prior: Prior, factor: float) -> Prior:
     if isinstance(prior, ScaledPrior):
         return ScaledPrior(prior.unscaled, factor * prior.amplitude)
     return ScaledPrior(prior, factor)
+
+
+# Not slotted: the parts are computed when they are first asked for.
+@dataclass(frozen=True, eq=False)
+class PosteriorCovariance:
+    """The covariance of a posterior's weights, a ``FactoredCovariance``.
+
+    Attributes:
+        posterior: The posterior.
+    """
+
+    posterior: Posterior
+
+    def __call__(self, levels: Levels | None) -> Array:
+        """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
+        return self.posterior.covariance(levels)
+
+    def of_sum(self, levels: Levels) -> Array:
+        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
+        if levels not in self._known:
+            self._known[levels] = self.posterior.prior.of_sum(levels) - self._reduction(levels)
+        return self._known[levels]
+
+    def of_combinations(self, design: Array) -> Array:
+        """Return the covariance of combinations of the weights, shape (m, m); ``design`` of shape (m, Z, r)."""
+        return self.posterior.covariance_of(design)
+
+    def factors(self) -> CovarianceFactors | None:
+        """Return the factors to keep; None where the matrix has fewer elements, or the prior is of another kind."""
+        conditioned = (
+            self.posterior.prior if isinstance(self.posterior.prior, ConditionedPrior) else None
+        )
+        prior = hybrid_parts(self.posterior.prior if conditioned is None else conditioned.before)
+        if prior is None:
+            return None
+        _, n_levels, n_modes = prior.factor.shape
+        whole = half_size(n_levels * n_modes)
+        most = sum(n_stored(prior, size) < whole for size in range(n_modes + 1)) - 1
+        taken = self.posterior.taken(most) if most >= 0 else None
+        if conditioned is not None and taken is not None:
+            taken = taken_in_all(conditioned, *taken, most)
+        return None if taken is None else CovarianceFactors(prior, taken[0], symmetric(taken[1]))
+
+    @cached_property
+    def _reduction(self) -> Reduction:
+        return self.posterior.reduction()
+
+    @cached_property
+    def _known(self) -> dict[Levels, Array]:
+        return {}
+
+
+def taken_in_all(
+    prior: ConditionedPrior, directions: Array, matrix: Array, most: int
+) -> tuple[Array, Array] | None:
+    """Return what all rows took from the covariance before any of them, as ``Posterior.taken`` does; None with more than ``most``.
+
+    Args:
+        prior: After the first rows.
+        directions: shape (s, r), B of further rows.
+        matrix: shape (Z s, Z s), M of what they took from the prior's covariance.
+        most: Number of directions.
+    """
+    n_rows, n_levels, n_modes = prior.whitened.shape
+    mode_std = nonzero_mode_std(prior.before)
+    own, further = prior.whitened.reshape(-1, n_modes) * mode_std, directions * mode_std
+    # rows enter by what they span, however long they are
+    spanning = np.concatenate([each / (np.linalg.norm(each) or 1.0) for each in (own, further)])
+    if len(spanning) > n_modes:
+        spanning = scipy.linalg.qr(spanning, mode="r")[0][:n_modes]
+    found = orthonormal(spanning)
+    if len(found) > most:
+        return None
+    inside = (own @ found.T).reshape(n_rows, n_levels * len(found))
+    change = np.einsum("yz,sd->yszd", np.eye(n_levels), further @ found.T).reshape(
+        len(matrix), inside.shape[1]
+    )
+    change -= (prior.gain @ directions.T).reshape(n_rows, len(matrix)).T @ inside
+    return found / mode_std, inside.T @ inside + change.T @ matrix @ change
+
+
+def predict_path_mean(posterior: Posterior, rows: PathRows) -> PredictedObservation[Posterior]:
+    """Return the prediction of a mean along a path; its update gives a prior without rows, as these have no single place."""
+    before = rows_taken(posterior)
+    cross = before.matvec(rows.design)
+
+    def update(lower: Array, whitened: Array, error_scale: float) -> ObservationSpacePosterior:
+        scaled = np.stack([rows.design, cross]).reshape(2, 2, -1) / error_scale
+        design, gain = (np.asarray(solve_triangular(lower, each, lower=True)) for each in scaled)
+        return before.after_rows(whitened.T @ gain, design, gain)
+
+    cov = rows.matvec(cross)
+    mean = rows.matvec(before.mean.reshape(rows.design.shape[1:]))
+    return PredictedObservation(
+        mean, rows.matvec(before.bias_sensitivity).T, 0.5 * (cov + cov.T), update
+    )

@@ -1,7 +1,7 @@
 """Superobservations: profiles that repeat each other, combined without loss before they meet the filter.
 
 The bins of profile i under one place are v_i = J_i x + noise for each component, with x the unknowns of the column of water there: the
-current at the levels, and what else a row holds. Whitened and compressed (``compression.py``) it is y_i = R_i x + noise of unit variance.
+current at the levels, and what else a row holds. Whitened and compressed (``rows.py``) it is y_i = R_i x + noise of unit variance.
 With an error variance w_i times the stated one all profiles together say what the rows
 
     R'R = sum R_i'R_i / w_i,    R y = sum R_i'y_i / w_i
@@ -9,7 +9,7 @@ With an error variance w_i times the stated one all profiles together say what t
 say, which are as many as one profile's. So a group costs the filter one update. Only the place is shared, the mean of
 the profiles': depths, errors and missing bins are each one's own.
 
-Each profile is judged on its own: its gate, errors and dependence of residuals are those of ``gate.py`` and ``compression.py``, for many
+Each profile is judged on its own: its gate, errors and dependence of residuals are those of ``gate.py`` and ``rows.py``, for many
 profiles at once. The first is held against the estimate before the group, the second against that with the first, then two, four, eight ...
 against that with all before them, so that one that is wrong is told from the others as it would be alone, in the
 column's few unknowns instead of the weights.

@@ -1,15 +1,14 @@
 """An opened result with the values that reports, figures and exports share, each taken out of it when first asked for."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Projection, Seabed
+from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.along_track import (
     BinsAlongTrack,
@@ -20,7 +19,7 @@ from replay_kit.results.views.along_track import (
     mean_currents,
 )
 from replay_kit.results.views.last_plan import LastPlan, last_plan, published_seabed
-from replay_kit.results.views.record import RunRecord, read_record, summary_of
+from replay_kit.results.views.record import RunRecord, outcome_of_result, read_record
 from replay_kit.results.views.slices import CurrentSlices, on_grid, published_slices, slices_of
 from replay_kit.results.views.track import Track, track_of
 
@@ -46,9 +45,9 @@ class Contents:
         return read_record(self.result.path)
 
     @cached_property
-    def summary(self) -> Mapping[str, Any]:
-        """The run's summary, as ``--json`` has it."""
-        return summary_of(self.result, self.record)
+    def outcome(self) -> Outcome:
+        """The run's outcome."""
+        return outcome_of_result(self.result, self.record)
 
     @cached_property
     def projection(self) -> Projection:

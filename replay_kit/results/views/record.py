@@ -3,7 +3,7 @@
 import json
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,12 @@ from replay_kit.config.earlier import with_current_keys
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Flag, Reason
-from replay_kit.results.alarms import alarms_json
 from replay_kit.results.compare import DAMAGED
-from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
+from replay_kit.results.outcome.from_run import outcome_of
+from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.result import ResultFile
 from replay_kit.results.schemas import decode
+from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +29,7 @@ class RunRecord:
     Attributes:
         metadata: Records by name, each with its keys and values; the digests are left out.
         config_toml: The configuration in effect; empty when the result has none.
-        summary: As ``replay_kit.results.summary.to_record``; None when the result has none, as one of an unfinished run.
+        summary: As ``Outcome.to_record``; None when the result has none, as one of an unfinished run.
     """
 
     metadata: Mapping[str, Mapping[str, str]]
@@ -101,21 +102,18 @@ def changed_settings(config_toml: str) -> list[tuple[str, Any, Any]]:
     return changed
 
 
-def summary_of(result: ResultFile, record: RunRecord) -> Mapping[str, Any]:
-    """Return the summary that a result holds, or as much of it as its tables give.
+def outcome_of_result(result: ResultFile, record: RunRecord) -> Outcome:
+    """Return the outcome that a result holds, or as much of it as its tables give.
 
     Args:
         result: The result; the score against a truth is not in the file, but may be in its summary.
         record: What the result states of its run.
     """
-    from replay_kit.results.summary_json import to_json
-
     if record.summary is None:
         return _from_tables(result)
-    truth = (
-        record.summary.get("truth") if result.summary is None else to_json(result.summary)["truth"]
-    )
-    return {**record.summary, "alarms": alarms_json(record.summary), "truth": truth}
+    live = None if result.summary is None else outcome_of(result.summary)
+    kept = outcome_from(record.summary)
+    return kept if live is None else replace(kept, seconds=live.seconds, truth=live.truth)
 
 
 def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -174,8 +172,8 @@ def _last_plan(result: ResultFile) -> dict[str, Any] | None:
     )
 
 
-def _from_tables(result: ResultFile) -> dict[str, Any]:
-    """Return what the tables of a result give of its summary."""
+def _from_tables(result: ResultFile) -> Outcome:
+    """Return what the tables of a result give of its outcome."""
     table = result.observations
     used = table[table["accepted"].astype(bool)] if len(table) else table
     dof = float(used["dof"].sum())
@@ -194,19 +192,20 @@ def _from_tables(result: ResultFile) -> dict[str, Any]:
         }
         for number, dive in result.dives.iterrows()
     ]
-    return {
-        "observations": {
+    return Outcome(
+        observations={
             "used": len(used),
             "rejected": len(table) - len(used),
             "bins_used": int(dof) // 2,
             "bins_rejected": _bins_rejected(result),
         },
-        "by_dive": dives,
-        "plan": _last_plan(result),
-        "rms_innovation": {
+        rms_innovation={
             "before": rms("rms_innovation"),
             "after": rms("rms_residual"),
             "prior": rms("rms_prior_innovation"),
         },
-        "nis_per_dof": float(used["nis"].sum()) / dof if dof else None,
-    }
+        nis_per_dof=float(used["nis"].sum()) / dof if dof else None,
+        by_dive=dives,
+        plan=_last_plan(result),
+        complete=False,
+    )

@@ -1,6 +1,5 @@
 """Track, places, surfacings and plans as GeoJSON and KML, for maps and globes."""
 
-import json
 from collections.abc import Mapping
 from typing import Any
 from xml.sax.saxutils import escape
@@ -8,7 +7,8 @@ from xml.sax.saxutils import escape
 import numpy as np
 import pandas as pd
 
-from replay_kit.core.geodesy import to_geographic, unwrap_longitude
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.geojson import Feature, collection_text, feature, positions
 from replay_kit.core.grid import Projection
 from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.surfacings import outlines_of
@@ -41,12 +41,11 @@ _STYLES: Mapping[str, Mapping[str, Any]] = {
     },
 }
 _STYLE_KEYS = frozenset(key for style in _STYLES.values() for key in style)
-_DIGITS = 7
 
 
 def features_of(
     tables: Mapping[str, pd.DataFrame], projection: Projection, plan: LastPlan | None = None
-) -> list[dict[str, Any]]:
+) -> list[Feature]:
     """Return features after RFC 7946: the track, the last current at each place, surfacings with their ellipses, the last plan.
 
     With the last plan come the ellipses of its surfacings and the areas that it keeps out of. Longitudes are continuous across the
@@ -57,7 +56,7 @@ def features_of(
         projection: The local frame.
         plan: The last plan; None without.
     """
-    features: list[dict[str, Any]] = []
+    features: list[Feature] = []
     for name, label in (("track", "track"), ("plans", "last plan")):
         rows = tables.get(name, pd.DataFrame())
         rows = rows[rows["plan"] == rows["plan"].max()] if name == "plans" and len(rows) else rows
@@ -132,7 +131,7 @@ def _outcome(plan: LastPlan) -> dict[str, Any]:
     }
 
 
-def _around_plan(plan: LastPlan, projection: Projection) -> list[dict[str, Any]]:
+def _around_plan(plan: LastPlan, projection: Projection) -> list[Feature]:
     features = []
     for number, outline in enumerate(plan.ellipses, start=1):
         ring = _line(*to_geographic(projection, outline[:, 0], outline[:, 1]), projection)
@@ -152,25 +151,20 @@ def _around_plan(plan: LastPlan, projection: Projection) -> list[dict[str, Any]]
     return features
 
 
-def geojson_text(features: list[dict[str, Any]]) -> str:
+def geojson_text(features: list[Feature]) -> str:
     """Return features as GeoJSON, with colours and widths in the properties of Mapbox's simplestyle 1.1."""
-    plain = [
-        {key: value for key, value in feature.items() if key != "when"} for feature in features
-    ]
-    return (
-        json.dumps({"type": "FeatureCollection", "features": plain}, indent=1, allow_nan=False)
-        + "\n"
-    )
+    plain = [{key: value for key, value in one.items() if key != "when"} for one in features]
+    return collection_text(plain, indent=1) + "\n"
 
 
-def kml_text(features: list[dict[str, Any]]) -> str:
+def kml_text(features: list[Feature]) -> str:
     """Return features as KML 2.2 with times, for the slider of Google Earth; ways are tracks of its extension."""
-    places = "".join(_placemark(feature) for feature in features)
+    places = "".join(_placemark(one) for one in features)
     names = 'xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"'
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<kml {names}><Document>\n{places}</Document></kml>\n'
 
 
-def _placemark(feature: dict[str, Any]) -> str:
+def _placemark(feature: Feature) -> str:
     kind, at = feature["geometry"]["type"], feature["geometry"]["coordinates"]
     about = feature["properties"]
     data = "".join(
@@ -221,18 +215,12 @@ def _style_kml(about: Mapping[str, Any]) -> str:
 
 def _feature(
     kind: str, coordinates: Any, about: dict[str, Any], style: Mapping[str, Any]
-) -> dict[str, Any]:
-    return {
-        "type": "Feature",
-        "geometry": {"type": kind, "coordinates": coordinates},
-        "properties": {**about, **style},
-    }
+) -> Feature:
+    return feature(kind, coordinates, {**about, **style})
 
 
 def _line(longitude: Any, latitude: Any, projection: Projection) -> list[list[float]]:
-    continuous = unwrap_longitude(np.asarray(longitude, dtype=np.float64), projection.longitude)
-    points = np.column_stack([continuous, np.asarray(latitude, dtype=np.float64)]).round(_DIGITS)
-    return [[longitude, latitude] for longitude, latitude in points.tolist()]
+    return positions(longitude, latitude, projection.longitude)
 
 
 def _time(value: Any) -> str:

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from replay_kit.core.arrays import Array
 from replay_kit.results.views.along_track import MeanCurrents
 from replay_kit.results.views.contents import Contents
+from replay_kit.show.figures.in_print import date_axis
 from replay_kit.show.plots.current_map import At
 from replay_kit.show.plots.panel import Panel, Panels, missing
-from replay_kit.show.plots.section import date_axis
 from replay_kit.show.plots.style import FIRST, INK, SECOND, SOFT
 
 _COMPONENTS = ("eastward", "northward")

@@ -39,9 +39,7 @@ def plan_panels(contents: Contents, at: At | None) -> Panels:
     """
     plan, notes = contents.last_plan, list(contents.notes)
     if plan is None:
-        why = (contents.summary.get("plan") or {}).get(
-            "message", "no goal was given, or none was due"
-        )
+        why = (contents.outcome.plan or {}).get("message", "no goal was given, or none was due")
         return Panels(
             [
                 missing(

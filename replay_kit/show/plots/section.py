@@ -5,18 +5,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.dates import (
-    DAILY,
-    HOURLY,
-    MINUTELY,
-    MONTHLY,
-    SECONDLY,
-    AutoDateLocator,
-    ConciseDateFormatter,
-)
 
 from replay_kit.core.arrays import Array
 from replay_kit.results.views.contents import Contents
+from replay_kit.show.figures.in_print import date_axis
 from replay_kit.show.plots.current_map import At
 from replay_kit.show.plots.panel import Panel, Panels, missing
 from replay_kit.show.plots.style import LAND, colorbar, colormap
@@ -29,8 +21,6 @@ from replay_kit.show.report.sections.sections_along_track import (
 _COMPONENTS = ("eastward", "northward")
 # The least width of a section [ns]: one profile has none.
 _LEAST_NS = 600_000_000_000
-# Labels of an axis of time in a figure of two panels beside each other.
-_TIMES = 7
 
 
 def section_panels(contents: Contents, at: At | None) -> Panels:
@@ -97,24 +87,6 @@ def _panel(
     axes.invert_yaxis()
     axes.set_ylabel("depth [m]")
     date_axis(axes)
-
-
-def date_axis(axes: Axes, most: int = _TIMES) -> None:
-    """Give an axis of time few labels, with the year beside them.
-
-    Args:
-        axes: The axes.
-        most: Number of labels that fit.
-    """
-    locator: Any = AutoDateLocator(minticks=2, maxticks=most)  # type: ignore[no-untyped-call]  # matplotlib has no types of dates
-    # with few labels, spans between two and four days, hours and so on would else have no step
-    for unit, whole in ((SECONDLY, 60), (MINUTELY, 60), (HOURLY, 24), (MONTHLY, 12)):
-        locator.intervald[unit] = [*locator.intervald[unit], whole]
-    locator.intervald[DAILY] = [1, 2, 3, 4, 5, 7, 14, 21]
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
-    # beside the date at the right end the middle of narrow axes has no room
-    axes.set_xlabel("time (UTC)", loc="left" if most < _TIMES else "center")
 
 
 def _time_edges(columns: int, first: int, last: int) -> Any:

@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from replay_kit.core.text import place_text
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.series import Series, series_of, typical_depth
+from replay_kit.show.figures.in_print import date_axis
 from replay_kit.show.plots.current_map import At
 from replay_kit.show.plots.panel import Panel, Panels, missing
-from replay_kit.show.plots.section import date_axis
 from replay_kit.show.plots.style import FIRST, SOFT
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from replay_kit.core.text import time_text
-from replay_kit.results.alarms import plan_alarm, run_alarms
+from replay_kit.results.outcome.verdict import plan_alarm, run_alarms
 from replay_kit.show.status import figures
 from replay_kit.show.status.held import Held
 
@@ -68,7 +68,7 @@ def _outside(held: Held, now_ns: int) -> Iterator[Alarm]:
 
 
 def _contradictions(held: Held, now_ns: int) -> Iterator[Alarm]:
-    for one in run_alarms({**held.summary, "plan": None}):
+    for one in run_alarms(None, held.outcome.consistency if held.outcome else ()):
         yield Alarm(one.kind, one.text, held.last_ns, one.about)
 
 

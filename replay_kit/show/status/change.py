@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from replay_kit.core.geodesy import distance
+from replay_kit.core.plan import plan_legs
 from replay_kit.core.text import place_text
-from replay_kit.results.legs import plan_legs
 from replay_kit.show.status import figures
 from replay_kit.show.status.held import Held
 

@@ -8,9 +8,9 @@ from typing import Any
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.geodesy import distance, heading_deg, rotate_to_geographic
 from replay_kit.core.grid import Projection
+from replay_kit.core.plan import plan_legs
 from replay_kit.core.time import parse_time
 from replay_kit.results.flight_correction import mean_current_parts
-from replay_kit.results.legs import plan_legs
 from replay_kit.show.status.held import Fix, Held
 
 _SECOND, _DAY = 1_000_000_000, 86_400.0
@@ -196,9 +196,9 @@ def _expected(measurements: Sequence[Any]) -> float:
     return math.sqrt(sum(value**2 for value in known) / len(known)) if known else math.nan
 
 
-def last_plan(held: Held) -> tuple[dict[str, Any] | None, int]:
+def last_plan(held: Held) -> tuple[Mapping[str, Any] | None, int]:
     """Return how the last attempt to plan ended, as the JSON of a summary has it, and when [ns, UTC]; None without a plan."""
-    said = held.summary.get("plan")
+    said = None if held.outcome is None else held.outcome.plan
     if said is not None and said["status"] == "failed":
         # no plan was written for it
         return said, held.last_ns

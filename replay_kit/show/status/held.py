@@ -14,10 +14,10 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.grid import Projection
+from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.schemas import decode
-from replay_kit.results.topics import read_messages
+from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME, read_messages
 
-_CONFIG, _SUMMARY = "config.toml", "summary.json"
 # Two plans tell what changed; their surfacings and the measurements between them tell why.
 _PLANS, _OUTCOMES = 2, 50
 
@@ -49,7 +49,7 @@ class Held:
         last_ns: Of its last one that is no plan for later [ns, UTC].
         metadata: Records by name.
         settings: The configuration in effect.
-        summary: Of the run; empty for an unfinished one.
+        outcome: Of the run; None for an unfinished one.
         projection: The local frame.
         fixes: Measured positions: the first, the last one older than a day before the last, and the last.
         reckoned: The last position, if it is younger than the last measured one and dead reckoned.
@@ -63,7 +63,7 @@ class Held:
     last_ns: int
     metadata: Mapping[str, Mapping[str, str]]
     settings: Mapping[str, Any]
-    summary: Mapping[str, Any]
+    outcome: Outcome | None
     projection: Projection
     fixes: Sequence[Fix]
     reckoned: Fix | None
@@ -89,7 +89,7 @@ def read_held(path: Path) -> Held:
             attached = {
                 record.name: record.data
                 for record in reader.iter_attachments()
-                if record.name in (_CONFIG, _SUMMARY)
+                if record.name in (CONFIG_NAME, SUMMARY_NAME)
             }
             summary = reader.get_summary()
         if (
@@ -129,8 +129,10 @@ def read_held(path: Path) -> Held:
             default=summary.statistics.message_end_time,
         ),
         metadata=metadata,
-        settings=tomllib.loads(attached.get(_CONFIG, b"").decode()),
-        summary=json.loads(attached.get(_SUMMARY, b"{}")),
+        settings=tomllib.loads(attached.get(CONFIG_NAME, b"").decode()),
+        outcome=outcome_from(json.loads(attached[SUMMARY_NAME]))
+        if SUMMARY_NAME in attached
+        else None,
         projection=Projection(float(frame["longitude"]), float(frame["latitude"])),
         fixes=fixes,
         reckoned=reckoned,

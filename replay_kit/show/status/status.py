@@ -1,19 +1,19 @@
 """A status: the answers to a pilot's questions as lines of text, as alarms, and as figures for JSON."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from replay_kit.core.errors import severity_word
 from replay_kit.core.plan import ORIGIN
 from replay_kit.core.text import place_text, time_text
-from replay_kit.results.alarms import plan_alarm
-from replay_kit.results.surfacings.words import past_sentences, place_of_next
+from replay_kit.results.outcome.verdict import plan_alarm
 from replay_kit.show.status import figures
 from replay_kit.show.status.alarms import Alarm, alarms_of
 from replay_kit.show.status.change import change_of, command_text
 from replay_kit.show.status.held import Held
+from replay_kit.show.words import decision_sentence, past_sentences, place_of_next
 
 _SECOND = 1_000_000_000
 
@@ -194,14 +194,17 @@ def _current(held: Held) -> _Answer:
             }
     if found.predicted is not None:
         text.append(
-            f"estimate had said {_current_text(found.predicted)}; apart {100.0 * found.difference:.1f} cm/s ({expected})"
+            f"predicted {_current_text(found.predicted)}; apart {100.0 * found.difference:.1f} cm/s ({expected})"
         )
         values["predicted"] = {"east": found.predicted.east, "north": found.predicted.north}
     return Line("current", "Current", tuple(text), found.time_ns), values
 
 
 def _surfacing(held: Held, now_ns: int) -> _Answer:
-    following, found = figures.next_surfacing(held), held.summary.get("expected_surfacings")
+    following, found = (
+        figures.next_surfacing(held),
+        held.outcome.expected_surfacings if held.outcome else None,
+    )
     text, values = (
         _next_surfacing(following, now_ns)
         if following is not None
@@ -377,18 +380,28 @@ def _forecast(held: Held, now_ns: int) -> _Answer:
 
 
 def _fit(held: Held) -> _Answer:
-    found: Sequence[Mapping[str, Any]] = held.summary.get("consistency", ())
+    outcome = held.outcome
+    if outcome is None:
+        why = "no verdict: the run did not finish, or an earlier version made the result"
+        return Line("fit", "Fit", (why,), held.last_ns), {
+            "findings": [],
+            "verdict": [],
+            "nis_per_dof": None,
+        }
     text = [
-        f"{severity_word(one['severity'])}: {one['name']}, {one['evidence']}; {one['set']}"
-        for one in found
+        decision_sentence(outcome.decision),
+        *(
+            f"{severity_word(one['severity'])}: {one['name']}, {one['evidence']}; {one['set']}"
+            for one in outcome.consistency
+        ),
+        *(text for text in outcome.verdict if text not in outcome.decision.reasons),
     ]
-    if not held.summary:
-        text.append("no verdict: the run did not finish, or an earlier version made the result")
-    text += list(held.summary.get("verdict", ()))
     values = {
-        "findings": list(found),
-        "verdict": list(held.summary.get("verdict", ())),
-        "nis_per_dof": held.summary.get("nis_per_dof"),
+        "decision": outcome.decision.word,
+        "reasons": list(outcome.decision.reasons),
+        "findings": list(outcome.consistency),
+        "verdict": list(outcome.verdict),
+        "nis_per_dof": outcome.nis_per_dof,
     }
     return Line("fit", "Fit", tuple(text), held.last_ns), values
 

@@ -13,12 +13,12 @@ from typing import Any
 from rich.console import Console
 
 from replay_kit.core.arrays import IN_MEMORY
-from replay_kit.results.text import print_lines, print_table
+from replay_kit.show.text import print_lines, print_table
 from replay_kit.workflows.fleet.cluster import Cluster
 from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.fleet.run import Outcome, failure
 from replay_kit.workflows.planning import planner_of
-from replay_kit.workflows.replay.input_checks import check_inputs
+from replay_kit.workflows.replay.checks import check_inputs
 
 #: Of the set-up: nodes a level, seconds, memory [MB]; 8 levels, 50 members, 300 modes (``python -m tests.benchmarks size``).
 SET_UP = (

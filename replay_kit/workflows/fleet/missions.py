@@ -12,8 +12,8 @@ from replay_kit.core.paths import check_paths, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.registry import logs_in
-from replay_kit.workflows.replay.inputs import ReplayJob
-from replay_kit.workflows.replay.provenance import with_bathymetry
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.provenance import with_bathymetry
 
 #: Folder of the built estimators in that of the results.
 STORE = "basis"

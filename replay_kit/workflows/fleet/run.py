@@ -15,11 +15,15 @@ from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.version import __version__
-from replay_kit.results.summary_json import to_json
+from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.workflows.fleet.cluster import Cluster
 from replay_kit.workflows.fleet.missions import STORE, Mission
 from replay_kit.workflows.planning import planner_of
-from replay_kit.workflows.replay.provenance import file_hash, package_versions, run_settings_toml
+from replay_kit.workflows.replay.inputs.provenance import (
+    file_hash,
+    package_versions,
+    run_settings_toml,
+)
 from replay_kit.workflows.replay.replay import replay
 
 # Folder of results that are not complete, each in a folder of its own: of two workers that were given the same mission, as after the loss
@@ -106,7 +110,7 @@ def _run(mission: Mission, made: Path, identity: str) -> Outcome:
     summary, _ = replay(replace(mission.job, out=made), mission.config, planner_of)
     digest = file_hash(made)
     os.replace(made, mission.result)
-    answer = to_json(summary) | {"seconds_in_all": time.perf_counter() - began}
+    answer = outcome_of(summary).to_json() | {"seconds_in_all": time.perf_counter() - began}
     record = {
         "result": mission.result.name,
         "sha256": digest,

@@ -10,8 +10,8 @@ from rich.console import Console
 
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.text import csv_cell
-from replay_kit.results.alarms import plan_alarm
-from replay_kit.results.text import print_lines, print_table
+from replay_kit.results.outcome.outcome import outcome_from
+from replay_kit.show.text import print_lines, print_table
 from replay_kit.workflows.fleet.run import Outcome
 
 TABLE, PAGE = "fleet.csv", "index.html"
@@ -27,13 +27,16 @@ def exit_code(outcomes: Sequence[Outcome]) -> int:
 
 def row_of(outcome: Outcome) -> dict[str, Any]:
     """Return the figures of a mission by their columns; those that it has not are None."""
-    answer, bad_plan = outcome.answer, plan_alarm(outcome.answer.get("plan"))
+    answer = outcome.answer
+    found = outcome_from(answer) if answer else None
+    bad_plan = None if found is None else found.plan_alarm
     rms, used, truth = (
         answer.get(name) or {} for name in ("rms_innovation", "observations", "truth")
     )
     return {
         "mission": outcome.name,
         "status": answer.get("status", "failed"),
+        "verdict": "do not use" if found is None else found.decision.word,
         "profiles_used": used.get("used"),
         "profiles_rejected": used.get("rejected"),
         "dives": len(answer["by_dive"]) if answer else None,
@@ -87,6 +90,7 @@ def print_fleet(outcomes: Sequence[Outcome], console: Console) -> None:
     columns = (
         "mission",
         "status",
+        "verdict",
         "plan",
         "profiles",
         "dives",
@@ -118,6 +122,7 @@ def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     return (
         row["mission"],
         row["status"],
+        row["verdict"],
         row["plan"] or "",
         *counts,
         *speeds,

@@ -8,7 +8,7 @@ from pathlib import Path
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.tasks import called_by
 from replay_kit.workflows.fleet.cluster import Cluster, open_cluster
-from replay_kit.workflows.replay.provenance import package_versions
+from replay_kit.workflows.replay.inputs.provenance import package_versions
 
 
 def check_workers(cluster: Cluster, files: Iterable[Path], out: Path | None = None) -> None:

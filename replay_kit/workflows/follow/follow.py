@@ -20,7 +20,7 @@ from replay_kit.core.plan import Place
 from replay_kit.core.text import count_text, place_text
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.registry import STREAMS
-from replay_kit.results.summary import ReplaySummary
+from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.show.status.held import Held, read_held
 from replay_kit.show.status.status import Status, status_of
 from replay_kit.workflows.follow import memory as remembered
@@ -36,13 +36,13 @@ from replay_kit.workflows.follow.watch import (
     notify,
     standing,
 )
-from replay_kit.workflows.replay.build import Forecasts, read_forecasts
-from replay_kit.workflows.replay.inputs import Following, ReplayJob
-from replay_kit.workflows.replay.look_ahead import look_ahead
-from replay_kit.workflows.replay.planner import PlannerFactory
-from replay_kit.workflows.replay.provenance import named_hash
-from replay_kit.workflows.replay.region import FoundRegion, find_region, from_record
+from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
+from replay_kit.workflows.replay.inputs.job import Following, ReplayJob
+from replay_kit.workflows.replay.inputs.provenance import named_hash
+from replay_kit.workflows.replay.inputs.region import FoundRegion, find_region, from_record
+from replay_kit.workflows.replay.inputs.scan import look_ahead
 from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.replay.stages.planner import PlannerFactory
 from replay_kit.workflows.report import report
 from replay_kit.workflows.status import write_page
 

@@ -39,8 +39,7 @@ from replay_kit.logs import merge
 from replay_kit.measurements import events_of
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds
-from replay_kit.measurements.consistency.summary import REPAIRABLE
+from replay_kit.measurements.consistency.summary import REPAIRABLE, EnsembleSpeeds, ensemble_speeds
 from replay_kit.measurements.consistency.usual_faults import (
     Fault,
     Sounding,
@@ -48,10 +47,10 @@ from replay_kit.measurements.consistency.usual_faults import (
     depth_faults,
     direction_faults,
 )
-from replay_kit.workflows.replay.input_checks import check_inputs
-from replay_kit.workflows.replay.inputs import ReplayJob
-from replay_kit.workflows.replay.look_ahead import look_ahead, open_readers
-from replay_kit.workflows.replay.region import find_region
+from replay_kit.workflows.replay.checks import check_inputs
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.region import find_region
+from replay_kit.workflows.replay.inputs.scan import look_ahead, open_readers
 
 # profiles examined, spread over the log: their joint covariance is one matrix
 _MOST_PROFILES = 200
@@ -319,7 +318,7 @@ def import_check_json(found: ImportCheck) -> dict[str, Any]:
 def print_import_check(found: ImportCheck, console: Console) -> None:
     """Print what a check found."""
     for finding in found.findings:
-        console.print(finding_line(finding), soft_wrap=True)
+        console.print(finding_line(finding_json(finding)), soft_wrap=True)
     if found.profiles and not found.findings:
         console.print(
             f"Import check: {found.profiles} profiles look sound against the ensemble",

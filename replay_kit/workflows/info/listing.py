@@ -13,14 +13,14 @@ from replay_kit.logs.glider.missions import pattern
 from replay_kit.logs.shared.payloads import gather
 from replay_kit.measurements import NOT_A_KIND
 from replay_kit.results.losses import (
+    coded,
     loss_json,
     loss_words,
     unchecked_lines,
     undecodable_json,
     undecodable_lines,
 )
-from replay_kit.results.text import (
-    coded,
+from replay_kit.show.text import (
     folded,
     iso,
     not_used_lines,

@@ -8,11 +8,12 @@ from typing import TypeVar
 import numpy as np
 
 import planners
-from planners.mission.flight import Sample
+from planners.mission.flight.currents import Sample
 from planners.mission.flights import fly_mission, surfacing_ellipses
-from planners.mission.horizon import first_legs
+from planners.mission.timing import first_legs
 from planners.output.mission import as_glide
 from planners.route.region import locate, region_of
+from replay_kit.config.plan import ACCEPTED_RISK, ARRIVING
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import PlanError
@@ -23,11 +24,12 @@ from replay_kit.core.plan import ORIGIN, Place, Plan
 from replay_kit.core.surfacing import Ellipse, Surfacing
 from replay_kit.workflows.planning.bathymetry import read_bathymetry
 from replay_kit.workflows.planning.currents import KnownCurrent
-from replay_kit.workflows.planning.request import ACCEPTED_RISK, ARRIVING, JUDGING
 from replay_kit.workflows.planning.seabed import depth_along, seabed_of
-from replay_kit.workflows.replay.planner import HasGrid, Planner, PlanResult
+from replay_kit.workflows.replay.stages.planner import HasGrid, Planner, PlanResult
 
 PlanOrMission = TypeVar("PlanOrMission", Plan, planners.MissionPlan)
+#: Samples in which a plan is judged where no number is stated.
+JUDGING = 40
 # The estimates that a mission is planned on reach over so many times the way through still water.
 _AHEAD = 2.0
 
@@ -146,10 +148,7 @@ class MissionPlanner:
         vehicle: What glides.
         settings: How; its number of legs is that of the first plan.
         config: What the settings state.
-        flow_step: Between the estimates for later times [s].
         flown: How the vehicle flew its dives so far; None where that is not known.
-        samples: Of the estimate, in which each mission is flown for its odds and ellipses; None where no number is stated.
-        seed: Of the samples.
         judges: Whether missions have odds where no number of samples is stated.
         bathymetry: Bottom depth; None for the lowest level that is wet in the estimate.
         seabed: It, as results hold it.
@@ -158,10 +157,7 @@ class MissionPlanner:
     vehicle: planners.Glider
     settings: planners.MissionSettings
     config: PlannerConfig
-    flow_step: float
     flown: AsFlown | None = None
-    samples: int | None = None
-    seed: int = 0
     judges: bool = False
     bathymetry: planners.Bathymetry | None = None
     seabed: Seabed | None = None
@@ -190,9 +186,7 @@ class MissionPlanner:
         glider = planners.Glider(
             dives.speed, None, dives.min_angle, dives.max_angle, max_depth=config.depth_limit
         )
-        return cls(
-            glider, settings, config, config.flow_step, samples=config.samples, seed=config.seed
-        )
+        return cls(glider, settings, config)
 
     def as_flown(self, flown: AsFlown) -> "MissionPlanner":
         """Return the planner of a vehicle that flies as its dives so far, where the settings state nothing else."""
@@ -212,6 +206,18 @@ class MissionPlanner:
             self, vehicle=vehicle, settings=replace(self.settings, depth=dives.depth)
         ), dives.origin
 
+    def request(
+        self,
+        start: Place,
+        goals: tuple[Place, ...],
+        start_time_ns: int,
+        no_go: tuple[planners.NoGo, ...] = (),
+    ) -> planners.MissionRequest:
+        """Return what the planners are asked for: a mission from a place to some goals, with this vehicle over this bottom."""
+        return planners.MissionRequest(
+            start, goals, self.vehicle, self.settings, no_go, self.bathymetry, start_time_ns
+        )
+
     def plan(
         self,
         flow: FlowEstimate,
@@ -223,28 +229,20 @@ class MissionPlanner:
         """Return the best mission found from start to goal, begun at once; its memory is the mission."""
         before: planners.MissionPlan | None = None if warm is None else warm.memory
         bound, origin = self.bound(flow, (goal,))
-        settings = bound.settings
-        if before is not None and settings.legs is not None:
-            settings = replace(
-                settings, legs=max(1, len(before.headings_deg) - before.legs_flown(start_time_ns))
-            )
-        request = planners.MissionRequest(
-            start,
-            (goal,),
-            vehicle=bound.vehicle,
-            settings=settings,
-            bathymetry=self.bathymetry,
-            start_time_ns=start_time_ns,
-        )
+        if before is not None and bound.settings.legs is not None:
+            left = max(1, len(before.headings_deg) - before.legs_flown(start_time_ns))
+            bound = replace(bound, settings=replace(bound.settings, legs=left))
+        request = bound.request(start, (goal,), start_time_ns)
         if before is not None and before.statistics.get(ORIGIN, "") != origin:
             # the rest of it would be flown by other dives
             before = None
-        known, seconds = KnownCurrent((flow,), self.flow_step), bound.span(start, (goal,))
+        known, seconds = KnownCurrent((flow,), self.config.flow_step), bound.span(start, (goal,))
         currents = known.flow(start_time_ns, seconds)
         mission = with_origin(planners.plan_mission(currents, request, warm=before), origin)
-        count = sample_count(flow, self.samples) if self.judges else self.samples or 0
+        stated = self.config.samples
+        count = sample_count(flow, stated) if self.judges else stated or 0
         drawn = known.samples(
-            start_time_ns, seconds, count if len(mission.headings_deg) else 0, self.seed
+            start_time_ns, seconds, count if len(mission.headings_deg) else 0, self.config.seed
         )
         odds = planners.mission_odds(currents, drawn, mission, request) if drawn else None
         judged = (
@@ -276,7 +274,9 @@ class MissionPlanner:
         mission: planners.MissionPlan = planned.memory
         if len(mission.headings_deg) == 0:
             return float(mission.closest_approach[-1])
-        met = KnownCurrent((flow,), self.flow_step).flow(mission.start_time_ns, mission.duration)
+        met = KnownCurrent((flow,), self.config.flow_step).flow(
+            mission.start_time_ns, mission.duration
+        )
         return float(fly_mission([met], mission).miss[0, -1])
 
     def span(self, start: Place, goals: Sequence[Place]) -> float:

@@ -7,11 +7,11 @@ from replay_kit.config.run import RunConfig
 from replay_kit.results import Recorded
 from replay_kit.workflows.planning.learning import make_learning
 from replay_kit.workflows.planning.learning_outputs import write_learning
-from replay_kit.workflows.planning.learning_request import LearnJob
 from replay_kit.workflows.planning.mission import make_mission
 from replay_kit.workflows.planning.outputs import write_mission
-from replay_kit.workflows.planning.record import recorded_job
-from replay_kit.workflows.replay.provenance import PLAN_RECORD
+from replay_kit.workflows.planning.record import recorded_request
+from replay_kit.workflows.planning.request import checked
+from replay_kit.workflows.replay.inputs.provenance import PLAN_RECORD
 
 
 def plan_again(recorded: Recorded, config: RunConfig, found: Mapping[str, Path], out: Path) -> None:
@@ -26,10 +26,9 @@ def plan_again(recorded: Recorded, config: RunConfig, found: Mapping[str, Path],
     Raises:
         ReplayKitError: The record is damaged, or there is no such plan any more.
     """
-    job = recorded_job(recorded.metadata[PLAN_RECORD], found)
-    job.check()
-    options = recorded.metadata["replay_kit.options"]
-    if isinstance(job, LearnJob):
-        write_learning(out, False, make_learning(job, config.planner), job, options, config)
+    request = checked(recorded_request(recorded.metadata[PLAN_RECORD], found))
+    config = config.model_copy(update={"plan": request})
+    if request.learns:
+        write_learning(out, False, make_learning(request, config.planner), config)
     else:
-        write_mission(out, False, make_mission(job, config.planner), job, options, config)
+        write_mission(out, False, make_mission(request, config.planner), config)

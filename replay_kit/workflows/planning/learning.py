@@ -11,6 +11,7 @@ from planners import Bathymetry, NoGo
 from planners.learning.maps import plan_map
 from planners.learning.survey import plan_survey
 from planners.learning.values import Box, LearnPlan, LearnRequest, LearnSettings, OtherProfiles
+from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -24,7 +25,6 @@ from replay_kit.workflows.planning.areas import area_notes, read_areas
 from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
 from replay_kit.workflows.planning.currents import KnownCurrent
 from replay_kit.workflows.planning.inputs import read_known
-from replay_kit.workflows.planning.learning_request import LearnJob
 from replay_kit.workflows.planning.local import local_notes
 
 # Hours of a survey where none are stated, and samples.
@@ -50,7 +50,7 @@ class Learnt:
     region: Grid
 
 
-def make_learning(job: LearnJob, config: PlannerConfig) -> Learnt:
+def make_learning(job: PlanRequest, config: PlannerConfig) -> Learnt:
     """Return the plan of a job.
 
     Args:
@@ -64,7 +64,9 @@ def make_learning(job: LearnJob, config: PlannerConfig) -> Learnt:
     """
     announce("reading the estimate")
     known, flown = read_known(job.flows, config.flow_step)
-    bound, origin = replace(MissionPlanner.of(config), flown=flown).bound(known.first, job.then)
+    bound, origin = replace(MissionPlanner.of(config), flown=flown).bound(
+        known.first, job.then_places
+    )
     flow, (begin_ns, notes) = known.first, known.begin(job.start_time_ns)
     seconds = _seconds(job)
     _check_horizon(known, begin_ns, seconds, job)
@@ -75,8 +77,8 @@ def make_learning(job: LearnJob, config: PlannerConfig) -> Learnt:
     if bottom is not None:
         notes += bathymetry_notes(bottom, flow.grid)
     request = LearnRequest(
-        job.start,
-        job.then,
+        job.start_place,
+        job.then_places,
         bound.vehicle,
         _settings(job, config, bound.settings.depth),
         areas,
@@ -99,20 +101,20 @@ def make_learning(job: LearnJob, config: PlannerConfig) -> Learnt:
     )
 
 
-def _planned(job: LearnJob, flow: FlowEstimate, request: LearnRequest) -> LearnPlan:
-    if job.box is not None:
-        west, south, east, north, *depths = job.box
+def _planned(job: PlanRequest, flow: FlowEstimate, request: LearnRequest) -> LearnPlan:
+    if (box := job.box_numbers) is not None:
+        west, south, east, north, *depths = box
         return plan_map(flow, request, Box(west, south, east, north, tuple(depths)))
     assert job.blind is not None
     return plan_survey(flow, request, 3600.0 * (job.survey or _SURVEY_H), 3600.0 * job.blind)
 
 
-def _settings(job: LearnJob, config: PlannerConfig, depth: float) -> LearnSettings:
+def _settings(job: PlanRequest, config: PlannerConfig, depth: float) -> LearnSettings:
     return LearnSettings(
         depth=depth,
         dives=config.dives,
         surface_time=config.surface_time,
-        error=job.error,
+        error=job.profile_error,
         margin=config.margin,
         clearance=config.clearance,
         tolerance=config.tolerance,
@@ -122,13 +124,13 @@ def _settings(job: LearnJob, config: PlannerConfig, depth: float) -> LearnSettin
     )
 
 
-def _seconds(job: LearnJob) -> float | None:
+def _seconds(job: PlanRequest) -> float | None:
     """Return how long survey and stretch last [s]; None where that follows from the plan."""
     return None if job.blind is None else 3600.0 * ((job.survey or _SURVEY_H) + job.blind)
 
 
 def _check_horizon(
-    known: KnownCurrent, begin_ns: int, seconds: float | None, job: LearnJob
+    known: KnownCurrent, begin_ns: int, seconds: float | None, job: PlanRequest
 ) -> None:
     """Raise PlanError where survey and stretch outlast the forecast."""
     last = known.ends_ns

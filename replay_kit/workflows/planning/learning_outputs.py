@@ -1,7 +1,5 @@
 """A plan that learns for people and other programs: tables, JSON, GeoJSON, CSV, a result MCAP."""
 
-import csv
-import io
 import json
 from collections.abc import Mapping
 from math import isfinite, nan
@@ -14,16 +12,16 @@ from rich.console import Console
 from planners.learning.values import LearnPlan
 from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import to_geographic
-from replay_kit.core.plan import Area, Plan
-from replay_kit.core.text import time_text
+from replay_kit.core.geojson import collection_text, feature
+from replay_kit.core.plan import Plan, leg_statistics
+from replay_kit.core.text import csv_text, time_text
 from replay_kit.results import ResultWriter
-from replay_kit.results.text import print_table
+from replay_kit.show.text import print_table
 from replay_kit.workflows.planning.adapters import over_bottom
 from replay_kit.workflows.planning.learning import Learnt
-from replay_kit.workflows.planning.learning_request import LearnJob
 from replay_kit.workflows.planning.record import plan_metadata
 from replay_kit.workflows.planning.seabed import seabed_of
-from replay_kit.workflows.replay.provenance import run_settings_toml
+from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 
 _COLUMNS = (
     "leg",
@@ -174,35 +172,28 @@ def learning_geojson(learnt: Learnt) -> str:
     """Return track and surfacings as GeoJSON text."""
     plan = learnt.plan
     longitude, latitude = to_geographic(learnt.projection, plan.track[:, 0], plan.track[:, 1])
-    line = {"type": "LineString", "coordinates": np.column_stack([longitude, latitude]).tolist()}
+    line = np.column_stack([longitude, latitude]).tolist()
     about = {
         "status": plan.status,
         "message": plan.message,
         "objective": plan.objective,
         "duration_s": plan.duration,
     }
-    features = [{"type": "Feature", "geometry": line, "properties": about}]
-    for row in legs_table(plan):
-        point = {"type": "Point", "coordinates": [row["longitude"], row["latitude"]]}
-        features.append({"type": "Feature", "geometry": point, "properties": row})
-    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1) + "\n"
+    points = [
+        feature("Point", [row["longitude"], row["latitude"]], row) for row in legs_table(plan)
+    ]
+    return collection_text([feature("LineString", line, about), *points], indent=1) + "\n"
 
 
 def learning_csv(learnt: Learnt) -> str:
     """Return the legs as CSV text, one line a leg."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(legs_table(learnt.plan))
-    return text.getvalue()
+    return csv_text(legs_table(learnt.plan), _COLUMNS)
 
 
 def write_learning(
     path: Path,
     overwrite: bool,
     learnt: Learnt,
-    job: LearnJob,
-    options: Mapping[str, object],
     config: RunConfig,
 ) -> None:
     """Write a plan that learns as a result MCAP of its own.
@@ -211,9 +202,7 @@ def write_learning(
         path: The result.
         overwrite: Replace an existing one.
         learnt: The plan.
-        job: What was asked for; its files are recorded with their hashes.
-        options: What was asked for beyond the configuration, recorded as it was given; None for what was not.
-        config: All settings, attached as ``config.toml``.
+        config: All settings, attached as ``config.toml``; what was asked for is recorded, its files with their hashes.
 
     Raises:
         ConfigError: The result exists and may not be replaced, or cannot be written.
@@ -226,7 +215,7 @@ def write_learning(
         "latitude": asked.start.latitude,
     }
     about = {
-        **plan_metadata(job, options),
+        **plan_metadata(config.plan),
         "mission": {
             "status": plan.status,
             "message": plan.message,
@@ -275,14 +264,8 @@ def _published(learnt: Learnt) -> Plan:
         track_time=plan.track_time,
         track=plan.track,
         message=plan.message,
-        statistics={**plan.figures, **{f"leg_{row['leg']:03d}": json.dumps(row) for row in rows}},
+        statistics={**plan.figures, **leg_statistics(rows)},
         energy=nan,
-        areas=tuple(
-            Area(area.name, area.surface_only, _open_ring(area.polygon)) for area in learnt.no_go
-        ),
+        areas=tuple(area.area for area in learnt.no_go),
     )
     return over_bottom(made, learnt.bathymetry, learnt.projection)
-
-
-def _open_ring(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    return corners[:-1] if corners[0] == corners[-1] else corners

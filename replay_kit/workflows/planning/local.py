@@ -5,7 +5,7 @@ from math import ceil
 
 import numpy as np
 
-from planners.mission.flight import Flow, LocalSample
+from planners.mission.flight.currents import Flow, LocalSample
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.geodesy import heading_deg
 

@@ -17,13 +17,17 @@ from planners import (
     cut_at_horizon,
     mission_odds,
     plan_departures,
+    plan_line,
+    plan_mission,
+    plan_mooring,
     plan_scenarios,
     waypoints_of,
     with_odds,
 )
-from planners.mission.flight import Flow, Sample
-from planners.mission.horizon import to_its_end
+from planners.mission.flight.currents import Flow, Sample
+from planners.mission.timing import to_its_end
 from planners.mission.waypoints import Waypoints
+from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown
@@ -43,7 +47,7 @@ from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bath
 from replay_kit.workflows.planning.currents import KnownCurrent
 from replay_kit.workflows.planning.inputs import read_known
 from replay_kit.workflows.planning.local import local_notes
-from replay_kit.workflows.planning.request import PlanJob, objective_of
+from replay_kit.workflows.planning.request import check_samples, line_of, mooring_of, objective_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +117,7 @@ class PlannedMission:
         return None if self.odds is None else self.odds.ellipses
 
 
-def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
+def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
     """Return the mission of a job, with its odds in samples of the estimate.
 
     Args:
@@ -129,7 +133,7 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
     announce("reading the estimate")
     known, flown = read_known(job.flows, config.flow_step)
     count = sample_count(known.first, config.samples)
-    job.check_samples(count)
+    check_samples(job, count)
     bound, origin = mission_planner(job, config, flown).bound(known.first, job.goals)
     request, notes = _request(job, bound, known)
     grid = known.first.grid
@@ -181,7 +185,7 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
 
 
 def _request(
-    job: PlanJob, bound: MissionPlanner, known: KnownCurrent
+    job: PlanRequest, bound: MissionPlanner, known: KnownCurrent
 ) -> tuple[MissionRequest, tuple[str, ...]]:
     """Return what is asked of the planner, its times checked against the forecast, and what should be known of when it begins."""
     for time_ns in job.departures_ns:
@@ -195,55 +199,50 @@ def _request(
             "departures are the same; give the result of a replay through a forecast's times, or several files"
         )
     last = known.ends_ns
-    if job.horizon is not None and last is not None and begin_ns + job.horizon * 1e9 > last:
+    horizon = job.horizon_s
+    if horizon is not None and last is not None and begin_ns + horizon * 1e9 > last:
         raise PlanError(
             f"--horizon: expected at most {(last - begin_ns) / 3.6e12:.1f} h, to the end of the forecast at {time_text(last)}, got "
-            f"{job.horizon / 3600.0:g} h; choose a shorter one, or leave it out to plan the rest in the last current known"
+            f"{horizon / 3600.0:g} h; choose a shorter one, or leave it out to plan the rest in the last current known"
         )
-    request = MissionRequest(
-        job.start,
-        job.goals,
-        vehicle=bound.vehicle,
-        settings=bound.settings,
-        no_go=() if job.no_go is None else read_areas(job.no_go),
-        bathymetry=None
-        if job.bathymetry is None
-        else read_bathymetry(job.bathymetry, known.first.grid),
-        start_time_ns=begin_ns,
-    )
-    return request, notes
+    areas = () if job.no_go is None else read_areas(job.no_go)
+    if job.bathymetry is not None:
+        bound = replace(bound, bathymetry=read_bathymetry(job.bathymetry, known.first.grid))
+    return bound.request(job.start_place, job.goals, begin_ns, areas), notes
 
 
-def _seconds(job: PlanJob, bound: MissionPlanner) -> float:
+def _seconds(job: PlanRequest, bound: MissionPlanner) -> float:
     """Return for how long the current is needed [s]: that of the mission, from the first departure to the last arrival."""
-    if job.kind.mooring is not None:
-        return job.kind.stay.duration
+    if (mooring := mooring_of(job)) is not None:
+        return mooring.duration
     between = (job.departures_ns[-1] - job.departures_ns[0]) / 1e9 if job.departures_ns else 0.0
-    return min(
-        between + bound.span(job.start, job.goals), inf if job.horizon is None else job.horizon
-    )
+    span = between + bound.span(job.start_place, job.goals)
+    return span if job.horizon_s is None else min(span, job.horizon_s)
 
 
 def _planned(
-    job: PlanJob, request: MissionRequest, flow: Flow, drawn: Sequence[Sample]
+    job: PlanRequest, request: MissionRequest, flow: Flow, drawn: Sequence[Sample]
 ) -> tuple[MissionPlan, tuple[MissionPlan, ...]]:
     """Return the mission, and the plans of all departures where several are compared."""
     if job.departures_ns:
         plans = plan_departures(flow, request, job.departures_ns)
         return plans[best_departure(plans)], plans
-    made = (
-        job.kind.plan(flow, request)
-        if job.risk is None
-        else plan_scenarios(flow, drawn, request, allowed=job.risk, pilot=Pilot())[0]
-    )
-    if job.horizon is None:
+    if (mooring := mooring_of(job)) is not None:
+        return plan_mooring(flow, request, mooring), ()
+    if (line := line_of(job)) is not None:
+        return plan_line(flow, request, line), ()
+    if job.risk is not None:
+        made, *_ = plan_scenarios(flow, drawn, request, allowed=job.risk, pilot=Pilot())
+    else:
+        made = plan_mission(flow, request)
+    if job.horizon_s is None:
         return made, ()
     first = flow if isinstance(flow, FlowEstimate) else flow[0]
-    return cut_at_horizon(made, job.horizon, first.grid.projection), ()
+    return cut_at_horizon(made, job.horizon_s, first.grid.projection), ()
 
 
 def _judged(
-    job: PlanJob,
+    job: PlanRequest,
     request: MissionRequest,
     currents: tuple[Flow, Sequence[Sample]],
     made: MissionPlan,
@@ -251,14 +250,12 @@ def _judged(
     """Return a mission with its odds in its status and message, and the odds; one that was cut is to come to where it was cut."""
     flown = to_its_end(made) if made.status == "partial" else made
     asked = replace(request, goals=flown.goals, start_time_ns=made.start_time_ns)
-    odds = mission_odds(
-        *currents, flown, asked, None if job.kind.mooring is None else job.kind.stay
-    )
+    odds = mission_odds(*currents, flown, asked, mooring_of(job))
     return with_odds(made, odds, job.arrive, job.accepted_risk), odds
 
 
 def _departure(
-    job: PlanJob,
+    job: PlanRequest,
     request: MissionRequest,
     currents: tuple[Flow, Sequence[Sample]],
     made: MissionPlan,
@@ -270,7 +267,7 @@ def _departure(
     return Departure.of(judged, odds.corrected.reached)
 
 
-def _figures(odds: MissionOdds, job: PlanJob) -> dict[str, Any]:
+def _figures(odds: MissionOdds, job: PlanRequest) -> dict[str, Any]:
     """Return the odds for ``--json``; figures without a further name are with corrected headings."""
     corrected, held = odds.corrected, odds.held
     return {
@@ -288,7 +285,7 @@ def _figures(odds: MissionOdds, job: PlanJob) -> dict[str, Any]:
 
 
 def mission_planner(
-    job: PlanJob, config: PlannerConfig, flown: AsFlown | None = None
+    job: PlanRequest, config: PlannerConfig, flown: AsFlown | None = None
 ) -> MissionPlanner:
     """Return the planner of a mission that is planned by itself.
 
@@ -301,7 +298,7 @@ def mission_planner(
         ConfigError: The objective is neither a name nor weights.
         PlanError: The vehicle's numbers are such that nothing glides.
     """
-    planner, objective = MissionPlanner.of(config), job.kind.objective
+    planner, objective = MissionPlanner.of(config), job.objective
     settings = replace(
         planner.settings,
         objective=planner.settings.objective if objective is None else objective_of(objective),

@@ -13,17 +13,17 @@ from planners import MissionPlan
 from planners.mission.waypoints import Waypoints
 from planners.output.mission import as_glide, legs_table, to_csv, to_geojson, to_json
 from planners.output.waypoints import waypoint_json, waypoint_text
+from replay_kit.config.plan import PlanRequest
 from replay_kit.config.run import RunConfig
-from replay_kit.core.plan import Area, Plan
+from replay_kit.core.plan import Plan
 from replay_kit.core.text import time_text
 from replay_kit.results import ResultWriter
-from replay_kit.results.text import print_table
+from replay_kit.show.text import print_table
 from replay_kit.workflows.planning.adapters import over_bottom
 from replay_kit.workflows.planning.mission import PlannedMission, mission_planner
 from replay_kit.workflows.planning.record import plan_metadata
-from replay_kit.workflows.planning.request import PlanJob
 from replay_kit.workflows.planning.seabed import seabed_of
-from replay_kit.workflows.replay.provenance import run_settings_toml
+from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 
 
 def print_mission(planned: PlannedMission, console: Console, battery: float | None = None) -> None:
@@ -159,7 +159,7 @@ def energy_text(energy: float, battery: float | None) -> str:
     )
 
 
-def unsafe_reason(planned: PlannedMission, job: PlanJob) -> str | None:
+def unsafe_reason(planned: PlannedMission, job: PlanRequest) -> str | None:
     """Return why a mission must not be handed to a vehicle unasked; None when it may be."""
     figures, made = planned.samples, planned.plan
     if planned.waypoints is not None and planned.waypoints.violation is not None:
@@ -213,8 +213,6 @@ def write_mission(
     path: Path,
     overwrite: bool,
     planned: PlannedMission,
-    job: PlanJob,
-    options: Mapping[str, object],
     config: RunConfig,
 ) -> None:
     """Write a mission as a result MCAP of its own.
@@ -223,9 +221,8 @@ def write_mission(
         path: The result.
         overwrite: Replace an existing one.
         planned: The mission.
-        job: What was asked for; its files are recorded with their hashes.
-        options: What was asked for beyond the configuration, recorded as it was given; None for what was not.
-        config: All settings; those that the mission was planned with are attached as ``config.toml``.
+        config: All settings; those that the mission was planned with are attached as ``config.toml``, and what was asked for is recorded,
+            its files with their hashes.
 
     Raises:
         ConfigError: The result exists and may not be replaced, or cannot be written.
@@ -233,7 +230,7 @@ def write_mission(
     """
     mission = planned.plan
     legs = {str(row["leg"]): json.dumps(row) for row in legs_table(mission, planned.ellipses)}
-    about = {**plan_metadata(job, options), "mission": _about(mission), "legs": legs}
+    about = {**plan_metadata(config.plan), "mission": _about(mission), "legs": legs}
     if planned.departures:
         about["departures"] = {
             row["departure"]: json.dumps(row) for row in departures_table(planned)
@@ -243,11 +240,11 @@ def write_mission(
             planned.projection,
             mission.start_time_ns,
             about,
-            run_settings_toml(_effective_config(config, job, planned)),
+            run_settings_toml(_effective_config(config, planned)),
         )
         if planned.bathymetry is not None:
             writer.seabed(mission.start_time_ns, seabed_of(planned.bathymetry, planned.region))
-        writer.plan(_published(planned, job.battery), planned.projection)
+        writer.plan(_published(planned, config.plan.battery), planned.projection)
         writer.digest(mission.start_time_ns)
 
 
@@ -272,19 +269,13 @@ def _published(planned: PlannedMission, battery: float | None) -> Plan:
         planned.bathymetry,
         planned.projection,
     )
-    areas = tuple(
-        Area(area.name, area.surface_only, _open_ring(area.polygon)) for area in planned.no_go
-    )
+    areas = tuple(area.area for area in planned.no_go)
     return replace(made, areas=areas, battery=nan if battery is None else battery * 1e6)
 
 
-def _open_ring(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    return corners[:-1] if corners[0] == corners[-1] else corners
-
-
-def _effective_config(config: RunConfig, job: PlanJob, planned: PlannedMission) -> RunConfig:
+def _effective_config(config: RunConfig, planned: PlannedMission) -> RunConfig:
     """Return the configuration that a mission was planned with; weights of an objective have no place in a configuration."""
-    settings = mission_planner(job, config.planner).settings
+    settings = mission_planner(config.plan, config.planner).settings
     made: dict[str, object] = {"kind": "mission", "max_duration": settings.max_duration}
     made["samples"] = planned.drawn
     if isinstance(settings.objective, str):

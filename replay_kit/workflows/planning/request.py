@@ -1,243 +1,195 @@
-"""What the command ``plan`` is asked for, with the options that exclude each other refused."""
+"""What ``plan`` is asked for, with options that exclude each other refused, and made the planners' own values.
 
-from dataclasses import dataclass
+The planners take longer to load than what is wrong takes to be refused.
+"""
+
 from math import inf
-from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
+from replay_kit.config.plan import PlanRequest
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.objective import ObjectiveName
-from replay_kit.core.plan import Place
-from replay_kit.core.time import parse_duration, parse_time
 
-# the planners take longer to load than what is asked for to be refused
 if TYPE_CHECKING:
-    from planners import Line, MissionPlan, MissionRequest, Mooring, Weights
-    from planners.mission.flight import Flow
+    from planners import Line, Mooring, Weights
 
-# Share of the samples that may violate a constraint where none is stated.
-ACCEPTED_RISK = 0.1
-# Share of the samples that must arrive where none is stated.
-ARRIVING = 0.9
-# Samples in which a plan is judged where no number is stated.
-JUDGING = 40
-# Departures that are compared at most.
-_MOST_DEPARTURES = 100
+# What only a plan that learns is asked for, and what only another mission.
+_LEARNING = ("then", "blind", "survey", "box", "profiles", "profile_error", "others")
+_MISSION = (
+    "goal",
+    "depart",
+    "horizon",
+    "mooring",
+    "line",
+    "risk",
+    "time_limit",
+    "battery",
+    "waypoints",
+)
 
 
-@dataclass(frozen=True, slots=True)
-class MissionKind:
-    """A mission to goals; a mooring or a line when one of these is given.
+def checked(request: PlanRequest) -> PlanRequest:
+    """Return a request, checked before any file is read, with the weight and the width of the line that it follows.
 
-    Attributes:
-        mooring: Radius [m] and duration [hours] of a mooring.
-        surfacings_only: Whether only the surfacings of a mooring must lie within its radius.
-        line: Whether the mission follows the line from its start to its goal.
-        line_weight: Cross-track penalty of a line [h per h and km]; None for that of ``Line``.
-        objective: Name of an objective, or weights; None for the configuration's.
-        line_width: Largest distance of the track from a line [m]; None for that of ``Line``.
+    Raises:
+        ConfigError: Options do not go together, or a value is none.
     """
+    _check(request)
+    if request.objective is not None and not request.learns:
+        objective_of(request.objective)
+    if not request.line:
+        return request
+    from planners import Line
 
-    mooring: tuple[float, float] | None = None
-    surfacings_only: bool = False
-    line: bool = False
-    line_weight: float | None = None
-    objective: str | None = None
-    line_width: float | None = None
-
-    @property
-    def followed(self) -> "Line | None":
-        """The line; None when none is followed."""
-        from planners import Line
-
-        usual = Line()
-        weight = usual.weight if self.line_weight is None else self.line_weight
-        return (
-            Line(weight=weight, width=usual.width if self.line_width is None else self.line_width)
-            if self.line
-            else None
-        )
-
-    @property
-    def stay(self) -> "Mooring":
-        """The mooring; there must be one."""
-        from planners import Mooring
-
-        assert self.mooring is not None, "only a mission that stays somewhere has a mooring"
-        radius, hours = self.mooring
-        return Mooring(radius, 3600.0 * hours, self.surfacings_only)
-
-    def check(self, n_goals: int, risk: float | None, waypoints: bool) -> None:
-        """Refuse options that do not go together.
-
-        Args:
-            n_goals: Number of goals.
-            risk: Share of samples that may violate a constraint; None when none is stated.
-            waypoints: Whether a list of waypoints is asked for.
-
-        Raises:
-            ConfigError: Two options exclude each other, one needs another that is not given, or the objective is none.
-        """
-        moored, lined = self.mooring is not None, self.line
-        refusals = (
-            (
-                self.surfacings_only and not moored,
-                "--surfacings-only: expected --mooring beside it; only a mooring counts surfacings",
-            ),
-            (
-                self.line_weight is not None and not lined,
-                "--line-weight: expected --line beside it",
-            ),
-            (self.line_width is not None and not lined, "--line-width: expected --line beside it"),
-            (
-                self.line_width is not None and not 0.0 < self.line_width < inf,
-                f"--line-width: expected a number above 0, got {self.line_width}",
-            ),
-            (
-                self.objective is not None and moored,
-                "--objective: a mooring has none but to stay near its place; leave it out",
-            ),
-            (moored and lined, "--mooring and --line: a mission is one or the other"),
-            (
-                (moored or lined) and (n_goals > 1 or risk is not None),
-                "--mooring and --line: expected one --goal and no --risk",
-            ),
-            (
-                waypoints and moored,
-                "--waypoints: a mooring has none on its way; give the glider the mooring's place",
-            ),
-        )
-        for refused, message in refusals:
-            if refused:
-                raise ConfigError(message)
-        if self.objective is not None:
-            objective_of(self.objective)
-
-    def plan(self, flow: "Flow", request: "MissionRequest") -> "MissionPlan":
-        """Return the mission of this kind.
-
-        Args:
-            flow: The current, or its estimates for increasing times.
-            request: Start, goals, vehicle, settings and constraints.
-        """
-        from planners import plan_line, plan_mission, plan_mooring
-
-        if self.mooring is not None:
-            return plan_mooring(flow, request, self.stay)
-        if self.followed is not None:
-            return plan_line(flow, request, self.followed)
-        return plan_mission(flow, request)
+    usual = {"line_weight": Line().weight, "line_width": Line().width}
+    return request.model_copy(
+        update={name: value for name, value in usual.items() if getattr(request, name) is None}
+    )
 
 
-@dataclass(frozen=True, slots=True)
-class PlanJob:
-    """A mission to plan, and the files that it is planned on.
+def _check(request: PlanRequest) -> None:
+    """Refuse values out of range, and options that do not go together.
 
-    Attributes:
-        flows: Files of the estimate; several hold for increasing times.
-        start: Where it begins.
-        goals: Where it goes, in this order.
-        kind: To goals, a mooring, or along a line.
-        no_go: GeoJSON of areas; None for none.
-        bathymetry: NetCDF with the depth of the bottom; None for none.
-        spline: Points per kernel length of the B-spline that the optimisation uses; 0 optimises in the estimate itself.
-        risk: Share of samples that may violate a constraint; None plans without samples.
-        waypoints: Whether a short list of waypoints is made.
-        waypoint_tolerance: Distance off the track where no waypoint is needed [m]; None for the plan's tolerance.
-        arrive: Share of the samples that must arrive for the plan to be called ``reached``.
-        time_limit: Of the search [s]; None for none.
-        battery: Energy that the vehicle has [MJ]; None when it is not stated.
-        start_time_ns: When it begins [ns, UTC]; None for the time of the first file.
-        departures_ns: Times at which it may begin, which are compared [ns, UTC]; empty for one.
-        horizon: Since its start, after which no leg of the plan ends [s]; None for none.
+    Raises:
+        ConfigError: Two options exclude each other, or one needs another that is not given, or a value is none.
     """
-
-    flows: tuple[Path, ...]
-    start: Place
-    goals: tuple[Place, ...]
-    kind: MissionKind = MissionKind()
-    no_go: Path | None = None
-    bathymetry: Path | None = None
-    spline: int = 4
-    risk: float | None = None
-    waypoints: bool = False
-    waypoint_tolerance: float | None = None
-    arrive: float = ARRIVING
-    time_limit: float | None = None
-    battery: float | None = None
-    start_time_ns: int | None = None
-    departures_ns: tuple[int, ...] = ()
-    horizon: float | None = None
-
-    @property
-    def accepted_risk(self) -> float:
-        """Share of the samples that may violate a constraint."""
-        return ACCEPTED_RISK if self.risk is None else self.risk
-
-    def check(self) -> None:
-        """Refuse options that do not go together.
-
-        Raises:
-            ConfigError: Two options exclude each other, or one needs another that is not given.
-        """
-        if self.waypoint_tolerance is not None and not self.waypoints:
-            raise ConfigError("--waypoint-tolerance: expected --waypoints beside it")
-        if not 0.0 <= self.arrive <= 1.0:
-            raise ConfigError(f"--arrive: expected a share from 0 to 1, got {self.arrive:g}")
-        for name, value in (
-            ("--time-limit", self.time_limit),
-            ("--battery", self.battery),
-            ("--horizon", self.horizon),
+    if not request.learns:
+        if any(
+            getattr(request, name) != PlanRequest.model_fields[name].default for name in _LEARNING
         ):
-            if value is not None and not 0.0 < value < inf:
-                raise ConfigError(f"{name}: expected a number above 0, got {value:g}")
-        self.kind.check(len(self.goals), self.risk, self.waypoints)
-        self._check_times()
-
-    def _check_times(self) -> None:
-        moored_or_lined, compares = (
-            self.kind.mooring is not None or self.kind.line,
-            bool(self.departures_ns),
-        )
-        refusals = (
-            (
-                compares and self.start_time_ns is not None,
-                "--depart and --start-time: expected one of them; leave out the other",
-            ),
-            (
-                compares and self.risk is not None,
-                "--depart and --risk: compare departures first, then plan the best with --start-time",
-            ),
-            (
-                compares and self.horizon is not None,
-                "--depart and --horizon: departures are compared by whole missions; leave out one",
-            ),
-            (
-                moored_or_lined and (compares or self.horizon is not None),
-                "--mooring and --line: expected no --depart and no --horizon",
-            ),
-            (
-                self.horizon is not None and self.waypoints,
-                "--horizon: expected no --waypoints; they lead to the goal",
-            ),
-        )
-        for refused, message in refusals:
-            if refused:
-                raise ConfigError(message)
-
-    def check_samples(self, count: int) -> None:
-        """Refuse a risk that does not go with the number of samples.
-
-        Args:
-            count: Number of samples asked for.
-
-        Raises:
-            ConfigError: The risk is not a share, or comes without samples.
-        """
-        if self.risk is not None and not (0.0 <= self.risk < 1.0 and count > 0):
             raise ConfigError(
-                f"--risk: expected a share from 0 to below 1 and --samples, got {self.risk:g} and {count}"
+                "--then, --blind, --survey, --box, --profiles, --profile-error, --others: expected --objective learn or map"
             )
+        if not request.goal:
+            raise ConfigError(
+                "--goal: expected LON,LAT,DEPTH, where to go; only --objective learn with --then and --objective map have none"
+            )
+    elif given := [
+        f"--{n.replace('_', '-')}" for n in _MISSION if getattr(request, n) not in (None, False, ())
+    ]:
+        raise ConfigError(
+            f"{', '.join(given)}: expected a mission, got --objective {request.objective}; leave {'it' if len(given) == 1 else 'them'} out"
+        )
+    # read once, so that what is wrong with them is said before anything is loaded
+    _ = (
+        request.start_place,
+        request.goals,
+        request.then_places,
+        request.box_numbers,
+        request.start_time_ns,
+    )
+    refusals = _learning_refusals(request) if request.learns else _mission_refusals(request)
+    if message := next((message for refused, message in refusals if refused), None):
+        raise ConfigError(message)
+    if not 0.0 <= request.arrive <= 1.0:
+        raise ConfigError(f"--arrive: expected a share from 0 to 1, got {request.arrive:g}")
+    for name in (
+        "time_limit",
+        "battery",
+        "horizon_s",
+        "blind",
+        "survey",
+        "profile_error",
+        "profiles",
+        "line_width",
+    ):
+        if (value := getattr(request, name)) is not None and not 0.0 < value < inf:
+            option = name.removesuffix("_s").replace("_", "-")
+            raise ConfigError(f"--{option}: expected a number above 0, got {value:g}")
+
+
+def _learning_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
+    maps, blind = request.objective == "map", request.blind is not None or bool(request.then)
+    return (
+        (
+            len(request.flows) > 1,
+            "--objective learn and map: expected one estimate; how errors of several files relate is not known",
+        ),
+        (
+            not maps and (request.box or request.profiles),
+            "--box and --profiles: expected --objective map beside them",
+        ),
+        (
+            maps and (blind or request.survey),
+            "--objective map: expected no --then, --blind and --survey",
+        ),
+        (
+            maps and not (request.box and request.profiles),
+            "--objective map: expected --box W,S,E,N[,DEPTHS] and --profiles N",
+        ),
+        (
+            not maps and not (request.blind is not None and request.then),
+            "--objective learn: expected --then and --blind: where the stretch without fixes leads, and for how many hours",
+        ),
+    )
+
+
+def _mission_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
+    moored, compares, horizon = (
+        request.mooring is not None,
+        bool(request.departures_ns),
+        request.horizon,
+    )
+    shaped = moored or request.line
+    return (
+        (
+            request.waypoint_tolerance is not None and not request.waypoints,
+            "--waypoint-tolerance: expected --waypoints beside it",
+        ),
+        (
+            request.surfacings_only and not moored,
+            "--surfacings-only: expected --mooring beside it; only a mooring counts surfacings",
+        ),
+        (
+            request.line_weight is not None and not request.line,
+            "--line-weight: expected --line beside it",
+        ),
+        (
+            request.line_width is not None and not request.line,
+            "--line-width: expected --line beside it",
+        ),
+        (
+            request.objective is not None and moored,
+            "--objective: a mooring has none but to stay near its place; leave it out",
+        ),
+        (moored and request.line, "--mooring and --line: a mission is one or the other"),
+        (
+            shaped and (len(request.goal) > 1 or request.risk is not None),
+            "--mooring and --line: expected one --goal and no --risk",
+        ),
+        (
+            request.waypoints and moored,
+            "--waypoints: a mooring has none on its way; give the glider the mooring's place",
+        ),
+        (
+            compares and request.start_time is not None,
+            "--depart and --start-time: expected one of them; leave out the other",
+        ),
+        (
+            compares and request.risk is not None,
+            "--depart and --risk: compare departures first, then plan the best with --start-time",
+        ),
+        (
+            compares and horizon is not None,
+            "--depart and --horizon: departures are compared by whole missions; leave out one",
+        ),
+        (
+            shaped and (compares or horizon is not None),
+            "--mooring and --line: expected no --depart and no --horizon",
+        ),
+        (
+            horizon is not None and request.waypoints,
+            "--horizon: expected no --waypoints; they lead to the goal",
+        ),
+    )
+
+
+def check_samples(request: PlanRequest, count: int) -> None:
+    """Raise ConfigError when the risk is not a share, or comes without samples, of which there are ``count``."""
+    if request.risk is not None and not (0.0 <= request.risk < 1.0 and count > 0):
+        raise ConfigError(
+            f"--risk: expected a share from 0 to below 1 and --samples, got {request.risk:g} and {count}"
+        )
 
 
 def objective_of(text: str) -> "ObjectiveName | Weights":
@@ -263,63 +215,19 @@ def objective_of(text: str) -> "ObjectiveName | Weights":
         ) from error
 
 
-def departures_of(text: str) -> tuple[int, ...]:
-    """Return the departures [ns, UTC] of ``--depart T0,T1,STEP``: from the first to the last, so far apart.
+def mooring_of(request: PlanRequest) -> "Mooring | None":
+    """Return the mooring that is asked for; None for another mission."""
+    from planners import Mooring
 
-    Raises:
-        ConfigError: These are no two times and a duration above 0, the last is before the first, or they are too many.
-    """
-    parts = [part.strip() for part in text.split(",")]
-    if len(parts) != 3:
-        raise ConfigError(
-            f"--depart: expected T0,T1,STEP as in 2026-05-01T00:00Z,2026-05-03T00:00Z,12h, got '{text}'"
-        )
-    try:
-        first, last = (parse_time(part) for part in parts[:2])
-        step = parse_duration(parts[2])
-    except ConfigError as error:
-        raise ConfigError(f"--depart: {error}") from error
-    step_ns = round(step * 1e9)
-    if step_ns <= 0:
-        raise ConfigError(
-            f"--depart: expected a step above 0, got '{parts[2]}'; write one such as 6h"
-        )
-    if last < first:
-        raise ConfigError(
-            f"--depart: expected the first departure before the last, got '{parts[0]}' and '{parts[1]}'; swap them"
-        )
-    count = (last - first) // step_ns + 1
-    if count > _MOST_DEPARTURES:
-        raise ConfigError(
-            f"--depart: expected at most {_MOST_DEPARTURES} departures, got {count}; choose a longer step"
-        )
-    return tuple(first + k * step_ns for k in range(count))
+    if (numbers := request.mooring_numbers) is None:
+        return None
+    radius, hours = numbers
+    return Mooring(radius, 3600.0 * hours, request.surfacings_only)
 
 
-def horizon_of(text: str) -> float:
-    """Return the seconds of ``--horizon``, such as ``72h``.
+def line_of(request: PlanRequest) -> "Line | None":
+    """Return the line that a checked request follows; None where none is."""
+    from planners import Line
 
-    Raises:
-        ConfigError: It is no duration above 0.
-    """
-    try:
-        seconds = parse_duration(text)
-    except ConfigError as error:
-        raise ConfigError(f"--horizon: {error}") from error
-    if seconds <= 0.0:
-        raise ConfigError(
-            f"--horizon: expected a duration above 0, got '{text}'; write one such as 72h"
-        )
-    return seconds
-
-
-def start_time_of(text: str) -> int:
-    """Return the time [ns, UTC] of ``--start-time``.
-
-    Raises:
-        ConfigError: It is no time.
-    """
-    try:
-        return parse_time(text)
-    except ConfigError as error:
-        raise ConfigError(f"--start-time: {error}") from error
+    weight, width = request.line_weight, request.line_width
+    return None if weight is None or width is None else Line(weight=weight, width=width)

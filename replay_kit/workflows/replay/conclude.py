@@ -9,18 +9,16 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.grid import Ensemble
 from replay_kit.forecast import ensemble_files
-from replay_kit.results.evidence.summary import Rival
-from replay_kit.results.mcap_writer import WINDOWS_RECORD
-from replay_kit.results.summary import ReplaySummary, TruthScore
-from replay_kit.results.summary_json import to_record
-from replay_kit.workflows.replay.consistency import conclusions
-from replay_kit.workflows.replay.dive_forecasts import next_surfacing
-from replay_kit.workflows.replay.input_checks import require_usable
-from replay_kit.workflows.replay.inputs import open_truth
-from replay_kit.workflows.replay.prepared import Prepared
+from replay_kit.results.outcome.from_run import outcome_of
+from replay_kit.results.outcome.run import ReplaySummary, Rival, TruthScore
+from replay_kit.results.topics import WINDOWS_RECORD
+from replay_kit.workflows.replay.checks import require_usable
+from replay_kit.workflows.replay.inputs.opened import Prepared, open_truth
 from replay_kit.workflows.replay.referee import name_of, rival_inputs
 from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.session import Session
+from replay_kit.workflows.replay.stages.consistency import conclusions
+from replay_kit.workflows.replay.surfacings.forecasts import next_surfacing
 
 
 def conclude(
@@ -45,7 +43,7 @@ def conclude(
     notes = _notes(session, inputs, flow, session.statistics.notes(reports))
     planning, (found, blind) = (
         session.planning,
-        conclusions(session.monitoring, session.statistics, session.config),
+        conclusions(session.monitoring, session.statistics.profiles, session.config),
     )
     outside = tuple(
         note for note in inputs.forecasts.notes if "outside" in note or "is no forecast" in note
@@ -61,19 +59,15 @@ def conclude(
         rivals=others,
         notes=tuple(notes),
         findings=found,
-        doubts=blind + outside,
+        doubts=blind,
+        outside=outside,
+        inputs=(*job.logs, *ensemble_files(job.ensemble), *rival_inputs(job.against).values()),
         flight_correction=session.flight.correction(session.statistics.profiles.corrections),
     )
     with session.clock.stage("write"):
         if session.writer is not None:
             session.writer.consistency(session.last_ns, found)
-            session.writer.summary(
-                session.last_ns,
-                to_record(
-                    summary,
-                    (*job.logs, *ensemble_files(job.ensemble), *rival_inputs(job.against).values()),
-                ),
-            )
+            session.writer.summary(session.last_ns, outcome_of(summary).to_record())
             if spread := session.estimator.spread_record(session.estimation.current):
                 session.writer.write_metadata("replay_kit.spread", spread)
             if (flown := session.forecasts.as_flown) is not None:

@@ -15,11 +15,11 @@ from replay_kit.core.observation import Observation
 from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.logs import merge
 from replay_kit.measurements import observations
-from replay_kit.workflows.replay.build import build
-from replay_kit.workflows.replay.input_checks import check_inputs
-from replay_kit.workflows.replay.inputs import ReplayJob
-from replay_kit.workflows.replay.look_ahead import open_readers
-from replay_kit.workflows.replay.planner import PlannerFactory
+from replay_kit.workflows.replay.checks import check_inputs
+from replay_kit.workflows.replay.inputs.estimator import build
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.scan import open_readers
+from replay_kit.workflows.replay.stages.planner import PlannerFactory
 
 # What the interpreter and the libraries take before the first array.
 _BASE_MB = 250.0

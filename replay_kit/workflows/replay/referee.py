@@ -7,9 +7,8 @@ from pathlib import Path
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.paths import Paths
 from replay_kit.forecast import ensemble_files
-from replay_kit.results.evidence.summary import Rival
-from replay_kit.results.summary import ReplaySummary
-from replay_kit.workflows.replay.inputs import Against, ReplayJob
+from replay_kit.results.outcome.run import ReplaySummary, Rival
+from replay_kit.workflows.replay.inputs.job import Against, ReplayJob
 
 #: Begin the keys of the rivals' files among the inputs.
 RIVAL = "against"

@@ -31,34 +31,19 @@ from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import reading
 from replay_kit.measurements import finish, initial_state, interpret_block
 from replay_kit.results import Digest, ResultWriter
-from replay_kit.results.summary import ReplaySummary
-from replay_kit.results.summary_json import failure_json
-from replay_kit.workflows.replay.basis_store import built
-from replay_kit.workflows.replay.build import Forecasts
-from replay_kit.workflows.replay.checkpoint import (
-    Checkpoint,
-    CheckpointFile,
-    resuming,
-    run_identity,
-)
+from replay_kit.results.outcome.from_run import failed
+from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.workflows.replay.checks import check_goal, with_planner_kind
 from replay_kit.workflows.replay.conclude import conclude
-from replay_kit.workflows.replay.consistency import checked_speeds
-from replay_kit.workflows.replay.followed import FollowedStates
-from replay_kit.workflows.replay.inputs import (
-    ReplayJob,
-    check_goal,
-    check_outputs,
+from replay_kit.workflows.replay.inputs.forecast import Forecasts
+from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs, input_stamps
+from replay_kit.workflows.replay.inputs.opened import (
+    Prepared,
     copy_inputs,
     forecasts_of,
-    input_stamps,
     open_truth,
-    with_planner_kind,
 )
-from replay_kit.workflows.replay.look_ahead import check_span, open_readers
-from replay_kit.workflows.replay.planner import PlannerFactory
-from replay_kit.workflows.replay.plans import PlanningProblem
-from replay_kit.workflows.replay.prepared import Prepared
-from replay_kit.workflows.replay.provenance import (
+from replay_kit.workflows.replay.inputs.provenance import (
     FOLLOWED,
     forecast_times,
     lasting,
@@ -67,9 +52,21 @@ from replay_kit.workflows.replay.provenance import (
     run_options,
     run_settings_toml,
 )
+from replay_kit.workflows.replay.inputs.scan import check_span, open_readers
 from replay_kit.workflows.replay.referee import check_against, rival_inputs, rivals
 from replay_kit.workflows.replay.session import Session
+from replay_kit.workflows.replay.stages.consistency import checked_speeds
+from replay_kit.workflows.replay.stages.planner import PlannerFactory
+from replay_kit.workflows.replay.stages.plans import PlanningProblem
 from replay_kit.workflows.replay.stopwatch import Stopwatch
+from replay_kit.workflows.replay.store.basis import built
+from replay_kit.workflows.replay.store.checkpoint import (
+    Checkpoint,
+    CheckpointFile,
+    resuming,
+    run_identity,
+)
+from replay_kit.workflows.replay.store.followed import FollowedStates
 
 # Messages that are decoded and tested together.
 _BLOCK = 128
@@ -133,9 +130,8 @@ def _replay(
             (session.writer.discard if unusable else session.writer.abandon)()
         if isinstance(error, ReplayKitError) and unusable:
             error.findings = error.findings or session.monitoring.checks.findings
-            error.answer = failure_json(
-                error, session.statistics.summary([reader.report() for reader in inputs.readers])
-            )
+            so_far = session.statistics.summary([reader.report() for reader in inputs.readers])
+            error.answer = failed(error, so_far).to_json()
         raise
     finally:
         if checkpoints is not None:

@@ -14,7 +14,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, rotate_to_local, to_local
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator import embed_member
-from replay_kit.results.summary import TruthScore
+from replay_kit.results.outcome.run import TruthScore
 
 
 @dataclass(frozen=True, slots=True, eq=False)

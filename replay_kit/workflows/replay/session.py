@@ -17,35 +17,37 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState
 from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.estimator import Estimator
-from replay_kit.estimator.next_dive.local import local_current
+from replay_kit.estimator.next_dive.flight import local_current
 from replay_kit.measurements import Event
 from replay_kit.measurements.consistency.monitor import Checked
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds
-from replay_kit.measurements.consistency.summary import PingSummary, summaries
+from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
 from replay_kit.results import ResultWriter
-from replay_kit.workflows.replay import consistency, plans
-from replay_kit.workflows.replay.build import flow_at
-from replay_kit.workflows.replay.consistency import MonitoringState
-from replay_kit.workflows.replay.dive_forecasts import (
-    ForecastState,
-    forecast_end,
-    forecast_mean,
-    forecast_step,
-)
-from replay_kit.workflows.replay.estimation import EstimationState, assimilate
-from replay_kit.workflows.replay.flight_bias import FlightState, as_used
-from replay_kit.workflows.replay.outputs import Findings, LogWarning, Output, write
-from replay_kit.workflows.replay.planner import VehiclePlanner
-from replay_kit.workflows.replay.plans import PlanningProblem, PlanningState
-from replay_kit.workflows.replay.publishing import (
+from replay_kit.workflows.replay.inputs.estimator import flow_at
+from replay_kit.workflows.replay.stages import consistency, plans
+from replay_kit.workflows.replay.stages.consistency import MonitoringState
+from replay_kit.workflows.replay.stages.estimation import EstimationState, assimilate
+from replay_kit.workflows.replay.stages.planner import VehiclePlanner
+from replay_kit.workflows.replay.stages.plans import PlanningProblem, PlanningState
+from replay_kit.workflows.replay.stages.publishing import (
+    Findings,
+    LogWarning,
+    Output,
     PublishingState,
     depth_slices,
     publish_step,
     publish_windows,
     withdraw_windows,
+    write,
 )
 from replay_kit.workflows.replay.statistics import RunStatistics
 from replay_kit.workflows.replay.stopwatch import Stopwatch
+from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, as_used
+from replay_kit.workflows.replay.surfacings.forecasts import (
+    ForecastState,
+    forecast_end,
+    forecast_mean,
+    forecast_step,
+)
 
 # Events that wait at most: a log may hold positions and nothing else.
 _BUFFERED = 4096
@@ -227,6 +229,7 @@ class Session:
         """Rebuild the estimate without an instrument that is not believed, and open the gate between sources that contradict each other."""
         self.assimilate_buffer(last=True)
         self.estimator = consistency.trusting(self._built, self.monitoring)
+        counts = self.statistics.profiles
         if consistency.is_distrusted(found):
             prior, kept = (
                 self.estimator.initial(),
@@ -237,11 +240,12 @@ class Session:
                     self.estimator, EstimationState(prior, prior), kept
                 )
             self.publishing = withdraw_windows(self.publishing)
-            self.statistics = consistency.rebuilt(self.statistics, steps)
+            counts = consistency.rebuilt(counts, steps)
             self.monitoring = replace(self.monitoring, gated=())
-        self.estimation, self.monitoring, self.statistics = consistency.readmitted(
-            self.estimator, self.estimation, self.monitoring, self.statistics
+        self.estimation, self.monitoring, counts = consistency.readmitted(
+            self.estimator, self.estimation, self.monitoring, counts
         )
+        self.statistics = RunStatistics(self.statistics.messages, counts)
         self._write(LogWarning(finding.since_ns, str(finding)) for finding in found)
         self._write((Findings(self.last_ns, self.monitoring.checks.findings),))
 

@@ -13,9 +13,9 @@ from replay_kit.logs.merge import ClockJump, Merge
 from replay_kit.logs.shared.payloads import gather, short
 from replay_kit.measurements import NOT_A_KIND, Event, Skipped, Used
 from replay_kit.measurements.events import left_out_rules
-from replay_kit.results.summary import DiveRow, ReplaySummary, TopicRow
-from replay_kit.workflows.replay.estimation import Step
-from replay_kit.workflows.replay.profile_counts import ProfileCounts, increment
+from replay_kit.results.outcome.run import DiveRow, ReplaySummary, TopicRow
+from replay_kit.workflows.replay.stages.counts import ProfileCounts, increment
+from replay_kit.workflows.replay.stages.estimation import Step
 
 # Of a topic's pings; when more are lost, the summary begins with it.
 _MANY_LOST = 0.2

@@ -8,8 +8,8 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.baselines import BASELINES, average_over_depth, build_baseline
+from replay_kit.estimator.baselines.etkf import build_letkf
 from replay_kit.estimator.baselines.gp import build_gp, fit_length, second_moments
-from replay_kit.estimator.baselines.letkf import build_letkf
 from replay_kit.estimator.basis.slices import cell_size, ensemble_slices
 from replay_kit.estimator.prior.localised import gaspari_cohn
 from tests import synthetic

@@ -13,8 +13,8 @@ from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.baselines import build_baseline
+from replay_kit.estimator.baselines.etkf import build_letkf
 from replay_kit.estimator.baselines.gp import build_gp, second_moments
-from replay_kit.estimator.baselines.letkf import build_letkf
 from replay_kit.estimator.prior.localised import gaspari_cohn
 from tests import synthetic
 from tests.estimator.baselines.small import (

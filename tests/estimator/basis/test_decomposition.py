@@ -5,9 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.estimator.basis import decomposition, slices
-from replay_kit.estimator.basis.decomposition import decompose, exact_svd
-from replay_kit.estimator.basis.slices import correlation_length, ensemble_slices, surface_speed
+from replay_kit.estimator.basis import slices
+from replay_kit.estimator.basis.slices import (
+    correlation_length,
+    decompose,
+    ensemble_slices,
+    exact_svd,
+    surface_speed,
+)
 from tests import synthetic
 from tests.reference import estimator as slow
 
@@ -22,7 +27,7 @@ def blocks_of(columns, n_nodes, size=5):
 @pytest.mark.parametrize(("n_slices", "rank"), [(12, 12), (12, 7), (70, 40), (70, 9)])
 @pytest.mark.parametrize("n_modes", [None, 5])
 def test_it_spans_what_the_dense_decomposition_spans(monkeypatch, n_slices, rank, n_modes):
-    monkeypatch.setattr(decomposition, "_SMALL", 0)
+    monkeypatch.setattr(slices, "_SMALL", 0)
     rng, n_nodes = np.random.default_rng(0), 20
     columns = (
         rng.standard_normal((2 * n_nodes, rank)) * np.geomspace(1.0, 1e-3, rank)

@@ -13,8 +13,8 @@ from replay_kit.config.time import TimeConfig
 from replay_kit.core.geodesy import rotate_to_geographic
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.basis.noise import bin_noise
 from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.update.rows import bin_noise
 from tests import synthetic
 from tests.reference import estimator as slow
 from tests.reference.representation import error_at

@@ -8,7 +8,7 @@ import pytest
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.basis.representation import error_field, shifted_residual
+from replay_kit.estimator.basis.shifts import error_field, shifted_residual
 from replay_kit.estimator.basis.slices import correlation_length, ensemble_slices
 from tests import synthetic
 

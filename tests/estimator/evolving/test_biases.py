@@ -8,7 +8,7 @@ from replay_kit.config.time import TimeConfig
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.geodesy import rotate_to_local
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.estimator.evolving.likelihood import log_likelihoods
+from replay_kit.estimator.evolving.fit_log import log_likelihoods
 from replay_kit.estimator.evolving.smoother import smoothed_states
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, LEVELS, forecasts, profiles
 from tests.estimator.evolving.test_extras import faulty

@@ -15,7 +15,7 @@ from replay_kit.core.observation import Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.state_space import StateSpace
-from replay_kit.estimator.update.posterior import predict_observation
+from replay_kit.estimator.update.evaluation import predict_observation
 from tests import synthetic
 from tests.reference import evolving as slow
 

@@ -9,7 +9,7 @@ from replay_kit.config.time import TimeConfig
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.estimator.evolving import build_evolving, fit_log
 from replay_kit.estimator.evolving.build import state_space
-from replay_kit.estimator.evolving.extras import EARTH_ROTATION, oscillations
+from replay_kit.estimator.evolving.observation_operator import EARTH_ROTATION, oscillations
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles
 from tests.estimator.update.test_path_mean import dive
 from tests.reference import evolving as slow

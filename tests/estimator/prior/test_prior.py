@@ -9,7 +9,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.basis.shifts import shifted_copies
 from replay_kit.estimator.basis.slices import cell_size, correlation_length, ensemble_slices
-from replay_kit.estimator.update.representation import full_covariance_prior
+from replay_kit.estimator.prior.conditioned import full_covariance_prior
 from tests import synthetic
 from tests.reference import estimator as slow
 from tests.reference.baselines import gaspari_cohn as slow_taper

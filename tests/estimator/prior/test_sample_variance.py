@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 
 from planners.mission.flights import surfacing_ellipses
-from planners.mission.safety_margin import SafetyMargin, tolerance_factor
+from planners.mission.solve.half_planes import SafetyMargin, tolerance_factor
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.baselines.etkf import build_etkf
-from replay_kit.estimator.baselines.letkf import build_letkf
-from replay_kit.estimator.baselines.naive import build_naive
+from replay_kit.estimator.baselines.etkf import build_etkf, build_letkf
+from replay_kit.estimator.baselines.whole_flows import build_naive
 from replay_kit.estimator.basis.slices import ensemble_slices
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.prior.hybrid import PriorSettings, diagonal_prior, hybrid_prior

@@ -11,7 +11,7 @@ from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.basis.slices import ensemble_slices
-from replay_kit.estimator.update.compression import dependence_inflation
+from replay_kit.estimator.update.rows import dependence_inflation
 from tests import synthetic
 from tests.reference import estimator as slow
 from tests.reference.lattice import matrix as functions_at

@@ -9,11 +9,11 @@ import pytest
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.geodesy import to_local
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.prior.mean_amplitude import MeanAmplitude, before_the_log, mixture
-from replay_kit.estimator.update.covariance import PosteriorCovariance
+from replay_kit.estimator.prior.amplitude import MeanAmplitude, before_the_log, mixture
 from replay_kit.estimator.update.grouping import ProfileGroup
+from replay_kit.estimator.update.representation import PosteriorCovariance
 from replay_kit.estimator.windows.filter import hand_over
-from replay_kit.workflows.replay.values import dump, load
+from replay_kit.workflows.replay.store.pickling import dump, load
 from tests import synthetic
 from tests.reference import estimator as slow
 

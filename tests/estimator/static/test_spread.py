@@ -13,8 +13,8 @@ from replay_kit.core.observation import PathMean, Source
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.prior.amplitude import ScaledPrior, fit_amplitude
 from replay_kit.estimator.static.likelihood import predict_jointly
-from replay_kit.estimator.static.spread import SpreadFit
-from replay_kit.estimator.update.path_mean import path_rows
+from replay_kit.estimator.static.state import SpreadFit
+from replay_kit.estimator.update.rows import path_rows
 from tests import synthetic
 
 GIVEN = synthetic.ensemble(n_members=6, shape=(6, 7), levels=np.array([5.0, 90.0, 220.0]))
@@ -151,7 +151,7 @@ def test_it_is_fitted_at_these_counts_and_ends_with_the_last():
 
 def test_more_innovations_than_are_fitted_end_the_fit(monkeypatch):
     # 8 profiles at three levels of both components
-    monkeypatch.setattr("replay_kit.estimator.static.spread._MOST_INNOVATIONS", 47)
+    monkeypatch.setattr("replay_kit.estimator.static.state._MOST_INNOVATIONS", 47)
     ended = after(ESTIMATOR, PROFILES[:9])
     assert ended.spread.past is None
     assert (ended.spread.amplitude, ended.spread.fitted_to) == (ESTIMATOR.spread.amplitude, 0)
@@ -161,7 +161,7 @@ def test_more_innovations_than_are_fitted_end_the_fit(monkeypatch):
     np.testing.assert_allclose(
         ended.mean, after(unfitted, PROFILES[:9]).mean, rtol=1e-9, atol=1e-12
     )
-    monkeypatch.setattr("replay_kit.estimator.static.spread._MOST_INNOVATIONS", 48)
+    monkeypatch.setattr("replay_kit.estimator.static.state._MOST_INNOVATIONS", 48)
     assert after(ESTIMATOR, PROFILES[:8]).spread.fitted_to == 8
 
 

@@ -11,6 +11,7 @@ from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.prior.conditioned import FullCovariancePrior
 from replay_kit.estimator.update import representation
 from replay_kit.estimator.update.biases import (
     NAMES,
@@ -23,10 +24,9 @@ from replay_kit.estimator.update.biases import (
 )
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior
-from replay_kit.estimator.update.representation import FullCovariancePrior
 from replay_kit.estimator.update.screening import screen_measurement
+from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.profiles import random_observations
 from tests import synthetic
 from tests.estimator.evolving.test_extras import faulty
 from tests.estimator.update.test_path_mean import dive

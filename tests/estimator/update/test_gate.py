@@ -17,8 +17,8 @@ from replay_kit.estimator.update.gate import (
     gate_innovation,
     softened_variance,
 )
+from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.profiles import random_observations
 from tests import synthetic
 
 FEW = np.array([5.0, 60.0, 150.0, 300.0])

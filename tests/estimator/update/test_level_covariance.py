@@ -19,14 +19,14 @@ from replay_kit.estimator import build_estimator
 from replay_kit.estimator.baselines import build_named
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.prior.amplitude import ScaledPrior
-from replay_kit.estimator.update.covariance import PosteriorCovariance
+from replay_kit.estimator.prior.conditioned import FullCovariancePrior
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
+from replay_kit.estimator.update.posterior import directions, nonzero_mode_std
 from replay_kit.estimator.update.reduced_subspace import (
     ReducedSubspacePosterior,
     to_reduced_subspace,
 )
-from replay_kit.estimator.update.representation import FullCovariancePrior, to_full_covariance
-from replay_kit.estimator.update.subspace import directions, nonzero_mode_std
+from replay_kit.estimator.update.representation import PosteriorCovariance, to_full_covariance
 from replay_kit.results.slices import depth_slice
 from tests import synthetic
 

@@ -15,9 +15,8 @@ from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.prior.amplitude import hybrid_parts
 from replay_kit.estimator.prior.conditioned import ConditionedPrior
-from replay_kit.estimator.update.covariance import taken_in_all
-from replay_kit.estimator.update.path_mean import path_rows, predict_path_mean
-from replay_kit.estimator.update.representation import inflated
+from replay_kit.estimator.update.representation import inflated, predict_path_mean, taken_in_all
+from replay_kit.estimator.update.rows import path_rows
 from tests import synthetic
 from tests.reference import estimator as slow
 from tests.reference.representation import error_at

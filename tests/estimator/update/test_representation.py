@@ -16,19 +16,19 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.factors import n_stored
 from replay_kit.estimator import FilterState, build_estimator
+from replay_kit.estimator.prior.conditioned import FullCovariancePrior
 from replay_kit.estimator.update import reduced_subspace, representation
-from replay_kit.estimator.update.covariance import PosteriorCovariance
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
+from replay_kit.estimator.update.posterior import directions, nonzero_mode_std
 from replay_kit.estimator.update.reduced_subspace import (
     ReducedSubspacePosterior,
     to_reduced_subspace,
 )
 from replay_kit.estimator.update.representation import (
-    FullCovariancePrior,
+    PosteriorCovariance,
     select_representation,
     to_full_covariance,
 )
-from replay_kit.estimator.update.subspace import directions, nonzero_mode_std
 from tests import synthetic
 from tests.reference import estimator as slow
 from tests.reference.lattice import matrix as functions_at

@@ -12,16 +12,15 @@ from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.static.group import step_group as static_step
-from replay_kit.estimator.update.compression import dependence_inflation
 from replay_kit.estimator.update.gate import gate_innovation
 from replay_kit.estimator.update.group_gate import DECISIONS, gate_profiles
-from replay_kit.estimator.update.group_screening import screen_profiles
 from replay_kit.estimator.update.group_step import screen_group, stack_of
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
-from replay_kit.estimator.update.screening import screen
+from replay_kit.estimator.update.rows import dependence_inflation
+from replay_kit.estimator.update.screening import screen, screen_profiles
 from replay_kit.estimator.update.superobservation import Column, combined
-from replay_kit.workflows.replay.build import with_window
-from replay_kit.workflows.replay.estimation import EstimationState, assimilate
+from replay_kit.workflows.replay.inputs.estimator import with_window
+from replay_kit.workflows.replay.stages.estimation import EstimationState, assimilate
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles
 
 SECOND = 10**9

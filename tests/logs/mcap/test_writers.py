@@ -12,7 +12,7 @@ from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.writer import MAX_CELLS, TlogFrames, write_tlog
 from replay_kit.logs.mcap.writer import open_mcap_log, write_mcap_log
-from replay_kit.measurements.messages.position import location_fix
+from replay_kit.measurements.messages.vehicle import location_fix
 
 START = 1_542_326_400_000_000_000
 

@@ -4,7 +4,7 @@ import pytest
 
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import ConfigError
-from replay_kit.workflows.replay.provenance import run_settings_toml
+from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from tests.measurements.messages.test_mapped import POSITION, PROFILE
 
 TOML = """

@@ -8,21 +8,24 @@ import pytest
 
 from planners import Glider, SteadyFlight
 from planners.flow import latent_over_time
-from planners.mission.leg import leg_depths
-from planners.mission.program import MissionData, MissionModel, MissionShape, _case
-from planners.mission.reference_path import along_line
+from planners.mission.task import leg_depths
 from planners.route.hazards import NearRings, Ring
+from planners.shooting.functions import MissionCase, Reference
+from planners.shooting.layout import Layout
+from planners.shooting.program import along_line, mission_program
+from planners.shooting.schedule import schedule_of
+from planners.shooting.stream import stream_of
 from planners.shooting.walls import Walls
 from planners.solver import HOUR, KM
 from tests.planners.flow_samples import LEVELS, eddying_flow
-from tests.reference.mission_program import parameters_of, program_graph
+from tests.reference.mission_program import Mission, parameters_of, program_graph
 
 DIVES = ((0.0, 60.0, 0.0), (0.0, 100.0, 0.0))
 GOAL_STEP = 2
 
 
-def _mission(changing: bool, planes: int, guided: bool) -> tuple[MissionModel, MissionData]:
-    """Return three legs of two depths past a goal on the way, in a flow of random eddies."""
+def _mission(changing, planes, guided):
+    """Return three legs of two depths past a goal on the way, in a flow of random eddies, and its numbers."""
     rng, flow, n_legs, n_steps = (
         np.random.default_rng(5),
         eddying_flow(1, "gaussian" if changing else "hat"),
@@ -36,47 +39,49 @@ def _mission(changing: bool, planes: int, guided: bool) -> tuple[MissionModel, M
             for k in range(3)
         ]
         times, latent = latent_over_time(dated)
-    shape = MissionShape(n_legs, n_steps, (2, 3), (0, 1, 0), planes, True, (GOAL_STEP, 0), guided)
-    vehicle = Glider(flight=SteadyFlight()) if guided else Glider()
-    places = (n_legs, shape.n_places)
+    layout = Layout(n_legs, ((1, GOAL_STEP), (2, 0)), n_steps + 1, planes, guided, changing)
+    places = (n_legs, layout.n_places)
     half_planes = np.concatenate(
         [rng.standard_normal((*places, planes, 2)), rng.uniform(-2e3, 2e3, (*places, planes, 1))],
         axis=-1,
     )
-    walls = Walls(np.ones(half_planes.shape[:3]), half_planes) if planes else None
-    data = MissionData(
-        np.array([2e3, -1e3]),
-        900.0,
-        rng.uniform(-3e3, 3e3, (2, 2)),
-        tuple(leg_depths(dive, np.array(LEVELS), n_steps) for dive in DIVES),
-        np.array([600.0, 300.0, 0.0]),
-        walls,
-        0.7,
-        0.3,
-        40.0,
-        latent,
-        0.2,
-    )
+    goals = rng.uniform(-3e3, 3e3, (2, 2))
+    depths = [leg_depths(DIVES[k], np.array(LEVELS), n_steps) for k in (0, 1, 0)]
+    drifts, reference = np.array([600.0, 300.0, 0.0]), None
     if guided:
         line = along_line(np.zeros(2), np.array([2e3, 3e3]), 2.0, 900.0)
         weights, limits = rng.uniform(0.1, 1.0, places), rng.uniform(500.0, 2e3, places)
-        data = replace(
-            data, reference_path=line, reference_weights=weights, reference_limits=limits
-        )
-    return MissionModel(flow, vehicle, shape, times), data
+        reference = Reference(line.origin / KM, line.across, weights, limits / KM, 8.0, 0.0)
+    case = MissionCase(
+        stream_of(flow, latent),
+        schedule_of(depths, drifts, True, flow.levels, flow.depth_functions, times),
+        drifts,
+        np.array([2e3, -1e3]),
+        900.0,
+        goals,
+        Walls(np.ones(half_planes.shape[:3]), half_planes) if planes else None,
+        0.7,
+        (0.3, 0.2, 1e-6),
+        160.0,
+        reference,
+    )
+    vehicle = Glider(flight=SteadyFlight()) if guided else Glider()
+    return Mission(flow, vehicle, layout, depths, latent, times), case
+
+
+def _functions(mission, case):
+    program = mission_program(mission.flow.grid.projection, mission.vehicle, mission.layout)
+    program.functions.give(case)
+    return program.functions
 
 
 @pytest.mark.parametrize(
     ("changing", "planes", "guided"), [(False, 2, False), (True, 0, True), (True, 1, False)]
 )
-def test_the_functions_and_their_derivatives_are_those_of_the_graph(
-    changing: bool, planes: int, guided: bool
-) -> None:
-    model, data = _mission(changing, planes, guided)
-    graph, numbers, rng = program_graph(model), parameters_of(model, data), np.random.default_rng(6)
-    program = model.program
-    functions, layout = program.functions, program.functions.layout
-    functions.give(_case(model, data))
+def test_the_functions_and_their_derivatives_are_those_of_the_graph(changing, planes, guided):
+    mission, case = _mission(changing, planes, guided)
+    graph, numbers = program_graph(mission), parameters_of(mission, case)
+    functions, layout, rng = _functions(mission, case), mission.layout, np.random.default_rng(6)
     legs = np.column_stack(
         [
             rng.uniform(-3.0, 3.0, (3, 2)),
@@ -118,22 +123,21 @@ def test_the_functions_and_their_derivatives_are_those_of_the_graph(
     assert np.abs(found[: layout.n_equal]).max() * KM > 1.0
 
 
-def test_half_planes_that_follow_the_places_have_the_derivatives_of_their_distances() -> None:
-    model, data = _mission(True, 3, False)
+def test_half_planes_that_follow_the_places_have_the_derivatives_of_their_distances():
+    mission, case = _mission(True, 3, False)
     square = np.array([[0.0, 0.0], [900.0, 0.0], [900.0, 900.0], [0.0, 900.0]])
     rings = (
         Ring(square, False, "square"),
         Ring(square + np.array([-2e3, 500.0]), False, "another"),
         Ring(20.0 * square - 9e3, True, "edge"),
     )
-    rng, size = np.random.default_rng(8), (3, model.shape.n_places, 3)
+    rng, size = np.random.default_rng(8), (3, mission.layout.n_places, 3)
     # at the end of a step, or on the way there; one of the places has no ring
     near = NearRings(rings, rng.integers(0, 3, size).ravel(), 50.0)
     near.which[4] = -1
     walls = Walls(np.where(np.arange(3) < 2, 1.0, rng.uniform(0.1, 0.9, size)), obstacles=near)
-    functions = model.program.functions
-    functions.give(_case(model, replace(data, walls=walls)))
-    at = np.vstack([data.start / KM, rng.uniform(-3.0, 3.0, (2, 2))])
+    functions = _functions(mission, replace(case, walls=walls))
+    at = np.vstack([case.start / KM, rng.uniform(-3.0, 3.0, (2, 2))])
     legs = np.column_stack(
         [
             np.roll(at, -1, axis=0),
@@ -144,10 +148,10 @@ def test_half_planes_that_follow_the_places_have_the_derivatives_of_their_distan
     )
     x = np.concatenate([legs.ravel(), rng.uniform(0.1, 1.0, functions.layout.n_unknowns - 15)])
     found = functions.value(x)[1]
-    first = 9 + 2 * len(data.goals)
+    first = 9 + 2 * len(case.goals)
     places = functions.places(x)
     begins = np.concatenate(
-        [np.vstack([data.start, legs[:-1, :2] * KM])[:, None], places[:, :-1]], axis=1
+        [np.vstack([case.start, legs[:-1, :2] * KM])[:, None], places[:, :-1]], axis=1
     )
     for number, beyond in enumerate(found[first:]):
         leg, place_, plane = np.unravel_index(number, size)
@@ -160,7 +164,7 @@ def test_half_planes_that_follow_the_places_have_the_derivatives_of_their_distan
     multipliers = rng.standard_normal(found.size)
     multipliers[first + 4] = 0.0
 
-    def slope(x: np.ndarray) -> np.ndarray:
+    def slope(x):
         entries = _dense(functions.jacobian.sparsity, functions.jacobian_entries(x))
         return np.asarray(0.8 * functions.gradient(x) + multipliers @ entries)
 
@@ -180,5 +184,5 @@ def test_half_planes_that_follow_the_places_have_the_derivatives_of_their_distan
     np.testing.assert_allclose(upper, np.triu(bends), rtol=1e-5, atol=1e-5 * np.abs(bends).max())
 
 
-def _dense(sparsity: ca.Sparsity, entries: np.ndarray) -> np.ndarray:
+def _dense(sparsity, entries):
     return np.asarray(ca.DM(sparsity, entries.tolist()).full())

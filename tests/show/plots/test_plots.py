@@ -14,9 +14,9 @@ from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.series import series_at, series_of, typical_depth
 from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.show import open_result
+from replay_kit.show.figures.in_print import date_axis
 from replay_kit.show.plots import ENDINGS, KINDS, drawn
 from replay_kit.show.plots.current_map import _degrees_text, _nice
-from replay_kit.show.plots.section import date_axis
 from replay_kit.show.plots.style import colormap, saved
 from tests.results.cases import moved, write
 from tests.synthetic_flow import synthetic_flow

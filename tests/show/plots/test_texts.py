@@ -13,7 +13,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Seabed
 from replay_kit.core.observation import Innovation
 from replay_kit.core.plan import Area, Odds, Plan
-from replay_kit.core.surfacing import Ellipse, Outcome, Surfacing
+from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.contents import Contents
 from replay_kit.show import open_result
@@ -105,7 +105,7 @@ def crowded(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) 
             place = centre.longitude + 0.05 * size * (k - 3), centre.latitude
             surfacing = Surfacing(start + k * HOUR, *place, Ellipse(*place, 3_000.0, 1_000.0, 40.0))
             writer.outcome(
-                Outcome(
+                SurfacingOutcome(
                     start,
                     surfacing,
                     start + k * HOUR,

@@ -16,7 +16,7 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
-from replay_kit.core.surfacing import Ellipse, Outcome, Surfacing
+from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.show import open_result
 from replay_kit.show.report import report_html
@@ -170,7 +170,9 @@ def test_plans_that_failed_and_surfacings_with_and_without_ellipses(
         for ellipse in (None, Ellipse(5.0, 62.0, 300.0, 200.0, 10.0)):
             predicted = Surfacing(TIME_NS + SECOND, 5.0, 62.0, ellipse)
             writer.outcome(
-                Outcome(TIME_NS, predicted, TIME_NS + 5 * SECOND, 5.01, 62.01, 1234.5, 45.0)
+                SurfacingOutcome(
+                    TIME_NS, predicted, TIME_NS + 5 * SECOND, 5.01, 62.01, 1234.5, 45.0
+                )
             )
 
     page = write(fill)

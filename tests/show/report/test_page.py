@@ -5,7 +5,7 @@ import json
 import numpy as np
 
 import replay_kit as rk
-from replay_kit.results.summary_json import to_json
+from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.views.record import leaves
 from replay_kit.show.report import report_html
 from replay_kit.show.report.page import SECTIONS
@@ -25,9 +25,9 @@ def test_the_sections_are_an_answer_from_top_to_bottom(page: str) -> None:
     assert (keys[0], keys[-1], len(keys)) == ("answer", "again", len(SECTIONS))
     links = [attrs["href"] for attrs, _ in elements(page, "a")]
     assert links == [f"#{attrs['id']}" for attrs, _ in elements(page, "section")]
-    titles = [text for _, text in elements(page, "h3")][:6]
-    assert titles[0] == "What was measured"
-    assert titles[5] == "What to do next"
+    titles = [text for _, text in elements(page, "h3")][:7]
+    assert titles[:2] == ["How far to trust it", "What was measured"]
+    assert titles[6] == "What to do next"
 
 
 def test_every_figure_has_caption_text_alternative_data_and_units_and_nothing_is_fetched(
@@ -49,7 +49,7 @@ def test_the_numbers_are_those_of_json(page: str, replayed: rk.Result) -> None:
     assert replayed.summary is not None
     expected = {
         path: value
-        for path, value in leaves(to_json(replayed.summary))
+        for path, value in leaves(outcome_of(replayed.summary).to_json())
         if not path.startswith("seconds.")
     }
     numbers = {

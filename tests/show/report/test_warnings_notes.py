@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from replay_kit.results.verdict import verdict
+from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.results.outcome.verdict import nis_sentence
 from replay_kit.show.report.sections.in_words import _depths, _values
 from replay_kit.show.report.sections.warnings import next_steps, what_was_chosen
 
@@ -21,7 +22,7 @@ def test_notes_of_what_was_chosen_stand_apart() -> None:
         "3 logs: the recorder's stamps are +0.000 s from UTC",
     ]
     contents = SimpleNamespace(
-        summary={"notes": notes},
+        outcome=Outcome(notes=notes),
         result=SimpleNamespace(events=pd.DataFrame({"level": [], "message": []})),
     )
     magnetic = "headings are magnetic; no declination was added to them"
@@ -44,15 +45,15 @@ def test_notes_of_what_was_chosen_stand_apart() -> None:
 )
 def test_steps_follow_the_verdict_and_can_be_run(nis: float, profiles: int, first: str) -> None:
     """Quality control refuses logs of mean currents alone."""
-    summary = {"nis_per_dof": nis, "plan": None}
+    outcome = Outcome(nis_per_dof=nis)
     result = SimpleNamespace(plans=[0], observations=[0])
     contents = SimpleNamespace(
-        summary=summary, result=result, estimate=0, bins=SimpleNamespace(time_ns=np.zeros(profiles))
+        outcome=outcome, result=result, estimate=0, bins=SimpleNamespace(time_ns=np.zeros(profiles))
     )
     (step,) = next_steps(contents)  # type: ignore[arg-type]
     assert step.startswith(first)
-    said = verdict((5, 0), "", (), (0.1, 0.1, 0.1), (nis, ()))[-1]
-    assert said.startswith("stated errors fit") == step.startswith("Nothing:")
+    said = nis_sentence(nis)
+    assert said.startswith("error bars consistent") == step.startswith("Nothing:")
 
 
 def test_mean_currents_have_no_depth_bins() -> None:

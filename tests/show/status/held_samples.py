@@ -4,6 +4,7 @@ import json
 from typing import Any
 
 from replay_kit.core.grid import Projection
+from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.schemas import decode, encode
 from replay_kit.show.status.held import Fix, Held
 
@@ -118,7 +119,7 @@ def held(**values: Any) -> Held:
             }
         },
         "settings": {"measurements": {"fix_std": 20.0}},
-        "summary": {"verdict": ["all fits"], "consistency": [], "nis_per_dof": 1.0},
+        "outcome": Outcome(nis_per_dof=1.0),
         "projection": Projection(5.0, 62.0),
         "fixes": [
             Fix(START_NS, 4.65, 62.0, False),

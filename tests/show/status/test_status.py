@@ -13,6 +13,7 @@ from pyproj import Geod
 
 from replay_kit.core.as_flown import AS_FLOWN, AsFlown
 from replay_kit.core.plan import ORIGIN
+from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.show.status import figures
 from replay_kit.show.status.alarms import alarms_of
 from replay_kit.show.status.change import change_of
@@ -162,12 +163,12 @@ def surfacing(given):
 
 def test_one_next_surfacing_comes_first_the_plans_while_one_is_flown_and_else_the_last_dives():
     summary = expected(END_NS + HOUR_NS)
-    text, numbers = surfacing(held(summary=summary))
+    text, numbers = surfacing(held(outcome=outcome_from(summary)))
     when = "2023-11-17 02:13:20Z (in 4.0 h; overdue after 48 min more)"
     assert text[0] == f"next, by the plan being flown, which outranks the last dive: {when}"
     assert (numbers["next"]["basis"], numbers["next"]["time"]) == ("plan", "2023-11-17 02:13:20Z")
     assert sum("next" in sentence for sentence in text) == 1
-    text, numbers = surfacing(held(summary=summary, plans=[], outcomes=[]))
+    text, numbers = surfacing(held(outcome=outcome_from(summary), plans=[], outcomes=[]))
     assert text[0] == (
         "next, from the last dive, as no plan is being flown: 2023-11-16 23:13:20Z (in 60 min), 5.2000 E, 62.1000 N, 90 % within "
         "464 x 283 m along 29 degrees"
@@ -184,11 +185,13 @@ def test_one_next_surfacing_comes_first_the_plans_while_one_is_flown_and_else_th
     assert sum("next" in sentence for sentence in text) == 1
     over = held().outcomes[0]
     over.planned_time.FromNanoseconds(END_NS)
-    text, _ = surfacing(held(summary=summary, outcomes=[over, over]))
+    text, _ = surfacing(held(outcome=outcome_from(summary), outcomes=[over, over]))
     assert text[0].startswith("next, from the last dive, as the plan has no surfacing ahead: ")
     assert (
         "(60 min ago)"
-        in surfacing(held(summary=expected(END_NS - HOUR_NS), plans=[], outcomes=[]))[0][0]
+        in surfacing(held(outcome=outcome_from(expected(END_NS - HOUR_NS)), plans=[], outcomes=[]))[
+            0
+        ][0]
     )
     assert surfacing(held(outcomes=[over, over]))[0][0] == "the plan has no surfacing ahead"
 
@@ -233,7 +236,7 @@ def test_each_alarm_is_given_for_its_cause_alone():
         "set": "check the mounting",
         "severity": "inconsistent",
     }
-    assert kinds(held(summary={"consistency": [finding]})) == ["consistency"]
+    assert kinds(held(outcome=Outcome(consistency=[finding]))) == ["consistency"]
     for status in ("unsafe", "uncertain", "failed", "unreachable", "reached", "partial"):
         assert kinds(held(plans=[plan(END_NS, status=status)])) == (
             [] if status in ("reached", "partial") else ["plan"]
@@ -322,7 +325,7 @@ def test_figures_are_numbers_for_json():
     assert figures_held["odds"]["reached"] == 0.9
     assert figures_held["surfacing"]["next"]["major_m"] == 2000.0
     assert (
-        status_of(held(plans=[], fixes=[], dive=[], outcomes=[], summary={})).figures["alarms"]
+        status_of(held(plans=[], fixes=[], dive=[], outcomes=[], outcome=None)).figures["alarms"]
         == []
     )
 

@@ -6,7 +6,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.workflows.fleet import cluster as clusters
 from replay_kit.workflows.fleet.cluster import UnreachableError, open_cluster
 from replay_kit.workflows.fleet.workers import check_workers
-from replay_kit.workflows.replay.provenance import package_versions
+from replay_kit.workflows.replay.inputs.provenance import package_versions
 from tests.command import invoke
 
 GOOD = '[all]\nensemble = "ensemble.nc"\n'

@@ -14,8 +14,8 @@ from replay_kit.workflows.fleet.page import fleet_page
 from replay_kit.workflows.fleet.run import Outcome, run_fleet, run_mission
 from replay_kit.workflows.fleet.table import exit_code, print_fleet, row_of
 from replay_kit.workflows.planning import planner_of
-from replay_kit.workflows.replay import basis_store
 from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.replay.store import basis as basis_store
 from tests.command import invoke
 from tests.workflows.fleet.missions import missions_in
 
@@ -194,7 +194,10 @@ def test_a_plan_that_does_not_arrive_comes_first_in_the_table_and_on_the_page(ca
     print_fleet(outcomes, Console(width=200))
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"ALARM: b: the plan is unreachable: {message}"
-    assert [line.split()[2] for line in lines[3:5]] == ["reached", "unreachable"]
+    assert [line.split()[2:] for line in lines[3:5]] == [
+        ["trust", "reached", "3", "0"],
+        ["with", "care", "unreachable", "3", "0"],
+    ]
     page = fleet_page(outcomes)
     assert page.index(f"b: the plan is unreachable: {message}") < page.index(
         "3 of 3 missions were replayed"

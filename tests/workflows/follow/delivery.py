@@ -13,7 +13,7 @@ from replay_kit.workflows.follow.follow import follow
 from replay_kit.workflows.follow.options import FollowOptions
 from replay_kit.workflows.follow.watch import Clock
 from replay_kit.workflows.planning import planner_of
-from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 
 GOAL = Place(152.3, -39.8, 150.0)

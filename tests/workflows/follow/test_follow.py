@@ -15,7 +15,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.workflows.follow.memory import read_memory
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay import replay as replaying
-from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.instalments import Instalment, delivered, dives_of
@@ -250,7 +250,8 @@ def test_each_alarm_is_given_once_to_the_command_also_after_a_restart(ocean, div
     command = f'{sys.executable} -c \'import sys; open("{got}", "a").write(sys.stdin.read())\''
     sea.put(dives[0].name, dives[0].data)()
     bad = mock.patch(
-        "replay_kit.results.alarms._BAD_PLANS", ("reached", "unreachable", "uncertain", "unsafe")
+        "replay_kit.results.outcome.verdict._BAD_PLANS",
+        ("reached", "unreachable", "uncertain", "unsafe"),
     )
     with bad:
         sea.follow(command=command)

@@ -37,7 +37,12 @@ from replay_kit.workflows.follow.watch import (
     notify,
     standing,
 )
-from replay_kit.workflows.replay.followed import FollowedStates, _Known, message_digest, thinned
+from replay_kit.workflows.replay.store.followed import (
+    FollowedStates,
+    _Known,
+    message_digest,
+    thinned,
+)
 
 DAY_NS = 86_400 * 10**9
 NOW_NS = 1_700_000_000 * 10**9

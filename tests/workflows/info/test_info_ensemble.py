@@ -11,7 +11,7 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from tests import synthetic
 from tests.command import invoke
 from tests.forecast import forms
-from tests.forecast.test_forms import save
+from tests.forecast.forms import save
 from tests.places import DATA
 
 MODELS = DATA / "models"

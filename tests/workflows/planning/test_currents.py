@@ -18,7 +18,8 @@ from planners import (
     plan_mission,
 )
 from planners.mission.flights import fly_mission
-from planners.mission.horizon import first_legs
+from planners.mission.timing import first_legs
+from replay_kit.config.plan import departures_of
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, PlanError
@@ -33,7 +34,6 @@ from replay_kit.estimator.evolving import build_evolving
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.planning.currents import KnownCurrent, known_current
 from replay_kit.workflows.planning.inputs import read_known
-from replay_kit.workflows.planning.request import departures_of
 from tests import synthetic
 from tests.command import invoke
 from tests.planners.flow_samples import eddying_flow, fitted_flow, place, still_flow, uniform_flow

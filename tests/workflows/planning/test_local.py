@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, mission_odds, plan_mission
-from planners.mission.flight import LocalSample, currents_of_samples
+from planners.mission.flight.currents import LocalSample, currents_of_samples
+from planners.mission.flights import currents_of_estimate as currents_around
 from planners.mission.flights import fly_mission
-from planners.mission.scenarios import currents_around
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import constant

@@ -12,8 +12,8 @@ from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.workflows.qc.check import check_quality
-from replay_kit.workflows.replay.inputs import ReplayJob
-from replay_kit.workflows.replay.provenance import run_settings_toml
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.replay.replay import replay
 from tests import synthetic
 from tests.command import invoke

@@ -24,10 +24,10 @@ from replay_kit.results.journal import Journal, read_journal
 from replay_kit.results.mcap_file import ResultFile
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.planning import planner_of
-from replay_kit.workflows.replay.checkpoint import journal_path
-from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.replay.values import dump
+from replay_kit.workflows.replay.store.checkpoint import journal_path
+from replay_kit.workflows.replay.store.pickling import dump
 from replay_kit.workflows.verify import verify
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until, truth_in
 
@@ -144,7 +144,7 @@ def test_a_run_stopped_within_a_group_goes_on_to_the_same_bytes_and_is_verified(
         kept.append(value)
         dump(value, *how)
 
-    monkeypatch.setattr("replay_kit.workflows.replay.checkpoint.dump", recorded)
+    monkeypatch.setattr("replay_kit.workflows.replay.store.checkpoint.dump", recorded)
     for stop_after in (130, 40, 20):
         with pytest.raises(Killed):
             run(ocean, out, checkpoint, stop_after, config=WINDOW, goal=None)
@@ -288,7 +288,7 @@ def test_a_checkpoint_that_would_act_is_not_loaded(ocean, stopped, what):
         "dotted": b"\x80\x04\x8c\x26replay_kit.estimator.baselines.columns\x8c\x18np.f2py.subprocess.Popen\x93.",
         "file": pickle.dumps(ResultFile),
     }[what]
-    head = checkpoint.read_bytes()[: len(b"replay-kit checkpoint 7\nnull\n") + 64]
+    head = checkpoint.read_bytes()[: len(b"replay-kit checkpoint 8\nnull\n") + 64]
     checkpoint.write_bytes(head + hashlib.sha256(body).digest() + body)
     with pytest.raises(LogError, match="which no value of this program does"):
         run(ocean, out, checkpoint)

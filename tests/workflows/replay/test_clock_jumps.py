@@ -7,8 +7,8 @@ import pytest
 from replay_kit.config.run import OutputConfig, RunConfig
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.workflows.replay.inputs import ReplayJob
-from replay_kit.workflows.replay.look_ahead import look_ahead
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.scan import look_ahead
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
 
 CONFIG = RunConfig(output=OutputConfig(checkpoint_interval=600.0, interval=7200.0))

@@ -10,7 +10,13 @@ import xarray as xr
 
 from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import RunConfig
-from replay_kit.core.errors import Finding, ForecastError, MeasurementError, finding_line
+from replay_kit.core.errors import (
+    Finding,
+    ForecastError,
+    MeasurementError,
+    finding_json,
+    finding_line,
+)
 from replay_kit.core.message import Loss
 from replay_kit.core.observation import PathMean, Source
 from replay_kit.estimator import build_estimator
@@ -20,16 +26,15 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.findings import CONTRADICTION, PLACES
 from replay_kit.measurements.consistency.monitor import ConsistencyState, Instrument
-from replay_kit.results.summary_json import failure_json, to_json
+from replay_kit.results.outcome.from_run import failed, outcome_of
 from replay_kit.results.views.contents import Contents
 from replay_kit.show import Result, open_result
 from replay_kit.show.report.sections.warnings import what_looks_wrong
 from replay_kit.studies.twins import Faults, Twin, make_twin
-from replay_kit.workflows.replay.consistency import MonitoringState, conclusions, trusting
-from replay_kit.workflows.replay.inputs import ReplayJob
-from replay_kit.workflows.replay.profile_counts import ProfileCounts, Sums
+from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.replay.statistics import RunStatistics
+from replay_kit.workflows.replay.stages.consistency import MonitoringState, conclusions, trusting
+from replay_kit.workflows.replay.stages.counts import ProfileCounts, Sums
 from tests import synthetic
 from tests.benchmarks.fault_kinds import FAULTS
 from tests.command import invoke
@@ -82,13 +87,13 @@ def test_a_sound_log_has_no_finding_and_a_verdict(summary_of):
     summary = summary_of()
     assert summary.findings == ()
     assert (summary.exit_code, summary.exit_codes) == (0, ())
-    answer = to_json(summary)
+    answer = outcome_of(summary).to_json()
     assert (answer["status"], answer["consistency"], answer["exit_codes"]) == ("done", [], [])
     assert summary.profiles_used + summary.profiles_rejected == PINGS + 6
     # six pings lie outside the water of the ensemble
     assert answer["verdict"][:2] == ["60 of 66 observations used", "no contradiction found"]
     assert answer["verdict"][2].startswith(
-        f"RMS difference to the measurements {100.0 * summary.rms_prior:.1f} -> "
+        f"RMS misfit: forecast {100.0 * summary.rms_prior:.1f}, estimate before update "
     )
 
 
@@ -100,7 +105,7 @@ def test_a_turned_instrument_is_left_out_and_the_estimate_is_rebuilt_without_it(
     assert summary.exit_code == 6
     means = {
         key: value
-        for key, value in to_json(summary)["observations"].items()
+        for key, value in outcome_of(summary).to_json()["observations"].items()
         if key in ("used", "rejected")
     }
     assert means["rejected"] == PINGS
@@ -220,7 +225,9 @@ def test_profiles_at_impossible_depths_are_not_used(ocean, name):
     )
     alone = run(ocean, faulty(ocean, name), no_means)
     assert (alone.profiles_used, alone.exit_code) == (0, 6)
-    assert "no observation changed the estimate: it is the ensemble's" in alone.verdict
+    assert (
+        "no observation changed the estimate: it is the prior forecast" in outcome_of(alone).verdict
+    )
 
 
 def test_pings_at_frozen_positions_are_not_used(ocean):
@@ -254,7 +261,7 @@ def test_an_ensemble_in_another_unit_is_refused_unless_checks_are_ignored(ocean,
     assert [(finding.name, finding.severity) for finding in error.value.findings] == [
         ("unit of the ensemble", "unusable")
     ]
-    answer = failure_json(error.value)
+    answer = failed(error.value).to_json()
     assert (answer["exit_codes"], answer["error"], answer["status"]) == (
         [3],
         str(error.value),
@@ -274,7 +281,7 @@ def test_loss_goes_before_contradiction_and_both_are_listed(summary_of):
     summary = summary_of("stale from ping 11")
     both = replace(summary, losses=(("a.mcap", Loss("cut", 1, 2)),))
     assert (both.exit_code, both.exit_codes) == (4, (4, 6))
-    assert to_json(both)["status"] == "loss"
+    assert outcome_of(both).to_json()["status"] == "loss"
 
 
 def invoked(ocean, log, tmp_path, more=""):
@@ -317,7 +324,8 @@ def test_a_contradiction_ends_with_six_and_is_in_the_answer(ocean, tmp_path):
         answer["verdict"][1] == "1 contradiction: two sources of the current contradict each other"
     )
     lines = done.stdout.splitlines()
-    assert lines[0].startswith("Verdict: 60 of 66 observations used; 1 contradiction: two sources")
+    assert lines[0] == "Verdict: do not use: two sources of the current contradict each other"
+    assert lines[1].startswith("Basis: 60 of 66 observations used; 1 contradiction: two sources")
     assert any(
         line.startswith("CONTRADICTION: two sources of the current contradict each other (since ")
         for line in lines
@@ -399,9 +407,12 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
     beyond, total = (int(word) for word in finding.evidence.split() if word.isdigit())
     assert (total, beyond > 40) == (60, True)
     assert (
-        summary.verdict[1] == f"the log does not contradict itself, but {name}: {finding.evidence}"
+        outcome_of(summary).verdict[1]
+        == f"the log does not contradict itself, but {name}: {finding.evidence}"
     )
-    assert finding_line(finding).startswith(f"{'WARNING' if place else 'MISFIT'}: {name}: ")
+    assert finding_line(finding_json(finding)).startswith(
+        f"{'WARNING' if place else 'MISFIT'}: {name}: "
+    )
     wrong = what_looks_wrong(Contents(open_result(ocean / "out.mcap")))
     assert [
         f"{name[:1].upper()}{name[1:]}: {finding.evidence}; {finding.advice}." in text
@@ -422,14 +433,13 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
 )
 def test_two_thirds_of_the_observations_beyond_the_gate_are_a_misfit(gated, softened, used, name):
     counts = ProfileCounts(gated=gated, softened=softened, total=Sums(profiles=used))
-    statistics = RunStatistics(profiles=counts)
-    found, _ = conclusions(MonitoringState(), statistics, RunConfig())
+    found, _ = conclusions(MonitoringState(), counts, RunConfig())
     assert [finding.name for finding in found] == ([] if name is None else [name])
     # what the log says against itself explains it
     of_log = Finding(findings.COMPASS, 0, "", "", "")
-    assert conclusions(
-        MonitoringState(ConsistencyState(findings=(of_log,))), statistics, RunConfig()
-    )[0] == (of_log,)
+    assert conclusions(MonitoringState(ConsistencyState(findings=(of_log,))), counts, RunConfig())[
+        0
+    ] == (of_log,)
 
 
 def test_what_would_tell_whether_directions_are_right_is_not_what_was_used():
@@ -440,10 +450,10 @@ def test_what_would_tell_whether_directions_are_right_is_not_what_was_used():
     aside = replace(mean, beside_profiles=True)
     pings = ConsistencyState(pings=9, absolute_pings=9)
     said = {
-        "": conclusions(MonitoringState(pings), RunStatistics(), RunConfig())[1],
-        "aside": conclusions(MonitoringState(pings, (aside,)), RunStatistics(), RunConfig())[1],
-        "weak": conclusions(MonitoringState(pings, (aside, mean)), RunStatistics(), RunConfig())[1],
-        "alone": conclusions(MonitoringState(means=(mean,)), RunStatistics(), RunConfig())[1],
+        "": conclusions(MonitoringState(pings), ProfileCounts(), RunConfig())[1],
+        "aside": conclusions(MonitoringState(pings, (aside,)), ProfileCounts(), RunConfig())[1],
+        "weak": conclusions(MonitoringState(pings, (aside, mean)), ProfileCounts(), RunConfig())[1],
+        "alone": conclusions(MonitoringState(means=(mean,)), ProfileCounts(), RunConfig())[1],
     }
     begin = "nothing here can tell whether directions are right"
     assert said == {

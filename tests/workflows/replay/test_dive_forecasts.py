@@ -14,7 +14,7 @@ from replay_kit.core.observation import Fix, PathMean, Source
 from replay_kit.core.surfacing import ellipse_of
 from replay_kit.logs import merge, open_logs
 from replay_kit.measurements import events_of
-from replay_kit.workflows.replay.dive_forecasts import (
+from replay_kit.workflows.replay.surfacings.forecasts import (
     ForecastState,
     dive_mean,
     flown_of,

@@ -12,14 +12,14 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Flag, Observation, PathMean
 from replay_kit.logs import merge
 from replay_kit.measurements import events_of
-from replay_kit.workflows.replay import values
-from replay_kit.workflows.replay.flight_bias import (
+from replay_kit.workflows.replay.inputs.scan import open_readers
+from replay_kit.workflows.replay.store import pickling as values
+from replay_kit.workflows.replay.surfacings.flight_bias import (
     FlightState,
     as_used,
     corrected,
     with_dive_profile,
 )
-from replay_kit.workflows.replay.look_ahead import open_readers
 from tests.places import DATA
 from tests.workflows.replay.test_dive_forecasts import mean
 

@@ -10,12 +10,12 @@ import pytest
 
 from replay_kit.config.run import EstimatorConfig, OutputConfig, RunConfig
 from replay_kit.core.errors import ConfigError, LogError
-from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, resuming
-from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.replay.store.checkpoint import Checkpoint, CheckpointFile, resuming
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
 
-MAGIC, IDENTITY = b"replay-kit checkpoint 7\nnull\n", "0" * 64
+MAGIC, IDENTITY = b"replay-kit checkpoint 8\nnull\n", "0" * 64
 CONFIG = RunConfig(
     output=OutputConfig(checkpoint_interval=600.0), estimator=EstimatorConfig(modes=2)
 )

@@ -142,12 +142,14 @@ def test_a_summary_begins_with_the_pings_that_a_setting_would_keep(ocean, tmp_pa
     # of ten pings two are within 600 s of the first fix, and none of the last
     lost = "8 of 10 pings on /adcp were not used: no position within 600 s; a larger measurements.position_max_age, or positions after"
     assert answer["lost_pings"].startswith(lost)
-    assert said.startswith(f"Verdict: 2 of 2 observations used; {lost}")
+    assert said.splitlines()[1].startswith(f"Basis: 2 of 2 observations used; {lost}")
     (tmp_path / "c.toml").write_text("[measurements]\nposition_max_age = 4000.0\n")
     answer, said = replay(ocean, tmp_path / "a.mcap", "--config", tmp_path / "c.toml")
     assert answer["lost_pings"] == ""
     assert answer["observations"]["used"] == 10
-    assert said.startswith("Verdict: 10 of 10 observations used; no contradiction found; ")
+    assert said.splitlines()[1].startswith(
+        "Basis: 10 of 10 observations used; no contradiction found; "
+    )
 
 
 def test_an_unknown_reference_ends_with_the_line_to_set(ocean, tmp_path):

@@ -8,15 +8,15 @@ import pytest
 
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.observation import Fix, Flag, Observation, PathMean, Source, VehicleState
-from replay_kit.results.surfacings.summary import surfacings_json
-from replay_kit.results.surfacings.words import surfacings_sentences
-from replay_kit.workflows.replay.dive_forecasts import (
+from replay_kit.results.outcome.from_run import surfacings_json
+from replay_kit.show.words import surfacings_sentences
+from replay_kit.workflows.replay.stages.estimation import Step
+from replay_kit.workflows.replay.surfacings.forecasts import (
     ForecastState,
     forecast_end,
     forecast_step,
     next_surfacing,
 )
-from replay_kit.workflows.replay.estimation import Step
 from tests import synthetic
 from tests.reference import next_dive as slow
 

@@ -15,9 +15,9 @@ from replay_kit.workflows.fleet.expected import expected_of
 from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.fleet.run import run_mission
 from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay.checks import check_inputs
 from replay_kit.workflows.replay.dry_run import dry_run
-from replay_kit.workflows.replay.input_checks import check_inputs
-from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.smooth import smooth
 from tests import synthetic

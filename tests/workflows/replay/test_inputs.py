@@ -9,7 +9,7 @@ from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.logs.reader import reading
-from replay_kit.workflows.replay.look_ahead import look_ahead
+from replay_kit.workflows.replay.inputs.scan import look_ahead
 
 NS = 10**9
 START = int(np.datetime64("2026-01-01T00:00:00", "ns").astype(np.int64))

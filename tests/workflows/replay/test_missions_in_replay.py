@@ -23,13 +23,11 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import distance, to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState
-from replay_kit.core.plan import Place
-from replay_kit.core.surfacing import Ellipse, Surfacing, outcome_of
+from replay_kit.core.plan import Place, plan_legs
+from replay_kit.core.surfacing import Ellipse, Surfacing, surfacing_outcome
 from replay_kit.estimator import embed_member
-from replay_kit.measurements.vehicle.surfacing import SurfacingState, detect_surfacing
-from replay_kit.results.legs import plan_legs
-from replay_kit.results.summary import print_summary
-from replay_kit.results.summary_json import to_json
+from replay_kit.measurements.vehicle.dives import SurfacingState, detect_surfacing
+from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.views.contents import Contents
 from replay_kit.show import open_result
 from replay_kit.show.plots.plan import plan_panels
@@ -38,9 +36,10 @@ from replay_kit.show.status.figures import statistics_of
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.status import status_of
 from replay_kit.show.status.text import status_text
+from replay_kit.show.summary import print_summary
 from replay_kit.workflows.planning import MissionPlanner, planner_of
-from replay_kit.workflows.replay.inputs import ReplayJob
-from replay_kit.workflows.replay.provenance import run_settings_toml
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.command import invoke
@@ -128,14 +127,14 @@ def test_a_mission_is_planned_at_each_surfacing_and_kept_beside_what_then_happen
         depth = np.interp(reached, plan.track_time, plan.track_depth)
         assert depth == pytest.approx(0.0, abs=1e-6)
         assert outcome.ellipse_major >= outcome.ellipse_minor > 0.0
-    figures = to_json(summary)["surfacings"]
+    figures = outcome_of(summary).to_json()["surfacings"]
     assert figures["count"] == len(outcomes) == len(figures["each"])
     assert figures["distance_median_m"] == pytest.approx(
         np.median([outcome.distance for outcome in outcomes])
     )
     assert figures["inside_ellipse"] == np.mean([outcome.inside_ellipse for outcome in outcomes])
     said = io.StringIO()
-    print_summary(summary, Console(file=said, width=200))
+    print_summary(outcome_of(summary), Console(file=said, width=200))
     words = f"{len(outcomes)} predicted by the plan before; median distance {figures['distance_median_m']:.0f} m"
     lines = [line for line in said.getvalue().splitlines() if "urfacings: " in line]
     assert [line.partition(":")[0] for line in lines] == [
@@ -258,7 +257,7 @@ def test_an_outcome_says_how_far_and_which_way_the_surfacing_was():
         float(value) for value in to_geographic(Projection(152.0, -40.0), -300.0, 400.0)
     )
     fix = VehicleState(90 * 10**9, longitude, latitude, 0.0, False, Source(0, "/fix", 0, 0))
-    found = outcome_of(0, Surfacing(100 * 10**9, 152.0, -40.0), fix)
+    found = surfacing_outcome(0, Surfacing(100 * 10**9, 152.0, -40.0), fix)
     assert found.distance == pytest.approx(500.0)
     assert found.direction_deg == pytest.approx(360.0 - np.rad2deg(np.arctan2(3.0, 4.0)))
     assert (found.late, found.inside) == (-10.0, None)

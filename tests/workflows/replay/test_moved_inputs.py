@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.plan import Place
 from replay_kit.workflows.planning import planner_of
-from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.verify import verify
 from tests.workflows.replay.interrupted import make_ocean, run_until
 

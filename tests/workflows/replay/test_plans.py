@@ -15,8 +15,8 @@ from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import Place
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.update.screening import unused_innovation
-from replay_kit.workflows.replay.plans import PlanningProblem
 from replay_kit.workflows.replay.session import Session
+from replay_kit.workflows.replay.stages.plans import PlanningProblem
 from tests import synthetic
 from tests.planners.flow_samples import CENTRE, uniform_flow
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from replay_kit.core.observation import GroupTotals
 from replay_kit.estimator.update.screening import unused_innovation
-from replay_kit.workflows.replay.profile_counts import Sums
+from replay_kit.workflows.replay.stages.counts import Sums
 from tests import synthetic
 
 PROFILES = synthetic.random_profiles(synthetic.ensemble(n_members=2).grid, 5)

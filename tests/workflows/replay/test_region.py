@@ -20,20 +20,26 @@ from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.core.region import DEGREE, inside
-from replay_kit.forecast.extent import open_extent
-from replay_kit.results.mcap_writer import WINDOWS_RECORD, ResultWriter
+from replay_kit.forecast.describe import open_extent
+from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.result import ResultFile
+from replay_kit.results.topics import WINDOWS_RECORD
 from replay_kit.workflows.planning import planner_of
-from replay_kit.workflows.replay.checkpoint_head import head, recorded_region
-from replay_kit.workflows.replay.inputs import ReplayJob, forecasts_of
-from replay_kit.workflows.replay.outputs import write
-from replay_kit.workflows.replay.publishing import (
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.opened import forecasts_of
+from replay_kit.workflows.replay.inputs.region import (
+    from_record,
+    head,
+    recorded_region,
+    window_points,
+)
+from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.replay.stages.publishing import (
     PublishingState,
     publish_windows,
     withdraw_windows,
+    write,
 )
-from replay_kit.workflows.replay.region import from_record, window_points
-from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.smooth import smooth
 from replay_kit.workflows.verify import verify
 from tests.benchmarks.windows import LEVELS, Sea, Strip, sea

@@ -26,8 +26,9 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay import conclude, dry_run
-from replay_kit.workflows.replay.inputs import ReplayJob, with_planner_kind
-from replay_kit.workflows.replay.look_ahead import open_readers
+from replay_kit.workflows.replay.checks import with_planner_kind
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.scan import open_readers
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.scoring import score_against_truth
 from tests import synthetic

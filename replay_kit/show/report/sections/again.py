@@ -105,7 +105,7 @@ def _settings(contents: Contents, missing: list[str]) -> str:
 
 def _numbers(contents: Contents) -> str:
     rows = []
-    for path, value in leaves(contents.summary):
+    for path, value in leaves(contents.outcome.to_json()):
         exact = isinstance(value, int | float) and not isinstance(value, bool)
         shown = (
             number(path, value, repr(value))

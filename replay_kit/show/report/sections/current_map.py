@@ -11,7 +11,7 @@ from replay_kit.core.text import time_text
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import bathymetry_name
 from replay_kit.results.views.slices import CurrentSlices
-from replay_kit.show.page.colors import scale
+from replay_kit.show.colors import scale
 from replay_kit.show.page.section import Control, Figure, Section, column, pack, times
 from replay_kit.show.report.sections.map_frame import (
     Extent,

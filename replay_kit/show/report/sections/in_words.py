@@ -7,8 +7,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.text import time_text
-from replay_kit.results.flight_correction import flight_correction_sentence
-from replay_kit.results.verdict import LEAST_NIS, MOST_NIS
+from replay_kit.results.outcome.verdict import LEAST_NIS, MOST_NIS
 from replay_kit.results.views.along_track import mean_current_topics
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.page.section import Section, cm, items_html, number, table_html
@@ -17,13 +16,15 @@ from replay_kit.show.report.sections.warnings import (
     what_looks_wrong,
     what_was_chosen,
 )
+from replay_kit.show.words import decision_sentence, flight_correction_sentence
 
 
 def words_section(contents: Contents) -> Section:
     """Return the answer in words."""
     wrong, chosen = what_looks_wrong(contents), what_was_chosen(contents)
     html = (
-        _part("What was measured", [_measured(contents)])
+        _part("How far to trust it", [_decision(contents)])
+        + _part("What was measured", [_measured(contents)])
         + _part("What was found", _found(contents))
         + _part("How sure it is", [_sure(contents)])
         + _part("What was not used, and why", _not_used(contents))
@@ -50,9 +51,15 @@ def _part(title: str, paragraphs: list[str]) -> str:
     return f"<h3>{escape(title)}</h3>{''.join(texts)}"
 
 
+def _decision(contents: Contents) -> str:
+    if not contents.outcome.complete:
+        return "No verdict: the run did not finish, or an earlier version made the result."
+    return f"{escape(decision_sentence(contents.outcome.decision).capitalize())}."
+
+
 def _measured(contents: Contents) -> str:
-    summary, result, track = contents.summary, contents.result, contents.track
-    observations, span = summary["observations"], contents.span_ns
+    outcome, result, track = contents.outcome, contents.result, contents.track
+    observations, span = outcome.observations, contents.span_ns
     if span is None:
         return "The result holds neither a position nor a measurement."
     dives = int((result.dives.index > 0).sum())
@@ -73,7 +80,7 @@ def _measured(contents: Contents) -> str:
         parts.append(f" The vehicle travelled {track.distance[-1] / 1e3:.1f} km{depth}.")
     if contents.bins.depth.size:
         parts.append(f" The bins of profiles that were used lie at {_depths(contents.bins.depth)}.")
-    if correction := summary.get("flight_correction"):
+    if correction := outcome.flight_correction:
         parts.append(f" {flight_correction_sentence(correction)}.")
     return "".join(parts)
 
@@ -111,7 +118,7 @@ def _depths(depth: Array) -> str:
 
 
 def _found(contents: Contents) -> list[str]:
-    rms = contents.summary["rms_innovation"]
+    rms = contents.outcome.rms_innovation
     out = []
     slices = contents.slices
     if slices is not None:
@@ -137,7 +144,7 @@ def _found(contents: Contents) -> list[str]:
             f"ensemble forecast alone by {cm('rms_innovation.prior', prior)}: the estimate is {verdict}. "
             f"After the update {cm('rms_innovation.after', rms['after'])} remain, which include the instrument's own noise."
         )
-    truth = contents.summary.get("truth")
+    truth = contents.outcome.truth
     if truth:
         out.append(
             f"Against the known truth its RMSE is {cm('truth.rmse', truth['rmse'])}; "
@@ -149,7 +156,7 @@ def _found(contents: Contents) -> list[str]:
 
 
 def _sure(contents: Contents) -> str:
-    nis, slices, parts = contents.summary["nis_per_dof"], contents.slices, []
+    nis, slices, parts = contents.outcome.nis_per_dof, contents.slices, []
     if slices is not None:
         errors = slices.fields[0, -1, 2:]
         if np.isfinite(errors).any():
@@ -172,8 +179,8 @@ def _sure(contents: Contents) -> str:
 
 
 def _not_used(contents: Contents) -> list[str]:
-    summary = contents.summary
-    observations = summary["observations"]
+    outcome = contents.outcome
+    observations = outcome.observations
     bins = observations.get("bins_rejected", {})
     why = ", ".join(
         f"{number(f'observations.bins_rejected.{name}', n, f'{n:,}')} {escape(name.replace('_', ' '))}"
@@ -198,10 +205,10 @@ def _not_used(contents: Contents) -> list[str]:
             f"{number(f'messages.{k}.reasons.{n}.count', why['count'], format(why['count'], ','))} x {escape(why['reason'])}"
             for n, why in enumerate(row["reasons"])
         )
-        for k, row in enumerate(summary.get("messages", ()))
+        for k, row in enumerate(outcome.messages or ())
         if row["skipped"]
     ]
-    if "messages" not in summary:
+    if outcome.messages is None:
         return [
             first,
             "The result does not hold the counts of messages: it is of an earlier version, or of a run that did not end.",

@@ -7,7 +7,7 @@ from math import cos, radians
 from typing import Any
 
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.page.colors import scale
+from replay_kit.show.colors import scale
 from replay_kit.show.page.section import Figure, column, table_html
 
 

@@ -8,7 +8,7 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.surfacings import outlines_of
 from replay_kit.results.views.track import thinned
-from replay_kit.show.page.colors import scale
+from replay_kit.show.colors import scale
 from replay_kit.show.page.section import column, times
 
 #: Positions of the track shown; more are thinned.

@@ -24,7 +24,7 @@ def plan_section(contents: Contents) -> Section:
     """Return the last plan, the plans before it, and the surfacings that they predicted."""
     plan = contents.last_plan
     if plan is None:
-        note = (contents.summary.get("plan") or {}).get("message", "")
+        note = (contents.outcome.plan or {}).get("message", "")
         why = (
             f"No plan was found: {note}"
             if note
@@ -138,7 +138,7 @@ def _plans_html(contents: Contents) -> str:
 
 
 def _figures_of_surfacings(contents: Contents) -> str:
-    figures = contents.summary.get("surfacings")
+    figures = contents.outcome.surfacings
     if not figures:
         return ""
     median, delay, share = (

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.results.views.along_track import BinsAlongTrack
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.page.colors import scale
+from replay_kit.show.colors import scale
 from replay_kit.show.page.section import Control, Figure, Section, column, pack, times
 
 #: Most columns and rows of the section, and profiles that a column averages where there are enough.

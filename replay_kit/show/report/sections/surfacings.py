@@ -1,10 +1,11 @@
 """Where dives were expected to surface, and where they did: a table and how often the ellipses held."""
 
+from collections.abc import Mapping
 from html import escape
 from typing import Any
 
-from replay_kit.results.surfacings.words import surfacings_sentences
 from replay_kit.show.page.section import number, table_html
+from replay_kit.show.words import surfacings_sentences
 
 _HEADS = (
     "dive",
@@ -18,7 +19,7 @@ _HEADS = (
 )
 
 
-def surfacings_html(found: dict[str, Any] | None) -> str:
+def surfacings_html(found: Mapping[str, Any] | None) -> str:
     """Return the expected surfacings of a summary as a table with its sentences; empty without any."""
     if not found:
         return ""

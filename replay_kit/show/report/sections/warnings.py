@@ -1,12 +1,10 @@
 """What looks wrong in a result, and what to do next: each test gives a sentence, or none."""
 
 from html import escape
-from typing import Any
 
 import numpy as np
 
-from replay_kit.results.alarms import run_alarms
-from replay_kit.results.verdict import LEAST_NIS, MOST_NIS
+from replay_kit.results.outcome.verdict import LEAST_NIS, MOST_NIS
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.trust import calibration
 from replay_kit.show.page.section import number
@@ -42,15 +40,15 @@ _VERBS = {
 
 def what_looks_wrong(contents: Contents) -> list[str]:
     """Return what a reader should look into, as escaped sentences; first a plan that is not to be flown."""
-    summary = contents.summary
+    outcome = contents.outcome
     out = [
         text
         for test in (_losses, _nis, _bias, _improvement, _rejections, _surfacings)
         if (text := test(contents))
     ]
-    out += [escape(_sentence(note)) for note in summary.get("notes", ()) if not _is_neutral(note)]
+    out += [escape(_sentence(note)) for note in outcome.notes if not _is_neutral(note)]
     events = contents.result.events
-    known = set(summary.get("notes", ()))
+    known = set(outcome.notes)
     told = [
         text
         for text in dict.fromkeys(events["message"][events["level"].isin(["warning", "error"])])
@@ -60,7 +58,7 @@ def what_looks_wrong(contents: Contents) -> list[str]:
     # what was found with the last message alone is no event
     alarms = [
         one
-        for one in run_alarms(summary)
+        for one in outcome.alarms
         if one.kind == "plan" or not any(text.startswith(one.about) for text in told)
     ]
     return [*(escape(_sentence(one.text)) for one in alarms), *out]
@@ -68,15 +66,13 @@ def what_looks_wrong(contents: Contents) -> list[str]:
 
 def what_was_chosen(contents: Contents) -> list[str]:
     """Return how the inputs were read and what was chosen, as escaped sentences."""
-    return [
-        escape(_sentence(note)) for note in contents.summary.get("notes", ()) if _is_neutral(note)
-    ]
+    return [escape(_sentence(note)) for note in contents.outcome.notes if _is_neutral(note)]
 
 
 def next_steps(contents: Contents) -> list[str]:
     """Return what to do next, as escaped sentences."""
-    summary, plans, out = contents.summary, contents.result.plans, []
-    plan: dict[str, Any] | None = summary.get("plan")
+    outcome, plans, out = contents.outcome, contents.result.plans, []
+    plan = outcome.plan
     if plan and plan.get("heading_deg") is not None and plan["status"] != "failed":
         verb = _VERBS.get(
             plan["status"], "The goal is not reached; the closest way found is to steer"
@@ -92,7 +88,7 @@ def next_steps(contents: Contents) -> list[str]:
         out.append(f"{why}: {escape(plan['message'])}.")
     elif not len(plans):
         out.append("Name a goal with <code>--goal LON,LAT,DEPTH</code> to have the way planned.")
-    nis = summary["nis_per_dof"]
+    nis = outcome.nis_per_dof
     if nis is not None and nis > MOST_NIS:
         # mean currents have no bins whose quality could be tested
         look = (
@@ -104,7 +100,7 @@ def next_steps(contents: Contents) -> list[str]:
             f"{look} the innovations below dive by dive: either the instrument is biased, or the "
             "ensemble does not fit this place and time. Until then take the standard errors as too small."
         )
-    if summary.get("losses") or summary.get("late"):
+    if outcome.losses or outcome.late:
         out.append(
             "Recover the log from the vehicle again if you can: what was lost is named above."
         )
@@ -128,9 +124,9 @@ def _sentence(text: str) -> str:
 
 
 def _losses(contents: Contents) -> str:
-    summary = contents.summary
-    lost = summary.get("lost_pings", "")
-    late, losses = summary.get("late", 0), summary.get("losses", [])
+    outcome = contents.outcome
+    lost = outcome.lost_pings
+    late, losses = outcome.late, outcome.losses
     parts = [f"{len(losses)} damaged parts of the logs were lost"] if losses else []
     if late:
         parts.append(
@@ -145,7 +141,7 @@ def _losses(contents: Contents) -> str:
 
 
 def _nis(contents: Contents) -> str:
-    nis = contents.summary["nis_per_dof"]
+    nis = contents.outcome.nis_per_dof
     if nis is None or LEAST_NIS <= nis <= MOST_NIS:
         return ""
     if nis > MOST_NIS:
@@ -174,14 +170,14 @@ def _bias(contents: Contents) -> str:
 
 
 def _improvement(contents: Contents) -> str:
-    rms = contents.summary["rms_innovation"]
+    rms = contents.outcome.rms_innovation
     if not rms["before"] or not rms["prior"] or rms["before"] <= rms["prior"]:
         return ""
     return "The estimate predicts the measurements worse than the ensemble alone: earlier measurements misled it."
 
 
 def _rejections(contents: Contents) -> str:
-    observations = contents.summary["observations"]
+    observations = contents.outcome.observations
     total = observations["used"] + observations["rejected"]
     if not total or observations["rejected"] <= 0.1 * total:
         return ""
@@ -189,7 +185,7 @@ def _rejections(contents: Contents) -> str:
 
 
 def _surfacings(contents: Contents) -> str:
-    surfacings = contents.summary.get("surfacings")
+    surfacings = contents.outcome.surfacings
     if (
         not surfacings
         or surfacings.get("inside_ellipse") is None

@@ -1,0 +1,213 @@
+"""The currents that a mission is flown in: one, or many at once on the same functions, each of which may change."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.flow import graph_key, latent_over_time
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.horizontal import NodeKernel
+from replay_kit.core.flow.lattice import StreamFunctionLattice
+
+#: A current that does not change, or its flows at increasing times.
+Flow = FlowEstimate | Sequence[FlowEstimate]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalSample:
+    """A flow, and one course of the current about the vehicle beside it (``LocalCurrent.sample``).
+
+    Attributes:
+        flow: It.
+        times_ns: shape (T,), increasing [ns, UTC].
+        velocity: shape (T, 2) [m/s], local east and north; linear between the times, constant before the first and after the last.
+    """
+
+    flow: Flow
+    times_ns: NDArray[np.int64]
+    velocity: Array
+
+
+#: A current, with a course of that beside it or without.
+Sample = Flow | LocalSample
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Courses:
+    """Currents that are the same everywhere, one beside each of K flows.
+
+    Attributes:
+        times: shape (T,) [s], on the clock of the flows.
+        velocity: shape (K, T, 2) [m/s], local east and north.
+    """
+
+    times: Array
+    velocity: Array
+
+    def at(self, time: float) -> Array:
+        """Return the velocities at a time, shape (K, 2) [m/s]."""
+        after = min(max(int(np.searchsorted(self.times, time)), 1), self.times.size - 1)
+        first, last = self.times[after - 1], self.times[after]
+        share = min(max((time - first) / (last - first), 0.0), 1.0)
+        return np.asarray(
+            (1.0 - share) * self.velocity[:, after - 1] + share * self.velocity[:, after]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Currents:
+    """K flows of the same functions.
+
+    Attributes:
+        flow: One of them: levels and functions.
+        latent: shape (K, M, Z T).
+        times: shape (T,) [s]; None for flows that do not change.
+        beside: The current beside each flow; None without.
+    """
+
+    flow: FlowEstimate
+    latent: Array
+    times: Array | None
+    beside: Courses | None = None
+
+    def clock(self, time_ns: int) -> float:
+        """Return a time [ns, UTC] on the clock of ``times`` [s]; 0 for currents that do not change, and for no time."""
+        first, changes = self.flow.time_ns, self.times is not None or self.beside is not None
+        return 0.0 if not changes or first is None or time_ns == 0 else (time_ns - first) / 1e9
+
+    def since(self, time_ns: int) -> "Currents":
+        """Return the same currents on a clock that begins at a time [ns, UTC]."""
+        begin, beside = self.clock(time_ns), self.beside
+        return replace(
+            self,
+            times=None if self.times is None else self.times - begin,
+            beside=None if beside is None else replace(beside, times=beside.times - begin),
+        )
+
+    @cached_property
+    def columns(self) -> Array:
+        """The latent values of each level and time, shape (Z T, K, M): only few of them have a weight at a depth."""
+        return np.ascontiguousarray(self.latent.transpose(2, 0, 1))
+
+    def weights(self, depths: Array) -> Array:
+        """Return the weights of the levels, shape (n, Z), at depths [m]."""
+        return depth_weights(self.flow.depth_functions, depths, self.flow.levels)
+
+    def velocity(self, place: Array, of_levels: Array, time: float) -> Array:
+        """Return the current of each flow [m/s], shape (K, 2), at its own place, shape (K, 2) [m]; one flow serves any number of places.
+
+        Args:
+            place: shape (K, 2) [m].
+            of_levels: shape (Z,), the weights of the levels at the depth.
+            time: On the clock of ``times`` [s].
+        """
+        flowing = self._flowing(place, of_levels, time)
+        return flowing if self.beside is None else flowing + self.beside.at(time)
+
+    def _flowing(self, place: Array, of_levels: Array, time: float) -> Array:
+        """Return the velocity of each flow without the current beside it."""
+        weights = of_levels
+        if self.times is not None:
+            weights = np.asarray(
+                np.kron(
+                    [np.interp(time, self.times, one) for one in np.eye(self.times.size)], of_levels
+                ),
+                dtype=np.float64,
+            )
+        used, functions = np.flatnonzero(weights), self.flow.horizontal
+        if isinstance(functions, StreamFunctionLattice):
+            rows, design = functions.windows(place)
+            flows = np.arange(len(self.latent))[:, None]
+            near = sum(weights[i] * self.columns[i][flows, rows] for i in used)
+            return np.asarray(np.einsum("cpon,pn->pc", design, near))
+        assert isinstance(functions, NodeKernel)
+        return _from_nodes(functions, place, sum(weights[i] * self.columns[i] for i in used))
+
+
+def _from_nodes(functions: NodeKernel, place: Array, latent: Array) -> Array:
+    """Return the velocity [m/s], shape (P, 2), of latent velocities, shape (P, 2N) or (1, 2N), each at its own place, shape (P, 2) [m].
+
+    The kernel matrix (``velocity_kernel``) is never formed: with w = k (sy beta_u - sx beta_v), its product with the latent
+    velocities is (k beta_u / ly^2 - sy w, k beta_v / lx^2 + sx w), summed over the nodes.
+    """
+    kernel, nodes, n = functions.kernel, functions.nodes, len(functions.nodes)
+    dx, dy = place[:, :1] - nodes[:, 0], place[:, 1:] - nodes[:, 1]
+    sx, sy = dx / kernel.length_east**2, dy / kernel.length_north**2
+    k = (kernel.speed * kernel.length_east) ** 2 * np.exp(-0.5 * (sx * dx + sy * dy))
+    east, north = latent[:, :n], latent[:, n:]
+    turning = k * (sy * east - sx * north)
+    u = np.sum(k * east, axis=1) / kernel.length_north**2 - np.sum(sy * turning, axis=1)
+    v = np.sum(k * north, axis=1) / kernel.length_east**2 + np.sum(sx * turning, axis=1)
+    return np.column_stack([u, v])
+
+
+def currents_of(flow: Flow) -> Currents:
+    """Return one current, of an estimate or of several that hold for increasing times."""
+    if isinstance(flow, FlowEstimate):
+        return Currents(flow, flow.latent[None], None)
+    times, latent = latent_over_time(flow)
+    return Currents(flow[0], latent[None], times)
+
+
+def currents_of_samples(samples: Sequence[Sample]) -> Currents:
+    """Return the currents of several flows, all of the functions of the first.
+
+    Args:
+        samples: Flows that do not change; or of each its flows at increasing times, the same times for all.
+
+    Raises:
+        PlanError: One is of other levels or functions, or of other times, or some change and some do not.
+    """
+    return with_courses(_currents_of_flows(flows_of(samples)), samples)
+
+
+def flows_of(samples: Sequence[Sample]) -> list[Flow]:
+    """Return the flows of samples, without the currents beside them."""
+    return [sample.flow if isinstance(sample, LocalSample) else sample for sample in samples]
+
+
+def _currents_of_flows(samples: Sequence[Flow]) -> Currents:
+    each = [(sample,) if isinstance(sample, FlowEstimate) else tuple(sample) for sample in samples]
+    for k, flows in enumerate(each):
+        if graph_key(flows[0]) != graph_key(each[0][0]):
+            raise PlanError(
+                f"sample {k} is not on the nodes, levels, kernel and depth functions of the first"
+            )
+        if (
+            len(flows) > 1
+            and [flow.time_ns for flow in flows] != [flow.time_ns for flow in each[0]]
+        ) or len(flows) != len(each[0]):
+            raise PlanError(
+                f"sample {k} holds for other times than the first sample; draw all of them at the same times"
+            )
+    if len(each[0]) == 1:
+        return Currents(each[0][0], np.stack([flow.latent for (flow,) in each]), None)
+    through = [latent_over_time(flows) for flows in each]
+    return Currents(each[0][0], np.stack([latent for _, latent in through]), through[0][0])
+
+
+def with_courses(currents: Currents, samples: Sequence[Sample]) -> Currents:
+    """Return the currents of samples with the courses of these, on the clock of the currents; as they are where samples have none.
+
+    Raises:
+        PlanError: One has a course and another has none, or one at other times, or the flows have no time.
+    """
+    each = [sample for sample in samples if isinstance(sample, LocalSample)]
+    if not each:
+        return currents
+    if len(each) < len(samples) or any(
+        not np.array_equal(one.times_ns, each[0].times_ns) for one in each
+    ):
+        raise PlanError(
+            "some samples have a current beside the flow and some have none, or at other times; draw all of them together"
+        )
+    if currents.flow.time_ns is None:
+        raise PlanError("a current beside a flow needs the time of the flow, which has none")
+    times = (each[0].times_ns - currents.flow.time_ns) / 1e9
+    return replace(currents, beside=Courses(times, np.stack([one.velocity for one in each])))

@@ -1,0 +1,1 @@
+"""One number of legs solved, held clear of obstacles, flown and checked."""

@@ -1,0 +1,266 @@
+"""``[plan]``: what ``plan`` is asked for. The file, the options and the record of a result have the same names and values.
+
+Places, times and lists of numbers are texts, as on the command line, and are read when they are asked for.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, get_args
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from replay_kit.config.option import PLACE, Numbers, Option, numbers
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.objective import ObjectiveName
+from replay_kit.core.time import parse_duration, parse_time
+
+# loads numpy
+if TYPE_CHECKING:
+    from replay_kit.core.plan import Place
+
+#: Share of the samples that may violate a constraint where none is stated.
+ACCEPTED_RISK = 0.1
+#: Share of the samples that must arrive where none is stated.
+ARRIVING = 0.9
+# Departures that are compared at most.
+_MOST_DEPARTURES = 100
+_INPUTS, _OPTIONS, _OUTPUTS = "Inputs", "Options", "Outputs"
+
+
+class PlanRequest(BaseModel):
+    """``[plan]``: where to go from where, when, what for, and how it is judged."""
+
+    # numbers that are not finite are refused by name below
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
+
+    flows: tuple[Path, ...] = Field(default=(), description="Files of the estimate.")
+    start: Annotated[str | None, Option("--start", PLACE.form, _INPUTS), PLACE] = Field(
+        default=None, description="Where the mission begins [degrees, degrees, m]."
+    )
+    goal: Annotated[tuple[str, ...], Option("--goal", PLACE.form, _INPUTS, True), PLACE] = Field(
+        default=(), description="Where to go [degrees, degrees, m]; may be repeated, in order."
+    )
+    no_go: Annotated[Path | None, Option("--no-go", "GEOJSON", _INPUTS)] = Field(
+        default=None,
+        description="Polygons that the glider must not enter; with the property surface_only dives may pass below.",
+    )
+    bathymetry: Annotated[Path | None, Option("--bathymetry", "FILE.nc", _INPUTS)] = Field(
+        default=None, description="Depth of the bottom on a grid."
+    )
+    start_time: Annotated[str | None, Option("--start-time", "TIME", _OPTIONS)] = Field(
+        default=None,
+        description="When the mission begins, ISO 8601 UTC. Default: the time of a result's last fix; of an estimate alone its time.",
+    )
+    depart: Annotated[str | None, Option("--depart", "T0,T1,STEP", _OPTIONS)] = Field(
+        default=None,
+        description="Departures that are compared, from T0 to T1. The one that arrives first is planned; with another --objective than "
+        "time the best by it: time=1 plans the shortest mission.",
+    )
+    horizon: Annotated[str | None, Option("--horizon", "DURATION", _OPTIONS)] = Field(
+        default=None,
+        description="Plan no further than this after the start, such as 72h, and say what is left then.",
+    )
+    objective: Annotated[str | None, Option("--objective", "NAME|WEIGHTS", _OPTIONS)] = Field(
+        default=None,
+        description=f"{', '.join(get_args(ObjectiveName))} or weights of hours, kJ and km from the goal, as time=1,energy=0.02,closest=5: "
+        "what is minimised, or learn (measure before a stretch without fixes, with --then and --blind) or map (measure the current in a "
+        "box, with --box and --profiles). Default: time.",
+    )
+    then: Annotated[str | None, Option("--then", "LON,LAT,DEPTH[,...]", _OPTIONS)] = Field(
+        default=None,
+        description="Where the stretch without fixes after a survey ends, past other places if given.",
+    )
+    blind: Annotated[float | None, Option("--blind", "HOURS", _OPTIONS)] = Field(
+        default=None, description="Duration of that stretch [h]."
+    )
+    survey: Annotated[float | None, Option("--survey", "HOURS", _OPTIONS)] = Field(
+        default=None, description="Duration of the survey before it [h]. Default: 24."
+    )
+    box: Annotated[str | None, Option("--box", "W,S,E,N[,DEPTHS]", _OPTIONS)] = Field(
+        default=None,
+        description="Box to be mapped [degrees], and depths [m]; without them the dives' mean.",
+    )
+    profiles: Annotated[int | None, Option("--profiles", "N", _OPTIONS)] = Field(
+        default=None, description="Number of profiles of the map."
+    )
+    profile_error: Annotated[float, Option("--profile-error", None, _OPTIONS)] = Field(
+        default=0.03,
+        description="Standard deviation of the error of a profile's mean current, each component [m/s].",
+    )
+    others: Annotated[tuple[Path, ...], Option("--others", "PLAN.mcap", _OPTIONS, True)] = Field(
+        default=(),
+        description="Plan of another vehicle, whose profiles come anyway; may be repeated.",
+    )
+    mooring: Annotated[
+        str | None, Option("--mooring", "RADIUS,HOURS", _OPTIONS), Numbers("RADIUS,HOURS")
+    ] = Field(
+        default=None, description="Stay within a radius of the goal [m] for a duration [hours]."
+    )
+    surfacings_only: Annotated[bool, Option("--surfacings-only", None, _OPTIONS)] = Field(
+        default=False,
+        description="With --mooring, only surfacings must lie within the radius, not the track between them.",
+    )
+    line: Annotated[bool, Option("--line", None, _OPTIONS)] = Field(
+        default=False, description="Follow the line from the start to the goal."
+    )
+    line_weight: Annotated[float | None, Option("--line-weight", None, _OPTIONS)] = Field(
+        default=None, ge=0.0, description="Cross-track penalty with --line [h per h and km]."
+    )
+    line_width: Annotated[float | None, Option("--line-width", None, _OPTIONS)] = Field(
+        default=None,
+        description="Largest distance of the track from the line for the mission to have reached its goal [m]. Default: 2000.",
+    )
+    spline: Annotated[int, Option("--spline", None, _OPTIONS)] = Field(
+        default=4,
+        ge=0,
+        description="Points per kernel length of the B-spline used for the optimisation; 0 uses the estimate itself.",
+    )
+    risk: Annotated[float | None, Option("--risk", "SHARE", _OPTIONS)] = Field(
+        default=None,
+        description="Keep a margin such that at most this share of the samples violates a constraint.",
+    )
+    arrive: Annotated[float, Option("--arrive", "SHARE", _OPTIONS)] = Field(
+        default=ARRIVING,
+        description="Share of the samples that must arrive for the plan to be called reached.",
+    )
+    time_limit: Annotated[float | None, Option("--time-limit", "SECONDS", _OPTIONS)] = Field(
+        default=None,
+        description="After this time no other number of legs, way or margin is tried [s].",
+    )
+    battery: Annotated[float | None, Option("--battery", "MJ", _OPTIONS)] = Field(
+        default=None, description="Energy that the vehicle has [MJ]."
+    )
+    waypoints: bool = Field(default=False, description="Whether a short list of waypoints is made.")
+    waypoint_tolerance: Annotated[float | None, Option("--waypoint-tolerance", None, _OUTPUTS)] = (
+        Field(
+            default=None,
+            ge=0.0,
+            description="Distance off the track within which no waypoint is needed [m]. Default: the tolerance of the plan.",
+        )
+    )
+
+    @property
+    def learns(self) -> bool:
+        """Whether it is asked what to measure, not how to arrive."""
+        return self.objective in ("learn", "map")
+
+    @property
+    def accepted_risk(self) -> float:
+        """Share of the samples that may violate a constraint."""
+        return ACCEPTED_RISK if self.risk is None else self.risk
+
+    @property
+    def start_place(self) -> "Place":
+        """Where it begins."""
+        if self.start is None:
+            raise ConfigError(
+                "--start is missing; expected replay-kit plan FLOW... --start LON,LAT,DEPTH --goal LON,LAT,DEPTH."
+            )
+        return _place(self.start, "--start")
+
+    @property
+    def goals(self) -> tuple["Place", ...]:
+        """Where it goes, in this order."""
+        return tuple(_place(text, "--goal") for text in self.goal)
+
+    @property
+    def then_places(self) -> tuple["Place", ...]:
+        """Where a stretch without fixes leads, in this order."""
+        if self.then is None:
+            return ()
+        values = numbers(self.then, "--then")
+        if len(values) % 3:
+            raise ConfigError(
+                f"--then: expected LON,LAT,DEPTH[,LON,LAT,DEPTH...], got '{self.then}': {len(values)} numbers are no whole places"
+            )
+        parts = [",".join(map(repr, values[k : k + 3])) for k in range(0, len(values), 3)]
+        return tuple(_place(part, "--then") for part in parts)
+
+    @property
+    def box_numbers(self) -> tuple[float, ...] | None:
+        """West, south, east, north and depths of the box to be mapped; None without."""
+        if self.box is None:
+            return None
+        values = numbers(self.box, "--box")
+        if len(values) < 4:
+            raise ConfigError(
+                f"--box: expected W,S,E,N[,DEPTHS], got '{self.box}': {len(values)} numbers"
+            )
+        return values
+
+    @property
+    def mooring_numbers(self) -> tuple[float, float] | None:
+        """Radius [m] and duration [h] of a mooring; None for another mission."""
+        if self.mooring is None:
+            return None
+        radius, hours = numbers(self.mooring, "--mooring", "RADIUS,HOURS")
+        return radius, hours
+
+    @property
+    def start_time_ns(self) -> int | None:
+        """When it begins [ns, UTC]; None for the time of the estimate."""
+        return None if self.start_time is None else _time(self.start_time, "--start-time")
+
+    @property
+    def departures_ns(self) -> tuple[int, ...]:
+        """Times at which it may begin, which are compared [ns, UTC]; empty for one."""
+        return () if self.depart is None else departures_of(self.depart)
+
+    @property
+    def horizon_s(self) -> float | None:
+        """Since its start, after which no leg of the plan ends [s]; None for none."""
+        if self.horizon is None:
+            return None
+        try:
+            seconds = parse_duration(self.horizon)
+        except ConfigError as error:
+            raise ConfigError(f"--horizon: {error}") from error
+        if seconds <= 0.0:
+            raise ConfigError(
+                f"--horizon: expected a duration above 0, got '{self.horizon}'; write one such as 72h"
+            )
+        return seconds
+
+
+def departures_of(text: str) -> tuple[int, ...]:
+    """Return the departures [ns, UTC] of ``--depart T0,T1,STEP``: from the first to the last, so far apart.
+
+    Raises:
+        ConfigError: These are no two times and a duration above 0, the last is before the first, or they are too many.
+    """
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) != 3:
+        raise ConfigError(
+            f"--depart: expected T0,T1,STEP as in 2026-05-01T00:00Z,2026-05-03T00:00Z,12h, got '{text}'"
+        )
+    first, last = (_time(part, "--depart") for part in parts[:2])
+    try:
+        step_ns = round(parse_duration(parts[2]) * 1e9)
+    except ConfigError as error:
+        raise ConfigError(f"--depart: {error}") from error
+    if step_ns <= 0:
+        raise ConfigError(
+            f"--depart: expected a step above 0, got '{parts[2]}'; write one such as 6h"
+        )
+    if last < first:
+        raise ConfigError(
+            f"--depart: expected the first departure before the last, got '{parts[0]}' and '{parts[1]}'; swap them"
+        )
+    count = (last - first) // step_ns + 1
+    if count > _MOST_DEPARTURES:
+        raise ConfigError(
+            f"--depart: expected at most {_MOST_DEPARTURES} departures, got {count}; choose a longer step"
+        )
+    return tuple(first + k * step_ns for k in range(count))
+
+
+def _time(text: str, name: str) -> int:
+    try:
+        return parse_time(text)
+    except ConfigError as error:
+        raise ConfigError(f"{name}: {error}") from error
+
+
+def _place(text: str, name: str) -> "Place":
+    from replay_kit.core.plan import Place
+
+    return Place(*numbers(text, name, PLACE.form))

@@ -1,0 +1,181 @@
+"""The verdict on a run: how far to trust it and why, the sentences that say so, and what should wake a person."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+from replay_kit.core.errors import severity_word
+
+# Normalised innovations squared per degree of freedom between which stated errors are taken for right.
+LEAST_NIS, MOST_NIS = 0.5, 2.0
+#: Statuses of plans that must not be flown unread.
+_BAD_PLANS = ("uncertain", "unreachable", "unsafe", "failed")
+Word = Literal["trust", "with care", "do not use"]
+
+
+class Decision(NamedTuple):
+    """How far to trust a run.
+
+    Attributes:
+        word: ``trust``, ``with care`` or ``do not use``.
+        reasons: Why not further, each a sentence; empty for ``trust``.
+    """
+
+    word: Word
+    reasons: tuple[str, ...]
+
+
+class RunAlarm(NamedTuple):
+    """What should wake a person.
+
+    Attributes:
+        kind: ``plan`` or ``consistency``.
+        text: What is wrong, as a sentence.
+        about: Of which plan or finding.
+    """
+
+    kind: str
+    text: str
+    about: str
+
+
+def decide(
+    exit_codes: Sequence[int],
+    error: str,
+    used: int,
+    nis: float,
+    doubts: tuple[Sequence[Mapping[str, Any]], Sequence[str]],
+    plan: Mapping[str, Any] | None,
+) -> Decision:
+    """Return how far to trust a run. It never changes the exit code.
+
+    Args:
+        exit_codes: All that apply.
+        error: Why the run failed; empty where it did not.
+        used: Number of observations used.
+        nis: Mean normalised innovation squared per degree of freedom; NaN without observations.
+        doubts: Contradictions in the inputs, and why the forecast is not of this place or time.
+        plan: The last plan, as for ``plan_alarm``.
+    """
+    consistency, outside = doubts
+    against = (
+        (error, bool(error)),
+        *((one["name"], one["severity"] != "warning" and not error) for one in consistency),
+        ("no observation was used", not used and not error),
+    )
+    doubtful = (
+        ("part of the log was lost", 4 in exit_codes),
+        ("the requested risk cannot be met", 7 in exit_codes),
+        (nis_sentence(nis), not math.isnan(nis) and not LEAST_NIS <= nis <= MOST_NIS),
+        *((one["name"], one["severity"] == "warning") for one in consistency),
+        *((text, True) for text in outside),
+        (_plan_reason(plan), bool(_plan_reason(plan))),
+    )
+    worst = tuple(text for text, holds in against if holds)
+    others = tuple(text for text, holds in doubtful if holds)
+    word: Word = "do not use" if worst else "with care" if others else "trust"
+    return Decision(word, worst + others)
+
+
+def _plan_reason(plan: Mapping[str, Any] | None) -> str:
+    """Return how a plan ends that cannot be relied on, in a few words; empty for one that arrives, or without a plan."""
+    if plan is None:
+        return ""
+    if plan["status"] != "reached":
+        return "the plan failed" if plan["status"] == "failed" else f"the plan is {plan['status']}"
+    return "" if plan_alarm(plan) is None else "no sample of the plan arrives"
+
+
+def plan_alarm(plan: Mapping[str, Any] | None) -> RunAlarm | None:
+    """Return what is wrong with a plan; None where nothing is, or without a plan.
+
+    Args:
+        plan: As in an outcome: ``status``, ``message``, and ``odds`` where it was flown in samples of the estimate.
+    """
+    if plan is None:
+        return None
+    status, message, odds = plan["status"], plan["message"], plan.get("odds") or {}
+    if status in _BAD_PLANS:
+        return RunAlarm(
+            "plan",
+            f"{'the plan failed' if status == 'failed' else f'the plan is {status}'}: {message}",
+            status,
+        )
+    return (
+        RunAlarm("plan", f"no sample of the estimate arrives: {message}", "no sample arrives")
+        if odds.get("reached") == 0.0
+        else None
+    )
+
+
+def run_alarms(
+    plan: Mapping[str, Any] | None, consistency: Sequence[Mapping[str, Any]]
+) -> tuple[RunAlarm, ...]:
+    """Return the alarms of a run, of its plan and its contradictions."""
+    of_plan = plan_alarm(plan)
+    found = (
+        RunAlarm("consistency", f"{one['name']}: {one['evidence']}; {one['set']}", one["name"])
+        for one in consistency
+    )
+    return (*((of_plan,) if of_plan else ()), *found)
+
+
+def verdict_sentences(
+    observations: Mapping[str, Any],
+    lost_pings: str,
+    consistency: Sequence[Mapping[str, Any]],
+    rms: Mapping[str, Any],
+    nis: float | None,
+    doubts: Sequence[str],
+) -> tuple[str, ...]:
+    """Return the sentences of a verdict, in four parts of which the last may be several.
+
+    Args:
+        observations: Number of observations ``used`` and ``rejected``.
+        lost_pings: Which pings a setting would keep; empty when they are few.
+        consistency: Contradictions in the inputs.
+        rms: RMS component of measured minus estimated ``before`` and ``after`` each update, and against the ``prior`` [m/s].
+        nis: Mean normalised innovation squared per degree of freedom.
+        doubts: What the measurements cannot tell.
+    """
+    used, rejected = observations["used"], observations["rejected"]
+    share = f"{used} of {used + rejected} observations used"
+    usage = f"{share}; {lost_pings}" if lost_pings else share
+    trust = () if nis is None else (nis_sentence(nis),)
+    return (usage, _consistency(consistency), _gain(rms), *trust, *doubts)
+
+
+def _consistency(findings: Sequence[Mapping[str, Any]]) -> str:
+    """Return whether the log contradicts itself, and then whether log and forecast fit, as one sentence."""
+    named = dict.fromkeys(
+        one["name"] for one in findings if severity_word(one["severity"]) == "contradiction"
+    )
+    others = [f"{one['name']}: {one['evidence']}" for one in findings if one["name"] not in named]
+    if not named:
+        return (
+            f"the log does not contradict itself, but {'; '.join(others)}"
+            if others
+            else "no contradiction found"
+        )
+    return "; ".join(
+        (f"{len(named)} contradiction{'s' * (len(named) > 1)}: {', '.join(named)}", *others)
+    )
+
+
+def _gain(rms: Mapping[str, Any]) -> str:
+    if rms.get("prior") is None:
+        return "no observation changed the estimate: it is the prior forecast"
+    prior, before, after = (
+        "unknown" if rms[name] is None else f"{100.0 * rms[name]:.1f}"
+        for name in ("prior", "before", "after")
+    )
+    return f"RMS misfit: forecast {prior}, estimate before update {before}, after {after} cm/s"
+
+
+def nis_sentence(nis: float) -> str:
+    """Return whether the stated errors hold, of a normalised innovation squared per degree of freedom, 1 expected."""
+    if nis > MOST_NIS:
+        return f"errors are larger than stated (NIS/dof {nis:.2f}, 1 expected)"
+    if nis < LEAST_NIS:
+        return f"errors are smaller than stated (NIS/dof {nis:.2f}, 1 expected)"
+    return f"error bars consistent (NIS/dof {nis:.2f})"

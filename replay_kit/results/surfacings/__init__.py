@@ -1,1 +1,0 @@
-"""Expected surfacings beside the actual ones: as messages, as JSON and as sentences."""

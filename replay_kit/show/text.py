@@ -1,0 +1,125 @@
+"""What tables, sentences and JSON answers share: topics that fold, times that shorten, reasons with codes."""
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import groupby
+
+from rich.console import Console
+from rich.table import Table
+
+from replay_kit.results.losses import iso_time
+
+# Columns that a cell which is never folded has at most.
+_SHORT = 12
+_NUMBER = re.compile(r"\d+")
+
+
+def print_lines(console: Console, lines: Iterable[str]) -> None:
+    """Print lines that the terminal wraps, so that a pipe has them whole."""
+    for line in lines:
+        console.print(line, soft_wrap=True)
+
+
+def print_table(
+    console: Console, title: str | None, columns: Sequence[str], rows: Iterable[Sequence[str]]
+) -> None:
+    """Print a table whose first column, of names, keeps its width, while others fold in a narrow terminal.
+
+    Args:
+        console: Where to.
+        title: Above the table; None for none.
+        columns: Headings.
+        rows: Cells; columns of numbers alone stand to the right.
+    """
+    if title is not None:
+        console.print(title, soft_wrap=True)
+    cells = [list(row) for row in rows]
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for k, column in enumerate(columns):
+        numbers = bool(cells) and all(re.fullmatch(r"[-\d.]*", row[k]) for row in cells)
+        longest = max((len(row[k]) for row in cells), default=0)
+        # what is cut in no case: names, unless they fill the line, and what is short
+        kept = longest <= (2 * console.width // 3 if k == 0 else _SHORT)
+        table.add_column(
+            column,
+            overflow="fold",
+            justify="right" if numbers and k else "left",
+            no_wrap=kept,
+            min_width=longest if kept else None,
+        )
+    for row in cells:
+        table.add_row(*row)
+    console.print(table)
+
+
+def folded(rows: Iterable[tuple[str, ...]], whole: bool = False) -> list[tuple[str, ...]]:
+    """Return rows with those that follow each other and are equal but for a number in their topics' names folded into one.
+
+    Args:
+        rows: Cells, the topic's name first.
+        whole: Whether each topic keeps its row.
+    """
+    found: list[list[tuple[str, ...]]] = []
+    for row in rows:
+        if (
+            found
+            and not whole
+            and row[1:] == found[-1][0][1:]
+            and _differing(found[-1][0][0], row[0]) is not None
+        ):
+            found[-1].append(row)
+        else:
+            found.append([row])
+    return [(fold_names([row[0] for row in those]), *those[0][1:]) for those in found]
+
+
+def fold_names(names: Sequence[str]) -> str:
+    """Return names that differ in a number alone as one, ``/cell_01 ... _08, 8 topics``; one name as it is."""
+    first, last = names[0], names[-1]
+    begin = None if len(names) == 1 else _differing(first, last)
+    if begin is None:
+        return ", ".join(names)
+    # with the mark before the number, as in _08 or /8
+    return f"{first} ... {last[max(begin - 1, 0) :]}, {len(names)} topics"
+
+
+def _differing(one: str, other: str) -> int | None:
+    """Return where the only number begins in which two names differ; None when they differ otherwise."""
+    if _NUMBER.sub("0", one) != _NUMBER.sub("0", other):
+        return None
+    pairs = zip(_NUMBER.finditer(one), _NUMBER.finditer(other), strict=True)
+    starts = [b.start() for a, b in pairs if a[0] != b[0]]
+    return starts[0] if len(starts) == 1 else None
+
+
+def iso(time_ns: int | None) -> str | None:
+    """Return a time as ISO 8601 UTC to the second; None stays None, and a time that 64 bits cannot hold is given as the last they can."""
+    return None if time_ns is None else iso_time(time_ns, "s")
+
+
+def short_times(times_ns: Sequence[int | None]) -> list[str]:
+    """Return times [ns, UTC] of a table without what they all share: the day, or the year; empty where there is none."""
+    texts = [iso(time_ns) for time_ns in times_ns]
+    known = [text for text in texts if text is not None]
+    # 2018-11-16T06:30:00Z
+    begin, end = next(
+        ((k, e) for k, e in ((11, 19), (5, 16)) if len({text[:k] for text in known}) == 1), (0, 16)
+    )
+    return ["" if text is None else text[begin:end].replace("T", " ") for text in texts]
+
+
+def not_used_lines(not_used: Mapping[str, Mapping[str, int]], whole: bool = True) -> Iterator[str]:
+    """Yield a line for each reason for which messages of a topic were not used; topics alike share one unless whole lines are asked for."""
+    rows = [
+        (topic, str(count), reason)
+        for topic, reasons in not_used.items()
+        for reason, count in reasons.items()
+    ]
+    if whole:
+        yield from (f"Not used: {count} x {topic}: {reason}" for topic, count, reason in rows)
+        return
+    by_reason = sorted(rows, key=lambda row: row[2])
+    for reason, those in groupby(by_reason, key=lambda row: row[2]):
+        alike = list(those)
+        names = [row[0] for row in folded((topic, "", reason) for topic, _, _ in alike)]
+        yield f"Not used: {sum(int(count) for _, count, _ in alike)} x {', '.join(names)}: {reason}"

@@ -1,0 +1,221 @@
+"""The checks of a replay's inputs, made without an estimate: what would end the replay ends this.
+
+A replay makes the same checks in its course; ``info``, ``replay --dry-run`` and ``fleet --dry-run`` make them here.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import PlanError
+from replay_kit.core.geodesy import inside_grid, to_local
+from replay_kit.core.grid import Grid
+from replay_kit.core.message import LogReader, LogReport, Message
+from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState, usable
+from replay_kit.core.region import inside
+from replay_kit.estimator.update.screening import screen_measurement
+from replay_kit.logs import merge
+from replay_kit.logs.reader import LogFile
+from replay_kit.measurements import Event, finish, initial_state, interpret_block
+from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.opened import forecasts_of
+from replay_kit.workflows.replay.inputs.scan import check_span, open_readers, positions_of
+from replay_kit.workflows.replay.stages.consistency import (
+    MonitoringState,
+    checked_speeds,
+    monitor,
+    require_one_vehicle,
+)
+from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
+from replay_kit.workflows.replay.stages.planner import HasGrid, Planner, PlannerFactory
+from replay_kit.workflows.replay.statistics import RunStatistics
+
+# Messages that are decoded and tested together.
+_BLOCK = 128
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CheckedInputs:
+    """Inputs that a replay can use.
+
+    Attributes:
+        forecasts: The part of the forecast that it would read.
+        profiles: Number of profiles that the logs give.
+        used: Number of those with a usable bin in the region.
+    """
+
+    forecasts: Forecasts
+    profiles: int
+    used: int
+
+
+def check_inputs(
+    job: ReplayJob, config: RunConfig, planner_of: PlannerFactory | None = None
+) -> CheckedInputs:
+    """Return what a replay would use; the logs are read to their end.
+
+    Args:
+        job: The replay.
+        config: Its settings.
+        planner_of: Makes the planner, when the job has a goal; None leaves the goal unchecked.
+
+    Raises:
+        ReplayKitError: As the replay itself would, for inputs that it would refuse.
+    """
+    forecasts = forecasts_of(job, config)
+    ensemble, readers = forecasts.ensemble, open_readers(job.logs, config)
+    speeds = checked_speeds(ensemble, config)
+    if job.goal is not None and planner_of is not None:
+        settings = with_planner_kind(job, readers, config).planner
+        check_goal(planner_of(settings, ensemble.grid), ensemble, job, config)
+    merged = merge(readers, config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns)
+    kinds = (
+        (VehicleState, Observation, PathMean)
+        if config.estimator.name == OWN
+        else (VehicleState, Observation)
+    )
+    monitoring, statistics, profiles, used, last_ns = MonitoringState(), RunStatistics(), 0, 0, None
+    for time_ns, events in _blocks(merged, config):
+        last_ns, steps = time_ns or last_ns, list[Step]()
+        for event in events:
+            if isinstance(event, VehicleState | Measurement):
+                monitoring, event, _ = monitor(monitoring, event, config, speeds)
+            if isinstance(event, kinds):
+                steps.append(Step(event, None, None, _screened(event, forecasts, config)))
+            else:
+                statistics = statistics.after_events([event])
+        statistics = statistics.after_steps(steps)
+        given = [
+            step.assimilation
+            for step in steps
+            if isinstance(step.event, Observation) and step.assimilation is not None
+        ]
+        profiles, used = (
+            profiles + len(given),
+            used + sum(each.innovation.accepted for each in given),
+        )
+    check_span(job.logs, config, last_ns)
+    reports = [reader.report() for reader in readers]
+    require_usable(monitoring, statistics.with_order(merged), reports, ensemble.grid, config)
+    return CheckedInputs(forecasts, profiles, used)
+
+
+def require_usable(
+    monitoring: MonitoringState,
+    statistics: RunStatistics,
+    reports: Sequence[LogReport],
+    grid: Grid,
+    config: RunConfig,
+) -> None:
+    """Raise MeasurementError when logs that were read to their end are of two vehicles, or give nothing of what was asked for.
+
+    Args:
+        monitoring: What the checks of each event found.
+        statistics: Of what was used.
+        reports: Of the logs.
+        grid: Of the forecast.
+        config: The run's settings.
+    """
+    require_one_vehicle(monitoring, [report.path for report in reports])
+    if not monitoring.explains_no_profile:
+        statistics.require_usable(reports, grid)
+    statistics.require_left_out(config.measurements.without)
+
+
+def _blocks(
+    messages: Iterable[Message], config: RunConfig
+) -> Iterator[tuple[int | None, list[Event]]]:
+    """Yield blocks of events that a replay takes up, each with the time of its last message [ns, UTC]; last what waits at the end."""
+    measurements, state, rest = (
+        config.measurements,
+        initial_state(config.logs.system),
+        iter(messages),
+    )
+    while block := list(islice(rest, _BLOCK)):
+        steps = interpret_block(state, block, measurements)
+        state = steps[-1][0]
+        yield (
+            block[-1].time_ns,
+            [event for _, events in steps for event in events if not _aside(event, config)],
+        )
+    yield None, [event for event in finish(state, measurements) if not _aside(event, config)]
+
+
+def _aside(event: Event, config: RunConfig) -> bool:
+    """Return whether an event is a mean current that no estimate is given, because the profiles beside it were computed from it."""
+    return (
+        isinstance(event, PathMean)
+        and event.beside_profiles
+        and not config.measurements.flight_bias
+    )
+
+
+def _screened(
+    event: VehicleState | Measurement, forecasts: Forecasts, config: RunConfig
+) -> Assimilation | None:
+    """Return a measurement as assimilated where the region's water has a use for it; None for a position."""
+    if isinstance(event, VehicleState):
+        return None
+    screened = screen_measurement(
+        event, forecasts.ensemble.grid, relative=config.estimator.name == OWN
+    )
+    accepted = screened.used.size > 0 or _in_later_window(event, forecasts)
+    return Assimilation(
+        replace(screened.unused, accepted=accepted), screened.unused.innovation, None
+    )
+
+
+def _in_later_window(event: Measurement, forecasts: Forecasts) -> bool:
+    """Return whether a measurement lies in a window that is read when the vehicle comes to it."""
+    region = forecasts.region
+    place = float(np.atleast_1d(event.longitude)[-1]), float(np.atleast_1d(event.latitude)[-1])
+    if (
+        region is None
+        or not region.follows
+        or inside(region.region, *place)
+        or not inside(region.bounds, *place)
+    ):
+        return False
+    deepest = forecasts.ensemble.grid.levels[-1]
+    return isinstance(event, PathMean) or bool(
+        np.any(usable(event.flags) & (event.depth <= deepest))
+    )
+
+
+def with_planner_kind(job: ReplayJob, readers: Sequence[LogReader], config: RunConfig) -> RunConfig:
+    """Return the settings with what a replay with a goal plans: for a glider's logs a mission, where no kind is chosen.
+
+    Args:
+        job: Without a goal, nothing changes.
+        readers: Its opened logs.
+        config: The settings.
+    """
+    if job.goal is None or config.planner.kind != "auto":
+        return config
+    gliders = any(isinstance(log, LogFile) and log.is_gliders() for log in readers)
+    return config.model_copy(update={"planner": config.planner.resolved(gliders)})
+
+
+def check_goal(planner: Planner, flow: HasGrid, job: ReplayJob, config: RunConfig) -> None:
+    """Raise PlanError when the goal is outside the region or on land, and say so when the whole log is outside the region too."""
+    assert job.goal is not None
+    try:
+        planner.check(flow, job.goal)
+    except PlanError as error:
+        positions, _ = positions_of(job.logs, config)
+        local = (
+            to_local(flow.grid.projection, *np.array(positions).T)
+            if positions
+            else (np.empty(0), np.empty(0))
+        )
+        if not positions or np.any(inside_grid(flow.grid, *local)):
+            raise
+        (west, south), (east, north) = np.min(positions, axis=0), np.max(positions, axis=0)
+        raise PlanError(
+            f"{error}. The whole log lies outside it too, in {west:.4f}..{east:.4f} E, {south:.4f}..{north:.4f} N: "
+            "use an ensemble of that place, or --place-ensemble for a study"
+        ) from error

@@ -1,0 +1,195 @@
+"""From a forecast file and settings to the estimator of a run: static, through time, or a baseline."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from replay_kit.config.run import ForecastConfig, RunConfig
+from replay_kit.core.errors import ConfigError, ForecastError
+from replay_kit.core.grid import Ensemble, Grid, Projection
+from replay_kit.core.paths import Paths
+from replay_kit.core.region import Region, around
+from replay_kit.estimator.basis.slices import correlation_length
+from replay_kit.forecast import read_ensemble, read_series
+from replay_kit.forecast.grid import in_frame
+from replay_kit.forecast.members import WARNING
+from replay_kit.workflows.replay.inputs.region import FoundRegion
+
+#: Name of the project's own estimator; the others are baselines.
+OWN = "reduced_basis"
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Forecasts:
+    """The part of a forecast that a run estimates with.
+
+    Attributes:
+        series: The forecast at the times that are used, in order.
+        ensemble: The one of them nearest to the log's beginning.
+        evolves: Whether the estimate goes through time.
+        near_ns: Time of the logs' first message [ns, UTC]; None without one.
+        region: The part of the forecast, where it was found from the logs; None where all of it or what the settings state was read.
+        read: Reads another window of the forecast, in the local frame of the first; None where one window holds all.
+    """
+
+    series: tuple[Ensemble, ...]
+    ensemble: Ensemble
+    evolves: bool
+    near_ns: int | None = None
+    region: FoundRegion | None = None
+    read: Callable[[Region], Ensemble] | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of how the file was read."""
+        return self.series[0].notes
+
+    @property
+    def box(self) -> Region | None:
+        """West, south, east, north [degrees] of the part that was found from the logs; None where none was."""
+        return None if self.region is None else self.region.region
+
+    def in_last_window(self, grid: Grid) -> tuple["Forecasts", Region]:
+        """Return the forecast in the window of a grid, where windows follow the vehicle, and the window's box [degrees]."""
+        box = around(np.column_stack([grid.longitude.ravel(), grid.latitude.ravel()]), 0.0)
+        assert self.read is not None
+        return replace(self, series=(self.read(box),)), box
+
+    def nearest(self, time_ns: int | None) -> Ensemble:
+        """Return the forecast nearest to a time [ns, UTC]; the first without one."""
+        if time_ns is None:
+            return self.series[0]
+        return min(self.series, key=lambda forecast: abs((forecast.time_ns or 0) - time_ns))
+
+
+def read_forecasts(
+    path: Paths,
+    config: RunConfig,
+    near_ns: int | None,
+    place_at: tuple[float, float] | None,
+    region: FoundRegion | None = None,
+) -> Forecasts:
+    """Return the forecast at the time, or the times, that the settings ask for.
+
+    The estimate goes through time where the forecast has several dated times (unless one is chosen, or ``time.scale`` is static), and
+    where a time scale, oscillations or biases are asked for. Else it is static.
+
+    Args:
+        path: Files of the ensemble.
+        config: The run's settings.
+        near_ns: Time of the logs' first message [ns, UTC].
+        place_at: (longitude, latitude) to move the ensemble's centre to.
+        region: The part of the forecast, where it was found from the logs.
+
+    Raises:
+        ForecastError: The ensemble cannot be used, or the region is narrower than a correlation length.
+        ConfigError: An estimator that knows no time is asked for what needs it, or one that fits no spread for that.
+    """
+    own = config.estimator.name == OWN and config.estimator.preset == "default"
+    asked = config.time.scale not in ("auto", "static") or bool(
+        config.time.oscillators or config.time.biases
+    )
+    if (asked or config.time.window not in ("auto", 0.0)) and not own:
+        what = (
+            config.estimator.name
+            if config.estimator.name != OWN
+            else f"preset {config.estimator.preset}"
+        )
+        raise ConfigError(
+            f"{what} is static and takes each profile alone: it has no time.scale, oscillators, biases or window; leave them out, or the "
+            "estimator's name"
+        )
+    part = (
+        config.forecast
+        if region is None
+        else config.forecast.model_copy(update={"region": region.region})
+    )
+    if own and (asked or config.time.scale == "auto"):
+        series = _warned(read_series(path, part, near_ns=near_ns, place_at=place_at))
+        evolves = asked or len(series) > 1
+    else:
+        series, evolves = (
+            _warned((read_ensemble(path, part, near_ns=near_ns, place_at=place_at),)),
+            False,
+        )
+    if part.region is not None:
+        _check_width(series[0])
+    of_region = () if region is None else (region.note,)
+    note = _unfitted_spread(config, evolves, series[0].made_from)
+    series = (replace(series[0], notes=(*of_region, *series[0].notes, *note)), *series[1:])
+    forecasts = Forecasts(series, series[0], evolves)
+    first = forecasts.nearest(near_ns)
+    read = None
+    if region is not None and region.follows:
+        # terrain-following levels would be those of each window's own deepest column
+        levels = tuple(float(level) for level in first.grid.levels)
+        read = partial(
+            _read_window,
+            path,
+            part.model_copy(update={"levels": levels}),
+            near_ns,
+            first.grid.projection,
+        )
+    return replace(forecasts, ensemble=first, near_ns=near_ns, region=region, read=read)
+
+
+def _read_window(
+    path: Paths, config: ForecastConfig, near_ns: int | None, frame: Projection, region: Region
+) -> Ensemble:
+    """Return a window of a forecast in a local frame."""
+    return in_frame(
+        read_ensemble(path, config.model_copy(update={"region": region}), near_ns=near_ns), frame
+    )
+
+
+def _check_width(ensemble: Ensemble) -> None:
+    """Raise ForecastError when a region is narrower than a correlation length: nothing could be learnt there beyond a mean."""
+    length, grid = correlation_length(ensemble), ensemble.grid
+    widths = [float(np.ptp(axis)) for axis in (grid.east, grid.north)]
+    if min(widths) < length:
+        raise ForecastError(
+            f"{ensemble.source}: the region is {widths[0] / 1e3:.1f} x {widths[1] / 1e3:.1f} km, and the forecast's correlation length "
+            f"{length / 1e3:.1f} km: widen --region"
+        )
+
+
+def _unfitted_spread(config: RunConfig, evolves: bool, made_from: str) -> tuple[str, ...]:
+    """Return a note where made members' spread is not fitted, because the estimator does not; none where it does, or is asked for a spread.
+
+    Raises:
+        ConfigError: The estimator is asked for what it does not do.
+    """
+    name, preset, spread = config.estimator.name, config.estimator.preset, config.estimator.spread
+    takes_numbers = name in (OWN, "depth_average")
+    if takes_numbers and preset == "default" and not evolves:
+        return ()
+    what = (
+        "an estimate through time"
+        if evolves
+        else f"the preset {preset}"
+        if takes_numbers
+        else f"the estimator {name}"
+    )
+    if spread == "fit" or (isinstance(spread, float) and not takes_numbers):
+        expected = "as_given or a number" if takes_numbers else "as_given"
+        instead = "leave it out" + (', or set time.scale = "static"' if evolves else "")
+        raise ConfigError(
+            f"estimator.spread: expected {expected} with {what}, got {spread}; {instead}"
+        )
+    if not made_from or spread is not None:
+        return ()
+    return (
+        f"the spread of members made of {made_from} is taken for their error: {what} does not fit it",
+    )
+
+
+def _warned(series: tuple[Ensemble, ...]) -> tuple[Ensemble, ...]:
+    """Return a forecast after its warnings were said: those on its axes matter before a long run, not after it."""
+    for note in series[0].notes:
+        if note.startswith(WARNING):
+            _LOG.warning(note.removeprefix(WARNING))
+    return series

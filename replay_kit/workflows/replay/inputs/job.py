@@ -1,0 +1,107 @@
+"""What a replay reads and writes: checked, opened, and scanned for where and when it begins."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from replay_kit.core.paths import Stamp, check_paths, stamps_of, truth_path
+from replay_kit.core.plan import Place
+from replay_kit.forecast import ensemble_files
+from replay_kit.logs.registry import logs_in
+from replay_kit.workflows.replay.inputs.region import FoundRegion
+
+
+@dataclass(frozen=True, slots=True)
+class Following:
+    """What a replay of logs that may grow adds to one of finished logs.
+
+    Attributes:
+        states: Folder of its states, from which the next one goes on.
+        record: What is to be said of the inputs in the result, by key.
+        goals: From when on [ns, UTC] the goal is another one than the job's, in order.
+    """
+
+    states: Path
+    record: Mapping[str, str] = field(default_factory=dict)
+    goals: tuple[tuple[int, Place], ...] = ()
+
+
+#: Another ensemble: a file, folder or pattern, or files that belong together.
+Against = Path | tuple[Path, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayJob:
+    """The files that a replay reads and writes, and the goal that it plans for.
+
+    Attributes:
+        logs: Log files.
+        ensemble: Ensemble file or store, or several, folders and patterns; those in a tuple of their own belong together.
+        out: Result MCAP; None computes without writing.
+        goal: Where the vehicle should go; None plans nothing.
+        netcdf: Gridded estimate, CF NetCDF.
+        save_estimate: Lossless estimate, NetCDF.
+        truth: ``PATH`` or ``PATH#MEMBER`` to score against.
+        truth_radius_km: Score only grid points this near to a profile used; None scores all.
+        checkpoint: File from which an interrupted run continues; written during the run, and deleted at its end.
+        overwrite: Whether existing outputs are replaced.
+        include_inputs: Whether the logs' messages are copied into the result.
+        following: For logs that may grow, without a checkpoint; None for finished ones.
+        region: The part of the forecast that an earlier run of the job found; None finds it, where the settings do not state it.
+        against: Other ensembles under which the log's evidence is computed too.
+        basis_store: Folder of built estimators that replays share; None builds one for this replay alone.
+    """
+
+    logs: tuple[Path, ...]
+    ensemble: Path | tuple[Path | tuple[Path, ...], ...]
+    out: Path | None = None
+    goal: Place | None = None
+    netcdf: Path | None = None
+    save_estimate: Path | None = None
+    truth: str | None = None
+    truth_radius_km: float | None = None
+    checkpoint: Path | None = None
+    overwrite: bool = False
+    include_inputs: bool = False
+    following: Following | None = None
+    region: FoundRegion | None = None
+    against: tuple[Against, ...] = ()
+    basis_store: Path | None = None
+
+
+def check_outputs(
+    job: ReplayJob, also_read: Iterable[Path | None] = (), also_written: Iterable[Path | None] = ()
+) -> None:
+    """Raise ConfigError when an output of a replay is an input, or exists and may not be replaced, or has no folder.
+
+    Args:
+        job: The replay.
+        also_read: Inputs that are not in the job, such as the configuration file.
+        also_written: Outputs that are not in the job, such as the JSON summary.
+    """
+    rivals = [path for each in job.against for path in ensemble_files(each)]
+    inputs = (*job.logs, *ensemble_files(job.ensemble), *rivals, truth_path(job.truth), *also_read)
+    check_paths(
+        inputs,
+        (job.out, job.netcdf, job.save_estimate, *also_written),
+        job.overwrite,
+        checkpoint_files(job.checkpoint),
+    )
+
+
+def input_stamps(job: ReplayJob) -> dict[Path, Stamp]:
+    """Return what tells each file that a replay reads, those in folders of logs too, from a changed one.
+
+    Raises:
+        LogError: A folder holds no log.
+    """
+    logs = [file for path in job.logs for file in logs_in(Path(path))]
+    rivals = [path for each in job.against for path in ensemble_files(each)]
+    return stamps_of(
+        [*logs, *ensemble_files(job.ensemble), *rivals, *filter(None, [truth_path(job.truth)])]
+    )
+
+
+def checkpoint_files(path: Path | None) -> tuple[Path, ...]:
+    """Return the files of a checkpoint: the checkpoint itself, and the journal beside it."""
+    return () if path is None else (path, path.with_name(path.name + ".journal"))

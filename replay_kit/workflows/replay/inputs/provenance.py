@@ -1,0 +1,203 @@
+"""What a result says of how it was made: input hashes, versions, the region, the configuration."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.version import __version__
+from replay_kit.results.losses import iso_time
+from replay_kit.workflows.replay.inputs.forecast import Forecasts
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.region import REGION_RECORD, FoundRegion
+
+_BLOCK = 1 << 20
+#: Key of the bathymetry among the inputs.
+BATHYMETRY = "bathymetry"
+#: Record of the result of ``plan``: what was asked for.
+PLAN_RECORD = "replay_kit.plan"
+#: Record of a result whose logs may grow: what happened to its inputs.
+FOLLOWED = "replay_kit.followed"
+_PACKAGES = ("numpy", "scipy", "casadi", "pyproj", "foxglove-sdk", "mcap", "pymavlink")
+
+
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 of a file, or of all files of a store in the order of their names."""
+    digest = hashlib.sha256()
+    files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    for part in files:
+        with part.open("rb") as stream:
+            while block := stream.read(_BLOCK):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+def named_hash(path: Path) -> str:
+    """Return the name of an input and its SHA-256, as results record them."""
+    return f"{path.name} sha256:{file_hash(path)}"
+
+
+def run_metadata(
+    logs: Sequence[Path],
+    arguments: Sequence[Sequence[Path]],
+    ensemble: Ensemble,
+    options: Mapping[str, str],
+    bathymetry: Path | None = None,
+    found: FoundRegion | None = None,
+) -> dict[str, Mapping[str, str]]:
+    """Return the metadata records of a result; names without their folders, so that the bytes do not depend on where a run is made.
+
+    Args:
+        logs: The inputs.
+        arguments: The ensemble's files and stores, argument by argument; those of one belong together where members are models.
+        ensemble: What was read of it.
+        options: What the run was asked for beyond its configuration.
+        bathymetry: The file that is read; None without.
+        found: The part of the forecast that was found from the logs; None where it was not.
+
+    Raises:
+        ConfigError: Two logs hold the same bytes.
+    """
+    grid = ensemble.grid
+    hashes = [file_hash(path) for path in logs]
+    for i, digest in enumerate(hashes):
+        if digest in hashes[:i]:
+            raise ConfigError(
+                f"{logs[i]}: the same bytes as {logs[hashes.index(digest)]}; a log given twice would count twice"
+            )
+    inputs = {
+        f"log{i}": f"{path.name} sha256:{digest}"
+        for i, (path, digest) in enumerate(zip(logs, hashes, strict=True))
+    }
+    if ensemble.made_from == "models":
+        named = {
+            f"ensemble{number}_{i}": path
+            for number, argument in enumerate(arguments)
+            for i, path in enumerate(argument)
+        }
+    else:
+        files = [path for argument in arguments for path in argument]
+        named = {
+            "ensemble" if len(files) == 1 else f"ensemble{number}": path
+            for number, path in enumerate(files)
+        }
+    inputs |= {key: named_hash(path) for key, path in named.items()}
+    if bathymetry is not None:
+        inputs[BATHYMETRY] = named_hash(bathymetry)
+    region = {
+        "projection": "azimuthal equidistant, WGS84",
+        "centre_longitude": repr(grid.projection.longitude),
+        "centre_latitude": repr(grid.projection.latitude),
+        "levels": ", ".join(repr(float(level)) for level in grid.levels),
+        "grid": " x ".join(str(n) for n in grid.east.shape),
+        "members": str(ensemble.n_members),
+    }
+    members = {str(number): label for number, label in enumerate(ensemble.members)}
+    return {
+        "replay_kit.inputs": inputs,
+        "replay_kit.options": options,
+        "replay_kit.region": region,
+        "replay_kit.members": members,
+        "replay_kit.versions": package_versions(),
+        **({} if found is None else {REGION_RECORD: found.to_record()}),
+    }
+
+
+def forecast_times(forecasts: Forecasts) -> dict[str, str]:
+    """Return the first and the last time of the forecast that is used, and whether the estimate goes through time; empty without times."""
+    times = [ensemble.time_ns for ensemble in forecasts.series if ensemble.time_ns is not None]
+    if not times:
+        return {}
+    used = times if forecasts.evolves else [forecasts.ensemble.time_ns or times[0]]
+    return {
+        "first": iso_time(min(used), "s"),
+        "last": iso_time(max(used), "s"),
+        "evolves": str(forecasts.evolves).lower(),
+    }
+
+
+def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
+    """Return what a run was asked for beyond its configuration, and the basis it chose.
+
+    Args:
+        job: The run.
+        flow: Its estimate.
+    """
+    goal = job.goal
+    return {
+        "goal": "" if goal is None else f"{goal.longitude!r},{goal.latitude!r},{goal.depth!r}",
+        "include_inputs": str(job.include_inputs).lower(),
+        "truth": "" if job.truth is None else Path(job.truth).name,
+        "truth_radius_km": "" if job.truth_radius_km is None else repr(job.truth_radius_km),
+        "modes": str(flow.n_modes),
+        "depth_functions": flow.depth_functions.kind,
+        "kernel_length_east_m": repr(flow.horizontal.kernel.length_east),
+        "kernel_length_north_m": repr(flow.horizontal.kernel.length_north),
+        "kernel_speed": repr(flow.horizontal.kernel.speed),
+    }
+
+
+def lasting(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, Mapping[str, str]]:
+    """Return the records of a result without what may change while its logs grow: the logs, the goal, what was said of them."""
+    inputs = {
+        key: value
+        for key, value in metadata.get("replay_kit.inputs", {}).items()
+        if not key.startswith("log")
+    }
+    options = {
+        key: value for key, value in metadata.get("replay_kit.options", {}).items() if key != "goal"
+    }
+    kept = {
+        key: value for key, value in metadata.items() if key not in ("replay_kit.reading", FOLLOWED)
+    }
+    return {**kept, "replay_kit.inputs": inputs, "replay_kit.options": options}
+
+
+def package_versions() -> dict[str, str]:
+    """Return the versions of this package and of those on which the last bits of results depend."""
+    return {"replay-kit": __version__, **{name: version(name) for name in _PACKAGES}}
+
+
+def run_settings_toml(config: RunConfig) -> str:
+    """Return the configuration as TOML, every value given, files by name; what is unset is left out, as TOML has no null."""
+    lines: list[str] = []
+    if (bathymetry := config.planner.bathymetry_path) is not None:
+        config = with_bathymetry(config, Path(bathymetry.name))
+    for section, values in config.model_dump(mode="json").items():
+        lines += [
+            f"[{section}]",
+            *(f"{key} = {_toml(value)}" for key, value in values.items() if value is not None),
+            "",
+        ]
+    return "\n".join(lines)
+
+
+def with_bathymetry(config: RunConfig, path: Path) -> RunConfig:
+    """Return a configuration with another file of the bathymetry."""
+    return config.model_copy(
+        update={"planner": config.planner.model_copy(update={"bathymetry": str(path)})}
+    )
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        # TOML's escapes are those of JSON
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, list):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    if isinstance(value, dict):
+        return (
+            "{"
+            + ", ".join(
+                f"{_toml(key)} = {_toml(item)}" for key, item in value.items() if item is not None
+            )
+            + "}"
+        )
+    return repr(value)

@@ -1,0 +1,234 @@
+"""The part of a forecast that a log needs: found before its currents are read."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.paths import Paths
+from replay_kit.core.plan import Place
+from replay_kit.core.region import DEGREE, Region, around, centre, degree_of_longitude, inside, text
+from replay_kit.estimator.basis.slices import correlation_length
+from replay_kit.estimator.windows.geometry import moved_into
+from replay_kit.forecast.describe import Extent, open_extent
+from replay_kit.workflows.replay.inputs.scan import places_of
+
+#: Name of the metadata record of a result that holds it.
+REGION_RECORD = "replay_kit.found_region"
+#: Correlation lengths between the log's positions and the side of the region found from them.
+MARGIN_LENGTHS = 4.0
+#: Begins a checkpoint; then a line with the part of the forecast that was found, the run's identity, the SHA-256 of the rest, and the rest.
+MAGIC = b"replay-kit checkpoint 8\n"
+# A line is no longer.
+_LONGEST = 1 << 16
+# Points a level of a forecast that is taken whole, and the share of a larger one from which on it is.
+_SMALL, _MOST = 1200, 2.0 / 3.0
+# Side of a window in correlation lengths, and its points at least, where the settings state none.
+_SIDE_LENGTHS, _LEAST_WINDOW = 14.0, 1600
+# Cells on each side of the place where the correlation length is measured.
+_PATCH = 12
+
+
+@dataclass(frozen=True, slots=True)
+class FoundRegion:
+    """The part of a forecast that a run reads, found from its log.
+
+    Attributes:
+        region: West, south, east, north [degrees]; of windows that follow the vehicle the first.
+        margin: Between the vehicle and the region's sides [m].
+        follows: Whether windows of this size follow the vehicle.
+        bounds: The box of the whole forecast [degrees].
+        note: What was taken of what, for the user.
+    """
+
+    region: Region
+    margin: float
+    follows: bool
+    bounds: Region
+    note: str
+
+    def to_record(self) -> dict[str, str]:
+        """Return it as a result and a checkpoint keep it."""
+        return {
+            "region": ",".join(map(repr, self.region)),
+            "margin": repr(self.margin),
+            "follows": str(self.follows).lower(),
+            "bounds": ",".join(map(repr, self.bounds)),
+            "note": self.note,
+        }
+
+
+def from_record(record: Mapping[str, str]) -> FoundRegion:
+    """Return what ``to_record`` made a record of.
+
+    Raises:
+        ValueError: It is no such record, as are LookupError and TypeError.
+    """
+    region, bounds = (_numbers(record[key]) for key in ("region", "bounds"))
+    return FoundRegion(
+        region, float(record["margin"]), record["follows"] == "true", bounds, str(record["note"])
+    )
+
+
+def _numbers(text: str) -> Region:
+    west, south, east, north = (float(part) for part in text.split(","))
+    return west, south, east, north
+
+
+def head(region: FoundRegion | None) -> bytes:
+    """Return the first bytes of a checkpoint, before the run's identity."""
+    return MAGIC + json.dumps(None if region is None else region.to_record()).encode() + b"\n"
+
+
+def recorded_region(path: Path | None) -> FoundRegion | None:
+    """Return the part of the forecast that a checkpoint's run found; None without a checkpoint, or where it found none.
+
+    What cannot be read is None too: the checkpoint's own reading says what is wrong with it.
+    """
+    try:
+        if path is None:
+            return None
+        with path.open("rb") as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                return None
+            record = json.loads(file.readline(_LONGEST))
+        return None if record is None else from_record(record)
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def find_region(
+    logs: Sequence[Path],
+    ensemble: Paths,
+    config: RunConfig,
+    near_ns: int | None,
+    goal: Place | None,
+    may_follow: bool = True,
+) -> FoundRegion | None:
+    """Return the part of a forecast that logs need; None where all of it is to be read, or the settings state the part.
+
+    The grid is read first; the log only where the grid is large. The margin around the log's positions and the goal is a number of
+    correlation lengths of the members' anomalies, measured in a patch of the first level at the middle of the positions.
+
+    Args:
+        logs: The logs.
+        ensemble: Files of the ensemble.
+        config: The run's settings.
+        near_ns: Time of the logs' first message [ns, UTC].
+        goal: Where the vehicle should go.
+        may_follow: Whether windows may follow the vehicle where one is not enough.
+
+    Raises:
+        LogError: A log cannot be opened.
+        ForecastError: The ensemble cannot be used; no position of the log lies in it; or a window of the size allowed would be smaller
+            than the margins around the vehicle.
+    """
+    settings = config.forecast
+    if settings.region is not None or settings.place:
+        return None
+    with open_extent(ensemble, settings, near_ns) as extent:
+        if extent is None or np.prod(extent.shape) <= _SMALL:
+            return None
+        places = _inside(extent, places_of(logs, config))
+        if not len(places):
+            return None
+        length = _length_near(extent, places)
+        margin = MARGIN_LENGTHS * length
+        region = around(
+            places if goal is None else [*places, (goal.longitude, goal.latitude)], margin
+        )
+        points, whole = int(np.prod(extent.shape_in(region))), int(np.prod(extent.shape))
+        most = settings.window_points or window_points(extent, length, float(places[0, 1]))
+        if points > most and goal is None and may_follow and _is_static(extent, config):
+            return _first_window(extent, places[0], margin, length, most)
+        if points > _MOST * whole:
+            return None
+        what = "the log's positions and" if goal is None else "the log's positions, the goal and"
+        return FoundRegion(region, margin, False, extent.box, _note(extent, region, what, margin))
+
+
+def _is_static(extent: Extent, config: RunConfig) -> bool:
+    """Return whether an estimate is the project's own and does not change in time: only that is handed from window to window."""
+    time, own = (
+        config.time,
+        config.estimator.name == "reduced_basis" and config.estimator.preset == "default",
+    )
+    asked = time.oscillators or time.biases or time.scale not in ("auto", "static")
+    return own and not asked and (time.scale == "static" or not extent.has_several_times)
+
+
+def _inside(extent: Extent, places: Array) -> Array:
+    """Return the places, shape (n, 2), that lie in the box of a forecast's grid.
+
+    Raises:
+        ForecastError: There are places, and none lies in it.
+    """
+    found = places[inside(extent.box, *places.T)]
+    if len(places) and not len(found):
+        raise ForecastError(
+            f"{extent.source}: covers {text(extent.box)}, and no position of the log lies there: they lie in {text(around(places, 0.0))}; "
+            "use an ensemble of that place, or --place-ensemble for a study"
+        )
+    return found
+
+
+def _length_near(extent: Extent, places: Array) -> float:
+    """Return the correlation length [m] near the middle of positions, shape (n, 2); where that is on land, near one of the positions."""
+    reach = _PATCH * np.array(extent.step)
+    tried = [np.array(centre(around(places, 0.0))), *places[:: max(1, len(places) // 4)]]
+    for last, place in enumerate(tried, 1 - len(tried)):
+        try:
+            return correlation_length(extent.patch(around([place - reach, place + reach], 0.0)))
+        except ForecastError:
+            if last == 0:
+                raise
+    raise AssertionError("unreachable")
+
+
+def window_points(extent: Extent, length: float, latitude: float) -> int:
+    """Return how many points a level a window has: larger ones have too few modes for their size, smaller ones more handovers."""
+    cells = np.array(extent.step) * (degree_of_longitude(latitude), DEGREE)
+    return max(_LEAST_WINDOW, math.ceil(np.prod(_SIDE_LENGTHS * length / cells)))
+
+
+def _first_window(
+    extent: Extent, place: Array, margin: float, length: float, most: int
+) -> FoundRegion:
+    """Return the window about the first position, as large as is allowed.
+
+    Raises:
+        ForecastError: It does not reach a margin and a half to all sides.
+    """
+    # where the forecast is narrower than a square, the window is longer
+    (rows, columns), side = extent.shape, np.sqrt(most)
+    counts = np.array([min(columns, max(side, most / rows)), min(rows, max(side, most / columns))])
+    half = 0.5 * (counts - 1.0) * np.array(extent.step)
+    region = moved_into(
+        extent.box, (float(place[0]), float(place[1])), (float(half[0]), float(half[1]))
+    )
+    free = counts < (columns, rows)
+    reach = float(min((half * (degree_of_longitude(float(place[1])), DEGREE))[free]))
+    if reach < 1.5 * margin:
+        raise ForecastError(
+            f"{extent.source}: a window of {most} points reaches {reach / 1e3:.0f} km, and {1.5 * margin / 1e3:.0f} km are needed around "
+            f"the vehicle (correlation length {length / 1e3:.1f} km); allow more with forecast.window_points, or state the region"
+        )
+    what = "windows of this size follow the vehicle (--netcdf and --save-estimate hold the last one), with"
+    note = _note(extent, region, what, margin)
+    return FoundRegion(region, margin, True, extent.box, note)
+
+
+def _note(extent: Extent, region: Region, what: str, margin: float) -> str:
+    taken, whole = (
+        " x ".join(map(str, shape)) for shape in (extent.shape_in(region), extent.shape)
+    )
+    return (
+        f"of the forecast {taken} of {whole} points a level are read, {text(region)}: {what} {margin / 1e3:.0f} km around, "
+        f"{MARGIN_LENGTHS:g} correlation lengths; --region all reads everything"
+    )

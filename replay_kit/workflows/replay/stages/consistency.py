@@ -1,0 +1,250 @@
+"""The consistency stage: each event is checked before it is used, and what is found changes what the estimate is made of."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, is_dataclass, replace
+from typing import Any
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import Finding, ForecastError, MeasurementError
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.observation import Measurement, PathMean, VehicleState
+from replay_kit.measurements.consistency import findings
+from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
+from replay_kit.measurements.consistency.summary import (
+    EnsembleSpeeds,
+    PingSummary,
+    ensemble_speeds,
+    odd_ensemble_speeds,
+)
+from replay_kit.measurements.consistency.tracks import LogTracks
+from replay_kit.workflows.replay.stages.counts import ProfileCounts
+from replay_kit.workflows.replay.stages.estimation import EstimationState, Step, assimilate
+
+_UNDETERMINED = "nothing here can tell whether directions are right"
+# Observations before which nothing is said of the forecast.
+_LEAST_OBSERVATIONS = 3
+# Measurements beyond the gate that are remembered.
+_MOST_GATED = 256
+_SHEAR_ALONE = "all profiles are relative to the platform, so that they give the shear alone"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MonitoringState:
+    """What the consistency stage remembers.
+
+    Attributes:
+        checks: Of the checks.
+        means: Mean currents so far, from which an estimate without profiles is rebuilt.
+        gated: Latest measurements that the gate rejected, before two sources were known to contradict each other.
+        tracks: Positions, by the log that they are of.
+    """
+
+    checks: ConsistencyState = field(default_factory=ConsistencyState)
+    means: tuple[PathMean, ...] = ()
+    gated: tuple[Measurement, ...] = ()
+    tracks: LogTracks = field(default_factory=LogTracks)
+
+    @property
+    def explains_no_profile(self) -> bool:
+        """Whether a finding is the reason that no profile may be used: such a run still has a result, the estimate without them."""
+        return any(
+            finding.distrusts or (finding.name == findings.FROZEN and self.checks.pings > 0)
+            for finding in self.checks.findings
+        )
+
+
+def _with_mean(means: tuple[PathMean, ...], event: Checked) -> tuple[PathMean, ...]:
+    return (*means, event) if isinstance(event, PathMean) else means
+
+
+def monitor(
+    state: MonitoringState,
+    event: Checked,
+    config: RunConfig,
+    speeds: EnsembleSpeeds | None,
+    summary: PingSummary | None = None,
+) -> tuple[MonitoringState, Checked, tuple[Finding, ...]]:
+    """Return the state after an event, the event as it may be used, and what was found.
+
+    Args:
+        state: Before the event.
+        event: A position or a measurement.
+        config: The run's settings.
+        speeds: Of the ensemble's currents.
+        summary: Of a ping, where it was made with others; None makes it.
+
+    Raises:
+        MeasurementError: The log cannot be used, or a contradiction is to stop the run.
+    """
+    if config.consistency.on_failure == "ignore":
+        return replace(state, means=_with_mean(state.means, event)), event, ()
+    if isinstance(event, PathMean) and event.beside_profiles:
+        # the profiles were computed from it
+        return replace(state, means=_with_mean(state.means, event)), event, ()
+    if isinstance(event, VehicleState):
+        state = replace(state, tracks=state.tracks.after(event))
+    through_water = config.measurements.dead_reckoning == "through_water"
+    checks, checked = check(state.checks, event, speeds, through_water, summary)
+    means = _with_mean(state.means, event)
+    if checks.findings is state.checks.findings:
+        return MonitoringState(checks, means, state.gated, state.tracks), checked, ()
+    new = tuple(
+        _as_stated(finding, config) for finding in checks.findings[len(state.checks.findings) :]
+    )
+    for finding in new:
+        if finding.severity == "unusable" or (
+            finding.severity == "inconsistent" and config.consistency.on_failure == "stop"
+        ):
+            raise MeasurementError(str(finding), state.checks.findings + new)
+    return (
+        replace(state, checks=replace(checks, findings=state.checks.findings + new), means=means),
+        checked,
+        new,
+    )
+
+
+def require_one_vehicle(state: MonitoringState, names: Sequence[str]) -> None:
+    """Raise MeasurementError when the logs of a run, by their names, hold the tracks of two vehicles."""
+    if (found := state.tracks.two_vehicles) is not None:
+        finding = findings.two_tracks(found, names)
+        raise MeasurementError(str(finding), (*state.checks.findings, finding))
+
+
+def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState:
+    """Return the state that remembers which measurements of some steps the gate rejected."""
+    done = [
+        (step.event, step.assimilation.innovation)
+        for step in steps
+        if step.assimilation is not None
+    ]
+    gated = [
+        event for event, found in done if found.gate_statistic > found.gate and not found.accepted
+    ]
+    more = tuple(event for event in gated if isinstance(event, Measurement))
+    return replace(state, gated=(state.gated + more)[-_MOST_GATED:]) if more else state
+
+
+def readmitted(
+    estimator: Any, estimation: EstimationState, state: MonitoringState, counts: ProfileCounts
+) -> tuple[EstimationState, MonitoringState, ProfileCounts]:
+    """Return estimate, state and counts with the measurements that the gate had rejected, once two sources contradict each other.
+
+    Args:
+        estimator: Its gate rejects neither.
+        estimation: Before.
+        state: With the measurements.
+        counts: Of the run.
+    """
+    if not (state.checks.sources_contradict and state.gated):
+        return estimation, state, counts
+    after, steps = assimilate(estimator, estimation, state.gated)
+    again = len(state.gated)
+    before = replace(counts, rejected=counts.rejected - again, gated=counts.gated - again)
+    # they belong to dives before this one
+    estimation = replace(estimation, current=after.current)
+    return estimation, replace(state, gated=()), before.after(steps)
+
+
+def _as_stated(finding: Finding, config: RunConfig) -> Finding:
+    """Return a finding on the unit of a log whose unit is stated as a contradiction that the run survives."""
+    stated = finding.name == findings.UNIT and config.measurements.velocity_unit is not None
+    return replace(finding, severity="inconsistent") if stated else finding
+
+
+def checked_speeds(ensemble: Ensemble, config: RunConfig) -> EnsembleSpeeds | None:
+    """Return the speeds of an ensemble; None where nothing is to be checked.
+
+    Raises:
+        ForecastError: They are no ocean's.
+    """
+    if config.consistency.on_failure == "ignore":
+        return None
+    if evidence := odd_ensemble_speeds(ensemble.velocity):
+        wrong = findings.ensemble_unit(evidence, ensemble.source)
+        raise ForecastError(str(wrong), (wrong,))
+    return ensemble_speeds(ensemble.grid.levels, ensemble.velocity)
+
+
+def is_distrusted(found: Iterable[Finding]) -> bool:
+    """Return whether findings leave an instrument unused, so that the estimate is rebuilt without it."""
+    return any(finding.distrusts for finding in found)
+
+
+def trusting(estimator: Any, state: MonitoringState) -> Any:
+    """Return the estimator as it is, or, while two sources contradict each other, one whose gate rejects neither."""
+    gating = getattr(estimator, "gating", None)
+    if (
+        not state.checks.sources_contradict
+        or gating is None
+        or gating.gate != "reject"
+        or not is_dataclass(estimator)
+    ):
+        return estimator
+    # Any: which estimators have a gate is known to them alone
+    gated: Any = estimator
+    return replace(gated, gating=gating.model_copy(update={"gate": "soften"}))
+
+
+def rebuilt(counts: ProfileCounts, steps: Sequence[Step]) -> ProfileCounts:
+    """Return the counts of an estimate that was rebuilt: what was used before counts as rejected, but for the steps of the new one."""
+    start = ProfileCounts(
+        rejected=counts.rejected + counts.total.profiles - len(steps),
+        last_position=counts.last_position,
+    )
+    after = start.after(steps)
+    unused = counts.total.bins - after.total.bins
+    bins = {
+        **counts.bins_rejected,
+        "inconsistent": counts.bins_rejected.get("inconsistent", 0) + unused,
+    }
+    return replace(after, bins_rejected=bins)
+
+
+def conclusions(
+    state: MonitoringState, counts: ProfileCounts, config: RunConfig
+) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
+    """Return all findings of a run, and what its measurements cannot tell.
+
+    Args:
+        state: At the end of the run.
+        counts: Of its measurements.
+        config: Its settings.
+    """
+    if config.consistency.on_failure == "ignore":
+        return (), ("no consistency check was made (consistency.on_failure)",)
+    found, blind = state.checks.findings, []
+    of_forecast = _of_forecast(counts, config.forecast.place)
+    # faults of the log explain that it does not fit
+    if all(finding.name == findings.ENSEMBLE for finding in found):
+        found += tuple(
+            finding for finding in of_forecast if not found or finding.name != findings.ENSEMBLE
+        )
+    if not state.checks.can_tell_directions:
+        blind.append(_undetermined(state))
+    if state.checks.pings and not state.checks.absolute_pings:
+        blind.append(_SHEAR_ALONE)
+    return found, tuple(blind)
+
+
+def _undetermined(state: MonitoringState) -> str:
+    """Return why nothing in a log tells whether directions are right, and what would."""
+    if not state.checks.pings:
+        return f"{_UNDETERMINED}; profiles of the current beside the mean currents would"
+    if not state.means:
+        return f"{_UNDETERMINED}; a mean current, GPS drift or bottom track would"
+    if all(mean.beside_profiles for mean in state.means):
+        return f"{_UNDETERMINED}, for the profiles were computed from the mean currents; a GPS drift or bottom track would"
+    return f"{_UNDETERMINED}, for the mean currents are too few or too weak; more of them, or a bottom track, would"
+
+
+def _of_forecast(counts: ProfileCounts, moved: bool) -> tuple[Finding, ...]:
+    """Return how the measurements contradict the forecast, if they do: it does not fit where two thirds of them exceed the gate."""
+    beyond, total = counts.gated + counts.softened, counts.total.profiles + counts.gated
+    evidence = f"{beyond} of {total} observations exceeded the gate"
+    if total >= _LEAST_OBSERVATIONS and 3 * beyond >= 2 * total:
+        return (findings.forecast_misfit(evidence, moved),)
+    if 2 * beyond <= total:
+        if not counts.inflations:
+            return ()
+        evidence = f"most profiles exceeded the expected innovation {len(counts.inflations)} times"
+    return (findings.ensemble_contradicts(evidence),)

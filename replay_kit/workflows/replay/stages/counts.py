@@ -1,0 +1,270 @@
+"""Running counts of the measurements of a replay: profiles, bins, dives."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.evidence import BlockEvidence, block_of
+from replay_kit.core.observation import (
+    Innovation,
+    Measurement,
+    Observation,
+    PathMean,
+    VehicleState,
+    reasons_of,
+)
+from replay_kit.estimator.update.grouping import ProfileGroup
+from replay_kit.workflows.replay.stages.estimation import Step
+
+# Inflations of the covariance given in a note.
+_INFLATIONS_SHOWN = 5
+
+Key = TypeVar("Key")
+
+
+@dataclass(frozen=True, slots=True)
+class Sums:
+    """Sums over profiles, and of squares over their bins and components.
+
+    Attributes:
+        profiles: Number of profiles.
+        bins: Number of bins used.
+        nis: Normalised innovations squared.
+        dof: Degrees of freedom.
+        before: Squared innovations [m^2/s^2].
+        after: Squared residuals after the update [m^2/s^2].
+        prior: Squared innovations against the prior without observations [m^2/s^2].
+        predicted: Squared innovations against the estimate before the dive [m^2/s^2].
+    """
+
+    profiles: int = 0
+    bins: int = 0
+    nis: float = 0.0
+    dof: int = 0
+    before: float = 0.0
+    after: float = 0.0
+    prior: float = 0.0
+    predicted: float = 0.0
+
+    def with_profile(self, innovation: Innovation, dive_innovation: Array) -> "Sums":
+        """Return the sums with one more profile, or with those of a group."""
+        if (totals := innovation.totals) is not None:
+            return Sums(
+                self.profiles + innovation.profiles,
+                self.bins + totals.bins,
+                self.nis + innovation.nis,
+                self.dof + innovation.dof,
+                self.before + totals.before,
+                self.after + totals.after,
+                self.prior + totals.prior,
+                self.predicted + float(np.nansum(dive_innovation**2)),
+            )
+        return Sums(
+            self.profiles + 1,
+            self.bins + innovation.dof // 2,
+            self.nis + innovation.nis,
+            self.dof + innovation.dof,
+            self.before + float(np.nansum(innovation.innovation**2)),
+            self.after + float(np.nansum(innovation.residual**2)),
+            self.prior + float(np.nansum(innovation.prior_innovation**2)),
+            self.predicted + float(np.nansum(dive_innovation**2)),
+        )
+
+    def rms(self, squares: float) -> float:
+        """Return the root mean square [m/s] of one of the sums of squares; NaN without data."""
+        return float(np.sqrt(squares / self.dof)) if self.dof else float("nan")
+
+    @property
+    def nis_per_dof(self) -> float:
+        """Mean normalised innovation squared per degree of freedom; NaN without data."""
+        return self.nis / self.dof if self.dof else float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileCounts:
+    """Number of profiles, and of their bins, by what became of them.
+
+    Attributes:
+        rejected: Profiles without a usable bin, or rejected by the gate.
+        bins_rejected: Bins not used, by reason.
+        gated: Profiles rejected by the gate.
+        softened: Profiles whose errors the gate increased.
+        inflations: Factors by which the covariance was inflated.
+        total: Over all profiles used.
+        dives: Over the profiles of each dive.
+        positions: Longitude and latitude of each measurement used; of a path, where it ended.
+        last_position: Last position; None before the first.
+        interpolated: Profiles used whose place was interpolated between positions far apart in time.
+        position_std: Largest standard error of such a place [m].
+        path_means: Mean currents used, by kind.
+        corrections: Length of what was taken from each mean current for the flight model's error [m/s].
+        evidence: Log evidence of the measurements, rejected ones too: a forecast must not gain by what it rejects.
+    """
+
+    rejected: int = 0
+    bins_rejected: Mapping[str, int] = field(default_factory=dict)
+    gated: int = 0
+    softened: int = 0
+    inflations: tuple[float, ...] = ()
+    total: Sums = field(default_factory=Sums)
+    dives: Mapping[int, Sums] = field(default_factory=dict)
+    positions: tuple[tuple[float, float], ...] = ()
+    last_position: VehicleState | None = None
+    interpolated: int = 0
+    position_std: float = 0.0
+    path_means: Mapping[str, int] = field(default_factory=dict)
+    corrections: tuple[float, ...] = ()
+    evidence: Mapping[int, BlockEvidence] = field(default_factory=dict)
+
+    def after(self, steps: Sequence[Step]) -> "ProfileCounts":
+        """Return the counts after some steps."""
+        done = [(step.event, step.assimilation) for step in steps if step.assimilation is not None]
+        innovations = [assimilation.innovation for _, assimilation in done]
+        used = [
+            (event, found)
+            for event, found in done
+            if found.innovation.accepted and not isinstance(event, VehicleState)
+        ]
+        total, dives = self.total, dict(self.dives)
+        for _, found in used:
+            total = total.with_profile(found.innovation, found.dive_innovation)
+            if (dive := found.innovation.dive) > 0:
+                dives[dive] = dives.get(dive, Sums()).with_profile(
+                    found.innovation, found.dive_innovation
+                )
+        profiles = [profile for event, _ in used for profile in _profiles(event)]
+        far = [profile.position_std for profile in profiles if profile.position_std > 0.0]
+        vehicles = [step.event for step in steps if isinstance(step.event, VehicleState)]
+        return ProfileCounts(
+            self.rejected + len(done) - len(used),
+            _added(
+                self.bins_rejected,
+                (named for innovation in innovations for named in _reasons(innovation)),
+            ),
+            self.gated + sum(innovation.decision == "rejected" for innovation in innovations),
+            self.softened + sum(_softened(innovation) for innovation in innovations),
+            self.inflations
+            + tuple(
+                innovation.prior_inflation
+                for innovation in innovations
+                if innovation.prior_inflation > 1.0
+            ),
+            total,
+            dives,
+            self.positions + tuple(_place_of(event) for event, _ in used),
+            vehicles[-1] if vehicles else self.last_position,
+            self.interpolated + len(far),
+            max([self.position_std, *far]),
+            increment(
+                self.path_means, (event.kind for event, _ in used if isinstance(event, PathMean))
+            ),
+            self.corrections
+            + tuple(
+                _correction(event)
+                for event, _ in done
+                if isinstance(event, PathMean) and event.corrected
+            ),
+            _with_evidence(self.evidence, innovations),
+        )
+
+    def notes(self) -> list[str]:
+        """Return what the gate and the consistency monitor did, as sentences."""
+        notes = []
+        means = sum(self.path_means.values())
+        if means and means == self.total.profiles:
+            drifts = self.path_means.get("drift", 0)
+            more = (
+                "" if drifts else " (measurements.use_drift = true adds the drift at the surface)"
+            )
+            notes.append(
+                f"no profile of the current was used: the estimate rests on {means - drifts} mean currents of dives and {drifts} drifts "
+                f"between fixes alone{more}; how the current changes with depth is known from the ensemble only"
+            )
+        if self.interpolated:
+            notes.append(
+                f"{self.interpolated} profiles in dives were placed between positions far apart in time, with a standard error of up to "
+                f"{self.position_std:.0f} m (measurements.position_max_gap)"
+            )
+        if self.gated:
+            notes.append(
+                f"{self.gated} profiles contradicted the estimate and were rejected; [gating] sets the gate"
+            )
+        if self.softened:
+            notes.append(
+                f"{self.softened} profiles contradicted the estimate and were used with larger errors"
+            )
+        if self.inflations:
+            factors = ", ".join(f"{factor:.2g}" for factor in self.inflations[:_INFLATIONS_SHOWN])
+            more = " ..." if len(self.inflations) > _INFLATIONS_SHOWN else ""
+            notes.append(
+                f"most profiles exceeded the expected innovation, so the covariance was inflated {len(self.inflations)} times, "
+                f"by {factors}{more}: the ensemble, or the errors stated, do not fit this log"
+            )
+        return notes
+
+
+def increment(counts: Mapping[Key, int], keys: Iterable[Key]) -> dict[Key, int]:
+    """Return counts with one more for each key."""
+    out = dict(counts)
+    for key in keys:
+        out[key] = out.get(key, 0) + 1
+    return out
+
+
+def _with_evidence(
+    evidence: Mapping[int, BlockEvidence], innovations: Sequence[Innovation]
+) -> dict[int, BlockEvidence]:
+    """Return the log evidence by block with that of more measurements; those without a density, as of an estimate without variance, not."""
+    out = dict(evidence)
+    for one in innovations:
+        if np.isfinite(one.log_likelihood):
+            key = block_of(one.dive, one.time_ns)
+            out[key] = out.get(key, BlockEvidence()).with_measurement(
+                one.log_likelihood, one.dof, one.profiles
+            )
+    return out
+
+
+def _added(counts: Mapping[str, int], more: Iterable[tuple[str, int]]) -> dict[str, int]:
+    """Return counts with more of each key."""
+    out = dict(counts)
+    for key, count in more:
+        out[key] = out.get(key, 0) + count
+    return out
+
+
+def _softened(innovation: Innovation) -> int:
+    """Return how many profiles of an innovation were used with larger errors."""
+    return (
+        int(innovation.decision == "softened")
+        if innovation.totals is None
+        else innovation.totals.softened
+    )
+
+
+def _profiles(measurement: Measurement | ProfileGroup) -> tuple[Observation, ...]:
+    """Return the profiles in a measurement or a group."""
+    if isinstance(measurement, ProfileGroup):
+        return measurement.profiles
+    return (measurement,) if isinstance(measurement, Observation) else ()
+
+
+def _reasons(innovation: Innovation) -> list[tuple[str, int]]:
+    """Return the reasons for which bins were not used, and how many bins."""
+    if innovation.totals is not None:
+        return list(innovation.totals.not_used)
+    return reasons_of(innovation.reasons, innovation.flags)
+
+
+def _correction(mean: PathMean) -> float:
+    """Return the length of what was taken from a mean current for the flight model's error [m/s]."""
+    return abs(complex(*mean.used) - complex(*mean.velocity))
+
+
+def _place_of(measurement: Measurement | ProfileGroup) -> tuple[float, float]:
+    if isinstance(measurement, PathMean):
+        return float(measurement.longitude[-1]), float(measurement.latitude[-1])
+    return measurement.longitude, measurement.latitude

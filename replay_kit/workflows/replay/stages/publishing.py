@@ -1,0 +1,304 @@
+"""The publishing stage: what is published of each step, and when the depth slices are due."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from replay_kit.config.run import OutputConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import Finding
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Innovation, VehicleState
+from replay_kit.core.plan import Plan
+from replay_kit.core.surfacing import DiveOutcome, SurfacingOutcome
+from replay_kit.results import ResultWriter
+from replay_kit.workflows.replay.stages.estimation import Step
+
+#: Log time between estimates at the vehicle, at least [ns]: each takes as long as an update.
+AT_VEHICLE_NS = 1800 * 10**9
+# A vehicle that moved less keeps its heading [m].
+_MOVED = 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Weights:
+    """Mean weights after a measurement.
+
+    Attributes:
+        time_ns: Time of the measurement [ns, UTC].
+        weights: shape (r Z,), level after level.
+        levels: shape (Z,) [m].
+    """
+
+    time_ns: int
+    weights: Array
+    levels: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthSlices:
+    """A flow to be written at some depths, followed by a digest of the messages so far.
+
+    Attributes:
+        time_ns: [ns, UTC].
+        flow: The flow.
+        depths: [m].
+    """
+
+    time_ns: int
+    flow: FlowEstimate
+    depths: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PublishedPlan:
+    """A plan.
+
+    Attributes:
+        plan: The plan.
+        projection: The local frame of its track.
+    """
+
+    plan: Plan
+    projection: Projection
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeftWindow:
+    """The last estimate of a window that the vehicle has left.
+
+    Attributes:
+        number: Of the window, from 1.
+        flow: The estimate.
+    """
+
+    number: int
+    flow: FlowEstimate
+
+
+@dataclass(frozen=True, slots=True)
+class VehiclePose:
+    """Where the vehicle is in the local frame.
+
+    Attributes:
+        time_ns: [ns, UTC].
+        place: Local east, local north and depth [m].
+        heading: Of its way, clockwise from local north [rad].
+    """
+
+    time_ns: int
+    place: tuple[float, float, float]
+    heading: float
+
+
+@dataclass(frozen=True, slots=True)
+class AtVehicle:
+    """The estimate at the vehicle.
+
+    Attributes:
+        time_ns: [ns, UTC].
+        place: Longitude, latitude [degrees] and depth [m].
+        velocity: Towards true east and true north [m/s].
+        error: Standard errors of both [m/s]; NaN where unknown.
+    """
+
+    time_ns: int
+    place: tuple[float, float, float]
+    velocity: tuple[float, float]
+    error: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """All contradictions so far, at a time [ns, UTC]."""
+
+    time_ns: int
+    findings: tuple[Finding, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LogWarning:
+    """A warning for ``/log``.
+
+    Attributes:
+        time_ns: [ns, UTC].
+        text: The warning.
+    """
+
+    time_ns: int
+    text: str
+
+
+#: A position, what a measurement changed, a plan, how a plan or an expected surfacing turned out, a window's last estimate,
+#: contradictions, or a warning.
+Output = (
+    VehicleState
+    | VehiclePose
+    | Innovation
+    | Weights
+    | AtVehicle
+    | DepthSlices
+    | PublishedPlan
+    | SurfacingOutcome
+    | DiveOutcome
+    | LeftWindow
+    | Findings
+    | LogWarning
+)
+
+
+def write(writer: ResultWriter, output: Output) -> None:
+    """Write an output to a result."""
+    match output:
+        case VehicleState():
+            writer.fix(output)
+        case VehiclePose(time_ns, place, heading):
+            writer.vehicle(time_ns, place, heading)
+        case AtVehicle(time_ns, place, velocity, error):
+            writer.at_vehicle(time_ns, place, velocity, error)
+        case Findings(time_ns, findings):
+            writer.consistency(time_ns, findings)
+        case Innovation():
+            writer.innovation(output)
+        case Weights(time_ns, weights, levels):
+            writer.estimate(time_ns, weights, levels)
+        case DepthSlices(time_ns, flow, depths):
+            writer.grids(time_ns, flow, depths)
+            writer.digest(time_ns)
+        case PublishedPlan(plan, projection):
+            writer.plan(plan, projection)
+        case SurfacingOutcome():
+            writer.outcome(output)
+        case DiveOutcome():
+            writer.dive_outcome(output)
+        case LeftWindow(number, flow):
+            writer.window(number, flow)
+        case LogWarning(time_ns, text):
+            writer.log(time_ns, "warning", text)
+
+
+@dataclass(frozen=True, slots=True)
+class PublishingState:
+    """What the publishing stage remembers.
+
+    Attributes:
+        next_slices_ns: When the next depth slices are due [ns, UTC]; None before the first measurement.
+        next_at_vehicle_ns: When the next estimate at the vehicle is due [ns, UTC].
+        projection: The local frame; None before the first position.
+        position: The last one.
+        turned: Local east and north [m] where the heading was found last, and the heading, clockwise from local north [rad].
+        windows: Number of windows left by the vehicle whose last estimates were published.
+        withdrawn: How many of these, the first ones, belong to an estimate that was rebuilt.
+    """
+
+    next_slices_ns: int | None = None
+    next_at_vehicle_ns: int = 0
+    projection: Projection | None = None
+    position: VehicleState | None = None
+    turned: tuple[float, float, float] | None = None
+    windows: int = 0
+    withdrawn: int = 0
+
+
+def publish_step(
+    state: PublishingState,
+    step: Step,
+    levels: Array,
+    settings: OutputConfig,
+    flow_at: Callable[[int], FlowEstimate],
+) -> tuple[PublishingState, tuple[Output, ...]]:
+    """Return the state after a step, and what is published of it.
+
+    Args:
+        state: Before the step.
+        step: A position, or a measurement with its assimilation.
+        levels: shape (Z,) [m], of the weights.
+        settings: Interval and depths of the slices.
+        flow_at: Returns the estimate after the step for a time [ns, UTC].
+    """
+    if isinstance(step.event, VehicleState):
+        return _moved(state, step.event, flow_at)
+    if step.assimilation is None:
+        return state, ()
+    now_ns, (innovation, weights) = (
+        step.event.time_ns,
+        (step.assimilation.innovation, step.assimilation.weights),
+    )
+    outputs: list[Output] = [innovation]
+    if innovation.accepted and weights is not None:
+        outputs.append(Weights(now_ns, weights, levels))
+    if (
+        innovation.accepted
+        and (position := state.position) is not None
+        and now_ns >= state.next_at_vehicle_ns
+    ):
+        state = replace(state, next_at_vehicle_ns=now_ns + AT_VEHICLE_NS)
+        outputs.append(at_vehicle(now_ns, position, flow_at(now_ns)))
+    if state.next_slices_ns is None or now_ns >= state.next_slices_ns:
+        state = replace(state, next_slices_ns=now_ns + int(settings.interval * 1e9))
+        outputs.append(depth_slices(now_ns, flow_at(now_ns), settings))
+    return state, tuple(outputs)
+
+
+def _moved(
+    state: PublishingState, position: VehicleState, flow_at: Callable[[int], FlowEstimate]
+) -> tuple[PublishingState, tuple[Output, ...]]:
+    """Return the state after a position, with the position and the vehicle's frame, which looks along its way."""
+    projection = state.projection or flow_at(position.time_ns).grid.projection
+    east, north = (
+        float(value) for value in to_local(projection, position.longitude, position.latitude)
+    )
+    turned = state.turned or (east, north, 0.0)
+    moved = east - turned[0], north - turned[1]
+    if np.hypot(*moved) > _MOVED:
+        turned = east, north, float(np.arctan2(*moved))
+    pose = VehiclePose(position.time_ns, (east, north, _depth(position)), turned[2])
+    return replace(state, projection=projection, position=position, turned=turned), (position, pose)
+
+
+def at_vehicle(time_ns: int, position: VehicleState, flow: FlowEstimate) -> AtVehicle:
+    """Return an estimate at a vehicle's position, at the surface where its depth is unknown."""
+    east, north = to_local(flow.grid.projection, position.longitude, position.latitude)
+    depth = _depth(position)
+    velocity = flow.velocity(east, north, depth, true_axes=True)
+    variance = (
+        np.diag(flow.velocity_covariance(east, north, depth, true_axes=True))
+        if flow.n_modes
+        else np.full(2, np.nan)
+    )
+    error = np.sqrt(np.maximum(variance, 0.0))
+    place = (position.longitude, position.latitude, depth)
+    return AtVehicle(
+        time_ns, place, (float(velocity[0]), float(velocity[1])), (float(error[0]), float(error[1]))
+    )
+
+
+def publish_windows(
+    state: PublishingState, flows: Iterator[FlowEstimate]
+) -> tuple[PublishingState, tuple[LeftWindow, ...]]:
+    """Return the state after the last estimates of windows that the vehicle has left since, and these with their numbers."""
+    left = tuple(LeftWindow(number, flow) for number, flow in enumerate(flows, state.windows + 1))
+    return replace(state, windows=state.windows + len(left)), left
+
+
+def withdraw_windows(state: PublishingState) -> PublishingState:
+    """Return the state after the estimate was rebuilt: the windows published before it do not count."""
+    return replace(state, withdrawn=state.windows)
+
+
+def depth_slices(time_ns: int, flow: FlowEstimate, settings: OutputConfig) -> DepthSlices:
+    """Return a flow with the depths at which it is published: those of the settings, or the first, middle and last level."""
+    levels = flow.levels
+    return DepthSlices(
+        time_ns,
+        flow,
+        settings.depths
+        or tuple(float(levels[i]) for i in sorted({0, levels.size // 2, levels.size - 1})),
+    )
+
+
+def _depth(position: VehicleState) -> float:
+    return max(float(position.depth), 0.0) if np.isfinite(position.depth) else 0.0

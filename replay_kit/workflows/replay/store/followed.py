@@ -1,0 +1,266 @@
+"""States of a replay whose logs may grow or be corrected: the next replay goes on from the last one before which nothing changed.
+
+A state is a checkpoint with a digest of all messages before it. The logs are read from their beginning again and the digests compared, so
+that whatever happened to the files, appended, replaced, given out of order, renumbered, shows in the messages and in nothing else. Some
+states are kept: the latest ones, and older ones at growing distances. The journal of the result holds what was written after its
+beginning, which names the inputs and is written anew.
+"""
+
+import hashlib
+import json
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from replay_kit.core.atomic import atomic_file
+from replay_kit.core.errors import ConfigError, LogError
+from replay_kit.core.message import Message
+from replay_kit.measurements import MeasurementState
+from replay_kit.results import Journal, ResultWriter, read_journal
+from replay_kit.workflows.replay.session import Session
+from replay_kit.workflows.replay.store.checkpoint import (
+    Checkpoint,
+    read_checkpoint,
+    write_checkpoint,
+)
+
+#: States kept at most, and how many of them are the latest.
+_KEPT, _LATEST = 6, 3
+# Least wall time between states of one run [s]; no result depends on it.
+_LEAST = 30.0
+# Messages that may have been read beyond the one that a state is of.
+_AHEAD = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """A state on the disk: number of messages before it, their digest, the time of the last of them [ns, UTC]."""
+
+    messages: int
+    digest: str
+    last_ns: int
+
+    @property
+    def name(self) -> str:
+        return f"state-{self.messages:012d}"
+
+
+def message_digest(message: Message) -> bytes:
+    """Return what tells a message from any other: its time, topic, place in the logs and content."""
+    head = (message.time_ns, message.topic, message.schema, message.input, message.position)
+    return orjson.dumps(
+        (*head, message.payload),
+        default=_plain,
+        option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_NON_STR_KEYS,
+    )
+
+
+def _plain(value: Any) -> Any:
+    """Return what JSON has no form for: bytes as text, whatever else as its representation."""
+    return value.hex() if isinstance(value, bytes | bytearray | memoryview) else repr(value)
+
+
+class FollowedStates:
+    """The states of one followed mission, in a folder of their own."""
+
+    def __init__(self, folder: Path, identity: str, prior: object | None) -> None:
+        """Bind the folder to a run.
+
+        Args:
+            folder: It is made when it does not exist.
+            identity: Of the forecast, the settings and the versions; with another the states are of no use.
+            prior: The estimator's prior, which is not stored; None when the estimator has none.
+
+        Raises:
+            ConfigError: The folder cannot be made.
+        """
+        try:
+            folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise ConfigError(
+                f"{folder}: expected a folder for the states of a followed log: {error.strerror}; choose another"
+            ) from error
+        self.path = folder
+        self._identity, self._prior = identity, prior
+        self._known = self._read_index()
+        self._begun_ns, self._read = 0, 0
+        self._digests = deque[Any](maxlen=_AHEAD)
+        self._pending: tuple[_Known, Checkpoint] | None = None
+        self._written_at = time.monotonic()
+        self._journal: Journal | None = None
+
+    def resume(
+        self, messages: Callable[[], Iterator[Message]]
+    ) -> tuple[Checkpoint | None, Iterator[Message]]:
+        """Return the last state before which no message changed, None when there is none, and the messages after it.
+
+        Args:
+            messages: Begins the messages of the logs anew.
+        """
+        fit, stream = self._longest_fit(messages())
+        if fit is not None and fit is not self._known[-1]:
+            # what was read beyond the state is read again
+            stream = self._counted(messages())
+            for _ in range(fit.messages):
+                next(stream)
+        elif fit is None:
+            stream = self._counted(messages())
+        dropped = [state for state in self._known if fit is None or state.messages > fit.messages]
+        if dropped:
+            self._keep([state for state in self._known if state not in dropped])
+        if fit is None:
+            return None, stream
+        try:
+            return read_checkpoint(self.path / fit.name, self._identity, self._prior), stream
+        except (ConfigError, LogError):
+            # a damaged state costs time alone
+            self._keep([state for state in self._known if state is not fit])
+            return self.resume(messages)
+
+    def _longest_fit(self, messages: Iterator[Message]) -> tuple[_Known | None, Iterator[Message]]:
+        """Return the last state whose messages are the first of the logs, and the messages after the last state that was looked at."""
+        stream, fit, count = self._counted(messages), None, 0
+        for state in self._known:
+            while count < state.messages and next(stream, None) is not None:
+                count += 1
+            if count < state.messages or self._digest(count) != state.digest:
+                break
+            fit = state
+        return fit, stream
+
+    def _counted(self, messages: Iterator[Message]) -> Iterator[Message]:
+        """Yield messages after they went into the digest."""
+        digest, self._read = hashlib.sha256(), 0
+        self._digests.clear()
+        for message in messages:
+            if not self._read:
+                self._begun_ns = message.time_ns
+            digest.update(message_digest(message))
+            self._digests.append(digest.copy())
+            self._read += 1
+            yield message
+
+    def _digest(self, messages: int) -> str:
+        """Return the digest of so many messages, at most ``_AHEAD`` before the last one read: a block is read before its first is taken."""
+        return str(self._digests[messages - self._read - 1].hexdigest())
+
+    def open_journal(self, checkpoint: Checkpoint | None) -> Journal:
+        """Return the journal, cut to what belongs to the state."""
+        self._journal = Journal(
+            self.path / "journal", 0 if checkpoint is None else checkpoint.journal_bytes
+        )
+        return self._journal
+
+    def restore_result(
+        self,
+        writer: ResultWriter,
+        checkpoint: Checkpoint,
+        copy_inputs: Callable[[], None],
+        begin: Callable[[int], None],
+    ) -> None:
+        """Write what earlier replays had written up to a state.
+
+        Args:
+            writer: Of the result.
+            checkpoint: The state.
+            copy_inputs: Without effect: what precedes the messages is written anew, the inputs among it.
+            begin: Writes what precedes the messages of a result, whose first is of a time [ns, UTC].
+        """
+        begin(checkpoint.begun_ns)
+        writer.replay_journal(
+            read_journal(self.path / "journal", checkpoint.journal_bytes),
+            checkpoint.writer_state,
+            copy_inputs,
+        )
+
+    def write_when_due(
+        self, session: Session, measurement: MeasurementState, messages: int
+    ) -> None:
+        """Remember a state between two blocks of observations, and now and then write it.
+
+        Args:
+            session: The replay.
+            measurement: State of the measurement step.
+            messages: Number of messages read.
+        """
+        if session.writer is None or self._journal is None or (state := session.state) is None:
+            return
+        known = _Known(messages, self._digest(messages), state.last_ns)
+        self._pending = (
+            known,
+            Checkpoint(
+                state,
+                measurement,
+                messages,
+                self._journal.length,
+                session.writer.state,
+                self._begun_ns,
+            ),
+        )
+        if time.monotonic() - self._written_at > _LEAST:
+            self.write_last()
+
+    def write_last(self) -> None:
+        """Write the state remembered last, if it is not on the disk."""
+        self._written_at = time.monotonic()
+        if self._pending is None or self._journal is None:
+            return
+        (known, checkpoint), self._pending = self._pending, None
+        self._journal.flushed()
+        write_checkpoint(self.path / known.name, (self._identity, None), self._prior, checkpoint)
+        self._keep(thinned([*self._known, known]))
+
+    def close(self) -> None:
+        """Close the journal; the states stay."""
+        if self._journal is not None:
+            self._journal.close()
+
+    def remove(self) -> None:
+        """Keep all: the logs may grow."""
+
+    def _read_index(self) -> list[_Known]:
+        """Return the states on the disk; none of another run, nor where the index is missing or damaged."""
+        try:
+            index = json.loads((self.path / "states.json").read_text(encoding="utf-8"))
+            known = [
+                _Known(int(one["messages"]), str(one["sha256"]), int(one["last_ns"]))
+                for one in index["states"]
+            ]
+            return known if index["identity"] == self._identity else []
+        except (OSError, ValueError, KeyError, TypeError):
+            return []
+
+    def _keep(self, states: list[_Known]) -> None:
+        """Make some states those that are kept: the index first, so that it never names one that is gone."""
+        rows = [
+            {"messages": state.messages, "sha256": state.digest, "last_ns": state.last_ns}
+            for state in states
+        ]
+        with atomic_file(self.path / "states.json") as file:
+            file.write(json.dumps({"identity": self._identity, "states": rows}, indent=1).encode())
+        names = {state.name for state in states}
+        for path in self.path.glob("state-*"):
+            if path.name not in names:
+                path.unlink(missing_ok=True)
+        self._known = states
+
+
+def thinned(states: list[_Known]) -> list[_Known]:
+    """Return some of the states, sorted: the latest, and of the older ones those without which the gaps are widest for their age."""
+    left = sorted(
+        {state.messages: state for state in states}.values(), key=lambda state: state.messages
+    )
+    while len(left) > _KEPT:
+        end = left[-1].messages
+
+        def gap(k: int, left: list[_Known] = left, end: int = end) -> float:
+            before = left[k - 1].messages if k else 0
+            return (left[k + 1].messages - before) / (end - before)
+
+        del left[min(range(len(left) - _LATEST), key=gap)]
+    return left

@@ -1,0 +1,265 @@
+"""The forecasts of surfacings of a log without mean currents: from the displacements between the fixes of the dives before.
+
+A dive's mean velocity over ground is its way through the water and the current, of which no flight model tells the parts. The estimate
+says what the current will be: before the dive, halfway along a dive like the last one. What the dives before went beside that is their
+way through the water, and the coming dive's, as long as the pilot does not steer elsewhere. Where the estimate says nothing, outside its
+region, the velocities over ground themselves are what stays.
+
+A dive is concluded when the next one begins: until then a log may still state its mean current.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.as_flown import FlownDive, flown_dive
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import inside_grid, to_local
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Fix, Observation, PathMean, VehicleState
+from replay_kit.core.surfacing import Basis, DiveForecast, DiveOutcome, forecast_place
+from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Persistence
+from replay_kit.estimator.next_dive.filter import FIXES_STD
+from replay_kit.estimator.update.grouping import ProfileGroup
+from replay_kit.measurements.vehicle.dead_reckoning import Path, at_depth, begin, extend, path_mean
+from replay_kit.measurements.vehicle.dives import SurfacingState, detect_surfacing
+from replay_kit.workflows.replay.surfacings.outcomes import Before
+
+_MODEL = DiveModel.over_ground(1)
+#: Returns the estimate for a time [ns, UTC].
+FlowAt = Callable[[int], FlowEstimate]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ahead:
+    """What the estimate says of the current of a coming dive.
+
+    Attributes:
+        depth: shape (Z,) [m], increasing.
+        velocity: shape (Z, 2) [m/s], true east and north.
+    """
+
+    depth: Array
+    velocity: Array
+
+    def mean(self, depth: Array, weight: Array) -> Array:
+        """Return the mean over depths, shape (m,), with weights that sum to one, shape (2,) [m/s]; beyond the levels the nearest."""
+        return np.array(
+            [weight @ np.interp(depth, self.depth, component) for component in self.velocity.T]
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LastDive:
+    """The last dive.
+
+    Attributes:
+        mean: As the model has it.
+        depth: shape (m,) [m], along its path.
+        weight: shape (m,), share of the time spent about each depth; sums to one.
+        number: Of the dive.
+        basis: What it was expected from.
+        flown: How the vehicle flew it through the water; None where the estimate says nothing of the current.
+    """
+
+    mean: DiveMean
+    depth: Array
+    weight: Array
+    number: int
+    basis: Basis
+    flown: FlownDive | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundState:
+    """What the forecasts from displacements remember.
+
+    Attributes:
+        model: After the dives so far; None before the first, as it is large.
+        persistence: The baseline: as in the last dive.
+        detection: Of surfacings.
+        latest: Last fix at the surface; None before the first.
+        path: Since the fix before the dive; None at the surface.
+        ahead: What the estimate said of the dive before it began; None where nothing.
+        surfaced: Path of a dive, the fix that ended it and its number, 0 where none is known, until all measurements of that time have
+            come.
+        last: The last dive; None before the first.
+        concluded: Outcome of the last dive, until the next one begins.
+    """
+
+    model: DiveState | None = None
+    persistence: Persistence = field(default_factory=Persistence)
+    detection: SurfacingState = field(default_factory=SurfacingState)
+    latest: VehicleState | None = None
+    path: Path | None = None
+    ahead: Ahead | None = None
+    surfaced: tuple[Path, VehicleState, int] | None = None
+    last: LastDive | None = None
+    concluded: DiveOutcome | None = None
+
+    @property
+    def before(self) -> Before:
+        """What is known before the next dive."""
+        return Before(
+            _MODEL, _MODEL.initial() if self.model is None else self.model, self.persistence
+        )
+
+
+def ground_step(
+    state: GroundState,
+    event: VehicleState | Observation | PathMean | ProfileGroup,
+    flow_at: FlowAt,
+    surface_depth: float,
+) -> tuple[GroundState, tuple[DiveOutcome, ...]]:
+    """Return the state after an event, and the outcome of the last dive when the next one begins.
+
+    Args:
+        state: Before it.
+        event: A position or a measurement, in the order of the log.
+        flow_at: The estimate before the event.
+        surface_depth: [m], shallower than this the vehicle is at the surface.
+    """
+    first = event.profiles[0] if isinstance(event, ProfileGroup) else event
+    if isinstance(first, PathMean):
+        return state, ()
+    if state.surfaced is not None and first.time_ns > state.surfaced[1].time_ns:
+        state = concluded(state)
+    detection, end = detect_surfacing(state.detection, first, surface_depth)
+    begins = _in_dive(detection) and (end is not None or not _in_dive(state.detection))
+    if end is not None:
+        # a dive's profiles may have waited for the fix after it
+        number = detection.dive if first.time_ns <= end.time_ns else state.detection.dive
+        surfaced = (
+            None
+            if state.path is None or end.time_ns <= state.path.start.time_ns
+            else (state.path, end, number)
+        )
+        state = replace(state, path=None, surfaced=surfaced)
+    state = replace(state, detection=detection)
+    outcomes: tuple[DiveOutcome, ...] = ()
+    if begins:
+        state = concluded(state)
+        outcomes = () if state.concluded is None else (state.concluded,)
+        state = _begun(state, flow_at)
+    return _moved(state, first, surface_depth), outcomes
+
+
+def concluded(state: GroundState) -> GroundState:
+    """Return the state after the last dive, if it has ended: with its outcome, and what it teaches of the next one."""
+    if state.surfaced is None:
+        return state
+    path, end, number = state.surfaced
+    mean = path_mean(path, end, (0.0, 0.0), 0.0, "dac", 0)
+    assert mean.fixes is not None
+    start, fix = mean.fixes
+    seconds = (fix.time_ns - start.time_ns) * 1e-9
+    velocity = (
+        np.array(to_local(Projection(start.longitude, start.latitude), fix.longitude, fix.latitude))
+        / seconds
+    )
+    current = _current(state, mean.depth, mean.weight)
+    dive = DiveMean(
+        time_ns=(start.time_ns + fix.time_ns) // 2,
+        seconds=seconds,
+        way=np.zeros(2),
+        surface_share=0.0,
+        velocity=velocity,
+        backgrounds=current[None],
+        position_std=FIXES_STD,
+    )
+    before, basis = state.before, _basis(state)
+    flown = (
+        flown_dive(seconds, velocity - current, mean.depth, mean.deepest)
+        if state.ahead is not None
+        else None
+    )
+    number = number or before.state.dives + 1
+    return replace(
+        state,
+        model=_MODEL.step(before.state, dive),
+        persistence=state.persistence.after(velocity),
+        surfaced=None,
+        ahead=None,
+        last=LastDive(dive, mean.depth, mean.weight, number, basis, flown),
+        concluded=before.outcome(dive, (start, fix), number, basis),
+    )
+
+
+def next_ground_surfacing(state: GroundState, flow: FlowEstimate) -> DiveForecast | None:
+    """Return where the vehicle surfaces next if its dive lasts as long and goes as deep as the last one; None before the first dive.
+
+    Args:
+        state: After all dives.
+        flow: The estimate.
+    """
+    if state.last is None or state.latest is None:
+        return None
+    last, fix = state.last, state.latest
+    state = replace(state, ahead=_ahead(state, flow))
+    current = _current(state, last.depth, last.weight)
+    coming = replace(
+        last.mean, time_ns=fix.time_ns + int(0.5e9 * last.mean.seconds), backgrounds=current[None]
+    )
+    return state.before.forecast(
+        coming, Fix(fix.time_ns, fix.longitude, fix.latitude), last.number + 1, _basis(state)
+    )
+
+
+def _in_dive(detection: SurfacingState) -> bool:
+    return detection.submerged or not detection.reported
+
+
+def _begun(state: GroundState, flow_at: FlowAt) -> GroundState:
+    """Return the state after a dive began at the last fix, before which nothing is known of it."""
+    state = replace(state, concluded=None, path=None)
+    if (fix := state.latest) is None:
+        return state
+    return replace(state, path=begin(fix), ahead=_ahead(state, flow_at(fix.time_ns)))
+
+
+def _moved(
+    state: GroundState, event: VehicleState | Observation, surface_depth: float
+) -> GroundState:
+    """Return the state after a position, or after the depth of a profile's first bin where positions have none."""
+    path = state.path
+    if isinstance(event, Observation):
+        known = event.depth[np.isfinite(event.depth)]
+        return (
+            state
+            if path is None or path.reckoned or not known.size
+            else replace(state, path=at_depth(path, float(known.min())))
+        )
+    if not event.dead_reckoned and not event.depth > surface_depth:
+        return replace(state, latest=event)
+    return state if path is None else replace(state, path=extend(path, event))
+
+
+def _ahead(state: GroundState, flow: FlowEstimate) -> Ahead | None:
+    """Return what an estimate says of the current halfway along a dive from the last fix that is like the last one; None outside it."""
+    assert state.latest is not None
+    place = state.latest.longitude, state.latest.latitude
+    if state.last is not None:
+        place = forecast_place(
+            Fix(0, *place), 0.5 * state.last.mean.seconds, state.last.mean.velocity
+        )
+    east, north = to_local(flow.grid.projection, *place)
+    if not inside_grid(flow.grid, east, north):
+        return None
+    return Ahead(flow.levels, flow.velocity(east, north, flow.levels, true_axes=True))
+
+
+def _current(state: GroundState, depth: Array, weight: Array) -> Array:
+    """Return the mean current that the estimate expects over depths, shape (2,) [m/s].
+
+    Where it says nothing that is the current of the last dive, or NaN before the first: what is left of a displacement is the way through
+    the water only if the current is taken from it.
+    """
+    if state.ahead is not None:
+        return state.ahead.mean(depth, weight)
+    return np.full(2, np.nan) if state.last is None else np.asarray(state.last.mean.backgrounds[0])
+
+
+def _basis(state: GroundState) -> Basis:
+    return "displacements" if state.ahead is None else "estimate"

@@ -1,0 +1,275 @@
+"""The forecasts of surfacings: each dive's end is expected from the dives before it, and scored when its fix has come.
+
+The dive's way through the water is taken as its flight model states it after the dive; the fix after the dive enters nothing before the
+forecast of that dive is made. Of a log without mean currents dives are expected from their displacements (``displacements.py``).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.as_flown import AsFlown, FlownDive, flown_dive
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Observation, PathMean, usable
+from replay_kit.core.surfacing import DiveForecast, DiveOutcome
+from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Persistence
+from replay_kit.estimator.next_dive.filter import SURFACE_DEPTH
+from replay_kit.estimator.next_dive.flight import local_step
+from replay_kit.estimator.update.grouping import ProfileGroup
+from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
+from replay_kit.workflows.replay.surfacings.displacements import (
+    FlowAt,
+    GroundState,
+    concluded,
+    ground_step,
+    next_ground_surfacing,
+)
+from replay_kit.workflows.replay.surfacings.outcomes import Before
+
+# The ensemble alone, and the estimate before the dive.
+_BACKGROUNDS = 2
+_UNKNOWN = np.full((_BACKGROUNDS, 2), np.nan)
+_MODEL = DiveModel.default(_BACKGROUNDS)
+# m; cells in which a dive's profiles are averaged
+_CELL = 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForecastState:
+    """What the forecasts of surfacings remember.
+
+    Attributes:
+        model: After the dives so far; None before the first, as it is large.
+        persistence: The baseline.
+        dive: Number of the dive whose profiles are gathered.
+        sums: shape (cells, 3), of the profiles of the dive by depth: number of bins, sums of east and north [m/s].
+        last: The last dive's mean; None before the first.
+        ground: Of a log that has stated no mean current yet.
+        outcomes: Of the dives so far.
+        local: Of the current beside the estimate; None before the first dive.
+        dives: How the vehicle flew each dive that shows it.
+        as_flown: Their median; None without any.
+    """
+
+    model: DiveState | None = None
+    persistence: Persistence = field(default_factory=Persistence)
+    dive: int = 0
+    sums: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    last: DiveMean | None = None
+    ground: GroundState = field(default_factory=GroundState)
+    outcomes: tuple[DiveOutcome, ...] = ()
+    local: DiveState | None = None
+    dives: tuple[FlownDive, ...] = ()
+    as_flown: AsFlown | None = None
+
+
+def forecast_step(
+    state: ForecastState, step: Step, flow_at: FlowAt, surface_depth: float
+) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
+    """Return the state after a step of the estimate, and the outcome of the dive that it ends.
+
+    Args:
+        state: Before it.
+        step: A position, or a measurement with its assimilation.
+        flow_at: The estimate before the step, for a time [ns, UTC].
+        surface_depth: [m], shallower than this the vehicle is at the surface.
+    """
+    state, ended = _over_ground(state, step, flow_at, surface_depth)
+    if isinstance(step.event, PathMean):
+        state = _beside_estimate(state, step.event, step.assimilation)
+        return forecast_mean(
+            state,
+            step.event,
+            None if step.assimilation is None else _backgrounds(step.event, step.assimilation),
+        )
+    if isinstance(step.event, Observation):
+        return with_profile(state, step.event), ended
+    if isinstance(step.event, ProfileGroup):
+        for profile in step.event.profiles:
+            state = with_profile(state, profile)
+    return state, ended
+
+
+def forecast_end(state: ForecastState) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
+    """Return the state at the end of a log, and the outcome of its last dive that no mean current stated."""
+    ground = concluded(state.ground)
+    return _with_ground(state, ground, () if ground.concluded is None else (ground.concluded,))
+
+
+def _over_ground(
+    state: ForecastState, step: Step, flow_at: FlowAt, surface_depth: float
+) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
+    if state.model is not None:
+        # the log states mean currents
+        return state, ()
+    return _with_ground(state, *ground_step(state.ground, step.event, flow_at, surface_depth))
+
+
+def _with_ground(
+    state: ForecastState, ground: GroundState, ended: tuple[DiveOutcome, ...]
+) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
+    """Return the state after a step of the forecasts from displacements, and the outcome of the dive that has ended."""
+    state = replace(state, ground=ground, outcomes=(*state.outcomes, *ended))
+    return (
+        _with_dive(state, ground.last.flown) if ended and ground.last is not None else state
+    ), ended
+
+
+def _with_dive(state: ForecastState, dive: FlownDive | None) -> ForecastState:
+    """Return the state after a dive was flown; None shows nothing."""
+    if dive is None:
+        return state
+    dives = (*state.dives, dive)
+    return replace(state, dives=dives, as_flown=AsFlown.of(dives))
+
+
+def forecast_mean(
+    state: ForecastState, mean: PathMean, backgrounds: Array | None = None
+) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
+    """Return the state after a mean current, and the outcome of its dive; a drift at the surface, or one without fixes, changes nothing.
+
+    Args:
+        state: Before it.
+        mean: The mean current.
+        backgrounds: shape (2, 2) [m/s], true east and north, what the ensemble alone and the estimate before the dive say of it; NaN
+            where they say nothing, None where neither does.
+    """
+    if mean.kind != "dac" or mean.fixes is None:
+        return state, ()
+    dive = dive_mean(state, mean, _UNKNOWN if backgrounds is None else backgrounds)
+    before = _MODEL.initial() if state.model is None else state.model
+    outcome = Before(_MODEL, before, state.persistence).outcome(dive, mean.fixes, mean.dive)
+    # dives without a mean current are known less well
+    known = replace(state, dives=(), as_flown=None) if state.model is None else state
+    after = replace(
+        _with_dive(known, flown_of(mean)),
+        model=_MODEL.step(before, dive),
+        persistence=state.persistence.after(dive.velocity),
+        last=dive,
+        ground=GroundState(),
+        outcomes=(*state.outcomes, outcome),
+    )
+    return after, (outcome,)
+
+
+def next_surfacing(state: ForecastState, flow: FlowEstimate | None = None) -> DiveForecast | None:
+    """Return where the vehicle surfaces next if it flies as in the last dive, from the last fix on; None before the first dive.
+
+    Args:
+        state: After all dives.
+        flow: The estimate, for a log without mean currents; None without.
+    """
+    if state.model is None and flow is not None:
+        return next_ground_surfacing(state.ground, flow)
+    if state.model is None or state.last is None:
+        return None
+    last, fix = state.last, state.outcomes[-1].fix
+    coming = replace(
+        last, time_ns=fix.time_ns + int(0.5e9 * last.seconds), backgrounds=_UNKNOWN, inverted=None
+    )
+    return Before(_MODEL, state.model, state.persistence).forecast(
+        coming, fix, state.outcomes[-1].forecast.dive + 1
+    )
+
+
+def dive_mean(state: ForecastState, mean: PathMean, backgrounds: Array) -> DiveMean:
+    """Return what a mean current with fixes says, with the dive's own profiles and with what the ensemble and the estimate say of it."""
+    assert mean.fixes is not None
+    start, end = mean.fixes
+    seconds, velocity = (end.time_ns - start.time_ns) * 1e-9, np.array(mean.velocity)
+    way = (
+        np.array(to_local(Projection(start.longitude, start.latitude), end.longitude, end.latitude))
+        / seconds
+        - velocity
+    )
+    return DiveMean(
+        time_ns=(start.time_ns + end.time_ns) // 2,
+        seconds=seconds,
+        way=way,
+        surface_share=float(mean.weight @ np.exp(-mean.depth / SURFACE_DEPTH)),
+        velocity=velocity,
+        inverted=_along(state.sums, mean) if state.dive == mean.dive else None,
+        backgrounds=backgrounds,
+    )
+
+
+def flown_of(mean: PathMean) -> FlownDive | None:
+    """Return how the dive of a mean current was flown; None for a drift at the surface, or where its way through the water is not known."""
+    if mean.kind != "dac" or mean.fixes is None:
+        return None
+    dive = dive_mean(ForecastState(), mean, _UNKNOWN)
+    return flown_dive(dive.seconds, dive.way, mean.depth, mean.deepest)
+
+
+def with_profile(state: ForecastState, profile: Observation) -> ForecastState:
+    """Return the state after an absolute profile of a dive; others change nothing."""
+    used = usable(profile.flags) & np.isfinite(profile.velocity).all(axis=1)
+    if profile.dive == 0 or not np.isfinite(profile.common_std) or not used.any():
+        return state
+    sums = state.sums if profile.dive == state.dive else np.zeros((0, 3))
+    cell = (np.maximum(profile.depth[used], 0.0) // _CELL).astype(np.int64)
+    more = max(int(cell.max()) + 1 - len(sums), 0)
+    sums = np.vstack([sums, np.zeros((more, 3))])
+    np.add.at(sums, cell, np.column_stack([np.ones(cell.size), profile.velocity[used]]))
+    return replace(state, dive=profile.dive, sums=sums)
+
+
+def _along(sums: Array, mean: PathMean) -> Array | None:
+    """Return the mean along a path of averages by depth, shape (2,), beyond them the nearest; None without any."""
+    known = np.flatnonzero(sums[:, 0])
+    if known.size == 0:
+        return None
+    depth, velocity = (known + 0.5) * _CELL, sums[known, 1:] / sums[known, :1]
+    return np.array(
+        [mean.weight @ np.interp(mean.depth, depth, component) for component in velocity.T]
+    )
+
+
+def backgrounds_of(mean: PathMean, used: Array, innovations: Sequence[Array]) -> Array:
+    """Return what others say of a mean current, shape (k, 2) [m/s], true east and north; NaN where they say nothing.
+
+    Args:
+        mean: The mean current.
+        used: shape (2,) [m/s], what is used of it, along the local axes.
+        innovations: Each of shape (1, 2) [m/s], along the local axes: ``used`` minus predicted.
+    """
+    if not np.any(used):
+        return np.full((len(innovations), 2), np.nan)
+    # the mean on both axes turns local ones to true ones
+    turn = complex(*mean.used) / complex(*used)
+    predicted = np.stack(
+        [used - (each[0] if each.shape == (1, 2) else np.nan) for each in innovations]
+    )
+    turned = (predicted[:, 0] + 1j * predicted[:, 1]) * turn
+    return np.column_stack([turned.real, turned.imag])
+
+
+def _beside_estimate(
+    state: ForecastState, mean: PathMean, assimilation: Assimilation | None
+) -> ForecastState:
+    """Return the state after what a dive's mean current says of the current beside the estimate; nothing where no estimate is."""
+    if (
+        assimilation is None
+        or assimilation.dive_std is None
+        or assimilation.dive_innovation.shape != (1, 2)
+    ):
+        return state
+    (innovation,), (std,) = assimilation.dive_innovation, assimilation.dive_std
+    if not (np.isfinite(innovation).all() and np.isfinite(std).all()):
+        return state
+    middle_ns = (int(mean.path_time_ns[0]) + mean.time_ns) // 2
+    return replace(state, local=local_step(state.local, middle_ns, innovation, std))
+
+
+def _backgrounds(mean: PathMean, assimilation: Assimilation) -> Array:
+    """Return the mean current by the ensemble alone and by the estimate before the dive, shape (2, 2); NaN where they are not known."""
+    found = assimilation.innovation
+    if found.used_current is None:
+        return _UNKNOWN
+    return backgrounds_of(
+        mean, found.used_current, [found.prior_innovation, assimilation.dive_innovation]
+    )
