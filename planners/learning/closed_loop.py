@@ -16,7 +16,7 @@ from planners.learning.loops import Survey
 from planners.learning.rows import Rows, gains, learnt, rows_at, stacked
 from planners.learning.transit import fly_transit, plan_transit
 from replay_kit.core.arrays import Array
-from replay_kit.core.bootstrap import bootstrap_interval
+from replay_kit.core.evidence import bootstrap_interval
 from replay_kit.core.flow.depth_means import DepthMeans
 from replay_kit.core.flow.evolution import sample_through
 

@@ -24,8 +24,8 @@ from planners.learning.rows import (
 from planners.learning.scene import Scene, dives_of, scene_of, value_map
 from planners.learning.values import Box, Candidate, LearnPlan, LearnRequest
 from replay_kit.core.arrays import Array
-from replay_kit.core.bootstrap import bootstrap_interval
 from replay_kit.core.errors import PlanError
+from replay_kit.core.evidence import bootstrap_interval
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 

@@ -18,7 +18,7 @@ from replay_kit.cli.help import command_group, layout, option_groups
 from replay_kit.cli.options import CHOICES, before_conversion
 from replay_kit.cli.words import refuse_unknown, repeat_ensembles
 from replay_kit.core.errors import ConfigError, ReplayKitError
-from replay_kit.core.printable import printable
+from replay_kit.core.text import printable
 from replay_kit.core.version import __version__
 
 # Loading modules and laying out help make many small objects that stay; looking for garbage among them takes a sixth of the help's time.

@@ -1,4 +1,4 @@
-"""What was measured, where and how well, and what the estimator made of it."""
+"""Observations of the current, vehicle states, and the innovations of the estimator."""
 
 import math
 from dataclasses import dataclass
@@ -84,7 +84,7 @@ class VehicleState:
         latitude: [degrees north].
         depth: [m], positive down; NaN when unknown.
         dead_reckoned: True when the position was not measured but computed.
-        source: The message that said so.
+        source: The message it came from.
     """
 
     time_ns: int
@@ -312,7 +312,7 @@ class GroupTotals:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Innovation:
-    """What one observation said against the prediction made before it.
+    """The innovation of one observation: measured minus predicted, before and after the update.
 
     Attributes:
         time_ns: [ns, UTC].

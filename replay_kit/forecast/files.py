@@ -14,9 +14,8 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from replay_kit.core.claims import exceeds_claim
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.paths import Paths, as_groups
+from replay_kit.core.paths import Paths, as_groups, exceeds_claim
 from replay_kit.core.text import count_text
 
 _ENDINGS = (".nc", ".nc4", ".nc3", ".cdf", ".netcdf", ".zarr")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.bootstrap import bootstrap_interval
+from replay_kit.core.evidence import bootstrap_interval
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.gaussian import coverage, crps_gaussian
 from replay_kit.estimator import Estimator

@@ -36,7 +36,7 @@ CHECK = '''"""Pings whose time repeats: the clock of the instrument stands still
 from dataclasses import dataclass
 from typing import Self
 
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Observation
 from replay_kit.measurements.consistency.summary import PingSummary
 

@@ -12,7 +12,7 @@ from mcap.writer import Writer
 
 from replay_kit.config.run import LogConfig, load_config
 from replay_kit.logs import open_log
-from replay_kit.logs.mcap import overview
+from replay_kit.logs.mcap import survey
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows import convert as converting
 from replay_kit.workflows.info.inspect import LogInfo, inspect_logs
@@ -170,9 +170,9 @@ def rows(tiny: bool) -> list[Row]:
     count, size = (2_000, 3_000_000) if tiny else (5_000_000, 1_100_000_000)
     # a log of nothing would be read whole
     with (
-        mock.patch.object(overview, "FEW_MESSAGES", 1)
+        mock.patch.object(survey, "FEW_MESSAGES", 1)
         if tiny
-        else mock.patch.object(overview, "FEW_MESSAGES", overview.FEW_MESSAGES)
+        else mock.patch.object(survey, "FEW_MESSAGES", survey.FEW_MESSAGES)
     ):
         for what, make in (
             (f"{count} messages", lambda folder: _many(folder / "many.mcap", count)),

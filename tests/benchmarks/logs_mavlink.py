@@ -15,9 +15,8 @@ from pymavlink import DFReader, mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.logs import open_log
-from replay_kit.logs.dataflash.formats import HEAD
 from replay_kit.logs.dataflash.reader import DataflashReader
-from replay_kit.logs.dataflash.records import read_records
+from replay_kit.logs.dataflash.records import HEAD, read_records
 from replay_kit.logs.mavlink.frames import read_frames
 from replay_kit.logs.shared.statistics import ReadStatistics
 from replay_kit.measurements import MAVLINK_NAMES

@@ -83,7 +83,7 @@ def islands(flow: FlowEstimate, rng: np.random.Generator) -> FlowEstimate:
     return replace(
         flow,
         grid=grid,
-        horizontal=flow.horizontal.at_nodes(grid.nodes),
+        horizontal=replace(flow.horizontal, nodes=grid.nodes),
         latent=flow.latent[keep],
         modes=flow.modes[keep],
     )

@@ -37,7 +37,7 @@ def on(flow: FlowEstimate, east: Array, north: Array) -> FlowEstimate:
     """Return a flow on a grid of other places, shape (J, I) [m]."""
     longitude, latitude = to_geographic(flow.grid.projection, east, north)
     grid = replace(flow.grid, longitude=longitude, latitude=latitude, east=east, north=north)
-    return replace(flow, grid=grid, horizontal=flow.horizontal.at_nodes(grid.nodes))
+    return replace(flow, grid=grid, horizontal=replace(flow.horizontal, nodes=grid.nodes))
 
 
 def turned(flow: FlowEstimate, degrees: float) -> FlowEstimate:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from replay_kit import open_result
-from replay_kit.core.flight_correction import FlightCorrection
+from replay_kit.core.as_flown import FlightCorrection
 from replay_kit.results import ResultWriter
 from replay_kit.results.flight_correction import mean_current_parts
 from replay_kit.results.outcome.from_run import flight_correction_json

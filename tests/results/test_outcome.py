@@ -6,8 +6,7 @@ from dataclasses import fields, replace
 
 import pytest
 
-from replay_kit.core.errors import MeasurementError
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding, MeasurementError
 from replay_kit.core.message import Loss
 from replay_kit.results.outcome.from_run import failed, outcome_of
 from replay_kit.results.outcome.outcome import Outcome, outcome_from

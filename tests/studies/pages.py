@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.core.dive_forecast import DiveForecast, DiveOutcome
 from replay_kit.core.observation import Fix
 from replay_kit.core.plan import Place
-from replay_kit.core.surfacing import Ellipse
+from replay_kit.core.surfacing import DiveForecast, DiveOutcome, Ellipse
 from replay_kit.estimator.evolving.fit_log import LogSettings
 from replay_kit.studies.accuracy import AccuracyResult
 from replay_kit.studies.accuracy.run import AccuracyRow

@@ -9,7 +9,7 @@ from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution
-from replay_kit.core.flow.oscillation import Oscillation
+from replay_kit.core.flow.local import Oscillation
 from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Innovation, Measurement, PathMean, Reason
 from replay_kit.estimator.basis.modes import Basis

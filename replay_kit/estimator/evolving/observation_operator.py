@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
-from replay_kit.core.flow.oscillation import Oscillation
-from replay_kit.core.flow.process import ProcessModel
+from replay_kit.core.flow.evolution import ProcessModel
+from replay_kit.core.flow.local import Oscillation
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator.basis.modes import Basis

@@ -30,9 +30,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.covariance import symmetric
-from replay_kit.core.flow.hybrid import HybridCovariance
-from replay_kit.core.flow.reduction import Reduction
+from replay_kit.core.flow.covariance import HybridCovariance, Reduction, symmetric
 from replay_kit.estimator.prior.hybrid import HybridPrior, Prior, PriorSettings
 
 # The variances that are averaged over, and their weights before the log.

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol, Self
 
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.position_checks import PositionRun, SeparatePlaces

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import distance
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.core.text import place_text, time_text

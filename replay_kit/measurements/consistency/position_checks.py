@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import distance
 from replay_kit.core.observation import VehicleState
 from replay_kit.core.text import place_text, time_text

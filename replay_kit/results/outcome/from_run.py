@@ -8,14 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.core.dive_forecast import DiveForecast, DiveOutcome, held_shares
-from replay_kit.core.errors import ReplayKitError
+from replay_kit.core.as_flown import FlightCorrection
+from replay_kit.core.errors import ReplayKitError, finding_json
 from replay_kit.core.evidence import BlockEvidence, Evidence, compare
-from replay_kit.core.finding import finding_json
-from replay_kit.core.flight_correction import FlightCorrection
 from replay_kit.core.observation import Fix
 from replay_kit.core.plan import Plan
-from replay_kit.core.surfacing import Ellipse, SurfacingOutcome
+from replay_kit.core.surfacing import (
+    DiveForecast,
+    DiveOutcome,
+    Ellipse,
+    SurfacingOutcome,
+    held_shares,
+)
 from replay_kit.results.losses import coded, loss_json
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.run import ReplaySummary, Rival

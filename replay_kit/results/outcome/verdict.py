@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
-from replay_kit.core.finding import severity_word
+from replay_kit.core.errors import severity_word
 
 # Normalised innovations squared per degree of freedom between which stated errors are taken for right.
 LEAST_NIS, MOST_NIS = 0.5, 2.0

@@ -7,8 +7,7 @@ import numpy as np
 
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Projection
-from replay_kit.core.seabed import Seabed
+from replay_kit.core.grid import Projection, Seabed
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.along_track import (

@@ -13,9 +13,8 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.grid import Projection
+from replay_kit.core.grid import Projection, Seabed
 from replay_kit.core.plan import Area, plan_legs
-from replay_kit.core.seabed import Seabed
 from replay_kit.core.surfacing import planned_ellipses
 from replay_kit.results.result import ResultFile
 from replay_kit.results.slices import grid_cells

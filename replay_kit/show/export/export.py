@@ -9,7 +9,7 @@ import pandas as pd
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
-from replay_kit.core.printable import csv_cell
+from replay_kit.core.text import csv_cell
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.export.features import FEATURES, features_of, geojson_text, kml_text
 from replay_kit.show.export.netcdf import write_netcdf

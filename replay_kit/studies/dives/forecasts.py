@@ -8,9 +8,9 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.dive_forecast import DiveOutcome
 from replay_kit.core.geodesy import rotate_to_local
 from replay_kit.core.observation import Flag, Innovation, Measurement, Observation, PathMean, usable
+from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
 from replay_kit.estimator.evolving.observation_operator import LinearObservation
 from replay_kit.estimator.next_dive.profiles import Bins, ColumnModel, ColumnState, joined

@@ -10,11 +10,11 @@ import numpy as np
 from replay_kit.config.run import RunConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.dive_forecast import DiveOutcome
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.gaussian import coverage
 from replay_kit.core.observation import Measurement, Observation
 from replay_kit.core.progress import Progress, silent
+from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.core.tasks import each_call
 from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
 from replay_kit.estimator.evolving.dive_error import by_dive, new_dive

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table as ConsoleTable
 
 from replay_kit.core.atomic import atomic_file
-from replay_kit.core.printable import csv_cell
+from replay_kit.core.text import csv_cell
 from replay_kit.core.version import __version__
 
 NAN = math.nan

@@ -19,8 +19,14 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
-from replay_kit.core.errors import ForecastError, MeasurementError, ReplayKitError
-from replay_kit.core.finding import Finding, finding_json, finding_line
+from replay_kit.core.errors import (
+    Finding,
+    ForecastError,
+    MeasurementError,
+    ReplayKitError,
+    finding_json,
+    finding_line,
+)
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, Reason, VehicleState, usable

@@ -13,8 +13,8 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.message import LogReport
 from replay_kit.core.observation import Observation, PathMean, VehicleState, usable
+from replay_kit.core.paths import check_unchanged, stamps_of
 from replay_kit.core.progress import Progress, silent
-from replay_kit.core.unchanged import check_unchanged, stamps_of
 from replay_kit.logs import open_logs
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, interpret

@@ -13,8 +13,7 @@ from planners import Bathymetry
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import inside_grid, to_local, unwrap_longitude
-from replay_kit.core.grid import Grid, Projection
-from replay_kit.core.seabed import Seabed
+from replay_kit.core.grid import Grid, Projection, Seabed
 
 # Standard names before the short ones: of models (NEMO: deptho, Bathymetry, bathy_metry; ROMS: h), positive down.
 _DEPTHS = (

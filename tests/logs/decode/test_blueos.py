@@ -10,6 +10,7 @@ from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.logs import open_log
 from replay_kit.logs.decode.blueos import mavlink_channel
 from replay_kit.measurements import Skipped, Used
+from tests.logs.log_samples import read_log as read
 from tests.logs.log_samples import tlog_entry
 from tests.measurements.carriers import json_mcap
 from tests.measurements.samples import only, run
@@ -19,12 +20,6 @@ HEADER = {"system_id": 1, "component_id": 1, "sequence": 7}
 
 def recorded(kind, /, **fields):
     return {"header": HEADER, "message": {"type": kind, **fields}}
-
-
-def read(folder, data):
-    (folder / "recorder.mcap").write_bytes(data)
-    reader = open_log(folder / "recorder.mcap")
-    return list(reader.messages()), reader.report()
 
 
 HEARTBEAT = recorded(

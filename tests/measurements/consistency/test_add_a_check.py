@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 import pytest
 
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Observation, Reason, VehicleState
 from replay_kit.measurements.consistency import checks
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check

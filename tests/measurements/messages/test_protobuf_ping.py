@@ -12,7 +12,7 @@ import replay_kit.measurements
 from replay_kit.config.run import LogConfig
 from replay_kit.core.observation import Flag, Observation
 from replay_kit.logs import open_log
-from replay_kit.logs.decode.json_schemas import JSON_SCHEMAS
+from replay_kit.logs.decode.to_json import JSON_SCHEMAS
 from tests.logs.log_samples import one_channel_mcap
 from tests.measurements.samples import fix, only, ping, run, the
 

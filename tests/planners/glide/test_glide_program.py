@@ -44,7 +44,7 @@ def _far_from_its_centre(flow, longitude):
     centre = Projection(longitude, -40.0)
     east, north = to_local(centre, flow.grid.longitude, flow.grid.latitude)
     grid = replace(flow.grid, projection=centre, east=east, north=north)
-    return replace(flow, grid=grid, horizontal=flow.horizontal.at_nodes(grid.nodes))
+    return replace(flow, grid=grid, horizontal=replace(flow.horizontal, nodes=grid.nodes))
 
 
 @pytest.mark.full

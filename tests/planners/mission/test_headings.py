@@ -33,7 +33,7 @@ def moved(flow, frame, east, north):
     return replace(
         flow,
         grid=replace(grid, longitude=longitude, latitude=latitude),
-        horizontal=flow.horizontal.at_nodes(grid.nodes),
+        horizontal=replace(flow.horizontal, nodes=grid.nodes),
     )
 
 

@@ -8,8 +8,8 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+from replay_kit.core.grid import Seabed
 from replay_kit.core.plan import Area, Odds
-from replay_kit.core.seabed import Seabed
 from replay_kit.core.surfacing import Ellipse
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.contents import Contents

@@ -10,9 +10,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.grid import Seabed
 from replay_kit.core.observation import Innovation
 from replay_kit.core.plan import Area, Odds, Plan
-from replay_kit.core.seabed import Seabed
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.contents import Contents

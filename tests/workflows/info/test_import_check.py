@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from replay_kit.config.run import load_config
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.message import Message
 from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble, read_truth

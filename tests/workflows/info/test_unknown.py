@@ -141,9 +141,9 @@ def test_the_next_command_has_the_ensemble_that_was_given(tmp_path):
 def test_notes_of_several_logs_are_printed_once_and_whole_lists_on_request(tmp_path):
     logs = [str(made.bodc(tmp_path / name)) for name in ("a.nc", "b.nc")]
     said = invoke(["info", *logs]).stdout
-    assert said.count("counts upwards; not used") == 1
-    assert "Note, of 2 of the 2 logs: DEPTH_Z: bears" in said
-    assert invoke(["info", *logs, "-v"]).stdout.count("Note: DEPTH_Z: bears") == 2
+    assert said.count("is positive up; not used") == 1
+    assert "Note, of 2 of the 2 logs: DEPTH_Z: has" in said
+    assert invoke(["info", *logs, "-v"]).stdout.count("Note: DEPTH_Z: has") == 2
     assert said.rstrip().endswith("-o RESULT.mcap")
 
 

@@ -24,9 +24,8 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evolution import Evolution, constant, sample_through
+from replay_kit.core.flow.evolution import Evolution, ProcessModel, constant, sample_through
 from replay_kit.core.flow.load import load
-from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.geodesy import distance
 from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.text import time_text

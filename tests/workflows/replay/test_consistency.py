@@ -10,8 +10,13 @@ import xarray as xr
 
 from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import RunConfig
-from replay_kit.core.errors import ForecastError, MeasurementError
-from replay_kit.core.finding import Finding, finding_json, finding_line
+from replay_kit.core.errors import (
+    Finding,
+    ForecastError,
+    MeasurementError,
+    finding_json,
+    finding_line,
+)
 from replay_kit.core.message import Loss
 from replay_kit.core.observation import PathMean, Source
 from replay_kit.estimator import build_estimator

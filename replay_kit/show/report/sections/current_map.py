@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.geodesy import to_geographic, to_local
-from replay_kit.core.seabed import Seabed
+from replay_kit.core.grid import Seabed
 from replay_kit.core.text import time_text
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import bathymetry_name

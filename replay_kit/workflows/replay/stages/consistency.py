@@ -5,8 +5,7 @@ from dataclasses import dataclass, field, is_dataclass, replace
 from typing import Any
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.errors import ForecastError, MeasurementError
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding, ForecastError, MeasurementError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Measurement, PathMean, VehicleState
 from replay_kit.measurements.consistency import findings

@@ -12,18 +12,18 @@ UTC = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000
 
 
-def ns(iso: str) -> int:
+def ns(iso):
     return int(np.datetime64(iso, "ns").astype(np.int64))
 
 
-def test_an_exact_clock() -> None:
+def test_an_exact_clock():
     boot = np.arange(0, 100) * SECOND + 123
     fit = fit_clock(boot, boot + UTC)
     assert fit.utc(boot).tolist() == (boot + UTC).tolist()
     assert (fit.drift, fit.residual_std, fit.pairs, fit.outliers) == (0.0, 0.0, 100, 0)
 
 
-def test_one_pair() -> None:
+def test_one_pair():
     fit = fit_clock(np.array([5]), np.array([UTC]))
     assert fit.utc(np.array([4, 5, 6])).tolist() == [UTC - 1, UTC, UTC + 1]
 
@@ -34,9 +34,7 @@ def test_one_pair() -> None:
     wrong=st.lists(st.integers(0, 299), max_size=60),
     seed=st.integers(0, 99),
 )
-def test_drift_and_offset_although_a_fifth_is_wrong(
-    drift_ppm: float, wrong: list[int], seed: int
-) -> None:
+def test_drift_and_offset_although_a_fifth_is_wrong(drift_ppm, wrong, seed):
     rng = np.random.default_rng(seed)
     boot = np.sort(rng.integers(0, 3600 * SECOND, 300))
     true = UTC + boot + np.rint(1e-6 * drift_ppm * boot).astype(np.int64)
@@ -49,7 +47,7 @@ def test_drift_and_offset_although_a_fifth_is_wrong(
     assert fit.residual_std < 2e-3
 
 
-def test_as_the_slow_twin() -> None:
+def test_as_the_slow_twin():
     rng = np.random.default_rng(3)
     boot = np.sort(rng.integers(0, 1200 * SECOND, 151))
     stated = UTC + boot + rng.integers(-5_000_000, 5_000_000, 151) + boot // 20_000
@@ -61,7 +59,7 @@ def test_as_the_slow_twin() -> None:
     )  # floats of 1.7e18 ns are 256 apart
 
 
-def test_a_short_log_takes_no_drift() -> None:
+def test_a_short_log_takes_no_drift():
     boot = np.arange(0, 60) * SECOND
     fit = fit_clock(boot, UTC + boot + boot // 20_000)
     assert fit.drift == 0.0
@@ -69,7 +67,7 @@ def test_a_short_log_takes_no_drift() -> None:
     assert fit.residual_std == pytest.approx(2.95e-3 / np.sqrt(12.0), rel=0.02)
 
 
-def test_what_is_no_clock_has_a_residual_that_says_so() -> None:
+def test_what_is_no_clock_has_a_residual_that_says_so():
     boot = np.arange(0, 1000) * SECOND
     fit = fit_clock(boot, UTC + 3 * boot)
     assert fit.drift == 0.0
@@ -86,11 +84,11 @@ def test_what_is_no_clock_has_a_residual_that_says_so() -> None:
         (0, 0, "1980-01-06T00:00:00"),
     ],
 )
-def test_gps_time(week: int, week_ms: int, utc: str) -> None:
+def test_gps_time(week, week_ms, utc):
     assert gps_to_utc(np.array([week]), np.array([week_ms])).tolist() == [ns(utc)]
 
 
-def test_leap_seconds_now() -> None:
+def test_leap_seconds_now():
     assert leap_seconds(np.array([ns("2026-01-01"), ns("1981-06-30")])).tolist() == [18, 0]
 
 
@@ -107,9 +105,7 @@ def test_leap_seconds_now() -> None:
         ([0, 2**40], 0, [0, 2**40]),
     ],
 )
-def test_a_stamp_alone_far_from_its_neighbours(
-    stamps: list[int], before: int | None, expected: list[int]
-) -> None:
+def test_a_stamp_alone_far_from_its_neighbours(stamps, before, expected):
     steady, spikes = without_spikes(np.array(stamps), before)
     assert steady.tolist() == expected
     assert spikes == sum(a != b for a, b in zip(stamps, expected, strict=True))

@@ -1,26 +1,82 @@
-"""A Seaglider's ADCP in the files of its basestation: relative velocities, and the inverted absolute profiles.
+"""ADCPs of gliders as ``replay_kit.AdcpPing``: a Seaglider's, a Nortek AD2CP exported by MIDAS, and a SeaExplorer's in real time.
 
-What the files do not state, and how it was determined:
+What a Seaglider's files do not state, and how it was determined:
 
 * ``ad2cp_velX, velY, velZ`` are not along the instrument's axes: the basestation takes them as east, north and up as the
   instrument reports them, and on real dives velZ equals the vertical speed from pressure at pitches of 35 degrees. East and
   north are by the instrument's own compass: they lag the track by the declination, which is thus not applied.
-* The first cell's centre is one blanking and one cell from the instrument, which looks up or down (``orientation.py``).
+* The first cell's centre is one blanking and one cell from the instrument, which looks up or down (``orientation``).
 * ``ad2cp_soundspeed`` is in tenths of m/s and ``ad2cp_temperature`` in tenths of a degree, whatever their units attribute states.
+
+The beams of Nortek's glider head: 1 fore and 3 aft at 47.5 degrees from its axis, 2 and 4 abeam at 25 degrees (bastienqueste/gliderad2cp,
+``process_shear.py``). Ranges are distances along the axis; velocities are positive away from the instrument.
 """
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.logs.glider import units
-from replay_kit.logs.glider.columns import dive_number
 from replay_kit.logs.glider.netcdf import NetcdfFile
-from replay_kit.logs.glider.pings import FROM_SURFACE, earth_ping
 from replay_kit.logs.reader import Entry
-from replay_kit.logs.shared.payloads import PING, number
+from replay_kit.logs.shared.payloads import PING, number, numbers, stamp
+
+_UNKNOWN = (
+    *(
+        "beam_unit_vectors",
+        "velocity_std",
+        "amplitude",
+        "correlation",
+        "percent_good",
+        "sound_speed",
+        "temperature",
+    ),
+    *("heading", "pitch", "roll", "magnetic_declination", "bottom_track"),
+)
+
+
+#: Of a profile that was computed from others and begins at the surface, not at the glider: its levels are depths.
+FROM_SURFACE = {
+    "reference": "earth",
+    "orientation": "down",
+    "bin_mapped": True,
+    "pressure": 0.0,
+    "declination_applied": True,
+    "derived": True,
+}
+
+
+def earth_ping(
+    time_ns: int, ordinal: int, dive: int | None, velocity: Array, cells: tuple[float, float]
+) -> dict[str, Any]:
+    """Return a ping in earth coordinates; unknown fields are null.
+
+    Args:
+        time_ns: [ns, UTC].
+        ordinal: Of the ping.
+        dive: Number of its dive; None when unknown.
+        velocity: shape (n_cells, 2 or 3) [m/s], east, north, up; NaN where missing.
+        cells: Size of the cells, and distance of the first one's centre [m].
+    """
+    return {
+        "stamp": stamp(time_ns),
+        "frame_id": "adcp",
+        "ping": ordinal,
+        **({} if dive is None else {"dive": dive}),
+        "coordinate_system": "earth",
+        "n_cells": len(velocity),
+        "cell_size": cells[0],
+        "bin0_distance": cells[1],
+        "transducer_depth": 0.0,
+        "velocity": [
+            [number(component) for component in cell] for cell in np.round(velocity, 6).tolist()
+        ],
+        **dict.fromkeys(_UNKNOWN),
+    }
+
 
 #: Topic of the absolute profiles.
 INVERTED = "/adcp/inverted"
@@ -81,7 +137,7 @@ def _relative(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
     looks = orientation(velocity[..., :2], sensors["pressure"], distance, notes)
     for k in np.flatnonzero(known).tolist():
         payload = earth_ping(
-            int(time_ns[k]), k, dive_number(file) or 0, velocity[k], (cell_size, bin0_distance)
+            int(time_ns[k]), k, file.dive_number or 0, velocity[k], (cell_size, bin0_distance)
         )
         payload |= {
             "reference": "platform",
@@ -103,7 +159,7 @@ def _inverted(file: NetcdfFile) -> Iterator[Entry]:
     steps = np.diff(levels)
     if steps.size == 0 or not np.allclose(steps, steps[0]) or steps[0] <= 0.0:
         return
-    dive = dive_number(file) or 0
+    dive = file.dive_number or 0
     for leg, end_ns in enumerate(_leg_ends(file)):
         velocity = np.stack([component[:, leg] for component in components], axis=-1)
         payload = earth_ping(
@@ -179,11 +235,11 @@ def orientation(velocity: Array, depth: Array, distance: Array, notes: list[str]
     found = "down" if ratio < 1.0 / _CLEAR else "up"
     if 1.0 / _CLEAR <= ratio <= _CLEAR or np.isnan(ratio):
         notes.append(
-            "ADCP: taken to look up, because neither the file nor its shears tell where it looks"
+            "ADCP: assumed to look up; neither the file nor its shears show its orientation"
         )
     else:
         notes.append(
-            f"ADCP: looks {found}, by its shears, which agree {max(ratio, 1.0 / ratio):.2f} times as well so as the other way"
+            f"ADCP: looks {found} by its shears, whose variance is {max(ratio, 1.0 / ratio):.2f} times smaller than the other way"
         )
     return found
 
@@ -201,3 +257,115 @@ def _variance_within(shear: Array, depth: Array) -> float:
     )
     squares = ((values - means[at]) ** 2).sum(axis=-1)
     return float(squares[full[at]].sum() / (count[full] - 1).sum())
+
+
+_FORE, _SIDE = np.deg2rad(47.5), np.deg2rad(25.0)
+_BEAMS = np.array(
+    [
+        [np.sin(_FORE), 0.0, np.cos(_FORE)],
+        [0.0, -np.sin(_SIDE), np.cos(_SIDE)],
+        [-np.sin(_FORE), 0.0, np.cos(_FORE)],
+        [0.0, np.sin(_SIDE), np.cos(_SIDE)],
+    ]
+)
+
+
+def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
+    """Yield the pings of an AD2CP exported by MIDAS, along its beams, relative to the glider.
+
+    Raises:
+        LogError: The times have a unit that is not understood, or the beams have other cells than each other.
+    """
+    held = {name.lower().replace(" ", ""): name for name in file.variables}
+    if "time" not in held:
+        raise LogError(
+            f"{file.path}: expected a variable time in the group Data/Average, it holds a dimension alone; export the file again"
+        )
+    time_ns, known = units.time_ns("time", file.variables[held["time"]], file, notes)
+    beams = [k for k in range(1, 5) if f"velocitybeam{k}" in held]
+    velocity = _by_ping(file, [held[f"velocitybeam{k}"] for k in beams], time_ns.size)
+    quality = {
+        word: _by_ping(file, [held[f"{word}beam{k}"] for k in beams], time_ns.size)
+        for word in ("amplitude", "correlation")
+        if all(f"{word}beam{k}" in held for k in beams)
+    }
+    sensors = {
+        key: values
+        for key, name in (
+            ("heading",) * 2,
+            ("pitch",) * 2,
+            ("roll",) * 2,
+            ("pressure",) * 2,
+            ("sound_speed", "speedofsound"),
+        )
+        if name in held and (values := file.array(held[name]).ravel()).size == time_ns.size
+    }
+    up = file.array(held["accelerometerz"]).ravel() if "accelerometerz" in held else np.empty(0)
+    up = up[np.isfinite(up)]
+    orientation = "down" if up.size and np.median(up) < 0.0 else "up"
+    notes.append(
+        f"ADCP: looks {orientation} by its accelerometer" if up.size else "ADCP: assumed to look up"
+    )
+    notes.append(
+        "ADCP: beams assumed to be those of Nortek's glider head (47.5 degrees fore and aft, 25 degrees abeam)"
+    )
+    notes.append("ADCP: headings are magnetic; set measurements.magnetic_declination")
+    distance = file.array(held["velocityrange"]).ravel() if "velocityrange" in held else np.empty(0)
+    distance = (
+        distance if distance.size == velocity.shape[1] else _distances(file, velocity.shape[1])
+    )
+    for k in np.flatnonzero(known).tolist():
+        payload = {
+            "stamp": stamp(int(time_ns[k])),
+            "frame_id": "adcp",
+            "ping": k,
+            "coordinate_system": "beam",
+            "reference": "platform",
+            "orientation": orientation,
+            "bin_mapped": False,
+            "attitude_convention": "nortek",
+            "beam_unit_vectors": _BEAMS[[beam - 1 for beam in beams]].tolist(),
+            "n_cells": velocity.shape[1],
+            "cell_size": float(np.median(np.diff(distance))) if distance.size > 1 else None,
+            "bin0_distance": float(distance[0]),
+            "transducer_depth": 0.0,
+            "velocity": numbers(np.round(velocity[k], 6)),
+            **{word: numbers(values[k]) for word, values in quality.items()},
+            "declination_applied": False,
+            **{name: number(float(values[k])) for name, values in sensors.items()},
+        }
+        yield int(time_ns[k]), "/adcp", PING, payload
+
+
+def _by_ping(file: NetcdfFile, names: list[str], n: int) -> Array:
+    """Return values by ping, cell and beam, whichever of the two dimensions a beam's variable has first.
+
+    Raises:
+        LogError: A beam has other cells than the first, or not one row for each of the n times.
+    """
+    beams = [file.array(name) for name in names]
+    by_ping = [beam if beam.shape[:1] == (n,) else beam.T for beam in beams]
+    shape = by_ping[0].shape
+    if len(shape) != 2 or any(beam.shape != shape for beam in by_ping) or shape[0] != n:
+        found = ", ".join(f"{name} {beam.shape}" for name, beam in zip(names, beams, strict=True))
+        raise LogError(
+            f"{file.path}: expected beams with the same cells at each of {n} times, got {found}; export the file again"
+        )
+    return np.asarray(np.stack(by_ping, axis=-1))
+
+
+def _distances(file: NetcdfFile, n: int) -> Array:
+    """Return the cells' distances [m] by the instrument's configuration."""
+    size, blanking = (
+        float(file.attributes.get(name, 1.0)) for name in ("avg_cellSize", "avg_blankingDistance")
+    )
+    return np.asarray(blanking + size * np.arange(1, n + 1), np.float64)
+
+
+def seaexplorer_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
+    """Yield nothing, and say why: in real time a SeaExplorer keeps one cell of its AD2CP."""
+    if any(name.lower().startswith("ad2cp_v") for name in file.variables):
+        notes.append(
+            "AD2CP in real time: one cell, relative to the glider, which alone says nothing of the current; add the MIDAS export"
+        )
+    return iter(())
