@@ -172,6 +172,11 @@ class Observation:
     raw: RawValues = NO_RAW_VALUES
     position_std: float = 0.0
 
+    @property
+    def as_profile(self) -> "Observation":
+        """Itself; see ``PathMean.as_profile``."""
+        return self
+
     def __repr__(self) -> str:
         """Return where and when it was made, and what it holds."""
         u, v = (span_text(component, 2) for component in self.velocity.T)
@@ -242,6 +247,24 @@ class PathMean:
     def used_std(self) -> float:
         """Error of each component of ``used`` [m/s]."""
         return math.hypot(self.error_std, self.flight_std) if self.flight_std else self.error_std
+
+    @property
+    def as_profile(self) -> Observation:
+        """A profile of one bin at the path's mean depth, and at its position at half of its time."""
+        middle = min(int(np.searchsorted(np.cumsum(self.weight), 0.5)), self.weight.size - 1)
+        return Observation(
+            self.time_ns,
+            float(self.longitude[middle]),
+            float(self.latitude[middle]),
+            np.array([float(self.weight @ self.depth)]),
+            np.array([self.used]),
+            np.array([self.used_std]),
+            "earth",
+            np.array([Flag.GOOD], np.int8),
+            np.zeros(1, np.int32),
+            self.dive,
+            self.source,
+        )
 
     def __repr__(self) -> str:
         """Return when and over what path the mean was taken, and the mean."""

@@ -88,7 +88,7 @@ def in_metres(axis: xr.DataArray, latitude: float, where: str) -> tuple[Array, t
         raise ForecastError(
             f"{where}: coordinate {axis.name} is in '{unit}'; {_WANTED}: {_CONVERT}"
         )
-    return values, (f"coordinate {axis.name} states no unit and was taken to be in metres",)
+    return values, (f"coordinate {axis.name} states no unit, metres assumed",)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,7 +145,7 @@ def choose_levels(
         far = [wanted for wanted in sorted(config.levels) if not within[0] <= wanted <= within[1]]
         if far and values.size == np.isfinite(values).sum():
             notes += (
-                f"no level of the file ({span_text(values + 0.0)} m) is near {depths_text(far)}: the nearest was taken",
+                f"no level of the file ({span_text(values + 0.0)} m) is near {depths_text(far)}: nearest level used",
             )
         order = order[np.unique(nearest)]
     levels = values[order]
@@ -190,7 +190,7 @@ def _depths(ds: xr.Dataset, dim: str, latitude: float, where: str) -> tuple[Arra
         values, notes = in_metres(ds[edges].astype(np.float64), latitude, where)
         return np.abs(values[:-1] + values[1:]) / 2.0, (
             *notes,
-            f"levels of {dim} were taken midway between the interfaces {edges}",
+            f"levels of {dim} assumed midway between the interfaces {edges}",
         )
     if name is None:
         raise ForecastError(

@@ -63,15 +63,13 @@ def find_sources(given: Paths) -> Sources:
             found, left_out = _files_of(path)
             files += found
             if left_out:
-                some = f"{count_text(len(left_out), 'file')} of results left out ({left_out[0].name} ...)"
-                notes.append(f"{path}: {some}; give them by name if they are the members")
+                some = f"{count_text(len(left_out), 'analysis file')} excluded ({left_out[0].name} ...)"
+                notes.append(f"{path}: {some}; list them by name if they are the members")
         arguments.append(files)
     seen: set[Path] = set()
     for file in (file for argument in arguments for file in argument):
         if file.resolve() in seen:
-            raise ForecastError(
-                f"{file}: given twice; a member given twice would count twice: leave one out"
-            )
+            raise ForecastError(f"{file}: given twice; remove one")
         seen.add(file.resolve())
     return Sources(tuple(arguments), tuple(notes))
 
@@ -108,7 +106,7 @@ def _files_of(path: Path) -> tuple[tuple[Path, ...], list[Path]]:
     kept = sorted((file for file in found if file not in results), key=natural)
     if not kept and results:
         raise ForecastError(
-            f"{path}: holds results alone, such as {results[0].name}; give the members, or name the results one by one"
+            f"{path}: holds only analysis results, such as {results[0].name}; give the members, or list the results one by one"
         )
     if not kept:
         raise ForecastError(f"{path}: {what}")

@@ -41,6 +41,11 @@ class MemberRule:
     days: float = 0.0
 
 
+def kind_of(rule: MemberRule | None) -> str:
+    """Return the kind of a rule; empty for none."""
+    return "" if rule is None else rule.kind
+
+
 def parse_rule(text: str | None) -> MemberRule | None:
     """Return what ``--members`` says; None where it says nothing.
 
@@ -145,7 +150,7 @@ def common_water(
     notes: tuple[str, ...] = ()
     if missing.any():
         notes = (
-            f"taken for land: {count_text(int((anywhere & ~wet).sum()), 'point')} without values in {int(np.count_nonzero(missing))} of "
+            f"treated as land: {count_text(int((anywhere & ~wet).sum()), 'point')} without values in {int(np.count_nonzero(missing))} of "
             f"{len(labels)} members, most in '{labels[worst]}' ({int(missing[worst])} of {int(anywhere.sum())} points)",
         )
     for member in one_by_one(velocity) if missing.any() else ():
@@ -177,11 +182,11 @@ def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tu
         seen.setdefault(key, label)
     if len(labels) > 1 and len(seen) == 1:
         raise ForecastError(
-            f"{source}: all {len(labels)} members are the same; give members that differ"
+            f"{source}: all {len(labels)} members are identical; give members that differ"
         )
     if same:
         notes.append(
-            f"{WARNING}members that are copies of others count twice: {len(same)}, such as {same[0]}; leave them out"
+            f"{WARNING}duplicate members are counted twice: {len(same)}, such as {same[0]}; remove them"
         )
     rms = component_rms(velocity)
     if rms == 0.0:
@@ -190,13 +195,13 @@ def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tu
         )
     elif not _ODD_SPEEDS[0] < rms < _ODD_SPEEDS[1]:
         notes.append(
-            f"{WARNING}currents of {rms:.3g} m/s rms are no usual ones; check the attribute units of the velocities"
+            f"{WARNING}unusual RMS current of {rms:.3g} m/s; check the attribute units of the velocities"
         )
     if (
         len(labels) > 3
         and np.sqrt(np.nanmean(np.square(sum(one_by_one(velocity)) / len(velocity)))) < 1e-3 * rms
     ):
         notes.append(
-            f"{WARNING}the members cancel out in their mean, as anomalies do; give the background as bg_*.nc with --ensemble too"
+            f"{WARNING}the members average to zero, as anomalies do; add the background (bg_*.nc) to --ensemble"
         )
     return tuple(notes)

@@ -12,7 +12,7 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.paths import Paths
 from replay_kit.forecast.blocks import Collection, open_collection
 from replay_kit.forecast.layout import U
-from replay_kit.forecast.members import parse_rule
+from replay_kit.forecast.members import MADE, kind_of, parse_rule
 from replay_kit.forecast.names import find_lead, find_time
 from replay_kit.forecast.reader import read_ensemble, read_members, read_truth
 from replay_kit.forecast.times import dated_leads
@@ -84,8 +84,8 @@ def dated_choices(found: Collection, config: ForecastConfig) -> list[dict[str, o
     block = found.blocks[0]
     ds, dims = block.parts[0].ds, [dim for dim in block.parts[0].ds[U].dims if dim != block.member]
     lead, time = find_lead(ds, dims), find_time(ds, dims)
-    several = found.rule is None or found.rule.kind in ("lags", "times", "models")
-    if several or (lead is not None and time is not None):
+    # members are of several times themselves, or nothing says what they are
+    if kind_of(found.rule) in ("", *MADE) or (lead is not None and time is not None):
         return []
     if lead is not None:
         return [

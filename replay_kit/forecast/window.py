@@ -37,11 +37,6 @@ _SPEED_UNITS = {
             "meter/sec",
             "meter s-1",
             "metre/s",
-        ),
-        1.0,
-    ),
-    **dict.fromkeys(
-        (
             "meter second-1",
             "metre second-1",
             "meters/second",
@@ -231,7 +226,7 @@ def _at_centres(
         raw.append(values)
     constant = constant_land(source, raw, depths, order, masked)
     notes = (
-        [f"taken for missing: {count_text(odd, 'value')} beyond {_NO_SPEED:g} m/s"] if odd else []
+        [f"treated as missing: {count_text(odd, 'value')} beyond {_NO_SPEED:g} m/s"] if odd else []
     )
     if face is None:
         dry = constant[0] & constant[1]
@@ -241,7 +236,7 @@ def _at_centres(
         exactly = "exactly zero" if np.all(raw[0][:, dry] == 0.0) else "one constant value"
         notes += (
             [
-                f"taken for land: {count_text(columns, 'column')} whose current is {exactly} in every member"
+                f"treated as land: {count_text(columns, 'column')} whose current is {exactly} in every member"
             ]
             if columns
             else []

@@ -216,7 +216,7 @@ def _first_bytes(path: Path) -> bytes:
         with open(path, "rb") as file:
             head = file.read(_HEAD)
     except FileNotFoundError as error:
-        raise LogError(f"{path}: expected a log, there is no such file; check the path") from error
+        raise LogError(f"{path}: file not found") from error
     except OSError as error:
         raise unreadable(path, error) from error
     if not head:

@@ -5,6 +5,7 @@ A ping waits until a position at or after its own time is known, then takes the 
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import filterfalse
 from types import MappingProxyType
 from typing import Any, TypeGuard
 
@@ -32,7 +33,13 @@ from replay_kit.measurements.messages.vehicle import Depth, Dvl, Pose, Position,
 from replay_kit.measurements.ping.adcp_ping import Orientation
 from replay_kit.measurements.steps import pings
 from replay_kit.measurements.steps.pings import take_stated_ping
-from replay_kit.measurements.steps.position_matching import PlacedPing, observed, place, split
+from replay_kit.measurements.steps.position_matching import (
+    PlacedPing,
+    WaitingPing,
+    observed,
+    place,
+    split,
+)
 from replay_kit.measurements.steps.state import (
     MeasurementState,
     Step,
@@ -47,7 +54,7 @@ from replay_kit.measurements.steps.state import (
 )
 from replay_kit.measurements.vehicle.mean_current import MeanCurrent
 
-_ALONE = "one component of a velocity without the other within join_within"
+_ALONE = "one velocity component without the other within join_within"
 
 
 def take_component(
@@ -189,14 +196,9 @@ def _step(state: MeasurementState, message: Message, config: MeasurementConfig) 
 
 def finish(state: MeasurementState, config: MeasurementConfig) -> list[Event]:
     """Return the events of what still waits when the log ends."""
-    waiting = [
-        event
-        for ping in state.waiting
-        for event in place(ping, state.fix, None, state.track, config)
-    ]
-    return _kept(
-        observed([[*pings.incomplete(state.frames), *alone(state), *waiting]], config), config
-    )[0]
+    waiting = _ended(state, state.waiting, config)
+    events = [*pings.incomplete(state.frames), *alone(state), *waiting]
+    return _kept(observed([events], config), config)[0]
 
 
 def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> Step:
@@ -209,20 +211,19 @@ def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> 
     if first.source.time_ns >= oldest_ns:
         return state, []
     older, newer = split(state.waiting, oldest_ns)
-    expired = [
-        ping for ping in older if now_ns - ping.source.time_ns > ping.longest_wait(config) * 1e9
-    ]
-    left = (
-        *(
-            ping
-            for ping in older
-            if now_ns - ping.source.time_ns <= ping.longest_wait(config) * 1e9
-        ),
-        *newer,
-    )
-    return replace(state, waiting=left), [
-        event for ping in expired for event in place(ping, state.fix, None, state.track, config)
-    ]
+
+    def waits(ping: WaitingPing) -> bool:
+        return now_ns - ping.source.time_ns <= ping.longest_wait(config) * 1e9
+
+    events = _ended(state, filterfalse(waits, older), config)
+    return replace(state, waiting=(*filter(waits, older), *newer)), events
+
+
+def _ended(
+    state: MeasurementState, pings: Iterable[WaitingPing], config: MeasurementConfig
+) -> list[Event | PlacedPing]:
+    """Return the events of pings for which no further position comes."""
+    return [event for ping in pings for event in place(ping, state.fix, None, state.track, config)]
 
 
 def _interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> Step:
@@ -237,7 +238,7 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
         return state, [
             Skipped(
                 message.topic,
-                f"of MAVLink system {system}, where {state.system} counts; system in [logs] chooses",
+                f"MAVLink system {system}, but system {state.system} is used; choose with system in [logs]",
             )
         ]
     if entry is None and (repeated := pings.duplicate_reason(message.payload, config)):
@@ -290,14 +291,9 @@ def without(events: Sequence[Event], rules: Sequence[str]) -> list[Event]:
         if not applied:
             continue
         kept = [other for other in kept if other is not event]
-        used = next(
-            (
-                k
-                for k, other in enumerate(kept)
-                if isinstance(other, Used) and other.topic == event.source.topic
-            ),
-            None,
-        )
-        if used is not None:
-            kept[used] = Skipped(event.source.topic, left_out_reason(applied))
+        topic = event.source.topic
+        for k, other in enumerate(kept):
+            if isinstance(other, Used) and other.topic == topic:
+                kept[k] = Skipped(topic, left_out_reason(applied))
+                break
     return kept

@@ -22,11 +22,9 @@ from planners.shooting.spline import _splines, spline_of
 from planners.solver import HOUR, KM, OPTIONS
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from tests.benchmarks.estimator import row
-from tests.benchmarks.measure import seconds
+from tests.benchmarks.measure import Row, row, seconds
 from tests.reference.leg import leg_function, stage_latent
 
-Row = dict[str, Any]
 N = 10
 _FIRST = float(np.deg2rad(20.0))
 _VEHICLE = Glider()
@@ -124,7 +122,7 @@ def _row(
     more: dict[str, float],
 ) -> Row:
     if name not in measured:
-        return row(title, float(np.median(cold)), f"{name}: not installed", None, None, {}, **more)
+        return row(title, float(np.median(cold)), f"{name}: not installed", **more)
     pairs = [
         (ours, theirs)
         for (_, ours), (_, theirs) in zip(measured["ours"], measured[name], strict=True)

@@ -17,13 +17,13 @@ from tests.forecast.test_members import dated, fields
 def test_copies_are_told_and_refused_where_there_is_nothing_else(tmp_path):
     fields(4, tmp_path)
     read = read_with(tmp_path)
-    (note,) = (note for note in read.notes if "copies" in note)
+    (note,) = (note for note in read.notes if "duplicate" in note)
     assert (
         note
-        == "WARNING: members that are copies of others count twice: 1, such as 'mem003.nc' and 'mem000.nc'; leave them out"
+        == "WARNING: duplicate members are counted twice: 1, such as 'mem003.nc' and 'mem000.nc'; remove them"
     )
     refused(
-        "all 2 members are the same; give members that differ",
+        "all 2 members are identical; give members that differ",
         [tmp_path / "mem000.nc", tmp_path / "mem003.nc"],
     )
 
@@ -33,7 +33,7 @@ def test_speeds_of_no_current_are_told(tmp_path):
     for name in ("uo", "vo"):
         ds[name] = (100.0 * ds[name]).assign_attrs(ds[name].attrs)
     (note,) = read_with(save(ds, tmp_path / "e.nc")).notes
-    assert note.startswith("WARNING: currents of ")
+    assert note.startswith("WARNING: unusual RMS current of ")
     assert "check the attribute units" in note
     for rms, told in ((0.003, True), (0.005, False), (1.4, False), (1.6, True)):
         assert bool(unusual_members(np.full((1, 2, 1, 2, 2), rms), ("one",), "e.nc")) is told
@@ -94,7 +94,7 @@ def test_what_does_not_belong_together_is_refused_in_words(tmp_path):
     (tmp_path / "empty").mkdir()
     refused("the folder holds no NetCDF file", [tmp_path / "empty"])
     (tmp_path / "empty" / "mem001.nc.analysis").write_bytes(b"")
-    refused(r"holds results alone, such as mem001\.nc\.analysis", [tmp_path / "empty"])
+    refused(r"holds only analysis results, such as mem001\.nc\.analysis", [tmp_path / "empty"])
 
 
 def test_results_among_the_members_are_left_out_and_said_or_refused_alone(tmp_path):
@@ -102,21 +102,17 @@ def test_results_among_the_members_are_left_out_and_said_or_refused_alone(tmp_pa
     for mark in ("analysis", "increment"):
         fields(1, tmp_path, f"mem{{:03d}}.nc.{mark}")
         refused(
-            rf"\*\.{mark}: holds results alone, such as mem000\.nc\.{mark}; give the members, or name",
+            rf"\*\.{mark}: holds only analysis results, such as mem000\.nc\.{mark}; give the members, or list",
             tmp_path / f"*.{mark}",
         )
     for given in (tmp_path, tmp_path / "mem*"):
         read = read_with(given)
         assert read.members == ("mem000.nc", "mem001.nc")
-        (note,) = (note for note in read.notes if "results" in note)
-        assert (
-            note
-            == f"{given}: 2 files of results left out (mem000.nc.analysis ...); give them by name if they are the members"
-            or (
-                note
-                == f"{given}: 2 files of results left out (mem000.nc.increment ...); give them by name if they are the members"
-            )
-        )
+        (note,) = (note for note in read.notes if "analysis" in note)
+        assert note in {
+            f"{given}: 2 analysis files excluded ({name} ...); list them by name if they are the members"
+            for name in ("mem000.nc.analysis", "mem000.nc.increment")
+        }
 
 
 def test_a_member_without_one_component_is_named(tmp_path):
@@ -139,7 +135,7 @@ def test_a_member_without_one_component_is_named(tmp_path):
         read = read_with(save(suffix, tmp_path / f"{rule}.nc4"), members=rule)
         assert read.members == (f"{rule}.nc4 m0", f"{rule}.nc4 m2")
         assert read.notes == (
-            f"WARNING: members of one component alone were left out: {rule}.nc4: vo_m1 without uo_m1; add the other",
+            f"WARNING: members with only one component were excluded: {rule}.nc4: vo_m1 without uo_m1; add the other",
         )
         (tmp_path / f"{rule}.nc4").unlink()
     # a variable with a like name in a file of one field is no member

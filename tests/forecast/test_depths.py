@@ -56,7 +56,7 @@ def test_a_level_asked_for_that_is_near_none_of_the_file_is_said(tmp_path):
     read = read_with(path, levels=(0.0, 140.0, 310.0, 1000.0))
     assert_array_equal(read.grid.levels, [5.0, 150.0, 250.0])
     assert read.notes == (
-        "no level of the file (5..250 m) is near 310, 1000 m: the nearest was taken",
+        "no level of the file (5..250 m) is near 310, 1000 m: nearest level used",
     )
     assert read_with(path, levels=(0.0, 140.0, 300.0)).notes == ()
     assert read_with(path).notes == ()
@@ -96,7 +96,7 @@ def test_an_axis_without_a_unit_is_in_metres_and_the_ensemble_says_so(tmp_path, 
         read_truth(f"{path}#2", PLAIN),
     ):
         assert_array_equal(read.grid.levels, synthetic.LEVELS)
-        assert read.notes == ("coordinate depth states no unit and was taken to be in metres",)
+        assert read.notes == ("coordinate depth states no unit, metres assumed",)
 
 
 @pytest.mark.parametrize("unit", ["fathoms", "M", "Pa", "degrees_north"])

@@ -314,7 +314,7 @@ def test_enkf_c_a_file_for_each_member_and_variable_with_the_grid_apart(tmp_path
     assert_array_equal(read.grid.wet[:, 2, 3], [True, True, False, False])
     assert_array_equal(read.grid.wet[:, 0, 0], [False] * 4)
     assert read.grid.wet.sum() == u[0].size - 6
-    assert noted(read, "6 files of results")
+    assert noted(read, "6 analysis files excluded")
 
 
 def test_anomalies_are_added_to_the_background_and_states_are_not(tmp_path):
@@ -332,9 +332,7 @@ def test_anomalies_are_added_to_the_background_and_states_are_not(tmp_path):
         )
         read = read_with(tmp_path / folder)
         assert_comes_back(read, 1e-12)
-        assert noted(
-            read, "were added to the background" if folder == "anomalies" else "was not used"
-        )
+        assert noted(read, "added to the background" if folder == "anomalies" else "was not used")
     (tmp_path / "anomalies" / "bg_uv.nc").unlink()
 
 
@@ -352,7 +350,7 @@ def test_pop_in_centimetres_with_undeclared_fill(tmp_path):
     assert_comes_back(read, 3e-4)
     assert not read.grid.wet[:, 0, 0].any()
     assert read.grid.wet.sum() == u[0].size - 4
-    assert noted(read, "taken for missing: 24 values beyond 1000 m/s")
+    assert noted(read, "treated as missing: 24 values beyond 1000 m/s")
 
 
 def test_pop_levels_between_interfaces(tmp_path):
@@ -364,7 +362,7 @@ def test_pop_levels_between_interfaces(tmp_path):
     ds = ds.drop_vars("depth").rename(depth="k").assign(w_dep=("w_dep", edges))
     read = read_with(save(ds, tmp_path / "e.nc"), axes="true")
     assert_array_equal(read.grid.levels, LEVELS)
-    assert "levels of k were taken midway between the interfaces w_dep" in read.notes
+    assert "levels of k assumed midway between the interfaces w_dep" in read.notes
     assert_comes_back(read, 1e-12)
     refused(
         "dimension k has no coordinate values; add a depth coordinate in metres, or give the file",

@@ -110,7 +110,9 @@ def test_land_is_missing_or_zero_in_all_members(tmp_path):
     assert read.grid.wet[0, 0, 0]
     assert not read.grid.wet[1:, 0, 0].any()
     assert not read.grid.wet[:, 4, 5].any()
-    assert read.notes[0] == "taken for land: 1 column whose current is exactly zero in every member"
+    assert (
+        read.notes[0] == "treated as land: 1 column whose current is exactly zero in every member"
+    )
     assert read.grid.nodes.shape == (29, 2)
 
 
@@ -124,7 +126,7 @@ def test_land_of_any_member_is_everyone_s_and_is_told(tmp_path):
     assert np.isnan(read.velocity[:, :, ~read.grid.wet]).all()
     assert np.isfinite(read.velocity[:, :, read.grid.wet]).all()
     assert read.notes == (
-        "taken for land: 7 points without values in 2 of 8 members, most in 'e.nc member 5' (4 of 120 points)",
+        "treated as land: 7 points without values in 2 of 8 members, most in 'e.nc member 5' (4 of 120 points)",
     )
     ds["uo"][3, 0] = np.nan
     refused(
@@ -159,7 +161,7 @@ def test_options_that_the_file_has_no_use_for_are_refused(tmp_path):
         ForecastConfig(time="2020-01-01"),
         ForecastConfig(reference_time="2020-01-01"),
     ):
-        with pytest.raises(ForecastError, match="leave the option out"):
+        with pytest.raises(ForecastError, match="remove the option"):
             read_ensemble(path, config)
 
 

@@ -7,10 +7,34 @@ import numpy as np
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, Source, VehicleState
-from replay_kit.measurements import Skipped, finish, initial_state, interpret
+from replay_kit.measurements import Skipped, Used, finish, initial_state, interpret
 
 CONFIG = MeasurementConfig()
 SECOND = 10**9
+
+
+# what no field of a message should hold
+ODD = [
+    None,
+    True,
+    -1,
+    0,
+    3.5,
+    10**400,
+    1e308,
+    math.nan,
+    "",
+    "words",
+    b"\xff",
+    [],
+    [None],
+    ["a"],
+    [[]],
+    {},
+    {"a": 1},
+    [{}],
+    [[1, 2], 3],
+]
 
 
 def ping(time_s=0.0, **changes):
@@ -50,6 +74,10 @@ def run(messages, config=CONFIG):
     return events + finish(state, config)
 
 
+def in_order(*messages):
+    return sorted(messages, key=lambda message: message.time_ns)
+
+
 def only(kind, events):
     return [event for event in events if isinstance(event, kind)]
 
@@ -63,6 +91,11 @@ def the(kind, messages, config=CONFIG):
 def reasons(events):
     """Return why messages were skipped."""
     return [event.reason for event in only(Skipped, events)]
+
+
+def counted(events, topic):
+    """Return how many messages of a topic were used or skipped."""
+    return sum(event.topic == topic for event in only(Used | Skipped, events))
 
 
 def logged(schema, payload, time_s=0, topic="/x"):

@@ -12,6 +12,7 @@ from replay_kit.core.observation import Flag, Observation, Reason, VehicleState
 from replay_kit.measurements import MAVLINK_NAMES, Skipped, Used, observations
 from tests.measurements.foreign import NUCLEUS, ds_adcp, imc, pose
 from tests.measurements.samples import (
+    ODD,
     fix,
     logged,
     mavlink_frames,
@@ -24,27 +25,6 @@ from tests.measurements.samples import (
 )
 
 STATED = MeasurementConfig(reference="earth")
-ODD = [
-    None,
-    True,
-    -1,
-    0,
-    3.5,
-    10**400,
-    1e308,
-    math.nan,
-    "",
-    "words",
-    b"\xff",
-    [],
-    [None],
-    ["a"],
-    [[]],
-    {},
-    {"a": 1},
-    [{}],
-    [[1, 2], 3],
-]
 SCHEMAS = {
     "foxglove.LocationFix": fix(1, depth=3.0).payload,
     "sensor_msgs/msg/NavSatFix": {"longitude": 152.0, "latitude": -40.0, "status": {"status": 0}},
@@ -268,9 +248,7 @@ def test_the_frames_of_a_mavlink_ping_share_one_fate():
         [position_int(5), *mavlink_frames(reference=1.0)], MeasurementConfig(use_relative=False)
     )
     assert len(only(Used, refused)) == 1
-    assert (
-        reasons(refused) == ["velocity relative to the platform, whose own motion is not known"] * 5
-    )
+    assert reasons(refused) == ["velocity relative to the platform, whose motion is unknown"] * 5
     alone = run(list(mavlink_frames()))
     assert reasons(alone) == ["no position within 600 s"] * 5
     frames = list(mavlink_frames())

@@ -13,7 +13,6 @@ import numpy as np
 from replay_kit.core.finding import Finding
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.measurements.consistency import checks, findings
-from replay_kit.measurements.consistency.pairs import Explanation
 from replay_kit.measurements.consistency.raw import RawHistory
 from replay_kit.measurements.consistency.sources import SourceStatistics
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
@@ -241,16 +240,11 @@ def _after_mean(
         )
     if contradiction is None:
         return instrument, ()
-    finding = _contradiction(contradiction, mean, topic)
+    of = findings.unit if contradiction.map.kind == "unit" else findings.contradiction
+    finding = of(contradiction, mean, topic)
     if finding.name in instrument.named:
         return instrument, ()
     return replace(instrument, named=instrument.named | {finding.name}), (finding,)
-
-
-def _contradiction(explanation: Explanation, mean: PathMean, topic: str) -> Finding:
-    return (findings.unit if explanation.map.kind == "unit" else findings.contradiction)(
-        explanation, mean, topic
-    )
 
 
 def unused(ping: Observation, reason: Reason) -> Observation:

@@ -72,7 +72,7 @@ class PositionRun:
             f"{self.fixes} positions over {(self.last_ns - self.since_ns) * 1e-9:.0f} s are equal to the last digit "
             f"while the vehicle moved between {self.shallowest:.0f} and {self.deepest:.0f} m",
             "a receiver without a fix that repeats its last one",
-            "pings at such positions are not used; check the receiver, or give the dead-reckoned positions of the vehicle",
+            "pings at such positions are not used; check the receiver, or give the vehicle's dead-reckoned positions",
         )
 
     @property
@@ -156,7 +156,7 @@ class SeparatePlaces:
             self.other.last.time_ns,
             f"one vehicle was not at {one} and at {other}",
             "a log of another mission, place or year among the logs, or a clock or receiver that was wrong for a time",
-            "all are used; replay-kit info says where and when each log was recorded, leave out those of other missions",
+            "all are used; replay-kit info shows where and when each log was recorded, exclude those of other missions",
         )
 
     @property

@@ -28,7 +28,7 @@ def depth_averaged_current(payload: Mapping[str, Any]) -> MeanCurrent | str:
     """Return the mean current of a ``replay_kit.DepthAveragedCurrent``, or why there is none."""
     velocity = number(payload.get("dac_eastward")), number(payload.get("dac_northward"))
     if not math.isfinite(sum(velocity)):
-        return "depth-averaged current: it is not a number"
+        return "depth-averaged current: not a number"
     std = number(payload.get("error"))
     start, end = (_fix(payload.get(name)) for name in ("start_fix", "end_fix"))
     believed = std if STD_BELIEVED[0] <= std <= STD_BELIEVED[1] else math.nan
@@ -144,11 +144,11 @@ def _reader(schema: str, topic: str) -> Reader | str | None:
         or (_IMC.get(kind) if package.lower() == "imc" else None)
     )
     if name in _POSES and _WISH.search(topic):
-        return "by its topic's name a place to go to, not where the vehicle is"
+        return "topic name suggests a goal, not the vehicle position"
     if reader is None and topic == _BLUEOS_COPY:
-        return "repeats the messages that have topics of their own"
+        return "repeats messages of other topics"
     if reader is None and _BLUEOS_FIELD.fullmatch(topic):
-        return "one field of a message that has a topic of its own"
+        return "one field of a message on another topic"
     return reader
 
 

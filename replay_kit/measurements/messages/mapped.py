@@ -197,10 +197,10 @@ def _cells(payload: Mapping[str, Any], entry: ProfileMap) -> list[list[float]] |
         return [[_speed(value, entry) for value in cell] for cell in zip(*columns, strict=True)]
     rows = look_up(payload, entry.velocity)
     if not isinstance(rows, list | tuple):
-        return "measurements.map: velocity is no list"
+        return "measurements.map: velocity is not a list"
     if rows and not any(isinstance(row, list | tuple) for row in rows):
         if entry.components is None or len(rows) % entry.components:
-            return "measurements.map: velocity is flat; state how many components a cell has"
+            return "measurements.map: velocity is flat; state the number of components per cell"
         rows = [rows[i : i + entry.components] for i in range(0, len(rows), entry.components)]
     cells = [
         [_speed(value, entry) for value in row] if isinstance(row, list | tuple) else [math.nan] * 2
@@ -234,7 +234,7 @@ def _geometry(payload: Mapping[str, Any], entry: ProfileMap) -> dict[str, Any]:
         sign = _sign(entry) if entry.depths is not None else 1.0
         values = look_up(payload, listed)
         if not isinstance(values, list | tuple):
-            raise MeasurementError(f"measurements.map: '{listed}' is no list")
+            raise MeasurementError(f"measurements.map: '{listed}' is not a list")
         fields["cell_distances"] = [sign * number(value) / scale for value in values]
         if entry.depths is not None:
             fields |= {"pressure": 0.0, "transducer_depth": 0.0, "orientation": "down"}

@@ -158,7 +158,7 @@ def checked(longitude: Any, latitude: Any, depth: float, dead_reckoned: bool) ->
     if x == 0.0 and y == 0.0:
         return "position is 0, 0 (no fix)"
     if abs(y) > 90.0 or not -180.0 <= x <= 360.0:
-        return "position is no longitude and latitude"
+        return "position outside the range of longitude and latitude"
     return Position(x, y, depth, dead_reckoned)
 
 
@@ -221,7 +221,7 @@ def imu(payload: Mapping[str, Any]) -> Orientation | str:
     """Return the orientation of a ``sensor_msgs/Imu``, or why it has none; a first covariance of -1 says so (ROS REP-145)."""
     covariance = payload.get("orientation_covariance")
     if isinstance(covariance, list | tuple) and covariance and number(covariance[0]) == -1.0:
-        return "attitude: it states no orientation"
+        return "attitude: no orientation stated"
     return orientation_of(payload.get("orientation"))
 
 
@@ -235,7 +235,7 @@ def dvl(payload: Mapping[str, Any]) -> Dvl | str:
     if mode is None:
         return "velocity_mode is neither 1 (bottom) nor 2 (water)"
     if whole_number(payload.get("coordinate_mode", _INSTRUMENT)) != _INSTRUMENT:
-        return "DVL: its coordinate_mode is not 1 (instrument)"
+        return "DVL: coordinate_mode is not 1 (instrument)"
     forward, starboard, down = (number(payload["velocity"].get(axis)) for axis in "xyz")
     if not math.isfinite(forward + starboard + down) or not any((forward, starboard, down)):
         return "DVL: no velocity"

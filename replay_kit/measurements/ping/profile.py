@@ -11,10 +11,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
 from replay_kit.measurements.vehicle.dives import depths_of_pressures
 
-_NO_DEPTH = (
-    "ping: its instrument's depth is not a number, and no earlier message gives the vehicle's depth"
-)
-_NO_DEPTH_OF_PRESSURE = "ping: no depth has the pressure it states [dbar]"
+_NO_DEPTH = "ping: instrument depth is not a number, and no earlier message gives the vehicle depth"
+_NO_DEPTH_OF_PRESSURE = "ping: the stated pressure [dbar] corresponds to no depth"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -42,15 +42,13 @@ _UNITS: Mapping[str | None, float] = MappingProxyType(
 )
 _INCOMPLETE = "part of an incomplete ping"
 _ALSO_INVERTED = (
-    "its dive's computed profile has it; measurements.use_inverted = false uses this instead"
+    "already in the dive's inverted profile; measurements.use_inverted = false uses this instead"
 )
-_INVERTED = "computed from the dive's pings and mean current, which are used instead (measurements.use_inverted)"
-_NO_ATTITUDE = "DVL: no attitude within a second"
-_NO_DECLINATION = "DVL: whether its heading is true or magnetic is not known; state measurements.magnetic_declination, 0 for a true one"
-_NO_LAYER = (
-    "DVL: water track, known layer's depth it does not say; state measurements.water_track_distance"
-)
-_NO_BOTTOM = "DVL: water track without a bottom track, which says nothing of the current"
+_INVERTED = "inverted from the dive's pings and mean current, which are used instead (measurements.use_inverted)"
+_NO_ATTITUDE = "DVL: no attitude within 1 s"
+_NO_DECLINATION = "DVL heading: true or magnetic north unknown; set measurements.magnetic_declination (0 for true north)"
+_NO_LAYER = "DVL water track does not state its layer depth; set measurements.water_track_distance"
+_NO_BOTTOM = "DVL water track without a bottom track gives no current"
 
 
 def duplicate_reason(payload: Mapping[str, Any], config: MeasurementConfig) -> str:
@@ -105,7 +103,7 @@ def take_ping_frame(
 
 
 def incomplete(frames: Mapping[Key, Mapping[str, PingFrame]]) -> list[Event | PlacedPing]:
-    """Return the events of frames known pings have lost others."""
+    """Return the events of frames whose pings have lost others."""
     return [Skipped(topic, _INCOMPLETE) for (topic, _, _), parts in frames.items() for _ in parts]
 
 
@@ -190,7 +188,7 @@ def resolve_ping(
     if not math.isfinite(state.depth) and math.isfinite(
         depth := depth_of_pressure(ping.pressure, state.latitude)
     ):
-        # a log known only depth is the ping's own pressure still has dives
+        # a log whose only depth is the pressure of its pings still has dives
         state = replace(at_depth(state, depth, config), depth=float("nan"))
     dive = state.dive if ping.dive is None else ping.dive
     in_dive = state.submerged and state.fix is not None

@@ -27,7 +27,7 @@ from replay_kit.measurements.vehicle.vessel_velocity import Fixes, fixes_around,
 # the straight way between its ends, is off by this times T s (1 - s)
 _SPEED_STD = 0.1
 #: The reason of a ping that is no absolute profile, where these alone are wanted.
-RELATIVE = "velocity relative to the platform, whose own motion is not known"
+RELATIVE = "velocity relative to the platform, whose motion is unknown"
 _time = attrgetter("source.time_ns")
 
 

@@ -88,7 +88,7 @@ def at_depth(state: MeasurementState, depth: float, config: MeasurementConfig) -
     return replace(state, depth=depth, submerged=submerged, dive=state.dive + begun, dives=dives)
 
 
-_ATTITUDE = "attitude: kept for pings that do not state theirs"
+_ATTITUDE = "attitude: kept for pings without their own"
 
 
 def record_position(

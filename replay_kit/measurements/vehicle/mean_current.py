@@ -91,12 +91,12 @@ def stated_mean(
         and dives.computed_ns is not None
         and mean.end.time_ns <= dives.computed_ns + _SAME_FIX_NS
     ):
-        return dives, "depth-averaged current: computed from the dead reckoning before it came"
+        return dives, "depth-averaged current: already computed from dead reckoning"
     found = _path_of(dives, mean, source)
     if found is None:
         return (
             dives,
-            "depth-averaged current: neither its path nor its fixes with a depth are known",
+            "depth-averaged current: no path, and no fixes with a depth",
         )
     path, end = found
     error = (
@@ -108,7 +108,7 @@ def stated_mean(
     whole = path_mean(path, replace(end, source=source), mean.velocity, error, "dac", dive)
     whole = replace(whole, beside_profiles=mean.inverted and config.use_inverted)
     if not _is_path(whole):
-        return dives, "depth-averaged current: no way leads from its first fix to its last"
+        return dives, "depth-averaged current: no path from its first fix to its last"
     return replace(dives, done=done), whole
 
 

@@ -33,6 +33,8 @@ class LastPlan:
         track: Its rows of ``Result.plan_tracks``; none where it failed.
         east: shape (n,) [m], local frame, of the track.
         north: shape (n,) [m], local frame.
+        start: shape (2,) [m], local frame.
+        goal: shape (2,) [m], local frame.
         statistics: What the solver did, by name.
         legs: Of a mission; none of a glide.
         ellipses: Outlines of the ellipses of its surfacings, each shape (k, 2) [m], the last point the first.
@@ -43,6 +45,8 @@ class LastPlan:
     track: pd.DataFrame
     east: Array
     north: Array
+    start: Array
+    goal: Array
     statistics: Mapping[str, str]
     legs: Sequence[Mapping[str, Any]]
     ellipses: Sequence[Array]
@@ -97,9 +101,13 @@ def last_plan(result: ResultFile, projection: Projection) -> LastPlan | None:
     """
     if not len(result.plans):
         return None
-    tracks = result.plan_tracks
+    row, tracks = result.plans.iloc[-1], result.plan_tracks
     track = tracks[tracks["plan"] == len(result.plans) - 1]
     east, north = to_local(projection, track["longitude"], track["latitude"])
+    start, goal = (
+        np.array(to_local(projection, row[f"{end}_longitude"], row[f"{end}_latitude"]))
+        for end in ("start", "goal")
+    )
     with result.path.open("rb") as file:
         *_, (_, _, _, drawn) = make_reader(
             file, decoder_factories=[DecoderFactory()]
@@ -108,10 +116,12 @@ def last_plan(result: ResultFile, projection: Projection) -> LastPlan | None:
     legs = plan_legs(statistics)
     ellipses = [ellipse.outline(projection) for ellipse in planned_ellipses(legs)]
     return LastPlan(
-        result.plans.iloc[-1],
+        row,
         track,
         east,
         north,
+        start,
+        goal,
         statistics,
         legs,
         ellipses,

@@ -22,8 +22,8 @@ from replay_kit.show.figures.values import Axis, Chart, Mark, Panel, Tables, val
 
 #: Where a point of a map lies in its axes: of east and north [km].
 Place = Callable[[Array, Array], tuple[Array, Array]]
-# Points of a printed figure for a pixel of a page.
-_POINT = 0.55
+# Points of a printed figure for a pixel of a page, of the width of lines and of the size of marks.
+_WIDTH, _SIZE = 0.55, 0.45
 _SYMBOLS = {"diamond": "D", "square": "s", "triangle-up": "^", "x": "x", "star": "*"}
 _DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}
 # Labels of an axis of time in a figure of two panels beside each other.
@@ -54,7 +54,7 @@ def draw_mark(axes: Axes, mark: Mark, tables: Tables, place: Place | None = None
         return
     x, y = (values_of(tables, values) for values in (mark.x, mark.y))
     x, y = (x, y) if place is None else place(x, y)
-    color, width = color_of(mark.color), _POINT * mark.width
+    color, width = color_of(mark.color), _WIDTH * mark.width
     if mark.halo:
         axes.plot(x, y, color="white", linewidth=width + 1.1, solid_capstyle="round")
     if mark.kind == "bars":
@@ -63,21 +63,24 @@ def draw_mark(axes: Axes, mark: Mark, tables: Tables, place: Place | None = None
         return
     if mark.kind == "ring":
         _draw_rings(axes, x, y, color)
+    # the ground below a line, or a band without one
+    on_land = mark.kind == "line"
     if mark.base is not None:
-        base, land = values_of(tables, mark.base), mark.color == "ink"
-        fill: Any = {"color": PRINT["land"]} if land else {"color": color, "alpha": 0.22}
-        axes.fill_between(x, y, base, linewidth=0.0, label=None if land else mark.name, **fill)
-        if not land:
-            return
-    look: Any = {"color": color, "linewidth": width, "label": mark.name or None}
-    look["linestyle"] = "none" if mark.kind == "points" else _DASHES[mark.dash]
-    look |= {"drawstyle": "steps-mid"} if mark.step else {}
-    if mark.kind in ("points", "joined"):
-        look |= {"marker": _SYMBOLS.get(mark.symbol, "o"), "markersize": _POINT * mark.size}
-        look |= {"markerfacecolor": "none"} if mark.symbol.endswith("-open") else {}
-        look |= (
-            {"markeredgecolor": color_of(mark.edge), "markeredgewidth": 0.6} if mark.edge else {}
-        )
+        fill: Any = {"color": PRINT["land"]} if on_land else {"color": color, "alpha": 0.22}
+        fill["label"] = None if on_land else mark.name
+        axes.fill_between(x, y, values_of(tables, mark.base), linewidth=0.0, **fill)
+    if mark.kind == "area":
+        return
+    dots = mark.kind in ("points", "joined")
+    look: Any = {
+        **{"color": color, "linewidth": width, "label": mark.name or None},
+        "linestyle": "none" if mark.kind == "points" else _DASHES[mark.dash],
+        "drawstyle": "steps-mid" if mark.step else "default",
+        "marker": _SYMBOLS.get(mark.symbol, "o") if dots else None,
+        "markersize": _SIZE * mark.size,
+        "markerfacecolor": "none" if mark.symbol.endswith("-open") else color,
+    }
+    look |= {"markeredgecolor": color_of(mark.edge), "markeredgewidth": 0.6} if mark.edge else {}
     if mark.error is None:
         axes.plot(x, y, **look)
     else:
@@ -113,7 +116,6 @@ def _draw_panel(chart: Chart, panel: Panel, most: int, axes: Axes) -> None:
         date_axis(axes, most)
     if chart.equal:
         axes.set_box_aspect(1.0)
-    axes.legend(loc="best")
 
 
 def _text(axis: Axis) -> str:

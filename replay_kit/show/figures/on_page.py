@@ -68,39 +68,36 @@ def column_of(name: str, values: Any) -> list[Any]:
 
 def traces_of(mark: Mark) -> list[dict[str, Any]]:
     """Return the traces of a mark: itself, and what lies below it."""
-    color = color_of(mark.color)
-    place = {"type": "scatter", "x": _values(mark.x), "y": _values(mark.y)}
-    below = {**place, "mode": "lines", "showlegend": False, "hoverinfo": "skip"}
-    trace: dict[str, Any] = {**place, "mode": _MODES.get(mark.kind, "lines")}
-    trace |= {"name": mark.name, "legendgroup": mark.name} if mark.name else {"showlegend": False}
-    trace |= {"hoverinfo": "skip"} if mark.hover == "skip" else {}
-    trace |= {"hovertemplate": mark.hover} if mark.hover not in ("", "skip") else {}
-    trace |= {} if mark.text is None else {"text": _values(mark.text)}
-    trace |= {} if mark.detail is None else {"customdata": _values(mark.detail)}
-    trace |= {} if mark.shown else {"visible": "legendonly"}
+    color, x, y = color_of(mark.color), _values(mark.x), _values(mark.y)
+    trace: dict[str, Any] = {
+        "type": "bar" if mark.kind == "bars" else "scatter",
+        "mode": _MODES.get(mark.kind, "lines"),
+        **{"x": x, "y": y, "text": _values(mark.text), "customdata": _values(mark.detail)},
+        **{"name": mark.name, "legendgroup": mark.name, "showlegend": bool(mark.name)},
+        "hoverinfo": "skip" if mark.hover == "skip" else "all",
+        "hovertemplate": mark.hover.removeprefix("skip"),
+        "visible": True if mark.shown else "legendonly",
+        "marker": {
+            **{"color": color, "size": mark.size, "symbol": mark.symbol},
+            "line": {"color": color_of(mark.edge or mark.color), "width": int(bool(mark.edge))},
+            **_shaded(mark),
+        },
+        "line": {
+            **{"color": color, "width": mark.width, "dash": mark.dash},
+            "shape": "hvh" if mark.step else "linear",
+        },
+    }
     if mark.error is not None:
         trace["error_y"] = {"type": "data", "array": _values(mark.error), "thickness": 1}
-    if mark.kind == "bars":
-        return [{**trace, "type": "bar", "marker": {"color": color}}]
-    if mark.kind in _MODES:
-        trace["marker"] = {
-            "color": color,
-            "size": mark.size,
-            "symbol": mark.symbol,
-            **_shaded(mark),
-        }
-        edge = {"line": {"color": color_of(mark.edge), "width": 1}} if mark.edge else {}
-        trace["marker"] |= edge
-    if mark.kind != "points":
-        trace["line"] = {"color": color, "width": mark.width, "dash": mark.dash}
-        trace["line"] |= {"shape": "hvh"} if mark.step else {}
     if mark.kind == "ring":
         trace |= {"fill": "toself", "fillcolor": f"{mark.color}2e"}
+    below = {"type": "scatter", "mode": "lines", "x": x, "showlegend": False, "hoverinfo": "skip"}
     if mark.base is not None:
-        ground = {**below, "y": _values(mark.base), "line": {"width": 0}}
-        return [ground, {**trace, "fill": "tonexty", "fillcolor": {"$color": "land"}}]
-    halo = {**below, "line": {"color": "#ffffff", "width": mark.width + 3.0}}
-    return [halo, trace] if mark.halo else [trace]
+        trace |= {"fill": "tonexty", "fillcolor": {"$color": "land"}}
+        return [{**below, "y": _values(mark.base), "line": {"width": 0}}, trace]
+    if mark.halo:
+        return [{**below, "y": y, "line": {"color": "#ffffff", "width": mark.width + 3.0}}, trace]
+    return [trace]
 
 
 def color_of(color: str) -> Any:
@@ -116,7 +113,9 @@ def _shaded(mark: Mark) -> dict[str, Any]:
     return {"color": f"${name}", "colorscale": scale(colors), "showscale": bool(label), **bar}
 
 
-def _values(values: Values) -> Any:
+def _values(values: Values | None) -> Any:
+    if values is None:
+        return None
     return f"${values}" if isinstance(values, str) else column_of("_km", values)
 
 

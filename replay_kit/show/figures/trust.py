@@ -8,14 +8,14 @@ from scipy.stats import chi2, norm
 
 from replay_kit.core.arrays import Array
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.slices import CurrentSlices
-from replay_kit.results.views.track import thinned
-from replay_kit.results.views.trust import (
+from replay_kit.results.views.slices import (
     Calibration,
+    CurrentSlices,
     calibration,
     error_through_time,
     information_by_dive,
 )
+from replay_kit.results.views.track import thinned
 from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
 
 _TIME = Axis("time (UTC)")
@@ -189,7 +189,7 @@ def error_chart(slices: CurrentSlices) -> Chart:
             f"error.{name}",
             f"{depth:g} m",
             _COLORS[k % 4],
-            dash=_DASHES[k // 4 % 4],
+            dash=_DASHES[(k + k // 4) % 4],
         )
         for k, (name, depth) in enumerate(zip(names, slices.depths, strict=True))
     ]

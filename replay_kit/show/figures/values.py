@@ -5,11 +5,10 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-
-from replay_kit.core.arrays import Array
+from numpy.typing import NDArray
 
 #: A column of the tables as ``table.column``, or values of a mark alone.
-Values = str | Array
+Values = str | NDArray[Any]
 #: Columns by the name of the table, then of the column.
 Tables = Mapping[str, Mapping[str, Any]]
 
@@ -73,8 +72,8 @@ class Mark:
     base: Values | None = None
     shade: tuple[str, str, str] | None = None
     hover: str = ""
-    text: Any = None
-    detail: str | None = None
+    text: Values | None = None
+    detail: Values | None = None
     shown: bool = True
 
 
@@ -136,7 +135,7 @@ class Layer:
     tables: Tables = field(default_factory=dict)
 
 
-def values_of(tables: Tables, values: Values) -> Array:
+def values_of(tables: Tables, values: Values) -> NDArray[Any]:
     """Return a column of the tables, or the values of a mark alone."""
     if not isinstance(values, str):
         return values

@@ -18,12 +18,11 @@ from replay_kit.studies.reports.tables import (
     Table,
     answer_of,
     json_text,
-    named_columns,
     number,
     print_tables,
+    rows_to_csv,
     write_files,
 )
-from replay_kit.studies.reports.tables import to_csv as table_to_csv
 
 _COLUMNS = (
     "truth",
@@ -52,13 +51,6 @@ def to_json(result: AccuracyResult) -> dict[str, Any]:
         },
         "numpy",
         "scipy",
-    )
-
-
-def to_csv(result: AccuracyResult) -> str:
-    """Return the rows as CSV with their fields' names; undefined figures are empty, lists have spaces between their numbers."""
-    return table_to_csv(
-        named_columns("accuracy", "All figures", [asdict(row) for row in result.rows])
     )
 
 
@@ -116,19 +108,19 @@ _CHARTS = (
     ),
     (
         "coverage",
-        "How many components lie in their 90 % intervals",
+        "Coverage of the 90 % intervals",
         "coverage90",
         Axis("share inside [1]"),
         0.9,
-        "A method that knows how much it errs holds 0.9 (dotted); below it the stated errors are too small. Some methods state none.",
+        "Share of components inside; 0.9 (dotted) is right, below it the stated errors are too small. Some methods state none.",
     ),
     (
         "nis",
-        "Errors of predictions over their stated size",
+        "Consistency of the innovations",
         "nis_per_dof",
         Axis("NIS per degree of freedom [1]", log=True),
         1.0,
-        "Each ping is predicted before it is used. At 1 (dotted) the predictions err as much as they state; above it more, below it less.",
+        "Each ping is predicted before it is used. 1 (dotted) is consistent; above it the stated errors are too small, below it too large.",
     ),
 )
 
@@ -137,7 +129,12 @@ def write_study(out: Path, result: AccuracyResult) -> None:
     """Write ``FILES`` into a folder that exists, each whole or not at all; of an unfinished study all but the page."""
     page = {} if result.unfinished else {PAGE: accuracy_page(result)}
     write_files(
-        out, {"accuracy.csv": to_csv(result), "accuracy.json": json_text(to_json(result)), **page}
+        out,
+        {
+            "accuracy.csv": rows_to_csv(AccuracyRow, result.rows),
+            "accuracy.json": json_text(to_json(result)),
+            **page,
+        },
     )
 
 

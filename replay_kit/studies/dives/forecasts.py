@@ -116,6 +116,10 @@ def withheld(
         state, _ = estimator.step(state, replace(profile, flags=flags))
 
 
+#: Profiles with a bin that the filter can use, and its predictions of them.
+Usable = Sequence[tuple[Observation, Expected]]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class NextDive:
     """What the dives so far say of the next one.
@@ -174,7 +178,7 @@ def after_dive(
     estimator: EvolvingEstimator,
     state: EvolvingState,
     dive: Dive,
-    usable: Sequence[tuple[Observation, Expected]],
+    usable: Usable,
 ) -> tuple[NextDive, DiveForecasts]:
     """Return what is known after a dive, and what was expected of it.
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from replay_kit.results.outcome.figures import surfacings_json
+from replay_kit.results.outcome.from_run import surfacings_json
 from replay_kit.show.page import Section
 from replay_kit.show.words import surfacings_sentences
 from replay_kit.studies.dives.run import DivePrediction, DivesResult

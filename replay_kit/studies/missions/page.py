@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -22,27 +22,14 @@ from replay_kit.studies.reports.tables import (
     limits_text,
     met_text,
     print_tables,
+    rows_to_csv,
     write_files,
 )
-from replay_kit.studies.reports.tables import to_csv as table_to_csv
 
 
 def to_json(result: MissionResult) -> dict[str, Any]:
     """Return the JSON object of ``--json``; undefined figures are null."""
     return answer_of(asdict(result), "numpy", "scipy")
-
-
-def to_csv(result: MissionResult) -> str:
-    """Return the rows as CSV with their fields' names; undefined figures are empty, lists have spaces between their numbers."""
-    columns = tuple(field.name for field in fields(MissionRow))
-    return table_to_csv(
-        Table(
-            "missions",
-            "All figures",
-            columns,
-            tuple(tuple(asdict(row).values()) for row in result.rows),
-        )
-    )
 
 
 def print_study(result: MissionResult, console: Console) -> None:
@@ -74,21 +61,26 @@ def study_table(result: MissionResult, study: str) -> Table:
 
 FILES = ("missions.csv", "missions.json", PAGE)
 _TITLES = {
-    "time": "A truth that changes",
+    "time": "A truth that changes in time",
     "relative": "Profiles relative to the vehicle",
-    "dac": "Mean currents of dives alone",
-    "outliers": "Pings that are wrong",
-    "bias": "Instruments with a bias",
-    "coverage": "Whether the stated errors are right",
+    "dac": "Depth-averaged currents alone",
+    "outliers": "Outliers",
+    "bias": "Biases of compass and scale",
+    "coverage": "Coverage of the stated errors",
 }
-_CAPTION = "Dots are single missions, the diamond is all of them together, bars are the limits that it should keep to, where there are any."
+_CAPTION = "Dots: single missions; diamond: all missions together; bars: the limits required, where there are any."
 
 
 def write_study(out: Path, result: MissionResult) -> None:
     """Write ``FILES`` into a folder that exists, each whole or not at all; of unfinished studies all but the page."""
     page = {} if result.unfinished else {PAGE: missions_page(result)}
     write_files(
-        out, {"missions.csv": to_csv(result), "missions.json": json_text(to_json(result)), **page}
+        out,
+        {
+            "missions.csv": rows_to_csv(MissionRow, result.rows),
+            "missions.json": json_text(to_json(result)),
+            **page,
+        },
     )
 
 
@@ -109,7 +101,7 @@ def missions_page(result: MissionResult) -> str:
 def _answer(result: MissionResult) -> str:
     job = result.job
     flown = (
-        f"Gliders fly through {len(result.members)} members of `{result.ensemble}` that the estimator does not know, {job.seeds} for each,"
+        f"Gliders fly through {len(result.members)} members of `{result.ensemble}` withheld from the estimator, {job.seeds} for each,"
         f" with {job.pings} pings of {job.noise:g} m/s noise."
     )
     return words_html([flown]) + criteria_html(

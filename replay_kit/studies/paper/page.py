@@ -29,7 +29,7 @@ from replay_kit.studies.reports.tables import (
     named_columns,
     number,
     print_tables,
-    to_csv,
+    rows_to_csv,
     write_files,
 )
 
@@ -59,11 +59,6 @@ def print_study(result: PaperResult, console: Console) -> None:
     print_tables(console, text_tables(tables))
     console.print(findings.errors(tables), soft_wrap=True)
     console.print(findings.sparse_logs(tables)[0], soft_wrap=True)
-
-
-def rows_to_csv(rows: Sequence[ErrorRow | GlideRow | SparseRow]) -> str:
-    """Return rows as CSV with their fields' names; undefined figures are empty, lists have spaces between their numbers."""
-    return to_csv(named_columns("", "", [asdict(row) for row in rows]))
 
 
 def to_markdown(tables: PaperTables) -> str:
@@ -166,9 +161,9 @@ def write_study(out: Path, result: PaperResult) -> None:
     write_files(
         out,
         {
-            f"{name}.csv": rows_to_csv(getattr(tables, name))
+            f"{name}.csv": rows_to_csv(type(rows[0]), rows)
             for name in _TABLES
-            if getattr(tables, name)
+            if (rows := getattr(tables, name))
         },
     )
     write_files(out, {"paper.json": json_text(to_json(result))})

@@ -49,7 +49,7 @@ class _Judged:
 
 
 def odds(world: World) -> StudyReport:
-    """Return how many of the missions called reached arrive in fresh samples of the estimate, and in the truth."""
+    """Return how many of the missions reported as reached arrive in fresh samples of the estimate, and in the truth."""
     made = world.each_truth(_of_truth, world.job.pairs)
     return _report(world, [one for of_truth in made for one in of_truth])
 
@@ -110,7 +110,7 @@ def _report(world: World, made: list[_Judged]) -> StudyReport:
     reached = [one for one in made if one.status == "reached"]
     tables: tuple[Table, ...] = (named_columns(NAME, _TITLE, [one.cells for one in made]),)
     if not reached:
-        words = f"None of {len(made)} missions is called reached: {ARRIVING:.0%} of {JUDGING} samples do not arrive in any."
+        words = f"None of {len(made)} missions is reported as reached: in none do {ARRIVING:.0%} of {JUDGING} samples arrive."
         return StudyReport(NAME, "Odds of missions", tables, (), (words,))
     fresh, arrived = (
         np.array([one.fresh for one in reached]),
@@ -118,19 +118,19 @@ def _report(world: World, made: list[_Judged]) -> StudyReport:
     )
     criteria = (
         Criterion(
-            "share of fresh samples that arrives, mean over the plans called reached",
+            "share of fresh samples that arrives, mean over the plans reported as reached",
             float(fresh.mean()),
             at_least=_FRESH,
         ),
         Criterion(
-            "share of the plans called reached that arrives in the withheld truth",
+            "share of the plans reported as reached that arrives in the withheld truth",
             float(arrived.mean()),
             at_least=_TRUTH,
         ),
     )
     stated = float(np.mean([one.stated for one in reached]))
     findings = (
-        f"{len(reached)} of {len(made)} missions are called reached, as {ARRIVING:.0%} or more of {JUDGING} samples arrive "
+        f"{len(reached)} of {len(made)} missions are reported as reached, as {ARRIVING:.0%} or more of {JUDGING} samples arrive "
         f"({stated:.1%} in the mean). In {world.job.fresh} fresh samples {fresh.mean():.1%} arrive in the mean and {fresh.min():.1%} in "
         f"the worst plan; {float(np.mean(fresh >= _FRESH)):.0%} of the plans have {_FRESH:.0%} or more. In the truth {int(arrived.sum())} "
         f"of {len(reached)} arrive; the median miss there is {float(np.median([one.miss for one in reached])):.0f} m."

@@ -9,12 +9,13 @@ from html import escape
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from replay_kit.core.arrays import Array
 from replay_kit.show.page import Figure, Section, page_html
-from replay_kit.show.page.section import items_html, table_html
+from replay_kit.show.page.section import column, items_html, table_html
 from replay_kit.studies.reports.tables import Criterion, Picture, Table, limits_text, plain, to_text
 
+PAGE = "index.html"
 _STYLE: Any = {
     "font.size": 12.0,
     "axes.titlesize": 12.0,
@@ -87,53 +88,40 @@ def saved(make: Callable[[], Any], *endings: str) -> Drawn:
 def _rows(axes: Any) -> Iterator[tuple[Any, ...]]:
     """Yield what is drawn in axes, a row a point: lines, markers, cells and arrows."""
     panel = axes.get_title().replace("\n", " ")
+
+    def row(
+        series: str, place: ArrayLike, value: ArrayLike = (), arrow: ArrayLike = ()
+    ) -> tuple[Any, ...]:
+        cells: list[Any] = [panel, series]
+        for values, width in ((place, 3), (value, 1), (arrow, 2)):
+            known = column(values)
+            cells += [*known, *[None] * (width - len(known))]
+        return tuple(cells)
+
     for line in axes.lines:
         label = "" if line.get_label().startswith("_") else line.get_label()
         # those in 3D have a third coordinate
         points = line.get_data_3d() if hasattr(line, "get_data_3d") else line.get_data()
         for point in np.column_stack([np.asarray(each, dtype=np.float64) for each in points]):
-            yield (panel, label, *_numbers(point), *[None] * (6 - point.size))
+            yield row(label, point)
     for each in axes.collections:
         label = "" if each.get_label().startswith("_") else each.get_label()
         kind = type(each).__name__
         if kind == "PathCollection":
-            for x, y in np.asarray(each.get_offsets()):
-                yield (panel, label, *_numbers(np.array([x, y])), None, None, None, None)
+            for place in np.asarray(each.get_offsets()):
+                yield row(label, place)
         elif kind == "QuadMesh":
             corners = each.get_coordinates()
             centres = (
                 corners[:-1, :-1] + corners[1:, :-1] + corners[:-1, 1:] + corners[1:, 1:]
             ).reshape(-1, 2) / 4.0
             values = np.ma.filled(np.ma.masked_invalid(each.get_array()), np.nan).ravel()
-            for (x, y), value in zip(
-                centres[np.isfinite(values)], values[np.isfinite(values)], strict=True
-            ):
-                yield (
-                    panel,
-                    "colours",
-                    *_numbers(np.array([x, y])),
-                    None,
-                    *_numbers(np.array([value])),
-                    None,
-                    None,
-                )
+            for place, value in zip(centres, values, strict=True):
+                if np.isfinite(value):
+                    yield row("colours", place, value)
         elif kind == "Quiver":
             for x, y, u, v in np.ma.column_stack([each.X, each.Y, each.U, each.V]).filled(np.nan):
-                yield (
-                    panel,
-                    "arrows",
-                    *_numbers(np.array([x, y])),
-                    None,
-                    None,
-                    *_numbers(np.array([u, v])),
-                )
-
-
-def _numbers(values: Array) -> list[float | None]:
-    return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values.tolist()]
-
-
-PAGE = "index.html"
+                yield row("arrows", (x, y), arrow=(u, v))
 
 
 def words_html(paragraphs: Sequence[str]) -> str:

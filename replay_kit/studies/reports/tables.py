@@ -5,7 +5,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
@@ -143,6 +143,12 @@ def to_csv(table: Table) -> str:
             ]
         )
     return out.getvalue()
+
+
+def rows_to_csv(kind: type, rows: Sequence[Any]) -> str:
+    """Return frozen values of a kind as CSV with their fields' names, see ``to_csv``."""
+    names = tuple(field.name for field in fields(kind))
+    return to_csv(Table("", "", names, tuple(tuple(asdict(row).values()) for row in rows)))
 
 
 def markdown(table: Table) -> str:

@@ -24,10 +24,10 @@ from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.show.status.held import Held, read_held
 from replay_kit.show.status.status import Status, status_of
 from replay_kit.workflows.follow import memory as remembered
-from replay_kit.workflows.follow.options import FollowOptions
 from replay_kit.workflows.follow.sources import read_goal, with_goal
 from replay_kit.workflows.follow.watch import (
     Clock,
+    FollowOptions,
     Watched,
     alarm_line,
     key_of,

@@ -291,10 +291,8 @@ def _usable(observation: Observation, estimator: ReducedBasisEstimator) -> NDArr
         & np.isfinite(observation.velocity).all(axis=1)
         & (observation.depth >= 0.0)
     )
-    flags, _ = screen(
-        replace(observation, flags=np.where(possible, Flag.GOOD, Flag.FAIL).astype(np.int8)),
-        estimator.basis.grid,
-    )
+    offered = replace(observation, flags=np.where(possible, Flag.GOOD, Flag.FAIL).astype(np.int8))
+    (flags,), _ = screen([offered], estimator.basis.grid, relative=False)
     return np.flatnonzero(flags == Flag.GOOD)
 
 

@@ -101,7 +101,7 @@ def test_a_file_with_neither_says_why_it_is_not_used(tmp_path):
     path = write(tmp_path, samples.pd0(Survey(bottom_track=False, gps=False)))
     info = inspect_logs([path], RunConfig(measurements=MeasurementConfig(use_relative=False)))[0]
     assert info.not_used == {
-        "/adcp": {"velocity relative to the platform, whose own motion is not known": 30}
+        "/adcp": {"velocity relative to the platform, whose motion is unknown": 30}
     }
 
 

@@ -178,12 +178,12 @@ def test_a_recording(tmp_path):
     assert len(only(Used, events)) == 10
     reasons = {(event.topic, event.reason) for event in only(Skipped, events)}
     assert reasons == {
-        ("services/ping/log", "not a kind of message the estimator uses"),
-        ("mavlink/out", "repeats the messages that have topics of their own"),
-        ("mavlink/1/1/HEARTBEAT/base_mode", "one field of a message that has a topic of its own"),
+        ("services/ping/log", "message type not used by the estimator"),
+        ("mavlink/out", "repeats messages of other topics"),
+        ("mavlink/1/1/HEARTBEAT/base_mode", "one field of a message on another topic"),
         (
             "mavlink/1/1/GLOBAL_POSITION_INT/lat",
-            "one field of a message that has a topic of its own",
+            "one field of a message on another topic",
         ),
     }
 

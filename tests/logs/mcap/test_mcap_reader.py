@@ -98,7 +98,7 @@ def test_what_is_no_log(tmp_path: Path) -> None:
         (tmp_path / name).write_bytes(data)
         with pytest.raises(LogError, match=name):
             open_log(tmp_path / name)
-    with pytest.raises(LogError, match="no such file"):
+    with pytest.raises(LogError, match="file not found"):
         open_log(tmp_path / "missing")
     with pytest.raises(LogError, match="the folder holds"):
         open_log(tmp_path)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from replay_kit.core.observation import RawValues, Reason
+from replay_kit.measurements.consistency.checks import DepthCounts, SpeedCounts
 from replay_kit.measurements.consistency.monitor import unused
-from replay_kit.measurements.consistency.ping_checks import DepthCounts, SpeedCounts
 from replay_kit.measurements.consistency.position_checks import PositionRun
 from replay_kit.measurements.consistency.raw import RawHistory, raw_values
 from replay_kit.measurements.consistency.summary import (

@@ -105,6 +105,8 @@ def test_two_tracks_that_interleave_far_apart_are_of_two_vehicles(logs):
     "logs",
     [
         (track(0, MINUTE, error=0.0005), track(1, 10.0, error=0.0005)),
+        # a ship at 8 m/s that both log in turn, 86 km from the one to the other
+        [track(k % 2, 10 * MINUTE, 3.0, speed=8.0 / 85.4e3, begin=6 * HOUR * k) for k in range(8)],
         (track(0, MINUTE), track(0, MINUTE)),
         [track(k, MINUTE, 4.0, begin=4 * HOUR * k) for k in range(12)],
         (track(0, 5.0 * MINUTE), with_reckoning(1, 15.0)),
@@ -132,6 +134,7 @@ def test_two_tracks_that_interleave_far_apart_are_of_two_vehicles(logs):
     ],
     ids=[
         "dense",
+        "ship in turn",
         "twice",
         "a file a dive",
         "dead reckoning",

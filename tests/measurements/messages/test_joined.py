@@ -12,7 +12,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
 from replay_kit.measurements import Used, initial_state, interpret, suggestions
-from replay_kit.measurements.mapping.suggest import sample_key, suggested_entries
+from replay_kit.measurements.messages.suggest import sample_key, suggested_entries
 from replay_kit.workflows.replay.store.pickling import dump, load
 from tests.command import invoke
 from tests.logs.log_samples import tlog_entry
@@ -28,7 +28,7 @@ VELOCITY = {
     "join_within": 0.05,
     "distance": 3.0,
 }
-ALONE = "one component of a velocity without the other within join_within"
+ALONE = "one velocity component without the other within join_within"
 
 
 def part(name, value, ms, seconds=1, topic=FLOAT):
@@ -43,11 +43,15 @@ def part(name, value, ms, seconds=1, topic=FLOAT):
     )
 
 
+def around(messages):
+    return [fix(0, depth=5.0), *messages, fix(9, depth=5.0)]
+
+
 def events(messages, **changes):
     config = mapping(VELOCITY | changes)
     return [
         event
-        for event in run([fix(0, depth=5.0), *messages, fix(9, depth=5.0)], config)
+        for event in run(around(messages), config)
         if getattr(event, "topic", FLOAT) != "/vehicle/fix"
     ]
 
@@ -101,11 +105,11 @@ def test_arrays_of_one_component_are_a_profile():
         part("VE", [10.0, 20.0], None, topic=ARRAY),
         part("VN", [-5.0, 0.0], None, topic=ARRAY),
     ]
-    observation = the(Observation, [fix(0, depth=5.0), *parts, fix(9, depth=5.0)], config)
+    observation = the(Observation, around(parts), config)
     assert_allclose(observation.velocity, [[0.1, -0.05], [0.2, 0.0]])
     assert observation.depth.tolist() == [8.0, 10.0]
     parts[1] = part("VN", [-5.0], None, topic=ARRAY)
-    unequal = run([fix(0, depth=5.0), *parts, fix(9, depth=5.0)], config)
+    unequal = run(around(parts), config)
     assert reasons(unequal) == ["measurements.map: east and north are not lists of one length"] * 2
 
 

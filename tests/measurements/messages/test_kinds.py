@@ -22,6 +22,11 @@ from tests.measurements.samples import CONFIG, SECOND, fix, logged, only, reason
 EARTH = MeasurementConfig(reference="earth")
 
 
+def through_ros2(folder, schema, definition, payload):
+    (message,) = read_mcap(folder, ros2_mcap(schema, definition, [payload]))
+    return message
+
+
 def skipped(message, config=CONFIG):
     event = the(Skipped, [fix(0), message], config)
     assert event.topic == message.topic
@@ -30,7 +35,7 @@ def skipped(message, config=CONFIG):
 
 @pytest.mark.parametrize("schema", ["ds_sensor_msgs/msg/Adcp", "ds_sensor_msgs/Adcp"])
 def test_ds_adcp_in_earth_coordinates(tmp_path, schema):
-    (message,) = read_mcap(tmp_path, ros2_mcap(schema, msg.DS_ADCP_2, [ds_adcp()]))
+    message = through_ros2(tmp_path, schema, msg.DS_ADCP_2, ds_adcp())
     profile = the(Observation, [fix(0, depth=10.0), message], EARTH)
     assert_array_equal(profile.velocity, [[0.1, -0.2], [np.nan, np.nan], [0.3, 0.0]])
     assert profile.flags.tolist() == [Flag.GOOD, Flag.MISSING, Flag.GOOD]
@@ -44,9 +49,7 @@ def test_ds_adcp_in_earth_coordinates(tmp_path, schema):
 
 @pytest.mark.parametrize(("mode", "system"), [(0, "beam"), (1, "instrument"), (2, "ship")])
 def test_ds_adcp_in_other_coordinates_is_said(tmp_path, mode, system):
-    (message,) = read_mcap(
-        tmp_path, ros2_mcap("ds_sensor_msgs/msg/Adcp", msg.DS_ADCP_2, [ds_adcp(mode)])
-    )
+    message = through_ros2(tmp_path, "ds_sensor_msgs/msg/Adcp", msg.DS_ADCP_2, ds_adcp(mode))
     assert statement(message).payload["coordinate_system"] == system
     assert not only(Observation, run([fix(0), message], EARTH))
     assert skipped(message, EARTH)
@@ -91,7 +94,7 @@ def test_ds_adcp_in_ros1(tmp_path):
     "schema", ["interfaces/msg/CurrentProfile", "nortek_nucleus_dvl/CurrentProfile"]
 )
 def test_nucleus_profile(tmp_path, schema):
-    (message,) = read_mcap(tmp_path, ros2_mcap(schema, msg.NUCLEUS, [NUCLEUS]))
+    message = through_ros2(tmp_path, schema, msg.NUCLEUS, NUCLEUS)
     ping = statement(message).payload
     assert ping["velocity"] == [[0.12, -0.05, 0.003], [None, 0.007, 0.008]]
     assert ping["amplitude"] == [[70, 71, 72], [73, 74, 75]]
@@ -164,13 +167,13 @@ def test_a_dvl_is_read(tmp_path):
         "beam_velocity": [0.1] * 4,
     }
     payload |= {"beam_velocity_covar": [-1.0] * 4, "beam_unit_vec": vectors(BEAMS)}
-    (message,) = read_mcap(tmp_path, ros2_mcap("marine_acoustic_msgs/msg/Dvl", msg.DVL, [payload]))
+    message = through_ros2(tmp_path, "marine_acoustic_msgs/msg/Dvl", msg.DVL, payload)
     assert statement(message) == Dvl("water", (0.5, 0.1, -0.2), 0.02)
 
 
 @pytest.mark.parametrize(
     ("covariance", "words"),
-    [([-1.0] + [0.0] * 8, "states no orientation"), ([0.0] * 9, "do not state theirs")],
+    [([-1.0] + [0.0] * 8, "no orientation stated"), ([0.0] * 9, "without their own")],
 )
 def test_an_attitude_is_said_to_be_one(tmp_path, covariance, words):
     payload = {"orientation": {"w": 1.0}, "orientation_covariance": covariance}
@@ -178,7 +181,7 @@ def test_an_attitude_is_said_to_be_one(tmp_path, covariance, words):
         "angular_velocity_covariance": [0.0] * 9,
         "linear_acceleration_covariance": [0.0] * 9,
     }
-    (message,) = read_mcap(tmp_path, ros2_mcap("sensor_msgs/msg/Imu", msg.IMU, [payload]))
+    message = through_ros2(tmp_path, "sensor_msgs/msg/Imu", msg.IMU, payload)
     assert words in skipped(message)
 
 
@@ -241,7 +244,7 @@ def test_frames_that_are_not_east_north_up():
     stated = statement(ned)
     assert (stated.east, stated.north, stated.depth) == (10.0, 20.0, 40.0)
     assert "frame 'earth'" in skipped(ned._replace(payload=pose(1e6, 1e6, 1e6, "/earth")))
-    assert "a place to go to" in skipped(ned._replace(topic="/move_base/Goal"))
+    assert "suggests a goal" in skipped(ned._replace(topic="/move_base/Goal"))
     assert skipped(ned._replace(payload={})) == "no pose.position in it"
 
 

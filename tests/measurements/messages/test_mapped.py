@@ -201,9 +201,9 @@ def test_where_the_cells_are(fields, payload, expected):
 @pytest.mark.parametrize(
     ("payload", "fields", "words"),
     [
-        ({"v": [0.1, 0.2]}, {"velocity": "v"}, "how many components"),
-        ({"v": [0.1, 0.2, 0.3]}, {"velocity": "v", "components": 2}, "how many components"),
-        ({"v": 0.1}, {"velocity": "v"}, "no list"),
+        ({"v": [0.1, 0.2]}, {"velocity": "v"}, "number of components"),
+        ({"v": [0.1, 0.2, 0.3]}, {"velocity": "v", "components": 2}, "number of components"),
+        ({"v": 0.1}, {"velocity": "v"}, "not a list"),
         ({"e": [1.0], "n": [1.0, 2.0]}, {"east": "e", "north": "n"}, "not lists of one length"),
         ({"v": []}, {"velocity": "v"}, "n_cells >= 1"),
         ({"v": [[0.1]]}, {"velocity": "v", "frame": "ned"}, "expected cells"),
@@ -265,7 +265,7 @@ def test_an_unknown_depth_of_the_instrument_is_that_of_the_vehicle(fields):
     events = run([fix(0), logged("vendor.Thing", payload, topic="/p")], config)
     assert only(Observation, events) == []
     assert reasons(events) == [
-        "ping: its instrument's depth is not a number, and no earlier message gives the vehicle's depth"
+        "ping: instrument depth is not a number, and no earlier message gives the vehicle depth"
     ]
 
 

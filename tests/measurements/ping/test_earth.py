@@ -10,12 +10,11 @@ from numpy.testing import assert_allclose, assert_equal
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.observation import Observation, Reason
-from replay_kit.measurements import Skipped, Used
 from replay_kit.measurements.messages.adcp_ping import parse_ping
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
 from replay_kit.measurements.ping.earth import added_velocity, earth_referenced
 from replay_kit.measurements.ping.profile import profiles_of
-from tests.measurements.samples import CONFIG, fix, only, ping, reasons, run, the
+from tests.measurements.samples import CONFIG, ODD, counted, fix, ping, reasons, run, the
 from tests.reference import frames as slow
 
 VECTORS = slow.janus_vectors(20.0)
@@ -69,6 +68,11 @@ def _horizontal(ping: AdcpPing) -> Any:
     return ping.velocity[:, :2]
 
 
+def assert_water(ping: AdcpPing) -> None:
+    """Assert that all cells have the water's velocity over the ground."""
+    assert_allclose(_horizontal(ping), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("system", "convention"),
     [
@@ -83,7 +87,7 @@ def _horizontal(ping: AdcpPing) -> Any:
 def test_every_coordinate_system_gives_the_current_over_the_ground(system, convention):
     config = MeasurementConfig(velocity_std=0.3)
     absolute = _absolute(_raw(system, convention), config)
-    assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    assert_water(absolute)
     assert (absolute.coordinate_system, absolute.reference, absolute.platform_velocity.source) == (
         "earth",
         "earth",
@@ -112,7 +116,7 @@ def test_words_and_truths_may_be_the_numbers_of_mavlink():
         "bin_mapped": 0.0,
     }
     absolute = _absolute(_raw("ship", **numbers))
-    assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    assert_water(absolute)
 
 
 def test_a_declination_turns_a_velocity_once():
@@ -162,7 +166,7 @@ def test_the_configured_declination_is_for_pings_that_state_none():
     with pytest.raises(MeasurementError, match="declination unknown"):
         _absolute(unknown)
     absolute = _absolute(unknown, MeasurementConfig(magnetic_declination=10.0))
-    assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    assert_water(absolute)
     stated = _absolute(
         {**unknown, "magnetic_declination": 10.0}, MeasurementConfig(magnetic_declination=-90.0)
     )
@@ -173,7 +177,7 @@ def test_a_lost_beam_is_solved_around_in_water_and_bottom():
     raw = _raw("beam")
     raw["velocity"] = [row if k else [None, *row[1:]] for k, row in enumerate(raw["velocity"])]
     raw["bottom_track"]["velocity"][3] = None
-    assert_allclose(_horizontal(_absolute(raw)), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    assert_water(_absolute(raw))
     raw["velocity"][1] = [None, None, 0.1, 0.2]
     assert np.isnan(_horizontal(_absolute(raw))[1]).all()
 
@@ -183,7 +187,7 @@ def test_gps_stands_in_for_a_lost_bottom():
     for track in (None, {"velocity": [None] * 4}, {"velocity": "deep"}, "lost"):
         config = MeasurementConfig(velocity_std=0.3)
         absolute = _absolute(_raw("beam", bottom_track=track, platform_velocity=own), config)
-        assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+        assert_water(absolute)
         assert absolute.platform_velocity.source == "gps"
         assert_allclose(_error_std(absolute, config), 0.3)
         assert added_velocity(absolute, CONFIG) == (tuple(VESSEL[:2]), 0.4)
@@ -230,7 +234,7 @@ def test_flat_arrays_are_those_of_protobuf():
         assert_equal(value, asdict(parse_ping(raw))[name])
     # protobuf writes an empty list for what is not known
     unknown = _absolute(_raw("instrument", beam_unit_vectors=[]))
-    assert_allclose(_horizontal(unknown), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    assert_water(unknown)
 
 
 @pytest.mark.parametrize(
@@ -253,40 +257,14 @@ def test_a_rotation_that_lacks_something_is_refused_with_the_reason(changes, rea
         _absolute(_raw("beam", **changes))
 
 
-JUNK = (
-    None,
-    -1,
-    1e308,
-    float("nan"),
-    10**400,
-    "x",
-    [],
-    [None],
-    [[1e308] * 4] * 3,
-    [[0.0] * 3] * 4,
-    {},
-    {"velocity": [1e308] * 4},
-    {"distance": ["b"]},
-)
-
-
 @pytest.mark.parametrize("system", ["beam", "instrument", "ship", "earth"])
 def test_junk_in_any_field_is_used_or_skipped_once(system):
     raw = _raw(system, platform_velocity=None, tilt_applied=True)
+    arrays = ([[1e308] * 4] * 3, [[0.0] * 3] * 4, {"velocity": [1e308] * 4}, {"distance": ["b"]})
     for field in raw:
-        for value in JUNK:
+        for value in (*ODD, *arrays):
             message = ping(0)._replace(payload={**raw, field: value})
-            events = run([fix(0), message])
-            assert (
-                len(
-                    [
-                        event
-                        for event in only(Used, events) + only(Skipped, events)
-                        if event.topic == "/adcp"
-                    ]
-                )
-                == 1
-            ), (field, value)
+            assert counted(run([fix(0), message]), "/adcp") == 1, (field, value)
 
 
 def test_a_raw_ping_becomes_an_observation():

@@ -12,7 +12,7 @@ from replay_kit.core.observation import Observation
 from replay_kit.measurements import Used
 from replay_kit.measurements.messages.vehicle import Dvl, dvl, horizontal
 from replay_kit.measurements.ping.adcp_ping import Attitude
-from tests.measurements.samples import CONFIG, SECOND, fix, only, ping, reasons, run, the
+from tests.measurements.samples import CONFIG, SECOND, fix, in_order, only, ping, reasons, run, the
 
 TRUE_HEADING = MeasurementConfig(magnetic_declination=0.0, water_track_distance=12.0)
 HALF = np.sqrt(0.5)
@@ -144,7 +144,7 @@ def sail(seconds, velocity=(1.5, -0.8), step=1):
 
 
 def test_a_vessel_s_fixes_give_its_motion():
-    messages = sorted([*sail(120), relative(60.5), ping(61.5)], key=lambda message: message.time_ns)
+    messages = in_order(*sail(120), relative(60.5), ping(61.5))
     events = run(messages)
     absolute, own = sorted(
         only(Observation, events),
@@ -170,7 +170,7 @@ def test_a_vessel_s_fixes_give_its_motion():
     ],
 )
 def test_fixes_that_are_few_or_on_one_side_give_none(messages):
-    messages = sorted(messages, key=lambda message: message.time_ns)
+    messages = in_order(*messages)
     observation = the(Observation, messages)
     assert observation.reference == "platform"
     assert (
@@ -189,7 +189,7 @@ def test_a_stated_velocity_that_is_not_believed_leaves_the_vessel_to_its_fixes()
     stated = {"platform_velocity": {"east": 9.0, "north": 9.0, "velocity_std": 1e3}}
     observation = the(
         Observation,
-        sorted([*sail(60), relative(30.5, **stated)], key=lambda message: message.time_ns),
+        in_order(*sail(60), relative(30.5, **stated)),
     )
     assert observation.platform_velocity == pytest.approx((1.5, -0.8), abs=0.01)
 
@@ -202,7 +202,5 @@ def test_fixes_that_come_seldom_count_from_both_sides_alike():
         fix(9 * k, float(longitude), float(latitude))
         for k, (longitude, latitude) in enumerate(places)
     ]
-    observation = the(
-        Observation, sorted([*fixes, relative(45)], key=lambda message: message.time_ns)
-    )
+    observation = the(Observation, in_order(*fixes, relative(45)))
     assert observation.platform_velocity == pytest.approx((0.0, 0.0), abs=1e-5)

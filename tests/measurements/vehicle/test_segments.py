@@ -58,6 +58,12 @@ def test_a_leg_ends_at_a_gap_and_the_dive_goes_on():
     assert found.yo.tolist() == [0, 1, 1, 1, 2, 2, 2, 2, 0]
 
 
+@pytest.mark.parametrize(("seconds", "legs"), [(600, 1), (601, 2)])
+def test_a_gap_is_longer_than_the_longest_time_between_samples_of_one_leg(seconds, legs):
+    time_ns = np.array([0, 60, 120, 120 + seconds, 180 + seconds, 240 + seconds]) * 10**9
+    assert of([0, 20, 40, 60, 80, 100], time_ns).profile.max() == legs
+
+
 def test_a_stamp_from_the_future_costs_one_leg_its_middle():
     time_ns = np.arange(10) * MINUTE
     time_ns[3] = 10**18

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from planners import Bathymetry, GlideSettings, fly, plan
+from planners.glide.candidate import Candidate
 from planners.glide.seeds import find_seeds, tabulate
-from planners.glide.solve import _remaining
-from planners.glide.transcription import GlideTask
+from planners.glide.solve import _remaining, explain
+from planners.glide.transcription import Glide, GlideTask
 from planners.route.region import region_of
 from planners.track import fly_glide, fractions_of_duration
 from replay_kit.core.errors import PlanError
@@ -170,6 +171,26 @@ def test_an_outcome_beyond_the_region_stops_at_its_edge():
     assert "region" in result.message
     # what the optimiser promises within the region is what is flown; without the region it would promise kilometres more
     assert abs(result.closest_approach - float(result.statistics["solver_distance"])) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("end", "goal", "limit"),
+    [
+        (398.0, 300.0, "the deepest level, 400 m"),
+        (2.0, 300.0, "the surface"),
+        (398.0, 399.0, "the current, 0.10 m/s along the path"),
+        (2.0, 3.0, "the current, 0.10 m/s along the path"),
+    ],
+)
+def test_the_deepest_level_and_the_surface_limit_a_goal_that_is_not_at_them(
+    end: float, goal: float, limit: str
+) -> None:
+    flow = uniform_flow(0.1, 0.0)
+    begin, through = np.array([0.0, 0.0, 200.0]), np.array([0.1, 0.0, (end - 200.0) / 1e4])
+    track = fly_glide(flow, begin, through, np.linspace(0.0, 1e4, 20))
+    task = GlideTask(flow, region_of(flow.grid), begin, np.array([9e3, 0.0, goal]), SETTINGS)
+    flown = Candidate(Glide(0.0, 0.0, 1e4), 1e4, 1e4, 7e3, track)
+    assert limit in explain(task, flown, 7e3, "unreachable")
 
 
 @pytest.mark.full

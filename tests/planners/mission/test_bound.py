@@ -160,5 +160,7 @@ def test_the_fastest_current_met_is_that_of_places_and_times_from_which_the_goal
     far, near = (float(front.times[current.places.size + k]) for k in (1, 2))
     # on a short way nothing of it can be met; on a long one a vehicle may go there and back
     assert front.fastest_met(0.0, near, (ends[2], 0.0)) == pytest.approx(0.05)
+    # by then the vehicle is nearly in the jet, but not back at the goal
+    assert front.fastest_met(0.0, 2.2 * near, (ends[2], 0.0)) == pytest.approx(0.05)
     assert front.fastest_met(0.0, 3.0 * far, (ends[1], 0.0)) == pytest.approx(0.8)
     assert front.fastest_met(0.0, np.inf) == pytest.approx(0.8)

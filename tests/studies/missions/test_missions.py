@@ -22,9 +22,16 @@ from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.studies.missions import STUDIES, MissionJob, estimates, instruments, run_missions
 from replay_kit.studies.missions.flights import fly_dives, fly_pings, measurements, staying
-from replay_kit.studies.missions.follow import Figure, evaluated_after, follow, over_missions
-from replay_kit.studies.missions.page import to_csv, to_json
+from replay_kit.studies.missions.follow import (
+    Figure,
+    MissionRow,
+    evaluated_after,
+    follow,
+    over_missions,
+)
+from replay_kit.studies.missions.page import to_json
 from replay_kit.studies.missions.scene import withhold
+from replay_kit.studies.reports.tables import rows_to_csv
 from replay_kit.studies.twins.adcp import Faults
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import GliderLimits
@@ -202,7 +209,10 @@ def test_a_mission_that_is_lost_leaves_the_others_and_is_said():
     # nothing is known yet where the first mission is lost
     first = next(iter(run_missions(torrents, CONFIG, replace(job, leave_out="3,1"))))
     assert (first.rows, len(first.lost)) == ((), 1)
-    assert to_csv(first) == "study,method,figure,value,at_least,at_most,met,by_mission\n"
+    assert (
+        rows_to_csv(MissionRow, first.rows)
+        == "study,method,figure,value,at_least,at_most,met,by_mission\n"
+    )
     assert len(left.lost) == 1
     assert left.lost[0].startswith("member 3, seed 0, outliers: the current carried the glider")
     assert {len(row.by_mission) for row in left.rows} == {1}
@@ -330,7 +340,7 @@ def test_rows_go_to_json_and_csv_as_they_are(result):
     assert answer["times"] == 3
     keys = {"study", "method", "figure", "value", "at_least", "at_most", "met", "by_mission"}
     assert all(set(row) == keys for row in answer["rows"])
-    table = list(csv.DictReader(io.StringIO(to_csv(result))))
+    table = list(csv.DictReader(io.StringIO(rows_to_csv(MissionRow, result.rows))))
     assert [row["figure"] for row in table] == [row.figure for row in result.rows]
     for written, row in zip(table, result.rows, strict=True):
         assert float(written["value"] or "nan") == pytest.approx(row.value, nan_ok=True)

@@ -34,7 +34,6 @@ from replay_kit.studies.paper.findings import sparse_logs
 from replay_kit.studies.paper.page import (
     FILES,
     print_study,
-    rows_to_csv,
     text_tables,
     to_json,
     to_markdown,
@@ -51,6 +50,7 @@ from replay_kit.studies.paper.rows import (
 )
 from replay_kit.studies.paper.tables import Survey, run_table, rungs
 from replay_kit.studies.reports.page import Drawn
+from replay_kit.studies.reports.tables import rows_to_csv
 from replay_kit.studies.scoring import bootstrap_median, bound, miss_figures
 from replay_kit.studies.twins import reachable
 from replay_kit.studies.twins.adcp import (
@@ -545,7 +545,9 @@ def test_files_say_the_same_numbers(study, folder):
                 if isinstance(cell, float):
                     assert float(row[key]) == in_json[key] == cell
     assert (
-        rows_to_csv([replace(tables.table1[0], rel_error=math.nan)]).splitlines()[1].split(",")[4]
+        rows_to_csv(ErrorRow, [replace(tables.table1[0], rel_error=math.nan)])
+        .splitlines()[1]
+        .split(",")[4]
         == ""
     )
 

@@ -147,7 +147,10 @@ def test_odds_are_of_samples_and_of_a_truth_on_the_nodes_of_the_estimate(monkeyp
     np.testing.assert_allclose(same.velocity(*at), truth.velocity(*at), rtol=1e-9, atol=1e-12)
     monkeypatch.setattr("replay_kit.studies.planning.odds.ARRIVING", 1.1)
     none = odds(small)
-    assert (none.criteria, "None of 2 missions is called reached" in none.findings[0]) == ((), True)
+    assert (none.criteria, "None of 2 missions is reported as reached" in none.findings[0]) == (
+        (),
+        True,
+    )
 
 
 def test_the_order_is_as_asked_or_not():

@@ -194,7 +194,7 @@ def test_odds_of_departures_and_the_result_name_them(saved, tmp_path):
         ]
     said = [json.loads(row) for row in rows.values()]
     assert [0.0 <= row["reached"] <= 1.0 for row in said] == [True, True]
-    done = invoke(["report", str(tmp_path / "plan.mcap"), "-o", str(tmp_path / "plan.html")])
+    done = invoke(f"report {tmp_path}/plan.mcap -o {tmp_path}/plan.html")
     assert done.exit_code == 0, done.output
     page = (tmp_path / "plan.html").read_text()
     assert "Departures compared" in page

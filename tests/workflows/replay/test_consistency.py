@@ -21,7 +21,7 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.findings import CONTRADICTION, PLACES
 from replay_kit.measurements.consistency.monitor import ConsistencyState, Instrument
-from replay_kit.results.outcome.outcome import failed, outcome_of
+from replay_kit.results.outcome.from_run import failed, outcome_of
 from replay_kit.results.views.contents import Contents
 from replay_kit.show import Result, open_result
 from replay_kit.show.report.sections.warnings import what_looks_wrong

@@ -21,7 +21,7 @@ from replay_kit.cli.options import (
     option,
 )
 from replay_kit.cli.settings import Settings, takes_settings
-from replay_kit.config.option import numbers
+from replay_kit.config.section import numbers
 from replay_kit.core.errors import EstimatorError
 
 
@@ -72,7 +72,6 @@ def accuracy(
     """
     truths.check("accuracy")
     read = [*truths.files, survey.archive, settings.file]
-    check_outputs(read, outputs)
     config = settings.load()
 
     from replay_kit.studies.accuracy import METHODS, AccuracyJob, page, read_sources, run_accuracy

@@ -33,7 +33,6 @@ def dives(
 ) -> int:
     """Return 0."""
     read = [*logs, *ensemble, settings.file]
-    check_outputs(read, outputs)
     config = settings.load()
 
     from replay_kit.estimator.evolving import build_evolving

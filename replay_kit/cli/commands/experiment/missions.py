@@ -73,7 +73,6 @@ def missions(
 ) -> int:
     """Return 0."""
     read = [*truths.ensemble, settings.file]
-    check_outputs(read, outputs)
     config = settings.load()
 
     from replay_kit.forecast import read_series

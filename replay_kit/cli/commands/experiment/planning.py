@@ -78,7 +78,6 @@ def planning(
         EstimatorError: Every part of the study failed.
     """
     read = [*truths.files, settings.file]
-    check_outputs(read, outputs)
     config = settings.load()
 
     from replay_kit.studies.planning import STUDIES, PlanningJob, page, run_planning

@@ -101,7 +101,7 @@ class OneTruth:
 
 
 def check_outputs(
-    read: Sequence[Path | None], outputs: Outputs | Report, written: Sequence[str] = ()
+    read: Sequence[Path | None], outputs: Outputs | Report, written: Sequence[str]
 ) -> None:
     """Raise ConfigError where what a study writes cannot be written, or exists and may not be replaced.
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from replay_kit.measurements.mapping.suggest_profile import (
+from replay_kit.measurements.messages.suggest_profile import (
     NO_REFERENCE,
     Leaf,
     beside,

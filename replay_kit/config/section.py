@@ -1,10 +1,19 @@
-"""How a setting is called on the command line, and texts that hold several numbers."""
+"""What settings share: the model of a table, the names of their options, and texts that hold several numbers."""
 
 import math
 import re
 from dataclasses import dataclass
 
+from pydantic import BaseModel, ConfigDict
+
 from replay_kit.core.errors import ConfigError
+
+
+class Section(BaseModel):
+    """A table of settings."""
+
+    # built when first used: a command's help needs the fields alone
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
-"""Four additions, each in one or two places, to a copy of the program: python sample_logs/heir.py FOLDER.
+"""Four additions, each in one or two places, to a copy of the program: python sample_logs/examples/extend.py FOLDER.
 
-A dialect of gliders' files, a check of pings, a section of the report and an objective of missions are added as the READMEs of their
+A dialect of glider files, a check of pings, a section of the report and an objective of missions are added as the READMEs of their
 folders say, and then used.
 """
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import xarray as xr
 
-SAMPLES = Path(__file__).resolve().parent
+SAMPLES = Path(__file__).resolve().parents[1]
 
 DIALECT = """# EGO, the French gliders' form.
 _EGO = Dialect(

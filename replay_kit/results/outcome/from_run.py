@@ -1,19 +1,24 @@
-"""The values of a run as JSON: plan, surfacings, log evidence, the flight model's correction; undefined figures are NaN or None."""
+"""The outcome of a run that has just ended: its plan, surfacings, log evidence and correction in the values of JSON."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import reduce
 from typing import Any
 
 import numpy as np
 
 from replay_kit.core.dive_forecast import DiveForecast, DiveOutcome, held_shares
+from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.evidence import BlockEvidence, Evidence, compare
+from replay_kit.core.finding import finding_json
 from replay_kit.core.flight_correction import FlightCorrection
 from replay_kit.core.observation import Fix
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Ellipse, SurfacingOutcome
-from replay_kit.results.outcome.run import Rival
+from replay_kit.results.losses import coded, loss_json
+from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.results.outcome.run import ReplaySummary, Rival
 
 _KINDS = ("first", "second", "later")
 
@@ -217,3 +222,87 @@ def flight_correction_json(found: FlightCorrection) -> dict[str, Any]:
     sizes = figures.pop("sizes")
     rms = math.sqrt(sum(size**2 for size in sizes) / len(sizes))
     return {"corrected": len(sizes), "rms_m_s": rms, "largest_m_s": max(sizes), **figures}
+
+
+def outcome_of(summary: ReplaySummary) -> Outcome:
+    """Return the outcome of a run that has just ended."""
+    found: dict[str, Any] = _plain(
+        {
+            "observations": {
+                "used": summary.profiles_used,
+                "rejected": summary.profiles_rejected,
+                "bins_used": summary.bins_used,
+                "mean_currents": summary.mean_currents,
+                "bins_rejected": dict(summary.bins_rejected),
+            },
+            "rms_innovation": {
+                "before": summary.rms_before,
+                "after": summary.rms_after,
+                "prior": summary.rms_prior,
+            },
+            "nis_per_dof": summary.nis_per_dof,
+            "by_dive": [asdict(row) for row in summary.by_dive],
+            "plan": plan_json(summary.plan, summary.plan_note),
+            "consistency": [finding_json(one) for one in summary.findings],
+            "messages": [asdict(row) | {"reasons": coded(row.reasons)} for row in summary.messages],
+            "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
+            "late": summary.late,
+            "surfacings": outcomes_json(summary.outcomes) if summary.outcomes else None,
+            "expected_surfacings": surfacings_json(summary.surfacings, summary.next_surfacing)
+            if summary.surfacings
+            else None,
+            "evidence": None if summary.evidence is None else evidence_json(summary.evidence),
+            "referee": referee_json(summary.ensemble, summary.evidence, summary.rivals)
+            if summary.rivals and summary.evidence is not None
+            else None,
+            "flight_correction": flight_correction_json(summary.flight_correction)
+            if summary.flight_correction
+            else None,
+            "notes": summary.notes,
+            "lost_pings": summary.lost_pings,
+            "doubts": summary.doubts,
+            "outside": summary.outside,
+            "exit_codes": summary.exit_codes,
+        }
+    )
+    names = {str(path): path.name for path in summary.inputs}
+    return Outcome(
+        **_named(found, names),
+        seconds=dict(summary.seconds),
+        truth=_plain(asdict(summary.truth)) if summary.truth else None,
+    )
+
+
+def failed(error: ReplayKitError, summary: ReplaySummary | None = None) -> Outcome:
+    """Return the outcome of a run that ended with an error.
+
+    Args:
+        error: What ended it.
+        summary: Of the run until then; None when it had not begun.
+    """
+    so_far = Outcome() if summary is None else outcome_of(replace(summary, findings=error.findings))
+    codes = (error.exit_code, *so_far.exit_codes)
+    found = [finding_json(one) for one in error.findings]
+    return replace(so_far, exit_codes=codes, error=str(error), consistency=found, complete=False)
+
+
+def _named(value: Any, names: Mapping[str, str]) -> Any:
+    """Return a value with inputs by their names: the folder that they are in changes no byte of a result."""
+    if isinstance(value, dict):
+        return {key: _named(item, names) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_named(item, names) for item in value]
+    if not isinstance(value, str):
+        return value
+    return reduce(lambda text, path: text.replace(path, names[path]), names, value)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value with NaN and infinities as None, tuples as lists, NumPy scalars as Python's."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,4 +1,4 @@
-"""Files as others give them, made from the samples: python sample_logs/walk_files.py FOLDER.
+"""Files as others give them, made from the samples: python sample_logs/make_example_data.py FOLDER.
 
 ``forecast/`` has one file a day and no members, ``bottom.nc`` the depth of a bottom that rises to an island, ``dives/`` telemetry with a
 file a day, ``og1.nc`` the same mission as a glider's file without an ADCP, ``ocean_a.nc``, ``ocean_b.nc``, ``ocean_c.nc`` three forecasts.

@@ -1,20 +1,67 @@
-"""The published current at a place through time."""
+"""The estimate through time: after each measurement, from the weights that a replay published, and at a place."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.evolution import Evolution
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
-from replay_kit.results.views.along_track import EstimateHistory
-from replay_kit.results.views.contents import Contents
+from replay_kit.results.schemas import decode
+from replay_kit.results.topics import read_messages
 from replay_kit.results.views.slices import CurrentSlices
 
 # Share of a depth within which a published one is the same.
 _SAME_DEPTH = 0.01
+
+
+class EstimateHistory:
+    """The mean of the estimate just after each measurement, from the weights that a replay published."""
+
+    def __init__(self, path: Path, estimate: FlowEstimate | None) -> None:
+        """Read the weights of a result MCAP; without an estimate there is no basis, and every mean is None."""
+        self._path, self.estimate = path, estimate
+
+    @cached_property
+    def _weights(self) -> tuple[NDArray[np.int64], Array]:
+        """Times [ns, UTC], shape (n,), and weights, shape (n, rZ)."""
+        read = [
+            (time_ns, decode("FlowEstimate", data))
+            for time_ns, data in read_messages(self._path, "/flow/estimate")
+        ]
+        return np.array([time for time, _ in read], dtype=np.int64), np.array(
+            [value.weights for _, value in read]
+        )
+
+    def after(self, time_ns: int) -> FlowEstimate | None:
+        """Return the mean of the estimate after the measurements up to a time [ns, UTC]; None when it is not known."""
+        estimate = self.estimate
+        if estimate is None:
+            return None
+        times, weights = self._weights
+        last = int(np.searchsorted(times, time_ns, side="right")) - 1
+        if last < 0 or weights.shape[1:] != (estimate.n_modes * estimate.levels.size,):
+            return None
+        latent = self._offset + self._change(weights[last])
+        return replace(estimate.mean_flow(), latent=latent, time_ns=int(times[last]))
+
+    @cached_property
+    def _offset(self) -> Array:
+        """Latent velocities of the flow whose weights are 0."""
+        estimate = self.estimate
+        assert estimate is not None
+        if isinstance(estimate.later, Evolution):
+            return estimate.later.offset
+        return estimate.latent - self._change(self._weights[1][-1])
+
+    def _change(self, weights: Array) -> Array:
+        assert self.estimate is not None
+        return self.estimate.modes @ weights.reshape(self.estimate.levels.size, -1).T
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,23 +87,27 @@ class Series:
     v_standard_error: Array
 
 
-def series_of(contents: Contents, place: tuple[float, float, float]) -> Series | None:
-    """Return the current at a place through time; None when the result holds no current.
+def series_of(
+    slices: CurrentSlices,
+    projection: Projection,
+    history: EstimateHistory,
+    place: tuple[float, float, float],
+) -> Series:
+    """Return the current at a place through time.
 
     At a depth that was not published it is made of the weights after each measurement, at the published times; the standard error is then
     known of the last estimate alone. Without weights or an estimate it is that of the nearest published depth.
 
     Args:
-        contents: Of the result.
+        slices: The published current.
+        projection: Its local frame.
+        history: Of the estimate.
         place: Longitude, latitude [degrees] and depth [m].
     """
-    slices, estimate = contents.slices, contents.estimate
-    if slices is None:
-        return None
-    published = series_at(slices, contents.projection, place)
+    published, estimate = series_at(slices, projection, place), history.estimate
     if estimate is None or abs(published.depth - place[2]) <= _SAME_DEPTH * place[2]:
         return published
-    return _series_of_weights(contents.history, estimate, slices.time_ns, place) or published
+    return _series_of_weights(history, estimate, slices.time_ns, place) or published
 
 
 def _series_of_weights(
