@@ -9,7 +9,8 @@ from planners import Glider, MissionSettings
 from planners.front.route import Route
 from planners.mission.flight.legs import Flight
 from planners.mission.solve.attempt import GoalSteps, LegsProblem
-from planners.mission.solve.legs import _PLANE_COST, _points_along, _reference
+from planners.mission.solve.legs import _points_along
+from planners.mission.solve.optimum import _PLANE_COST, _reference
 from planners.mission.task import REFINED, mission_task
 from planners.shooting.functions import MissionCase, Reference
 from planners.shooting.layout import Layout

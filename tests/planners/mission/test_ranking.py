@@ -16,7 +16,7 @@ from planners.mission.solve.attempt import (
     ranking_key,
 )
 from planners.mission.solve.check import Violation
-from planners.mission.solve.legs import _weights
+from planners.mission.solve.optimum import _weights
 from planners.mission.task import mission_task
 from planners.mission.timing import best_departure
 from planners.mission.values import OBJECTIVES, Objective

@@ -136,7 +136,7 @@ def test_a_plan_that_a_coarse_spline_leads_astray_is_polished_in_the_flow_itself
         solved_in.append(isinstance(case.stream, FlowSpline))
         return solve_mission(program, vehicle, case, guess, **options)
 
-    monkeypatch.setattr("planners.mission.solve.legs.solve_mission", solve)
+    monkeypatch.setattr("planners.mission.solve.optimum.solve_mission", solve)
     request = request_between(flow, (-6e3, -6e3), (2e3, 2e3))
     exact, coarse = (
         plan_mission(
