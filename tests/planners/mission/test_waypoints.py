@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from planners import MissionRequest, MissionSettings, Mooring, plan_mission, plan_mooring
-from planners.mission import waypoints
+from planners.mission import waypoint_flight, waypoints
 from planners.mission.flights import legs_of_plan
 from planners.mission.task import mission_task
 from planners.mission.waypoint_flight import dead_reckoned_current, heading_for
@@ -139,6 +139,23 @@ def test_the_current_reckoned_of_a_leg_is_the_one_that_carried_it():
     np.testing.assert_allclose(
         dead_reckoned_current(PLAN, way, lasts, heading, angle), current, rtol=1e-12
     )
+
+
+def test_in_still_water_no_leg_reckons_a_current(monkeypatch):
+    flow, found = still_flow(), []
+    asked = MissionRequest(
+        place(flow, -20e3, 15e3, 0.0), (place(flow, 20e3, 15e3, 0.0),), settings=SETTINGS
+    )
+
+    def noting(*given):
+        found.append(dead_reckoned_current(*given))
+        return found[-1]
+
+    monkeypatch.setattr(waypoint_flight, "dead_reckoned_current", noting)
+    waypoints_of(flow, plan_mission(flow, asked))
+    assert len(found) > 4
+    # true north turns by 0.0004 rad in half a leg, and a compass heading is held
+    assert np.abs(found).max() < 2e-5
 
 
 def test_files_hold_the_waypoints():

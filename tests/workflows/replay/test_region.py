@@ -28,6 +28,7 @@ from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.opened import forecasts_of
 from replay_kit.workflows.replay.inputs.region import (
+    _first_window,
     from_record,
     head,
     recorded_region,
@@ -166,6 +167,15 @@ def test_windows_smaller_than_the_margins_are_refused(strip):
         ForecastError, match=r"a window of 100 points reaches \d+ km, and \d+ km are needed"
     ):
         forecasts_of(job(strip, "long.mcap"), config)
+
+
+@pytest.mark.parametrize("most", [144, 400, 630])
+def test_the_first_window_has_the_points_that_are_allowed(strip, most):
+    with open_extent(strip / "ensemble.nc", CONFIG.forecast, None) as extent:
+        middle = np.array([0.5 * (extent.box[0] + extent.box[2]), 40.5])
+        found = _first_window(extent, middle, 1e3, 1e3, most)
+        # the half-open ends count a row or a column more or less
+        assert np.prod(extent.shape_in(found.region)) == pytest.approx(most, rel=0.1)
 
 
 @pytest.mark.parametrize(("cells", "points"), [(1.0, 1600), (2.0, 1600), (10.0, 140**2)])
