@@ -10,7 +10,7 @@ from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core import arrays
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.estimator import build_estimator
-from replay_kit.forecast import gather, read_ensemble
+from replay_kit.forecast import gather, read_ensemble, reader
 from tests import synthetic
 
 
@@ -22,7 +22,7 @@ def nothing_fits(monkeypatch):
 
 
 @pytest.mark.parametrize("form", ["zarr", "netcdf", "files"])
-def test_an_ensemble_on_disk_equals_one_in_memory(tmp_path, request, form):
+def test_an_ensemble_on_disk_equals_one_in_memory(tmp_path, request, monkeypatch, form):
     data = synthetic.dataset(n_members=7)
     data["uo"][2, :, 1, 1] = np.nan
     data["uo"][:, 2:, 3, 3] = np.nan
@@ -37,7 +37,15 @@ def test_an_ensemble_on_disk_equals_one_in_memory(tmp_path, request, form):
             data.isel(member=k, drop=True).to_netcdf(tmp_path / f"mem{k:03d}.nc")
     expected = read_ensemble(path, ForecastConfig())
     request.getfixturevalue("nothing_fits")
+    groups = list[int]()
+
+    def noting(*given):
+        groups.append(len(found := gather.in_groups(*given)))
+        return found
+
+    monkeypatch.setattr(reader, "in_groups", noting)
     ensemble = read_ensemble(path, ForecastConfig())
+    assert (max(groups) > 1) == (form != "files")
     np.testing.assert_array_equal(ensemble.velocity, expected.velocity)
     assert not ensemble.velocity.flags.owndata
     assert ensemble.members == expected.members

@@ -220,3 +220,6 @@ def test_a_miss_is_removed_where_the_current_shears_and_turns():
     found = _solved(derivative, miss, lasts)
     moved = derivative[0] @ np.array([found.real, found.imag])[:, 0]
     np.testing.assert_allclose(moved, [900.0, -500.0], rtol=0.01)
+    # where the end hardly depends on the velocity it is not changed much
+    little = _solved(1e-3 * lasts * np.eye(2)[None], miss, lasts)
+    assert np.abs(little) < np.abs(miss) / lasts

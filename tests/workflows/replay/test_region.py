@@ -20,11 +20,13 @@ from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.core.region import DEGREE, inside
+from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.forecast.extent import open_extent
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.result import ResultFile
 from replay_kit.results.topics import WINDOWS_RECORD
 from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.opened import forecasts_of
 from replay_kit.workflows.replay.inputs.region import (
@@ -119,6 +121,9 @@ def test_the_log_and_a_margin_are_read_and_told(strip):
     assert grid.east.shape[1] < 40
     assert f"{grid.east.shape[0]} x {grid.east.shape[1]} of 14 x 90 points" in forecasts.notes[0]
     assert "--region all" in forecasts.notes[0]
+    # one window holds it all
+    assert forecasts.read is None
+    assert not isinstance(build(forecasts, CONFIG, None), WindowedEstimator)
 
 
 def test_the_goal_is_inside(strip):
