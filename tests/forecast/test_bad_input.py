@@ -218,3 +218,15 @@ def test_long_lists_of_variables_are_shortened(tmp_path):
         "no current: a file of the grid or of other variables (e0, e1, e2, e3, e4, e5 and 3 more); give it beside"
     )
     refused(r"no current found; .*; got e0, e1, e2, e3, e4, e5 and 3 more$", path)
+
+
+def test_coordinates_that_are_named_and_not_in_the_file_are_told(tmp_path):
+    data = synthetic.dataset(n_members=3)
+    for name in ("uo", "vo"):
+        data[name].attrs["coordinates"] = "geolon geolat depth"
+    data.to_netcdf(tmp_path / "e.nc")
+    notes = read_with(tmp_path / "e.nc").notes
+    assert any(
+        note.startswith("coordinates geolon, geolat are named but not in the file")
+        for note in notes
+    )

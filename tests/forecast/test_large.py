@@ -11,7 +11,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core import arrays
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.estimator import build_estimator
-from replay_kit.forecast import gather
+from replay_kit.forecast import gather, reader
 from tests import synthetic
 from tests.forecast.forms import read_with
 
@@ -24,7 +24,7 @@ def nothing_fits(monkeypatch):
 
 
 @pytest.mark.parametrize("form", ["zarr", "netcdf", "files"])
-def test_an_ensemble_on_disk_equals_one_in_memory(tmp_path, request, form):
+def test_an_ensemble_on_disk_equals_one_in_memory(tmp_path, request, monkeypatch, form):
     data = synthetic.dataset(n_members=7)
     data["uo"][2, :, 1, 1] = np.nan
     data["uo"][:, 2:, 3, 3] = np.nan
@@ -39,7 +39,15 @@ def test_an_ensemble_on_disk_equals_one_in_memory(tmp_path, request, form):
             data.isel(member=k, drop=True).to_netcdf(tmp_path / f"mem{k:03d}.nc")
     expected = read_with(path)
     request.getfixturevalue("nothing_fits")
+    groups = list[int]()
+
+    def noting(*given):
+        groups.append(len(found := gather.in_groups(*given)))
+        return found
+
+    monkeypatch.setattr(reader, "in_groups", noting)
     ensemble = read_with(path)
+    assert (max(groups) > 1) == (form != "files")
     assert_array_equal(ensemble.velocity, expected.velocity)
     assert not ensemble.velocity.flags.owndata
     assert ensemble.members == expected.members

@@ -99,6 +99,21 @@ def test_files_and_pickles_hold_the_factors_and_give_the_same_samples(flow, n_di
     np.testing.assert_allclose(kept.standard_error(*place), dense.standard_error(*place), rtol=1e-9)
 
 
+@pytest.mark.parametrize("kept_part", ["factor", "vertical"])
+def test_a_prior_of_one_part_alone_is_kept(flow, kept_part):
+    kept = flow_with(flow)
+    prior = kept.covariance.prior
+    alone = (
+        replace(prior, vertical=prior.vertical[:0], horizontal=prior.horizontal[:0])
+        if kept_part == "factor"
+        else replace(prior, factor=prior.factor[:0])
+    )
+    kept = replace(kept, covariance=replace(kept.covariance, prior=alone))
+    again = load_bytes(save_bytes(kept), "flow").covariance.prior
+    assert (again.factor.shape, again.vertical.shape) == (alone.factor.shape, alone.vertical.shape)
+    np.testing.assert_array_equal(again.covariance(), alone.covariance())
+
+
 def test_a_matrix_is_stored_by_half_and_one_of_version_4_still_opens(flow, tmp_path):
     path = tmp_path / "flow.nc"
     flow = replace(flow, covariance=0.5 * (flow.weight_cov + flow.weight_cov.T))

@@ -8,8 +8,15 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.baselines import BASELINES, average_over_depth, build_baseline
+from replay_kit.estimator.baselines.columns import HATS
+from replay_kit.estimator.baselines.depth_average import mean_depth_weights
 from replay_kit.estimator.baselines.etkf import build_letkf
-from replay_kit.estimator.baselines.gp import build_gp, fit_length, second_moments
+from replay_kit.estimator.baselines.gp import (
+    build_gp,
+    expected_log_likelihood,
+    fit_length,
+    second_moments,
+)
 from replay_kit.estimator.basis.slices import cell_size, ensemble_slices
 from replay_kit.estimator.prior.localised import gaspari_cohn
 from tests import synthetic
@@ -224,6 +231,21 @@ def test_gp_finds_the_length_that_made_the_fields():
     )
 
 
+def test_gp_s_likelihood_is_that_of_the_fields_with_noise_in_the_mean():
+    rng, error = np.random.default_rng(5), 0.3
+    half, fields = rng.standard_normal((4, 4)), rng.standard_normal((2, 3, 4))
+    expected = 0.0
+    for variance, of_kind in zip((0.5, 0.0), fields, strict=True):
+        covariance = variance * half @ half.T + error**2 * np.eye(4)
+        inverse = np.linalg.inv(covariance)
+        squares = np.mean(np.einsum("en,nm,em->e", of_kind, inverse, of_kind))
+        # noise adds its own square in the mean
+        squares += error**2 * np.trace(inverse)
+        expected -= 0.5 * (np.linalg.slogdet(2.0 * np.pi * covariance)[1] + squares)
+    found = expected_log_likelihood(half @ half.T, np.array([0.5, 0.0]), fields, error)
+    assert found == pytest.approx(expected)
+
+
 @pytest.mark.parametrize(("rough", "cells"), [(1.0, 0.7), (0.0, 12.0)])
 def test_gp_takes_noise_for_the_shortest_length_tried_and_a_uniform_current_for_the_longest(
     rough, cells
@@ -266,6 +288,14 @@ def test_depth_average_is_the_thickness_weighted_mean(preset):
     np.testing.assert_allclose(
         averaged.standard_error(0.0, 0.0, 30.0), drawn.std(axis=0), rtol=0.12
     )
+
+
+def test_the_mean_over_depth_of_hats_is_exact_between_any_levels():
+    levels, depth = np.array([0.0, 7.3, 31.9, 96.4]), 60.0
+    values = np.array([0.4, -0.3, 0.2, -0.1])
+    bends = np.array([0.0, 7.3, 31.9, depth])
+    exact = np.trapezoid(np.interp(bends, levels, values), bends) / depth
+    assert mean_depth_weights(HATS, levels, depth) @ values == pytest.approx(exact, abs=1e-12)
 
 
 def test_depth_average_needs_no_uncertainty():

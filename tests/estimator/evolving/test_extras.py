@@ -262,3 +262,10 @@ def test_settings_of_a_log_are_searched_one_at_a_time_until_none_alone_is_better
     ]
     assert likelihood(found) == max(map(likelihood, others))
     assert likelihood(found) == 0.0
+
+
+def test_a_fit_to_a_log_begins_with_errors_as_stated():
+    start = fit_log.initial_settings(
+        build_evolving(forecasts(), CONFIG, TimeConfig()), TimeConfig()
+    )
+    assert (start.error_factor, start.dive_error_std, start.mean_error_std) == (1.0, 0.0, 0.0)

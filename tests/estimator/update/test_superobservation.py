@@ -13,6 +13,7 @@ from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.update.gate import DECISIONS
 from replay_kit.estimator.update.group_step import screen_group, stack_of
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
+from replay_kit.estimator.update.reduced_subspace import Buffer
 from replay_kit.estimator.update.rows import dependence_inflation
 from replay_kit.estimator.update.superobservation import Column, combined, gate_profiles
 from replay_kit.workflows.replay.inputs.estimator import with_window
@@ -293,6 +294,25 @@ def test_a_bad_profile_is_rejected_alone(through_time):
     # a group counts for the mean time of all its profiles, half a second off here
     tolerance = 1e-4 if through_time else 1e-9
     np.testing.assert_allclose(state.mean, clean.mean, atol=tolerance * np.abs(clean.mean).max())
+
+
+def test_of_a_group_with_one_profile_that_can_be_used_each_is_told_in_turn():
+    estimator = build_evolving(forecasts(), CONFIG, TimeConfig())
+    sound, lost = quick_log(2)
+    lost = replace(lost, flags=np.full(lost.flags.size, Flag.MISSING, np.int8))
+    found = list(estimator.group_steps(estimator.initial(), [ProfileGroup((sound, lost))]))
+    assert [step.event for step in found] == [sound, lost]
+    assert [step.innovation.decision for step in found] == ["accepted", "unusable"]
+    after, _ = estimator.step(estimator.initial(), sound)
+    np.testing.assert_array_equal(found[-1].after.mean, after.mean)
+
+
+def test_rows_that_one_state_owns_are_not_overwritten_by_another():
+    one = Buffer(5, 1).appended(0, np.ones((3, 1)))
+    # a state that owns two of the rows goes on another way
+    other = one.appended(2, np.array([[3.0]]))
+    assert one.rows[:3, 0].tolist() == [1.0, 1.0, 1.0]
+    assert other.rows[:3, 0].tolist() == [1.0, 1.0, 3.0]
 
 
 def test_a_profile_logged_twice_counts_once():

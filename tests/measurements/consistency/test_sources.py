@@ -95,6 +95,8 @@ def test_a_dive_is_one_pair_relative_to_the_vehicle_and_half_an_hour_one_of_rela
         len(absolute.blocks.pairs),
     ) == (1, 1, 0)
     assert absolute.current.pairs[0] == pytest.approx((0.1, 0.02, 0.12, 0.0, 1.0))
+    # neighbouring changes of the motion share a ping
+    assert {pair[-1] for pair in absolute.motion.pairs} == {0.5}
     assert absolute.vehicle.pairs[0] == pytest.approx((-0.2, 0.12, -0.18, 0.1, 1.0), abs=1e-6)
     relative = after(
         SourceStatistics(),

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from planners import Bathymetry, GlideSettings, fly, plan
-from planners.glide.candidate import Candidate
+from planners.glide import solve
+from planners.glide.candidate import Candidate, fly_candidate
 from planners.glide.seeds import find_seeds, tabulate
 from planners.glide.solve import _remaining, explain
 from planners.glide.transcription import Glide, GlideTask
@@ -337,3 +338,16 @@ def test_a_glide_s_start_and_goal_lie_above_the_bottom():
             place(flow, 0.0, 0.0),
             settings=GlideSettings(bathymetry=bottom, clearance=5.0),
         )
+
+
+def test_what_the_optimiser_makes_worse_than_its_seed_is_polished_instead(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def worse(task: GlideTask, guess: Glide) -> Candidate:
+        return fly_candidate(task, guess._replace(heading=guess.heading + 0.3), 1)
+
+    monkeypatch.setattr(solve, "optimise", worse)
+    result = _distance_only(still_flow(), max_duration=3e4)
+    assert result.closest_approach <= result.statistics["best_seed_distance"]
+    assert result.closest_approach == pytest.approx(np.hypot(4e4, 300.0) - 0.3 * 3e4, abs=10.0)
+    assert "polished by Nelder-Mead" in result.message

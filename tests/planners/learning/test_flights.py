@@ -10,6 +10,7 @@ from planners.learning.closed_loop import Flown, Stretch, drawn_sea, fly_after, 
 from planners.learning.loops import SCOUTING, WAITING, clear, shapes, timed
 from planners.learning.rows import rows_at
 from planners.learning.transit import (
+    _solved,
     end_and_derivative,
     end_sensitivity,
     fly,
@@ -211,3 +212,14 @@ def test_ninety_percent_is_that():
     assert Flown(
         np.arange(101.0), np.zeros(101, dtype=complex), np.zeros(101)
     ).miss_90 == pytest.approx(90.0)
+
+
+def test_a_miss_is_removed_where_the_current_shears_and_turns():
+    lasts, miss = 10.0 * HOUR, np.array([900.0 - 500.0j])
+    derivative = lasts * np.array([[[1.0, 0.4], [-0.2, 0.9]]])
+    found = _solved(derivative, miss, lasts)
+    moved = derivative[0] @ np.array([found.real, found.imag])[:, 0]
+    np.testing.assert_allclose(moved, [900.0, -500.0], rtol=0.01)
+    # where the end hardly depends on the velocity it is not changed much
+    little = _solved(1e-3 * lasts * np.eye(2)[None], miss, lasts)
+    assert np.abs(little) < np.abs(miss) / lasts

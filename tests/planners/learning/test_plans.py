@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from planners import Glider
-from planners.learning import maps
+from planners.learning import maps, survey
 from planners.learning.closed_loop import Stretch, drawn_sea
 from planners.learning.mapping import COUNTED, Mapping, _Search, _turned, look_ahead, refined
 from planners.learning.maps import covariance_now, plan_map, realised
 from planners.learning.mowers import lawn_mowers
-from planners.learning.scene import scene_of
+from planners.learning.scene import scene_of, value_map
 from planners.learning.survey import _words, plan_survey
 from planners.learning.values import Box, Candidate, LearnRequest, LearnSettings, OtherProfiles
 from replay_kit.core.errors import PlanError
@@ -161,12 +161,21 @@ def test_what_a_survey_gains_is_told_against_leaving_now_and_waiting(now, waitin
     assert _words(rows, stretch).endswith(f"this survey 6.2 km (5.5 to 7.0){words}")
 
 
-def test_a_survey_in_a_sea_that_changes_is_less_sure_of_itself():
+def test_a_survey_in_a_sea_that_changes_is_less_sure_of_itself(monkeypatch):
+    asked_at = list[float]()
+
+    def noting(scene, aim, time, *more):
+        asked_at.append(time)
+        return value_map(scene, aim, time, *more)
+
+    monkeypatch.setattr(survey, "value_map", noting)
     plan = plan_survey(
         through_time(), replace(ASKED, settings=replace(SETTINGS, samples=20)), SURVEY, BLIND
     )
     assert plan.after < plan.before
     assert candidate(plan, "this survey").found < candidate(plan, "leaving now").found
+    # what a profile is worth is told for halfway through the survey
+    assert asked_at == [pytest.approx(0.5 * SURVEY, rel=0.1)]
 
 
 def test_a_map_is_no_worse_than_its_lawn_mowers_and_its_samples_say_so():

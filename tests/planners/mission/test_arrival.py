@@ -8,6 +8,7 @@ import pytest
 
 from planners import MissionPlan, MissionSettings, plan_mission
 from planners.front.current import shares_of_levels
+from planners.mission.search import search
 from planners.mission.search.bound import _second_order, bound_of
 from planners.mission.search.course import habit
 from planners.mission.search.passage import initial_guess, passage_past_goals, water_of
@@ -156,13 +157,19 @@ def test_no_mission_is_later_than_one_that_heads_at_the_goal_at_each_surfacing(s
     assert habit(task, water_of(task), 30, 0.9 * float(flown.flight.time[-1])) is None
 
 
-def test_the_rest_of_a_plan_with_too_many_legs_is_replaced_by_one_with_as_many_as_the_front_suggests():
+def test_the_rest_of_a_plan_with_too_many_legs_is_replaced_by_one_with_as_many_as_the_front_suggests(
+    monkeypatch: pytest.MonkeyPatch,
+):
     flow = eddying_flow(3, speed=0.1)
     asked = request_in(flow, (-12e3, 0.0), (6e3, 2e3))
     crowded = plan_mission(flow, replace(asked, settings=replace(SETTINGS, legs=16)))
     cold = plan_mission(flow, asked)
     assert len(crowded.headings_deg) == 16 > len(cold.headings_deg) + 3
+    said = list[str]()
+    monkeypatch.setattr(search, "announce", said.append)
     again: MissionPlan = plan_mission(flow, asked, warm=crowded)
+    # the first number that meets the goals is the last one tried
+    assert said == [f"planning: {len(again.headings_deg)} legs"]
     assert again.duration <= 1.001 * cold.duration
     assert len(again.headings_deg) < 16
 

@@ -180,6 +180,9 @@ def test_a_guide_s_weight_goes_by_the_time_of_each_step_and_its_limit_stops_shor
     np.testing.assert_allclose(found.weights[:, :10], 2.0 * hours)
     # the drift after the first leg lasts a quarter of an hour, and there is none after the last
     np.testing.assert_allclose(found.weights[:, 10], [2.0 * 0.25, 0.0])
+    longer = replace(problem, n_legs=3, goals=GoalSteps((3,), (0,)))
+    drifts = _reference(longer, np.full(3, 0.3), 2.0, 1).weights[:, 10]
+    np.testing.assert_allclose(drifts, [2.0 * 0.25, 2.0 * 0.25, 0.0])
     np.testing.assert_allclose(found.limits, (2e3 - 50.0) / KM)
     assert found.least_duration == 4.0 * HOUR
     # of a narrow limit the margin takes half at most

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, Mooring, plan_mission, plan_mooring
-from planners.mission import waypoints
+from planners.mission import waypoint_flight, waypoints
 from planners.mission.flights import legs_of_plan
 from planners.mission.task import mission_task
 from planners.mission.waypoint_flight import dead_reckoned_current, heading_for
@@ -98,6 +98,23 @@ def test_in_a_somewhat_stronger_current_a_wider_radius_is_better():
     found = waypoints_of(replace(FLOW, latent=1.1 * FLOW.latent), PLAN)
     assert found.radius == 2.0 * PLAN.settings.tolerance
     assert np.all(np.isfinite(found.times))
+
+
+def test_in_still_water_no_leg_reckons_a_current(monkeypatch):
+    flow, found = still_flow(), []
+    asked = MissionRequest(
+        place(flow, -20e3, 15e3, 0.0), (place(flow, 20e3, 15e3, 0.0),), settings=SETTINGS
+    )
+
+    def noting(*given):
+        found.append(dead_reckoned_current(*given))
+        return found[-1]
+
+    monkeypatch.setattr(waypoint_flight, "dead_reckoned_current", noting)
+    waypoints_of(flow, plan_mission(flow, asked))
+    assert len(found) > 4
+    # true north turns by 0.0004 rad in half a leg, and a compass heading is held
+    assert np.abs(found).max() < 2e-5
 
 
 def test_files_hold_the_waypoints():

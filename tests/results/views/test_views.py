@@ -118,7 +118,8 @@ def test_the_measured_current_is_the_estimate_at_its_time_and_the_residual(
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
         writer.fix(replace(state, **place))
-        writer.fix(replace(state, time_ns=TIME_NS + 9 * SECOND, **place))
+        for half_seconds in (7, 18):
+            writer.fix(replace(state, time_ns=TIME_NS + half_seconds * SECOND // 2, **place))
         for k, scale in enumerate((0.5, 1.0)):
             writer.innovation(replace(innovation, time_ns=TIME_NS + k * SECOND))
             writer.estimate(TIME_NS + k * SECOND, scale * weights, flow.levels)
@@ -153,7 +154,7 @@ def test_the_measured_current_is_the_estimate_at_its_time_and_the_residual(
     means = mean_currents(result, track, history)
     assert means.dive.tolist() == [2, 3]
     np.testing.assert_allclose(
-        means.estimated[0], flow.velocity(east, north, state.depth), rtol=1e-9
+        means.estimated, flow.velocity(east, north, np.full(2, state.depth)), rtol=1e-9
     )
     np.testing.assert_array_equal(means.residual, innovation.residual[[0, 0]])
     np.testing.assert_array_equal(means.standard_error, innovation.innovation_std[[0, 0]])

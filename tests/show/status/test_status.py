@@ -340,3 +340,12 @@ def test_nothing_heavy_is_loaded_and_a_file_that_is_no_result_is_refused():
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == ["3", "[]"]
     assert "no result of replay-kit replay" in done.stderr
+
+
+@pytest.mark.parametrize(("reached", "error"), [(0.9, 0.009**0.5), (1.0, 0.05), (0.0, 0.05)])
+def test_odds_of_all_or_none_are_not_told_as_certain(reached, error):
+    """Of ten samples: the error of half a sample at least."""
+    made = plan(END_NS)
+    made.odds.reached = reached
+    found = status_of(held(plans=[made])).figures["odds"]
+    assert found["error"] == pytest.approx(error)

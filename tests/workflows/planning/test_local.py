@@ -14,7 +14,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import constant
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.workflows.planning.currents import KnownCurrent
-from replay_kit.workflows.planning.local import local_notes
+from replay_kit.workflows.planning.local import is_noticed, local_notes
 from tests.planners.flow_samples import place, uniform_flow
 from tests.workflows.planning.test_currents import evolving
 
@@ -66,6 +66,11 @@ def test_without_an_expected_current_the_estimate_is_planned_on_as_it_is(beside)
     known = KnownCurrent((estimate(beside),), 6 * 3600.0)
     assert known.flow(BEGIN, SECONDS) is known.first
     assert local_notes(known.local, NOON) == ()
+
+
+@pytest.mark.parametrize(("east", "noticed"), [(0.009, False), (0.011, True)])
+def test_a_centimetre_a_second_beside_the_estimate_is_planned_with(east, noticed):
+    assert is_noticed(local([east, 0.0], 0.0)) == noticed
 
 
 @pytest.mark.parametrize("make", [estimate, lambda beside: replace(evolving(), local=beside)])

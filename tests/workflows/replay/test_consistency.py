@@ -501,3 +501,10 @@ def test_a_telemetry_log_of_another_place_is_named_and_ends_with_6(ocean, tmp_pa
     (finding,) = (finding for finding in summary.findings if finding.name == PLACES)
     assert "30.0000 W, 60.0000 N at " in finding.evidence
     assert summary.exit_code == 6
+
+
+@pytest.mark.parametrize("pings", [0, 1])
+def test_frozen_positions_explain_that_no_profile_may_be_used_where_there_is_one(pings):
+    frozen = Finding(findings.FROZEN, 0, "", "", "")
+    checks = ConsistencyState(pings=pings, findings=(frozen,))
+    assert MonitoringState(checks).explains_no_profile == (pings > 0)

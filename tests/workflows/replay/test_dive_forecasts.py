@@ -15,7 +15,9 @@ from replay_kit.core.surfacing import ellipse_of
 from replay_kit.logs import merge, open_logs
 from replay_kit.measurements import events_of
 from replay_kit.workflows.replay.surfacings.forecasts import (
+    _CELL,
     ForecastState,
+    _along,
     dive_mean,
     flown_of,
     forecast_mean,
@@ -51,6 +53,17 @@ def mean(k, velocity=(0.05, -0.02), seconds=7200):
         source,
         (start, end),
     )
+
+
+def test_profiles_are_averaged_by_depth_along_the_dive():
+    sums = np.zeros((30, 3))
+    sums[0], sums[20] = [2.0, 0.2, -0.4], [1.0, 0.3, 0.0]
+    depths, found = 10.0 * _CELL * np.array([0.05, 2.05]), _along(sums, mean(0))
+    expected = [
+        np.interp([0.0, 200.0], depths, values).mean() for values in ([0.1, 0.3], [-0.2, 0.0])
+    ]
+    np.testing.assert_allclose(found, expected)
+    assert _along(np.zeros((3, 3)), mean(0)) is None
 
 
 def after(*means):

@@ -399,3 +399,12 @@ def test_the_last_plan_has_the_status_and_the_odds_that_the_command_plan_states_
     assert (last.status, said["status"], samples["count"]) == ("uncertain", "uncertain", 40)
     # the plan is the same, but one that begins from the plan before is not compared with the earliest arrival
     assert said["message"].startswith(last.message)
+
+
+def test_the_current_is_known_for_twice_the_way_through_still_water_and_no_longer_than_a_mission():
+    planner = MissionPlanner.of(PlannerConfig(kind="mission", depth=300.0, max_duration=1e6))
+    start, goals = Place(5.0, 62.0, 0.0), [Place(5.1, 62.0, 0.0), Place(5.0, 62.0, 0.0)]
+    speed = float(planner.vehicle.speeds(np, planner.vehicle.angles[0])[0])
+    way = 2.0 * float(distance(5.0, 62.0, 5.1, 62.0))
+    assert planner.span(start, goals) == pytest.approx(2.0 * way / speed)
+    assert planner.span(start, [Place(25.0, 62.0, 0.0)]) == planner.settings.max_duration

@@ -20,14 +20,17 @@ from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.core.region import DEGREE, inside
+from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.forecast.describe import open_extent
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.result import ResultFile
 from replay_kit.results.topics import WINDOWS_RECORD
 from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.opened import forecasts_of
 from replay_kit.workflows.replay.inputs.region import (
+    _first_window,
     from_record,
     head,
     recorded_region,
@@ -118,6 +121,9 @@ def test_the_log_and_a_margin_are_read_and_told(strip):
     assert grid.east.shape[1] < 40
     assert f"{grid.east.shape[0]} x {grid.east.shape[1]} of 14 x 90 points" in forecasts.notes[0]
     assert "--region all" in forecasts.notes[0]
+    # one window holds it all
+    assert forecasts.read is None
+    assert not isinstance(build(forecasts, CONFIG, None), WindowedEstimator)
 
 
 def test_the_goal_is_inside(strip):
@@ -166,6 +172,15 @@ def test_windows_smaller_than_the_margins_are_refused(strip):
         ForecastError, match=r"a window of 100 points reaches \d+ km, and \d+ km are needed"
     ):
         forecasts_of(job(strip, "long.mcap"), config)
+
+
+@pytest.mark.parametrize("most", [144, 400, 630])
+def test_the_first_window_has_the_points_that_are_allowed(strip, most):
+    with open_extent(strip / "ensemble.nc", CONFIG.forecast, None) as extent:
+        middle = np.array([0.5 * (extent.box[0] + extent.box[2]), 40.5])
+        found = _first_window(extent, middle, 1e3, 1e3, most)
+        # the half-open ends count a row or a column more or less
+        assert np.prod(extent.shape_in(found.region)) == pytest.approx(most, rel=0.1)
 
 
 @pytest.mark.parametrize(("cells", "points"), [(1.0, 1600), (2.0, 1600), (10.0, 140**2)])
