@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from replay_kit.config.time import TimeConfig
@@ -223,15 +222,18 @@ class ObservationOperator:
         east, north = to_local(self.basis.grid.projection, at.longitude, at.latitude)
         known, unknown = self.current(float(east), float(north), at.time_ns)
         blocks = (
-            (
-                unknown[:, :, c].T,
-                self.oscillations.factor(c),
-                self.biases.factor(relative)[c],
-                self.dive_error.factor(c),
-            )
-            for c in range(2)
+            unknown.transpose(2, 1, 0),
+            np.stack([self.oscillations.factor(c) for c in range(2)]),
+            self.biases.factor(relative),
+            np.stack([self.dive_error.factor(c) for c in range(2)]),
         )
-        return known, np.stack([scipy.linalg.block_diag(*of_component) for of_component in blocks])
+        _, height, width = np.sum([block.shape for block in blocks], axis=0)
+        design, row, column = np.zeros((2, height, width)), 0, 0
+        for block in blocks:
+            _, n_rows, n_columns = block.shape
+            design[:, row : row + n_rows, column : column + n_columns] = block
+            row, column = row + n_rows, column + n_columns
+        return known, design
 
     def joint(self, depth: Array) -> Array:
         """Return J, the depth functions of a column's unknowns, shape (n, q)."""
@@ -247,13 +249,15 @@ class ObservationOperator:
     def profile(self, observation: Observation, used: NDArray[np.intp]) -> LinearObservation:
         """Return the rows of a profile's usable bins."""
         depth, grid = observation.depth[used], self.basis.grid
-        is_used = np.isin(np.arange(observation.depth.size), used)
+        is_used = np.zeros(observation.depth.size, np.bool_)
+        is_used[used] = True
         relative = relative_velocities([observation], is_used[None], grid)
         known, design = self.column(observation, None if relative is None else relative[0])
         velocity = local_velocity(observation, used, grid)
         noise = profile_noise(observation, used, self.basis, self.representation_std)
-        q, r = np.linalg.qr(noise.whiten @ self.joint(depth))
-        values = velocity - self.basis.depth_weights(depth) @ known
+        joint = self.joint(depth)
+        q, r = np.linalg.qr(noise.whiten @ joint)
+        values = velocity - joint[:, : len(known)] @ known
         return LinearObservation(q, noise, values, np.vstack([r @ each for each in design]))
 
     def path(self, mean: PathMean) -> LinearObservation:

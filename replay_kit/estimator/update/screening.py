@@ -80,7 +80,9 @@ class Screened:
     @property
     def is_used(self) -> NDArray[np.bool_]:
         """Which bins are usable, shape (n,)."""
-        return np.isin(np.arange(self.unused.depth.size), self.used)
+        out = np.zeros(self.unused.depth.size, np.bool_)
+        out[self.used] = True
+        return out
 
     def scatter(self, values: Array) -> Array:
         """Return values of the usable bins, shape (n, 2), at their positions among all bins; NaN for the others."""
