@@ -1,5 +1,6 @@
 """One mission in the local frame: its places, hazards and depth profiles."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import inf
@@ -303,6 +304,13 @@ def leg_depths(depths: tuple[float, ...], levels: Array, n_steps: int) -> Array:
 def step_stops(levels: Array, goal_depths: Array) -> Array:
     """Return the depths [m] at which steps end: the levels, shape (Z,), and those of goals below the surface."""
     return np.union1d(levels, goal_depths[goal_depths > 0.0])
+
+
+def apogee_depths(yo_depths: Sequence[YoDepths]) -> float:
+    """Return the sum of the depths of the apogees of legs [m], where the pump works."""
+    return float(
+        sum(leg[i] for leg in yo_depths for i in range(1, len(leg) - 1) if leg[i] > leg[i - 1])
+    )
 
 
 def steps_needed(depths: tuple[float, ...], levels: Array, each: int) -> int:

@@ -12,7 +12,7 @@ from planners.mission.search.search import rest_of, solve_attempts
 from planners.mission.solve.attempt import Attempt, is_feasible
 from planners.mission.solve.goals import with_n_legs
 from planners.mission.solve.legs import solve_legs
-from planners.mission.task import MissionTask, mission_task
+from planners.mission.task import MissionTask, apogee_depths, mission_task
 from planners.mission.values import Found, MissionPlan, MissionRequest
 from planners.mission.words import horizon_text
 from replay_kit.core.errors import PlanError
@@ -178,9 +178,7 @@ def first_legs(plan: MissionPlan, count: int, projection: Projection) -> Mission
     off = [
         float(distance(longitude, latitude, goal.longitude, goal.latitude)) for goal in plan.goals
     ]
-    turns = sum(
-        leg[i] > leg[i - 1] for leg in plan.yo_depths[:count] for i in range(1, len(leg) - 1)
-    )
+    apogees = apogee_depths(plan.yo_depths[:count])
     return replace(
         plan,
         headings_deg=plan.headings_deg[:count],
@@ -193,7 +191,7 @@ def first_legs(plan: MissionPlan, count: int, projection: Projection) -> Mission
         goal_times=times,
         closest_approach=np.where(passed, plan.closest_approach, off),
         duration=ends,
-        energy=float(plan.vehicle.energy(ends, turns)),
+        energy=float(plan.vehicle.energy(ends, apogees)),
         track_time=np.append(plan.track_time[before], ends),
         track=np.vstack([plan.track[before], at]),
     )

@@ -227,6 +227,6 @@ def test_coordinates_that_are_named_and_not_in_the_file_are_told(tmp_path):
     data.to_netcdf(tmp_path / "e.nc")
     notes = read_with(tmp_path / "e.nc").notes
     assert any(
-        note.startswith("coordinates geolon, geolat are named but not in the file")
+        note.startswith("coordinates geolon, geolat are named but missing in the file")
         for note in notes
     )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from planners.mission.flight.legs import Flight, Legs
 from planners.mission.solve.check import Violation
-from planners.mission.task import REFINED, MissionTask, YoDepths
+from planners.mission.task import REFINED, MissionTask, YoDepths, apogee_depths
 from planners.mission.values import Found
 from planners.shooting.layout import Layout
 from planners.shooting.program import MissionGuess
@@ -202,10 +202,7 @@ def is_feasible(task: MissionTask, attempt: Attempt) -> bool:
 
 def energy_of(task: MissionTask, attempt: Attempt) -> float:
     """Return the energy of an attempt [J]."""
-    apogees = sum(
-        leg[i] for leg in attempt.yo_depths for i in range(1, len(leg) - 1) if leg[i] > leg[i - 1]
-    )
-    return float(task.vehicle.energy(attempt.flight.time[-1], apogees))
+    return float(task.vehicle.energy(attempt.flight.time[-1], apogee_depths(attempt.yo_depths)))
 
 
 def ranking_key(task: MissionTask, attempt: Attempt) -> tuple[bool, float, float]:

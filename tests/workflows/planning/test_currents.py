@@ -249,6 +249,9 @@ def test_the_first_legs_of_a_mission_end_where_it_surfaces_first():
     assert first_legs(plan, len(plan.headings_deg), projection).duration == pytest.approx(
         plan.duration
     )
+    assert first_legs(plan, len(plan.headings_deg), projection).energy == pytest.approx(plan.energy)
+    pumped = plan.vehicle.pump_work(max(plan.yo_depths[0]))
+    assert first.energy == pytest.approx(plan.vehicle.hotel * first.duration + pumped)
     assert cut_at_horizon(plan, plan.duration + 1.0, projection) is plan
     with pytest.raises(PlanError, match="the first leg ends after"):
         cut_at_horizon(plan, 0.5 * plan.surfacing_times[0], projection)
