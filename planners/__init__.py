@@ -10,9 +10,9 @@
 * ``waypoints_of`` reduces a mission to a list of few waypoints.
 """
 
-from planners.glide.settings import GlideSettings
-from planners.glide.simulate import fly
+from planners.glide.candidate import fly
 from planners.glide.solve import plan
+from planners.glide.transcription import GlideSettings
 from planners.mission.flight.pilot import Pilot
 from planners.mission.flights import MonteCarloSummary, fly_scenarios
 from planners.mission.odds import MissionOdds, mission_odds, with_odds

@@ -6,7 +6,7 @@ cannot differ.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -17,7 +17,6 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 
-Integrator = Literal["rk4", "euler"]
 # Each round narrows the time of closest approach sixteenfold; five leave well under a millimetre.
 _ZOOM_POINTS, _ZOOM_ROUNDS = 33, 5
 
@@ -100,11 +99,6 @@ def velocity_through_water(
         horizontal * maths.cos(heading),
         speed * maths.sin(glide_angle),
     )
-
-
-def euler_step(rate: Callable[[Any], Any], position: Any, step: Any, first: Any) -> Any:
-    """Return the position one step of Euler's later, as in Kong et al. (IROS 2021); arguments as for ``rk4_step``."""
-    return position + step * first
 
 
 def rk4_step(rate: Callable[[Any], Any], position: Any, step: Any, first: Any) -> Any:
@@ -214,7 +208,7 @@ def time_since(flow: FlowEstimate, time_ns: int) -> float:
     return 0.0 if time_ns == 0 or flow.time_ns is None else (time_ns - flow.time_ns) / 1e9
 
 
-def path_function(flow: FlowEstimate, n_steps: int, integrator: Integrator = "rk4") -> ca.Function:
+def path_function(flow: FlowEstimate, n_steps: int) -> ca.Function:
     """Return the function (start, velocity, steps, latent) -> positions after each step.
 
     The steps are written out in it, so that its derivatives evaluate a flow's value and Jacobian once where all need them; of a
@@ -233,10 +227,9 @@ def path_function(flow: FlowEstimate, n_steps: int, integrator: Integrator = "rk
     def over_ground(at: Any) -> Any:
         return velocity + ca.vertcat(current(at, latent), 0.0)
 
-    one_step = rk4_step if integrator == "rk4" else euler_step
     positions: list[Any] = [start]
     for i in range(n_steps):
-        positions.append(one_step(over_ground, positions[-1], steps[i], over_ground(positions[-1])))
+        positions.append(rk4_step(over_ground, positions[-1], steps[i], over_ground(positions[-1])))
     options: dict[str, Any] = {
         "is_diff_in": [True, True, True, False],
         "never_inline": True,

@@ -31,8 +31,9 @@ class Outcome:
         return self.stdout + self.stderr
 
 
-def invoke(arguments: Sequence[str], columns: int = 160) -> Outcome:
-    """Run ``replay-kit`` with arguments on a terminal of so many columns; errors that are not its own pass through."""
+def invoke(arguments: str | Sequence[str], columns: int = 160) -> Outcome:
+    """Run ``replay-kit`` with arguments, or a line of them, on a terminal of so many columns; errors that are not its own pass through."""
+    words = arguments.split() if isinstance(arguments, str) else list(arguments)
     out, err, exception = io.StringIO(), io.StringIO(), None
     with (
         contextlib.redirect_stdout(out),
@@ -40,7 +41,7 @@ def invoke(arguments: Sequence[str], columns: int = 160) -> Outcome:
         mock.patch.dict(os.environ, COLUMNS=str(columns)),
     ):
         try:
-            code = run(list(arguments))
+            code = run(words)
         except (CycloptsError, ReplayKitError) as error:
             code, exception = report(error), error
     return Outcome(code, out.getvalue(), err.getvalue(), exception)

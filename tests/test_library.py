@@ -80,7 +80,7 @@ def test_a_replay_that_fails_leaves_nothing(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    with pytest.raises(LogError, match=r"nowhere\.mcap: expected a log, there is no such file"):
+    with pytest.raises(LogError, match=r"nowhere\.mcap: file not found"):
         rk.replay("nowhere.mcap", ENSEMBLE)
     with pytest.raises(ForecastError, match=r"nowhere\.nc: no such file"):
         rk.replay(LOG, "nowhere.nc")

@@ -15,7 +15,7 @@ import pytest
 from matplotlib import pyplot
 
 from replay_kit.cli.app import app
-from replay_kit.cli.ensembles import repeat_ensembles
+from replay_kit.cli.words import repeat_ensembles
 from replay_kit.config.fleet import load_fleet
 from replay_kit.config.run import RunConfig, load_config
 from tests.command import run_command
@@ -102,7 +102,7 @@ _LONG = (
     "--save-estimate flow.nc",
     "walk/dives",
     "year/og1.nc",
-    "heir.py",
+    "extend.py",
     "sample_logs/glider.tlog --ensemble",
     "replay-kit fleet ",
 )
@@ -202,7 +202,8 @@ def _script(folder: Path, words: list[str]) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize(
-    ("name", "first"), [("pilot", "walk_files.py walk"), ("scientist", "walk_files.py year")]
+    ("name", "first"),
+    [("pilot", "make_example_data.py walk"), ("scientist", "make_example_data.py year")],
 )
 def test_the_scripts_of_the_walks_are_the_blocks_of_their_pages(name, first):
     (block,) = [code for path, _, code in SHELL if path == ROOT / "README.md" and first in code]

@@ -15,9 +15,8 @@ from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from planners.front.current import Complex, CurrentLattice
-from planners.front.edges import edge_durations
 from planners.front.obstacles import Obstacles
-from planners.front.route import Route
+from planners.front.route import Route, edge_durations
 from replay_kit.core.arrays import Array
 
 Numbers = NDArray[np.intp]

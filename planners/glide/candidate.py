@@ -1,4 +1,4 @@
-"""One glide flown densely in the estimate: the true closest approach of a seed or of the optimiser's solution."""
+"""One glide flown densely: the true closest approach of a seed or of the optimiser's solution, and of a plan in another flow."""
 
 from dataclasses import dataclass, replace
 
@@ -6,8 +6,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 from planners.glide.transcription import Glide, GlideTask, approach, solve_glide
+from planners.route.region import locate, region_of
 from planners.track import Track, fly_glide, fractions_of_duration, velocity_through_water
 from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import true_north_halfway
+from replay_kit.core.plan import Plan
 
 # Largest difference between the optimiser's closest approach and the dense one [m]; after this many refinements the plan reports it.
 AGREEMENT = 1.0
@@ -104,11 +108,8 @@ def optimise(task: GlideTask, guess: Glide) -> Candidate | None:
         flown = fly_candidate(task, guess)
         if best is None or flown.distance < best.distance:
             best = replace(flown, predicted_distance=answer.distance)
-        fixed = task.settings.integrator == "euler"
-        if (
-            best.is_consistent
-            or fixed
-            or (flown.until < guess.duration and (bounded or stops_on_land(task, flown)))
+        if best.is_consistent or (
+            flown.until < guess.duration and (bounded or stops_on_land(task, flown))
         ):
             break
         # A path cut short is not a matter of step length: from the same guess again, now within the region.
@@ -170,3 +171,47 @@ def polish(task: GlideTask, seed: Candidate) -> Candidate:
     ).x
     improved = fly_candidate(task, glide(best))
     return improved if improved.distance <= seed.distance else seed
+
+
+# A head current stronger than planned delays the closest approach; half as long again catches it, and a glide that has not come close
+# by then has passed the goal.
+_LONGER = 1.5
+_FINER = 2
+
+
+def fly(flow: FlowEstimate, plan: Plan) -> tuple[Array, Array, float]:
+    """Return (time, track, closest approach) of a plan's heading and glide angle kept in a flow.
+
+    The glide is flown for one and a half times the planned duration, or until it leaves the flow's region, meets land, surfaces or
+    passes the deepest level. The closest approach is taken on the continuous path.
+
+    Args:
+        flow: Where to fly it; its projection may differ from that of the plan's flow.
+        plan: The plan; one that failed stays where it is.
+
+    Returns:
+        Time, shape (n,) [s] since the start; track, shape (n, 3) [m], east, north, depth in the flow's local frame; distance [m].
+
+    Raises:
+        PlanError: The plan's start or goal is outside the flow's region or on land there.
+    """
+    region = region_of(flow.grid)
+    start, goal = locate(region, plan.start, "start"), locate(region, plan.goal, "goal")
+    duration = _LONGER * plan.duration
+    if plan.status == "failed" or duration == 0.0:
+        return np.zeros(1), start[None, :], float(np.linalg.norm(start - goal))
+    turn = float(true_north_halfway(flow.grid.projection, start[None, :2], goal[None, :2])[0])
+    velocity = np.array(
+        velocity_through_water(
+            np, np.deg2rad(plan.heading_deg) + turn, np.deg2rad(plan.glide_angle_deg), plan.speed
+        )
+    )
+    n_steps = _FINER * plan.track_time.size + flow.levels.size
+    fractions = fractions_of_duration(
+        start[2], start[2] + velocity[2] * duration, flow.levels, n_steps
+    )
+    track = fly_glide(flow, start, velocity, fractions * duration)
+    until = track.allowed_until(region.allowed)
+    _, distance = track.closest(goal, until)
+    time = np.append(track.time[track.time < until], until)
+    return time, track.at(time), distance

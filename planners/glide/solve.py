@@ -1,8 +1,6 @@
 """One glide planned: seeds, IPOPT from several of them, the best path flown again densely, its outcome in words.
 
-A glide ends where it meets land: it cannot turn, so there is no route round it. With Euler's steps, as in the paper, the plan shows their
-error, because its path is integrated by Runge-Kutta: over eight random eddying flows of 0.25 m/s, between random places in a square of 16
-km, 123 m in the median and 365 m at most with 24 steps, 33 m and 84 m with 100.
+A glide ends where it meets land: it cannot turn, so there is no route round it.
 """
 
 import numpy as np
@@ -17,8 +15,7 @@ from planners.glide.candidate import (
     stops_on_land,
 )
 from planners.glide.seeds import find_seeds
-from planners.glide.settings import GlideSettings
-from planners.glide.transcription import Glide, GlideTask
+from planners.glide.transcription import Glide, GlideSettings, GlideTask
 from planners.route.bottom import bottom_of
 from planners.route.region import locate, region_of
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -86,7 +83,7 @@ def plan(
     seed = seeds[0]
     best = min(solved, key=lambda candidate: candidate.distance, default=seed)
     notes = []
-    if best is seed or (settings.integrator == "rk4" and best.distance > seed.distance + _TIE):
+    if best is seed or best.distance > seed.distance + _TIE:
         best = polish(task, seed)
         notes.append("IPOPT did no better than the seed, which was polished by Nelder-Mead instead")
     elif not best.is_consistent and best.until == best.glide.duration:

@@ -1,4 +1,4 @@
-"""One constant-velocity glide as a nonlinear program: three unknowns, a path by Runge-Kutta or Euler, a squared distance to minimise.
+"""One constant-velocity glide as a nonlinear program: three unknowns, a path by Runge-Kutta, a squared distance to minimise.
 
 Minimised over the duration too, the distance at the end is the closest approach on the continuous path. Everything that changes from
 plan to plan (latent velocities, places, limits, steps) is a parameter, so that one graph serves every estimate on the same nodes.
@@ -6,6 +6,7 @@ plan to plan (latent velocities, places, limits, steps) is a parameter, so that 
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import inf
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -13,11 +14,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from planners.flow import graph_key
-from planners.glide.settings import GlideSettings
-from planners.route.bottom import Bottom
+from planners.route.bottom import Bathymetry, Bottom
 from planners.route.region import Region
 from planners.solver import KM, QUIET, Recent, one_at_a_time
-from planners.track import Integrator, path_function, velocity_through_water
+from planners.track import path_function, velocity_through_water
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 
@@ -43,6 +43,31 @@ _OPTIONS: dict[str, Any] = {
     # Limits hold to the last digit: no relaxation beyond what the path's own check forgives.
     "ipopt.bound_relax_factor": 1e-9,
 }
+
+
+@dataclass(frozen=True, slots=True)
+class GlideSettings:
+    """Limits of a glide and effort of its planner.
+
+    Attributes:
+        speed: Through water [m/s].
+        tolerance: A path that passes this close has reached the goal [m].
+        max_duration: Longest glide considered [s].
+        max_depth: Greatest depth that the vehicle may go to [m].
+        n_steps: Steps of the optimiser, beside one for each level; doubled where the dense path disagrees by a metre.
+        bathymetry: Bottom depth; a glide ends where it comes nearer to it than the clearance. None leaves the bottom out of account.
+        clearance: Least height above it [m].
+        starts: Most seeds that the optimiser starts from.
+    """
+
+    speed: float = 0.3
+    tolerance: float = 250.0
+    max_duration: float = 432000.0
+    max_depth: float = inf
+    n_steps: int = 24
+    starts: int = 3
+    bathymetry: Bathymetry | None = None
+    clearance: float = 20.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,14 +157,14 @@ def glide_program(task: GlideTask, n_steps: int, bounded: bool) -> GlideProgram:
     """Return the program of a flow's nodes, built once: estimates that differ only in latent velocities share it.
 
     Args:
-        task: Its flow and the integrator of its settings count.
+        task: Its flow counts.
         n_steps: Number of steps.
         bounded: Whether the path is constrained to the region.
     """
-    flow, integrator = task.flow, task.settings.integrator
+    flow = task.flow
     return _programs.get(
-        (*graph_key(flow), n_steps, bounded, integrator),
-        lambda: _build(flow, n_steps, bounded, integrator),
+        (*graph_key(flow), n_steps, bounded),
+        lambda: _build(flow, n_steps, bounded),
     )
 
 
@@ -247,7 +272,7 @@ def _parameters(task: GlideTask, fractions: Array) -> Array:
     )
 
 
-def _build(flow: FlowEstimate, n_steps: int, bounded: bool, integrator: Integrator) -> GlideProgram:
+def _build(flow: FlowEstimate, n_steps: int, bounded: bool) -> GlideProgram:
     unknowns = ca.MX.sym("unknowns", 3)
     start, goal, speed = ca.MX.sym("start", 3), ca.MX.sym("goal", 3), ca.MX.sym("speed")
     steps, sides = ca.MX.sym("steps", n_steps), ca.MX.sym("sides", 4, 7)
@@ -256,7 +281,7 @@ def _build(flow: FlowEstimate, n_steps: int, bounded: bool, integrator: Integrat
     glide_angle = ca.atan(unknowns[1] * KM / (speed * duration))
     velocity = ca.vertcat(*velocity_through_water(ca, unknowns[0], glide_angle, speed))
     positions = ca.horzsplit(
-        path_function(flow, n_steps, integrator)(start, velocity, duration * steps, latent)
+        path_function(flow, n_steps)(start, velocity, duration * steps, latent)
     )
     beyond = [_beyond_sides(position[:2] / KM, sides) for position in positions]
     miss = (positions[-1] - goal) / KM

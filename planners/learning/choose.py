@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.learning.current import Complex
+from planners.front.current import Complex
 from planners.learning.loops import DIRECTIONS, WAITING, Survey
-from planners.learning.rows import Combined, Rows, covariance, posterior, rows_at, stacked
+from planners.learning.rows import Combined, Rows, lower_root, posterior, rows_at, stacked
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth_means import DepthMeans
 
@@ -48,9 +48,7 @@ class Aim:
         """Return the root mean square error of the end after each survey [m], shape (C,)."""
         rows = rows_at(self.known, survey.points, survey.times)
         rows = rows if self.given is None else stacked(rows, self.given)
-        lower = np.linalg.cholesky(
-            covariance(rows, rows) + self.variance * np.eye(rows.now.shape[-2])
-        )
+        lower = lower_root(rows, self.variance)
         inside = np.linalg.solve(lower, self.sought.cross(rows).swapaxes(-1, -2))
         left = np.trace(self.sought.variance()) - np.sum(inside**2, axis=(-2, -1))
         return np.asarray(np.sqrt(np.maximum(left, 0.0)))

@@ -10,12 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planners.learning.current import Complex, Currents, currents_of
+from planners.front.current import Complex
+from planners.learning.current import Currents, currents_of
 from planners.learning.loops import Survey
 from planners.learning.rows import Rows, gains, learnt, rows_at, stacked
 from planners.learning.transit import fly_transit, plan_transit
 from replay_kit.core.arrays import Array
-from replay_kit.core.bootstrap import bootstrap_interval
+from replay_kit.core.evidence import bootstrap_interval
 from replay_kit.core.flow.depth_means import DepthMeans
 from replay_kit.core.flow.evolution import sample_through
 

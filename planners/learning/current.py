@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import spline_filter1d
 
+from planners.front.current import Complex
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-
-Complex = NDArray[np.complex128]
 
 # Coefficients a kernel length: at four the error of a Gaussian's flow is some 1e-3 of it.
 _PER_LENGTH = 4.0

@@ -8,7 +8,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planners.learning.current import Complex, Currents
+from planners.front.current import Complex
+from planners.learning.current import Currents
 from planners.route.hazards import Ring
 from replay_kit.core.arrays import Array
 

@@ -13,9 +13,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.learning.current import Complex, Currents
+from planners.front.current import Complex
+from planners.learning.current import Currents
 from planners.learning.loops import Survey
-from planners.learning.rows import Rows, covariance, rows_at, stacked, together
+from planners.learning.rows import Rows, covariance, lower_root, rows_at, stacked, together
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.depth_means import DepthMeans
@@ -88,10 +89,7 @@ class Mapping:
 
 def reduction(sought: Rows, measured: Rows, variance: float) -> Array:
     """Return by how much measurements, shape (..., q), reduce the variance of each sought number, shape (..., m)."""
-    lower = np.linalg.cholesky(
-        covariance(measured, measured) + variance * np.eye(measured.now.shape[-2])
-    )
-    inside = np.linalg.solve(lower, covariance(measured, sought))
+    inside = np.linalg.solve(lower_root(measured, variance), covariance(measured, sought))
     return np.asarray(np.sum(inside**2, axis=-2))
 
 

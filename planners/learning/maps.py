@@ -11,12 +11,21 @@ from planners.learning.closed_loop import Sea, Stretch, drawn_sea, fly_survey, f
 from planners.learning.loops import Survey
 from planners.learning.mapping import Mapping, look_ahead, refined
 from planners.learning.mowers import lawn_mowers
-from planners.learning.rows import Combined, Rows, covariance, gains, rows_at, stacked, unknowns_at
+from planners.learning.rows import (
+    Combined,
+    Rows,
+    covariance,
+    gains,
+    lower_root,
+    rows_at,
+    stacked,
+    unknowns_at,
+)
 from planners.learning.scene import Scene, dives_of, scene_of, value_map
 from planners.learning.values import Box, Candidate, LearnPlan, LearnRequest
 from replay_kit.core.arrays import Array
-from replay_kit.core.bootstrap import bootstrap_interval
 from replay_kit.core.errors import PlanError
+from replay_kit.core.evidence import bootstrap_interval
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 
@@ -107,9 +116,7 @@ def covariance_now(scene: Scene, mapping: Mapping) -> Array:
     cov = covariance(own, own)
     if mapping.given is None:
         return cov
-    lower = np.linalg.cholesky(
-        covariance(mapping.given, mapping.given) + mapping.variance * np.eye(len(mapping.given.now))
-    )
+    lower = lower_root(mapping.given, mapping.variance)
     inside = solve_triangular(lower, covariance(mapping.given, own), lower=True)
     return np.asarray(cov - inside.T @ inside)
 

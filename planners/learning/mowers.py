@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from planners.learning.current import Complex
+from planners.front.current import Complex
 from planners.learning.loops import Survey
 from planners.learning.mapping import COUNTED, Mapping
 from replay_kit.core.arrays import Array

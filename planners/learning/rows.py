@@ -45,14 +45,6 @@ class Rows:
         parts = tuple((scale, rows.reshape(*shape, rows.shape[-1])) for scale, rows in self.parts)
         return Rows(self.now.reshape(*shape, self.now.shape[-1]), parts, self.after.reshape(shape))
 
-    def picked(self, index: Array) -> "Rows":
-        """Return the rows at positions along their last axis, the only one."""
-        return Rows(
-            self.now[index],
-            tuple((scale, rows[index]) for scale, rows in self.parts),
-            self.after[index],
-        )
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Combined:
@@ -148,30 +140,23 @@ def stacked(first: Rows, second: Rows) -> Rows:
     )
 
 
+def lower_root(measured: Rows, variance: float) -> Array:
+    """Return the lower triangular root of cov(z, z) + R, shape (..., q, q)."""
+    prior = covariance(measured, measured) + variance * np.eye(measured.now.shape[-2])
+    return np.asarray(np.linalg.cholesky(prior))
+
+
 def posterior(sought: Combined, measured: Rows, variance: float) -> Array:
-    """Return the covariance of the sought numbers after measurements, shape (..., m, m).
+    """Return the covariance of the sought numbers after measurements, shape (m, m).
 
     Args:
         sought: m numbers.
-        measured: Rows of shape (..., q).
+        measured: Rows of shape (q,).
         variance: Of the error of each [m^2/s^2].
     """
-    lower: Array = np.asarray(
-        np.linalg.cholesky(
-            covariance(measured, measured) + variance * np.eye(measured.now.shape[-2])
-        ),
-        dtype=np.float64,
-    )
-    cross = sought.cross(measured).swapaxes(-1, -2)
-    inside = _solved(lower, cross)
-    return sought.variance() - inside.swapaxes(-1, -2) @ inside
-
-
-def _solved(lower: Array, right: Array) -> Array:
-    """Return the solutions of triangular systems, batch by batch."""
-    if lower.ndim == 2:
-        return np.asarray(solve_triangular(lower, right, lower=True))
-    return np.asarray(np.linalg.solve(lower, right))
+    lower, cross = lower_root(measured, variance), sought.cross(measured).swapaxes(-1, -2)
+    inside = solve_triangular(lower, cross, lower=True)
+    return np.asarray(sought.variance() - inside.T @ inside)
 
 
 def gains(measured: Rows, innovation: Array, variance: float) -> Array:

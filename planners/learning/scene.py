@@ -6,10 +6,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planners.front.current import shares_of_levels
+from planners.front.current import Complex, shares_of_levels
 from planners.learning.choose import Aim
 from planners.learning.closed_loop import mean_currents, slices
-from planners.learning.current import Complex, Currents
+from planners.learning.current import Currents
 from planners.learning.loops import Survey, clear_lines
 from planners.learning.rows import Combined, rows_at, together
 from planners.learning.values import LearnLeg, LearnRequest, LearnSettings, ValueMap

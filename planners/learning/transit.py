@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planners.learning.current import Complex, Currents
+from planners.front.current import Complex
+from planners.learning.current import Currents
 from replay_kit.core.arrays import Array
 
 # Longest step of the integration [s], and Newton steps for a velocity through water, which are enough where it converges.

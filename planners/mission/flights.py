@@ -24,12 +24,12 @@ from planners.mission.task import (
     REFINED,
     MissionTask,
     leg_depths,
-    mission_task,
     refine_steps,
     step_stops,
     steps_needed,
+    task_of_plan,
 )
-from planners.mission.values import MissionPlan, MissionRequest
+from planners.mission.values import MissionPlan
 from planners.route.bottom import Bathymetry
 from planners.route.hazards import NoGo
 from replay_kit.core.arrays import Array
@@ -206,18 +206,7 @@ def fly_scenarios(
         PlanError: The mission has no legs, it does not fit the flow, or the samples are not on the nodes of the estimate.
     """
     legs = legs_of_plan(plan, flow if isinstance(flow, FlowEstimate) else flow[0], 1)
-    task = mission_task(
-        flow,
-        MissionRequest(
-            plan.start,
-            plan.goals,
-            plan.vehicle,
-            plan.settings,
-            no_go,
-            bathymetry,
-            plan.start_time_ns,
-        ),
-    )
+    task = task_of_plan(flow, plan, no_go, bathymetry)
     predicted = predict(task, legs)
     flight = fly_samples(task, currents_of_estimate(flow, samples), legs, predicted, pilot)
     return summarise_flights(task, flight, points_at(predicted, plan.goal_times))[0]

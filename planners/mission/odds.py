@@ -21,6 +21,7 @@ from planners.mission.flights import (
 from planners.mission.flights import currents_of_estimate as currents_around
 from planners.mission.task import mission_task
 from planners.mission.values import MissionPlan, MissionRequest, Mooring
+from planners.mission.words import odds_text, violations_text
 from replay_kit.core.arrays import Array
 
 
@@ -112,23 +113,9 @@ def with_odds(plan: MissionPlan, odds: MissionOdds, arrive: float, risk: float) 
         risk: Share that may violate a constraint; above, it is ``unsafe``.
     """
     corrected, violating = odds.corrected, 1.0 - odds.corrected.safe
-    status, verb = (
-        plan.status,
-        "stay within the radius" if plan.settings.weights.closest == 0.0 else "arrive",
-    )
-    verb = (
-        "surface last within the tolerance of where the plan ends" if status == "partial" else verb
-    )
-    text = (
-        f"{100.0 * corrected.reached:.0f} % of {odds.count} samples of the estimate {verb} with headings corrected at each surfacing, "
-        f"{100.0 * odds.held.reached:.0f} % with headings held"
-    )
-    if corrected.violations:
-        named = ", ".join(
-            f"{name} {100.0 * part:.0f} %"
-            for name, part in sorted(corrected.violations.items(), key=lambda one: -one[1])
-        )
-        text += f"; {100.0 * violating:.0f} % violate a constraint ({named})"
+    status = plan.status
+    text = odds_text(plan, odds.count, corrected.reached, odds.held.reached)
+    text += violations_text(violating, corrected.violations)
     # shares of a few samples are rounded by the last bit
     if violating > risk + 1e-9 and status == "reached":
         status, text = "unsafe", f"{text}, more than the {100.0 * risk:.0f} % accepted"

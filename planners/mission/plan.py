@@ -1,11 +1,11 @@
 """A glider's missions planned: to goals, near a place, along a line."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from planners.front.route import Route
+from planners.mission.flight.currents import Flow
 from planners.mission.result import to_plan
 from planners.mission.search.search import solve_attempts
 from planners.mission.solve.attempt import GoalSteps
@@ -16,7 +16,6 @@ from planners.route.region import locate
 from planners.shooting.program import MissionGuess, along_line, near_place
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import true_north_halfway
 
 # The objective of a mooring is the mean squared distance [km^2]; time decides among equals, and its end does not count.
@@ -29,7 +28,7 @@ _LINE = Line()
 
 
 def plan_mission(
-    flow: FlowEstimate | Sequence[FlowEstimate],
+    flow: Flow,
     request: MissionRequest,
     *,
     warm: MissionPlan | None = None,
@@ -53,7 +52,7 @@ def plan_mission(
 
 
 def plan_line(
-    flow: FlowEstimate | Sequence[FlowEstimate],
+    flow: Flow,
     request: MissionRequest,
     line: Line = _LINE,
     *,
@@ -83,9 +82,7 @@ def plan_line(
     return to_plan(task, solve_attempts(task, warm))
 
 
-def plan_mooring(
-    flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRequest, mooring: Mooring
-) -> MissionPlan:
+def plan_mooring(flow: Flow, request: MissionRequest, mooring: Mooring) -> MissionPlan:
     """Return the mission found that stays within a radius of its goal for a duration with the least mean square distance from it.
 
     Its status is ``reached`` when it does stay within; ``statistics`` has ``farthest_m`` and ``rms_m``. The number of legs is that

@@ -1,6 +1,5 @@
 """One mission in the local frame: its places, hazards and depth profiles."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import inf
@@ -10,10 +9,10 @@ import numpy as np
 
 from planners.front.current import Complex
 from planners.front.obstacles import as_complex
-from planners.mission.flight.currents import Currents, currents_of
-from planners.mission.values import MissionRequest, MissionSettings
-from planners.route.bottom import DEPTH_TOLERANCE, Bottom, bottom_of, fixed_rings
-from planners.route.hazards import Ring, check_outside
+from planners.mission.flight.currents import Currents, Flow, currents_of
+from planners.mission.values import MissionPlan, MissionRequest, MissionSettings
+from planners.route.bottom import DEPTH_TOLERANCE, Bathymetry, Bottom, bottom_of, fixed_rings
+from planners.route.hazards import NoGo, Ring, check_outside
 from planners.route.region import Region, locate, region_of
 from planners.shooting.program import ReferencePath
 from planners.shooting.spline import FlowSpline, spline_of
@@ -178,9 +177,17 @@ def turns_of(yo_depths: tuple[YoDepths, ...]) -> tuple[float, ...]:
     return tuple(max(leg[1:]) for leg in yo_depths)
 
 
-def mission_task(
-    flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRequest
+def task_of_plan(
+    flow: Flow, plan: MissionPlan, no_go: tuple[NoGo, ...], bathymetry: Bathymetry | None
 ) -> MissionTask:
+    """Return the task of a mission that is planned, in a flow that may be another and with what it must keep clear of."""
+    places = plan.start, plan.goals, plan.vehicle, plan.settings
+    return mission_task(
+        flow, MissionRequest(*places, no_go, bathymetry, start_time_ns=plan.start_time_ns)
+    )
+
+
+def mission_task(flow: Flow, request: MissionRequest) -> MissionTask:
     """Return a mission in the local frame of its flow.
 
     Raises:
@@ -209,7 +216,7 @@ def mission_task(
     )
     request = replace(request, settings=replace(settings, depth=depth))
     clock, deadline = (
-        time_on_clock(currents, request.start_time_ns),
+        currents.clock(request.start_time_ns),
         monotonic() + settings.time_limit,
     )
     task = MissionTask(
@@ -268,11 +275,6 @@ def _check_request(request: MissionRequest, region: Region) -> None:
         raise PlanError(
             f"the goal at {deepest:g} m is deeper than the dives, {settings.depth:g} m; choose deeper dives"
         )
-
-
-def time_on_clock(currents: Currents, time_ns: int) -> float:
-    """Return a time [ns, UTC] on the clock of the currents' times [s]; 0 for currents that do not change, and for no time."""
-    return currents.clock(time_ns)
 
 
 def leg_depths(depths: tuple[float, ...], levels: Array, n_steps: int) -> Array:

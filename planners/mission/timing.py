@@ -7,19 +7,18 @@ from itertools import pairwise
 import numpy as np
 
 from planners.mission.flight.currents import Flow
-from planners.mission.plan import plan_mission
 from planners.mission.result import to_plan
-from planners.mission.search.search import rest_of
+from planners.mission.search.search import rest_of, solve_attempts
 from planners.mission.solve.attempt import Attempt, is_feasible
 from planners.mission.solve.goals import with_n_legs
 from planners.mission.solve.legs import solve_legs
 from planners.mission.task import MissionTask, mission_task
 from planners.mission.values import Found, MissionPlan, MissionRequest
+from planners.mission.words import horizon_text
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import distance, to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Place
-from replay_kit.core.text import place_text
 
 # Share by which a time in still water may be short of that in the current.
 _ROUGHLY = 1.01
@@ -56,7 +55,10 @@ def plan_departures(
             if plans
             else None
         )
-        plans.append(plan_mission(flow, asked) if made is None else made)
+        if made is None:
+            task = mission_task(flow, asked)
+            made = to_plan(task, solve_attempts(task))
+        plans.append(made)
     return tuple(plans)
 
 
@@ -221,20 +223,11 @@ def cut_at_horizon(plan: MissionPlan, seconds: float, projection: Projection) ->
         )
     cut = first_legs(plan, kept, projection)
     met = min(int(np.sum(plan.goal_times <= cut.duration)), len(plan.goals) - 1)
-    left, name = (
-        float(cut.closest_approach[met]),
-        "the goal" if len(plan.goals) == 1 else f"goal {met + 1}",
-    )
-    hours = (plan.duration - cut.duration) / 3600.0
-    message = (
-        f"as far as the horizon of {seconds / 3600.0:.1f} h: {kept} of {n_legs} legs, after {cut.duration / 3600.0:.1f} "
-        f"h at {place_text(*cut.surfacings[-1].tolist())}; left to {name}: {left / 1e3:.1f} km, and {hours:.1f} h to the end if the "
-        "current stays as it is known last"
-    )
+    left, hours = float(cut.closest_approach[met]), (plan.duration - cut.duration) / 3600.0
     return replace(
         cut,
         status="unsafe" if plan.status == "unsafe" else "partial",
-        message=f"{message}. The whole mission: {plan.message}",
+        message=f"{horizon_text(plan, cut, seconds, met)}. The whole mission: {plan.message}",
         statistics={**plan.statistics, "left_m": left, "left_h": hours},
     )
 

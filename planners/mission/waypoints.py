@@ -13,16 +13,16 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
+from planners.mission.flight.currents import Flow
 from planners.mission.flights import legs_of_plan
 from planners.mission.solve.check import Violation
-from planners.mission.task import MissionTask, mission_task
-from planners.mission.values import MissionPlan, MissionRequest
+from planners.mission.task import MissionTask, task_of_plan
+from planners.mission.values import MissionPlan
 from planners.mission.waypoint_flight import Followed, first_currents, follow
 from planners.route.bottom import Bathymetry
 from planners.route.hazards import NoGo, Ring, first_crossing
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import heading_deg, rotate_to_geographic, to_geographic, to_local
 from replay_kit.core.grid import Projection
 
@@ -70,7 +70,7 @@ class Waypoints:
 
 
 def waypoints_of(
-    flow: FlowEstimate | Sequence[FlowEstimate],
+    flow: Flow,
     plan: MissionPlan,
     tolerance: float | None = None,
     *,
@@ -101,18 +101,7 @@ def waypoints_of(
     """
     if plan.settings.weights.closest == 0.0:
         raise PlanError("a mooring has no waypoints: give the glider the place of the mooring")
-    task = mission_task(
-        flow,
-        MissionRequest(
-            plan.start,
-            plan.goals,
-            plan.vehicle,
-            plan.settings,
-            no_go,
-            bathymetry,
-            plan.start_time_ns,
-        ),
-    )
+    task = task_of_plan(flow, plan, no_go, bathymetry)
     legs, projection, settings = (
         legs_of_plan(plan, task.flow),
         task.region.grid.projection,

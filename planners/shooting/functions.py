@@ -37,6 +37,10 @@ class Reference:
     slack_cost: float
     least_duration: float
 
+    def off(self, places: Array) -> Array:
+        """Return the vectors from it to places [km], shape (..., 2), by what counts of them."""
+        return np.asarray((places - self.origin) @ self.across.T @ self.across)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionCase:
@@ -148,7 +152,7 @@ class MissionFunctions:
     def value(self, unknowns: Array) -> tuple[float, Array]:
         """Return the cost and the constraints."""
         case, layout, paths = self._known(), self.layout, self.paths(unknowns)
-        legs, slacks = unknowns[: layout.slack_at].reshape(-1, EACH), self._misses(unknowns)
+        legs, (slacks, miss) = unknowns[: layout.slack_at].reshape(-1, EACH), self._misses(unknowns)
         ends = (
             paths.starts.times
             + case.lengths * paths.starts.coefficients[:, SIGMA]
@@ -156,7 +160,7 @@ class MissionFunctions:
             - case.start_time
         )
         equal = np.column_stack([paths.places[:, -1] / KM, ends / HOUR]) - legs[:, :3]
-        places, miss = self._chosen(paths.places) / KM, slacks[:, :2] - slacks[:, 2:]
+        places = self._chosen(paths.places) / KM
         met = np.array(
             [
                 legs[leg, :2] if step == 0 else paths.places[leg, step] / KM
@@ -177,8 +181,10 @@ class MissionFunctions:
             parts.append(((off - (reference.limits + slack) ** 2) / reference.limits).ravel())
         return float(cost), np.concatenate(parts)
 
-    def _misses(self, unknowns: Array) -> Array:
-        return unknowns[self.layout.slack_at :][: 4 * len(self.layout.goals)].reshape(-1, 4)
+    def _misses(self, unknowns: Array) -> tuple[Array, Array]:
+        """Return the slacks of the goals, shape (G, 4), and by how much each is missed, shape (G, 2) [km]."""
+        slacks = unknowns[self.layout.slack_at : self._reference_at].reshape(-1, 4)
+        return slacks, slacks[:, :2] - slacks[:, 2:]
 
     @property
     def _reference_at(self) -> int:
@@ -199,8 +205,7 @@ class MissionFunctions:
     def gradient(self, unknowns: Array) -> Array:
         """Return the gradient of the cost."""
         case, layout, out = self._known(), self.layout, np.zeros(unknowns.size)
-        slacks, (squared, linear, each) = self._misses(unknowns), case.miss_weights
-        miss = slacks[:, :2] - slacks[:, 2:]
+        miss, (squared, linear, each) = self._misses(unknowns)[1], case.miss_weights
         slope = (
             2.0 * squared * miss
             + linear * miss / np.sqrt(np.sum(miss**2, axis=1) + BOWL**2)[:, None]
@@ -212,11 +217,7 @@ class MissionFunctions:
         if case.reference is not None:
             reference = case.reference
             places, _, moved = self._places(*self.first(unknowns))
-            pulls = (
-                2.0
-                * reference.weights[..., None]
-                * ((places - reference.origin) @ reference.across.T @ reference.across)
-            )
+            pulls = 2.0 * reference.weights[..., None] * reference.off(places)
             by_leg, columns = np.einsum("lpi,lpiq->lq", pulls, moved), layout.columns
             np.add.at(out, columns[columns >= 0], by_leg[columns >= 0])
             out[self._reference_at] = reference.slack_cost
@@ -241,11 +242,7 @@ class MissionFunctions:
             parts += [limits.jacobian(begins, moved), np.full(limits.beyond.shape, -1.0)]
         if case.reference is not None:
             reference, slack = case.reference, unknowns[self._reference_at]
-            pulls = (
-                2.0
-                * ((places - reference.origin) @ reference.across.T @ reference.across)
-                / reference.limits[..., None]
-            )
+            pulls = 2.0 * reference.off(places) / reference.limits[..., None]
             parts += [
                 np.einsum("lpi,lpiq->lpq", pulls, moved),
                 -2.0 * (reference.limits + slack) / reference.limits,
@@ -282,9 +279,7 @@ class MissionFunctions:
         if case.reference is not None:
             reference, of_limits = case.reference, multipliers[at:].reshape(places.shape[:2])
             each = 2.0 * (of_cost * reference.weights + of_limits / reference.limits)
-            pulls += each[..., None] * (
-                (places - reference.origin) @ reference.across.T @ reference.across
-            )
+            pulls += each[..., None] * reference.off(places)
             across = reference.across @ moved
             curved += np.einsum("lp,lpiq,lpir->lqr", each, across, across, optimize=True)
             of_slack = -2.0 * np.sum(of_limits / reference.limits)
@@ -306,8 +301,7 @@ class MissionFunctions:
     def _goal_blocks(self, unknowns: Array) -> Array:
         """Return the second derivatives of the cost by the slacks of each goal, shape (G, 4, 4)."""
         squared, linear, _ = self._known().miss_weights
-        slacks = self._misses(unknowns)
-        miss = slacks[:, :2] - slacks[:, 2:]
+        miss = self._misses(unknowns)[1]
         radius = np.sqrt(np.sum(miss**2, axis=1) + BOWL**2)[:, None, None]
         bowl = 2.0 * squared * np.eye(2) + linear * (
             np.eye(2) / radius - miss[:, :, None] * miss[:, None] / radius**3

@@ -14,12 +14,11 @@ from cyclopts import App, CycloptsError, Parameter
 from cyclopts.exceptions import MissingArgumentError, RepeatArgumentError
 
 from replay_kit.cli import reporting
-from replay_kit.cli.ensembles import repeat_ensembles
 from replay_kit.cli.help import command_group, layout, option_groups
 from replay_kit.cli.options import CHOICES, before_conversion
-from replay_kit.cli.unknown import refuse_unknown
+from replay_kit.cli.words import refuse_unknown, repeat_ensembles
 from replay_kit.core.errors import ConfigError, ReplayKitError
-from replay_kit.core.printable import printable
+from replay_kit.core.text import printable
 from replay_kit.core.version import __version__
 
 # Loading modules and laying out help make many small objects that stay; looking for garbage among them takes a sixth of the help's time.
@@ -33,15 +32,15 @@ _COMMANDS = {
     ),
     "smooth": (
         "LOG... --ensemble FILE... -o OUT.mcap",
-        "Estimate the current at each time from the measurements before and after it, once a mission is over.",
+        "Estimate the current at each time from measurements before and after it (smoothing), for a finished mission.",
     ),
     "info": (
         "LOG... | --ensemble FILE...",
-        "Report what is in a log or a forecast and what it can be used for.",
+        "Report the contents of a log or a forecast and what it can be used for.",
     ),
     "qc": (
         "LOG...",
-        "Show the outcome of each quality test of the ADCP's bins, and the dives of the track.",
+        "Report the quality tests of the ADCP bins, and the dives of the track.",
     ),
     "convert": (
         "LOG... -o OUT.mcap|OUT.tlog",
@@ -49,15 +48,15 @@ _COMMANDS = {
     ),
     "report": (
         "RESULT.mcap",
-        "Write a result as one page for a browser: the answer in words, map, section along the track, trust, plan.",
+        "Write a result as one HTML page: summary, map, section along the track, consistency, plan.",
     ),
     "status": (
         "RESULT.mcap",
-        "Tell on one screen where the vehicle is, what to steer, when it surfaces next, and what does not fit.",
+        "One-screen status: position, steering, next surfacing, warnings.",
     ),
     "layout": (
         "RESULT.mcap -o LAYOUT.json",
-        "Write a layout for Foxglove and Lichtblick: map, 3D scene, plots, log and contradictions, set up for a result.",
+        "Write a viewer layout (Foxglove, Lichtblick) for a result: map, 3D scene, plots, log and findings.",
     ),
     "plot": (
         "RESULT.mcap map|section|series|dac|trust|plan -o F.png|svg|pdf",
@@ -65,32 +64,32 @@ _COMMANDS = {
     ),
     "export": (
         "RESULT.mcap -o X.nc|csv|kml|geojson",
-        "Write a result as a file of other programs: series at places, track, section, dives, innovations, surfacings, plans.",
+        "Export a result to other formats: time series at places, track, section, dives, innovations, surfacings, plans.",
     ),
     "plan": (
         "FLOW... --start LON,LAT,DEPTH --goal LON,LAT,DEPTH",
-        "Plan a mission of dives: headings, glide angles and surfacings to one goal or several, near a place, or along a line; or what to "
-        "measure before a stretch without fixes (--objective learn) and for a map (--objective map).",
+        "Plan a glider mission: headings, glide angles and surfacings to one or several goals, near a place, or along a line; or adaptive "
+        "sampling: where to survey before a dead-reckoned leg (--objective learn) or to map a box (--objective map).",
     ),
     "twin": (
         "--truth FILE[#member] -o X.mcap|X.tlog",
-        "Make a log by moving a vehicle with a simulated ADCP through a known current.",
+        "Simulate the log of a vehicle with an ADCP in a known current (twin experiment).",
     ),
     "synthesize": (
         "--ensemble E.nc --truth T.nc",
-        "Make a synthetic ensemble (incompressible, eddying, baroclinic) and a truth withheld from it.",
+        "Generate a synthetic ensemble (incompressible, eddying, baroclinic) and a withheld truth.",
     ),
     "fit": (
         "ENSEMBLE -o TOML",
-        "Fit the prior to an ensemble by leaving members out, and report what was chosen.",
+        "Fit the prior to an ensemble by cross-validation over members, and report the fitted settings.",
     ),
     "fleet": (
         "MISSIONS.toml|LOG... -o DIR",
-        "Replay many missions on many processes: a result of each, and one table and page over all.",
+        "Replay many missions in parallel: one result each, and a summary table and page.",
     ),
     "verify": (
         "OUT.mcap",
-        "Make a replay or a plan again from the inputs and options in its result, and name what differs, with exit code 5.",
+        "Reproduce a result from its recorded inputs and report differences (exit code 5).",
     ),
 }
 _STUDIES = {
@@ -100,11 +99,11 @@ _STUDIES = {
     ),
     "dives": (
         "LOG... --ensemble FILE",
-        "Predict each dive of a log from the dives before it: profiles, depth-averaged current, place of surfacing.",
+        "Predict each dive of a log from the earlier ones: profiles, depth-averaged current, surfacing position.",
     ),
     "missions": (
         "--ensemble FILE --leave-out K,K,...",
-        "Fly gliders through members left out: changes in time, relative profiles, mean currents, outliers, biases, intervals.",
+        "Simulate glider missions in members left out: changes in time, relative profiles, mean currents, outliers, biases, coverage.",
     ),
     "paper": (
         "--ensemble FILE (--truth FILE | --leave-out K) -o DIR",
@@ -112,7 +111,7 @@ _STUDIES = {
     ),
     "planning": (
         "--ensemble FILE -o DIR",
-        "Plan on estimates, fly in the truth: glides, missions, scenarios, random islands, problems without a solution.",
+        "Plan on estimates, fly in the truth: glides, missions of many dives, and the odds stated for them.",
     ),
 }
 _EVERY = {**_COMMANDS, **{f"experiment {_name}": _words for _name, _words in _STUDIES.items()}}

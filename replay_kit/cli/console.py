@@ -15,8 +15,8 @@ from replay_kit.cli import reporting
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.paths import is_stream
-from replay_kit.core.printable import printable
 from replay_kit.core.progress import Progress, shown_by, silent
+from replay_kit.core.text import printable
 
 if TYPE_CHECKING:
     from rich.console import Console

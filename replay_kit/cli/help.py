@@ -60,8 +60,6 @@ _RARE = {
     *(
         "--fresh",
         "--archive",
-        "--every",
-        "--mean-factors",
         "--then",
         "--blind",
         "--survey",

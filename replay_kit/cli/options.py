@@ -8,7 +8,7 @@ from cyclopts import App, ArgumentCollection, Group, Parameter
 from cyclopts.validators import Number
 
 from replay_kit.cli.reporting import Reporting, begin
-from replay_kit.config.option import PLACE, Numbers, numbers
+from replay_kit.config.section import PLACE, Numbers, numbers
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import is_stream
 
@@ -168,13 +168,13 @@ def _is(path: Path, value: str) -> bool:
 _OF_FORECAST = ("members", "axes", "region", "levels", "lead", "time", "reference_time")
 PART_OF_FORECAST = tuple(f"forecast.{key}" for key in _OF_FORECAST)
 _LOGS = (
-    "Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP), other gliders' NetCDF, "
-    "SeaExplorer's raw files, or folders of these; merged by time."
+    "Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP), other glider NetCDF files, "
+    "SeaExplorer raw files, or folders of these; merged by time."
 )
 Log = Annotated[Path, argument("LOG", _LOGS)]
 LogIfAny = Annotated[Path, Parameter(name="LOG", help=_LOGS, group=INPUTS, required=False)]
 MCAP, NETCDF, HTML = Ending((".mcap",)), Ending((".nc",)), Ending((".html",))
-ENSEMBLE_HELP = "NetCDF files, Zarr stores, folders or patterns; may be repeated. --members says what a member is."
+ENSEMBLE_HELP = "NetCDF files, Zarr stores, folders or patterns; may be repeated. --members defines what a member is."
 Ensemble = Annotated[
     tuple[Path, ...],
     option("--ensemble", f"Ensemble forecast: {ENSEMBLE_HELP}", metavar="FILE...", group=INPUTS),
@@ -189,7 +189,10 @@ Noise = Annotated[
 ConfigFile = Annotated[
     Path | None,
     option(
-        "--config", "Settings of the run; options given here win.", metavar="TOML", group=INPUTS
+        "--config",
+        "Settings of the run; options on the command line override them.",
+        metavar="TOML",
+        group=INPUTS,
     ),
 ]
 
@@ -209,7 +212,7 @@ class Replacing:
         Path | None,
         option(
             "--log",
-            "Add everything that is printed to a file, with the time.",
+            "Append everything printed to a file, with timestamps.",
             metavar="FILE.log",
             group=REPORTING,
         ),

@@ -5,7 +5,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from replay_kit.core.printable import printable
+from replay_kit.core.text import printable
 
 
 class SafeConsole(Console):

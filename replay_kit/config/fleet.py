@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
-from replay_kit.config.explain import explain
-from replay_kit.config.toml_file import read_toml
+from replay_kit.config.file import explain, read_toml
+from replay_kit.config.section import Section
 from replay_kit.core.errors import ConfigError
 
 
@@ -19,10 +19,8 @@ def _several(value: object) -> object:
 _Files = Annotated[tuple[str, ...], BeforeValidator(_several), Field(min_length=1)]
 
 
-class MissionEntry(BaseModel):
+class MissionEntry(Section):
     """``[[mission]]``, or ``[all]`` with what all missions have unless they state it themselves."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     name: Annotated[str, Field(pattern=r"^[\w][\w. -]*$")] | None = Field(
         default=None,
@@ -47,10 +45,8 @@ class MissionEntry(BaseModel):
     )
 
 
-class FleetTable(BaseModel):
+class FleetTable(Section):
     """The whole table."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
     all: MissionEntry = Field(
         default_factory=MissionEntry, description="What all missions have unless they state it."

@@ -2,13 +2,13 @@
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from replay_kit.config.section import Section
 
 
-class GatingConfig(BaseModel):
+class GatingConfig(Section):
     """``[gating]``: gate, softening and covariance inflation; the paper preset uses none of them."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     gate: Literal["reject", "soften", "off"] = Field(
         default="reject",
@@ -33,10 +33,8 @@ class GatingConfig(BaseModel):
     )
 
 
-class ConsistencyConfig(BaseModel):
+class ConsistencyConfig(Section):
     """``[consistency]``: the checks of sensors and labels during a replay."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     on_failure: Literal["report", "stop", "ignore"] = Field(
         default="report",

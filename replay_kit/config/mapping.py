@@ -6,7 +6,9 @@ A path is field names with dots between them, list indices among them, and ``*``
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from replay_kit.config.section import Section
 
 _PATH_PART = r"[^.\s][^.]*"
 Path = Annotated[str, Field(pattern=rf"^{_PATH_PART}(\.{_PATH_PART})*$")]
@@ -16,9 +18,7 @@ LengthUnit = Literal["m", "dm", "cm", "mm"]
 DepthUnit = Literal["m", "dm", "cm", "mm", "dbar", "bar", "Pa", "hPa", "kPa"]
 
 
-class _Map(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
-
+class _Map(Section):
     topic: str = Field(
         min_length=1,
         description="Topic whose messages are read in this way, whatever their schema.",

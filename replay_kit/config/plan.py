@@ -6,9 +6,9 @@ Places, times and lists of numbers are texts, as on the command line, and are re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
-from replay_kit.config.option import PLACE, Numbers, Option, numbers
+from replay_kit.config.section import PLACE, Numbers, Option, Section, numbers
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.objective import ObjectiveName
 from replay_kit.core.time import parse_duration, parse_time
@@ -26,11 +26,11 @@ _MOST_DEPARTURES = 100
 _INPUTS, _OPTIONS, _OUTPUTS = "Inputs", "Options", "Outputs"
 
 
-class PlanRequest(BaseModel):
+class PlanRequest(Section):
     """``[plan]``: where to go from where, when, what for, and how it is judged."""
 
     # numbers that are not finite are refused by name below
-    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
+    model_config = ConfigDict(allow_inf_nan=True)
 
     flows: tuple[Path, ...] = Field(default=(), description="Files of the estimate.")
     start: Annotated[str | None, Option("--start", PLACE.form, _INPUTS), PLACE] = Field(
@@ -41,7 +41,7 @@ class PlanRequest(BaseModel):
     )
     no_go: Annotated[Path | None, Option("--no-go", "GEOJSON", _INPUTS)] = Field(
         default=None,
-        description="Polygons that the glider must not enter; with the property surface_only dives may pass below.",
+        description="No-go polygons; those with the property surface_only may be passed below.",
     )
     bathymetry: Annotated[Path | None, Option("--bathymetry", "FILE.nc", _INPUTS)] = Field(
         default=None, description="Depth of the bottom on a grid."
@@ -52,35 +52,35 @@ class PlanRequest(BaseModel):
     )
     depart: Annotated[str | None, Option("--depart", "T0,T1,STEP", _OPTIONS)] = Field(
         default=None,
-        description="Departures that are compared, from T0 to T1. The one that arrives first is planned; with another --objective than "
-        "time the best by it: time=1 plans the shortest mission.",
+        description="Compare departures from T0 to T1. The one that arrives first is planned; with another --objective than time the best "
+        "by it: time=1 plans the shortest mission.",
     )
     horizon: Annotated[str | None, Option("--horizon", "DURATION", _OPTIONS)] = Field(
         default=None,
-        description="Plan no further than this after the start, such as 72h, and say what is left then.",
+        description="Plan only this far ahead, such as 72h, and report what remains.",
     )
     objective: Annotated[str | None, Option("--objective", "NAME|WEIGHTS", _OPTIONS)] = Field(
         default=None,
         description=f"{', '.join(get_args(ObjectiveName))} or weights of hours, kJ and km from the goal, as time=1,energy=0.02,closest=5: "
-        "what is minimised, or learn (measure before a stretch without fixes, with --then and --blind) or map (measure the current in a "
-        "box, with --box and --profiles). Default: time.",
+        "the cost; or learn (survey before a dead-reckoned leg, with --then and --blind) or map (measure the current in a box, with --box "
+        "and --profiles). Default: time.",
     )
     then: Annotated[str | None, Option("--then", "LON,LAT,DEPTH[,...]", _OPTIONS)] = Field(
         default=None,
-        description="Where the stretch without fixes after a survey ends, past other places if given.",
+        description="End of the dead-reckoned leg after the survey, after other places if given.",
     )
     blind: Annotated[float | None, Option("--blind", "HOURS", _OPTIONS)] = Field(
-        default=None, description="Duration of that stretch [h]."
+        default=None, description="Duration of the dead-reckoned leg [h]."
     )
     survey: Annotated[float | None, Option("--survey", "HOURS", _OPTIONS)] = Field(
-        default=None, description="Duration of the survey before it [h]. Default: 24."
+        default=None, description="Duration of the survey before that leg [h]. Default: 24."
     )
     box: Annotated[str | None, Option("--box", "W,S,E,N[,DEPTHS]", _OPTIONS)] = Field(
         default=None,
-        description="Box to be mapped [degrees], and depths [m]; without them the dives' mean.",
+        description="Box to map [degrees], and depths [m]; without depths the mean over the dives.",
     )
     profiles: Annotated[int | None, Option("--profiles", "N", _OPTIONS)] = Field(
-        default=None, description="Number of profiles of the map."
+        default=None, description="Number of profiles for the map."
     )
     profile_error: Annotated[float, Option("--profile-error", None, _OPTIONS)] = Field(
         default=0.03,
@@ -88,7 +88,7 @@ class PlanRequest(BaseModel):
     )
     others: Annotated[tuple[Path, ...], Option("--others", "PLAN.mcap", _OPTIONS, True)] = Field(
         default=(),
-        description="Plan of another vehicle, whose profiles come anyway; may be repeated.",
+        description="Plan of another vehicle whose profiles will be available; may be repeated.",
     )
     mooring: Annotated[
         str | None, Option("--mooring", "RADIUS,HOURS", _OPTIONS), Numbers("RADIUS,HOURS")
@@ -97,7 +97,7 @@ class PlanRequest(BaseModel):
     )
     surfacings_only: Annotated[bool, Option("--surfacings-only", None, _OPTIONS)] = Field(
         default=False,
-        description="With --mooring, only surfacings must lie within the radius, not the track between them.",
+        description="With --mooring: only surfacings, not the track between them, must lie within the radius.",
     )
     line: Annotated[bool, Option("--line", None, _OPTIONS)] = Field(
         default=False, description="Follow the line from the start to the goal."
@@ -107,24 +107,24 @@ class PlanRequest(BaseModel):
     )
     line_width: Annotated[float | None, Option("--line-width", None, _OPTIONS)] = Field(
         default=None,
-        description="Largest distance of the track from the line for the mission to have reached its goal [m]. Default: 2000.",
+        description="Largest distance of the track from the line at which the goal counts as reached [m]. Default: 2000.",
     )
     spline: Annotated[int, Option("--spline", None, _OPTIONS)] = Field(
         default=4,
         ge=0,
-        description="Points per kernel length of the B-spline used for the optimisation; 0 uses the estimate itself.",
+        description="B-spline points per kernel length in the optimisation; 0 optimises on the estimate itself.",
     )
     risk: Annotated[float | None, Option("--risk", "SHARE", _OPTIONS)] = Field(
         default=None,
-        description="Keep a margin such that at most this share of the samples violates a constraint.",
+        description="Plan with a margin such that at most this fraction of samples violates a constraint.",
     )
     arrive: Annotated[float, Option("--arrive", "SHARE", _OPTIONS)] = Field(
         default=ARRIVING,
-        description="Share of the samples that must arrive for the plan to be called reached.",
+        description="Fraction of samples that must arrive for the status reached.",
     )
     time_limit: Annotated[float | None, Option("--time-limit", "SECONDS", _OPTIONS)] = Field(
         default=None,
-        description="After this time no other number of legs, way or margin is tried [s].",
+        description="Stop searching for other legs, routes and margins after this time [s].",
     )
     battery: Annotated[float | None, Option("--battery", "MJ", _OPTIONS)] = Field(
         default=None, description="Energy that the vehicle has [MJ]."

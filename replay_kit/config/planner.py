@@ -5,9 +5,9 @@ from math import inf
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-from replay_kit.config.option import Option
+from replay_kit.config.section import Option, Section
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.objective import ObjectiveName
 
@@ -35,10 +35,8 @@ class DiveSettings:
     origin: str
 
 
-class PlannerConfig(BaseModel):
+class PlannerConfig(Section):
     """``[planner]``: one glide, or a mission of many dives; keys that only a mission has say so."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     kind: Annotated[Literal["auto", "glide", "mission"], Option("--planner")] = Field(
         default="auto",
@@ -112,14 +110,14 @@ class PlannerConfig(BaseModel):
     margin: float = Field(
         default=50.0,
         ge=0.0,
-        description="Distance that a mission keeps from land, shallows and no-go areas [m].",
+        description="Minimum distance of a mission from land, shallows and no-go areas [m].",
     )
     bathymetry: Annotated[str | None, Option("--bathymetry", "FILE.nc")] = Field(
         default=None,
-        description="Depth of the bottom on a grid, above which a mission's dives turn and a glide ends; NetCDF.",
+        description="Bottom depth on a grid (NetCDF); dives turn, and a glide ends, above it.",
     )
     clearance: Annotated[float, Option("--clearance")] = Field(
-        default=20.0, ge=0.0, description="Least height of a plan above the bottom [m]."
+        default=20.0, ge=0.0, description="Minimum height of a plan above the bottom [m]."
     )
     flow_step: float = Field(
         default=43200.0,
@@ -129,7 +127,7 @@ class PlannerConfig(BaseModel):
     samples: int | None = Field(
         default=None,
         ge=0,
-        description="Number of samples of the estimate that a mission is flown through, for its odds and the ellipses of its surfacings. "
+        description="Number of samples of the estimate in which a mission is simulated, for its odds and surfacing ellipses. "
         "Default: 40 for plan and for the last plan of a replay, 0 for the plans before it.",
     )
     seed: int = Field(default=0, ge=0, description="Seed of the samples.")

@@ -7,7 +7,9 @@ test is switched off there by the word ``"off"``.
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, model_validator
+from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
+
+from replay_kit.config.section import Section
 
 
 def _off_is_none(value: object) -> object:
@@ -43,10 +45,8 @@ def _limit(quantity: str, side: str, unit: str, default: float | None, note: str
     )
 
 
-class QualityConfig(BaseModel):
+class QualityConfig(Section):
     """``[measurements.quality]``: which bins are suspect, and which fail."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     use_suspect: bool = Field(default=True, description="Use suspect bins; off makes them fail.")
     correlation_suspect: _Limit = _limit(

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
-    BaseModel,
-    ConfigDict,
+    AfterValidator,
     Field,
     ValidationError,
     field_serializer,
@@ -20,34 +19,39 @@ from pydantic import (
 
 from replay_kit.config import without
 from replay_kit.config.earlier import refuse_earlier
-from replay_kit.config.explain import explain
+from replay_kit.config.file import explain, read_toml
 from replay_kit.config.gating import ConsistencyConfig, GatingConfig
 from replay_kit.config.mapping import TopicMap
-from replay_kit.config.moment import Moment
-from replay_kit.config.option import Option
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.quality import QualityConfig
+from replay_kit.config.section import Option, Section
 from replay_kit.config.time import TimeConfig
-from replay_kit.config.toml_file import read_toml
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.time import parse_time
 
+
+def _checked_time(text: str) -> str:
+    try:
+        parse_time(text)
+    except ConfigError as error:
+        # the kind of error that pydantic gathers and names the key of
+        raise ValueError(str(error)) from error
+    return text
+
+
+#: A setting that is a time, ISO 8601 UTC.
+Moment = Annotated[str, AfterValidator(_checked_time)]
 #: The region that ``--region all`` stands for.
 EVERYWHERE = (-180.0, -90.0, 180.0, 90.0)
 _Depth = Annotated[float, Field(ge=0.0)]
 
 
-class _Section(BaseModel):
-    # built when first used: a command's help needs the fields alone
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
-
-
-class LogConfig(_Section):
+class LogConfig(Section):
     """``[logs]``: how logs are read."""
 
     clock: Annotated[Literal["log", "publish", "header"], Option("--clock")] = Field(
-        default="log", description="Time stamp that orders the replay."
+        default="log", description="Timestamp by which messages are ordered."
     )
     system: int | None = Field(
         default=None,
@@ -64,7 +68,7 @@ class LogConfig(_Section):
     reorder_window: float = Field(
         default=1.0,
         ge=0.0,
-        description="Largest delay at which a message is still sorted in [s]; later ones are counted and left out.",
+        description="Largest delay at which a message is still sorted in [s]; later ones are counted and excluded.",
     )
     remap: Annotated[dict[str, str], Option("--remap", "OLD=NEW")] = Field(
         default_factory=dict,
@@ -88,18 +92,18 @@ class LogConfig(_Section):
         return None if self.end is None else parse_time(self.end)
 
 
-class MeasurementConfig(_Section):
+class MeasurementConfig(Section):
     """``[measurements]``: how messages become observations."""
 
     position_max_age: float = Field(
         default=600.0,
         gt=0.0,
-        description="Longest time from a ping to the nearest fix [s]; a farther ping is used in a dive only.",
+        description="Longest time from a ping to the nearest fix [s]; beyond it pings are used only within a dive.",
     )
     position_max_gap: float = Field(
         default=86400.0,
         gt=0.0,
-        description="Longest time between the positions about a dive, from which its pings are placed [s].",
+        description="Longest time between the positions before and after a dive between which its pings are interpolated [s].",
     )
     surface_depth: float = Field(
         default=3.0, gt=0.0, description="Depth above which the vehicle is at the surface [m]."
@@ -111,7 +115,7 @@ class MeasurementConfig(_Section):
     )
     reference: Literal["earth", "platform"] | None = Field(
         default=None,
-        description="What the velocities are relative to in profiles whose message does not state it; without it these are not used.",
+        description="Velocity reference of profiles whose message states none; without this setting they are not used.",
     )
     use_relative: bool = Field(
         default=True,
@@ -143,11 +147,11 @@ class MeasurementConfig(_Section):
     drift_std: float = Field(
         default=0.07,
         gt=0.0,
-        description="Standard error of such a drift caused by the wind [m/s], in addition to that of its fixes.",
+        description="Standard error of that drift due to wind [m/s], in addition to that of its fixes.",
     )
     water_track_distance: Annotated[float, Field(ge=0.0)] | None = Field(
         default=None,
-        description="Distance of a DVL's water-track layer below the vehicle [m], which its message does not state.",
+        description="Distance of the DVL's water-track layer below the vehicle [m]; its message does not state it.",
     )
     fix_std: float = Field(
         default=20.0,
@@ -161,12 +165,12 @@ class MeasurementConfig(_Section):
     )
     without: Annotated[tuple[str, ...], Option("--without", "WHAT,...")] = Field(
         default=(),
-        description="Measurements that are left out, to see what would have been estimated without them: dac, drift, profiles, "
-        "dives:3-5; what was computed from them before the log was written stays.",
+        description="Withhold measurements (data denial): dac, drift, profiles, dives:3-5. Values that the log's own "
+        "programs computed from them stay.",
     )
     map: tuple[TopicMap, ...] = Field(
         default=(),
-        description="How to read topics that no known kind covers; replay-kit info --suggest writes a first version.",
+        description="How to read topics of unknown type; replay-kit info --suggest writes a draft.",
     )
     max_speed: float = Field(
         default=5.0, gt=0.0, description="Largest velocity component of a bin that is used [m/s]."
@@ -177,7 +181,7 @@ class MeasurementConfig(_Section):
     )
     velocity_unit: Literal["m/s", "cm/s", "mm/s", "knots"] | None = Field(
         default=None,
-        description="Unit of the velocities in pings whose message states m/s wrongly; stated, a log is used although its speeds are odd.",
+        description="Override the velocity unit of pings mislabelled as m/s; also accepts implausible speeds.",
     )
     quality: QualityConfig = Field(default_factory=QualityConfig)
 
@@ -188,14 +192,14 @@ class MeasurementConfig(_Section):
         return value
 
 
-class ForecastConfig(_Section):
+class ForecastConfig(Section):
     """``[forecast]``: what the members of the ensemble are, and which part of it is used."""
 
     members: Annotated[str | None, Option("--members", "RULE")] = Field(
         default=None,
-        description="What a member is. dim[:NAME]: a position along a dimension; files[:REGEX]: a file, or files of one label; suffix: "
-        "variables such as uo_glor and uo_oras; lags: forecasts of several starts, valid at one time; times:15d: fields within so many "
-        "days of the season, as anomalies about the forecast; models: several products without their mean biases. Default: the member "
+        description="Definition of a member. dim[:NAME]: a position along a dimension; files[:REGEX]: a file, or files of one label; "
+        "suffix: variables such as uo_glor and uo_oras; lags: forecasts of several starts, valid at one time; times:15d: fields within so "
+        "many days of the season, as anomalies about the forecast; models: several products without their mean biases. Default: the member "
         "dimension, else labels such as mem001 in the names of files.",
     )
     axes: Annotated[Literal["auto", "grid", "true"], Option("--axes")] = Field(
@@ -212,9 +216,9 @@ class ForecastConfig(_Section):
     window_points: int | None = Field(
         default=None,
         ge=100,
-        description="Points a level of a region found from the log; of a larger one windows of this size follow the vehicle, each with "
-        "what the one before learnt. With a goal, and for estimates through time, one region holds all. Default: a square of 14 "
-        "correlation lengths, at least 1,600.",
+        description="Points a level of a region found from the log; of a larger one windows of this size follow the vehicle, each "
+        "starting from the posterior of the one before. With a goal, and for estimates through time, one region holds all. "
+        "Default: a square of 14 correlation lengths, at least 1,600.",
     )
     levels: Annotated[tuple[_Depth, ...] | None, Option("--levels", "Z1,Z2,...")] = Field(
         default=None, description="Depth levels used [m]; the nearest are taken. Default: all."
@@ -255,7 +259,7 @@ class ForecastConfig(_Section):
         return value
 
 
-class EstimatorConfig(_Section):
+class EstimatorConfig(Section):
     """``[estimator]``: the basis, the prior and the error model; ``None`` means the preset's own value."""
 
     name: Annotated[str, Option("--estimator", "NAME")] = Field(
@@ -340,7 +344,7 @@ class EstimatorConfig(_Section):
         return "all" if value is None else value
 
 
-class OutputConfig(_Section):
+class OutputConfig(Section):
     """``[output]``: what is published, and how often."""
 
     depths: tuple[_Depth, ...] | None = Field(
@@ -360,7 +364,7 @@ class OutputConfig(_Section):
     )
 
 
-class RunConfig(_Section):
+class RunConfig(Section):
     """All of a run's settings."""
 
     logs: LogConfig = Field(default_factory=LogConfig)

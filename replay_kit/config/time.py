@@ -2,36 +2,34 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from replay_kit.config.option import Option
+from replay_kit.config.section import Option, Section
 
 Oscillation = Literal["steady", "inertial", "M2", "S2", "K1", "O1"]
 Bias = Literal["heading", "scale", "shear"]
 
 
-class TimeConfig(BaseModel):
+class TimeConfig(Section):
     """``[time]``: change of the current in time, oscillations, and biases of the instrument."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     scale: Annotated[
         Literal["auto", "static"] | Annotated[float, Field(gt=0.0)],
         Option("--time-scale", "S|auto|static"),
     ] = Field(
         default="auto",
-        description="Time over which the part of the current that the forecast does not explain is forgotten [s]; auto: from the "
+        description="Decorrelation time of the part of the current that the forecast does not explain [s]; auto: from the "
         "ensemble's change between its dated times, static where it has one; static: the current does not change.",
     )
     trajectory_scale: float | None = Field(
         default=None,
         gt=0.0,
-        description="Time over which a mixture of the members' own evolutions is forgotten [s]. Default: five times scale.",
+        description="Decorrelation time of the mixture of the members' own evolutions [s]. Default: five times scale.",
     )
     dropped_std: float = Field(
         default=1e-3,
         ge=0.0,
-        description="Total standard deviation of the directions of the localised prior that are left out, at most [m/s].",
+        description="Largest total standard deviation of the directions excluded from the localised prior [m/s].",
     )
     window: Literal["auto"] | Annotated[float, Field(ge=0.0)] = Field(
         default="auto",
@@ -51,14 +49,14 @@ class TimeConfig(BaseModel):
     oscillator_scale: float = Field(
         default=259200.0,
         gt=0.0,
-        description="Time over which the phase of an oscillation is forgotten [s].",
+        description="Decorrelation time of the phase of an oscillation [s].",
     )
     oscillator_depth_length: float = Field(
         default=100.0, gt=0.0, description="Correlation length of oscillations in depth [m]."
     )
     biases: tuple[Bias, ...] = Field(
         default=(),
-        description="Errors of the instrument that are estimated: heading, scale, shear.",
+        description="Instrument errors to estimate: heading, scale, shear.",
     )
     heading_bias_std: float = Field(
         default=5.0, gt=0.0, description="Prior standard deviation of the heading bias [degrees]."

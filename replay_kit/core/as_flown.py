@@ -1,4 +1,4 @@
-"""How a vehicle flew its dives: what plans take for its speed, depth and glide angle where these are not stated."""
+"""How a vehicle flew its dives: the speed, depth and glide angle that plans assume unless they are set, and the flight model's error."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -60,7 +60,7 @@ def flown_dive(
 
 @dataclass(frozen=True, slots=True)
 class AsFlown:
-    """How a vehicle flew, the median of its dives, in the digits in which it is said: what is said is what is planned with.
+    """How a vehicle flew: the median of its dives, rounded as displayed, so that plans use the displayed values.
 
     Attributes:
         speed: Through the water, along the glide, to 1 cm/s [m/s].
@@ -114,3 +114,26 @@ class AsFlown:
             raise LogError(
                 f"{AS_FLOWN}: expected numbers of how the vehicle flew, got {dict(record)}; replay the log again"
             ) from error
+
+
+@dataclass(frozen=True, slots=True)
+class FlightCorrection:
+    """The correction of a log's mean currents, as its dives show it at the end.
+
+    Attributes:
+        sizes: Magnitude of the correction of each mean current that was corrected and used [m/s].
+        along: Error of the flight model along the way through the water, as a share of it.
+        across: The same across the way, to the left.
+        along_std: Its standard deviation.
+        across_std: Its standard deviation.
+        dives: Number of dives from which it is known.
+        evidence: Log evidence of the error over none, without the dive on which it rests most [nats].
+    """
+
+    sizes: tuple[float, ...]
+    along: float
+    across: float
+    along_std: float
+    across_std: float
+    dives: int
+    evidence: float

@@ -1,4 +1,4 @@
-"""Files that are written completely or not at all."""
+"""Files written completely or not at all."""
 
 import os
 import stat
@@ -70,13 +70,13 @@ def open_part(path: Path) -> BinaryIO:
     part = part_of(path)
     if path.exists() and not path.is_file():
         raise ConfigError(
-            f"{path}: is no file but a folder, device, pipe or socket, which is not replaced; choose another name"
+            f"{path}: is a folder, device, pipe or socket, not a file; choose another name"
         )
     try:
         if os.path.lexists(part):
             if not stat.S_ISREG(part.lstat().st_mode):
                 raise ConfigError(
-                    f"{part}: is no file but a link, folder or device; remove it, or choose another name for {path.name}"
+                    f"{part}: is a link, folder or device, not a file; remove it, or choose another name for {path.name}"
                 )
             part.unlink()
         return os.fdopen(

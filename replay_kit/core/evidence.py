@@ -1,12 +1,35 @@
-"""The log evidence of forecasts: how likely the measurements were before they came, and which of two forecasts said it better."""
+"""Log evidence (marginal likelihood) of forecasts, their comparison, and bootstrap intervals."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from replay_kit.core.bootstrap import bootstrap_interval
+from replay_kit.core.arrays import Array
+
+
+def bootstrap_interval(
+    statistic: Callable[[NDArray[np.int64]], Array],
+    cases: int,
+    resamples: int = 2000,
+    share: float = 0.9,
+) -> tuple[float, float]:
+    """Return the ends of the central interval of a statistic of resampled cases, by the percentile method.
+
+    Source: Efron and Tibshirani (1993), An Introduction to the Bootstrap, section 13.3.
+
+    Args:
+        statistic: Takes the positions of the drawn cases, shape (resamples, cases), and returns its value of each row, shape (resamples,).
+        cases: Number of cases, at least 1.
+        resamples: Number of times that as many cases are drawn.
+        share: Of the resampled values inside the interval.
+    """
+    drawn = np.random.default_rng(0).integers(cases, size=(resamples, cases))
+    low, high = np.quantile(statistic(drawn), [0.5 - 0.5 * share, 0.5 + 0.5 * share])
+    return float(low), float(high)
+
 
 _HOUR_NS = 3600 * 10**9
 _LOG_2_PI = math.log(2.0 * math.pi)

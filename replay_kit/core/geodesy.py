@@ -214,12 +214,6 @@ def inside_grid(grid: Grid, east: ArrayLike, north: ArrayLike) -> NDArray[np.boo
     return np.asarray(inside | (to_edge < 1e-3))
 
 
-def wet_column(grid: Grid, east: float, north: float) -> NDArray[np.bool_]:
-    """Return which levels are wet at the grid point nearest to a local point [m], shape (Z,)."""
-    nearest = np.argmin((grid.east - east) ** 2 + (grid.north - north) ** 2)
-    return np.asarray(grid.wet.reshape(grid.levels.size, -1)[:, nearest])
-
-
 def outline(grid: Grid) -> Array:
     """Return the grid points around the grid, shape (n, 2) [m], local east and north, the first not repeated."""
     points = np.stack([grid.east, grid.north], axis=-1)

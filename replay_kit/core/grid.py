@@ -1,4 +1,4 @@
-"""The local frame, the forecast's grid in it, and the members on the grid."""
+"""The local frame, the forecast's grid in it, the members on the grid, and the seabed around it."""
 
 from dataclasses import dataclass
 
@@ -121,3 +121,18 @@ def component_rms(velocity: Array) -> float:
         wet = member[np.isfinite(member)]
         square, count = square + float(wet @ wet), count + wet.size
     return float(np.sqrt(square / count)) if count else float("nan")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seabed:
+    """Depth of the bottom on a regular grid of the local frame.
+
+    Attributes:
+        east: shape (I,) [m], cell centres, evenly spaced.
+        north: shape (J,) [m], cell centres, evenly spaced.
+        depth: shape (J, I) [m], positive down; land is 0 or less, NaN where it is unknown.
+    """
+
+    east: Array
+    north: Array
+    depth: Array

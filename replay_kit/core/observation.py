@@ -1,4 +1,4 @@
-"""What was measured, where and how well, and what the estimator made of it."""
+"""Observations of the current, vehicle states, and the innovations of the estimator."""
 
 import math
 from dataclasses import dataclass
@@ -84,7 +84,7 @@ class VehicleState:
         latitude: [degrees north].
         depth: [m], positive down; NaN when unknown.
         dead_reckoned: True when the position was not measured but computed.
-        source: The message that said so.
+        source: The message it came from.
     """
 
     time_ns: int
@@ -172,6 +172,11 @@ class Observation:
     raw: RawValues = NO_RAW_VALUES
     position_std: float = 0.0
 
+    @property
+    def as_profile(self) -> "Observation":
+        """Itself; see ``PathMean.as_profile``."""
+        return self
+
     def __repr__(self) -> str:
         """Return where and when it was made, and what it holds."""
         u, v = (span_text(component, 2) for component in self.velocity.T)
@@ -243,6 +248,24 @@ class PathMean:
         """Error of each component of ``used`` [m/s]."""
         return math.hypot(self.error_std, self.flight_std) if self.flight_std else self.error_std
 
+    @property
+    def as_profile(self) -> Observation:
+        """A profile of one bin at the path's mean depth, and at its position at half of its time."""
+        middle = min(int(np.searchsorted(np.cumsum(self.weight), 0.5)), self.weight.size - 1)
+        return Observation(
+            self.time_ns,
+            float(self.longitude[middle]),
+            float(self.latitude[middle]),
+            np.array([float(self.weight @ self.depth)]),
+            np.array([self.used]),
+            np.array([self.used_std]),
+            "earth",
+            np.array([Flag.GOOD], np.int8),
+            np.zeros(1, np.int32),
+            self.dive,
+            self.source,
+        )
+
     def __repr__(self) -> str:
         """Return when and over what path the mean was taken, and the mean."""
         (u, v), path = self.velocity, f"{self.depth.size} points, {span_text(self.depth)} m deep"
@@ -289,7 +312,7 @@ class GroupTotals:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Innovation:
-    """What one observation said against the prediction made before it.
+    """The innovation of one observation: measured minus predicted, before and after the update.
 
     Attributes:
         time_ns: [ns, UTC].

@@ -1,4 +1,4 @@
-"""Names of a package that are imported when they are first asked for, so that one of them does not load the libraries of all."""
+"""Lazy imports of a package's public names, so that one of them does not load the libraries of all."""
 
 from collections.abc import Callable, Mapping
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""How work reports its progress: to a function that it is given, or, from deep inside, to whoever shows it."""
+"""Progress callbacks, explicit or ambient."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,7 +17,7 @@ _SHOWN: ContextVar[Progress] = ContextVar("progress", default=silent)
 
 @contextmanager
 def shown_by(progress: Progress) -> Iterator[None]:
-    """Let a function show what is announced in this context; results never depend on it."""
+    """Show what is announced in this context by a function; results never depend on it."""
     token = _SHOWN.set(progress)
     try:
         yield

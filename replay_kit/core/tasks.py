@@ -1,4 +1,4 @@
-"""How independent calls of a function are made: one after the other here, or by whoever has been given them, such as processes."""
+"""Independent calls of a function: one after the other, or on a pool of workers."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -16,7 +16,7 @@ _CALLER: ContextVar[Caller] = ContextVar("caller", default=starmap)
 
 @contextmanager
 def called_by(caller: Caller) -> Iterator[None]:
-    """Let a function make the calls of ``each_call`` in this context; results never depend on it."""
+    """Make the calls of ``each_call`` in this context by another function, such as a pool's; results never depend on it."""
     token = _CALLER.set(caller)
     try:
         yield

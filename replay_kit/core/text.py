@@ -1,13 +1,15 @@
-"""Short texts of values for people: times, places and ranges; rows as CSV."""
+"""Short texts of values (times, places, ranges), rows as CSV, and foreign texts made safe for a terminal and a spreadsheet.
 
-import csv
-import io
+Source: OWASP, "CSV Injection" (owasp.org/www-community/attacks/CSV_Injection).
+"""
+
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import ArrayLike
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 
 def time_text(time_ns: int | None) -> str:
@@ -30,8 +32,11 @@ def some_text(names: Sequence[str], most: int = 6) -> str:
     return ", ".join(names[:most]) + more
 
 
-def span_text(values: ArrayLike, digits: int = 4) -> str:
+def span_text(values: "ArrayLike", digits: int = 4) -> str:
     """Return the least and the greatest value that is a number, such as ``5..750``; one alone where they are equal."""
+    # most commands show no range
+    import numpy as np
+
     known = np.asarray(values, dtype=np.float64)
     known = known[np.isfinite(known)]
     if known.size == 0:
@@ -45,8 +50,37 @@ def place_text(longitude: float, latitude: float) -> str:
     return f"{abs(longitude):.4f} {'W' if longitude < 0.0 else 'E'}, {abs(latitude):.4f} {'S' if latitude < 0.0 else 'N'}"
 
 
+# Controls of a terminal (ESC among them), ends of lines, marks that turn the direction of writing, and halves of characters, which have no
+# bytes.
+_CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+
+
+def printable(text: str) -> str:
+    r"""Return a text that a terminal shows and does not obey: controls and ends of lines as ``\x1b`` or ``\n``.
+
+    Names of topics, files, frames, units and attributes are what a log's author wrote.
+    """
+    return _CONTROLS.sub(lambda match: match[0].encode("unicode_escape").decode("ascii"), text)
+
+
+#: What a text begins with that a spreadsheet takes for a formula, or for what comes before one; also as a full-width character.
+_FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")
+
+
+def csv_cell(value: Any) -> Any:
+    """Return a value for a CSV file: a text that a spreadsheet would run begins with an apostrophe, other values are as they are.
+
+    Names of topics, sensors, frames and missions are what a log's author wrote.
+    """
+    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULAS) else value
+
+
 def csv_text(rows: Iterable[Mapping[str, Any]], names: Iterable[str]) -> str:
     """Return rows as CSV with a header line of names."""
+    # most commands write none
+    import csv
+    import io
+
     text = io.StringIO()
     writer = csv.DictWriter(text, list(names), lineterminator="\n")
     writer.writeheader()

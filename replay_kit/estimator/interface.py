@@ -5,17 +5,47 @@ member here; none of them needs to know which estimator it has.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import ClassVar, Protocol, TypeVar
+from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Innovation, Measurement
-from replay_kit.estimator.update.group_step import Stepped
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 
 State = TypeVar("State")
+
+
+class Stepped(NamedTuple, Generic[State]):
+    """The outcome of one measurement, or of several combined profiles.
+
+    Attributes:
+        event: The measurement or the group.
+        before: The estimator's state before it.
+        after: The estimator's state after it.
+        innovation: To publish.
+    """
+
+    event: Measurement | ProfileGroup
+    before: State
+    after: State
+    innovation: Innovation
+
+
+def each_stepped(
+    state: State, measurements: Iterable[Measurement], steps: Iterable[tuple[State, Innovation]]
+) -> Iterator[Stepped[State]]:
+    """Yield the outcome of measurements, each alone.
+
+    Args:
+        state: Before them.
+        measurements: In order.
+        steps: The state after each, and its innovation.
+    """
+    for measurement, (after, innovation) in zip(measurements, steps, strict=True):
+        yield Stepped(measurement, state, after, innovation)
+        state = after
 
 
 class Estimator(Protocol[State]):
@@ -70,16 +100,12 @@ class Estimator(Protocol[State]):
     def group_steps(
         self, state: State, items: Iterable[Measurement | ProfileGroup]
     ) -> Iterator[Stepped[State]]:
-        """Yield what became of measurements and groups of profiles: several things of a group where some of it is not used.
+        """Yield the outcome of measurements and groups of profiles: several outcomes of a group where some of it is not used.
 
         An estimator without ``grouping`` is given none.
         """
         measurements = [item for item in items if not isinstance(item, ProfileGroup)]
-        for measurement, (after, innovation) in zip(
-            measurements, self.steps(state, measurements), strict=True
-        ):
-            yield Stepped(measurement, state, after, innovation)
-            state = after
+        yield from each_stepped(state, measurements, self.steps(state, measurements))
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""
@@ -107,7 +133,7 @@ class Estimator(Protocol[State]):
         return iter(())
 
     def without_left(self, state: State) -> State:
-        """Return a state without the windows that the vehicle has left, once their estimates were taken."""
+        """Return a state without the windows that the vehicle has left, once their estimates were published."""
         return state
 
     def weights(self, states: Sequence[State]) -> Sequence[Array | None]:
@@ -137,7 +163,7 @@ class Estimator(Protocol[State]):
         return []
 
     def bias_notes(self, state: State) -> list[str]:
-        """Return notes on what the log taught: the prior's amplitude, systematic errors of the instrument; for the user."""
+        """Return notes on what was estimated from the log, for the user: the prior's amplitude, systematic errors of the instrument."""
         return []
 
     def spread_record(self, state: State) -> dict[str, str]:

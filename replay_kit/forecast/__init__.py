@@ -1,10 +1,9 @@
 """Files of forecasts to ``Ensemble`` values: NetCDF and Zarr through xarray."""
 
-from replay_kit.forecast.changing import read_changing_truth
 from replay_kit.forecast.describe import describe_ensemble
+from replay_kit.forecast.files import ensemble_files, find_sources
 from replay_kit.forecast.reader import read_ensemble, read_truth
-from replay_kit.forecast.series import read_series
-from replay_kit.forecast.sources import ensemble_files, find_sources
+from replay_kit.forecast.series import read_changing_truth, read_series
 
 __all__ = [
     "describe_ensemble",

@@ -11,10 +11,16 @@ import xarray as xr
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.paths import Paths
 from replay_kit.core.text import some_text
-from replay_kit.forecast.agreement import WARNING
-from replay_kit.forecast.files import open_file
+from replay_kit.forecast.files import find_sources, natural, open_file
 from replay_kit.forecast.layout import U, V
-from replay_kit.forecast.members import MemberRule, is_background, label_files, usual_labels
+from replay_kit.forecast.members import (
+    WARNING,
+    MemberRule,
+    is_background,
+    kind_of,
+    label_files,
+    usual_labels,
+)
 from replay_kit.forecast.names import (
     MEMBER_NAMES,
     Axes,
@@ -23,11 +29,11 @@ from replay_kit.forecast.names import (
     find_member,
     find_time,
     no_current,
+    sizes_text,
     suffixes,
     without_partner,
 )
 from replay_kit.forecast.pairs import OpenedFile, Part, pair_files
-from replay_kit.forecast.sources import find_sources, natural
 
 #: What xarray, HDF5, pyproj and numpy raise on contents that are none of a forecast.
 _FOREIGN = (
@@ -103,13 +109,13 @@ def open_collection(given: Paths, rule: MemberRule | None) -> Iterator[Collectio
                 for path in argument
             ]
             files, rule = _identified(opened, rule)
-            of_suffix = opened if rule is not None and rule.kind == "suffix" else ()
+            of_suffix = opened if kind_of(rule) == "suffix" else ()
             alone = [
                 f"{path.name}: {name}" for _, path, ds in of_suffix for name in without_partner(ds)
             ]
             notes = (
                 (
-                    f"{WARNING}members of one component alone were left out: {some_text(alone)}; add the other",
+                    f"{WARNING}members with only one component were excluded: {some_text(alone)}; add the other",
                 )
                 if alone
                 else ()
@@ -130,19 +136,15 @@ def _identified(
     found: list[OpenedFile] = []
     if rule is None and all(len(suffixes(ds)) > 1 for _, _, ds in opened) and opened:
         rule = MemberRule("suffix")
+    by_suffix = kind_of(rule) == "suffix"
     for number, path, ds in opened:
-        if rule is not None and rule.kind == "suffix":
-            pairs = suffixes(ds)
-            found += [
-                OpenedFile(
-                    path, ds, Current(u, v, _axes_of(ds, u), f"suffix {label}"), number, label
-                )
-                for label, (u, v) in pairs.items()
-            ]
-            if not pairs:
-                found.append(OpenedFile(path, ds, None, number))
-        else:
-            found.append(OpenedFile(path, ds, find_current(ds, str(path)), number))
+        pairs = suffixes(ds) if by_suffix else {}
+        for label, (u, v) in pairs.items():
+            current = Current(u, v, _axes_of(ds, u), f"suffix {label}")
+            found.append(OpenedFile(path, ds, current, number, label))
+        if not pairs:
+            whole = None if by_suffix else find_current(ds, str(path))
+            found.append(OpenedFile(path, ds, whole, number))
     return found, rule
 
 
@@ -158,29 +160,18 @@ def _collected(
     grids = [file for file in files if file.current is None]
     holders = [file for file in files if file.current is not None]
     if not holders:
-        if rule is not None and rule.kind == "suffix":
+        if kind_of(rule) == "suffix":
             raise ForecastError(
                 f"{files[0].path}: --members suffix, but no variables differ by a suffix alone, as uo_glor and uo_oras do"
             )
         raise no_current(files[0].ds, ", ".join(str(file.path) for file in files))
-    first = holders[0]
-    assert first.current is not None
-    if (
-        rule is None
-        and find_member(first.ds, first.ds[first.current.u or first.current.v].dims) is not None
-    ):
+    states = [file for file in holders if is_background(file.path)]
+    if rule is None and find_member(holders[0].ds, holders[0].dims) is not None:
         rule = MemberRule("dim")
-    if (
-        rule is None
-        and usual_labels([file.path for file in holders if not is_background(file.path)])
-        is not None
-    ):
+    others = [file.path for file in holders if file not in states]
+    if rule is None and usual_labels(others) is not None:
         rule = MemberRule("files")
-    background = (
-        [file for file in holders if is_background(file.path)]
-        if rule is not None and rule.kind == "files"
-        else []
-    )
+    background = states if kind_of(rule) == "files" else []
     holders = _labelled([file for file in holders if file not in background], rule)
     blocks: list[Block] = []
     for label in dict.fromkeys(file.label for file in holders):
@@ -207,7 +198,7 @@ def _collected(
 
 def _labelled(holders: list[OpenedFile], rule: MemberRule | None) -> list[OpenedFile]:
     """Return the files with the members that they belong to."""
-    kind = None if rule is None else rule.kind
+    kind = kind_of(rule)
     if rule is not None and kind == "files":
         labels = label_files([file.path for file in holders], rule.name)
         whole = any(
@@ -255,8 +246,7 @@ def _reference(file: OpenedFile) -> str:
             return str(np.datetime_as_string(variable.values.ravel()[0], unit="m"))
     if "bulletin_date" in file.ds.attrs:
         return str(file.ds.attrs["bulletin_date"])
-    assert file.current is not None
-    time = find_time(file.ds, file.ds[file.current.u or file.current.v].dims)
+    time = find_time(file.ds, file.dims)
     if time is None or file.ds[time].dtype.kind != "M":
         raise ForecastError(
             f"{file.path}: --members lags needs dated forecasts; expected a dimension of times with an epoch"
@@ -273,10 +263,9 @@ def _blocks(parts: tuple[Part, ...], rule: MemberRule | None, label: str) -> lis
         dims = part.ds[U].dims
         member = rule.name or find_member(part.ds, dims)
         if member is None or member not in dims:
-            sizes = ", ".join(f"{dim} = {size}" for dim, size in part.ds[U].sizes.items())
             raise ForecastError(
                 f"{part.paths[0]}: no member dimension{' ' + rule.name if rule.name else ''}; expected one of "
-                f"{', '.join(MEMBER_NAMES)}, got dimensions {sizes}"
+                f"{', '.join(MEMBER_NAMES)}, got dimensions {sizes_text(part.ds[U])}"
             )
         if (of_v := f"{member}_of_v") in part.ds[V].dims:
             sizes = f"{part.ds.sizes[member]} of {part.current.u} and {part.ds.sizes[of_v]} of {part.current.v} along {member}"

@@ -1,4 +1,4 @@
-"""The levels of a forecast in metres: values of its depth axis by the unit that the file states, and which of them are used."""
+"""The levels of a forecast in metres: its depth axis by the unit that the file states, which levels are used, and values between them."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,7 +12,6 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import some_text, span_text
-from replay_kit.forecast.regrid import reach
 
 # Names of units in any case, symbols as UDUNITS has them: there "M" and "K" begin other units. A foot is the international one.
 _NAMES = {
@@ -44,6 +43,8 @@ _PARAMETRIC = (
     "ocean_s_coordinate_g1",
     "ocean_s_coordinate_g2",
 )
+# Water this near to a level that has no other beside it, or above the first, has its current [m].
+_NEAR = 15.0
 _WANTED = "expected m, km, cm, ft or dbar"
 _CONVERT = "convert the axis to metres, and set its attribute units to m"
 
@@ -87,7 +88,7 @@ def in_metres(axis: xr.DataArray, latitude: float, where: str) -> tuple[Array, t
         raise ForecastError(
             f"{where}: coordinate {axis.name} is in '{unit}'; {_WANTED}: {_CONVERT}"
         )
-    return values, (f"coordinate {axis.name} states no unit and was taken to be in metres",)
+    return values, (f"coordinate {axis.name} states no unit, metres assumed",)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +145,7 @@ def choose_levels(
         far = [wanted for wanted in sorted(config.levels) if not within[0] <= wanted <= within[1]]
         if far and values.size == np.isfinite(values).sum():
             notes += (
-                f"no level of the file ({span_text(values + 0.0)} m) is near {depths_text(far)}: the nearest was taken",
+                f"no level of the file ({span_text(values + 0.0)} m) is near {depths_text(far)}: nearest level used",
             )
         order = order[np.unique(nearest)]
     levels = values[order]
@@ -189,7 +190,7 @@ def _depths(ds: xr.Dataset, dim: str, latitude: float, where: str) -> tuple[Arra
         values, notes = in_metres(ds[edges].astype(np.float64), latitude, where)
         return np.abs(values[:-1] + values[1:]) / 2.0, (
             *notes,
-            f"levels of {dim} were taken midway between the interfaces {edges}",
+            f"levels of {dim} assumed midway between the interfaces {edges}",
         )
     if name is None:
         raise ForecastError(
@@ -208,4 +209,67 @@ def _bounds(variable: xr.DataArray, levels: int) -> bool:
         and variable.size == levels + 1
         and "dep" in str(variable.name).lower()
         and variable.dtype.kind in "iuf"
+    )
+
+
+def reach(depths: Array, surface: Array | float = 0.0) -> tuple[Array, Array]:
+    """Return between which depths levels say what the current is [m], each of the shape of one level.
+
+    One level does for 15 m about it. Several do from the surface, where the first of them lies within 15 m or half the first spacing of it,
+    else from the first, down to half the last spacing below the last.
+
+    Args:
+        depths: shape (Z, ...) [m], increasing.
+        surface: Height of the surface [m]: levels that move with it do for where they are at rest, too.
+    """
+    moved = np.abs(surface) + 1e-6 * depths[-1]
+    if len(depths) == 1:
+        return depths[0] - _NEAR - moved, depths[0] + _NEAR + moved
+    first, last = 0.5 * (depths[1] - depths[0]), 0.5 * (depths[-1] - depths[-2])
+    # levels in the middle of layers of one thickness lie at half the spacing but for rounding
+    to_surface = depths[0] + surface <= np.maximum(1.001 * first, _NEAR)
+    return np.where(to_surface, -np.inf, depths[0] - moved), depths[-1] + last + moved
+
+
+def at_depths(values: Array, depths: Array, within: tuple[Array, Array], wanted: Array) -> Array:
+    """Return values at fixed depths, shape (..., L, J, I): linear between levels, constant beyond the first and last, NaN out of reach.
+
+    Args:
+        values: shape (..., Z, J, I).
+        depths: Of the levels [m], shape (Z, J, I), increasing.
+        within: The least and the greatest depth that the levels do for [m], shape (J, I) each, see ``reach``.
+        wanted: shape (L,) [m].
+    """
+    found, last = [], len(depths) - 1
+    for depth in wanted:
+        upper = np.clip((depths <= depth).sum(axis=0) - 1, 0, max(last - 1, 0))
+        pair = [np.minimum(upper + k, last)[None] for k in (0, 1)]
+        above, below = (np.take_along_axis(depths, index, axis=0)[0] for index in pair)
+        share = np.clip((depth - above) / np.where(below > above, below - above, 1.0), 0.0, 1.0)
+        low, high = (
+            np.take_along_axis(
+                values, np.broadcast_to(index, (*values.shape[:-3], *index.shape)), axis=-3
+            )[..., 0, :, :]
+            for index in pair
+        )
+        # a weight of zero on a dry level leaves the other as it is
+        mixed = np.where(
+            share == 0.0, low, np.where(share == 1.0, high, (1.0 - share) * low + share * high)
+        )
+        found.append(np.where((within[0] <= depth) & (depth <= within[1]), mixed, np.nan))
+    return np.stack(found, axis=-3)
+
+
+def to_levels(values: Array, levels: Array, within: tuple[float, float], wanted: Array) -> Array:
+    """Return fields at other depths, shape (..., L, J, I), as ``at_depths`` does.
+
+    Args:
+        values: shape (..., Z, J, I).
+        levels: shape (Z,) [m], increasing.
+        within: The least and the greatest depth that the levels of the file do for [m], of which these may be a choice.
+        wanted: shape (L,) [m].
+    """
+    least, greatest = (np.full(values.shape[-2:], depth) for depth in within)
+    return at_depths(
+        values, np.broadcast_to(levels[:, None, None], values.shape[-3:]), (least, greatest), wanted
     )

@@ -1,21 +1,28 @@
-"""What the files of an ensemble hold and what comes of them, without an estimate."""
+"""What the files of an ensemble hold, what comes of them, and where their points lie, before an estimate."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from replay_kit.config.run import ForecastConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.paths import Paths
+from replay_kit.core.region import DEGREE, Region, around
 from replay_kit.core.text import some_text
 from replay_kit.forecast.axes import AxesCheck
 from replay_kit.forecast.blocks import Collection, open_collection
-from replay_kit.forecast.files import open_file
+from replay_kit.forecast.files import find_sources, open_file
+from replay_kit.forecast.grid import region_block
 from replay_kit.forecast.members import MemberRule, parse_rule
 from replay_kit.forecast.names import find_current, suffixes
-from replay_kit.forecast.reader import read_members, read_selection, ways
-from replay_kit.forecast.selection import select
-from replay_kit.forecast.sources import find_sources
+from replay_kit.forecast.reader import layout_of, read_members, read_selection, ways
+from replay_kit.forecast.selection import Selected, Selection, select
+from replay_kit.forecast.series import dated_choices
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,3 +117,133 @@ def _rule(found: Collection) -> str:
         return f"dim:{found.blocks[0].member}"
     more = rule.name or (f"{rule.days:g}d" if rule.kind == "times" else "")
     return f"{rule.kind}:{more}" if more else rule.kind
+
+
+# Fields read of a patch at most.
+_FIELDS = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Extent:
+    """The horizontal grid of a forecast.
+
+    Attributes:
+        source: The files' names.
+        longitude: [degrees], shape (J, I), or (I,) of a separable grid.
+        latitude: shape (J, I) or (J,) [degrees].
+        found: The files.
+        selection: The fields that become members.
+        config: How they are read.
+    """
+
+    source: str
+    longitude: Array
+    latitude: Array
+    found: Collection
+    selection: Selection
+    config: ForecastConfig
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of rows and columns."""
+        return self.latitude.shape[0], self.longitude.shape[-1]
+
+    @property
+    def box(self) -> Region:
+        """The box around the grid's sides, a cell wider; all longitudes of a grid round the globe."""
+        x, y = self._places
+        sides = [
+            np.column_stack([x[side], y[side]])
+            for side in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1])
+        ]
+        return around(np.concatenate(sides), max(self.step) * DEGREE)
+
+    @property
+    def _places(self) -> tuple[Array, Array]:
+        """Longitude and latitude of all points, shape (J, I)."""
+        x, y = np.broadcast_arrays(
+            self.longitude, self.latitude if self.latitude.ndim == 2 else self.latitude[:, None]
+        )
+        return x, y
+
+    @property
+    def step(self) -> tuple[float, float]:
+        """The median distance of neighbours towards east and north [degrees]."""
+        by_axis = [
+            [(np.diff(values, axis=axis) + 180.0) % 360.0 - 180.0 for axis in (0, 1)]
+            for values in self._places
+        ]
+        east, north = (
+            max(float(np.median(np.abs(along))) for along in values) for values in by_axis
+        )
+        return east, north
+
+    @property
+    def has_several_times(self) -> bool:
+        """Whether ``read_series`` reads the forecast at more than one time."""
+        return (
+            self.config.lead is None
+            and self.config.time is None
+            and len(dated_choices(self.found, self.config)) > 1
+        )
+
+    def shape_in(self, region: Region) -> tuple[int, int]:
+        """Return the number of rows and columns of the block that holds a region; zeros where it holds no point."""
+        block = region_block(self.longitude, self.latitude, region)
+        if block is None:
+            return 0, 0
+        rows, columns = block
+        return rows.stop - rows.start, sum(part.stop - part.start for part in columns)
+
+    def patch(self, region: Region) -> Ensemble:
+        """Return the first fields of the first level in a region, without what makes members of them.
+
+        Raises:
+            ForecastError: As in ``read_ensemble``.
+        """
+        fields, left = list[Selected](), _FIELDS
+        for field in self.selection.fields:
+            if field.extra or not left:
+                continue
+            taken = (
+                field
+                if field.member is None
+                else replace(field, ds=field.ds.isel({field.member: slice(left)}))
+            )
+            fields.append(replace(taken, labels=field.labels[:left]))
+            left -= len(fields[-1].labels)
+        some = replace(self.selection, fields=tuple(fields), change=None)
+        settings = self.config.model_copy(update={"region": region, "levels": (0.0,)})
+        try:
+            return read_selection(some, settings, None, self.source, ()).ensemble
+        except ForecastError:
+            # terrain-following levels of deep water alone have none near 0 m
+            if self.config.levels is None:
+                raise
+            deeper = settings.model_copy(update={"levels": (min(self.config.levels),)})
+            return read_selection(some, deeper, None, self.source, ()).ensemble
+
+
+@contextmanager
+def open_extent(
+    path: Paths, config: ForecastConfig, near_ns: int | None
+) -> Iterator[Extent | None]:
+    """Give where the points of a forecast lie; None where its files do not say what a member is.
+
+    Args:
+        path: As in ``read_ensemble``.
+        config: As in ``read_ensemble``; its region does not count.
+        near_ns: As in ``read_ensemble``.
+
+    Raises:
+        ForecastError: As in ``read_ensemble``.
+    """
+    with open_collection(path, parse_rule(config.members)) as found:
+        if found.rule is None:
+            yield None
+            return
+        selection = select(found, config, near_ns)
+        first = selection.fields[0]
+        yield Extent(
+            found.source, *layout_of(first.part, first.ds, config).places, found, selection, config
+        )

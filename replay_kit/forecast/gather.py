@@ -1,4 +1,4 @@
-"""Members brought together as one array, which lies on disk where it is larger than memory."""
+"""Members brought together on the first one's grid, as one array, which lies on disk where it is larger than memory."""
 
 from dataclasses import replace
 
@@ -8,7 +8,15 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import IN_MEMORY, Array, release
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.forecast.grid import grid_to_local, true_to_local
+from replay_kit.core.text import count_text
+from replay_kit.forecast.depths import depths_text, to_levels
+from replay_kit.forecast.grid import (
+    bilinear,
+    centre_longitude,
+    find_cells,
+    grid_to_local,
+    true_to_local,
+)
 from replay_kit.forecast.layout import Layout
 from replay_kit.forecast.selection import Selected
 from replay_kit.forecast.window import Window, window_size
@@ -87,3 +95,59 @@ class MemberStore:
                 done += len(values)
             self._waiting.clear()
             release(self._velocity)
+
+
+def region_around(window: Window) -> tuple[float, float, float, float]:
+    """Return the region that other grids are read in: the window and two of its cells around it."""
+    middle = centre_longitude(window.longitude)
+    x, y = unwrap_longitude(window.longitude, middle), window.latitude
+    step = 2.0 * max(
+        float(np.abs(np.diff(x, axis=1)).max()), float(np.abs(np.diff(y, axis=0)).max())
+    )
+    return (
+        float(x.min()) - step,
+        max(float(y.min()) - step, -90.0),
+        float(x.max()) + step,
+        min(float(y.max()) + step, 90.0),
+    )
+
+
+def is_alike(one: Window, other: Window) -> bool:
+    """Return whether two windows have the same points, levels and axes."""
+    if (
+        one.axes != other.axes
+        or one.longitude.shape != other.longitude.shape
+        or one.levels.shape != other.levels.shape
+    ):
+        return False
+    apart = (one.longitude - other.longitude + 180.0) % 360.0 - 180.0
+    return bool(
+        np.abs(apart).max() < 1e-5
+        and np.abs(one.latitude - other.latitude).max() < 1e-5
+        and np.allclose(one.levels, other.levels, rtol=1e-3)
+    )
+
+
+def on_grid_of(other: Window, values: Array, window: Window, projection: Projection) -> Array:
+    """Return another window's velocities, in the local frame, on the grid and levels of the first."""
+    (east, north), (at_east, at_north) = (
+        to_local(projection, unwrap_longitude(part.longitude, projection.longitude), part.latitude)
+        for part in (other, window)
+    )
+    j, i, inside = find_cells(east, north, at_east, at_north)
+    return bilinear(to_levels(values, other.levels, other.within, window.levels), j, i, inside)
+
+
+def moved_notes(moved: int, far: Array) -> list[str]:
+    """Return notes on members of other grids, and on the first one's levels [m] that are not near any of theirs."""
+    if not moved:
+        return []
+    notes = [
+        f"{count_text(moved, 'member')} interpolated to the grid of the first (bilinear; linear in depth)"
+    ]
+    if far.size:
+        dry = f"left dry: {count_text(far.size, 'level')} of the first, {depths_text(far)}"
+        notes.append(
+            f"{dry}: interpolated members have no level near {'it' if far.size == 1 else 'them'}"
+        )
+    return notes

@@ -118,14 +118,14 @@ def lay_out(ds: xr.Dataset, current: Current, where: str) -> Layout:
     if not flat:
         x, y, filled = _filled(x, y)
         notes = (
-            (f"taken for land: {count_text(filled, 'point')} without coordinates",)
+            (f"treated as land: {count_text(filled, 'point')} without coordinates",)
             if filled
             else ()
         )
     if face is not None and kind.dialect == "NEMO" and x_name.startswith("nav_lon"):
         x, y = _before(x), _before(y)
         notes += (
-            "cell centres were taken midway between the points of u, as no file of the grid (glamt, gphit) was given",
+            "cell centres assumed midway between the points of u, as no grid file (glamt, gphit) was given",
         )
     _check_places(x, y, (x_name, y_name), where, 16 * math.prod(ds[U].shape))
     ny, nx = y.shape[0], x.shape[-1]

@@ -1,12 +1,19 @@
-"""What a member is: the value of ``--members``, and the labels of files that are members."""
+"""What a member is: the value of ``--members``, the labels of files, and members seen together: their common water, copies, odd speeds."""
 
+import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array, one_by_one
 from replay_kit.core.errors import ConfigError, ForecastError
+from replay_kit.core.grid import component_rms
+from replay_kit.core.text import count_text
 
 Kind = Literal["dim", "files", "suffix", "lags", "times", "models"]
 #: Of these the spread of the members is not their error.
@@ -32,6 +39,11 @@ class MemberRule:
     kind: Kind
     name: str = ""
     days: float = 0.0
+
+
+def kind_of(rule: MemberRule | None) -> str:
+    """Return the kind of a rule; empty for none."""
+    return "" if rule is None else rule.kind
 
 
 def parse_rule(text: str | None) -> MemberRule | None:
@@ -100,3 +112,96 @@ def usual_labels(
 def is_background(path: Path) -> bool:
     """Return whether a file is the background of EnKF-C (bg_u.nc), the state that anomaly members are about."""
     return bool(_BACKGROUND.match(path.name))
+
+
+#: Beginning of the notes that say that something is probably wrong.
+WARNING = "WARNING: "
+# Faster than currents are, or slower: velocities in another unit than the file states.
+_ODD_SPEEDS = (0.004, 1.5)
+
+
+def common_water(
+    velocity: Array, labels: tuple[str, ...], source: str
+) -> tuple[Array, NDArray[np.bool_], tuple[str, ...]]:
+    """Return velocities where all members have one, NaN being written elsewhere, where that is, and what was lost by it.
+
+    Raises:
+        ForecastError: No water is left at the first level.
+    """
+    wet, anywhere = (
+        np.ones(velocity.shape[2:], dtype=bool),
+        np.zeros(velocity.shape[2:], dtype=bool),
+    )
+    counts = []
+    for member in one_by_one(velocity):
+        own = np.isfinite(member).all(axis=0)
+        wet &= own
+        anywhere |= own
+        counts.append(int(own.sum()))
+    missing = int(anywhere.sum()) - np.array(counts)
+    worst = int(np.argmax(missing))
+    if not anywhere[0].any():
+        raise no_water(source)
+    if not wet[0].any():
+        raise ForecastError(
+            f"{source}: the masks of the members leave no water at the first level; '{labels[worst]}' misses most "
+            f"({int(missing[worst])} of {int(anywhere.sum())} points): leave it out"
+        )
+    notes: tuple[str, ...] = ()
+    if missing.any():
+        notes = (
+            f"treated as land: {count_text(int((anywhere & ~wet).sum()), 'point')} without values in {int(np.count_nonzero(missing))} of "
+            f"{len(labels)} members, most in '{labels[worst]}' ({int(missing[worst])} of {int(anywhere.sum())} points)",
+        )
+    for member in one_by_one(velocity) if missing.any() else ():
+        member[:, ~wet] = np.nan
+    return velocity, wet, notes
+
+
+def no_water(source: str) -> ForecastError:
+    """Return the error for a forecast without a current."""
+    return ForecastError(
+        f"{source}: every point of the first level is land, or the current is 0 everywhere; check the region, the time and the variables' "
+        "missing values"
+    )
+
+
+def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tuple[str, ...]:
+    """Return warnings of members that are the same, of speeds that no current has, and of anomalies without a state.
+
+    Raises:
+        ForecastError: All members are the same.
+    """
+    notes = []
+    seen: dict[bytes, str] = {}
+    same = []
+    for label, member in zip(labels, one_by_one(velocity), strict=True):
+        key = hashlib.blake2b(member.tobytes()).digest()
+        if key in seen:
+            same.append(f"'{label}' and '{seen[key]}'")
+        seen.setdefault(key, label)
+    if len(labels) > 1 and len(seen) == 1:
+        raise ForecastError(
+            f"{source}: all {len(labels)} members are identical; give members that differ"
+        )
+    if same:
+        notes.append(
+            f"{WARNING}duplicate members are counted twice: {len(same)}, such as {same[0]}; remove them"
+        )
+    rms = component_rms(velocity)
+    if rms == 0.0:
+        notes.append(
+            f"{WARNING}the current is 0 everywhere; choose a time after the start of the run with forecast.time"
+        )
+    elif not _ODD_SPEEDS[0] < rms < _ODD_SPEEDS[1]:
+        notes.append(
+            f"{WARNING}unusual RMS current of {rms:.3g} m/s; check the attribute units of the velocities"
+        )
+    if (
+        len(labels) > 3
+        and np.sqrt(np.nanmean(np.square(sum(one_by_one(velocity)) / len(velocity)))) < 1e-3 * rms
+    ):
+        notes.append(
+            f"{WARNING}the members average to zero, as anomalies do; add the background (bg_*.nc) to --ensemble"
+        )
+    return tuple(notes)

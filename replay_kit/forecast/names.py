@@ -1,7 +1,7 @@
 """The tables: which variable, dimension or coordinate is which, by CF standard names first, then by the names that producers use."""
 
 from collections.abc import Hashable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import xarray as xr
@@ -24,24 +24,25 @@ MEMBER_NAMES = (
 _LEAD_NAMES = ("lead", "lead_time", "leadtime", "step", "forecast_period")
 _TIME_NAMES = ("time", "valid_time", "time_counter", "ocean_time", "scrum_time", "mt", "t")
 _DEPTH_NAMES = (
-    *(
-        "depth",
-        "lev",
-        "level",
-        "deptht",
-        "depthu",
-        "depthv",
-        "z",
-        "z_l",
-        "st_ocean",
-        "elevation",
-        "zt",
-        "zc",
-        "z_t",
-        "k",
-        "zl",
-    ),
-    *("s_rho", "sc_r", "nav_lev", "olevel"),
+    "depth",
+    "lev",
+    "level",
+    "deptht",
+    "depthu",
+    "depthv",
+    "z",
+    "z_l",
+    "st_ocean",
+    "elevation",
+    "zt",
+    "zc",
+    "z_t",
+    "k",
+    "zl",
+    "s_rho",
+    "sc_r",
+    "nav_lev",
+    "olevel",
 )
 _VELOCITY_STANDARD_NAMES: tuple[tuple[str, str, Axes], ...] = (
     ("eastward_sea_water_velocity", "northward_sea_water_velocity", "true"),
@@ -88,33 +89,27 @@ class Coordinates:
     face: Literal[1, -1] = 1
 
 
+_NEMO = Coordinates(
+    "NEMO",
+    ("glamt",),
+    ("gphit",),
+    ("tmask", "tmaskutil"),
+    ("umask", "umaskutil"),
+    ("vmask", "vmaskutil"),
+)
 # The first whose longitude and latitude are in the file is taken; more particular ones first.
 COORDINATES = (
     Coordinates(
         "ROMS or CROCO", ("lon_rho",), ("lat_rho",), ("mask_rho",), ("mask_u",), ("mask_v",)
     ),
-    Coordinates(
-        "NEMO",
-        ("glamt",),
-        ("gphit",),
-        ("tmask", "tmaskutil"),
-        ("umask", "umaskutil"),
-        ("vmask", "vmaskutil"),
-    ),
+    _NEMO,
     Coordinates(
         "MITgcm", ("XC",), ("YC",), ("hFacC", "maskC"), ("hFacW", "maskW"), ("hFacS", "maskS"), -1
     ),
     Coordinates("MOM6", ("geolon", "xh"), ("geolat", "yh"), ("wet",), ("wet_u",), ("wet_v",)),
     Coordinates("MOM5 (B-grid)", ("geolon_c", "xu_ocean"), ("geolat_c", "yu_ocean")),
     Coordinates("POP (B-grid)", ("ULON", "ULONG"), ("ULAT",), ("KMU",)),
-    Coordinates(
-        "NEMO",
-        ("nav_lon",),
-        ("nav_lat",),
-        ("tmask", "tmaskutil"),
-        ("umask", "umaskutil"),
-        ("vmask", "vmaskutil"),
-    ),
+    replace(_NEMO, longitude=("nav_lon",), latitude=("nav_lat",)),
     Coordinates(
         "CF",
         ("longitude", "lon"),
@@ -230,6 +225,11 @@ def _with_suffix(ds: xr.Dataset) -> dict[str, tuple[str, str]]:
                 ):
                     found[ending] = (f"{pair[0]}_{ending}", f"{pair[1]}_{ending}")
     return found
+
+
+def sizes_text(held: xr.Dataset | xr.DataArray) -> str:
+    """Return dimensions with their sizes, such as ``depth = 4, lat = 5``."""
+    return ", ".join(f"{dim} = {size}" for dim, size in held.sizes.items())
 
 
 def no_current(ds: xr.Dataset, where: str) -> ForecastError:

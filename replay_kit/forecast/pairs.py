@@ -1,6 +1,6 @@
 """Files that hold one component, both, or only the grid, joined to datasets with both components and the grid."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,9 +9,9 @@ import xarray as xr
 
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text, some_text
+from replay_kit.forecast.files import natural
 from replay_kit.forecast.layout import STAGGERED, U, V
 from replay_kit.forecast.names import Current, find_time
-from replay_kit.forecast.sources import natural
 
 _TIMES_OF_GRIDS = ("time", "time_counter", "time_steps", "ocean_time")
 
@@ -52,6 +52,12 @@ class OpenedFile:
     current: Current | None
     argument: int
     label: str = ""
+
+    @property
+    def dims(self) -> tuple[Hashable, ...]:
+        """Dimensions of the component, or of the first of both, that the file holds."""
+        assert self.current is not None, "asked of files with a current"
+        return self.ds[self.current.u or self.current.v].dims
 
 
 def pair_files(
@@ -95,7 +101,7 @@ def _joined(
     ds = ds.assign(
         {U: _marked(u.ds[u.current.u].variable, current.u), V: _marked(second, current.v)}
     )
-    notes = list(_told(u))
+    notes = list(_assumptions(u))
     for grid in grids:
         ds, fits = _with_grid(ds, grid.ds)
         if not fits:
@@ -106,7 +112,7 @@ def _joined(
     return Part(ds, current, (u.path,) if u is v else (u.path, v.path)), tuple(notes)
 
 
-def _told(u: OpenedFile) -> tuple[str, ...]:
+def _assumptions(u: OpenedFile) -> tuple[str, ...]:
     """Return what was assumed of a file's calendar and of coordinates that it names and lacks."""
     assert u.current is not None
     variable = u.ds[u.current.u]
@@ -117,7 +123,7 @@ def _told(u: OpenedFile) -> tuple[str, ...]:
         else ""
     )
     notes = (
-        [f"times of the calendar {calendar} were taken for civil dates of the same name"]
+        [f"times of the calendar {calendar} read as civil dates of the same name"]
         if calendar
         else []
     )
@@ -130,7 +136,7 @@ def _told(u: OpenedFile) -> tuple[str, ...]:
     if lacking:
         names = ", ".join(lacking)
         notes.append(
-            f"coordinates {names} are named but not in the file: nominal ones were used, unless a grid file has them"
+            f"coordinates {names} are named but missing in the file: nominal ones were used, unless a grid file has them"
         )
     return tuple(notes)
 

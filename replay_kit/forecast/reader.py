@@ -7,27 +7,30 @@ import numpy as np
 import xarray as xr
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.core.arrays import Array, large_array
+from replay_kit.core.arrays import large_array
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.geodesy import to_local, unwrap_longitude
-from replay_kit.core.grid import Ensemble, Projection
+from replay_kit.core.grid import Ensemble
 from replay_kit.core.paths import Paths
 from replay_kit.core.progress import announce
-from replay_kit.core.text import count_text
-from replay_kit.forecast.agreement import common_water, unusual_members
 from replay_kit.forecast.axes import AxesCheck, check_axes
 from replay_kit.forecast.blocks import Block, Collection, open_collection
-from replay_kit.forecast.depths import depths_text
 from replay_kit.forecast.files import size_text
-from replay_kit.forecast.gather import MemberStore, in_groups, in_local_frame
-from replay_kit.forecast.grid import centre_longitude, local_grid
+from replay_kit.forecast.gather import (
+    MemberStore,
+    in_groups,
+    in_local_frame,
+    is_alike,
+    moved_notes,
+    on_grid_of,
+    region_around,
+)
+from replay_kit.forecast.grid import local_grid
 from replay_kit.forecast.layout import Layout, U, lay_out
-from replay_kit.forecast.members import MADE, MemberRule, parse_rule
-from replay_kit.forecast.names import MEMBER_NAMES, find_depth
+from replay_kit.forecast.members import MADE, MemberRule, common_water, parse_rule, unusual_members
+from replay_kit.forecast.names import MEMBER_NAMES, find_depth, sizes_text
 from replay_kit.forecast.pairs import Part
-from replay_kit.forecast.regrid import bilinear, find_cells, to_levels
-from replay_kit.forecast.selection import Selected, Selection, select
-from replay_kit.forecast.window import Window, read_window, window_size
+from replay_kit.forecast.selection import Selection, select
+from replay_kit.forecast.window import read_window, window_size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,7 +137,7 @@ def read_truth(
 
 def _nothing_says(found: Collection) -> ForecastError:
     part = found.blocks[0].parts[0]
-    sizes = ", ".join(f"{dim} = {size}" for dim, size in part.ds["replay_kit_u"].sizes.items())
+    sizes = sizes_text(part.ds[U])
     return ForecastError(
         f"{part.paths[0]}: no member dimension; expected one of {', '.join(MEMBER_NAMES)}, got dimensions {sizes}{ways(found)}"
     )
@@ -189,7 +192,7 @@ def read_selection(
     large = _large(selection, layout, config)
     fields = [part for field in selection.fields for part in in_groups(field, layout, config)]
     first = fields[0]
-    window, notes = _read(first, layout, config), [*selection.notes, *large]
+    window, notes = read_window(first, layout, config), [*selection.notes, *large]
     projection = local_grid(
         window.longitude, window.latitude, window.levels, np.ones(0, bool), None
     ).projection
@@ -200,24 +203,24 @@ def read_selection(
     )
     far = np.zeros(window.levels.size, dtype=bool)
     members.add(window.velocity, turned=False)
-    around = config.model_copy(update={"region": _around(window)})
+    around = config.model_copy(update={"region": region_around(window)})
     for field in fields[1:]:
         last = (
             layout
             if _same_grid(field.part, first.part)
             else layout_of(field.part, field.ds, config)
         )
-        other = _read(field, last, config if last is layout else around)
-        values, alike = other.velocity, _alike(other, window)
+        other = read_window(field, last, config if last is layout else around)
+        values, alike = other.velocity, is_alike(other, window)
         if not alike:
             values, moved = (
-                _moved(other, in_local_frame(other, projection), window, projection),
+                on_grid_of(other, in_local_frame(other, projection), window, projection),
                 moved + values.shape[0],
             )
             far |= (window.levels < other.within[0]) | (window.levels > other.within[1])
         members.add(values.mean(axis=0, keepdims=True) if field.extra else values, turned=not alike)
         notes += [note for note in other.notes if last is not layout or note not in window.notes]
-    notes += _moved_notes(moved, window.levels[far])
+    notes += moved_notes(moved, window.levels[far])
     velocity = members.finished()
     if selection.change is not None:
         velocity, changed = selection.change(velocity)
@@ -265,10 +268,6 @@ def layout_of(part: Part, ds: xr.Dataset, config: ForecastConfig) -> Layout:
     return replace(layout, axes=config.axes, why=f"--axes {config.axes}")
 
 
-def _read(field: Selected, layout: Layout, config: ForecastConfig) -> Window:
-    return read_window(field, layout, config)
-
-
 def _same_grid(one: Part, other: Part) -> bool:
     """Return whether two files have the same horizontal grid, by its size and the ends of its coordinates."""
     if one.ds is other.ds or one.paths == other.paths:
@@ -290,66 +289,10 @@ def _same_grid(one: Part, other: Part) -> bool:
     return one.current == other.current
 
 
-def _around(window: Window) -> tuple[float, float, float, float]:
-    """Return the region that other grids are read in: the window and two of its cells around it."""
-    middle = centre_longitude(window.longitude)
-    x, y = unwrap_longitude(window.longitude, middle), window.latitude
-    step = 2.0 * max(
-        float(np.abs(np.diff(x, axis=1)).max()), float(np.abs(np.diff(y, axis=0)).max())
-    )
-    return (
-        float(x.min()) - step,
-        max(float(y.min()) - step, -90.0),
-        float(x.max()) + step,
-        min(float(y.max()) + step, 90.0),
-    )
-
-
-def _alike(one: Window, other: Window) -> bool:
-    """Return whether two windows have the same points, levels and axes."""
-    if (
-        one.axes != other.axes
-        or one.longitude.shape != other.longitude.shape
-        or one.levels.shape != other.levels.shape
-    ):
-        return False
-    apart = (one.longitude - other.longitude + 180.0) % 360.0 - 180.0
-    return bool(
-        np.abs(apart).max() < 1e-5
-        and np.abs(one.latitude - other.latitude).max() < 1e-5
-        and np.allclose(one.levels, other.levels, rtol=1e-3)
-    )
-
-
-def _moved(other: Window, values: Array, window: Window, projection: Projection) -> Array:
-    """Return another window's velocities, in the local frame, on the grid and levels of the first."""
-    (east, north), (at_east, at_north) = (
-        to_local(projection, unwrap_longitude(part.longitude, projection.longitude), part.latitude)
-        for part in (other, window)
-    )
-    j, i, inside = find_cells(east, north, at_east, at_north)
-    return bilinear(to_levels(values, other.levels, other.within, window.levels), j, i, inside)
-
-
-def _moved_notes(moved: int, far: Array) -> list[str]:
-    """Return notes on members of other grids, and on the first one's levels [m] that are not near any of theirs."""
-    if not moved:
-        return []
-    notes = [
-        f"{count_text(moved, 'member')} interpolated to the grid of the first (bilinear; linear in depth)"
-    ]
-    if far.size:
-        dry = f"left dry: {count_text(far.size, 'level')} of the first, {depths_text(far)}"
-        notes.append(
-            f"{dry}: interpolated members have no level near {'it' if far.size == 1 else 'them'}"
-        )
-    return notes
-
-
 def _placed(place_at: tuple[float, float] | None) -> tuple[str, ...]:
     if place_at is None:
         return ()
     return (
-        f"the ensemble was moved so that its centre lies at {place_at[1]:.4f} N, {place_at[0]:.4f} E: "
-        "what it says of this place is no forecast",
+        f"the ensemble was moved: its centre is now at {place_at[1]:.4f} N, {place_at[0]:.4f} E: "
+        "it is no forecast for this place",
     )

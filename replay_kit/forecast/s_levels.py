@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text, span_text
-from replay_kit.forecast.agreement import no_water
-from replay_kit.forecast.depths import Levels, depths_text, reach_of
-from replay_kit.forecast.regrid import at_depths, reach
+from replay_kit.forecast.depths import Levels, at_depths, depths_text, reach, reach_of
+from replay_kit.forecast.members import no_water
 
 _NAMES = {
     "s": ("s_rho", "sc_r"),

@@ -12,13 +12,12 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text
-from replay_kit.core.time import parse_time
-from replay_kit.forecast.agreement import WARNING
 from replay_kit.forecast.blocks import Block, Collection
 from replay_kit.forecast.layout import U
+from replay_kit.forecast.members import WARNING, kind_of
 from replay_kit.forecast.names import find_lead, find_time
 from replay_kit.forecast.pairs import Part
-from replay_kit.forecast.times import choose_time
+from replay_kit.forecast.times import choose_time, wanted_time
 
 _YEAR = np.timedelta64(365, "D") + np.timedelta64(6, "h")
 _LEAST_TIMES = 5
@@ -85,11 +84,10 @@ def select(found: Collection, config: ForecastConfig, near_ns: int | None) -> Se
     Raises:
         ForecastError: The files do not hold what the rule of the members needs.
     """
-    kind = None if found.rule is None else found.rule.kind
+    kind = kind_of(found.rule)
     if kind == "lags":
         return _lagged(found, config, near_ns)
-    if kind == "times":
-        assert found.rule is not None
+    if found.rule is not None and kind == "times":
         return _of_season(found, found.rule.days, config, near_ns)
     fields, times, notes = [], [], list[str]()
     for block in found.blocks:
@@ -116,7 +114,7 @@ def _at_time(
     """Return the members of a block at the time chosen."""
     part = block.parts[0]
     if len(block.parts) > 1:
-        wanted = parse_time(config.time) if config.time else near_ns
+        wanted = wanted_time(config, near_ns)
         if wanted is not None and all(part.times.size for part in block.parts):
             part = min(
                 block.parts,
@@ -213,7 +211,7 @@ def _lagged(found: Collection, config: ForecastConfig, near_ns: int | None) -> S
         raise ForecastError(
             f"{found.source}: --members lags needs a time that all forecasts hold; they hold {spans}"
         )
-    wanted = parse_time(config.time) if config.time else near_ns
+    wanted = wanted_time(config, near_ns)
     time = (
         common[-1]
         if wanted is None
@@ -232,7 +230,7 @@ def _lagged(found: Collection, config: ForecastConfig, near_ns: int | None) -> S
         fields,
         int(time.astype("M8[ns]").astype(np.int64)),
         None,
-        (note, "lagged forecasts usually differ by less than they err"),
+        (note, "lagged forecasts are usually underdispersive"),
     )
 
 
@@ -242,7 +240,7 @@ def _of_season(
     """Return fields of the forecast's season of any year, to be used as anomalies about the forecast."""
     parts = _all_times(found, f"--members times:{days:g}d")
     known = np.concatenate([times for _, _, times in parts])
-    wanted = parse_time(config.time) if config.time else near_ns
+    wanted = wanted_time(config, near_ns)
     forecast = (
         known.max() if wanted is None else known[np.argmin(np.abs(known.astype(np.int64) - wanted))]
     )
@@ -286,10 +284,8 @@ def _about_background(velocity: Array) -> tuple[Array, tuple[str, ...]]:
     mean = members.mean(axis=0)[wet]
     # anomalies cancel out in their mean; states do not
     if np.sqrt(np.mean(mean**2)) < 0.05 * np.sqrt(np.mean(members[:, wet] ** 2)):
-        return background + members, (
-            "the members are anomalies: they were added to the background",
-        )
-    return members, ("the members are states: the background was not used",)
+        return background + members, ("the members are anomalies, added to the background",)
+    return members, ("the members are states; the background was not used",)
 
 
 def _fields_of_all_times(block: Block) -> list[Selected]:

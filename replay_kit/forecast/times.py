@@ -21,6 +21,11 @@ _LEAD_UNITS = {
 _DAY_NS = 86_400 * 10**9
 
 
+def wanted_time(config: ForecastConfig, near_ns: int | None) -> int | None:
+    """Return the time that is chosen, or that of the log [ns, UTC]; None without either."""
+    return parse_time(config.time) if config.time else near_ns
+
+
 def choose_time(
     ds: xr.Dataset,
     dims: Sequence[Hashable],
@@ -43,16 +48,16 @@ def choose_time(
     lead, time = find_lead(ds, dims), find_time(ds, dims)
     if lead is None and (config.lead is not None or config.reference_time is not None):
         raise ForecastError(
-            f"{where}: a lead or reference time was given, but the file has no dimension of leads; leave the option out"
+            f"{where}: a lead or reference time was given, but the file has no lead dimension; remove the option"
         )
     if time is None and config.time is not None:
         raise ForecastError(
-            f"{where}: a time was chosen, but the file has no dimension of times; leave the option out"
+            f"{where}: a time was chosen, but the file has no time dimension; remove the option"
         )
     if time is not None and (time not in ds.coords or ds[time].dtype.kind != "M"):
         if config.time is not None:
             raise ForecastError(
-                f"{where}: a time was chosen, but {time} has no dates ({undated(ds[time])}); leave the option out"
+                f"{where}: a time was chosen, but {time} has no dates ({undated(ds[time])}); remove the option"
             )
         note = f"{time} has no dates ({undated(ds[time])})" + (
             f": the first of {ds.sizes[time]} was taken" if ds.sizes[time] > 1 else ""
@@ -63,7 +68,7 @@ def choose_time(
         return inner, time_ns, (note, *more)
     if time is not None:
         times = ds[time].values.astype("datetime64[ns]").astype(np.int64)
-        wanted = parse_time(config.time) if config.time else near_ns
+        wanted = wanted_time(config, near_ns)
         position = 0 if wanted is None else int(np.argmin(np.abs(times - wanted)))
         ds, time_ns = ds.isel({time: position}), int(times[position])
         if lead is None:
@@ -74,11 +79,7 @@ def choose_time(
             )
         reference: int | None = time_ns
     else:
-        reference = (
-            parse_time(config.reference_time)
-            if config.reference_time
-            else _scalar_time(ds, "forecast_reference_time")
-        )
+        reference = _reference(ds, config)
     if lead is None:
         time_ns_or_none = _scalar_time(ds, "time")
         return ds, time_ns_or_none, _notes(time_ns_or_none, near_ns, "")
@@ -93,11 +94,7 @@ def choose_time(
 
 def dated_leads(ds: xr.Dataset, lead: str, config: ForecastConfig) -> list[tuple[float, int]]:
     """Return each lead with the time it is valid for [ns, UTC]; none where no reference time is known."""
-    reference = (
-        parse_time(config.reference_time)
-        if config.reference_time
-        else _scalar_time(ds, "forecast_reference_time")
-    )
+    reference = _reference(ds, config)
     valid = None if reference is None else _periods_ns(ds[lead])
     if valid is None or reference is None:
         return []
@@ -105,6 +102,13 @@ def dated_leads(ds: xr.Dataset, lead: str, config: ForecastConfig) -> list[tuple
         (float(value), int(reference + period))
         for value, period in zip(ds[lead].values, valid, strict=True)
     ]
+
+
+def _reference(ds: xr.Dataset, config: ForecastConfig) -> int | None:
+    """Return the time of lead 0 [ns, UTC]: configured, or stated; None without either."""
+    if config.reference_time:
+        return parse_time(config.reference_time)
+    return _scalar_time(ds, "forecast_reference_time")
 
 
 def _choose_lead(

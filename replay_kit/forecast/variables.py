@@ -11,6 +11,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.forecast.grid import Block
 from replay_kit.forecast.layout import Layout, V
+from replay_kit.forecast.names import sizes_text
 
 Faces = tuple[int | None, int | None]
 AT_CENTRES: Faces = (None, None)
@@ -102,7 +103,7 @@ class Source:
         extra = [dim for dim in part.dims if dim not in (*wanted, *dims)]
         if any(part.sizes[dim] > 1 for dim in extra) or any(dim not in part.dims for dim in dims):
             expected = ", ".join(filter(None, (self.member, levels[0] if levels else None, *dims)))
-            sizes = ", ".join(f"{dim} = {size}" for dim, size in part.sizes.items())
+            sizes = sizes_text(part)
             shown = part.attrs.get("replay_kit_name", name)
             raise ForecastError(
                 f"{self.where}: {shown} has dimensions {sizes}; expected {expected} after choosing a time"

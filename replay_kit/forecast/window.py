@@ -10,18 +10,17 @@ from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.claims import exceeds_claim
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.paths import exceeds_claim
 from replay_kit.core.text import count_text
-from replay_kit.forecast.agreement import WARNING
 from replay_kit.forecast.depths import choose_levels
 from replay_kit.forecast.grid import Block, region_block
-from replay_kit.forecast.land import constant_land, mask_at_centres
+from replay_kit.forecast.land import constant_land, mask_at_centres, to_centres
 from replay_kit.forecast.layout import Layout, U, V
+from replay_kit.forecast.members import WARNING
 from replay_kit.forecast.names import SEA_LEVEL, Axes, Current, find_depth
 from replay_kit.forecast.s_levels import find_s_coordinate, from_s_levels
 from replay_kit.forecast.selection import Selected
-from replay_kit.forecast.stagger import to_centres
 from replay_kit.forecast.variables import AT_CENTRES, Source
 
 _SPEED_UNITS = {
@@ -38,11 +37,6 @@ _SPEED_UNITS = {
             "meter/sec",
             "meter s-1",
             "metre/s",
-        ),
-        1.0,
-    ),
-    **dict.fromkeys(
-        (
             "meter second-1",
             "metre second-1",
             "meters/second",
@@ -232,7 +226,7 @@ def _at_centres(
         raw.append(values)
     constant = constant_land(source, raw, depths, order, masked)
     notes = (
-        [f"taken for missing: {count_text(odd, 'value')} beyond {_NO_SPEED:g} m/s"] if odd else []
+        [f"treated as missing: {count_text(odd, 'value')} beyond {_NO_SPEED:g} m/s"] if odd else []
     )
     if face is None:
         dry = constant[0] & constant[1]
@@ -242,7 +236,7 @@ def _at_centres(
         exactly = "exactly zero" if np.all(raw[0][:, dry] == 0.0) else "one constant value"
         notes += (
             [
-                f"taken for land: {count_text(columns, 'column')} whose current is {exactly} in every member"
+                f"treated as land: {count_text(columns, 'column')} whose current is {exactly} in every member"
             ]
             if columns
             else []

@@ -1,14 +1,179 @@
-"""Messages of several logs in one order of time, with a bounded window for reordering."""
+"""Messages of several logs in one order of time, with a bounded window for reordering.
+
+Stamps far from their neighbours are set aside, and after a jump of a log's clock its times continue: ``settle`` decides.
+"""
 
 import heapq
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Generic, Protocol, TypeVar, cast
+from itertools import islice
+from typing import Generic, NamedTuple, Protocol, TypeVar, cast
 
-from replay_kit.core.message import Message
-from replay_kit.core.raw import RawMessage
-from replay_kit.logs.shared.stamps import FAR_NS, ClockJump, Settled, Settling, is_latched
+from replay_kit.core.message import Message, RawMessage
+from replay_kit.core.text import time_text
+
+#: Nearer stamps are no matter of a wrong clock: messages are late by hours where data are buffered [ns].
+FAR_NS = 86_400_000_000_000
+#: Following messages used to judge a stamp that is far from its neighbours.
+LOOK_AHEAD = 32
+#: Last part of latched topics, and words in it: their messages come once, when a recording begins, and hold from then on.
+_LATCHED_TOPICS = frozenset({"tf_static", "robot_description", "PARAM_VALUE"})
+_LATCHED_WORDS = ("config", "parameter")
+#: A gap that neither the log's last message nor its first alone may make [ns].
+_ALONE_NS = 366 * FAR_NS
+
+
+@dataclass(frozen=True, slots=True)
+class LogClock:
+    """Where one log's clock stands.
+
+    Attributes:
+        last_ns: Time of the last message [ns, UTC], corrected.
+        offset_ns: What is added to stamps [ns]: the jumps back so far.
+    """
+
+    last_ns: int
+    offset_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ClockJump:
+    """A jump of one log's clock, after which a new segment begins.
+
+    Attributes:
+        input: Position of the log among the run's inputs.
+        before_ns: Corrected time of the last message before it [ns, UTC].
+        stamp_ns: Stamp of the first message after it [ns].
+        offset_ns: What is added to the stamps of the new segment [ns].
+    """
+
+    input: int
+    before_ns: int
+    stamp_ns: int
+    offset_ns: int
+
+    def __str__(self) -> str:
+        begin = f"the clock jumps from {time_text(self.before_ns)} to {time_text(self.stamp_ns)}"
+        moved = (
+            f"{self.offset_ns / FAR_NS:.3f} days were added to their stamps"
+            if self.offset_ns
+            else "their stamps are used as they are"
+        )
+        return f"{begin}: the messages after it are a new segment, {moved}"
+
+
+def settle(clock: LogClock | None, stamp_ns: int, following: Sequence[int]) -> LogClock | None:
+    """Return the clock after a message, whose time is its ``last_ns``; None when the stamp is far from its neighbours and set aside.
+
+    A stamp more than a day from the one before is believed when most of those that follow are nearer to it than to the one before. One
+    that goes back begins a new segment: it continues at the time of the message before, or at its own where that is within a day.
+
+    Args:
+        clock: After the message before; None at the log's first.
+        stamp_ns: The message's stamp [ns].
+        following: The next stamps, at most ``LOOK_AHEAD`` of them; fewer only where the log ends [ns].
+    """
+    if clock is None:
+        astray = sum(
+            stamp_ns - other > FAR_NS or other - stamp_ns > _ALONE_NS for other in following
+        )
+        return None if 2 * astray > len(following) else LogClock(stamp_ns)
+    time_ns = stamp_ns + clock.offset_ns
+    step = time_ns - clock.last_ns
+    if abs(step) <= FAR_NS:
+        return LogClock(time_ns, clock.offset_ns)
+    others = [other + clock.offset_ns for other in following]
+    agree = sum(abs(other - time_ns) < abs(other - clock.last_ns) for other in others)
+    if 2 * agree <= len(others) and (others or not 0 < step <= _ALONE_NS):
+        return None
+    if abs(stamp_ns - clock.last_ns) <= FAR_NS:
+        return LogClock(stamp_ns)
+    return LogClock(max(time_ns, clock.last_ns), clock.offset_ns + max(0, -step))
+
+
+def is_latched(topic: str) -> bool:
+    """Return whether a topic is latched: its messages (static transforms, parameters, configuration) stay valid from then on."""
+    last = topic.rsplit("/", 1)[-1]
+    return last in _LATCHED_TOPICS or any(word in last.lower() for word in _LATCHED_WORDS)
+
+
+_Item = TypeVar("_Item")
+
+
+class Settled(NamedTuple, Generic[_Item]):
+    """A message whose stamp was judged.
+
+    Attributes:
+        item: The message.
+        time_ns: Its time [ns, UTC]; None when its stamp is far from its neighbours' and it is set aside.
+        jump: Corrected time of the message before and what is added to stamps from this one on [ns], where the clock jumps; else None.
+    """
+
+    item: _Item
+    time_ns: int | None
+    jump: tuple[int, int] | None = None
+
+
+class Settling(Generic[_Item]):
+    """The stamps of one log, judged in its order by ``settle``: one far from those before waits for those that follow.
+
+    It is mutable, as a stream of messages goes through it. What comes once may be older than the recording: where the stamp of a latched
+    topic is far, it stays as it is.
+    """
+
+    def __init__(self) -> None:
+        self._last_ns: int | None = None
+        self._offset_ns = 0
+        self._waiting: deque[tuple[_Item, int, str]] = deque()
+
+    def steady_since(self) -> int | None:
+        """Return the time of the last message [ns, UTC] where none waits and no stamp is corrected; else None."""
+        return None if self._waiting or self._offset_ns else self._last_ns
+
+    def go_on(self, time_ns: int) -> None:
+        """Take a message that ``steady_since`` shows to be near those before it."""
+        self._last_ns = time_ns
+
+    def take(self, item: _Item, stamp_ns: int, topic: str) -> Iterator[Settled[_Item]]:
+        """Take the next message of the log, and yield those that wait no longer."""
+        self._waiting.append((item, stamp_ns, topic))
+        return self._judged(LOOK_AHEAD)
+
+    def finish(self) -> Iterator[Settled[_Item]]:
+        """Yield what still waits when the log ends."""
+        return self._judged(0)
+
+    def _judged(self, following: int) -> Iterator[Settled[_Item]]:
+        """Yield the messages that need no more of those that follow than there are, or that so many follow."""
+        while self._waiting:
+            item, stamp_ns, topic = self._waiting[0]
+            time_ns, last_ns, jump = stamp_ns + self._offset_ns, self._last_ns, None
+            if last_ns is None or abs(time_ns - last_ns) > FAR_NS:
+                if is_latched(topic):
+                    self._waiting.popleft()
+                    yield Settled(item, stamp_ns)
+                    continue
+                if len(self._waiting) <= following:
+                    return
+                clock = None if last_ns is None else LogClock(last_ns, self._offset_ns)
+                after = [
+                    stamp
+                    for _, stamp, name in islice(self._waiting, 1, 1 + LOOK_AHEAD)
+                    if not is_latched(name)
+                ]
+                settled = settle(clock, stamp_ns, after)
+                if settled is None:
+                    self._waiting.popleft()
+                    yield Settled(item, None)
+                    continue
+                if last_ns is not None and settled.offset_ns != self._offset_ns:
+                    jump = last_ns, settled.offset_ns
+                time_ns, self._offset_ns = settled.last_ns, settled.offset_ns
+            self._waiting.popleft()
+            self._last_ns = time_ns
+            yield Settled(item, time_ns, jump)
+
 
 _T = TypeVar("_T", bound=Message | RawMessage)
 _Read = TypeVar("_Read", bound=Message | RawMessage, covariant=True)

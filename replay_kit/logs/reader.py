@@ -13,12 +13,10 @@ from mcap.records import Attachment, Metadata
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import LogReader, LogReport, Message
+from replay_kit.core.message import LogReader, LogReport, Message, RawMessage
 from replay_kit.core.progress import Progress
-from replay_kit.core.raw import RawMessage
 from replay_kit.logs.decode.to_json import JsonChannels
-from replay_kit.logs.shared.blocks import Block, blocks_of
-from replay_kit.logs.shared.overview import Overview
+from replay_kit.logs.shared.blocks import Block, Overview, blocks_of
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 # Messages between two looks at how much is read.
@@ -75,6 +73,10 @@ class LogFile(AbstractContextManager["LogFile"]):
         self._clock = self._config.clock
         self._wanted = wanted
         self._files: list[BinaryIO] = []
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Read what a format needs before its first message; nothing by default."""
 
     def __repr__(self) -> str:
         """Return the file, and what the pass begun last has read of it."""
@@ -136,7 +138,7 @@ class LogFile(AbstractContextManager["LogFile"]):
         yield from map(channels.raw, self.messages())
 
     def is_gliders(self) -> bool:
-        """Return whether the log is a glider's: it is a file of a glider, or states mean currents of dives."""
+        """Return whether the log is of a glider: a glider file, or one with mean currents of dives."""
         return False
 
     def frames(self) -> Iterator[RawMessage]:

@@ -1,6 +1,8 @@
-"""The registry of log formats, and ``open_log``, which chooses the reader by a file's first bytes, never by its name."""
+"""The registry of log formats: ``open_log`` chooses the reader by a file's first bytes, ``logs_in`` lists the logs in a folder."""
 
+import re
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import NamedTuple
@@ -9,12 +11,77 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.paths import as_path
 from replay_kit.logs.adcp.records import AD2CP_MAGICS, PD0_MAGIC
-from replay_kit.logs.folders import logs_in
 from replay_kit.logs.reader import LogFile, unreadable
+
+#: Endings of logs that are written message by message, and may grow while they are read; in lower case.
+STREAMS = (".mcap", ".tlog", ".bin", ".pd0", ".enx", ".ens", ".ad2cp", ".000")
+_BAG = "metadata.yaml"
+_PART = re.compile(r"^\s*-\s+[\"']?([^\s\"':]+\.(?:mcap|db3)(?:\.zstd)?)[\"']?\s*$", re.MULTILINE)
+_GLIDER = re.compile(
+    r".*\.(nc|nc4|cdf)|.*\.(gli|pld1)\.(sub|raw|all)(\.\d+)?(\.gz)?|.*\.(gli|pld1)(\.\d+)?(\.gz)?",
+    re.IGNORECASE,
+)
+
+
+def logs_in(path: Path) -> list[Path]:
+    """Return the logs that a name stands for: the file itself; of a folder the parts of its ROS 2 bag, or the logs in it.
+
+    Raises:
+        LogError: The folder holds none.
+    """
+    if not path.is_dir():
+        return [path]
+    if (path / _BAG).is_file():
+        return _bag(path)
+    held = sorted(
+        file for file in path.iterdir() if file.is_file() and not file.name.startswith(".")
+    )
+    # SeaExplorer numbers its files without leading zeros
+    gliders = sorted(
+        (file for file in held if _GLIDER.fullmatch(file.name)),
+        key=lambda file: [*map(int, re.findall(r"\d+", file.name))],
+    )
+    streams = [file for file in held if file.suffix.lower() in STREAMS]
+    if not gliders and not streams:
+        names = ", ".join(file.name for file in held[:5]) or "no file"
+        raise LogError(
+            f"{path}: expected a ROS 2 bag (with {_BAG}), glider files (.nc, .gli, .pld1) or logs ({', '.join(STREAMS)}); "
+            f"the folder holds {names}; give the logs themselves"
+        )
+    return [*gliders, *streams]
+
+
+def _bag(path: Path) -> list[Path]:
+    """Return the files of a bag in the order of its metadata, which lists them from its first message on."""
+    try:
+        listed = _PART.findall((path / _BAG).read_text(encoding="utf-8", errors="replace"))
+    except OSError as error:
+        raise LogError(
+            f"{path / _BAG}: cannot be read: {error.strerror}; check its permissions"
+        ) from error
+    files = [path / Path(name).name for name in dict.fromkeys(listed)] or sorted(
+        path.glob("*.mcap")
+    )
+    packed = [file.name for file in files if file.suffix == ".zstd"]
+    if packed:
+        raise LogError(
+            f"{path}: {', '.join(packed)}: a compressed file of a bag; unpack it with: zstd -d {packed[0]}"
+        )
+    missing = [file.name for file in files if not file.is_file()]
+    if missing or not files:
+        raise LogError(
+            f"{path}: expected the files of {_BAG}, missing: {', '.join(missing) or 'all'}; give those there are one by one"
+        )
+    return files
+
 
 _NETCDF = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF")
 _DATAFLASH_MAGIC = b"\xa3\x95"
 _HEAD = 1 << 16
+
+
+#: Makes the reader of a log: path, input, configuration and what is wanted, as of ``open_log``.
+Open = Callable[[Path, int, LogConfig | None, frozenset[str] | None], LogFile]
 
 
 class LogFormat(NamedTuple):
@@ -28,7 +95,7 @@ class LogFormat(NamedTuple):
 
     name: str
     recognises: Callable[[bytes], bool]
-    load: Callable[[], Callable[[Path, int, LogConfig | None, frozenset[str] | None], LogFile]]
+    load: Callable[[], Open]
 
 
 def _begins(*magics: bytes) -> Callable[[bytes], bool]:
@@ -50,21 +117,6 @@ def _is_dataflash(head: bytes) -> bool:
     return is_dataflash(head)
 
 
-# Readers are imported with the first log of their format: the libraries of one take longer to load than a small log of another to read.
-
-
-def _mcap() -> type[LogFile]:
-    from replay_kit.logs.mcap.reader import McapReader
-
-    return McapReader
-
-
-def _glider() -> Callable[[Path, int, LogConfig | None, frozenset[str] | None], LogFile]:
-    from replay_kit.logs.glider.reader import open_glider
-
-    return open_glider
-
-
 def _is_glider(head: bytes) -> bool:
     if head.startswith(_NETCDF):
         return True
@@ -73,32 +125,24 @@ def _is_glider(head: bytes) -> bool:
     return is_seaexplorer(head)
 
 
-def _raw_adcp() -> type[LogFile]:
-    from replay_kit.logs.adcp.reader import RawAdcpReader
+def _reader(module: str, name: str) -> Callable[[], Open]:
+    """Return what imports a reader, with the first log of its format: its libraries may take longer to load than a log to read."""
 
-    return RawAdcpReader
+    def load() -> Open:
+        found: Open = getattr(import_module(f"replay_kit.logs.{module}"), name)
+        return found
 
-
-def _tlog() -> type[LogFile]:
-    from replay_kit.logs.mavlink.reader import TlogReader
-
-    return TlogReader
-
-
-def _dataflash() -> type[LogFile]:
-    from replay_kit.logs.dataflash.reader import DataflashReader
-
-    return DataflashReader
+    return load
 
 
 #: In the order in which they are tried: those with magic bytes first.
 FORMATS = (
-    LogFormat("mcap", _begins(b"\x89MCAP0\r\n"), _mcap),
-    LogFormat("glider", _is_glider, _glider),
-    LogFormat("pd0", _begins(PD0_MAGIC), _raw_adcp),
-    LogFormat("ad2cp", _begins(*AD2CP_MAGICS), _raw_adcp),
-    LogFormat("tlog", _is_tlog, _tlog),
-    LogFormat("dataflash", _is_dataflash, _dataflash),
+    LogFormat("mcap", _begins(b"\x89MCAP0\r\n"), _reader("mcap.reader", "McapReader")),
+    LogFormat("glider", _is_glider, _reader("glider.reader", "open_glider")),
+    LogFormat("pd0", _begins(PD0_MAGIC), _reader("adcp.reader", "RawAdcpReader")),
+    LogFormat("ad2cp", _begins(*AD2CP_MAGICS), _reader("adcp.reader", "RawAdcpReader")),
+    LogFormat("tlog", _is_tlog, _reader("mavlink.reader", "TlogReader")),
+    LogFormat("dataflash", _is_dataflash, _reader("dataflash.reader", "DataflashReader")),
 )
 #: Group of entry points of other packages' readers, such as one of a Slocum's binary files; each is the function
 #: ``open(path, input, config, wanted)`` that returns a ``LogFile``, or None for a file that is not its own.
@@ -153,7 +197,7 @@ def open_log(
             return log
     foreign = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
     raise LogError(
-        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a DataFlash log (.BIN), a glider's NetCDF or "
+        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a DataFlash log (.BIN), a glider NetCDF or "
         "SeaExplorer file, or a raw ADCP file (PD0, AD2CP); "
         + (
             f"this is {foreign}"
@@ -169,16 +213,16 @@ def open_logs(
     wanted: frozenset[str] | None = None,
     several_missions: bool = False,
 ) -> list[LogFile]:
-    """Return the readers of a mission's logs: a folder stands for the logs in it, and a glider's files of single profiles are one log.
+    """Return the readers of a mission's logs: a folder stands for the logs in it, and glider files of single profiles are one log.
 
     Args:
-        paths: Files and folders: a ROS 2 bag, or a folder of a glider's files.
+        paths: Files and folders: a ROS 2 bag, or a folder of glider files.
         config: How logs are read; the defaults when None.
         wanted: As of ``open_log``.
         several_missions: Whether a folder may hold the files of several missions.
 
     Raises:
-        LogError: As of ``open_log``; or a folder holds no log, or gliders' files of several missions.
+        LogError: As of ``open_log``; or a folder holds no log, or glider files of several missions.
     """
     files = [file for path in paths for file in logs_in(Path(path))]
     places = [place for place, file in enumerate(files) if _is_glider(_first_bytes(file))]
@@ -216,7 +260,7 @@ def _first_bytes(path: Path) -> bytes:
         with open(path, "rb") as file:
             head = file.read(_HEAD)
     except FileNotFoundError as error:
-        raise LogError(f"{path}: expected a log, there is no such file; check the path") from error
+        raise LogError(f"{path}: file not found") from error
     except OSError as error:
         raise unreadable(path, error) from error
     if not head:

@@ -10,7 +10,7 @@ from replay_kit.measurements.interpret import (
     interpret_block,
     observations,
 )
-from replay_kit.measurements.mapping.suggest import suggestions
+from replay_kit.measurements.messages.suggest import suggestions
 from replay_kit.measurements.steps.state import MeasurementState
 
 __all__ = [

@@ -10,7 +10,7 @@ from replay_kit.measurements.quality.tests import Check
 MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)
 
 #: The reason of a message of a kind that is not known.
-NOT_A_KIND = "not a kind of message the estimator uses"
+NOT_A_KIND = "message type not used by the estimator"
 
 
 @dataclass(frozen=True, slots=True)

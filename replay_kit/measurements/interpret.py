@@ -5,6 +5,7 @@ A ping waits until a position at or after its own time is known, then takes the 
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import filterfalse
 from types import MappingProxyType
 from typing import Any, TypeGuard
 
@@ -14,7 +15,6 @@ from replay_kit.config.without import rules_for
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Measurement, Observation, PathMean, Source
-from replay_kit.measurements.current.mean import MeanCurrent
 from replay_kit.measurements.events import (
     MALFORMED,
     NOT_A_KIND,
@@ -24,22 +24,37 @@ from replay_kit.measurements.events import (
     left_out_reason,
     malformed,
 )
-from replay_kit.measurements.messages import mavlink_vehicle
-from replay_kit.measurements.messages.joined import Component, component, joined
+from replay_kit.measurements.messages import mavlink
 from replay_kit.measurements.messages.kinds import Statement, statement
-from replay_kit.measurements.messages.mapped import mapped
-from replay_kit.measurements.messages.mavlink_ping import SCHEMA, PingFrame
-from replay_kit.measurements.messages.motion import Dvl
-from replay_kit.measurements.messages.position import Depth, Pose, Position, Pressure
+from replay_kit.measurements.messages.mapped import Component, component, joined, mapped
+from replay_kit.measurements.messages.mavlink import PingFrame
 from replay_kit.measurements.messages.profiles import StatedPing
-from replay_kit.measurements.ping.attitude import Orientation
-from replay_kit.measurements.steps import pings, positions
-from replay_kit.measurements.steps.observed import observed
+from replay_kit.measurements.messages.vehicle import Depth, Dvl, Pose, Position, Pressure
+from replay_kit.measurements.ping.adcp_ping import Orientation
+from replay_kit.measurements.steps import pings
 from replay_kit.measurements.steps.pings import take_stated_ping
-from replay_kit.measurements.steps.position_matching import PlacedPing, place, split
-from replay_kit.measurements.steps.state import MeasurementState, Step
+from replay_kit.measurements.steps.position_matching import (
+    PlacedPing,
+    WaitingPing,
+    observed,
+    place,
+    split,
+)
+from replay_kit.measurements.steps.state import (
+    MeasurementState,
+    Step,
+    record_depth,
+    record_gps_status,
+    record_mean_current,
+    record_navigation,
+    record_orientation,
+    record_pose,
+    record_position,
+    record_pressure,
+)
+from replay_kit.measurements.vehicle.mean_current import MeanCurrent
 
-_ALONE = "one component of a velocity without the other within join_within"
+_ALONE = "one velocity component without the other within join_within"
 
 
 def take_component(
@@ -67,7 +82,7 @@ def alone(state: MeasurementState) -> list[Event]:
 
 
 # What a MAVLink reader needs to decode for this module.
-MAVLINK_NAMES = mavlink_vehicle.NAMES | {SCHEMA}
+MAVLINK_NAMES = mavlink.NAMES | {mavlink.SCHEMA}
 # 146 years: a position may be as old as the configuration likes, and ages stay int64
 _FOREVER_NS = 2.0**62
 
@@ -79,19 +94,19 @@ _STEPS: Mapping[type, Callable[[MeasurementState, Any, Source, MeasurementConfig
             PingFrame: pings.take_ping_frame,
             Component: take_component,
             Dvl: pings.take_dvl,
-            Position: positions.record_position,
-            mavlink_vehicle.NavigationPosition: positions.record_navigation,
-            mavlink_vehicle.GpsStatus: positions.record_gps_status,
-            Pose: positions.record_pose,
-            Orientation: positions.record_orientation,
-            Depth: positions.record_depth,
-            Pressure: positions.record_pressure,
-            MeanCurrent: positions.record_mean_current,
+            Position: record_position,
+            mavlink.NavigationPosition: record_navigation,
+            mavlink.GpsStatus: record_gps_status,
+            Pose: record_pose,
+            Orientation: record_orientation,
+            Depth: record_depth,
+            Pressure: record_pressure,
+            MeanCurrent: record_mean_current,
         }
     )
 )
 # what tells which MAVLink system counts, in a log that holds several
-_STATES_POSITION = (Position, mavlink_vehicle.NavigationPosition)
+_STATES_POSITION = (Position, mavlink.NavigationPosition)
 
 
 def initial_state(system: int | None = None) -> MeasurementState:
@@ -181,14 +196,9 @@ def _step(state: MeasurementState, message: Message, config: MeasurementConfig) 
 
 def finish(state: MeasurementState, config: MeasurementConfig) -> list[Event]:
     """Return the events of what still waits when the log ends."""
-    waiting = [
-        event
-        for ping in state.waiting
-        for event in place(ping, state.fix, None, state.track, config)
-    ]
-    return _kept(
-        observed([[*pings.incomplete(state.frames), *alone(state), *waiting]], config), config
-    )[0]
+    waiting = _ended(state, state.waiting, config)
+    events = [*pings.incomplete(state.frames), *alone(state), *waiting]
+    return _kept(observed([events], config), config)[0]
 
 
 def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> Step:
@@ -201,20 +211,19 @@ def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> 
     if first.source.time_ns >= oldest_ns:
         return state, []
     older, newer = split(state.waiting, oldest_ns)
-    expired = [
-        ping for ping in older if now_ns - ping.source.time_ns > ping.longest_wait(config) * 1e9
-    ]
-    left = (
-        *(
-            ping
-            for ping in older
-            if now_ns - ping.source.time_ns <= ping.longest_wait(config) * 1e9
-        ),
-        *newer,
-    )
-    return replace(state, waiting=left), [
-        event for ping in expired for event in place(ping, state.fix, None, state.track, config)
-    ]
+
+    def waits(ping: WaitingPing) -> bool:
+        return now_ns - ping.source.time_ns <= ping.longest_wait(config) * 1e9
+
+    events = _ended(state, filterfalse(waits, older), config)
+    return replace(state, waiting=(*filter(waits, older), *newer)), events
+
+
+def _ended(
+    state: MeasurementState, pings: Iterable[WaitingPing], config: MeasurementConfig
+) -> list[Event | PlacedPing]:
+    """Return the events of pings for which no further position comes."""
+    return [event for ping in pings for event in place(ping, state.fix, None, state.track, config)]
 
 
 def _interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> Step:
@@ -224,12 +233,12 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
         else None
     )
     # a mapping goes before a known kind
-    system = mavlink_vehicle.system_of(message) if entry is None else None
+    system = mavlink.system_of(message) if entry is None else None
     if system is not None and state.system not in (None, system):
         return state, [
             Skipped(
                 message.topic,
-                f"of MAVLink system {system}, where {state.system} counts; system in [logs] chooses",
+                f"MAVLink system {system}, but system {state.system} is used; choose with system in [logs]",
             )
         ]
     if entry is None and (repeated := pings.duplicate_reason(message.payload, config)):
@@ -245,7 +254,7 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
     events: list[Event | PlacedPing] = []
     if isinstance(stated, StatedPing) and stated.position is not None:
         # it counts even where the profile does not; the message counts once, as the ping that it is
-        state, (_, *events) = positions.record_position(state, stated.position, source, config)
+        state, (_, *events) = record_position(state, stated.position, source, config)
     state, more = _STEPS[type(stated)](state, stated, source, config)
     return state, [*events, *more]
 
@@ -282,14 +291,9 @@ def without(events: Sequence[Event], rules: Sequence[str]) -> list[Event]:
         if not applied:
             continue
         kept = [other for other in kept if other is not event]
-        used = next(
-            (
-                k
-                for k, other in enumerate(kept)
-                if isinstance(other, Used) and other.topic == event.source.topic
-            ),
-            None,
-        )
-        if used is not None:
-            kept[used] = Skipped(event.source.topic, left_out_reason(applied))
+        topic = event.source.topic
+        for k, other in enumerate(kept):
+            if isinstance(other, Used) and other.topic == topic:
+                kept[k] = Skipped(topic, left_out_reason(applied))
+                break
     return kept

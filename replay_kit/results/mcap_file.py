@@ -18,7 +18,7 @@ from mcap.writer import CompressionType, Writer
 
 from replay_kit.core.atomic import open_part, part_of, sync
 from replay_kit.core.errors import ConfigError, ReplayKitError
-from replay_kit.core.raw import OutChannels, RawChannel, RawMessage
+from replay_kit.core.message import OutChannels, RawChannel, RawMessage
 from replay_kit.results.journal import Journal
 from replay_kit.results.readback import check_written
 from replay_kit.results.topics import Digest

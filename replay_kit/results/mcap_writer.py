@@ -12,15 +12,13 @@ from typing import Any, Protocol
 import foxglove
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.dive_forecast import DiveOutcome
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.lossless import save_bytes
-from replay_kit.core.grid import Projection
+from replay_kit.core.grid import Projection, Seabed
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
-from replay_kit.core.seabed import Seabed
-from replay_kit.core.surfacing import SurfacingOutcome
+from replay_kit.core.surfacing import DiveOutcome, SurfacingOutcome
 from replay_kit.core.version import __version__
 from replay_kit.results import messages
 from replay_kit.results.journal import Journal

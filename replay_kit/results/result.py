@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.points import Velocities
-from replay_kit.core.flow.windows import best_velocity_at
+from replay_kit.core.flow.points import Velocities, best_velocity_at
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.paths import as_path

@@ -15,8 +15,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.netcdf import wet_at
 from replay_kit.core.geodesy import inside_grid
-from replay_kit.core.grid import Grid
-from replay_kit.core.seabed import Seabed
+from replay_kit.core.grid import Grid, Seabed
 from replay_kit.results.messages import FRAME, orientation, pose, stamp
 
 # The longest arrow of the first slices is this many arrow spacings long.

@@ -6,7 +6,7 @@ from typing import Any
 
 from rich.console import Console
 
-from replay_kit.core.finding import finding_line
+from replay_kit.core.errors import finding_line
 from replay_kit.results.losses import lost_text
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.show.text import folded, not_used_lines, print_lines, print_table

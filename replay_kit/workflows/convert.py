@@ -15,16 +15,14 @@ from rich.console import Console
 from replay_kit.config.run import LogConfig
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.message import LogReport, Loss
-from replay_kit.core.paths import check_paths
+from replay_kit.core.message import LogReport, Loss, RawMessage
+from replay_kit.core.paths import check_paths, check_unchanged, stamps_of
 from replay_kit.core.progress import Progress, silent
-from replay_kit.core.raw import RawMessage
-from replay_kit.core.unchanged import check_unchanged, stamps_of
 from replay_kit.logs import merge, open_logs
-from replay_kit.logs.folders import logs_in
 from replay_kit.logs.mavlink.writer import TlogFrames
 from replay_kit.logs.mcap.writer import McapLogWriter, open_mcap_log
 from replay_kit.logs.reader import LogFile, RawLog, reading
+from replay_kit.logs.registry import logs_in
 from replay_kit.results.losses import (
     code_of,
     loss_json,

@@ -15,11 +15,11 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mcap.reader import make_reader
 
+from tests.benchmarks.measure import Row, row
 from tests.instalments import Instalment, delivered, dives_of
 from tests.places import DATA, ROOT
 
@@ -30,7 +30,7 @@ _TICKS = os.sysconf("SC_CLK_TCK")
 _KILLS, _DIVES = 10, 30
 
 
-def rows(tiny: bool) -> list[dict[str, Any]]:
+def rows(tiny: bool) -> list[Row]:
     """Return a row for each mission; when tiny one of three dives."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -126,7 +126,7 @@ class Shore:
         return path.stat().st_mtime_ns if path.exists() else 0
 
 
-def _twin(folder: Path, tiny: bool) -> dict[str, Any]:
+def _twin(folder: Path, tiny: bool) -> Row:
     """Return the row of a twin's mission in the sample ocean."""
     from replay_kit.config.run import ForecastConfig
     from replay_kit.forecast import read_truth
@@ -162,7 +162,7 @@ def _twin(folder: Path, tiny: bool) -> dict[str, Any]:
     )
 
 
-def _seaglider(folder: Path, files: Sequence[Path]) -> dict[str, Any]:
+def _seaglider(folder: Path, files: Sequence[Path]) -> Row:
     """Return the row of a Seaglider's dives over a synthetic ensemble that is put at the place of the first of them."""
     from tests.benchmarks.atsea_ocean import ocean_about
 
@@ -180,7 +180,7 @@ def _seaglider(folder: Path, files: Sequence[Path]) -> dict[str, Any]:
 
 def _followed(
     name: str, folder: Path, order: Sequence[Instalment], arguments: Sequence[str], kills: int
-) -> dict[str, Any]:
+) -> Row:
     """Return what it took to follow a mission, and whether its estimate is that of one replay of the final files."""
     (folder / "inbox").mkdir(parents=True)
     shore, rng = Shore(folder / "inbox", folder / "out.mcap", arguments), np.random.default_rng(5)
@@ -217,20 +217,17 @@ def _followed(
         check=False,
     )
     differing = float(_estimate(shore.out) != _estimate(once))
-    return {
-        "name": f"at sea: {name}, killed {len(killed)} times",
-        "ours_s": max(shore.seconds),
-        "median_s": float(np.median(shore.seconds)),
-        "wall_s": max(shore.walls),
-        "asked": _ASKED,
-        "asked_s": _ASKED,
-        "peer": "none",
-        "peer_s": None,
-        "ratio": None,
-        "error": {"differing": differing, "exit": float(code != 130)},
-        "peak_mb": shore.peak_mb,
-        "asked_mb": _ASKED_MB,
-    }
+    return row(
+        f"at sea: {name}, killed {len(killed)} times",
+        max(shore.seconds),
+        asked=_ASKED,
+        error={"differing": differing, "exit": float(code != 130)},
+        median_s=float(np.median(shore.seconds)),
+        wall_s=max(shore.walls),
+        asked_s=_ASKED,
+        peak_mb=shore.peak_mb,
+        asked_mb=_ASKED_MB,
+    )
 
 
 def _estimate(path: Path) -> bytes:

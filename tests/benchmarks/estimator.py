@@ -7,7 +7,6 @@ their weights are quotients of small numbers. Its modes are 752, not 760: the me
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -23,9 +22,7 @@ from replay_kit.estimator.basis.modes import build_basis
 from replay_kit.estimator.basis.slices import cell_size, ensemble_slices
 from replay_kit.estimator.prior.localised import gaspari_cohn
 from tests.benchmarks import scene, slow
-from tests.benchmarks.measure import alone, peak_mb, seconds
-
-Row = dict[str, Any]
+from tests.benchmarks.measure import Row, peak_mb, row, runner, seconds
 
 
 @dataclass(frozen=True)
@@ -93,27 +90,6 @@ def alone_ms(estimator, state, observations) -> float:
 
 def relative(ours, theirs) -> float:
     return float(np.linalg.norm(ours - theirs) / np.linalg.norm(theirs))
-
-
-def row(
-    name: str,
-    ours_s: float,
-    peer: str,
-    peer_s: float | None,
-    asked: float | None,
-    error: dict[str, float],
-    **more: Any,
-) -> Row:
-    ratio = None if peer_s is None else peer_s / ours_s
-    return {
-        "name": name,
-        "ours_s": ours_s,
-        "peer": peer,
-        "peer_s": peer_s,
-        "ratio": ratio,
-        "asked": asked,
-        "error": error,
-    } | more
 
 
 def basis_row(work: Work) -> Row:
@@ -226,7 +202,7 @@ def filterpy_rows(work: Work, ours_s: dict[str, float]) -> list[Row]:
     peer = "filterpy's KalmanFilter (Joseph form), 1 ping timed and multiplied"
     whole_s = peer_s * len(work.track)
     return [
-        row(f"the same track, {which} prior", ours, peer, whole_s, 1000.0, errors, peak_mb=None)
+        row(f"the same track, {which} prior", ours, peer, whole_s, 1000.0, errors)
         for which, ours in ours_s.items()
     ]
 
@@ -247,7 +223,6 @@ def static_row(work: Work, pings: int = 20_000) -> Row:
         "35 ms a ping, bounded memory",
         0.035 * pings,
         1.0,
-        {},
         ms_a_ping=1e3 * total / pings,
         ms_a_ping_when_full=1e3 * float(np.mean(last)),
         directions=getattr(state.posterior, "size", None),
@@ -383,7 +358,7 @@ def rows(tiny: bool) -> list[Row]:
     """All rows, each in a process of its own; tiny ones in this one."""
     work = Work(scene.TINY, 40, True) if tiny else Work(scene.Size(), 450, False)
     _ = work.estimators, work.track, work.scattered
-    run = (lambda job: {"peak_mb": None} | job()) if tiny else alone
+    run = runner(tiny)
     done = [run(lambda: basis_row(work))]
     asked = {
         ("hybrid", "track"): 25.0,

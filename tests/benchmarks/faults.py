@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from statistics import median
-from typing import Any
 
 import numpy as np
 
@@ -23,17 +22,16 @@ from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds
+from replay_kit.measurements.consistency.summary import EnsembleSpeeds, ensemble_speeds
 from replay_kit.studies.twins import Faults
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import mission as glider_mission
 from replay_kit.studies.twins.messages import Flight, measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, survey
 from tests.benchmarks.fault_kinds import FAULTS, Edit, Fault
-from tests.places import ROOT
+from tests.benchmarks.measure import Row, row
+from tests.places import DATA, SAMPLES
 
-_DATA = ROOT.parent / "shared" / "data"
-_SAMPLES = ROOT / "sample_logs"
 _SEEDS, _PINGS, _TINY_PINGS = 5, 400, 60
 # m/s: of the platform's stated velocity; of the bins of the seeds' twins
 _PLATFORM_STD, _NOISE = 0.03, (0.09, 0.05, 0.15, 0.09, 0.25)
@@ -60,7 +58,7 @@ class Log:
     config: MeasurementConfig = field(default_factory=MeasurementConfig)
 
 
-def rows(tiny: bool) -> list[dict[str, Any]]:
+def rows(tiny: bool) -> list[Row]:
     """Return a row for each fault, and one for the sound runs."""
     began = time.process_time()
     seas = _seas(tiny)
@@ -87,31 +85,20 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
         "false_alarms": len(alarms),
         "alarms": alarms,
     }
-    return [*found, _blank("sound logs") | total | {"ours_s": time.process_time() - began}]
+    return [*found, row("sound logs", time.process_time() - began, **total)]
 
 
-def _blank(name: str) -> dict[str, Any]:
-    return {
-        "name": name,
-        "ours_s": 0.0,
-        "peer": "none",
-        "peer_s": None,
-        "ratio": None,
-        "asked": None,
-        "error": {},
-        "peak_mb": None,
-    }
-
-
-def _row(fault: Fault, runs: list[tuple[tuple[str, ...], int]]) -> dict[str, Any]:
+def _row(fault: Fault, runs: list[tuple[tuple[str, ...], int]]) -> Row:
     hits = [pings for names, pings in runs if pings]
-    return _blank(fault.name) | {
-        "runs": len(runs),
-        "share": len(hits) / len(runs),
-        "median_pings": median(hits) if hits else None,
-        "asked_pings": 2 * fault.asked,
-        "otherwise": sum(bool(names) and not pings for names, pings in runs),
-    }
+    return row(
+        fault.name,
+        0.0,
+        runs=len(runs),
+        share=len(hits) / len(runs),
+        median_pings=median(hits) if hits else None,
+        asked_pings=2 * fault.asked,
+        otherwise=sum(bool(names) and not pings for names, pings in runs),
+    )
 
 
 def named(log: Log, fault: Fault) -> tuple[tuple[str, ...], int]:
@@ -153,12 +140,12 @@ Seas = Mapping[str, tuple[EnsembleSpeeds, str]]
 
 def _seas(tiny: bool) -> Seas:
     """Return the speeds of the ensembles, each with where its truths are."""
-    paths = {"sample": (_SAMPLES / "ensemble.nc", str(_SAMPLES / "truth.nc"))}
-    if not tiny and _DATA.exists():
+    paths = {"sample": (SAMPLES / "ensemble.nc", str(SAMPLES / "truth.nc"))}
+    if not tiny and DATA.exists():
         paths |= {
-            "nemo": (_DATA / "natl_nemo" / "ensemble.nc", str(_DATA / "natl_nemo" / "truth.nc")),
-            "qg": (_DATA / "qg" / "climatology.nc", f"{_DATA / 'qg' / 'climatology.nc'}#"),
-            "qg-forecast": (_DATA / "qg" / "forecast.nc", f"{_DATA / 'qg' / 'forecast.nc'}#"),
+            "nemo": (DATA / "natl_nemo" / "ensemble.nc", str(DATA / "natl_nemo" / "truth.nc")),
+            "qg": (DATA / "qg" / "climatology.nc", f"{DATA / 'qg' / 'climatology.nc'}#"),
+            "qg-forecast": (DATA / "qg" / "forecast.nc", f"{DATA / 'qg' / 'forecast.nc'}#"),
         }
     return {
         name: (_speeds(read_ensemble(path, ForecastConfig())), spec)
@@ -192,7 +179,7 @@ def sound_logs(seas: Seas, seed: int, tiny: bool) -> Iterator[Log]:
                 )
                 if tiny and vehicle == "glider":
                     return
-    dives = sorted((_DATA / "seaglider").glob("p1710*.nc"))
+    dives = sorted((DATA / "seaglider").glob("p1710*.nc"))
     if not seed and dives:
         messages = list(
             merge(

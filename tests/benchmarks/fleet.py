@@ -8,7 +8,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 from replay_kit.config.fleet import FleetTable
 from replay_kit.config.run import RunConfig
@@ -18,14 +17,14 @@ from replay_kit.workflows.fleet.cluster import Cluster, open_cluster
 from replay_kit.workflows.fleet.missions import Mission, missions_of
 from replay_kit.workflows.fleet.run import run_fleet, run_mission
 from tests import synthetic
-from tests.benchmarks.measure import seconds
+from tests.benchmarks.measure import Row, row, seconds
 from tests.places import SAMPLES
 
 # Missions and pings of each; between two kills [s].
 _MISSIONS, _PINGS, _MODES, _KILL_S = 40, 300, 60, 30.0
 
 
-def rows(tiny: bool) -> list[dict[str, Any]]:
+def rows(tiny: bool) -> list[Row]:
     """Return the wall time of a fleet's missions on two workers beside one, and on two of which one is killed again and again."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -43,23 +42,15 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
             _differing(folder, "one", "two"),
             0 if tiny else _differing(folder, "one", "killed"),
         )
-    common = {"peer": "one worker", "peer_s": alone_s, "peak_mb": None, "missions": count}
+
+    def compared(what: str, took: float, asked: float, differs: int, **more: int) -> Row:
+        name, error = f"fleet of {count} twins, {what}", {"differing": differs}
+        return row(name, took, "one worker", alone_s, asked, error, **more, missions=count)
+
+    killed = f"a worker killed every {_KILL_S:g} s"
     return [
-        {
-            "name": f"fleet of {count} twins, two workers",
-            "ours_s": both_s,
-            "ratio": alone_s / both_s,
-            "asked": 1.85,
-        }
-        | {"error": {"differing": differing[0]}}
-        | common,
-        {
-            "name": f"fleet of {count} twins, a worker killed every {_KILL_S:g} s",
-            "ours_s": killed_s,
-            "ratio": alone_s / killed_s,
-        }
-        | {"asked": 1.0, "error": {"differing": differing[1]}, "kills": kills}
-        | common,
+        compared("two workers", both_s, 1.85, differing[0]),
+        compared(killed, killed_s, 1.0, differing[1], kills=kills),
     ]
 
 

@@ -2,19 +2,18 @@
 
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.forecast import read_ensemble
-from tests.benchmarks.measure import alone, seconds
+from tests.benchmarks.measure import Row, alone, row, seconds
 
 _STEP = 0.05
 
 
-def rows(tiny: bool) -> list[dict[str, Any]]:
+def rows(tiny: bool) -> list[Row]:
     """One row: 50 members x 30 levels x 120 x 120 from 50 files, cropped to 60 x 60."""
     members, levels, size = (4, 3, 12) if tiny else (50, 30, 120)
     with tempfile.TemporaryDirectory() as folder:
@@ -23,19 +22,17 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
         config = ForecastConfig(region=(start, start + 30.0, end, end + 30.0))
         expected = last[:, size // 4 : size // 4 + size // 2, size // 4 : size // 4 + size // 2]
 
-        def work() -> dict[str, Any]:
+        name = f"read {members} files of {levels} x {size} x {size}, cropped to {size // 2} x {size // 2}; asked 10 s, 1 GB"
+
+        def work() -> Row:
             taken, ensemble = seconds(lambda: read_ensemble(Path(folder), config))
             assert ensemble.velocity.shape == (members, 2, levels, size // 2, size // 2)
             # a turn of the axes changes no speed
             speed = np.hypot(ensemble.velocity[-1, 0], ensemble.velocity[-1, 1])
-            return {
-                "ours_s": taken,
-                "error": {"velocity": float(np.abs(speed - np.sqrt(2.0) * np.abs(expected)).max())},
-            }
+            off = float(np.abs(speed - np.sqrt(2.0) * np.abs(expected)).max())
+            return row(name, taken, error={"velocity": off})
 
-        row = alone(work)
-    name = f"read {members} files of {levels} x {size} x {size}, cropped to {size // 2} x {size // 2}; asked 10 s, 1 GB"
-    return [{"name": name, "peer": "none", "peer_s": None, "ratio": None, "asked": None} | row]
+        return [alone(work)]
 
 
 def _write(folder: Path, members: int, levels: int, size: int) -> np.ndarray:

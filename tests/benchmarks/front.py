@@ -1,6 +1,5 @@
 """The earliest arrival: against Zermelo's solutions and rays, against a fine search among obstacles, and missions above its bound."""
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -10,6 +9,7 @@ import numpy as np
 from planners import (
     MissionRequest,
     MissionSettings,
+    NoGo,
     Weights,
     best_departure,
     plan_departures,
@@ -28,15 +28,14 @@ from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.estimator.basis.modes import embed_member
 from replay_kit.forecast import read_ensemble
-from tests.benchmarks.estimator import row
-from tests.benchmarks.planners_masked import islands, random_area
+from tests.benchmarks.measure import Row, cpu, row
+from tests.benchmarks.planners_masked import asked, bounds, islands, random_area
 from tests.places import DATA
-from tests.planners.flow_samples import eddying_flow, fitted_flow, place
+from tests.planners.flow_samples import eddying_flow, fitted_flow
 from tests.reference.fine_search import search_time
 from tests.reference.rays import fan, in_front
 from tests.reference.zermelo import time_in_jet, time_in_solid_rotation, time_in_uniform_current
 
-Row = dict[str, Any]
 QG = DATA / "qg" / "climatology.nc"
 DAY = 86400.0
 # Turning of the water [rad/s], and the current of the uniform case [m/s].
@@ -61,7 +60,7 @@ def rows(tiny: bool) -> list[Row]:
             bound_row("masked", masked_case, 40, tiny),
             bound_row("in strong currents", strong_case, 20, tiny),
         ]
-    return [{"peak_mb": None} | one for one in made]
+    return made
 
 
 def _flows(tiny: bool) -> tuple[FlowEstimate, ...]:
@@ -80,10 +79,12 @@ def _times_of(
 ) -> tuple[Array, float]:
     """Return when a front is at some places [s], relaxed off the lattice, and the processor time of the front alone [s]."""
     places, first = as_complex(np.vstack([begin, ends])), current.places.size
-    began = time.process_time()
-    sea = sea_of(current, speed, places)
-    front = spread(sea, np.array([first]), np.zeros(1), until, np.zeros(0, dtype=int))
-    took = time.process_time() - began
+
+    def flood() -> tuple[Any, Any]:
+        sea = sea_of(current, speed, places)
+        return sea, spread(sea, np.array([first]), np.zeros(1), until, np.zeros(0, dtype=int))
+
+    took, (sea, front) = cpu(flood)
     numbers = first + 1 + np.arange(len(ends))
     arrived = [
         float(relax(sea, front.route_to(int(n), 0.0, True), 0.0).times[-1])
@@ -152,18 +153,14 @@ def ray_row(flows: tuple[FlowEstimate, ...], speed: float, days: float, count: i
             [one.latent + at / (10.0 * DAY) * (other.latent - one.latent) for at in times]
         )
         shares = shares_of_levels(one, min(_DEPTH, float(one.levels[-1])), 0.05)
-        began = time.process_time()
-        current = current_lattice(one, latent, times, spacing_over(one), shares)
-        made = time.process_time() - began
+        made, current = cpu(lambda: current_lattice(one, latent, times, spacing_over(one), shares))  # noqa: B023
         mean = np.stack([part @ shares for part in np.split(latent, times.size, axis=1)], axis=1)
 
         def velocity(at: Array, now: float) -> Array:
             weights = np.array([np.interp(now, times, unit) for unit in np.eye(times.size)])  # noqa: B023
             return one.horizontal.velocity(at, (mean @ weights)[:, None])[..., 0]  # noqa: B023
 
-        low, high = (
-            np.array([pick(one.grid.east), pick(one.grid.north)]) for pick in (np.min, np.max)
-        )
+        low, high = bounds(one)
         begin = 0.5 * (low + high) + rng.uniform(-0.1, 0.1, 2) * (high - low)
         fans = fan(
             velocity,
@@ -212,9 +209,7 @@ def departures_row(flows: tuple[FlowEstimate, ...], count: int, apart: float = 6
             )
             for s in (0.0, 0.5, 1.0)
         ]
-        low, high = (
-            np.array([pick(one.grid.east), pick(one.grid.north)]) for pick in (np.min, np.max)
-        )
+        low, high = bounds(one)
         begin, course, far = (
             0.5 * (low + high),
             rng.uniform(0.0, 2.0 * np.pi),
@@ -225,19 +220,17 @@ def departures_row(flows: tuple[FlowEstimate, ...], count: int, apart: float = 6
         settings = MissionSettings(
             depth=min(500.0, float(one.levels[-1])), surface_time=600.0, objective=Weights(time=1.0)
         )
-        request = MissionRequest(
-            place(one, *begin, 0.0), (place(one, *end, 0.0),), settings=settings
-        )
+        request = asked(one, begin, end, settings)
         starts = [round(DAY * 1e9 + n * apart * 3.6e12) for n in range(5)]
         plan_mission(
             sea, replace(request, start_time_ns=starts[0])
         )  # what is made once for all missions of these nodes is not counted
-        began = time.process_time()
-        plans = plan_departures(sea, request, starts)
-        took = time.process_time()
-        single = [plan_mission(sea, replace(request, start_time_ns=start)) for start in starts]
-        together.append(took - began)
-        alone.append((time.process_time() - took) / 5.0)
+        took, plans = cpu(lambda: plan_departures(sea, request, starts))  # noqa: B023
+        each, single = cpu(
+            lambda: [plan_mission(sea, replace(request, start_time_ns=at)) for at in starts]  # noqa: B023
+        )
+        together.append(took)
+        alone.append(each / 5.0)
         best, known = plans[best_departure(plans)], single[best_departure(single)]
         if best.status == known.status == "reached":
             worse.append(best.duration / known.duration - 1.0)
@@ -269,16 +262,14 @@ def _error_row(name: str, errors: Array, took: float, peer: str) -> Row:
         f"{name}: mean 0.3 %, 95 in 100 within 1 % asked",
         took,
         peer,
-        None,
-        None,
-        {f"off_{k}": v for k, v in error.items()},
+        error={f"off_{k}": v for k, v in error.items()},
         **more,
     )
 
 
 def reach_row(count: int, out_of_reach: int, spacing: float) -> Row:
     """Random goals among obstacles: none that a fine search reaches may be called out of reach; those far out of reach are, at once."""
-    wrong, said, seen, took, bounds, judged, k = 0, 0, 0, [0.0], list[float](), list[float](), 0
+    wrong, said, seen, took, found, judged, k = 0, 0, 0, [0.0], list[float](), list[float](), 0
     goals = 0
     while goals < count or seen < out_of_reach:
         flow, request = reach_case(k)
@@ -287,28 +278,26 @@ def reach_row(count: int, out_of_reach: int, spacing: float) -> Row:
             task = mission_task(flow, request)
         except PlanError:
             continue
-        began = time.process_time()
-        truth, most = _judge(task, spacing), longest_time(task)
-        judged.append(time.process_time() - began)
+        spent, truth = cpu(lambda: _judge(task, spacing))  # noqa: B023
+        judged.append(spent)
+        most = longest_time(task)
         if goals < count:
             goals += 1
-            began = time.process_time()
-            bound = bound_of(task)[1]
-            bounds.append(time.process_time() - began)
+            spent, (_, bound) = cpu(lambda: bound_of(task))  # noqa: B023
+            found.append(spent)
             wrong += truth <= most and not np.isfinite(bound.time)
         if truth > 1.1 * most and seen < out_of_reach:
             plan_mission(
                 flow, request
             )  # what is made once for all missions of these nodes is not counted
-            began = time.process_time()
-            plan = plan_mission(flow, request)
-            took.append(time.process_time() - began)
+            spent, plan = cpu(lambda: plan_mission(flow, request))  # noqa: B023
+            took.append(spent)
             seen += 1
             said += plan.status == "unreachable" and "out of reach" in plan.message
     name = f"{goals} goals among obstacles: none called out of reach that a fine search reaches; {seen} out of reach, each told in 0.5 s"
     more = {"said": said, "slowest_s": max(took), "asked_s": 0.5}
     peer, theirs = f"search of a grid of {spacing:g} m", float(np.median(judged))
-    return row(name, float(np.median(bounds)), peer, theirs, 1.0, {"differing": wrong}, **more)
+    return row(name, float(np.median(found)), peer, theirs, 1.0, {"differing": wrong}, **more)
 
 
 def reach_case(seed: int) -> tuple[FlowEstimate, MissionRequest]:
@@ -317,15 +306,9 @@ def reach_case(seed: int) -> tuple[FlowEstimate, MissionRequest]:
     flow = islands(eddying_flow(seed, speed=float(rng.uniform(0.1, 0.4))), rng)
     limits = 0.85 * np.array([flow.grid.east.max(), flow.grid.north.max()])
     begin, end = rng.uniform(-limits, limits, (2, 2))
-    areas = tuple(
-        random_area(flow, rng.uniform(-limits, limits), rng, f"area {k}")
-        for k in range(rng.integers(0, 4))
-    )
-    areas = tuple(replace(area, surface_only=False) for area in areas)
+    areas = _areas(flow, limits, rng, int(rng.integers(0, 4)))
     settings = MissionSettings(depth=200.0, surface_time=300.0, max_legs=int(rng.integers(10, 60)))
-    return flow, MissionRequest(
-        place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=settings, no_go=areas
-    )
+    return flow, asked(flow, begin, end, settings, *areas)
 
 
 def _judge(task: MissionTask, spacing: float) -> float:
@@ -344,9 +327,7 @@ def _judge(task: MissionTask, spacing: float) -> float:
             flow.horizontal.velocity(at, (task.currents.latent[0] @ shares)[:, None])[..., 0]
         )
 
-    low, high = (
-        np.array([pick(flow.grid.east), pick(flow.grid.north)]) for pick in (np.min, np.max)
-    )
+    low, high = bounds(flow)
     # the outline of the region is curved by less than this
     box = np.array([low, high]) * 0.99
     speed = (1.0 - drift_share) * float(task.vehicle.speeds(np, angle)[0])
@@ -361,9 +342,8 @@ def bound_row(
     for k in range(count):
         try:
             flow, request = case(k)
-            began = time.process_time()
-            plan = plan_mission(flow, request)
-            took.append(time.process_time() - began)
+            spent, plan = cpu(lambda: plan_mission(flow, request))  # noqa: B023
+            took.append(spent)
         except PlanError:
             continue
         if "above_bound_percent" in plan.statistics:
@@ -384,9 +364,7 @@ def bound_row(
         name,
         float(np.median(took)),
         "lower bound",
-        None,
-        None,
-        error,
+        error=error,
         **shares,
         not_reached=missed,
         slowest_s=max(took),
@@ -408,9 +386,7 @@ def _case(seed: int, speed: float) -> tuple[FlowEstimate, MissionRequest]:
     limits = 0.7 * np.array([flow.grid.east.max(), flow.grid.north.max()])
     begin, end = rng.uniform(-limits, limits, (2, 2))
     settings = MissionSettings(depth=390.0, surface_time=600.0)
-    return flow, MissionRequest(
-        place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=settings
-    )
+    return flow, asked(flow, begin, end, settings)
 
 
 def masked_case(seed: int) -> tuple[FlowEstimate, MissionRequest]:
@@ -419,10 +395,14 @@ def masked_case(seed: int) -> tuple[FlowEstimate, MissionRequest]:
     rng = np.random.default_rng(950 + seed)
     flow = islands(flow, rng)
     limits = 0.7 * np.array([flow.grid.east.max(), flow.grid.north.max()])
-    areas = tuple(
-        replace(
-            random_area(flow, rng.uniform(-limits, limits), rng, f"area {k}"), surface_only=False
-        )
-        for k in range(3)
+    return flow, replace(request, no_go=_areas(flow, limits, rng, 3))
+
+
+def _areas(
+    flow: FlowEstimate, limits: Array, rng: np.random.Generator, count: int
+) -> tuple[NoGo, ...]:
+    """Return areas within limits about the middle that may not be entered at any depth."""
+    drawn = (
+        random_area(flow, rng.uniform(-limits, limits), rng, f"area {k}") for k in range(count)
     )
-    return flow, replace(request, no_go=areas)
+    return tuple(replace(area, surface_only=False) for area in drawn)

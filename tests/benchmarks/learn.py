@@ -1,7 +1,6 @@
 """Plans that learn: how quickly and how truly candidates are judged, beside whole runs of the estimator, and how long plans take."""
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -22,14 +21,13 @@ from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth_means import depth_means
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.plan import Place
 from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble
 from tests import synthetic
-from tests.benchmarks.estimator import row
+from tests.benchmarks.measure import Row, cpu, row
 from tests.places import DATA
+from tests.planners.flow_samples import place
 
 NEMO = DATA / "natl_nemo" / "ensemble.nc"
 _HOUR, _DEPTH, _NOISE = 3600.0, 280.0, 0.09
@@ -37,7 +35,7 @@ _HOUR, _DEPTH, _NOISE = 3600.0, 280.0, 0.09
 _SURVEY, _BLIND, _GOAL = 28.0, 23.0, 20e3 + 5e3j
 
 
-def rows(tiny: bool) -> list[dict[str, Any]]:
+def rows(tiny: bool) -> list[Row]:
     """Return what was measured."""
     ensemble = (
         synthetic.ensemble(n_members=8, shape=(12, 14))
@@ -68,7 +66,7 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
     aim = Aim(
         known, rows_at(known, points, sense.times).combined(sense.weights), _NOISE**2 / depth.size
     )
-    cheap, survey, errors = _least(
+    cheap, (survey, errors) = cpu(
         lambda: (
             (made := timed(mean, 0j, shapes(_GOAL), (0.0, _SURVEY * _HOUR, 10), speed)),
             aim.judge(made),
@@ -92,44 +90,27 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
             name,
             cheap,
             "as many runs of the estimator",
-            None,
-            None,
-            of_a_run,
+            error=of_a_run,
             asked_s=0.1,
             peer_runs_s=whole,
         )
     ]
-    began = time.process_time()
-    difference = _difference(known.flow, known, planned)
-    made.append(
-        row(
-            "sensitivity of an end: 1e-6 asked",
-            time.process_time() - began,
-            "central differences",
-            None,
-            None,
-            {"latents_end": difference},
-        )
+    took, difference = cpu(lambda: _difference(known.flow, known, planned))
+    end = row(
+        "sensitivity of an end: 1e-6 asked",
+        took,
+        "central differences",
+        error={"latents_end": difference},
     )
-    return [{"peak_mb": None} | one for one in made + _plans(flow, tiny)]
-
-
-def _least(work: Callable[[], tuple[Any, Array]], repeats: int) -> tuple[float, Any, Array]:
-    """Return the least processor time of some repeats, and what the last gave."""
-    best, value = np.inf, None
-    for _ in range(repeats):
-        began = time.process_time()
-        value = work()
-        best = min(best, time.process_time() - began)
-    assert value is not None
-    return best, *value
+    made.append(end)
+    return made + _plans(flow, tiny)
 
 
 def _profiles(ensemble: Ensemble, flow: FlowEstimate, places: Array, depth: Array) -> list[Any]:
     rng, found = np.random.default_rng(0), []
-    for k, place in enumerate(places):
-        values = flow.velocity(*place, depth) + _NOISE * rng.standard_normal((depth.size, 2))
-        found.append(synthetic.profile(ensemble.grid, *place, depth, values, _NOISE, time_ns=k))
+    for k, at in enumerate(places):
+        values = flow.velocity(*at, depth) + _NOISE * rng.standard_normal((depth.size, 2))
+        found.append(synthetic.profile(ensemble.grid, *at, depth, values, _NOISE, time_ns=k))
     return found
 
 
@@ -154,13 +135,13 @@ def _difference(flow: FlowEstimate, known: Any, planned: Any) -> float:
     return abs(found / by_difference - 1.0)
 
 
-def _plans(flow: FlowEstimate, tiny: bool) -> list[dict[str, Any]]:
+def _plans(flow: FlowEstimate, tiny: bool) -> list[Row]:
     """Return the processor time of one plan of each kind."""
     samples = 20 if tiny else 200
     settings = LearnSettings(depth=_DEPTH, samples=samples)
-    start = _place(flow, 0j)
-    asked = LearnRequest(start, (_place(flow, _GOAL),), settings=settings)
-    box = [_place(flow, complex(sign * 25e3, sign * 20e3)) for sign in (-1, 1)]
+    start = place(flow, 0.0, 0.0, 0.0)
+    asked = LearnRequest(start, (place(flow, _GOAL.real, _GOAL.imag, 0.0),), settings=settings)
+    box = [place(flow, sign * 25e3, sign * 20e3, 0.0) for sign in (-1, 1)]
     mapped = replace(
         asked, goals=(), profiles=4 if tiny else 20, settings=replace(settings, dives=3)
     )
@@ -172,18 +153,4 @@ def _plans(flow: FlowEstimate, tiny: bool) -> list[dict[str, Any]]:
             flow, mapped, Box(box[0].longitude, box[0].latitude, box[1].longitude, box[1].latitude)
         ),
     }
-    made = []
-    for name, work in kinds.items():
-        began = time.process_time()
-        work()
-        made.append(
-            row(
-                f"plan of {name}", time.process_time() - began, "none", None, None, {}, asked_s=20.0
-            )
-        )
-    return made
-
-
-def _place(flow: FlowEstimate, point: complex) -> Place:
-    longitude, latitude = to_geographic(flow.grid.projection, point.real, point.imag)
-    return Place(float(longitude), float(latitude), 0.0)
+    return [row(f"plan of {name}", cpu(work)[0], asked_s=20.0) for name, work in kinds.items()]

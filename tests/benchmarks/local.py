@@ -23,7 +23,7 @@ from replay_kit.forecast import read_ensemble
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.truths import leave_out
 from tests import synthetic
-from tests.benchmarks.estimator import row
+from tests.benchmarks.measure import Row, row
 from tests.places import DATA
 
 _SEAS = {
@@ -50,7 +50,7 @@ class _Foretold:
     variance: float
 
 
-def rows(tiny: bool) -> list[dict[str, Any]]:
+def rows(tiny: bool) -> list[Row]:
     """Return what was measured."""
     seas = [name for name, path in _SEAS.items() if path.exists()]
     if tiny or not seas:
@@ -96,8 +96,8 @@ def _row(
             }
     name = f"{sea}, {100.0 * current[0]:.0f} cm/s beside the members over {current[1] / 3600.0:.0f} h: 0.9 held asked"
     return row(
-        name, spent["beside"], "the estimate alone", None, None, error, estimate_s=spent["estimate"]
-    ) | {"peak_mb": None}
+        name, spent["beside"], "the estimate alone", error=error, estimate_s=spent["estimate"]
+    )
 
 
 def _mission(

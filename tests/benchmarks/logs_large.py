@@ -12,16 +12,14 @@ from mcap.writer import Writer
 
 from replay_kit.config.run import LogConfig, load_config
 from replay_kit.logs import open_log
-from replay_kit.logs.mcap import overview
+from replay_kit.logs.mcap import survey
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows import convert as converting
 from replay_kit.workflows.info.inspect import LogInfo, inspect_logs
-from tests.benchmarks.estimator import row
 from tests.benchmarks.logs_replay import padded
-from tests.benchmarks.measure import seconds
+from tests.benchmarks.measure import Row, row, seconds
 from tests.places import SAMPLES
 
-Row = dict[str, Any]
 _START = 1_542_326_400 * 10**9
 _TOPICS = 4
 
@@ -119,13 +117,9 @@ def _info_rows(what: str, path: Path) -> list[Row]:
         row(
             f"info by the index: {what}",
             by_index_s,
-            "none",
-            None,
-            None,
-            {"messages_differ": differ + float(by_index.sampled is None)},
+            error={"messages_differ": differ + float(by_index.sampled is None)},
             asked_s=2.0,
             summary_of_mcap_reader_s=summary_s,
-            peak_mb=None,
         ),
         row(
             f"info --full: {what}",
@@ -139,7 +133,6 @@ def _info_rows(what: str, path: Path) -> list[Row]:
             megabytes_per_s=size / full_s,
             asked_megabytes_per_s=100.0,
             file_megabytes_per_s=path.stat().st_size / 1e6 / full_s,
-            peak_mb=None,
         ),
     ]
 
@@ -168,7 +161,6 @@ def _convert_row(what: str, path: Path) -> Row:
         1.0 / 1.5,
         {"messages_differ": float(dict(summary.messages) != _stock_counts(copy))},
         check_s=check_s[0],
-        peak_mb=None,
     )
 
 
@@ -178,9 +170,9 @@ def rows(tiny: bool) -> list[Row]:
     count, size = (2_000, 3_000_000) if tiny else (5_000_000, 1_100_000_000)
     # a log of nothing would be read whole
     with (
-        mock.patch.object(overview, "FEW_MESSAGES", 1)
+        mock.patch.object(survey, "FEW_MESSAGES", 1)
         if tiny
-        else mock.patch.object(overview, "FEW_MESSAGES", overview.FEW_MESSAGES)
+        else mock.patch.object(survey, "FEW_MESSAGES", survey.FEW_MESSAGES)
     ):
         for what, make in (
             (f"{count} messages", lambda folder: _many(folder / "many.mcap", count)),

@@ -15,14 +15,12 @@ from pymavlink import DFReader, mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.logs import open_log
-from replay_kit.logs.dataflash.formats import HEAD
 from replay_kit.logs.dataflash.reader import DataflashReader
-from replay_kit.logs.dataflash.records import read_records
+from replay_kit.logs.dataflash.records import HEAD, read_records
 from replay_kit.logs.mavlink.frames import read_frames
 from replay_kit.logs.shared.statistics import ReadStatistics
 from replay_kit.measurements import MAVLINK_NAMES
-from tests.benchmarks.estimator import Row, row
-from tests.benchmarks.measure import alone, peak_mb, seconds
+from tests.benchmarks.measure import Row, peak_mb, row, runner, seconds
 from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.logs.log_samples import SHARED, attitude, tlog_entry
 
@@ -213,7 +211,7 @@ def rows(tiny: bool) -> list[Row]:
     use = real.is_dir() and not tiny
     telemetry = (real / "small.tlog").read_bytes() if use else small_tlog()
     binary = (real / "small.BIN").read_bytes() if use else b"".join(dataflash(20))
-    run = (lambda job: {"peak_mb": None} | job()) if tiny else alone
+    run = runner(tiny)
     repeats = 1 if tiny else 2
     # so many times a reader takes seconds; the synthetic logs are shorter
     all_times, some_times, binary_times = (

@@ -18,11 +18,9 @@ from replay_kit.estimator import build_estimator
 from replay_kit.logs import merge, open_log
 from replay_kit.results import ResultWriter
 from tests.benchmarks import scene
-from tests.benchmarks.estimator import row
-from tests.benchmarks.measure import seconds
+from tests.benchmarks.measure import Row, row, seconds
 from tests.benchmarks.results_peer import JsonResults
 
-Row = dict[str, Any]
 _SECOND = 1_000_000_000
 _START = 1_542_326_400 * _SECOND
 
@@ -123,7 +121,6 @@ def _reading(
         messages=count,
         megabytes=path.stat().st_size / 1e6,
         ratio_in_file_order=peer_unordered_s / unordered_s,
-        peak_mb=None,
     )
 
 
@@ -187,7 +184,6 @@ def writing_row(folder: Path, tiny: bool) -> Row:
         weights=mean.size,
         megabytes=(folder / "ours.mcap").stat().st_size / 1e6,
         peer_megabytes=(folder / "peer.mcap").stat().st_size / 1e6,
-        peak_mb=None,
     )
 
 

@@ -18,12 +18,9 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins import Twin, make_twin, write_ensemble
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
-from tests.benchmarks.estimator import row
-from tests.benchmarks.measure import alone, seconds
-from tests.places import ROOT
+from tests.benchmarks.measure import Row, alone, row, seconds
+from tests.places import SAMPLES
 
-Row = dict[str, Any]
-_SAMPLES = ROOT / "sample_logs"
 # bytes of each
 _PICTURE, _ATTITUDE = 60_000, 100
 _SECOND = 1_000_000_000
@@ -34,20 +31,17 @@ def memory_row(folder: Path, tiny: bool) -> Row:
     """A log of 1 GB (pings, many small messages, large ones) against one of the same pings alone: peak memory of the process."""
     megabytes = 12 if tiny else 1100
     pings = folder / "pings.mcap"
-    write_mcap_log(pings, list(open_log(_SAMPLES / "survey.mcap").messages())[:60])
+    write_mcap_log(pings, list(open_log(SAMPLES / "survey.mcap").messages())[:60])
     large = folder / "large.mcap"
     write_mcap_log(large, padded(pings, megabytes * 1_000_000))
     before, ours = (
-        _replayed(path, _SAMPLES / "ensemble.nc", folder, _SMALL) for path in (pings, large)
+        _replayed(path, SAMPLES / "ensemble.nc", folder, _SMALL) for path in (pings, large)
     )
     grown = ours["peak_mb"] - before["peak_mb"]
     return row(
         f"replay of a log of {large.stat().st_size / 1e6:.0f} MB: memory above that of its pings alone, {grown:.0f} MB of 200 allowed",
         ours["seconds"],
-        "none",
-        None,
-        None,
-        {"messages_differ": float(ours["profiles"] != before["profiles"])},
+        error={"messages_differ": float(ours["profiles"] != before["profiles"])},
         peak_mb=grown,
         peak_asked_mb=200.0,
         whole_peak_mb=ours["peak_mb"],
@@ -113,7 +107,7 @@ def decisions(result: Path) -> Counter[str]:
 def stages_row(folder: Path, tiny: bool) -> Row:
     """A day of pings at 1 Hz with 300 modes a level: what each stage takes, beside reading alone."""
     pings, modes = (12, 4) if tiny else (86_400, 300)
-    where = _SAMPLES if tiny else folder
+    where = SAMPLES if tiny else folder
     ensemble, truth = where / "ensemble.nc", where / "truth.nc"
     if not tiny:
         write_ensemble(ensemble, truth, n_members=95)
@@ -141,10 +135,7 @@ def whole_row(log: Path, ensemble: Path, folder: Path, pings: int, modes: int) -
     return row(
         f"whole replay of {pings} pings at 1 Hz, {modes} modes asked a level; {count} messages read alone in {reading_s:.2f} s",
         ours["seconds"],
-        "none",
-        None,
-        None,
-        {
+        error={
             "messages_differ": float(abs(ours["read"] - count)),
             "messages_not_judged": float(abs(pings - judged)),
         },

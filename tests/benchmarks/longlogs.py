@@ -16,11 +16,9 @@ from replay_kit.studies.twins.messages import measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, NS_PER_S, Mission, Pings, log_position
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
-from tests.benchmarks.estimator import row
-from tests.benchmarks.measure import alone, seconds
+from tests.benchmarks.measure import Row, alone, row, seconds
 from tests.benchmarks.scene import NOISE, Size, ensemble
 
-Row = dict[str, Any]
 _DAY = 86_400
 _SPEED = 1.5  # m/s
 _LEG, _APART = 20e3, 3e3  # m

@@ -6,21 +6,46 @@ import platform
 import resource
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+Row = dict[str, Any]
 
-def seconds(work: Callable[[], Any], repeats: int = 1) -> tuple[float, Any]:
+
+def row(
+    name: str,
+    ours_s: float,
+    peer: str = "none",
+    peer_s: float | None = None,
+    asked: float | None = None,
+    error: Mapping[str, float] = MappingProxyType({}),
+    **more: Any,
+) -> Row:
+    """Return a row: our time, the peer's, the ratio asked of them, errors, and other figures by name."""
+    ratio = None if peer_s is None else peer_s / ours_s
+    figures = {"name": name, "ours_s": ours_s, "peer": peer, "peer_s": peer_s, "ratio": ratio}
+    return figures | {"asked": asked, "error": dict(error), "peak_mb": None} | more
+
+
+def cpu(work: Callable[[], Any], repeats: int = 1) -> tuple[float, Any]:
+    """Return the least processor time of some repeats, and what the last gave."""
+    return seconds(work, repeats, time.process_time)
+
+
+def seconds(
+    work: Callable[[], Any], repeats: int = 1, clock: Callable[[], float] = time.perf_counter
+) -> tuple[float, Any]:
     """Return the least wall time of some repeats, and what the last gave."""
     best, value = np.inf, None
     for _ in range(repeats):
-        start = time.perf_counter()
+        start = clock()
         value = work()
-        best = min(best, time.perf_counter() - start)
+        best = min(best, clock() - start)
     return best, value
 
 
@@ -37,7 +62,12 @@ def peak_mb(anew: bool = False) -> float:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
-def alone(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+def runner(tiny: bool) -> Callable[[Callable[[], Row]], Row]:
+    """Return what runs the work of a row: a process of its own, or this one where it is tiny."""
+    return (lambda work: work()) if tiny else alone
+
+
+def alone(work: Callable[[], Row]) -> Row:
     """Return what the work gave in a forked process, with ``peak_mb``, what its memory grew by at most, unless the work says itself."""
     context = multiprocessing.get_context("fork")
     ours, theirs = context.Pipe(duplex=False)
@@ -45,13 +75,14 @@ def alone(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     def run() -> None:
         before = peak_mb(anew=True)
         row = work()
-        theirs.send({"peak_mb": peak_mb() - before} | row)
+        grown = peak_mb() - before
+        theirs.send(row if row.get("peak_mb") is not None else row | {"peak_mb": grown})
 
     process = context.Process(target=run)
     process.start()
     theirs.close()
     try:
-        row: dict[str, Any] = ours.recv()
+        row: Row = ours.recv()
     finally:
         process.join()
     return row

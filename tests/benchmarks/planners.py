@@ -23,14 +23,12 @@ from replay_kit.core.flow.horizontal import NodeKernel
 from replay_kit.estimator.basis.modes import embed_member
 from replay_kit.forecast import read_ensemble
 from tests.benchmarks import planners_mission, planners_scenario
-from tests.benchmarks.estimator import row
-from tests.benchmarks.measure import seconds
-from tests.benchmarks.planners_masked import masked_row
+from tests.benchmarks.measure import Row, row, seconds
+from tests.benchmarks.planners_masked import bounds, masked_row
 from tests.benchmarks.planners_search import closest_by_search
 from tests.places import DATA
 from tests.planners.flow_samples import eddying_flow, place
 
-Row = dict[str, Any]
 QG = DATA / "qg" / "climatology.nc"
 SPEED = 0.3
 # Members that pairs are drawn in, a few in each.
@@ -55,7 +53,7 @@ def rows(tiny: bool) -> list[Row]:
         1 if tiny else 5,
         tiny,
     )
-    return [{"peak_mb": None} | one for one in made]
+    return made
 
 
 @cache
@@ -149,7 +147,7 @@ def _pair(
 
 
 def _inside(flow: FlowEstimate, rng: np.random.Generator) -> Array:
-    low, high = (np.array([f(flow.grid.east), f(flow.grid.north)]) for f in (np.min, np.max))
+    low, high = bounds(flow)
     return rng.uniform(0.95 * low + 0.05 * high, 0.05 * low + 0.95 * high)
 
 

@@ -1,9 +1,9 @@
 """Missions among random islands, shelves and areas beside start and goal: none may cross what it may not and not say so."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -13,11 +13,9 @@ from planners.route.region import region_of
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from tests.benchmarks.estimator import row
-from tests.benchmarks.measure import seconds
+from tests.benchmarks.measure import Row, row, seconds
 from tests.planners.flow_samples import eddying_flow, place
 
-Row = dict[str, Any]
 # Between the points of a path that are looked at [m].
 _SPACING = 5.0
 
@@ -31,18 +29,16 @@ def masked_row(count: int) -> Row:
         limits = 0.9 * np.array([flow.grid.east.max(), flow.grid.north.max()])
         begin, end = rng.uniform(-limits, limits, (2, 2))
         beside = [begin if rng.random() < 0.5 else end for _ in range(rng.integers(0, 3))]
-        areas = tuple(
+        areas = [
             random_area(flow, at + rng.normal(0.0, 2.5e3, 2), rng, f"area {k}")
             for k, at in enumerate(beside)
-        )
+        ]
         settings = MissionSettings(
             depth=float(rng.choice([80.0, 200.0, 390.0])),
             yos=int(rng.integers(1, 4)),
             surface_time=600.0,
         )
-        request = MissionRequest(
-            place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=settings, no_go=areas
-        )
+        request = asked(flow, begin, end, settings, *areas)
         try:
             spent, plan = seconds(lambda: plan_mission(flow, request))  # noqa: B023
         except PlanError:
@@ -56,12 +52,24 @@ def masked_row(count: int) -> Row:
         name,
         float(np.median(took)),
         "",
-        None,
-        None,
-        {"crossed": crossed},
+        error={"crossed": crossed},
         slowest_s=max(took),
         **statuses,
     )
+
+
+def bounds(flow: FlowEstimate) -> tuple[Array, Array]:
+    """Return the least and the largest local east and north of a flow's grid [m]."""
+    low, high = (np.array([f(flow.grid.east), f(flow.grid.north)]) for f in (np.min, np.max))
+    return low, high
+
+
+def asked(
+    flow: FlowEstimate, begin: Array, end: Array, settings: MissionSettings, *areas: NoGo
+) -> MissionRequest:
+    """Return a request of a mission between two local points, past some areas."""
+    start, goal = (place(flow, *at, 0.0) for at in (begin, end))
+    return MissionRequest(start, (goal,), settings=settings, no_go=areas)
 
 
 def islands(flow: FlowEstimate, rng: np.random.Generator) -> FlowEstimate:
@@ -75,13 +83,13 @@ def islands(flow: FlowEstimate, rng: np.random.Generator) -> FlowEstimate:
     return replace(
         flow,
         grid=grid,
-        horizontal=flow.horizontal.at_nodes(grid.nodes),
+        horizontal=replace(flow.horizontal, nodes=grid.nodes),
         latent=flow.latent[keep],
         modes=flow.modes[keep],
     )
 
 
-def crosses(flow: FlowEstimate, plan: MissionPlan, areas: tuple[NoGo, ...]) -> bool:
+def crosses(flow: FlowEstimate, plan: MissionPlan, areas: Sequence[NoGo]) -> bool:
     """Return whether a plan's track is anywhere on land, outside of the region or in an area that may not be entered under water."""
     track = _dense(plan.track)
     rings = [

@@ -14,23 +14,17 @@ import numpy as np
 from planners import Glider, MissionSettings
 from planners.flow import field_function
 from planners.mission.task import leg_depths, steps_needed
-from planners.shooting.program import (
-    MissionData,
-    MissionGuess,
-    MissionModel,
-    MissionShape,
-    _programs,
-    solve_mission,
-)
+from planners.shooting.functions import MissionCase
+from planners.shooting.layout import Layout
+from planners.shooting.program import MissionGuess, _programs, mission_program, solve_mission
+from planners.shooting.schedule import schedule_of
 from planners.shooting.spline import _splines, spline_of
 from planners.solver import HOUR, KM, OPTIONS
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from tests.benchmarks.estimator import row
-from tests.benchmarks.measure import seconds
+from tests.benchmarks.measure import Row, row, seconds
 from tests.reference.leg import leg_function, stage_latent
 
-Row = dict[str, Any]
 N = 10
 _FIRST = float(np.deg2rad(20.0))
 _VEHICLE = Glider()
@@ -128,7 +122,7 @@ def _row(
     more: dict[str, float],
 ) -> Row:
     if name not in measured:
-        return row(title, float(np.median(cold)), f"{name}: not installed", None, None, {}, **more)
+        return row(title, float(np.median(cold)), f"{name}: not installed", **more)
     pairs = [
         (ours, theirs)
         for (_, ours), (_, theirs) in zip(measured["ours"], measured[name], strict=True)
@@ -177,30 +171,29 @@ def _anew(case: Case) -> Solved:
 
 def solve_here(case: Case) -> Solved:
     """Return what our program finds, its graph built first where it is not yet."""
-    shape = MissionShape(N, case.depths.size - 1, (N,), (0,) * N, 0, False)
-    data = MissionData(
-        case.start,
-        0.0,
-        case.goal[None],
-        (case.depths,),
-        np.zeros(N),
-        None,
-        1.0,
-        0.0,
-        50.0,
-        case.flow.latent,
+    flow, drifts = case.flow, np.zeros(N)
+    schedule = schedule_of(
+        [case.depths] * N, drifts, False, flow.levels, flow.depth_functions, None
     )
-
-    corners = case.flow.nodes.min(axis=0), case.flow.nodes.max(axis=0)
+    layout = Layout(N, ((N - 1, 0),), case.depths.size - 1, 0, False, False)
+    corners = flow.nodes.min(axis=0), flow.nodes.max(axis=0)
 
     def solve(guess: MissionGuess, warm_start: bool) -> Any:
-        spline = spline_of(case.flow, case.flow.latent, MissionSettings().spline, *corners)
-        return solve_mission(
-            MissionModel(case.flow, _VEHICLE, shape, spline=spline),
-            data,
-            guess,
-            warm_start=warm_start,
+        numbers = MissionCase(
+            spline_of(flow, flow.latent, MissionSettings().spline, *corners),
+            schedule,
+            drifts,
+            case.start,
+            0.0,
+            case.goal[None],
+            None,
+            time_weight=1.0,
+            miss_weights=(0.0, 0.0, 50.0),
+            plane_cost=200.0,
+            reference=None,
         )
+        program = mission_program(flow.grid.projection, _VEHICLE, layout)
+        return solve_mission(program, _VEHICLE, numbers, guess, warm_start=warm_start)
 
     answer = solve(MissionGuess(case.places, np.full(N, case.heading), np.full(N, _FIRST)), False)
     return Solved(

@@ -7,7 +7,6 @@ random eddies.
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -32,13 +31,12 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble
+from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.profiles import random_observations
 from replay_kit.studies.twins.truths import leave_out
-from tests.benchmarks.estimator import row
+from tests.benchmarks.measure import Row, row
 from tests.planners.flow_samples import eddying_flow, place
 
-Row = dict[str, Any]
 DIVES, SAMPLES, FRESH, ALLOWED = 10, 20, 500, 0.1
 _PINGS, _NOISE = 20, 0.09
 # Width of the area, and how far its edge reaches over the path of the plan made without it [m].
@@ -90,9 +88,7 @@ def rows(data: Path | None, members: tuple[int, ...], missions: int, tiny: bool)
             what,
             float(np.median(of[seconds])),
             peer,
-            None,
-            None,
-            {error: float(np.median(of[share]))},
+            error={error: float(np.median(of[share]))},
             **more,
         )
 
@@ -158,7 +154,6 @@ def odds_row(data: Path | None, members: tuple[int, ...], missions: int, tiny: b
         "the plan, its graph built before",
         float(np.median(plans)),
         1.0,
-        {},
         **more,
     )
 

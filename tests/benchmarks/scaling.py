@@ -8,9 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.estimator import ReducedBasisEstimator, build_estimator
+from replay_kit.estimator import build_estimator
 from replay_kit.estimator.basis.modes import build_basis
 from tests.benchmarks import scene
+from tests.benchmarks.estimator import online
 from tests.benchmarks.measure import alone, peak_mb, seconds
 
 Series = dict[str, Any]
@@ -41,13 +42,13 @@ def curves(tiny: bool) -> list[Series]:
         _curve(
             f"pings of a survey, {few} modes, paper prior",
             pings,
-            lambda n: lambda: _online(paper, survey[:n]),
+            lambda n: lambda: online(paper, survey[:n]),
             tiny,
         ),
         _curve(
             f"modes, {len(some)} scattered pings, hybrid prior",
             modes,
-            lambda m: lambda: _online(full[m], some),
+            lambda m: lambda: online(full[m], some),
             tiny,
         ),
         _curve(
@@ -58,18 +59,6 @@ def curves(tiny: bool) -> list[Series]:
         ),
         _curve("members, basis", members, lambda n: basis_of(members=n), tiny),
     ]
-
-
-def _online(estimator: Any, observations: list[Any]) -> None:
-    state = estimator.initial()
-    for start in range(0, len(observations), ReducedBasisEstimator.block_size):
-        states = [
-            after
-            for after, _ in estimator.steps(
-                state, observations[start : start + ReducedBasisEstimator.block_size]
-            )
-        ]
-        state, _ = states[-1], estimator.weights(states)
 
 
 def _by(

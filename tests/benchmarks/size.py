@@ -30,9 +30,9 @@ from replay_kit.estimator.prior.localised import gaspari_cohn
 from replay_kit.forecast import read_ensemble
 from replay_kit.forecast.grid import local_grid
 from tests import synthetic
-from tests.benchmarks.measure import alone, peak_mb
+from tests.benchmarks.estimator import online
+from tests.benchmarks.measure import Row, alone, cpu, peak_mb, row
 
-Row = dict[str, Any]
 _CELL = 1.0 / 12.0
 _EDDY = 3.0  # cells
 # Rows, columns, levels, members, and what is asked [s], [MB]; None where nothing is.
@@ -127,35 +127,6 @@ def write_zarr(path: Path, rows: int, columns: int, levels: int, members: int) -
         xr.Dataset(fields, coords).to_zarr(path, zarr_format=2, **more)
 
 
-def cpu(work: Callable[[], Any]) -> tuple[float, Any]:
-    """Return the processor time [s], and what the work gave."""
-    start = time.process_time()
-    value = work()
-    return time.process_time() - start, value
-
-
-def row(
-    name: str,
-    ours_s: float,
-    asked_s: float | None,
-    peer: str,
-    peer_s: float | None,
-    error: dict[str, float],
-    **more: Any,
-) -> Row:
-    """Return a row of the benchmarks; ``asked`` is in seconds."""
-    ratio = None if peer_s is None else peer_s / ours_s
-    return {
-        "name": name,
-        "ours_s": ours_s,
-        "peer": peer,
-        "peer_s": peer_s,
-        "ratio": ratio,
-        "asked": asked_s or 0.0,
-        "error": error,
-    } | more
-
-
 def setup(make: Callable[[], Ensemble], modes: int) -> tuple[float, float, ReducedBasisEstimator]:
     """Return the processor time [s] and what memory grew to at most, the ensemble included [MB]."""
     before = peak_mb(anew=True)
@@ -225,16 +196,8 @@ def size_row(
         peer_s, difference = dense(ensemble(rows, columns, levels, members), estimator)
         error = {"localised_covariance": difference}
     name = f"set-up, {rows} x {columns} nodes, {levels} levels, {members} members, {estimator.basis.n_modes} modes"
-    return row(
-        name,
-        took,
-        asked,
-        "kernel, slices and one taper, all dense",
-        peer_s,
-        error,
-        peak_mb=grown,
-        asked_mb=asked_mb,
-    )
+    peer = "kernel, slices and one taper, all dense"
+    return row(name, took, peer, peer_s, asked or 0.0, error, peak_mb=grown, asked_mb=asked_mb)
 
 
 def from_zarr_row(
@@ -251,7 +214,7 @@ def from_zarr_row(
         build_estimator(world, EstimatorConfig(modes=modes), GatingConfig())
         took, grown = time.process_time() - start, peak_mb() - before
     name = f"set-up from Zarr, {rows} x {columns} nodes, {levels} levels, {members} members"
-    return row(name, took, asked, "none", None, {}, peak_mb=grown, asked_mb=asked_mb, read_s=read_s)
+    return row(name, took, asked=asked, peak_mb=grown, asked_mb=asked_mb, read_s=read_s)
 
 
 def use_row(rows: int, columns: int, levels: int, members: int, pings: int, modes: int) -> Row:
@@ -277,20 +240,7 @@ def use_row(rows: int, columns: int, levels: int, members: int, pings: int, mode
             synthetic.profile(world.grid, *place, depth, noisy, 0.09, time_ns=number)
         )
 
-    def track() -> Any:
-        state = estimator.initial()
-        for start in range(0, pings, estimator.block_size):
-            states = [
-                after
-                for after, _ in estimator.steps(
-                    state, observations[start : start + estimator.block_size]
-                )
-            ]
-            estimator.weights(states)
-            state = states[-1]
-        return state
-
-    took, state = cpu(track)
+    took, (state, *_) = cpu(lambda: online(estimator, observations))
     before = peak_mb(anew=True)
     error_s, _ = cpu(lambda: to_dataset(estimator.flow(state)))
     more = {
@@ -301,9 +251,8 @@ def use_row(rows: int, columns: int, levels: int, members: int, pings: int, mode
     }
     form = type(state.posterior).__name__
     name = f"{pings} pings at {rows} x {columns} x {levels}, mean after each; standard error of every node and level"
-    return row(
-        name, took, 0.06 * pings, "none", None, {}, peak_mb=peak_mb() - before, form=form, **more
-    )
+    grown = peak_mb() - before
+    return row(name, took, asked=0.06 * pings, peak_mb=grown, form=form, **more)
 
 
 def growth_row(
@@ -333,10 +282,7 @@ def growth_row(
     return row(
         name,
         times[-1],
-        None,
-        "none",
-        None,
-        {},
+        asked=0.0,
         peak_mb=memory[-1],
         times_s=times,
         memory_mb=memory,

@@ -4,8 +4,8 @@ import os
 import resource
 import subprocess
 import sys
-from typing import Any
 
+from tests.benchmarks.measure import Row, row
 from tests.places import ROOT
 
 _MAIN = "from replay_kit.cli import main; main()"
@@ -14,7 +14,7 @@ _OPEN = "import replay_kit; next(iter(replay_kit.open_log({log!r}).messages()))"
 _HELP, _IMPORT, _LOG, _INFO = 0.4, 0.1, 0.5, 1.0
 
 
-def rows(tiny: bool) -> list[dict[str, Any]]:
+def rows(tiny: bool) -> list[Row]:
     """Return the least processor time of each beginning over some repeats; once when tiny."""
     log = str(ROOT / "sample_logs" / "glider.mcap")
     replay = ["replay", "a.mcap", "--ensemble", "e.nc", "-o"]
@@ -39,14 +39,9 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
         ("first log opened", _OPEN.format(log=log), [], _LOG),
     ]
     return [
-        _row(name, _least(code, words, 1 if tiny else 7), asked)
+        row(name, _least(code, words, 1 if tiny else 7), asked=asked, asked_s=asked)
         for name, code, words, asked in cases
     ]
-
-
-def _row(name: str, seconds: float, asked: float) -> dict[str, Any]:
-    without = {"peer": "none", "peer_s": None, "ratio": None, "error": {}, "peak_mb": None}
-    return {"name": name, "ours_s": seconds, "asked": asked, "asked_s": asked, **without}
 
 
 def _least(code: str, words: list[str], repeats: int) -> float:

@@ -29,7 +29,7 @@ from replay_kit.estimator.windows import WindowedEstimator
 from replay_kit.forecast.grid import in_frame, local_grid, true_to_local
 from replay_kit.studies.twins.field import build_field
 from tests import synthetic
-from tests.benchmarks.measure import peak_mb
+from tests.benchmarks.measure import Row, peak_mb, row
 
 _WEST, _SOUTH, _STEP = -14.0, 40.0, 1.0 / 12.0
 _NOISE = 0.05  # m/s
@@ -166,7 +166,7 @@ def windowed(
     return WindowedEstimator(region, margin, around(corners, 1e4), build, GatingConfig())
 
 
-def rows(tiny: bool) -> list[dict[str, Any]]:
+def rows(tiny: bool) -> list[Row]:
     """Return the row: time and error of the windows beside those of one."""
     strip, config = (replace(TINY, columns=20, pings=16), QUICK) if tiny else (Strip(), DEFAULT)
     of = sea(strip)
@@ -195,23 +195,23 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
     peer_s = time.process_time() - began
     ours, theirs = _error(flows, inside, truth), _error([alone.flow(single)], inside, truth)
     return [
-        {
-            "name": f"mission of {strip.columns * _STEP * 85.0:.0f} km, {strip.pings} pings, {len(flows)} windows of {strip.window} points",
-            "ours_s": spent,
-            "peer": "one window of the middle third, with the pings there",
-            "peer_s": peer_s,
-            # of the errors, not of the times: the peer knows a third of the way
-            "ratio": theirs / ours,
-            "asked": 1.0 / 1.05,
-            "error": {
+        row(
+            f"mission of {strip.columns * _STEP * 85.0:.0f} km, {strip.pings} pings, {len(flows)} windows of {strip.window} points",
+            spent,
+            "one window of the middle third, with the pings there",
+            peer_s,
+            1.0 / 1.05,
+            {
                 "relative_to_one_window": ours / theirs,
                 "jump_in_standard_errors": max(jumps, default=0.0),
             },
-            "error_windows": ours,
-            "error_one_window": theirs,
-            "windows": len(flows),
-            "peak_mb": memory,
-        }
+            # of the errors, not of the times: the peer knows a third of the way
+            ratio=theirs / ours,
+            error_windows=ours,
+            error_one_window=theirs,
+            windows=len(flows),
+            peak_mb=memory,
+        )
     ]
 
 

@@ -202,7 +202,7 @@ def test_usage_errors_and_help_keep_their_codes_and_words(tmp_path):
     for arguments, code, said in (
         (["twin", "--nope"], 2, "Unknown option: --nope"),
         (["twin", "--truth", "t.nc", "-o", "x.mcap", "--pings", "0"], 2, "--pings"),
-        (["info", "absent.mcap"], 3, "no such file"),
+        (["info", "absent.mcap"], 3, "file not found"),
         ([], 2, ""),
         (["experiment"], 2, ""),
     ):

@@ -80,7 +80,7 @@ def test_a_second_glider_is_told_of_the_first(survey, flows):
 
 def test_the_report_shows_what_the_next_profile_is_worth(survey):
     out, _ = survey
-    assert invoke(["report", str(out / "plan.mcap"), "-o", str(out / "report.html")]).exit_code == 0
+    assert invoke(f"report {out}/plan.mcap -o {out}/report.html").exit_code == 0
     page = (out / "report.html").read_text()
     assert "Value of the next profile" in page
     assert "waiting as long" in page

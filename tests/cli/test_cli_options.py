@@ -9,8 +9,7 @@ import pytest
 from cyclopts.argument import Argument
 
 from replay_kit.cli.app import _COMMANDS, _STUDIES, app
-from replay_kit.cli.ensembles import repeat_ensembles
-from replay_kit.cli.unknown import option_names
+from replay_kit.cli.words import option_names, repeat_ensembles
 from replay_kit.config.run import LogConfig
 from replay_kit.logs import open_log
 from replay_kit.workflows.convert import convert
@@ -198,9 +197,7 @@ def test_options_with_an_underscore_and_words_after_two_hyphens_are_no_unknown_o
 @pytest.fixture(scope="module")
 def log(tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("log") / "A.TLOG"
-    made = invoke(
-        ["twin", "--truth", str(ROOT / "sample_logs" / "truth.nc"), "--pings", "2", "-o", str(out)]
-    )
+    made = invoke(f"twin --truth {ROOT}/sample_logs/truth.nc --pings 2 -o {out}")
     assert made.exit_code == 0, made.exception
     return out
 

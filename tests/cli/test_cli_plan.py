@@ -473,6 +473,6 @@ def test_every_output_and_page_holds_a_plan_without_legs(flow, tmp_path):
     ):
         assert invoke([*map(str, command)]).exit_code == 0
     assert "Nothing to steer: already there" in page.read_text()
-    status = invoke(["status", str(out), "--json", "-"])
+    status = invoke(f"status {out} --json -")
     assert json.loads(status.stdout)["command"]["heading_deg"] is None
     assert "no command: already there" in " ".join(invoke(["status", str(out)]).stdout.split())

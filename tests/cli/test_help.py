@@ -120,7 +120,7 @@ def test_of_a_long_list_the_help_has_first_sentences_short_names_and_defaults() 
     assert "--levels Z1,Z2,... Depth levels used [m] --place-ensemble" in said
     assert "--modes N|all Number of modes per level, fewer where fewer exist [default: 300]" in said
     # what must be given is told whole
-    assert "may be repeated. --members says what a member is. [required]" in said
+    assert "may be repeated. --members defines what a member is. [required]" in said
 
 
 def test_forms_choices_and_defaults_are_told() -> None:

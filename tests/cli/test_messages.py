@@ -153,9 +153,9 @@ def test_an_option_before_the_command_is_told_its_place(arguments, words) -> Non
 
 
 def test_a_region_is_told_how_many_numbers_it_has() -> None:
-    done = invoke(["plan", "flow.nc", "--start=1,2,3", "--goal=1,2,3", "--angles", "15"])
+    done = invoke("plan flow.nc --start=1,2,3 --goal=1,2,3 --angles 15")
     assert done.stderr == "replay-kit: --angles: expected MIN,MAX, got '15': MAX is missing\n"
-    done = invoke(["plan", "flow.nc", "--start=1,2,3", "--goal=1,2,3", "--mooring", "5,2,1"])
+    done = invoke("plan flow.nc --start=1,2,3 --goal=1,2,3 --mooring 5,2,1")
     assert (
         done.stderr
         == "replay-kit: --mooring: expected RADIUS,HOURS, got '5,2,1': 3 numbers instead of 2\n"

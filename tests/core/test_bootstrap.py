@@ -5,7 +5,7 @@ import statistics
 
 import numpy as np
 
-from replay_kit.core.bootstrap import bootstrap_interval
+from replay_kit.core.evidence import bootstrap_interval
 
 
 def test_the_interval_is_that_of_cases_drawn_one_by_one():
@@ -15,7 +15,7 @@ def test_the_interval_is_that_of_cases_drawn_one_by_one():
         statistics.median(values[case] for case in rng.integers(7, size=7)) for _ in range(60)
     )
 
-    def between(share: float) -> float:
+    def between(share):
         below, part = int(share * 59), math.fmod(share * 59, 1.0)
         return drawn[below] + part * (drawn[below + 1] - drawn[below])
 

@@ -1,7 +1,7 @@
 from replay_kit.core.progress import announce, counted, shown_by
 
 
-def test_what_is_announced_goes_to_whoever_shows_it_and_to_nobody_else() -> None:
+def test_what_is_announced_goes_to_whoever_shows_it_and_to_nobody_else():
     outer, inner = [], []
     announce("nobody looks")
     with shown_by(lambda *told: outer.append(told)):
@@ -14,7 +14,7 @@ def test_what_is_announced_goes_to_whoever_shows_it_and_to_nobody_else() -> None
     assert inner == [(1, 3, "two")]
 
 
-def test_steps_are_counted() -> None:
+def test_steps_are_counted():
     told = []
     with shown_by(lambda *step: told.append(step)):
         advance = counted("fitting", 2)

@@ -3,7 +3,7 @@ from itertools import starmap
 from replay_kit.core.tasks import called_by, each_call
 
 
-def test_calls_are_made_one_by_one_when_their_values_are_asked_for() -> None:
+def test_calls_are_made_one_by_one_when_their_values_are_asked_for():
     made = []
     values = each_call(lambda a, b: made.append(a) or a + b, ((a, 10) for a in (1, 2, 3)))
     assert made == []
@@ -12,7 +12,7 @@ def test_calls_are_made_one_by_one_when_their_values_are_asked_for() -> None:
     assert list(values) == [12, 13]
 
 
-def test_calls_are_made_by_whoever_is_given_them_in_the_block_alone() -> None:
+def test_calls_are_made_by_whoever_is_given_them_in_the_block_alone():
     def twice(function, rows):
         return (2 * value for value in starmap(function, rows))
 

@@ -9,29 +9,28 @@ import pytest
 
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation import Innovation, PathMean, Source
-from replay_kit.core.printable import csv_cell
-from replay_kit.core.text import count_text, place_text, some_text, span_text, time_text
+from replay_kit.core.text import count_text, csv_cell, place_text, some_text, span_text, time_text
 from replay_kit.core.time import to_time_ns
 from tests.synthetic_flow import TIME_NS
 
 SOURCE = Source(0, "/adcp", 1, TIME_NS)
 
 
-def test_times_are_to_the_second() -> None:
+def test_times_are_to_the_second():
     assert time_text(TIME_NS) == "2023-11-14 22:13:20Z"
     assert time_text(0) == "1970-01-01 00:00:00Z"
     assert time_text(10**9 - 1) == "1970-01-01 00:00:00Z"
     assert time_text(None) == "no time"
 
 
-def test_spans_leave_out_what_is_no_number() -> None:
+def test_spans_leave_out_what_is_no_number():
     assert span_text([3.0, np.nan, -0.123456, np.inf]) == "-0.1235..3"
     assert span_text([3.0, -0.123456], 2) == "-0.12..3"
     assert span_text([5.00001, 5.0]) == "5"
     assert span_text([]) == span_text([np.nan]) == "unknown"
 
 
-def test_places_have_letters_for_signs() -> None:
+def test_places_have_letters_for_signs():
     assert place_text(-61.8, 16.1) == "61.8000 W, 16.1000 N"
     assert place_text(152.61236, -40.0) == "152.6124 E, 40.0000 S"
     assert place_text(0.0, 0.0) == "0.0000 E, 0.0000 N"
@@ -54,13 +53,13 @@ def test_places_have_letters_for_signs() -> None:
         ([], []),
     ],
 )
-def test_times_of_notebooks(time, expected) -> None:
+def test_times_of_notebooks(time, expected):
     got = to_time_ns(time)
     assert got.dtype == np.int64
     assert got.tolist() == expected
 
 
-def test_what_is_no_time_is_named() -> None:
+def test_what_is_no_time_is_named():
     with pytest.raises(
         ConfigError,
         match=r"time: expected ISO 8601 text, datetime64 or integer nanoseconds .* got a missing time \(NaT\)",
@@ -70,7 +69,7 @@ def test_what_is_no_time_is_named() -> None:
         to_time_ns(1.5)
 
 
-def test_measurements_say_what_they_are() -> None:
+def test_measurements_say_what_they_are():
     depth, twice = np.array([0.0, 300.0]), np.array([0.5, 0.5])
     path = PathMean(
         TIME_NS,
@@ -119,11 +118,11 @@ def test_long_lists_end_with_how_many_more_there_are():
 @pytest.mark.parametrize(
     "begins", ["=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20"]
 )
-def test_a_text_that_a_spreadsheet_would_run_begins_with_an_apostrophe(begins: str) -> None:
+def test_a_text_that_a_spreadsheet_would_run_begins_with_an_apostrophe(begins):
     assert csv_cell(f"{begins}1+1") == f"'{begins}1+1"
     assert csv_cell(f"1{begins}1") == f"1{begins}1"
 
 
 @pytest.mark.parametrize("value", [-1, -1.5, True, None, "", "/adcp", "'=1"])
-def test_other_values_of_a_csv_file_are_as_they_are(value: object) -> None:
+def test_other_values_of_a_csv_file_are_as_they_are(value):
     assert csv_cell(value) is value

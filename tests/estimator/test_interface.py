@@ -10,7 +10,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.observation import Reason
+from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import Estimator, build_estimator
 from replay_kit.estimator.baselines import BASELINES, build_baseline
 from replay_kit.estimator.evolving import build_evolving
@@ -107,12 +107,22 @@ def test_notes_are_lines_of_text(estimator):
     assert all(isinstance(note, str) for note in [*estimator.notes(), *estimator.bias_notes(state)])
 
 
-def test_an_unusable_profile_is_so_for_every_member(estimator):
-    dry = replace(profile(), depth=np.array([400.0, 500.0, 600.0]))
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"depth": np.array([400.0, 500.0, 600.0])}, Reason.BELOW_GRID),
+        ({"longitude": 160.0}, Reason.OUTSIDE_REGION),
+        ({"flags": np.full(3, Flag.MISSING, np.int8)}, Reason.NONE),
+    ],
+)
+def test_an_unusable_profile_is_so_for_every_member(estimator, changes, reason):
+    dry = replace(profile(), **changes)
     state = estimator.initial()
     after, innovation = estimator.step(state, dry)
     assert after is state
-    assert innovation.reasons.tolist() == [Reason.BELOW_GRID] * 3
+    assert not innovation.accepted
+    assert innovation.dof == 0
+    assert innovation.reasons.tolist() == [reason] * 3
     assert not estimator.usable(dry)
     assert np.isnan(estimator.innovation(state, dry)).all()
     assert np.isnan(innovation.log_likelihood)

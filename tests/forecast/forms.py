@@ -1,8 +1,15 @@
 """One known field in the forms in which producers write theirs; a form is a dataset, or several files' datasets."""
 
 import numpy as np
+import pytest
 import xarray as xr
 import zarr
+from numpy.testing import assert_allclose
+
+from replay_kit.config.run import ForecastConfig
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.geodesy import rotate_to_geographic
+from replay_kit.forecast import read_ensemble
 
 LEVELS = np.array([5.0, 60.0, 150.0, 300.0])
 N_MEMBERS = 3
@@ -47,6 +54,22 @@ def standard(u, v, longitude, latitude, names=("uo", "vo"), attrs=_CMEMS, levels
             "longitude": longitude,
         },
     )
+
+
+def known(at=None, levels=LEVELS):
+    """The file of the known field on a separable grid."""
+    at = lonlat() if at is None else at
+    return standard(*regular(*at, levels), *at, levels=levels)
+
+
+def in_turn(parts, times, dim="time", **attrs):
+    """Return files of a CMEMS form, which arithmetic has robbed of their attributes, one after the other in time."""
+    ds = xr.concat(
+        parts, dim, data_vars="all", coords="minimal", compat="override", join="override"
+    )
+    for name, own in zip(("uo", "vo"), _CMEMS, strict=True):
+        ds[name].attrs = {"units": "m s-1", **own}
+    return ds.assign_coords({dim: (dim, times, attrs)})
 
 
 def rotated(angle_deg=44.0, shape=(14, 16), cell=0.05, centre=(5.0, 60.0)):
@@ -166,3 +189,47 @@ def unwritten_stores(folder, shape, longitude=None, latitude=None):
         for part, name in currents.items()
     ]
     return [*stores, _store(folder / "mesh.zarr", glamt=own["nav_lon"], gphit=own["nav_lat"])]
+
+
+def read_with(paths, near_ns=None, **settings):
+    """Return the ensemble read with some settings of ``[forecast]``."""
+    return read_ensemble(paths, ForecastConfig(**settings), near_ns=near_ns)
+
+
+def refused(message, paths, **settings):
+    """Assert that files are refused with a message."""
+    with pytest.raises(ForecastError, match=message):
+        read_with(paths, **settings)
+
+
+def noted(read, words):
+    """Return whether any note of an ensemble has some words."""
+    return any(words in note for note in read.notes)
+
+
+def true_components(read):
+    return rotate_to_geographic(
+        read.grid.projection,
+        read.grid.longitude,
+        read.grid.latitude,
+        read.velocity[:, 0],
+        read.velocity[:, 1],
+    )
+
+
+def assert_comes_back(read, atol, n_members=N_MEMBERS):
+    """Every wet node of every member has the known field, true east and north."""
+    assert read.n_members == n_members
+    u, v = true_components(read)
+    for member in range(n_members):
+        depth = read.grid.levels[:, None, None]
+        east, north = truth(
+            (read.grid.longitude + 180.0) % 360.0 - 180.0, read.grid.latitude, depth, member
+        )
+        assert_allclose(u[member][read.grid.wet], east[read.grid.wet], atol=atol)
+        assert_allclose(v[member][read.grid.wet], north[read.grid.wet], atol=atol)
+
+
+def save(ds, path, **encoding):
+    ds.to_netcdf(path, engine="h5netcdf", encoding=encoding or None)
+    return path

@@ -5,15 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.estimator.basis.modes import build_basis
-from replay_kit.forecast import axes, describe_ensemble, read_ensemble
+from replay_kit.forecast import axes, describe_ensemble
 from replay_kit.forecast.axes import divergent_share, geostrophic_flow
 from tests.forecast import forms
-from tests.forecast.test_forms import save
+from tests.forecast.forms import read_with, save
 from tests.places import DATA
 
 SHAPE = (20, 22)
@@ -89,7 +90,7 @@ def test_a_wrong_label_is_told_with_the_option_that_mends_it(tmp_path, names, ri
             replace(found.ensemble, representation_error_std=0.0), EstimatorConfig(modes=1)
         )
         expected = np.hypot(trusted.truncation_std, found.ensemble.representation_error_std)
-        np.testing.assert_allclose(basis.truncation_std, expected, rtol=1e-12)
+        assert_allclose(basis.truncation_std, expected, rtol=1e-12)
         kept = describe_ensemble(path, ForecastConfig(axes="true"))
         assert kept.check.contradicted
         assert kept.ensemble.notes == ()
@@ -101,9 +102,9 @@ def test_a_wrong_label_is_told_with_the_option_that_mends_it(tmp_path, names, ri
     assert not mended.check.contradicted
     assert mended.ensemble.representation_error_std == 0.0
     assert mended.check.why == "--axes grid"
-    np.testing.assert_array_equal(
+    assert_array_equal(
         mended.ensemble.velocity,
-        read_ensemble(save(flow(44.0, GRID), tmp_path / "g.nc"), ForecastConfig()).velocity,
+        read_with(save(flow(44.0, GRID), tmp_path / "g.nc")).velocity,
     )
 
 
@@ -118,7 +119,7 @@ def test_of_a_large_grid_the_middle_is_asked(tmp_path, monkeypatch):
         describe_ensemble(save(one, tmp_path / f"{k}.nc"), ForecastConfig()).check
         for k, one in enumerate((plain, noisy))
     ]
-    np.testing.assert_allclose(checks[1].residual, checks[0].residual, rtol=1e-6, atol=1e-9)
+    assert_allclose(checks[1].residual, checks[0].residual, rtol=1e-6, atol=1e-9)
     assert checks[1].phase == pytest.approx(checks[0].phase, abs=1e-6)
 
 
@@ -147,11 +148,9 @@ def test_geostrophic_flow_goes_round_a_high_clockwise_in_the_north():
     east, north = np.meshgrid(np.arange(5.0) * 1e4, np.arange(4.0) * 1e4)
     latitude = np.full(east.shape, 45.0)
     found = geostrophic_flow(1e-5 * north, (east, north), latitude)
-    np.testing.assert_allclose(found, -9.81e-5 / (2 * 7.2921e-5 * np.sin(np.pi / 4)), rtol=1e-12)
+    assert_allclose(found, -9.81e-5 / (2 * 7.2921e-5 * np.sin(np.pi / 4)), rtol=1e-12)
     found = geostrophic_flow(1e-5 * east, (east, north), latitude)
-    np.testing.assert_allclose(
-        found, 1j * 9.81e-5 / (2 * 7.2921e-5 * np.sin(np.pi / 4)), rtol=1e-12
-    )
+    assert_allclose(found, 1j * 9.81e-5 / (2 * 7.2921e-5 * np.sin(np.pi / 4)), rtol=1e-12)
 
 
 def test_real_nemo_labelled_eastward_by_mistake():

@@ -5,34 +5,35 @@ import pytest
 import xarray as xr
 
 from replay_kit.config.run import ForecastConfig, load_config
-from replay_kit.core.errors import ConfigError, ForecastError
-from replay_kit.forecast import read_ensemble
-from replay_kit.forecast.agreement import unusual_members
+from replay_kit.core.errors import ConfigError
 from replay_kit.forecast.describe import describe_ensemble
+from replay_kit.forecast.members import unusual_members
 from tests import synthetic
 from tests.forecast import forms
-from tests.forecast.test_forms import save
+from tests.forecast.forms import read_with, refused, save
 from tests.forecast.test_members import dated, fields
 
 
 def test_copies_are_told_and_refused_where_there_is_nothing_else(tmp_path):
     fields(4, tmp_path)
-    read = read_ensemble(tmp_path, ForecastConfig())
-    (note,) = (note for note in read.notes if "copies" in note)
+    read = read_with(tmp_path)
+    (note,) = (note for note in read.notes if "duplicate" in note)
     assert (
         note
-        == "WARNING: members that are copies of others count twice: 1, such as 'mem003.nc' and 'mem000.nc'; leave them out"
+        == "WARNING: duplicate members are counted twice: 1, such as 'mem003.nc' and 'mem000.nc'; remove them"
     )
-    with pytest.raises(ForecastError, match="all 2 members are the same; give members that differ"):
-        read_ensemble([tmp_path / "mem000.nc", tmp_path / "mem003.nc"], ForecastConfig())
+    refused(
+        "all 2 members are identical; give members that differ",
+        [tmp_path / "mem000.nc", tmp_path / "mem003.nc"],
+    )
 
 
 def test_speeds_of_no_current_are_told(tmp_path):
     ds = synthetic.dataset()
     for name in ("uo", "vo"):
         ds[name] = (100.0 * ds[name]).assign_attrs(ds[name].attrs)
-    (note,) = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig()).notes
-    assert note.startswith("WARNING: currents of ")
+    (note,) = read_with(save(ds, tmp_path / "e.nc")).notes
+    assert note.startswith("WARNING: unusual RMS current of ")
     assert "check the attribute units" in note
     for rms, told in ((0.003, True), (0.005, False), (1.4, False), (1.6, True)):
         assert bool(unusual_members(np.full((1, 2, 1, 2, 2), rms), ("one",), "e.nc")) is told
@@ -43,38 +44,44 @@ def test_what_does_not_belong_together_is_refused_in_words(tmp_path):
     first = tmp_path / "mem000.nc"
     with xr.open_dataset(first) as ds:
         alone = save(ds[["uo"]].load(), tmp_path / "u1.nc")
-    with pytest.raises(
-        ForecastError,
-        match=r"u1\.nc: holds uo and no v; 1 file of u and 0 of v belong together.*: give a file of v for each",
-    ):
-        read_ensemble([first, alone], ForecastConfig(members="files"))
-    with pytest.raises(ForecastError, match=r"mem000\.nc: given twice"):
-        read_ensemble([first, first], ForecastConfig(members="files"))
-    with pytest.raises(ForecastError, match=r"nothing\*\.nc: no file matches this pattern"):
-        read_ensemble([tmp_path / "nothing*.nc"], ForecastConfig())
-    with pytest.raises(ForecastError, match=r"--members files:case\(\\d\) does not fit this file"):
-        read_ensemble([tmp_path / "mem*.nc"], ForecastConfig(members="files:case(\\d)"))
-    with pytest.raises(ForecastError, match=r"no member dimension; .*--members files: 2 files"):
-        read_ensemble(
-            [
-                first.rename(tmp_path / "one.nc"),
-                (tmp_path / "mem001.nc").rename(tmp_path / "two.nc"),
-            ],
-            ForecastConfig(),
-        )
-    with pytest.raises(ForecastError, match=r"needs dated forecasts|needs dated fields"):
-        read_ensemble([tmp_path / "one.nc", tmp_path / "two.nc"], ForecastConfig(members="lags"))
-    with pytest.raises(
-        ForecastError, match=r"--members suffix, but no variables differ by a suffix alone"
-    ):
-        read_ensemble([tmp_path / "one.nc"], ForecastConfig(members="suffix"))
+    refused(
+        r"u1\.nc: holds uo and no v; 1 file of u and 0 of v belong together.*: give a file of v for each",
+        [first, alone],
+        members="files",
+    )
+    refused(r"mem000\.nc: given twice", [first, first], members="files")
+    refused(r"nothing\*\.nc: no file matches this pattern", [tmp_path / "nothing*.nc"])
+    refused(
+        r"--members files:case\(\\d\) does not fit this file",
+        [tmp_path / "mem*.nc"],
+        members="files:case(\\d)",
+    )
+    refused(
+        r"no member dimension; .*--members files: 2 files",
+        [
+            first.rename(tmp_path / "one.nc"),
+            (tmp_path / "mem001.nc").rename(tmp_path / "two.nc"),
+        ],
+    )
+    refused(
+        r"needs dated forecasts|needs dated fields",
+        [tmp_path / "one.nc", tmp_path / "two.nc"],
+        members="lags",
+    )
+    refused(
+        r"--members suffix, but no variables differ by a suffix alone",
+        [tmp_path / "one.nc"],
+        members="suffix",
+    )
     # a name is no regular expression
-    with pytest.raises(ForecastError, match=r"no member dimension ens\(0; expected one of"):
-        read_ensemble([tmp_path / "one.nc"], ForecastConfig(members="dim:ens(0"))
-    with pytest.raises(ForecastError, match=r"no member dimension cycle; expected one of"):
-        read_ensemble([tmp_path / "one.nc"], ForecastConfig(members="dim:cycle"))
+    refused(
+        r"no member dimension ens\(0; expected one of", [tmp_path / "one.nc"], members="dim:ens(0"
+    )
+    refused(
+        r"no member dimension cycle; expected one of", [tmp_path / "one.nc"], members="dim:cycle"
+    )
     with pytest.raises(ConfigError, match="is no regular expression"):
-        read_ensemble([tmp_path / "one.nc"], ForecastConfig(members="files:mem("))
+        read_with([tmp_path / "one.nc"], members="files:mem(")
     for wrong in ("times:fortnight", "time:3", "dim:", "suffixes", "xlags"):
         with pytest.raises(
             ConfigError,
@@ -85,47 +92,38 @@ def test_what_does_not_belong_together_is_refused_in_words(tmp_path):
         load_config(None, {"forecast": {"members": "times:2.5d"}}).forecast.members == "times:2.5d"
     )
     (tmp_path / "empty").mkdir()
-    with pytest.raises(ForecastError, match="the folder holds no NetCDF file"):
-        read_ensemble([tmp_path / "empty"], ForecastConfig())
+    refused("the folder holds no NetCDF file", [tmp_path / "empty"])
     (tmp_path / "empty" / "mem001.nc.analysis").write_bytes(b"")
-    with pytest.raises(ForecastError, match=r"holds results alone, such as mem001\.nc\.analysis"):
-        read_ensemble([tmp_path / "empty"], ForecastConfig())
+    refused(r"holds only analysis results, such as mem001\.nc\.analysis", [tmp_path / "empty"])
 
 
 def test_results_among_the_members_are_left_out_and_said_or_refused_alone(tmp_path):
     fields(2, tmp_path)
     for mark in ("analysis", "increment"):
         fields(1, tmp_path, f"mem{{:03d}}.nc.{mark}")
-        with pytest.raises(
-            ForecastError,
-            match=rf"\*\.{mark}: holds results alone, such as mem000\.nc\.{mark}; give the members, or name",
-        ):
-            read_ensemble(tmp_path / f"*.{mark}", ForecastConfig())
-    for given in (tmp_path, tmp_path / "mem*"):
-        read = read_ensemble(given, ForecastConfig())
-        assert read.members == ("mem000.nc", "mem001.nc")
-        (note,) = (note for note in read.notes if "results" in note)
-        assert (
-            note
-            == f"{given}: 2 files of results left out (mem000.nc.analysis ...); give them by name if they are the members"
-            or (
-                note
-                == f"{given}: 2 files of results left out (mem000.nc.increment ...); give them by name if they are the members"
-            )
+        refused(
+            rf"\*\.{mark}: holds only analysis results, such as mem000\.nc\.{mark}; give the members, or list",
+            tmp_path / f"*.{mark}",
         )
+    for given in (tmp_path, tmp_path / "mem*"):
+        read = read_with(given)
+        assert read.members == ("mem000.nc", "mem001.nc")
+        (note,) = (note for note in read.notes if "analysis" in note)
+        assert note in {
+            f"{given}: 2 analysis files excluded ({name} ...); list them by name if they are the members"
+            for name in ("mem000.nc.analysis", "mem000.nc.increment")
+        }
 
 
 def test_a_member_without_one_component_is_named(tmp_path):
-    longitude, latitude = forms.lonlat()
-    ds = forms.standard(*forms.regular(longitude, latitude), longitude, latitude)
+    ds = forms.known()
     for k in range(2):
         save(ds.isel(member=k), tmp_path / f"mem{k}.nc")
     save(ds.isel(member=2)[["vo"]], tmp_path / "mem2.nc")
-    with pytest.raises(
-        ForecastError,
-        match=r"mem2\.nc: holds vo and no u; 0 files of u and 1 of v belong together as member 2: give a file of u",
-    ):
-        read_ensemble(tmp_path, ForecastConfig())
+    refused(
+        r"mem2\.nc: holds vo and no u; 0 files of u and 1 of v belong together as member 2: give a file of u",
+        tmp_path,
+    )
     members = {
         f"{name}_m{k}": ds[name].isel(member=k, drop=True)
         for k in range(3)
@@ -134,16 +132,14 @@ def test_a_member_without_one_component_is_named(tmp_path):
     members["uo_mean"] = members["uo_m0"]
     suffix = xr.Dataset(members).drop_vars(["uo_m1"])
     for rule in (None, "suffix"):
-        read = read_ensemble(save(suffix, tmp_path / f"{rule}.nc4"), ForecastConfig(members=rule))
+        read = read_with(save(suffix, tmp_path / f"{rule}.nc4"), members=rule)
         assert read.members == (f"{rule}.nc4 m0", f"{rule}.nc4 m2")
         assert read.notes == (
-            f"WARNING: members of one component alone were left out: {rule}.nc4: vo_m1 without uo_m1; add the other",
+            f"WARNING: members with only one component were excluded: {rule}.nc4: vo_m1 without uo_m1; add the other",
         )
         (tmp_path / f"{rule}.nc4").unlink()
     # a variable with a like name in a file of one field is no member
-    plain = read_ensemble(
-        save(ds.assign(uo_stokes=ds["uo"]), tmp_path / "plain.nc"), ForecastConfig()
-    )
+    plain = read_with(save(ds.assign(uo_stokes=ds["uo"]), tmp_path / "plain.nc"))
     assert plain.notes == ()
 
 
@@ -153,45 +149,30 @@ def test_other_numbers_of_members_of_u_and_v_are_refused(tmp_path):
         save(ds[["uo"]], tmp_path / "u.nc"),
         save(ds[["vo"]].isel(member=slice(0, 6)), tmp_path / "v.nc"),
     ]
-    with pytest.raises(
-        ForecastError,
-        match=r"v\.nc: its members are not those of .*u\.nc: 8 of uo and 6 of vo along member; give files with",
-    ):
-        read_ensemble(paths, ForecastConfig())
+    refused(
+        r"v\.nc: its members are not those of .*u\.nc: 8 of uo and 6 of vo along member; give files with",
+        paths,
+    )
     within = ds[["uo"]].assign(vo=(("other", "depth", "lat", "lon"), ds["vo"].values[:6]))
-    with pytest.raises(
-        ForecastError, match=r"in\.nc: vo has no dimension member, which uo has; mend the file"
-    ):
-        read_ensemble(save(within, tmp_path / "in.nc"), ForecastConfig())
+    refused(
+        r"in\.nc: vo has no dimension member, which uo has; mend the file",
+        save(within, tmp_path / "in.nc"),
+    )
 
 
 def test_one_member_is_no_ensemble(tmp_path):
     path = save(synthetic.dataset().isel(member=[3]), tmp_path / "e.nc")
-    with pytest.raises(
-        ForecastError,
-        match=r"e\.nc: an ensemble needs at least 2 members, got 1; give several files, of other times, starts or",
-    ):
-        read_ensemble(path, ForecastConfig())
-
-
-def test_masks_that_leave_no_water_name_the_member_to_leave_out(tmp_path):
-    ds = synthetic.dataset()
-    for name in ("uo", "vo"):
-        ds[name][2, :, :, :4] = np.nan
-        ds[name][5, :, :, 3:] = np.nan
-    with pytest.raises(
-        ForecastError,
-        match=r"the masks of the members leave no water at the first level; 'e\.nc member 2' misses most \(80 of",
-    ):
-        read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig())
+    refused(
+        r"e\.nc: an ensemble needs at least 2 members, got 1; give several files, of other times, starts or",
+        path,
+    )
 
 
 def test_members_of_other_times_or_calendars_are_warned_of(tmp_path):
-    longitude, latitude = forms.lonlat()
-    ds = forms.standard(*forms.regular(longitude, latitude), longitude, latitude)
+    ds = forms.known()
     for k, day in enumerate(("2020-01-01", "2020-01-03", "2020-01-02")):
         save(dated(ds.isel(member=k), [day]), tmp_path / f"mem{k}.nc")
-    read = read_ensemble(tmp_path, ForecastConfig())
+    read = read_with(tmp_path)
     warning = "WARNING: members are of different times, 2020-01-01T00:00Z to 2020-01-03T00:00Z: choose one that all have with forecast.time"
     assert read.notes == (warning,)
     # 30 February is no date of ours, and year 0 no time of ours
@@ -199,38 +180,34 @@ def test_members_of_other_times_or_calendars_are_warned_of(tmp_path):
         other = ds.isel(member=k).expand_dims(time=1)
         other["time"] = ("time", [1.0], {"units": unit, "calendar": "360_day"})
         save(other, tmp_path / f"mem{k}.nc")
-    read = read_ensemble(tmp_path, ForecastConfig())
+    read = read_with(tmp_path)
     said = [note for note in read.notes if note.startswith("WARNING: ")]
     alike = "such as mem0.nc: check the attributes units and calendar of its times"
     assert said == [
         f"WARNING: 2 members of 3 without a date that can be aligned with the others, {alike}"
     ]
     (tmp_path / "mem1.nc").unlink()
-    said = [
-        note
-        for note in read_ensemble(tmp_path, ForecastConfig()).notes
-        if note.startswith("WARNING: ")
-    ]
+    said = [note for note in read_with(tmp_path).notes if note.startswith("WARNING: ")]
     assert said == [
         f"WARNING: 1 member of 2 without a date that can be aligned with the others, {alike}"
     ]
 
 
 def test_other_times_of_u_and_v_are_refused(tmp_path):
-    longitude, latitude = forms.lonlat()
-    ds = forms.standard(*forms.regular(longitude, latitude), longitude, latitude).isel(member=0)
+    ds = forms.known().isel(member=0)
     save(dated(ds[["uo"]], ["2020-01-01"]), tmp_path / "u.nc")
     save(dated(ds[["vo"]], ["2020-01-02"]), tmp_path / "v.nc")
-    with pytest.raises(
-        ForecastError, match=r"v\.nc: its times \(1 from 2020-01-02T.*\) are not those of .*u\.nc"
-    ):
-        read_ensemble(tmp_path, ForecastConfig(members="files"))
+    refused(
+        r"v\.nc: its times \(1 from 2020-01-02T.*\) are not those of .*u\.nc",
+        tmp_path,
+        members="files",
+    )
     save(dated(ds[["vo"]], ["2020-01-01", "2020-01-02"]), tmp_path / "v.nc")
-    with pytest.raises(
-        ForecastError,
-        match=r"v\.nc: its times \(2 from 2020-01-01T.*\) are not those of .*u\.nc \(1 from",
-    ):
-        read_ensemble(tmp_path, ForecastConfig(members="files"))
+    refused(
+        r"v\.nc: its times \(2 from 2020-01-01T.*\) are not those of .*u\.nc \(1 from",
+        tmp_path,
+        members="files",
+    )
 
 
 def test_long_lists_of_variables_are_shortened(tmp_path):
@@ -240,10 +217,7 @@ def test_long_lists_of_variables_are_shortened(tmp_path):
     assert use.startswith(
         "no current: a file of the grid or of other variables (e0, e1, e2, e3, e4, e5 and 3 more); give it beside"
     )
-    with pytest.raises(
-        ForecastError, match=r"no current found; .*; got e0, e1, e2, e3, e4, e5 and 3 more$"
-    ):
-        read_ensemble(path, ForecastConfig())
+    refused(r"no current found; .*; got e0, e1, e2, e3, e4, e5 and 3 more$", path)
 
 
 def test_coordinates_that_are_named_and_not_in_the_file_are_told(tmp_path):
@@ -251,8 +225,5 @@ def test_coordinates_that_are_named_and_not_in_the_file_are_told(tmp_path):
     for name in ("uo", "vo"):
         data[name].attrs["coordinates"] = "geolon geolat depth"
     data.to_netcdf(tmp_path / "e.nc")
-    notes = read_ensemble(tmp_path / "e.nc", ForecastConfig()).notes
-    assert any(
-        note.startswith("coordinates geolon, geolat are named but not in the file")
-        for note in notes
-    )
+    notes = read_with(tmp_path / "e.nc").notes
+    assert any(note.startswith("coordinates geolon, geolat are named but ") for note in notes)

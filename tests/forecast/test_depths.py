@@ -4,14 +4,16 @@ import gsw
 import numpy as np
 import pytest
 import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
 
-from replay_kit.config.run import EstimatorConfig, ForecastConfig
+from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble, read_series, read_truth
 from replay_kit.forecast.files import open_file
 from tests import synthetic
+from tests.forecast.forms import noted, read_with, refused
 from tests.forecast.test_reader import PLAIN, write
 from tests.places import ROOT
 
@@ -33,13 +35,12 @@ def with_depths(values, **attrs) -> xr.Dataset:
     ],
 )
 def test_lengths_become_metres_without_a_word(tmp_path, unit, metres):
-    read = read_ensemble(
+    read = read_with(
         write(
             with_depths(synthetic.LEVELS / metres, positive="down", units=unit), tmp_path / "e.nc"
-        ),
-        PLAIN,
+        )
     )
-    np.testing.assert_allclose(read.grid.levels, synthetic.LEVELS, rtol=1e-15)
+    assert_allclose(read.grid.levels, synthetic.LEVELS, rtol=1e-15)
     assert read.notes == ()
 
 
@@ -47,27 +48,25 @@ def test_levels_are_chosen_in_metres_and_heights_of_another_unit_turned(tmp_path
     path = write(
         with_depths(-synthetic.LEVELS / 1000.0, positive="up", units="km"), tmp_path / "e.nc"
     )
-    np.testing.assert_allclose(
-        read_ensemble(path, ForecastConfig(levels=(140.0,))).grid.levels, [150.0]
-    )
+    assert_allclose(read_with(path, levels=(140.0,)).grid.levels, [150.0])
 
 
 def test_a_level_asked_for_that_is_near_none_of_the_file_is_said(tmp_path):
     path = write(with_depths(np.array([5.0, 60.0, 150.0, 250.0]), units="m"), tmp_path / "e.nc")
-    read = read_ensemble(path, ForecastConfig(levels=(0.0, 140.0, 310.0, 1000.0)))
-    np.testing.assert_array_equal(read.grid.levels, [5.0, 150.0, 250.0])
+    read = read_with(path, levels=(0.0, 140.0, 310.0, 1000.0))
+    assert_array_equal(read.grid.levels, [5.0, 150.0, 250.0])
     assert read.notes == (
-        "no level of the file (5..250 m) is near 310, 1000 m: the nearest was taken",
+        "no level of the file (5..250 m) is near 310, 1000 m: nearest level used",
     )
-    assert read_ensemble(path, ForecastConfig(levels=(0.0, 140.0, 300.0))).notes == ()
-    assert read_ensemble(path, PLAIN).notes == ()
+    assert read_with(path, levels=(0.0, 140.0, 300.0)).notes == ()
+    assert read_with(path).notes == ()
 
 
 @pytest.mark.parametrize(
     ("levels", "least"), [((40.0, 60.0, 150.0, 250.0), 40.0), ((15.0, 20.0, 25.0, 30.0), None)]
 )
 def test_a_file_without_a_level_near_the_surface_is_warned_of(tmp_path, levels, least):
-    read = read_ensemble(write(with_depths(np.array(levels), units="m"), tmp_path / "e.nc"), PLAIN)
+    read = read_with(write(with_depths(np.array(levels), units="m"), tmp_path / "e.nc"))
     warning = f"WARNING: the file has no level near the water above {least} m: the current of the first level is taken there"
     assert read.notes == (() if least is None else (warning.replace(".0 m", " m"),))
 
@@ -77,11 +76,11 @@ def test_a_file_without_a_level_near_the_surface_is_warned_of(tmp_path, levels, 
 )
 def test_pressures_become_depths_and_the_ensemble_says_so(tmp_path, unit, sign, positive):
     pressure = np.array([5.0, 60.0, 150.0, 2000.0])
-    read = read_ensemble(
-        write(with_depths(sign * pressure, positive=positive, units=unit), tmp_path / "e.nc"), PLAIN
+    read = read_with(
+        write(with_depths(sign * pressure, positive=positive, units=unit), tmp_path / "e.nc")
     )
     # the middle of the synthetic grid is at 39.8 S
-    np.testing.assert_allclose(read.grid.levels, -gsw.z_from_p(pressure, -39.8), rtol=1e-12)
+    assert_allclose(read.grid.levels, -gsw.z_from_p(pressure, -39.8), rtol=1e-12)
     assert 1970.0 < read.grid.levels[-1] < 1980.0
     assert read.notes == (
         f"coordinate depth is in {unit}: converted to metres with TEOS-10 at latitude -39.80",
@@ -92,12 +91,12 @@ def test_pressures_become_depths_and_the_ensemble_says_so(tmp_path, unit, sign, 
 def test_an_axis_without_a_unit_is_in_metres_and_the_ensemble_says_so(tmp_path, attrs):
     path = write(with_depths(synthetic.LEVELS, **attrs), tmp_path / "e.nc")
     for read in (
-        read_ensemble(path, PLAIN),
+        read_with(path),
         read_series(path, PLAIN)[0],
         read_truth(f"{path}#2", PLAIN),
     ):
-        np.testing.assert_array_equal(read.grid.levels, synthetic.LEVELS)
-        assert read.notes == ("coordinate depth states no unit and was taken to be in metres",)
+        assert_array_equal(read.grid.levels, synthetic.LEVELS)
+        assert read.notes == ("coordinate depth states no unit, metres assumed",)
 
 
 @pytest.mark.parametrize("unit", ["fathoms", "M", "Pa", "degrees_north"])
@@ -125,11 +124,10 @@ def test_a_unit_that_is_not_known_is_refused_with_its_file_and_coordinate(tmp_pa
 )
 def test_model_levels_are_refused_as_such(tmp_path, attrs):
     path = write(with_depths(np.array([1.0, 2.0, 3.0, 4.0]), **attrs), tmp_path / "e.nc")
-    with pytest.raises(
-        ForecastError,
-        match=r"e\.nc: coordinate depth has .*holds model levels and no depths.*fixed depths in metres",
-    ):
-        read_ensemble(path, PLAIN)
+    refused(
+        r"e\.nc: coordinate depth has .*holds model levels and no depths.*fixed depths in metres",
+        path,
+    )
 
 
 def test_the_grid_that_a_replay_writes_can_be_a_truth(tmp_path):
@@ -137,7 +135,7 @@ def test_the_grid_that_a_replay_writes_can_be_a_truth(tmp_path):
     estimator = build_estimator(ensemble, EstimatorConfig(modes=4, sample_share=0.6))
     write_grid(estimator.flow(estimator.initial()), tmp_path / "flow.nc")
     truth = read_truth(str(tmp_path / "flow.nc"), PLAIN)
-    np.testing.assert_array_equal(truth.grid.levels, synthetic.LEVELS)
+    assert_array_equal(truth.grid.levels, synthetic.LEVELS)
     assert truth.notes == ()
 
 
@@ -155,7 +153,7 @@ TRUTHS = (ROOT / "sample_logs" / "truth.nc", DATA / "natl_nemo" / "truth.nc")
 def test_real_files_keep_their_levels(path):
     if not path.exists():
         pytest.skip("the shared data are not on this machine")
-    read = read_truth(str(path), PLAIN) if path in TRUTHS else read_ensemble(path, PLAIN)
+    read = read_truth(str(path), PLAIN) if path in TRUTHS else read_with(path)
     with open_file(path) as ds:
-        np.testing.assert_array_equal(read.grid.levels, ds["depth"].values.astype(np.float64))
-    assert not any("coordinate" in note for note in read.notes)
+        assert_array_equal(read.grid.levels, ds["depth"].values.astype(np.float64))
+    assert not noted(read, "coordinate")

@@ -3,41 +3,19 @@
 import numpy as np
 import pytest
 import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
 
-from replay_kit.config.run import ForecastConfig
-from replay_kit.core.errors import ForecastError
-from replay_kit.core.geodesy import rotate_to_geographic
-from replay_kit.forecast import read_ensemble
 from tests.forecast import forms
-from tests.forecast.forms import LEVELS, N_MEMBERS
-
-
-def true_components(read):
-    return rotate_to_geographic(
-        read.grid.projection,
-        read.grid.longitude,
-        read.grid.latitude,
-        read.velocity[:, 0],
-        read.velocity[:, 1],
-    )
-
-
-def assert_comes_back(read, atol, n_members=N_MEMBERS):
-    """Every wet node of every member has the known field, true east and north."""
-    assert read.n_members == n_members
-    u, v = true_components(read)
-    for member in range(n_members):
-        depth = read.grid.levels[:, None, None]
-        east, north = forms.truth(
-            (read.grid.longitude + 180.0) % 360.0 - 180.0, read.grid.latitude, depth, member
-        )
-        np.testing.assert_allclose(u[member][read.grid.wet], east[read.grid.wet], atol=atol)
-        np.testing.assert_allclose(v[member][read.grid.wet], north[read.grid.wet], atol=atol)
-
-
-def save(ds, path, **encoding):
-    ds.to_netcdf(path, engine="h5netcdf", encoding=encoding or None)
-    return path
+from tests.forecast.forms import (
+    LEVELS,
+    N_MEMBERS,
+    assert_comes_back,
+    noted,
+    read_with,
+    refused,
+    save,
+    true_components,
+)
 
 
 def test_cmems_packed_in_16_bits_with_fill(tmp_path):
@@ -50,12 +28,11 @@ def test_cmems_packed_in_16_bits_with_fill(tmp_path):
         "add_offset": 0.0,
         "_FillValue": -32767,
     }
-    read = read_ensemble(
-        save(forms.standard(u, v, longitude, latitude), tmp_path / "e.nc", uo=packed, vo=packed),
-        ForecastConfig(),
+    read = read_with(
+        save(forms.standard(u, v, longitude, latitude), tmp_path / "e.nc", uo=packed, vo=packed)
     )
     assert_comes_back(read, 0.51 * forms.PACKING)
-    np.testing.assert_array_equal(read.grid.wet, np.isfinite(u[0]))
+    assert_array_equal(read.grid.wet, np.isfinite(u[0]))
 
 
 def test_cmems_by_elevation(tmp_path):
@@ -72,8 +49,8 @@ def test_cmems_by_elevation(tmp_path):
             {"units": "m", "positive": "up", "standard_name": "elevation"},
         )
     )
-    read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig())
-    np.testing.assert_array_equal(read.grid.levels, LEVELS)
+    read = read_with(save(ds, tmp_path / "e.nc"))
+    assert_array_equal(read.grid.levels, LEVELS)
     assert_comes_back(read, 1e-12)
 
 
@@ -91,9 +68,7 @@ def test_hycom_over_any_meridian(tmp_path, west):
         "_FillValue": -30000,
         "missing_value": -30000,
     }
-    read = read_ensemble(
-        save(ds, tmp_path / "e.nc", water_u=packed, water_v=packed), ForecastConfig()
-    )
+    read = read_with(save(ds, tmp_path / "e.nc", water_u=packed, water_v=packed))
     assert_comes_back(read, 0.00051)
     assert np.all(np.diff(read.grid.longitude, axis=1) > 0.0)
 
@@ -102,11 +77,9 @@ def test_a_region_over_the_seam_of_a_global_grid_reads_both_ends_alone(tmp_path)
     longitude, latitude = np.arange(0.0, 360.0, 5.0), np.arange(30.0, 60.0, 5.0)
     signed = (longitude + 180.0) % 360.0 - 180.0
     ds = forms.standard(*forms.regular(signed, latitude), longitude, latitude)
-    read = read_ensemble(
-        save(ds, tmp_path / "e.nc"), ForecastConfig(region=(-12.0, 34.0, 11.0, 51.0))
-    )
-    np.testing.assert_allclose(read.grid.longitude[0], [-10.0, -5.0, 0.0, 5.0, 10.0])
-    np.testing.assert_allclose(read.grid.latitude[:, 0], [35.0, 40.0, 45.0, 50.0])
+    read = read_with(save(ds, tmp_path / "e.nc"), region=(-12.0, 34.0, 11.0, 51.0))
+    assert_allclose(read.grid.longitude[0], [-10.0, -5.0, 0.0, 5.0, 10.0])
+    assert_allclose(read.grid.latitude[:, 0], [35.0, 40.0, 45.0, 50.0])
     assert_comes_back(read, 1e-12)
 
 
@@ -122,11 +95,11 @@ def test_mom_at_longitudes_from_280_west_with_noleap_times(tmp_path):
         np.array([18250.5, 18251.5, 18252.5]),
         {"units": "days since 1900-01-01", "calendar": "NOLEAP"},
     )
-    read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig(members="dim:time"))
+    read = read_with(save(ds, tmp_path / "e.nc"), members="dim:time")
     # at the ends of a row the axis is known half a cell away: 0.05 degrees sin(40 degrees) is 0.56 mrad
     assert_comes_back(read, 3e-4)
     assert read.members[0] == "e.nc time 1950-01-01T12:00Z"
-    assert any("calendar NOLEAP" in note for note in read.notes)
+    assert noted(read, "calendar NOLEAP")
 
 
 def test_grep_members_by_suffix_without_their_mean(tmp_path):
@@ -150,7 +123,7 @@ def test_grep_members_by_suffix_without_their_mean(tmp_path):
         ds[f"uo_{name}"], ds[f"vo_{name}"] = 5.0 * ds["uo_glor"], 5.0 * ds["vo_glor"]
     path = save(ds, tmp_path / "grep.nc")
     for rule in (None, "suffix"):
-        read = read_ensemble(path, ForecastConfig(members=rule))
+        read = read_with(path, members=rule)
         assert_comes_back(read, 1e-12)
         assert read.members == ("grep.nc glor", "grep.nc oras", "grep.nc cglo")
 
@@ -204,7 +177,7 @@ def test_topaz_on_polar_stereographic_axes(tmp_path):
     with_coordinates = ds.assign_coords(longitude=(space, longitude), latitude=(space, latitude))
     for k, form in enumerate((with_coordinates, ds)):
         # the axis of a cell at the edge is known half a cell away
-        assert_comes_back(read_ensemble(save(form, tmp_path / f"{k}.nc"), ForecastConfig()), 2e-3)
+        assert_comes_back(read_with(save(form, tmp_path / f"{k}.nc")), 2e-3)
 
 
 @pytest.mark.parametrize("one_dimension", [True, False])
@@ -238,14 +211,14 @@ def test_mitgcm_faces_west_and_south_of_centres(tmp_path, one_dimension):
         ds = ds.assign_coords(XC=longitude, YC=latitude)
     else:
         ds = ds.rename(XC="i", YC="j").assign(XC=(("j", "i"), x), YC=(("j", "i"), y))
-    read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig())
+    read = read_with(save(ds, tmp_path / "e.nc"))
     # between faces 0.02 degrees apart the mean misses by (0.9 x 0.01)^2 / 2 of 0.3 m/s; next to land by one side's slope
-    np.testing.assert_array_equal(read.grid.wet, wet[:, :-1, :-1] > 0.0)
+    assert_array_equal(read.grid.wet, wet[:, :-1, :-1] > 0.0)
     u_read, v_read = true_components(read)
     inner = np.s_[:3, 4:, 5:7]
     east, north = forms.truth(read.grid.longitude, read.grid.latitude, LEVELS[:, None, None], 1)
-    np.testing.assert_allclose(u_read[1][inner], east[inner], atol=5e-5)
-    np.testing.assert_allclose(v_read[1][inner], north[inner], atol=5e-5)
+    assert_allclose(u_read[1][inner], east[inner], atol=5e-5)
+    assert_allclose(v_read[1][inner], north[inner], atol=5e-5)
 
 
 def nemo(shape=(10, 12), mask=True):
@@ -305,14 +278,14 @@ def test_nemo_in_files_of_u_and_v_and_the_grid(tmp_path, grid_file):
     paths = [save(u, tmp_path / "x_U.nc"), save(v, tmp_path / "x_V.nc")] + (
         [save(grid, tmp_path / "mesh.nc")] if grid_file else []
     )
-    read = read_ensemble(paths, ForecastConfig(members="dim:time_counter"))
-    np.testing.assert_array_equal(read.grid.wet[0], wet[1:, 1:] > 0.0)
+    read = read_with(paths, members="dim:time_counter")
+    assert_array_equal(read.grid.wet[0], wet[1:, 1:] > 0.0)
     u_read, v_read = true_components(read)
     inner = np.s_[:, 3:, 4:]
     east, north = forms.truth(read.grid.longitude, read.grid.latitude, LEVELS[:, None, None], 2)
-    np.testing.assert_allclose(u_read[2][inner], east[inner], atol=2e-4)
-    np.testing.assert_allclose(v_read[2][inner], north[inner], atol=2e-4)
-    told = any("midway between the points of u" in note for note in read.notes)
+    assert_allclose(u_read[2][inner], east[inner], atol=2e-4)
+    assert_allclose(v_read[2][inner], north[inner], atol=2e-4)
+    told = noted(read, "midway between the points of u")
     assert told is not grid_file
 
 
@@ -335,13 +308,13 @@ def test_enkf_c_a_file_for_each_member_and_variable_with_the_grid_apart(tmp_path
             variable = xr.Dataset({name: (("k", "j", "i"), part[member], {"units": "m/s"})})
             save(variable, tmp_path / f"mem{member + 1:03d}_{name}.nc")
             save(variable * 9.0, tmp_path / f"mem{member + 1:03d}_{name}.nc.analysis")
-    read = read_ensemble(tmp_path, ForecastConfig())
+    read = read_with(tmp_path)
     assert_comes_back(read, 1e-12)
     assert read.members == tuple(f"mem{k:03d}_u.nc + mem{k:03d}_v.nc" for k in (1, 2, 3))
-    np.testing.assert_array_equal(read.grid.wet[:, 2, 3], [True, True, False, False])
-    np.testing.assert_array_equal(read.grid.wet[:, 0, 0], [False] * 4)
+    assert_array_equal(read.grid.wet[:, 2, 3], [True, True, False, False])
+    assert_array_equal(read.grid.wet[:, 0, 0], [False] * 4)
     assert read.grid.wet.sum() == u[0].size - 6
-    assert any("6 files of results" in note for note in read.notes)
+    assert noted(read, "6 analysis files excluded")
 
 
 def test_anomalies_are_added_to_the_background_and_states_are_not(tmp_path):
@@ -357,12 +330,9 @@ def test_anomalies_are_added_to_the_background_and_states_are_not(tmp_path):
             forms.standard(mean_u[None], mean_v[None], longitude, latitude).isel(member=0),
             tmp_path / folder / "bg_uv.nc",
         )
-        read = read_ensemble(tmp_path / folder, ForecastConfig())
+        read = read_with(tmp_path / folder)
         assert_comes_back(read, 1e-12)
-        assert any(
-            ("were added to the background" if folder == "anomalies" else "was not used") in note
-            for note in read.notes
-        )
+        assert noted(read, "added to the background" if folder == "anomalies" else "was not used")
     (tmp_path / "anomalies" / "bg_uv.nc").unlink()
 
 
@@ -376,11 +346,11 @@ def test_pop_in_centimetres_with_undeclared_fill(tmp_path):
     )
     x, y = np.meshgrid(longitude, latitude)
     ds = ds.drop_vars(["x", "y"]).assign(ULON=(("y", "x"), x), ULAT=(("y", "x"), y))
-    read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig())
+    read = read_with(save(ds, tmp_path / "e.nc"))
     assert_comes_back(read, 3e-4)
     assert not read.grid.wet[:, 0, 0].any()
     assert read.grid.wet.sum() == u[0].size - 4
-    assert any("taken for missing: 24 values beyond 1000 m/s" in note for note in read.notes)
+    assert noted(read, "treated as missing: 24 values beyond 1000 m/s")
 
 
 def test_pop_levels_between_interfaces(tmp_path):
@@ -390,15 +360,14 @@ def test_pop_levels_between_interfaces(tmp_path):
         *forms.regular(longitude, latitude), longitude, latitude, ("UVEL", "VVEL"), ({}, {})
     )
     ds = ds.drop_vars("depth").rename(depth="k").assign(w_dep=("w_dep", edges))
-    read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig(axes="true"))
-    np.testing.assert_array_equal(read.grid.levels, LEVELS)
-    assert "levels of k were taken midway between the interfaces w_dep" in read.notes
+    read = read_with(save(ds, tmp_path / "e.nc"), axes="true")
+    assert_array_equal(read.grid.levels, LEVELS)
+    assert "levels of k assumed midway between the interfaces w_dep" in read.notes
     assert_comes_back(read, 1e-12)
-    with pytest.raises(
-        ForecastError,
-        match="dimension k has no coordinate values; add a depth coordinate in metres, or give the file",
-    ):
-        read_ensemble(save(ds.drop_vars("w_dep"), tmp_path / "none.nc"), ForecastConfig())
+    refused(
+        "dimension k has no coordinate values; add a depth coordinate in metres, or give the file",
+        save(ds.drop_vars("w_dep"), tmp_path / "none.nc"),
+    )
 
 
 def test_a_file_of_another_grid_beside_a_forecast_is_refused(tmp_path):
@@ -419,8 +388,7 @@ def test_a_file_of_another_grid_beside_a_forecast_is_refused(tmp_path):
         }
     )
     files.append(save(grid, tmp_path / "grid.nc"))
-    with pytest.raises(
-        ForecastError,
-        match=r"current.nc: the currents have 7 x 8 points, the coordinates 9 x 14; give each forecast alone",
-    ):
-        read_ensemble(files, ForecastConfig())
+    refused(
+        r"current.nc: the currents have 7 x 8 points, the coordinates 9 x 14; give each forecast alone",
+        files,
+    )

@@ -3,13 +3,19 @@
 import numpy as np
 import pytest
 import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.forecast import read_ensemble
 from replay_kit.forecast.describe import describe_ensemble
 from tests.forecast import forms
-from tests.forecast.forms import LEVELS, N_MEMBERS
-from tests.forecast.test_forms import assert_comes_back, save, true_components
+from tests.forecast.forms import (
+    LEVELS,
+    N_MEMBERS,
+    assert_comes_back,
+    read_with,
+    save,
+    true_components,
+)
 
 SHAPE = (10, 12)
 AT = forms.rotated(shape=SHAPE, cell=0.01)
@@ -120,9 +126,9 @@ def test_mom6_in_a_file_of_currents_and_one_of_the_grid(tmp_path, grid, symmetri
     first = 0 if symmetric else 1
     # a cell is water where one of its faces is; cells of land have none
     wet = WET[:, first:, first:] > 0.0
-    np.testing.assert_allclose(read.grid.longitude, longitude[first:, first:], atol=1e-12)
-    np.testing.assert_allclose(read.grid.latitude, latitude[first:, first:], atol=1e-12)
-    np.testing.assert_array_equal(read.grid.wet, wet)
+    assert_allclose(read.grid.longitude, longitude[first:, first:], atol=1e-12)
+    assert_allclose(read.grid.latitude, latitude[first:, first:], atol=1e-12)
+    assert_array_equal(read.grid.wet, wet)
     u, v = true_components(read)
     # away from land, where one face stands for two
     inner = np.s_[:, :3, 4:, 5:-1]
@@ -130,8 +136,8 @@ def test_mom6_in_a_file_of_currents_and_one_of_the_grid(tmp_path, grid, symmetri
         east, north = forms.truth(
             read.grid.longitude, read.grid.latitude, LEVELS[:, None, None], member
         )
-        np.testing.assert_allclose(u[inner][member], east[inner[1:]], atol=ANGLE_ERROR)
-        np.testing.assert_allclose(v[inner][member], north[inner[1:]], atol=ANGLE_ERROR)
+        assert_allclose(u[inner][member], east[inner[1:]], atol=ANGLE_ERROR)
+        assert_allclose(v[inner][member], north[inner[1:]], atol=ANGLE_ERROR)
 
 
 def test_mom5_at_the_corners_that_the_supergrid_has(tmp_path):
@@ -157,9 +163,9 @@ def test_mom5_at_the_corners_that_the_supergrid_has(tmp_path):
         },
     )
     paths = [save(ds, tmp_path / "ocean.nc"), save(supergrid(), tmp_path / "ocean_hgrid.nc")]
-    read = read_ensemble(paths, ForecastConfig(members="dim:time"))
+    read = read_with(paths, members="dim:time")
     longitude, latitude = AT(ROW + 0.5, COLUMN + 0.5)
-    np.testing.assert_allclose(read.grid.longitude, longitude, atol=1e-12)
-    np.testing.assert_allclose(read.grid.latitude, latitude, atol=1e-12)
-    np.testing.assert_array_equal(read.grid.wet, WET > 0.0)
+    assert_allclose(read.grid.longitude, longitude, atol=1e-12)
+    assert_allclose(read.grid.latitude, latitude, atol=1e-12)
+    assert_array_equal(read.grid.wet, WET > 0.0)
     assert_comes_back(read, ANGLE_ERROR)

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
 
-from replay_kit.config.run import ForecastConfig
-from replay_kit.forecast import read_ensemble
 from replay_kit.forecast.grid import columns_round
-from tests.forecast.test_forms import save, true_components
+from tests.forecast.forms import read_with, save, true_components
 
 LEVELS = np.array([5.0, 100.0])
 LATITUDE = np.arange(40.0, 47.0)
@@ -91,10 +90,10 @@ def assert_known(read, middle):
     for member in range(MEMBERS):
         east, north = current(read.grid.longitude, read.grid.latitude, member, middle)
         wet = np.broadcast_to(read.grid.wet, u[member].shape)[inner]
-        np.testing.assert_allclose(
+        assert_allclose(
             u[member][inner][wet], np.broadcast_to(east, u[member].shape)[inner][wet], atol=6e-4
         )
-        np.testing.assert_allclose(
+        assert_allclose(
             v[member][inner][wet], np.broadcast_to(north, v[member].shape)[inner][wet], atol=6e-4
         )
 
@@ -104,17 +103,15 @@ def assert_known(read, middle):
 def test_a_c_grid_over_the_seam_and_over_the_antimeridian(tmp_path, middle, repeated):
     files = orca(tmp_path, middle, repeated)
     west, east = ((middle + side + 180.0) % 360.0 - 180.0 for side in (-4.2, 5.2))
-    read = read_ensemble(
-        files, ForecastConfig(members="dim:time_counter", region=(west, 40.8, east, 45.2))
-    )
-    np.testing.assert_allclose(
+    read = read_with(files, members="dim:time_counter", region=(west, 40.8, east, 45.2))
+    assert_allclose(
         (read.grid.longitude[0] - middle + 180.0) % 360.0 - 180.0, np.arange(-4.0, 6.0), atol=1e-9
     )
-    np.testing.assert_allclose(read.grid.latitude[:, 0], np.arange(41.0, 46.0))
+    assert_allclose(read.grid.latitude[:, 0], np.arange(41.0, 46.0))
     wet = np.ones((5, 10), bool)
     # 43 N, 75 E; beside it one face stands for two
     wet[2, 6] = middle != SEAM
-    np.testing.assert_array_equal(read.grid.wet, np.stack([wet, wet]))
+    assert_array_equal(read.grid.wet, np.stack([wet, wet]))
     u, _ = true_components(read)
     if middle == SEAM:
         # west of the land: u is that of the western face alone, half a cell away
@@ -126,12 +123,12 @@ def test_a_c_grid_over_the_seam_and_over_the_antimeridian(tmp_path, middle, repe
 
 
 def test_without_a_region_each_column_is_read_once_and_has_both_faces(tmp_path):
-    read = read_ensemble(orca(tmp_path, 0.0), ForecastConfig(members="dim:time_counter"))
+    read = read_with(orca(tmp_path, 0.0), members="dim:time_counter")
     assert read.grid.longitude.shape == (6, 360)
     speed = np.hypot(read.velocity[0, 0], read.velocity[0, 1])
     first = np.hypot(*current(SEAM, LATITUDE[1:], 0, 0.0))
     # of the first column, whose western face is the last column's
-    np.testing.assert_allclose(speed[0, :2, 0], first[:2], atol=3e-3)
+    assert_allclose(speed[0, :2, 0], first[:2], atol=3e-3)
 
 
 @pytest.mark.parametrize("faces", ["west", "west and east"])
@@ -164,8 +161,8 @@ def test_faces_west_of_the_centres(tmp_path, faces):
         },
     )
     region = (SEAM - 3.2, 40.8, SEAM + 2.2, 45.2)
-    read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig(region=region))
-    np.testing.assert_allclose(read.grid.longitude[0], SEAM + np.arange(-3.0, 3.0))
+    read = read_with(save(ds, tmp_path / "e.nc"), region=region)
+    assert_allclose(read.grid.longitude[0], SEAM + np.arange(-3.0, 3.0))
     assert_known(read, SEAM)
 
 
@@ -178,10 +175,8 @@ def test_repeated_columns_of_an_a_grid_are_read_once(tmp_path):
         {"uo": (dims, u, {"units": "m s-1"}), "vo": (dims, v, {"units": "m s-1"})},
         {"depth": ("depth", LEVELS, {"units": "m"}), "latitude": LATITUDE, "longitude": longitude},
     )
-    read = read_ensemble(
-        save(ds, tmp_path / "e.nc"), ForecastConfig(region=(-3.2, 39.0, 2.2, 47.0))
-    )
-    np.testing.assert_allclose(read.grid.longitude[0], np.arange(-3.0, 3.0))
+    read = read_with(save(ds, tmp_path / "e.nc"), region=(-3.2, 39.0, 2.2, 47.0))
+    assert_allclose(read.grid.longitude[0], np.arange(-3.0, 3.0))
     assert_known(read, 0.0)
 
 

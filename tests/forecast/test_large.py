@@ -5,13 +5,15 @@ import os
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
-from replay_kit.config.run import EstimatorConfig, ForecastConfig
+from replay_kit.config.run import EstimatorConfig
 from replay_kit.core import arrays
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.estimator import build_estimator
-from replay_kit.forecast import gather, read_ensemble, reader
+from replay_kit.forecast import gather, reader
 from tests import synthetic
+from tests.forecast.forms import read_with
 
 
 @pytest.fixture
@@ -35,7 +37,7 @@ def test_an_ensemble_on_disk_equals_one_in_memory(tmp_path, request, monkeypatch
         path = tmp_path
         for k in range(7):
             data.isel(member=k, drop=True).to_netcdf(tmp_path / f"mem{k:03d}.nc")
-    expected = read_ensemble(path, ForecastConfig())
+    expected = read_with(path)
     request.getfixturevalue("nothing_fits")
     groups = list[int]()
 
@@ -44,17 +46,17 @@ def test_an_ensemble_on_disk_equals_one_in_memory(tmp_path, request, monkeypatch
         return found
 
     monkeypatch.setattr(reader, "in_groups", noting)
-    ensemble = read_ensemble(path, ForecastConfig())
+    ensemble = read_with(path)
     assert (max(groups) > 1) == (form != "files")
-    np.testing.assert_array_equal(ensemble.velocity, expected.velocity)
+    assert_array_equal(ensemble.velocity, expected.velocity)
     assert not ensemble.velocity.flags.owndata
     assert ensemble.members == expected.members
     assert ensemble.notes == expected.notes
     assert str(ensemble) == str(expected)
-    np.testing.assert_array_equal(ensemble.rows(1, 3), expected.velocity[:, :, :, 1:3])
+    assert_array_equal(ensemble.rows(1, 3), expected.velocity[:, :, :, 1:3])
     ours, theirs = (build_estimator(each, EstimatorConfig()) for each in (ensemble, expected))
-    np.testing.assert_array_equal(ours.prior.mean, theirs.prior.mean)
-    np.testing.assert_array_equal(ours.prior.covariance(), theirs.prior.covariance())
+    assert_array_equal(ours.prior.mean, theirs.prior.mean)
+    assert_array_equal(ours.prior.covariance(), theirs.prior.covariance())
 
 
 def test_a_full_disk_is_told_before_anything_is_read(nothing_fits, monkeypatch):

@@ -4,14 +4,16 @@ from functools import cache
 
 import numpy as np
 import pytest
-import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError
-from replay_kit.forecast import read_ensemble, read_series
+from replay_kit.forecast import read_series
 from replay_kit.workflows.replay.inputs.forecast import read_forecasts
 from tests import synthetic
 from tests.command import invoke
+from tests.forecast import forms
+from tests.forecast.forms import noted, read_with
 from tests.forecast.test_members import lagged
 
 DAY = 86_400 * 10**9
@@ -22,17 +24,7 @@ def with_leads(
 ):
     """The synthetic ensemble, stronger at each lead."""
     parts = [synthetic.dataset() * (1.0 + 0.5 * k) for k in range(len(leads))]
-    ds = xr.concat(
-        parts, "lead", data_vars="all", coords="minimal", compat="override", join="override"
-    )
-    ds = ds.assign_coords(
-        lead=("lead", np.array(leads), {"units": units, "standard_name": "forecast_period"})
-    )
-    for name, standard in (
-        ("uo", "eastward_sea_water_velocity"),
-        ("vo", "northward_sea_water_velocity"),
-    ):
-        ds[name].attrs = {"standard_name": standard, "units": "m s-1"}
+    ds = forms.in_turn(parts, np.array(leads), "lead", units=units, standard_name="forecast_period")
     if reference:
         ds["forecast_reference_time"] = np.datetime64(reference, "ns")
     if holes:
@@ -65,10 +57,8 @@ def test_each_lead_is_the_ensemble_that_would_be_read_alone(of_reference):
     series = read_series(path, ForecastConfig())
     assert [part.time_ns - series[0].time_ns for part in series] == [0, 2 * DAY, 5 * DAY]
     for part, lead in zip(series, (0.0, 2.0, 5.0), strict=True):
-        np.testing.assert_array_equal(
-            part.velocity, read_ensemble(path, ForecastConfig(lead=lead)).velocity
-        )
-    assert any("3 times" in note for note in series[0].notes)
+        assert_array_equal(part.velocity, read_with(path, lead=lead).velocity)
+    assert noted(series[0], "3 times")
 
 
 @pytest.mark.parametrize("config", [ForecastConfig(lead=2.0), ForecastConfig()])
@@ -110,16 +100,8 @@ def test_which_leads_a_run_uses_when_none_is_chosen(
         np.abs(part.velocity).max() / np.abs(synthetic.ensemble().velocity).max()
         for part in found.series
     ]
-    np.testing.assert_allclose(
+    assert_allclose(
         strengths, [1.0 + 0.5 * [0.0, 2.0, 5.0].index(lead) for lead in leads], rtol=1e-6
-    )
-
-
-def test_a_command_without_a_log_uses_the_last_lead(of_reference):
-    path = of_reference("2020-01-01")
-    np.testing.assert_array_equal(
-        read_ensemble(path, ForecastConfig()).velocity,
-        read_ensemble(path, ForecastConfig(lead=5.0)).velocity,
     )
 
 
@@ -139,21 +121,13 @@ def test_the_help_says_each_of_these_cases():
 def test_a_log_far_from_the_forecast_is_said(of_reference):
     path = of_reference("2020-01-01")
     start = read_series(path, ForecastConfig())[0].time_ns
-    assert not any(
-        "outside" in note
-        for note in read_series(path, ForecastConfig(), near_ns=start + DAY)[0].notes
+    assert not noted(read_series(path, ForecastConfig(), near_ns=start + DAY)[0], "outside")
+    assert not noted(read_series(path, ForecastConfig(), near_ns=start + 6 * DAY)[0], "outside")
+    assert noted(
+        read_series(path, ForecastConfig(), near_ns=start + 8 * DAY)[0], "3.0 days outside"
     )
-    assert not any(
-        "outside" in note
-        for note in read_series(path, ForecastConfig(), near_ns=start + 6 * DAY)[0].notes
-    )
-    assert any(
-        "3.0 days outside" in note
-        for note in read_series(path, ForecastConfig(), near_ns=start + 8 * DAY)[0].notes
-    )
-    assert any(
-        "2.0 days outside" in note
-        for note in read_series(path, ForecastConfig(), near_ns=start - 2 * DAY)[0].notes
+    assert noted(
+        read_series(path, ForecastConfig(), near_ns=start - 2 * DAY)[0], "2.0 days outside"
     )
 
 
@@ -201,7 +175,7 @@ def test_a_spread_that_is_not_fitted_is_said(lags, settings, spread, who):
 def test_given_members_need_no_fit(of_reference):
     found = read_forecasts(of_reference("2020-01-01"), load_config(None, {}), None, None)
     assert found.evolves
-    assert not any("the spread of members" in note for note in found.notes)
+    assert not noted(found, "the spread of members")
 
 
 @pytest.mark.parametrize(

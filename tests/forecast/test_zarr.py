@@ -12,10 +12,10 @@ from replay_kit.core.progress import shown_by
 from replay_kit.forecast import files, read_ensemble
 from replay_kit.forecast.describe import describe_ensemble
 from tests import synthetic
-from tests.forecast.forms import unwritten_stores
+from tests.forecast.forms import read_with, refused, unwritten_stores
 
 
-def refused(paths, message, config=None):
+def refused_early(paths, message, config=None):
     """Assert that stores are refused, and that little of what they declare was made."""
     tracemalloc.start()
     try:
@@ -34,24 +34,26 @@ def test_coordinates_that_were_never_written_are_refused_before_currents_are_rea
         r"0\.00. MB, more than 100 times its bytes; "
     )
     whole = r"were its values written\? give the whole file; its arrays take 8\.7 GB in memory, of which --region reads a part$"
-    refused(unwritten_stores(tmp_path / "large", (80, 3059, 4322)), declared + whole)
+    refused_early(unwritten_stores(tmp_path / "large", (80, 3059, 4322)), declared + whole)
     size = r"; its arrays take 16\.9 GB in memory, of which --region reads a part$"
     written = r"U\.zarr: glamt is 0 at every point; were the coordinates written\? give the file of the grid with --ensemble"
-    refused(unwritten_stores(tmp_path, (4400, 400, 601)), written + size)
+    refused_early(unwritten_stores(tmp_path, (4400, 400, 601)), written + size)
     # a small one is refused too, before it was taken for water at rest
-    refused(unwritten_stores(tmp_path, (8, 40, 60)), written + "$")
+    refused_early(unwritten_stores(tmp_path, (8, 40, 60)), written + "$")
     x, y = np.meshgrid(np.linspace(10.0, 16.0, 60), np.linspace(40.0, 44.0, 40))
-    refused(unwritten_stores(tmp_path, (8, 40, 60), x, 0.0 * y + 5.0), r"gphit is 5 at every point")
+    refused_early(
+        unwritten_stores(tmp_path, (8, 40, 60), x, 0.0 * y + 5.0), r"gphit is 5 at every point"
+    )
 
 
 def test_currents_that_were_never_written_are_refused_before_they_are_made(tmp_path):
     x, y = np.meshgrid(np.linspace(10.0, 16.0, 600), np.linspace(40.0, 44.0, 400))
     paths = unwritten_stores(tmp_path, (4400, 400, 600), x, y)
-    refused(
+    refused_early(
         paths,
         r"vozocrtx cannot be read: it claims 8448 MB of values in .*; choose less with --region and --levels, or mend the file",
     )
-    refused(
+    refused_early(
         paths,
         "every point of the first level is land",
         ForecastConfig(region=(11.0, 41.0, 11.1, 41.1), levels=(10.0, 20.0)),
@@ -67,9 +69,7 @@ def test_a_zipped_store_is_read_as_its_folder_is(tmp_path, zarr_format):
         for path in sorted((tmp_path / "e.zarr").rglob("*")):
             if path.is_file():
                 archive.write(path, path.relative_to(tmp_path / "e.zarr"))
-    read, expected = (
-        read_ensemble(tmp_path / name, ForecastConfig()) for name in ("e.zip", "e.zarr")
-    )
+    read, expected = (read_with(tmp_path / name) for name in ("e.zip", "e.zarr"))
     np.testing.assert_array_equal(read.velocity, expected.velocity)
     np.testing.assert_array_equal(expected.velocity, synthetic.ensemble().velocity)
     assert read.notes == expected.notes == ()
@@ -78,35 +78,30 @@ def test_a_zipped_store_is_read_as_its_folder_is(tmp_path, zarr_format):
 def test_an_archive_that_is_no_store_is_named(tmp_path):
     with zipfile.ZipFile(tmp_path / "e.zip", "w") as archive:
         archive.writestr("notes.txt", "nothing")
-    with pytest.raises(
-        ForecastError,
-        match=r"e\.zip: cannot be read as zarr: this zip archive holds no Zarr store; unpack it",
-    ):
-        read_ensemble(tmp_path / "e.zip", ForecastConfig())
+    refused(
+        r"e\.zip: cannot be read as zarr: this zip archive holds no Zarr store; unpack it",
+        tmp_path / "e.zip",
+    )
     with zipfile.ZipFile(tmp_path / "inner.zip", "w") as archive:
         for name in ("runs/U.zarr/zarr.json", "runs/U.zarr/uo/zarr.json"):
             archive.writestr(name, "{}")
-    with pytest.raises(
-        ForecastError,
-        match=r"inner\.zip: .*: this zip archive holds a Zarr store in its folder runs/U\.zarr, not at its top; ",
-    ):
-        read_ensemble(tmp_path / "inner.zip", ForecastConfig())
+    refused(
+        r"inner\.zip: .*: this zip archive holds a Zarr store in its folder runs/U\.zarr, not at its top; ",
+        tmp_path / "inner.zip",
+    )
     (tmp_path / "cut.zip").write_bytes((tmp_path / "e.zip").read_bytes()[:-20])
-    with pytest.raises(
-        ForecastError, match=r"cut\.zip: cannot be read as zarr: File is not a zip file"
-    ):
-        read_ensemble(tmp_path / "cut.zip", ForecastConfig())
+    refused(r"cut\.zip: cannot be read as zarr: File is not a zip file", tmp_path / "cut.zip")
 
 
 def test_the_size_of_a_large_forecast_is_said_before_it_is_read_and_after(tmp_path, monkeypatch):
     synthetic.dataset().to_netcdf(tmp_path / "e.nc", engine="h5netcdf")
-    whole = read_ensemble(tmp_path / "e.nc", ForecastConfig())
+    whole = read_with(tmp_path / "e.nc")
     assert whole.notes == ()
     # 2 GB stand for the eight members of 4 levels x 5 x 6 points
     monkeypatch.setattr(files, "_LARGE", whole.velocity.nbytes - 1)
     said = []
     with shown_by(lambda done, total, what: said.append(what)):
-        read = read_ensemble(tmp_path / "e.nc", ForecastConfig())
+        read = read_with(tmp_path / "e.nc")
         for less in (
             ForecastConfig(levels=(5.0, 60.0)),
             ForecastConfig(region=(152.0, -40.0, 152.3, -39.5)),

@@ -44,81 +44,22 @@ def log(
     return ["info", "--full", str(path)]
 
 
-def _ros1_empty(folder: Path) -> list[str]:
-    return log(
-        folder,
-        "ros1",
-        ("p/A", "ros1msg", b"E[] many\n" + b"=" * 80 + b"\nMSG: p/E\n"),
-        struct.pack("<I", 2**31),
-    )
+#: Begins the definition of another type.
+_TYPE = b"=" * 80 + b"\nMSG: p/"
 
 
-def _ros1_fixed(folder: Path) -> list[str]:
-    text = (
-        b"B[9999] b\n"
-        + b"".join(
-            b"=" * 80 + f"\nMSG: p/{a}\n{b}[9999] c\n".encode() for a, b in ("BC", "CD", "DE")
-        )
-        + b"=" * 80
-    )
-    return log(folder, "ros1", ("p/A", "ros1msg", text + b"\nMSG: p/E\n"), b"")
+def _ros1(text: bytes, count: int, size: int = 0) -> Attack:
+    """Return a ROS 1 message that claims a number of elements in that many bytes."""
+    return _schema("ros1", "ros1msg", lambda: text, struct.pack("<I", count) + bytes(size))
 
 
-def _ros1_strings(folder: Path) -> list[str]:
-    return log(
-        folder,
-        "ros1",
-        ("p/A", "ros1msg", b"string[] many\n"),
-        struct.pack("<I", 10**7) + bytes(4 * 10**7),
-    )
+def _cdr(text: bytes, payload: bytes = b"") -> Attack:
+    return _schema("cdr", "ros2msg", lambda: text, b"\0\1\0\0" + payload)
 
 
-def _ros1_bool_arrays(folder: Path) -> list[str]:
-    return log(
-        folder,
-        "ros1",
-        ("p/A", "ros1msg", b"float32[] many\n"),
-        struct.pack("<I", 15 * 10**6) + bytes(6 * 10**7),
-    )
-
-
-def _cdr_nested(folder: Path) -> list[str]:
-    text = b"E[] many\n" + b"=" * 80 + b"\nMSG: p/E\nbool flag\n"
-    return log(
-        folder,
-        "cdr",
-        ("p/msg/A", "ros2msg", text),
-        b"\0\1\0\0" + struct.pack("<I", 3 * 10**7) + bytes(3 * 10**7),
-    )
-
-
-def _cdr_fixed(folder: Path) -> list[str]:
-    return log(folder, "cdr", ("p/msg/A", "ros2msg", b"float64[2000000000] many\n"), b"\0\1\0\0")
-
-
-def _cdr_empty(folder: Path) -> list[str]:
-    text = (
-        b"B[] many\n"
-        + b"=" * 80
-        + b"\nMSG: p/B\nE[0] none\n"
-        + b"=" * 80
-        + b"\nMSG: p/E\nbool flag\n"
-    )
-    return log(folder, "cdr", ("p/msg/A", "ros2msg", text), b"\0\1\0\0" + struct.pack("<I", 2**31))
-
-
-def _recursive(folder: Path) -> list[str]:
-    return log(folder, "cdr", ("p/msg/A", "ros2msg", b"p/A a\n"), b"\0\1\0\0" + bytes(100))
-
-
-def _idl(text: Text) -> Attack:
-    return lambda folder: log(folder, "cdr", ("p/msg/A", "ros2idl", text()), b"\0\1\0\0")
-
-
-def _big_schema(encoding: str, schema: str, text: Text) -> Attack:
-    return lambda folder: log(
-        folder, encoding, ("p/msg/A" if encoding == "cdr" else "p/A", schema, text()), b"\0\1\0\0"
-    )
+def _schema(encoding: str, schema: str, text: Text, payload: bytes = b"\0\1\0\0") -> Attack:
+    name = "p/msg/A" if encoding == "cdr" else "p/A"
+    return lambda folder: log(folder, encoding, (name, schema, text()), payload)
 
 
 def _json(text: Text) -> Attack:
@@ -224,25 +165,17 @@ def _toml(text: Text) -> Attack:
     return attack
 
 
-def _netcdf(make: Callable[[h5py.File], object], command: Callable[[str], list[str]]) -> Attack:
+def _netcdf(make: Callable[[h5py.File], object], *options: str) -> Attack:
     def attack(folder: Path) -> list[str]:
         with h5py.File(folder / "file.nc", "w") as file:
             make(file)
-        return command(str(folder / "file.nc"))
+        return ["info", *options, str(folder / "file.nc")]
 
     return attack
 
 
 def _zarr(folder: Path) -> list[str]:
     return ["info", "--ensemble", *map(str, unwritten_stores(folder, (80, 3059, 4322)))]
-
-
-def _as_log(name: str) -> list[str]:
-    return ["info", name]
-
-
-def _as_ensemble(name: str) -> list[str]:
-    return ["info", "--ensemble", name]
 
 
 def _grid(
@@ -342,25 +275,36 @@ def _threads(folder: Path) -> list[str]:
 
 
 ATTACKS: dict[str, Attack] = {
-    "ROS 1: array of 2^31 empty messages": _ros1_empty,
-    "ROS 1: fixed arrays of arrays, 10^16 messages": _ros1_fixed,
-    "ROS 1: 10 million texts": _ros1_strings,
-    "ROS 1: 15 million numbers": _ros1_bool_arrays,
-    "ROS 2: array of 30 million messages": _cdr_nested,
-    "ROS 2: fixed array of 2 billion numbers": _cdr_fixed,
-    "ROS 2: array of 2^31 empty messages": _cdr_empty,
-    "ROS 2: a type that contains itself": _recursive,
-    "IDL: 200 kB of newlines": _idl(lambda: b"\n" * 200_000),
-    "IDL: 200 kB of comments without end": _idl(lambda: b"/*" * 100_000),
-    "IDL: 200 kB of quotation marks": _idl(lambda: b'"\\' * 100_000),
-    "IDL: nested modules": _idl(lambda: b"module a {" * 100_000),
-    "schema: 50 MB of ros2msg": _big_schema("cdr", "ros2msg", lambda: b"float64 abc\n" * 4_200_000),
-    "schema: 50 MB of ros2idl": _big_schema(
-        "cdr", "ros2idl", lambda: b"module a { };\n" * 3_600_000
+    "ROS 1: array of 2^31 empty messages": _ros1(b"E[] many\n" + _TYPE + b"E\n", 2**31),
+    "ROS 1: fixed arrays of arrays, 10^16 messages": _schema(
+        "ros1",
+        "ros1msg",
+        lambda: (
+            b"B[9999] b\n"
+            + b"".join(_TYPE + f"{a}\n{b}[9999] c\n".encode() for a, b in ("BC", "CD", "DE"))
+            + _TYPE
+            + b"E\n"
+        ),
+        b"",
     ),
-    "schema: 50 MB of ros1msg": _big_schema(
-        "ros1", "ros1msg", lambda: b"float64 abc\n" * 4_200_000
+    "ROS 1: 10 million texts": _ros1(b"string[] many\n", 10**7, 4 * 10**7),
+    "ROS 1: 15 million numbers": _ros1(b"float32[] many\n", 15 * 10**6, 6 * 10**7),
+    "ROS 2: array of 30 million messages": _cdr(
+        b"E[] many\n" + _TYPE + b"E\nbool flag\n", struct.pack("<I", 3 * 10**7) + bytes(3 * 10**7)
     ),
+    "ROS 2: fixed array of 2 billion numbers": _cdr(b"float64[2000000000] many\n"),
+    "ROS 2: array of 2^31 empty messages": _cdr(
+        b"B[] many\n" + _TYPE + b"B\nE[0] none\n" + _TYPE + b"E\nbool flag\n",
+        struct.pack("<I", 2**31),
+    ),
+    "ROS 2: a type that contains itself": _cdr(b"p/A a\n", bytes(100)),
+    "IDL: 200 kB of newlines": _schema("cdr", "ros2idl", lambda: b"\n" * 200_000),
+    "IDL: 200 kB of comments without end": _schema("cdr", "ros2idl", lambda: b"/*" * 100_000),
+    "IDL: 200 kB of quotation marks": _schema("cdr", "ros2idl", lambda: b'"\\' * 100_000),
+    "IDL: nested modules": _schema("cdr", "ros2idl", lambda: b"module a {" * 100_000),
+    "schema: 50 MB of ros2msg": _schema("cdr", "ros2msg", lambda: b"float64 abc\n" * 4_200_000),
+    "schema: 50 MB of ros2idl": _schema("cdr", "ros2idl", lambda: b"module a { };\n" * 3_600_000),
+    "schema: 50 MB of ros1msg": _schema("ros1", "ros1msg", lambda: b"float64 abc\n" * 4_200_000),
     "schema: 300 of 1 MB": _many_schemas,
     "JSON: 30 million lists": _json(lambda: b'{"a":[' + b"[]," * 30_000_000 + b"[]]}"),
     "JSON: 5 million mappings": _json(lambda: b'{"a":[' + b'{"":1},' * 5_000_000 + b"{}]}"),
@@ -378,10 +322,10 @@ ATTACKS: dict[str, Attack] = {
     "TOML: key of 5,000 parts": _toml(lambda: b".".join([b"a"] * 5000) + b"=1"),
     "TOML: integer of 5,000 digits": _toml(lambda: b"[output]\nthreads=" + b"9" * 5000),
     "TOML: 30 MB": _toml(lambda: b"[output]\n" + b"# comment\n" * 3_000_000),
-    "NetCDF ensemble: grid of 10^10 cells": _netcdf(_grid, _as_ensemble),
-    "NetCDF ensemble: velocities are texts": _netcdf(_objects, _as_ensemble),
+    "NetCDF ensemble: grid of 10^10 cells": _netcdf(_grid, "--ensemble"),
+    "NetCDF ensemble: velocities are texts": _netcdf(_objects, "--ensemble"),
     "Zarr ensemble: 17 GB that were never written": _zarr,
-    "NetCDF glider: 2 billion samples": _netcdf(_glider_grid, _as_log),
+    "NetCDF glider: 2 billion samples": _netcdf(_glider_grid),
     "DataFlash: 100,000 declarations": _dataflash,
     "MAVLink: 500,000 frames cut short": _tlog,
     "PD0: 400,000 headers of 65 kB": _pd0,

@@ -6,15 +6,24 @@ from pathlib import Path
 from typing import Any
 
 import orjson
+from hypothesis import HealthCheck, settings
 from mcap.writer import CompressionType, Writer
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from replay_kit.config.run import LogConfig
 from replay_kit.core.message import LogReport, Message
 from replay_kit.logs import open_log
 from tests.places import DATA
 
 SHARED = DATA / "logs"
 SECOND = 1_000_000_000
+# Function-scoped folders are shared by the examples on purpose: each example writes the one file anew.
+broken = settings(
+    max_examples=60,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 
 
 def json_mcap(
@@ -79,10 +88,13 @@ def tlog(n: int, start_us: int = 1_700_000_000_000_000) -> list[bytes]:
 
 
 def read_log(
-    folder: Path, data: bytes, wanted: frozenset[str] | None = None
+    folder: Path,
+    data: bytes,
+    config: LogConfig | None = None,
+    wanted: frozenset[str] | None = None,
 ) -> tuple[list[Message], LogReport]:
     """Return the messages of a log with these bytes, and its report."""
     file = folder / "log"
     file.write_bytes(data)
-    reader = open_log(file, 1, wanted=wanted)
+    reader = open_log(file, 1, config, wanted)
     return list(reader.messages()), reader.report()

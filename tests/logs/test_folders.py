@@ -22,7 +22,7 @@ METADATA = """rosbag2_bagfile_information:
 """
 
 
-def _bag(folder: Path) -> Path:
+def _bag(folder):
     (folder / "metadata.yaml").write_text(METADATA.format("b_0.mcap", "b_1.mcap"))
     for part in (0, 1):
         (folder / f"b_{part}.mcap").write_bytes(json_mcap(range(10 * part, 10 * part + 10)))
@@ -30,7 +30,7 @@ def _bag(folder: Path) -> Path:
     return folder
 
 
-def test_a_bag_is_the_files_that_its_metadata_lists(tmp_path: Path) -> None:
+def test_a_bag_is_the_files_that_its_metadata_lists(tmp_path):
     logs = open_logs([_bag(tmp_path)])
     assert [(Path(log.path).name, log.input, log.format) for log in logs] == [
         ("b_0.mcap", 0, "mcap"),
@@ -41,36 +41,36 @@ def test_a_bag_is_the_files_that_its_metadata_lists(tmp_path: Path) -> None:
         open_log(tmp_path)
 
 
-def test_a_bag_that_lacks_a_part_is_refused(tmp_path: Path) -> None:
+def test_a_bag_that_lacks_a_part_is_refused(tmp_path):
     (_bag(tmp_path) / "b_1.mcap").unlink()
     with pytest.raises(LogError, match=r"expected the files of metadata\.yaml, missing: b_1\.mcap"):
         open_logs([tmp_path])
 
 
-def test_a_compressed_part_says_how_to_unpack_it(tmp_path: Path) -> None:
+def test_a_compressed_part_says_how_to_unpack_it(tmp_path):
     (tmp_path / "metadata.yaml").write_text(METADATA.format("b_0.mcap.zstd", "b_1.mcap"))
     with pytest.raises(LogError, match=r"unpack it with: zstd -d b_0\.mcap\.zstd"):
         open_logs([tmp_path])
 
 
-def test_a_folder_without_logs_is_refused(tmp_path: Path) -> None:
+def test_a_folder_without_logs_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("x")
     with pytest.raises(LogError, match=r"the folder holds notes\.txt; give the logs themselves"):
         open_logs([tmp_path])
 
 
-def test_one_part_alone_is_a_log_with_the_input_asked_for(tmp_path: Path) -> None:
+def test_one_part_alone_is_a_log_with_the_input_asked_for(tmp_path):
     (tmp_path / "b.mcap").write_bytes(json_mcap(range(5)))
     log = open_log(tmp_path, 3)
     assert (log.input, {message.input for message in log.messages()}) == (3, {3})
 
 
-def test_a_file_given_twice_stays_two_logs(tmp_path: Path) -> None:
+def test_a_file_given_twice_stays_two_logs(tmp_path):
     path = glider_samples.bodc(tmp_path / "a.nc")
     assert [log.input for log in open_logs([path, path])] == [0, 1]
 
 
-def test_profiles_of_two_missions_are_two_logs(tmp_path: Path) -> None:
+def test_profiles_of_two_missions_are_two_logs(tmp_path):
     raw = tmp_path / "raw"
     first, second = glider_samples.seaexplorer(raw)
     other = raw / "SEA063.23.gli.sub.1"
@@ -87,7 +87,7 @@ def test_profiles_of_two_missions_are_two_logs(tmp_path: Path) -> None:
     assert len(open_logs([first, second, other])) == 2
 
 
-def test_a_folder_with_two_missions_is_refused_with_how_to_choose_one(tmp_path: Path) -> None:
+def test_a_folder_with_two_missions_is_refused_with_how_to_choose_one(tmp_path):
     first, _ = glider_samples.seaexplorer(tmp_path / "raw")
     (tmp_path / "raw" / "SEA063.23.gli.sub.1").write_text(first.read_text())
     (tmp_path / "raw" / "notes.mcap").write_bytes(json_mcap(range(3)))
@@ -99,13 +99,11 @@ def test_a_folder_with_two_missions_is_refused_with_how_to_choose_one(tmp_path: 
     )
 
 
-def open_plugin(path: Path, input: int, config: object, wanted: object) -> McapReader | None:
+def open_plugin(path, input, config, wanted):
     return McapReader(path, input) if path.suffix == ".dbd" else None
 
 
-def test_another_package_may_read_a_form_of_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_another_package_may_read_a_form_of_its_own(tmp_path, monkeypatch):
     point = EntryPoint("slocum", "tests.logs.test_folders:open_plugin", registry.PLUGINS)
     monkeypatch.setattr(
         registry, "entry_points", lambda group: [point] if group == "replay_kit.logs" else []
@@ -121,7 +119,7 @@ def test_another_package_may_read_a_form_of_its_own(
     not (DATA / "seaglider").is_dir(), reason="../shared/data/seaglider is not there"
 )
 @pytest.mark.full
-def test_a_folder_of_real_dives_is_one_log_a_dive() -> None:
+def test_a_folder_of_real_dives_is_one_log_a_dive():
     logs = open_logs([DATA / "seaglider"], several_missions=True)
     assert len(logs) == 11
     assert {(log.format, log.mission) for log in logs} == {

@@ -1,13 +1,15 @@
-"""Merging: equal to the obvious sort of everything, in bounded memory, with late messages counted and not given."""
+"""Merging: equal to the obvious sort of everything, in bounded memory; late messages, far stamps and jumps of a clock are counted."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replay_kit.core.message import LogReport, Message
+from replay_kit.core.message import Message
 from replay_kit.logs import merge
+from replay_kit.logs.merge import LOOK_AHEAD, ClockJump, LogClock, settle
+from tests.reference.stamps import DAY, corrected
 
 SECOND = 1_000_000_000
 quick = settings(max_examples=200, deadline=None, derandomize=True)
@@ -15,34 +17,27 @@ logs = st.lists(st.lists(st.integers(0, 50), max_size=30), max_size=4)
 
 
 class Recorded:
-    """A log made of times; it counts how far it was read."""
+    """A log made of stamps [ns]; it counts how far it was read."""
 
-    path = "made"
-    format = "made"
+    def __init__(self, stamps, input=0, topics=()):
+        self.stamps, self.input, self.topics, self.read = stamps, input, topics, 0
 
-    def __init__(self, times: Sequence[int], input: int) -> None:
-        self.times, self.input, self.read = times, input, 0
-
-    def messages(self) -> Iterator[Message]:
-        for position, time in enumerate(self.times):
+    def messages(self):
+        for position, stamp in enumerate(self.stamps):
             self.read += 1
-            yield Message(time * SECOND, f"/{self.input}", "", {}, self.input, position)
-
-    def report(self) -> LogReport:
-        return LogReport(self.path, self.format, {}, {}, ())
+            topic = self.topics[position] if self.topics else f"/{self.input}"
+            yield Message(stamp, topic, "", {}, self.input, position)
 
 
-def recorded(times: Sequence[Sequence[int]]) -> list[Recorded]:
-    return [Recorded(row, k) for k, row in enumerate(times)]
+def recorded(times):
+    return [Recorded([time * SECOND for time in row], k) for k, row in enumerate(times)]
 
 
-def key(message: Message) -> tuple[int, int, int]:
+def key(message):
     return message.time_ns, message.input, message.position
 
 
-def obvious(
-    times: Sequence[Sequence[int]], window: float
-) -> tuple[list[tuple[int, int, int]], Counter[str]]:
+def obvious(times, window):
     """Give each log's messages the slow way: after each arrival, everything older than the window, in order."""
     kept: list[tuple[int, int, int]] = []
     late: Counter[str] = Counter()
@@ -65,7 +60,7 @@ def obvious(
 
 @quick
 @given(times=logs, window=st.sampled_from([0.0, 1.0, 5.0]))
-def test_as_the_obvious_sort(times: list[list[int]], window: float) -> None:
+def test_as_the_obvious_sort(times, window):
     merged = merge(recorded(times), window)
     expected, late = obvious(times, window)
     assert [key(m) for m in merged] == expected
@@ -74,7 +69,7 @@ def test_as_the_obvious_sort(times: list[list[int]], window: float) -> None:
 
 @quick
 @given(times=logs)
-def test_a_wide_window_sorts_everything(times: list[list[int]]) -> None:
+def test_a_wide_window_sorts_everything(times):
     merged = merge(recorded(times), 50.0)
     everything = sorted(
         (time * SECOND, k, position)
@@ -87,7 +82,7 @@ def test_a_wide_window_sorts_everything(times: list[list[int]]) -> None:
 
 @quick
 @given(times=logs, start=st.integers(0, 50), end=st.integers(0, 50))
-def test_limits_are_a_filter_of_the_whole(times: list[list[int]], start: int, end: int) -> None:
+def test_limits_are_a_filter_of_the_whole(times, start, end):
     whole = merge(recorded(times), 2.0)
     part = merge(recorded(times), 2.0, start * SECOND, end * SECOND)
     assert [key(m) for m in part] == [
@@ -95,14 +90,14 @@ def test_limits_are_a_filter_of_the_whole(times: list[list[int]], start: int, en
     ]
 
 
-def test_a_late_message_is_counted_by_topic_and_not_given() -> None:
+def test_a_late_message_is_counted_by_topic_and_not_given():
     merged = merge(recorded([[0, 10, 20, 3, 30]]), 1.0)
     assert [m.time_ns // SECOND for m in merged] == [0, 10, 20, 30]
     assert merged.late == {"/0": 1}
     assert merge(recorded([[0, 10, 20, 3, 30]]), 1.0, start_ns=5 * SECOND).late == {}
 
 
-def test_the_window_alone_is_held() -> None:
+def test_the_window_alone_is_held():
     logs = recorded([range(100_000), range(100_000)])
     stream = iter(merge(logs, 10.0))
     for _ in range(1000):
@@ -110,37 +105,25 @@ def test_the_window_alone_is_held() -> None:
     assert all(log.read < 520 for log in logs)
 
 
-def test_one_stamp_far_in_the_future_is_set_aside() -> None:
-    merged = merge(recorded([[0, 1, 10**6, 2, 3, 4, 5]]), 1.0)
-    assert [m.time_ns // SECOND for m in merged] == [0, 1, 2, 3, 4, 5]
-    assert merged.astray == {"/0": 1}
-    assert merged.late == {}
-
-
-def test_nothing_to_merge() -> None:
+def test_nothing_to_merge():
     assert list(merge([], 1.0)) == []
     assert list(merge(recorded([[], []]), 1.0)) == []
 
 
-def test_what_comes_once_counts_before_the_start() -> None:
-    class Topics(Recorded):
-        def messages(self) -> Iterator[Message]:
-            for position, topic in enumerate(
-                (
-                    "/tf_static",
-                    "/adcp",
-                    "/vehicle/config",
-                    "mavlink/1/1/PARAM_VALUE",
-                    "/adcp",
-                    "/tf_static",
-                    "/adcp",
-                )
-            ):
-                yield Message(position * SECOND, topic, "", {}, self.input, position)
-
+def test_what_comes_once_counts_before_the_start():
+    topics = [
+        "/tf_static",
+        "/adcp",
+        "/vehicle/config",
+        "mavlink/1/1/PARAM_VALUE",
+        "/adcp",
+        "/tf_static",
+        "/adcp",
+    ]
+    log = Recorded([position * SECOND for position in range(7)], 0, topics)
     given = [
         (message.position, message.topic)
-        for message in merge([Topics([], 0)], 0.0, start_ns=4 * SECOND, end_ns=5 * SECOND)
+        for message in merge([log], 0.0, start_ns=4 * SECOND, end_ns=5 * SECOND)
     ]
     assert given == [
         (0, "/tf_static"),
@@ -153,9 +136,150 @@ def test_what_comes_once_counts_before_the_start() -> None:
 
 @quick
 @given(times=logs, window=st.integers(0, 5))
-def test_a_copy_keeps_late_messages(times: list[list[int]], window: int) -> None:
+def test_a_copy_keeps_late_messages(times, window):
     merged = merge(recorded(times), float(window), keep_late=True)
     assert sorted(map(key, merged)) == sorted(
         (time * SECOND, k, n) for k, row in enumerate(times) for n, time in enumerate(row)
     )
     assert merged.late == {}
+
+
+START = 20_000 * DAY
+YEAR_2200 = 84_006 * DAY
+
+
+def steady(n, start=START):
+    return [start + k * SECOND for k in range(n)]
+
+
+def streamed(stamps):
+    """Return the time of each message, by its place in the log, and the jumps; a window so wide that none is late."""
+    merged = merge([Recorded(stamps)], 1e12)
+    times: list[int | None] = [None] * len(stamps)
+    for message in merged:
+        times[message.position] = message.time_ns
+    assert sum(merged.astray.values()) == times.count(None)
+    assert merged.late == {}
+    return times, merged.jumps
+
+
+@pytest.mark.parametrize("place", [0, 1, 40, 79])
+def test_one_stamp_in_the_year_2200_is_set_aside_and_counted(place):
+    stamps = steady(80)
+    stamps[place] = YEAR_2200
+    merged = merge([Recorded(stamps)], 1.0)
+    assert [m.time_ns for m in merged] == [time for k, time in enumerate(steady(80)) if k != place]
+    assert (merged.astray, merged.late, merged.jumps) == ({"/0": 1}, {}, ())
+
+
+def test_after_a_clock_jumps_back_no_message_is_late_and_times_continue():
+    stamps = steady(50) + steady(70, START - 30 * DAY)
+    merged = merge([Recorded(stamps)], 1.0)
+    last = START + 49 * SECOND
+    assert [m.time_ns for m in merged] == steady(50) + steady(70, last)
+    offset = last - (START - 30 * DAY)
+    assert (merged.jumps, merged.late, merged.astray) == (
+        (ClockJump(0, last, START - 30 * DAY, offset),),
+        {},
+        {},
+    )
+    assert str(merged.jumps[0]) == (
+        "the clock jumps from 2024-10-04 00:00:49Z to 2024-09-04 00:00:00Z: the messages after it are a new segment, "
+        "30.001 days were added to their stamps"
+    )
+    # a second pass finds the same
+    assert [m.time_ns for m in merged] == steady(50) + steady(70, last)
+    assert len(merged.jumps) == 1
+
+
+def test_a_clock_that_returns_is_believed_again():
+    stamps = steady(40) + steady(40, START - 30 * DAY) + steady(40, START + 80 * SECOND)
+    times, jumps = streamed(stamps)
+    assert times == steady(40) + steady(40, START + 39 * SECOND) + steady(40, START + 80 * SECOND)
+    assert [jump.offset_ns for jump in jumps] == [30 * DAY + 39 * SECOND, 0]
+    assert str(jumps[1]).endswith("a new segment, their stamps are used as they are")
+
+
+def test_gaps_and_sparse_logs_are_left_alone():
+    for stamps in (
+        steady(40) + steady(40, START + 90 * DAY),
+        [START + 2 * k * DAY for k in range(60)],
+        [*steady(5), START + 40 * DAY],
+    ):
+        assert streamed(stamps) == (stamps, ())
+
+
+def test_late_by_less_than_a_day_is_late_as_before():
+    merged = merge(
+        [Recorded([*steady(40), START - DAY + 60 * SECOND, *steady(40, START + 40 * SECOND)])], 1.0
+    )
+    assert len(list(merged)) == 80
+    assert (merged.late, merged.astray, merged.jumps) == ({"/0": 1}, {}, ())
+
+
+def test_what_comes_once_may_be_older_than_the_recording():
+    stamps, topics = [START - 9 * DAY, *steady(3)], ["/tf_static", "/a", "/a", "/a"]
+    assert [m.time_ns for m in merge([Recorded(stamps, 0, topics)], 1.0)] == stamps
+
+
+def test_a_copy_keeps_stamps_as_they_are():
+    stamps = steady(40) + steady(40, START - 30 * DAY) + [YEAR_2200]
+    assert sorted(m.time_ns for m in merge([Recorded(stamps)], 1.0, keep_late=True)) == sorted(
+        stamps
+    )
+
+
+def test_no_more_than_the_look_ahead_is_held():
+    log = Recorded([*steady(10), YEAR_2200, *steady(500, START + 10 * SECOND)])
+    stream = iter(merge([log], 0.0))
+    for _ in range(10):
+        next(stream)
+    assert log.read <= 11 + LOOK_AHEAD + 1
+
+
+def test_the_edges_of_the_rule():
+    clock = LogClock(START)
+    assert settle(clock, START + DAY, []) == LogClock(START + DAY)
+    assert settle(clock, START - DAY, []) == LogClock(START - DAY)
+    assert settle(clock, START + 366 * DAY, []) == LogClock(START + 366 * DAY)
+    assert settle(clock, START + 366 * DAY + 1, []) is None
+    assert settle(clock, START - DAY - 1, []) is None
+    # as many follow the one as the other
+    near, far = START + SECOND, START + 40 * DAY
+    assert settle(clock, far, [near, far]) is None
+    assert settle(clock, far, [near, far, far]) == LogClock(far)
+    assert settle(clock, START - 40 * DAY, [START - 40 * DAY]) == LogClock(START, 40 * DAY)
+    assert settle(LogClock(START, 5 * DAY), START - 40 * DAY, [START - 40 * DAY]) == LogClock(
+        START, 40 * DAY
+    )
+    assert settle(LogClock(START, 40 * DAY), START + DAY, [START + DAY]) == LogClock(START + DAY)
+    assert settle(LogClock(START, 40 * DAY), START + DAY + 1, [START + DAY + 1]) == LogClock(
+        START + 41 * DAY + 1, 40 * DAY
+    )
+    # the first of a log
+    assert settle(None, START, [START - DAY]) == LogClock(START)
+    assert settle(None, START, [START - DAY - 1]) is None
+    assert settle(None, START, [START + 366 * DAY]) == LogClock(START)
+    assert settle(None, START, [START + 366 * DAY + 1]) is None
+    assert settle(None, START, [START - DAY - 1, START]) == LogClock(START)
+
+
+steps = st.lists(
+    st.sampled_from(
+        [SECOND, SECOND, SECOND, 0, -SECOND, DAY, -DAY, 40 * DAY, -40 * DAY, 500 * DAY, -500 * DAY]
+    ),
+    max_size=120,
+)
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(
+    steps=steps,
+    strays=st.dictionaries(st.integers(0, 119), st.sampled_from([YEAR_2200, 0, START + 2 * DAY])),
+)
+def test_as_the_slow_twin(steps, strays):
+    stamps, time = [], START
+    for k, step in enumerate(steps):
+        time += step
+        stamps.append(strays.get(k, time))
+    assert streamed(stamps)[0] == corrected(stamps)

@@ -1,7 +1,6 @@
 """Topics called by other names."""
 
 import tomllib
-from pathlib import Path
 
 import pytest
 
@@ -16,7 +15,7 @@ from tests.logs.log_samples import json_mcap, one_channel_mcap, tlog
 CONFIG = LogConfig(remap={"/a": "/left", "mavlink/1/1/ATTITUDE": "/attitude", "/x": "/y"})
 
 
-def test_messages_and_counts_take_the_new_name(tmp_path: Path) -> None:
+def test_messages_and_counts_take_the_new_name(tmp_path):
     for name, data, expected in (
         ("log.mcap", json_mcap(range(3)), {"/left": 2, "/b": 1}),
         ("log.tlog", b"".join(tlog(3)), {"/attitude": 3}),
@@ -27,14 +26,14 @@ def test_messages_and_counts_take_the_new_name(tmp_path: Path) -> None:
         assert reader.report().read == expected
 
 
-def test_what_cannot_be_decoded_takes_the_new_name(tmp_path: Path) -> None:
+def test_what_cannot_be_decoded_takes_the_new_name(tmp_path):
     (tmp_path / "log").write_bytes(one_channel_mcap("cdr", None, [b"1"]))
     reader = open_log(tmp_path / "log", 0, CONFIG)
     assert list(reader.messages()) == []
     assert set(reader.report().undecodable) == {"/y"}
 
 
-def test_a_copy_takes_the_new_name(tmp_path: Path) -> None:
+def test_a_copy_takes_the_new_name(tmp_path):
     (tmp_path / "log").write_bytes(json_mcap(range(3)))
     assert convert([tmp_path / "log"], tmp_path / "out.mcap", False, CONFIG).messages == {
         "/left": 2,
@@ -42,13 +41,13 @@ def test_a_copy_takes_the_new_name(tmp_path: Path) -> None:
     }
 
 
-def test_options() -> None:
+def test_options():
     assert remapped(["/a=/b", "/c=d=e"]) == {"/a": "/b", "/c": "d=e"}
     for wrong in (["/a"], ["=/b"], ["/a="], ["/a=/b", "/a=/c"]):
         with pytest.raises(ConfigError, match="--remap"):
             remapped(wrong)
 
 
-def test_the_settings_of_a_run_hold_it() -> None:
+def test_the_settings_of_a_run_hold_it():
     config = RunConfig(logs=CONFIG)
     assert RunConfig.model_validate(tomllib.loads(run_settings_toml(config))) == config

@@ -1,7 +1,6 @@
 """Formats without checksums say so, in what `info` and `convert` print and in their JSON."""
 
 from io import StringIO
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ DATAFLASH, VALUES, STAMPS = (
 )
 
 
-def _rows(path: Path) -> Path:
+def _rows(path):
     time = np.arange(3.0)
     return gliders.write(
         path,
@@ -34,7 +33,7 @@ def _rows(path: Path) -> Path:
     )
 
 
-def _made(folder: Path, kind: str) -> Path:
+def _made(folder, kind):
     if kind == "seaexplorer":
         return gliders.seaexplorer(folder)[0]
     path = folder / "log"
@@ -60,9 +59,7 @@ def _made(folder: Path, kind: str) -> Path:
         ("mcap", None),
     ],
 )
-def test_info_and_convert_say_what_no_checksum_covers(
-    tmp_path: Path, kind: str, what: str | None
-) -> None:
+def test_info_and_convert_say_what_no_checksum_covers(tmp_path, kind, what):
     path = _made(tmp_path, kind)
     log = open_log(path)
     assert log.report().unchecked == {}

@@ -2,12 +2,39 @@
 
 import math
 
+import numpy as np
+
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
-from replay_kit.measurements import finish, initial_state, interpret
+from replay_kit.core.observation import Observation, Source, VehicleState
+from replay_kit.measurements import Skipped, Used, finish, initial_state, interpret
 
 CONFIG = MeasurementConfig()
 SECOND = 10**9
+
+
+# what no field of a message should hold
+ODD = [
+    None,
+    True,
+    -1,
+    0,
+    3.5,
+    10**400,
+    1e308,
+    math.nan,
+    "",
+    "words",
+    b"\xff",
+    [],
+    [None],
+    ["a"],
+    [[]],
+    {},
+    {"a": 1},
+    [{}],
+    [[1, 2], 3],
+]
 
 
 def ping(time_s=0.0, **changes):
@@ -47,8 +74,58 @@ def run(messages, config=CONFIG):
     return events + finish(state, config)
 
 
+def in_order(*messages):
+    return sorted(messages, key=lambda message: message.time_ns)
+
+
 def only(kind, events):
     return [event for event in events if isinstance(event, kind)]
+
+
+def the(kind, messages, config=CONFIG):
+    """Return the one event of a kind that messages give."""
+    (event,) = only(kind, run(messages, config))
+    return event
+
+
+def reasons(events):
+    """Return why messages were skipped."""
+    return [event.reason for event in only(Skipped, events)]
+
+
+def counted(events, topic):
+    """Return how many messages of a topic were used or skipped."""
+    return sum(event.topic == topic for event in only(Used | Skipped, events))
+
+
+def logged(schema, payload, time_s=0, topic="/x"):
+    return Message(int(time_s * SECOND), topic, schema, payload, 0, int(time_s))
+
+
+def profile(velocity, depth, error_std=0.01, time_ns=0, place=(150.0, -40.0), **changes):
+    """Return a profile whose bins are good."""
+    n = len(velocity)
+    found = {"reference": "earth", "flags": np.ones(n, np.int8), "reasons": np.zeros(n, np.int32)}
+    return Observation(
+        time_ns,
+        *place,
+        np.asarray(depth, np.float64),
+        np.asarray(velocity, np.float64),
+        np.broadcast_to(error_std, n),
+        **found | {"dive": 1, "source": Source(0, "/adcp", 0, 0)} | changes,
+    )
+
+
+def vehicle(time_s, longitude=150.0, latitude=-40.0, depth=0.0, dead_reckoned=False, log=0):
+    """Return a position."""
+    time_ns = int(time_s * SECOND)
+    source = Source(log, "/fix", 0, time_ns)
+    return VehicleState(time_ns, longitude, latitude, depth, dead_reckoned, source)
+
+
+def mapping(*entries):
+    """Return a configuration that maps topics."""
+    return MeasurementConfig.model_validate({"map": entries})
 
 
 def mavlink_frames(time_s=5.0, array_id=7, n_components=3.0, skip=(), reference=0.0):

@@ -1,11 +1,12 @@
 """Small flows for the planner's tests: random eddies, no current, a nearly uniform current."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
+from planners import MissionPlan, MissionRequest, NoGo, plan_mission
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import DepthFunctions
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -73,10 +74,39 @@ def uniform_flow(east: float, north: float) -> FlowEstimate:
     return replace(flow, latent=np.tile(latent[:, None], (1, flow.levels.size)))
 
 
-def place(flow: FlowEstimate, east: float, north: float, depth: float) -> Place:
+def place(flow: FlowEstimate, east: float, north: float, depth: float = 0.0) -> Place:
     """Return a local point as a place."""
     longitude, latitude = to_geographic(flow.grid.projection, east, north)
     return Place(float(longitude), float(latitude), depth)
+
+
+def request_between(
+    flow: FlowEstimate, start: Sequence[float], *goals: Sequence[float], **how: Any
+) -> MissionRequest:
+    """Return a mission from a local point past others: east, north and, below the surface, depth [m]."""
+    begin, *ends = (place(flow, *point) for point in (start, *goals))
+    return MissionRequest(begin, tuple(ends), **how)
+
+
+def plan_between(
+    flow: FlowEstimate, start: Sequence[float], *goals: Sequence[float], **how: Any
+) -> MissionPlan:
+    """Return the plan of ``request_between``."""
+    return plan_mission(flow, request_between(flow, start, *goals, **how))
+
+
+def forbidden(
+    flow: FlowEstimate, west: float, south: float, east: float, north: float, **kind: Any
+) -> NoGo:
+    """Return a forbidden area of local sides [m]."""
+    corners = [
+        place(flow, *corner)
+        for corner in ((west, south), (east, south), (east, north), (west, north))
+    ]
+    return NoGo(
+        tuple((corner.longitude, corner.latitude) for corner in corners),
+        **{"name": "range", **kind},
+    )
 
 
 def random_points(flow: FlowEstimate, n: int, seed: int) -> Array:

@@ -95,8 +95,8 @@ def random_mission(seed: int, speeds: tuple[float, float] = (0.03, 0.15)) -> Haz
     areas = tuple(_thin_area(here, rng, k) for k in range(int(rng.integers(1, 4))))
     far = rng.uniform(5e3, 8e3)
     ends = (
-        place(here, -far, rng.uniform(-2e3, 2e3), 0.0),
-        place(here, far, rng.uniform(-2e3, 2e3), 0.0),
+        place(here, -far, rng.uniform(-2e3, 2e3)),
+        place(here, far, rng.uniform(-2e3, 2e3)),
     )
     settings = MissionSettings(
         depth=rng.uniform(200.0, 390.0), surface_time=300.0, max_legs=80, clearance=CLEARANCE
@@ -124,7 +124,7 @@ def _thin_area(flow: FlowEstimate, rng: np.random.Generator, number: int) -> NoG
     axis = 0.5 * length * np.array([np.cos(along), np.sin(along)])
     side = 0.5 * width * np.array([-np.sin(along), np.cos(along)])
     corners = [
-        place(flow, *(centre + a * axis + b * side), 0.0)
+        place(flow, *(centre + a * axis + b * side))
         for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
     ]
     surface_only = bool(rng.random() < 0.3)

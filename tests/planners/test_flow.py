@@ -22,7 +22,7 @@ Kind = Literal["hat", "gaussian"]
 
 
 @pytest.mark.parametrize(("kind", "levels"), CASES)
-def test_equals_the_numpy_field(kind: Kind, levels: tuple[float, ...]) -> None:
+def test_equals_the_numpy_field(kind, levels):
     flow = eddying_flow(3, kind, levels=levels)
     points = np.vstack([random_points(flow, 200, 1), [[0.0, 0.0, level] for level in levels]])
     expected = flow.velocity(*points.T)
@@ -32,7 +32,7 @@ def test_equals_the_numpy_field(kind: Kind, levels: tuple[float, ...]) -> None:
 
 
 @pytest.mark.parametrize("kind", ["hat", "gaussian"])
-def test_divergence_is_zero_and_derivatives_are_those_of_the_field(kind: Kind) -> None:
+def test_divergence_is_zero_and_derivatives_are_those_of_the_field(kind):
     flow = eddying_flow(4, kind)
     position, latent = ca.MX.sym("position", 3), ca.MX.sym("latent", *flow.latent.shape)
     velocity = field_function(flow)(position, latent)
@@ -53,14 +53,14 @@ def test_divergence_is_zero_and_derivatives_are_those_of_the_field(kind: Kind) -
             )
 
 
-def test_a_new_latent_needs_no_new_function() -> None:
+def test_a_new_latent_needs_no_new_function():
     first, second = eddying_flow(5), eddying_flow(6)
     found = field_function(first)([1e3, -2e3, 70.0], second.latent)
     np.testing.assert_allclose(found.full().ravel(), second.velocity(1e3, -2e3, 70.0), rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["hat", "gaussian"])
-def test_second_derivatives_are_those_of_the_jacobian(kind: Kind) -> None:
+def test_second_derivatives_are_those_of_the_jacobian(kind):
     flow = eddying_flow(8, kind)
     position, latent, weights = (
         ca.MX.sym("position", 3),
@@ -100,7 +100,7 @@ def test_second_derivatives_are_those_of_the_jacobian(kind: Kind) -> None:
             np.testing.assert_array_equal(bend, bend.T)
 
 
-def test_beyond_the_box_the_nearest_level_holds_and_far_away_nothing_flows() -> None:
+def test_beyond_the_box_the_nearest_level_holds_and_far_away_nothing_flows():
     flow = eddying_flow(9)
     function = field_function(flow)
     position, latent = ca.MX.sym("position", 3), ca.MX.sym("latent", *flow.latent.shape)
@@ -117,9 +117,7 @@ def test_beyond_the_box_the_nearest_level_holds_and_far_away_nothing_flows() -> 
 
 
 @pytest.mark.parametrize(("kind", "levels"), CASES)
-def test_a_flow_that_changes_is_linear_between_its_times(
-    kind: Kind, levels: tuple[float, ...]
-) -> None:
+def test_a_flow_that_changes_is_linear_between_its_times(kind, levels):
     flows = [
         replace(eddying_flow(seed, kind, levels=levels), time_ns=int(hours * 3.6e12))
         for seed, hours in ((1, 5), (2, 6), (3, 8))
@@ -149,7 +147,7 @@ def test_a_flow_that_changes_is_linear_between_its_times(
     np.testing.assert_allclose(np.asarray(rate(5000.0, latent)).ravel(), expected, rtol=1e-9)
 
 
-def test_a_sequence_of_flows_that_cannot_be_one_is_refused() -> None:
+def test_a_sequence_of_flows_that_cannot_be_one_is_refused():
     flow = replace(eddying_flow(1), time_ns=10)
     for flows, words in (
         ([flow], "two times or more"),
@@ -171,7 +169,7 @@ def test_a_sequence_of_flows_that_cannot_be_one_is_refused() -> None:
             latent_over_time(flows)
 
 
-def test_the_hermite_sums_are_the_kernel() -> None:
+def test_the_hermite_sums_are_the_kernel():
     # The field of one node with one latent velocity is a column of the kernel.
     flow = eddying_flow(10, levels=(50.0,))
     latent = np.zeros_like(flow.latent)

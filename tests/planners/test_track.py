@@ -13,7 +13,7 @@ from tests.planners.flow_samples import LEVELS, eddying_flow, still_flow
 EDGES = (np.s_[0, :], np.s_[:, -1], np.s_[-1, :], np.s_[:, 0])
 
 
-def test_fractions_step_on_every_level_crossed() -> None:
+def test_fractions_step_on_every_level_crossed():
     levels = np.array(LEVELS)
     for begin, end in [(0.0, 300.0), (300.0, 0.0), (50.0, 50.0), (40.0, 110.0), (0.0, 1e-9)]:
         fractions = fractions_of_duration(begin, end, levels, 17)
@@ -27,11 +27,11 @@ def test_fractions_step_on_every_level_crossed() -> None:
 
 
 @pytest.mark.parametrize("kind", ["hat", "gaussian"])
-def test_flight_is_of_fourth_order(kind: str) -> None:
-    flow = eddying_flow(7, "hat" if kind == "hat" else "gaussian")
+def test_flight_is_of_fourth_order(kind):
+    flow = eddying_flow(7, kind)
     velocity, duration = np.array([0.2, 0.1, 0.004]), 8e4
 
-    def end(steps: int) -> np.ndarray:
+    def end(steps):
         fractions = fractions_of_duration(0.0, velocity[2] * duration, flow.levels, steps)
         return fly_glide(
             flow, np.array([-1e4, -5e3, 0.0]), velocity, fractions * duration
@@ -43,7 +43,7 @@ def test_flight_is_of_fourth_order(kind: str) -> None:
     assert 3.6 < order < 4.8
 
 
-def test_closest_approach_is_continuous() -> None:
+def test_closest_approach_is_continuous():
     # A straight line through two far points passes (0, 30, 40) at 50 m, between the points where it is known.
     position, velocity = (
         np.array([[-1000.0, 0.0, 0.0], [500.0, 0.0, 0.0]]),
@@ -58,7 +58,7 @@ def test_closest_approach_is_continuous() -> None:
     assert distance == pytest.approx(np.hypot(400.0, 50.0))
 
 
-def test_track_ends_where_it_leaves_the_region() -> None:
+def test_track_ends_where_it_leaves_the_region():
     flow = still_flow()
     region = region_of(flow.grid)
     track = fly_glide(flow, np.zeros(3), np.array([0.3, 0.0, 0.0]), np.linspace(0.0, 4e5, 20))
@@ -68,7 +68,7 @@ def test_track_ends_where_it_leaves_the_region() -> None:
     assert region.allowed(track.at(np.array([until])))[0]
 
 
-def test_a_track_ends_where_it_first_leaves_even_if_it_comes_back() -> None:
+def test_a_track_ends_where_it_first_leaves_even_if_it_comes_back():
     position, velocity = (
         np.array([[0.0, 0.0, 0.0], [1000.0, 0.0, 0.0], [2000.0, 0.0, 0.0]]),
         np.array([[1.0, 0.0, 0.0]] * 3),
@@ -83,7 +83,7 @@ def test_a_track_ends_where_it_first_leaves_even_if_it_comes_back() -> None:
 
 
 @pytest.mark.parametrize("shape", [(12, 30), (2, 30), (12, 2)])
-def test_sides_keep_every_grid_point_inside(shape: tuple[int, int]) -> None:
+def test_sides_keep_every_grid_point_inside(shape):
     grid = still_flow(shape=shape).grid
     points = np.column_stack([grid.east.ravel(), grid.north.ravel()]) / 1e3
     for normal_east, normal_north, tangent_east, tangent_north, *fit in region_of(grid).sides():
@@ -95,7 +95,7 @@ def test_sides_keep_every_grid_point_inside(shape: tuple[int, int]) -> None:
         assert min(np.abs(beyond.reshape(grid.east.shape)[edge]).max() for edge in EDGES) < 1e-2
 
 
-def test_a_track_that_begins_where_it_may_not_be_is_allowed_for_no_time() -> None:
+def test_a_track_that_begins_where_it_may_not_be_is_allowed_for_no_time():
     track = Track(
         np.array([0.0, 10.0]),
         np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]]),
@@ -105,7 +105,7 @@ def test_a_track_that_begins_where_it_may_not_be_is_allowed_for_no_time() -> Non
     assert track.allowed_until(lambda at: at[:, 0] > -1.0) == 10.0
 
 
-def test_steps_left_over_go_where_most_was_rounded_off() -> None:
+def test_steps_left_over_go_where_most_was_rounded_off():
     # a quarter and three quarters of the way: of five steps one each, 0.75 and 2.25 more, and the one left over to the 0.75
     np.testing.assert_allclose(
         fractions_of_duration(0.0, 100.0, np.array([25.0]), 5), [0.0, 0.125, 0.25, 0.5, 0.75, 1.0]
@@ -115,7 +115,7 @@ def test_steps_left_over_go_where_most_was_rounded_off() -> None:
     )
 
 
-def test_a_track_between_its_points_is_the_cubic_of_places_and_velocities() -> None:
+def test_a_track_between_its_points_is_the_cubic_of_places_and_velocities():
     time = np.array([0.0, 1.0, 4.0])
     cubic = np.column_stack([time**3, 2.0 * time**2 - time, 5.0 - time])
     slope = np.column_stack([3.0 * time**2, 4.0 * time - 1.0, -np.ones(3)])
@@ -127,7 +127,7 @@ def test_a_track_between_its_points_is_the_cubic_of_places_and_velocities() -> N
     )
 
 
-def test_regions_end_at_the_surface_and_the_deepest_level_to_a_millimetre() -> None:
+def test_regions_end_at_the_surface_and_the_deepest_level_to_a_millimetre():
     region = region_of(still_flow().grid)
     depths = np.array([-0.002, -0.0005, 0.0, 399.0, 400.0005, 400.002])
     points = np.column_stack([np.zeros((6, 2)), depths])
@@ -137,7 +137,7 @@ def test_regions_end_at_the_surface_and_the_deepest_level_to_a_millimetre() -> N
     assert not region.inside(points + np.array([1e6, 0.0, 0.0])).any()
 
 
-def test_a_level_holds_from_its_depth_to_the_next_and_so_does_its_land() -> None:
+def test_a_level_holds_from_its_depth_to_the_next_and_so_does_its_land():
     grid = still_flow().grid
     levels = region_of(grid).level_at(
         np.array([-1.0, 4.9, 5.0, 39.9, 40.0, 110.0, 399.9, 400.0, 999.0])
@@ -161,7 +161,7 @@ def test_a_level_holds_from_its_depth_to_the_next_and_so_does_its_land() -> None
     ]
 
 
-def test_the_sides_of_a_grid_of_two_by_two_are_its_edges_and_point_outwards() -> None:
+def test_the_sides_of_a_grid_of_two_by_two_are_its_edges_and_point_outwards():
     grid = still_flow(shape=(2, 2)).grid
     middle = np.array([grid.east.mean(), grid.north.mean()]) / 1e3
     corners = np.column_stack([grid.east.ravel(), grid.north.ravel()]) / 1e3

@@ -1,11 +1,22 @@
-"""Steady flight, energy, and the fit of a flight model to a log."""
+"""Steady flight, energy, the fit of a flight model to a log, and limits of the vehicle that each planner refuses to break."""
+
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 import pytest
 
-from planners.vehicle import DENSITY, GRAVITY, Glider, SteadyFlight, angle_of_pitch, fit_flight
+from planners import (
+    Glider,
+    GlideSettings,
+    MissionRequest,
+    MissionSettings,
+    plan,
+    plan_mission,
+)
+from planners.vehicle import DENSITY, GRAVITY, SteadyFlight, angle_of_pitch, fit_flight
 from replay_kit.core.errors import PlanError
+from tests.planners.flow_samples import forbidden, place, still_flow
 
 ANGLES = np.deg2rad(np.linspace(13.0, 60.0, 9))
 
@@ -72,6 +83,7 @@ def test_energy_is_pump_work_and_hotel_load():
         {"max_angle": 90.0},
         {"speed": 0.0},
         {"hotel": float("nan")},
+        {"max_depth": 0.0},
     ],
 )
 def test_a_glider_that_cannot_be_is_refused(wrong):
@@ -79,3 +91,50 @@ def test_a_glider_that_cannot_be_is_refused(wrong):
         Glider(**wrong)
     with pytest.raises(PlanError, match="glide angles from 5"):
         Glider(min_angle=5.0, flight=SteadyFlight())
+
+
+FLOW = still_flow()
+HERE, THERE = place(FLOW, -3e3, 0.0), place(FLOW, 3e3, 0.0)
+
+
+def test_a_mission_s_dives_end_at_the_vehicle_s_limit():
+    asked = MissionRequest(HERE, (THERE,), Glider(max_depth=200.0), MissionSettings(depth=300.0))
+    with pytest.raises(
+        PlanError,
+        match="dives to 300 m are deeper than the vehicle's limit, 200 m; choose a lesser depth",
+    ):
+        plan_mission(FLOW, asked)
+    # a limit below the deepest level is none
+    with pytest.raises(PlanError, match="dives to 500 m are deeper than the deepest level, 400 m"):
+        plan_mission(
+            FLOW,
+            replace(asked, vehicle=Glider(max_depth=1000.0), settings=MissionSettings(depth=500.0)),
+        )
+
+
+def test_a_glide_passes_no_deeper_than_the_vehicle_s_limit():
+    settings = GlideSettings(max_depth=150.0)
+    with pytest.raises(
+        PlanError,
+        match=r"goal at .*, 160 m is not between the surface and the vehicle's limit, 150 m",
+    ):
+        plan(FLOW, HERE, replace(THERE, depth=160.0), settings=settings)
+    assert (
+        plan(FLOW, HERE, replace(THERE, depth=140.0), settings=settings).track[:, 2].max()
+        <= 150.0 + 1e-3
+    )
+
+
+@pytest.mark.parametrize(("east", "named"), [(-3e3, "start"), (3e3, "goal")])
+def test_an_area_over_the_start_or_the_goal_is_refused(east, named):
+    area = forbidden(FLOW, east - 100.0, -100.0, east + 100.0, 100.0)
+    for turned in (area, replace(area, polygon=tuple((x - 360.0, y) for x, y in area.polygon))):
+        with pytest.raises(
+            PlanError, match=f"{named} is where the vehicle may not go: range; move it"
+        ):
+            plan_mission(
+                FLOW,
+                MissionRequest(
+                    HERE, (THERE,), settings=MissionSettings(depth=300.0), no_go=(turned,)
+                ),
+            )

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.integrate
 import scipy.linalg
 
-from tests.reference.estimator import kalman_update
+from tests.reference.estimator import dense_kernel, kalman_update
 
 
 def hat(depth, levels, z):
@@ -14,29 +14,10 @@ def hat(depth, levels, z):
     return float(np.interp(depth, levels, np.eye(len(levels))[z]))
 
 
-def kernel_2d(a, b, length_east, length_north):
-    """2 x 2 block of the incompressible kernel between two points; unit speed, sigma = length_east."""
-    dx, dy = a[0] - b[0], a[1] - b[1]
-    k = length_east**2 * math.exp(-0.5 * ((dx / length_east) ** 2 + (dy / length_north) ** 2))
-    cross = dx * dy / (length_east**2 * length_north**2)
-    return k * np.array(
-        [
-            [(1 - dy**2 / length_north**2) / length_north**2, cross],
-            [cross, (1 - dx**2 / length_east**2) / length_east**2],
-        ]
-    )
-
-
 def kernel_matrix(points, nodes, length_east, length_north):
-    """All east rows, then all north; columns likewise."""
-    out = np.empty((2 * len(points), 2 * len(nodes)))
-    for i, a in enumerate(points):
-        for j, b in enumerate(nodes):
-            block = kernel_2d(a, b, length_east, length_north)
-            for c in range(2):
-                for d in range(2):
-                    out[c * len(points) + i, d * len(nodes) + j] = block[c, d]
-    return out
+    """The incompressible kernel of unit speed at one level: all east rows, then all north; columns likewise."""
+    one_level = (np.pad(places, ((0, 0), (0, 1))) for places in (points, nodes))
+    return dense_kernel(*one_level, (length_east, length_north, 1.0), 1.0)
 
 
 def member_at(slices, levels, at_place, depth):

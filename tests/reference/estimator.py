@@ -106,6 +106,12 @@ def correlation_length(members, east, north, wet):
     return np.sqrt(np.mean(np.square(values)) / np.mean(slopes))
 
 
+def tapered(nodes, radius, taper):
+    """Taper of the distance of each two nodes, of both components (2N, 2N)."""
+    distances = [[taper(np.hypot(*(a - b)), radius) for b in nodes] for a in nodes]
+    return np.tile(distances, (2, 2))
+
+
 def hybrid_covariance(fields, modes, nodes, share, shift, radius, taper):
     """Covariance of the node velocities of all levels, (Z 2N, Z 2N), from members' fields of shape (E, Z, 2N), entry by entry.
 
@@ -136,14 +142,11 @@ def hybrid_covariance(fields, modes, nodes, share, shift, radius, taper):
         ]
     )
     localised = np.zeros_like(sample)
+    weight = tapered(nodes, radius, taper)
     for function in np.linalg.eigh(by_depth)[1].T:
         of_function = np.tensordot(function, copies, axes=(0, 1))
-        for a in range(size):
-            for b in range(size):
-                weight = taper(np.hypot(*(nodes[a % n_nodes] - nodes[b % n_nodes])), radius) * (
-                    of_function[:, a] @ of_function[:, b]
-                )
-                localised[:, a, :, b] += weight * np.outer(function, function)
+        of_nodes = weight * (of_function.T @ of_function)
+        localised += np.einsum("ab,z,y->zayb", of_nodes, function, function)
     return (share * sample + (1 - share) * localised).reshape(n_levels * size, -1)
 
 
@@ -155,11 +158,8 @@ def log_density(value, mean, cov):
 
 def localised_covariance(covariance, modes, nodes, radius, taper):
     """Tapered covariance of the modes' amplitudes, (r, r), pair of nodes by pair, from ``modes`` (2N, r) at the nodes."""
-    n_nodes, projector = len(nodes), np.linalg.pinv(modes)
-    fields = modes @ covariance @ modes.T
-    for a in range(2 * n_nodes):
-        for b in range(2 * n_nodes):
-            fields[a, b] *= taper(np.hypot(*(nodes[a % n_nodes] - nodes[b % n_nodes])), radius)
+    projector = np.linalg.pinv(modes)
+    fields = modes @ covariance @ modes.T * tapered(nodes, radius, taper)
     return projector @ fields @ projector.T
 
 
@@ -169,10 +169,7 @@ def mixture_update(mean, covariances, weights, design, values):
     for covariance in covariances:
         updated, cov, _, _ = kalman_update(mean, covariance, design, values, np.eye(len(values)))
         total = design @ covariance @ design.T + np.eye(len(values))
-        error = values - design @ mean
-        logs.append(
-            -0.5 * error @ np.linalg.solve(total, error) - 0.5 * np.linalg.slogdet(total)[1]
-        )
+        logs.append(log_density(values, design @ mean, total))
         parts.append((updated, cov))
     probability = weights * np.exp(np.array(logs) - max(logs))
     probability /= probability.sum()

@@ -1,4 +1,4 @@
-"""Stamps of one log, judged with the whole list at hand: what `replay_kit.logs.shared.stamps` does message by message."""
+"""Stamps of one log, judged with the whole list at hand: what `replay_kit.logs.merge` does message by message."""
 
 DAY = 86_400_000_000_000
 

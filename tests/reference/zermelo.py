@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import brentq
 
 from replay_kit.core.arrays import Array
 
@@ -73,12 +73,3 @@ def time_in_jet(begin: Array, end: Array, east: Callable[[float], float], speed:
         if x * y < 0.0
     ]
     return min((arrival(root)[1] for root in roots), default=np.inf)
-
-
-def most_frugal_speed(hotel: float, drag: float) -> float:
-    """Return the speed [m/s] at which a metre through still water takes least energy."""
-    return float(
-        minimize_scalar(
-            lambda speed: (hotel + drag * speed**3) / speed, bounds=(1e-3, 10.0), method="bounded"
-        ).x
-    )

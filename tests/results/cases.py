@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Place, Plan
 from replay_kit.results import ResultWriter
+from replay_kit.results.views.contents import Contents
+from replay_kit.show import open_result
 from tests.results.result_samples import CONFIG, DEPTHS, METADATA
 
 #: Writes a result to a path.
@@ -34,13 +37,23 @@ def on(flow: FlowEstimate, east: Array, north: Array) -> FlowEstimate:
     """Return a flow on a grid of other places, shape (J, I) [m]."""
     longitude, latitude = to_geographic(flow.grid.projection, east, north)
     grid = replace(flow.grid, longitude=longitude, latitude=latitude, east=east, north=north)
-    return replace(flow, grid=grid, horizontal=flow.horizontal.at_nodes(grid.nodes))
+    return replace(flow, grid=grid, horizontal=replace(flow.horizontal, nodes=grid.nodes))
 
 
 def turned(flow: FlowEstimate, degrees: float) -> FlowEstimate:
     """Return a flow with its grid turned against clockwise, but not the flow."""
     places = (flow.grid.east + 1j * flow.grid.north) * np.exp(1j * np.deg2rad(degrees))
     return on(flow, places.real, places.imag)
+
+
+def one_bin(innovation: Innovation, **changes: Any) -> Innovation:
+    """Return an innovation with its first bin alone, as of a mean current."""
+    names = (
+        *("depth", "innovation", "innovation_std", "residual", "prior_innovation"),
+        *("flags", "reasons"),
+    )
+    first = {name: getattr(innovation, name)[:1] for name in names}
+    return replace(innovation, **{**first, "dof": 2, **changes})
 
 
 def write(
@@ -53,8 +66,8 @@ def write(
     estimate: bool = True,
     depth: float = 20.0,
     more: Callable[[ResultWriter], None] = lambda writer: None,
-) -> None:
-    """Write a result with a position and a measurement every hour about the centre of a flow, and what a function of its writer adds."""
+) -> Contents:
+    """Write and open a result with a position and a measurement every hour about the centre of a flow, and what ``more`` adds."""
     centre = flow.grid.projection
     start = flow.time_ns or 0
     weights = np.linspace(-1.0, 1.0, flow.n_modes * flow.levels.size)
@@ -88,3 +101,4 @@ def write(
             writer.plan(centred, centre)
         if estimate:
             writer.finish(flow)
+    return Contents(open_result(path))

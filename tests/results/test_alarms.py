@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.plan import Odds
 from replay_kit.results import ResultWriter
-from replay_kit.results.outcome.outcome import outcome_of
+from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.views.contents import Contents
 from replay_kit.show import open_result

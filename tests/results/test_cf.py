@@ -56,7 +56,7 @@ def regular(flow: FlowEstimate) -> FlowEstimate:
     longitude, latitude = np.meshgrid(np.linspace(4.8, 5.2, 7), np.linspace(61.9, 62.1, 5))
     east, north = to_local(flow.grid.projection, longitude, latitude)
     grid = replace(flow.grid, longitude=longitude, latitude=latitude, east=east, north=north)
-    return replace(flow, grid=grid, horizontal=flow.horizontal.at_nodes(grid.nodes))
+    return replace(flow, grid=grid, horizontal=replace(flow.horizontal, nodes=grid.nodes))
 
 
 @pytest.mark.parametrize("n_modes", [0, 4])

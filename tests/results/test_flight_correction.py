@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from replay_kit import open_result
-from replay_kit.core.flight_correction import FlightCorrection
+from replay_kit.core.as_flown import FlightCorrection
 from replay_kit.results import ResultWriter
 from replay_kit.results.flight_correction import mean_current_parts
-from replay_kit.results.outcome.figures import flight_correction_json
+from replay_kit.results.outcome.from_run import flight_correction_json
 from replay_kit.results.schemas import decode, encode
-from replay_kit.results.views.along_track import EstimateHistory, mean_currents
+from replay_kit.results.views.along_track import mean_currents
+from replay_kit.results.views.history import EstimateHistory
 from replay_kit.results.views.track import track_of
 from replay_kit.show.words import flight_correction_sentence
 from tests.results.result_samples import METADATA

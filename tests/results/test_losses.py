@@ -77,7 +77,7 @@ def test_without_a_summary_the_next_chunk_is_searched_for(tmp_path: Path) -> Non
     ]
     index = record_offsets(whole, Opcode.MESSAGE_INDEX)
     assert report.losses[0].what.endswith(
-        f"reading goes on at byte {next(at for at in index if at > chunks[2])}"
+        f"reading resumes at byte {next(at for at in index if at > chunks[2])}"
     )
 
 

@@ -6,10 +6,10 @@ from dataclasses import fields, replace
 
 import pytest
 
-from replay_kit.core.errors import MeasurementError
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding, MeasurementError
 from replay_kit.core.message import Loss
-from replay_kit.results.outcome.outcome import Outcome, failed, outcome_from, outcome_of
+from replay_kit.results.outcome.from_run import failed, outcome_of
+from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.outcome.run import DiveRow, ReplaySummary, TopicRow
 
 RUN = ReplaySummary(
@@ -58,8 +58,8 @@ def test_wall_times_are_of_the_run_alone():
         ({"nis_per_dof": 2.5}, None, "with care", "errors are larger than stated"),
         ({"nis_per_dof": 0.4}, None, "with care", "errors are smaller than stated"),
         ({"outside": (OUTSIDE,)}, None, "with care", OUTSIDE),
-        ({}, PLAN | {"status": "partial"}, "with care", "the plan is partial: ok"),
-        ({}, PLAN | {"status": "unsafe"}, "with care", "the plan is unsafe: ok"),
+        ({}, PLAN | {"status": "partial"}, "with care", "the plan is partial"),
+        ({}, PLAN | {"status": "unsafe"}, "with care", "the plan is unsafe"),
         ({}, PLAN | {"status": "reached", "odds": {"reached": 0.0}}, "with care", "no sample"),
         ({"findings": (FINDING,)}, None, "do not use", "turned"),
         ({"findings": (replace(FINDING, severity="warning"),)}, None, "with care", "turned"),

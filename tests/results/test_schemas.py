@@ -9,8 +9,8 @@ from replay_kit.results.schemas import CONTRACT_VERSION, MESSAGES
 from tests.places import SAMPLES
 
 FOLDER = Path(replay_kit.results.__file__).parent
-CHANNELS, README = (
-    (FOLDER / name).read_text(encoding="utf-8") for name in ("CHANNELS.md", "README.md")
+CHANNELS, SHOWN = (
+    (FOLDER / name).read_text(encoding="utf-8") for name in ("CHANNELS.md", "../show/README.md")
 )
 
 
@@ -46,8 +46,8 @@ def test_examples_run(
 ) -> None:
     (tmp_path / "sample_logs").symlink_to(SAMPLES)
     monkeypatch.chdir(tmp_path)
-    for text in (README, CHANNELS):
+    for text in (SHOWN, CHANNELS):
         for block in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
-            exec(compile(block, "results/README.md", "exec"), {"__name__": "__readme__"})
+            exec(compile(block, "a README", "exec"), {"__name__": "__readme__"})
     assert capsys.readouterr().out
     assert (tmp_path / "map.pdf").stat().st_size > 10_000

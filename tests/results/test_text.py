@@ -9,8 +9,7 @@ from rich.console import Console
 
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results.losses import code_of
-from replay_kit.results.outcome.figures import outcomes_json, plan_json
-from replay_kit.results.outcome.outcome import outcome_of
+from replay_kit.results.outcome.from_run import outcome_of, outcomes_json, plan_json
 from replay_kit.results.outcome.run import DiveRow, ReplaySummary, TopicRow
 from replay_kit.show.summary import print_summary
 from replay_kit.show.text import (

@@ -5,17 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.core.dive_forecast import DiveForecast, DiveOutcome
 from replay_kit.core.observation import Fix
 from replay_kit.core.plan import Place
-from replay_kit.core.surfacing import Ellipse
+from replay_kit.core.surfacing import DiveForecast, DiveOutcome, Ellipse
 from replay_kit.estimator.evolving.fit_log import LogSettings
 from replay_kit.studies.accuracy import AccuracyResult
 from replay_kit.studies.accuracy.run import AccuracyRow
 from replay_kit.studies.dives import DivesResult
 from replay_kit.studies.dives.run import DivePrediction
 from replay_kit.studies.missions import MissionJob
-from replay_kit.studies.missions.rows import MissionRow
+from replay_kit.studies.missions.follow import MissionRow
 from replay_kit.studies.missions.run import MissionResult
 from replay_kit.studies.planning import PlanningJob
 from replay_kit.studies.planning.arrival_tables import Arrival, draw_misses

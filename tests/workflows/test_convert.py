@@ -141,7 +141,7 @@ def test_an_output_is_kept_unless_asked(tmp_path: Path, logs: list[Path]) -> Non
 def test_bad_inputs_are_refused_before_anything_is_written(
     tmp_path: Path, logs: list[Path]
 ) -> None:
-    with pytest.raises(LogError, match="no such file"):
+    with pytest.raises(LogError, match="file not found"):
         convert([*logs, tmp_path / "missing.mcap"], tmp_path / "out.mcap", False, LogConfig())
     with pytest.raises(ConfigError, match="at least one log"):
         convert([], tmp_path / "out.mcap", False, LogConfig())

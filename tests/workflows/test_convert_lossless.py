@@ -189,7 +189,7 @@ def test_a_damaged_attachment_is_left_out_and_said(tmp_path: Path) -> None:
     (tmp_path / "in.mcap").write_bytes(out.getvalue().replace(b"brittle", b"brittla"))
     summary = convert([tmp_path / "in.mcap"], tmp_path / "out.mcap", False, LogConfig())
     assert [loss.what.split(":")[0] for _, loss in summary.losses] == [
-        "an attachment or metadata record is damaged and left out"
+        "an attachment or metadata record is damaged and excluded"
     ]
     _, attached, noted, _ = content((tmp_path / "out.mcap").read_bytes())
     assert [name for name, *_ in attached] == ["kept"]

@@ -6,7 +6,7 @@ import xarray as xr
 from mcap.reader import make_reader
 
 from tests.command import invoke
-from tests.forecast.test_forms import save
+from tests.forecast.forms import save
 from tests.places import SAMPLES
 
 
@@ -38,7 +38,7 @@ def test_a_result_names_its_members_and_is_made_again(members, tmp_path):
         "mem001.nc",
         "mem002.nc",
     ]
-    again = invoke(["verify", str(out), "--inputs", str(members), "--inputs", str(SAMPLES)])
+    again = invoke(f"verify {out} --inputs {members} --inputs {SAMPLES}")
     assert again.exit_code == 0, again.output
 
 

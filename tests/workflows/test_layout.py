@@ -154,9 +154,9 @@ def test_the_tree_splits_the_screen_and_the_vehicle_s_frame_is_there_through_the
 
 def test_the_command_writes_the_attachment_s_layout_for_any_result(result, tmp_path):
     out = tmp_path / "layout.json"
-    assert invoke(["layout", str(result), "-o", str(out)]).exit_code == 0
+    assert invoke(f"layout {result} -o {out}").exit_code == 0
     assert json.loads(out.read_text()) == held(result)[1]
-    refused = invoke(["layout", "sample_logs/glider.mcap", "-o", str(tmp_path / "no.json")])
+    refused = invoke(f"layout sample_logs/glider.mcap -o {tmp_path}/no.json")
     assert refused.exit_code == 3
     assert "give a result" in refused.stderr
     # a result without a plan has a map and a scene without one
@@ -168,23 +168,12 @@ def test_the_command_writes_the_attachment_s_layout_for_any_result(result, tmp_p
 
 def test_the_status_of_a_result_is_told_written_and_given_as_numbers(result, tmp_path):
     page, figures = tmp_path / "status.html", tmp_path / "status.json"
-    done = invoke(
-        [
-            "status",
-            str(result),
-            "--html",
-            str(page),
-            "--json",
-            str(figures),
-            "--now",
-            "2018-11-17T00:00:00Z",
-        ]
-    )
+    done = invoke(f"status {result} --html {page} --json {figures} --now 2018-11-17T00:00:00Z")
     assert done.exit_code == 0
     assert max(map(len, done.stdout.splitlines())) <= 80
     assert "Steer" in done.stdout
     assert 'http-equiv="refresh"' in page.read_text()
     assert json.loads(figures.read_text())["now"] == "2018-11-17 00:00:00Z"
-    wrong = invoke(["status", str(result), "--now", "noon"])
+    wrong = invoke(f"status {result} --now noon")
     assert wrong.exit_code == 2
     assert "--now: 'noon' is no time" in wrong.stderr

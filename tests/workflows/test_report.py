@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from replay_kit.core.errors import ConfigError, LogError
-from replay_kit.results.outcome.outcome import outcome_of
+from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.show import open_result
 from replay_kit.workflows.report import page_of, report
 from tests.command import invoke
@@ -21,17 +21,17 @@ SHORT = ["--end", "2018-11-16T02:00:00Z", "--levels", "5,150", "--modes", "5"]
 
 
 def test_the_command_names_the_page(result_path: Path, page: str, tmp_path: Path) -> None:
-    outcome = invoke(["report", str(result_path), "-o", str(tmp_path / "page.html")])
+    outcome = invoke(f"report {result_path} -o {tmp_path}/page.html")
     assert outcome.exit_code == 0
     assert (tmp_path / "page.html").read_text() == page
     assert (
         f"Report: {tmp_path / 'page.html'} ({len(page.encode()) / 1e6:.1f} MB); open it in a browser."
         in outcome.stdout
     )
-    again = invoke(["report", str(result_path), "-o", str(tmp_path / "page.html")])
+    again = invoke(f"report {result_path} -o {tmp_path}/page.html")
     assert again.exit_code == 2
     assert "exists; choose another name or give --overwrite" in again.stderr
-    assert invoke(["report", str(result_path), "-o", str(tmp_path / "page.pdf")]).exit_code == 2
+    assert invoke(f"report {result_path} -o {tmp_path}/page.pdf").exit_code == 2
 
 
 def test_the_page_lies_beside_the_result() -> None:

@@ -103,7 +103,7 @@ def map_of_two(tmp_path_factory):
 
 
 def test_a_mission_is_made_again(mission):
-    said = invoke(["verify", str(mission / "plan.mcap"), "--json", "-"])
+    said = invoke(f"verify {mission}/plan.mcap --json -")
     assert said.exit_code == 0, said.output
     verdict = json.loads(said.stdout)
     assert (verdict["same"], verdict["others"], verdict["notes"]) == (True, [], [])
@@ -142,7 +142,7 @@ def test_an_altered_leg_is_named_with_both_values(mission, tmp_path):
 
     altered = changed(mission / "plan.mcap", tmp_path / "plan.mcap", metadata=turned)
     heading = json.loads(read_recorded(mission / "plan.mcap").metadata["legs"]["2"])["heading_deg"]
-    said = invoke(["verify", str(altered), "--inputs", str(mission), "--json", "-"])
+    said = invoke(f"verify {altered} --inputs {mission} --json -")
     assert (said.exit_code, json.loads(said.stdout)["others"]) == (
         5,
         [f"metadata legs: 2: heading_deg: 90.0 | {heading}"],
@@ -201,7 +201,7 @@ def test_a_plan_that_does_not_say_what_was_asked_for_is_refused(mission, tmp_pat
         match=r"old\.mcap: a plan of an earlier version, which records no options to make it again from",
     ):
         again(old, mission)
-    assert invoke(["verify", str(old), "--inputs", str(mission)]).exit_code == 3
+    assert invoke(f"verify {old} --inputs {mission}").exit_code == 3
     for record in (
         {"kind": "mission", "job": "{}"},
         {"request": "{"},

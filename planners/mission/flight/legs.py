@@ -140,26 +140,12 @@ def fly_legs(
             np.abs(np.diff(steps)) / down,
         )
         frame = leg_frame(currents, path[-1][0], through, float(np.sum(durations)))
-        rate = rate_over_ground(
-            currents, frame, start_time, np.concatenate([steps, 0.5 * (steps[:-1] + steps[1:])])
+        flown = fly_leg(
+            currents, frame, path[-1], steps, durations, float(legs.drifts[k]), start_time, method
         )
-        path += method(rate, *path[-1], steps, durations, steps.size - 1)
-        depths += list(steps[1:])
-        if legs.drifts[k] > 0.0:
-            durations, surface = (
-                np.full(DRIFT_STEPS, legs.drifts[k] / DRIFT_STEPS),
-                np.zeros(DRIFT_STEPS + 1),
-            )
-            frame = leg_frame(currents, path[-1][0], np.zeros(2), legs.drifts[k])
-            path += method(
-                rate_over_ground(currents, frame, start_time, surface),
-                *path[-1],
-                surface,
-                durations,
-                DRIFT_STEPS,
-            )
-            depths += [0.0] * DRIFT_STEPS
-        number += [k] * (len(path) - len(number))
+        path += flown
+        depths += [*steps[1:], *[0.0] * (len(flown) - steps.size + 1)]
+        number += [k] * len(flown)
         ends.append(len(path) - 1)
     places = np.stack([at for at, _ in path], axis=1)
     return Flight(
@@ -169,6 +155,40 @@ def fly_legs(
         np.array(number),
         np.array(ends),
     )
+
+
+def fly_leg(
+    currents: Currents,
+    frame: "LegFrame",
+    begin: tuple[Array, Any],
+    steps: Array,
+    durations: Any,
+    drift: float,
+    start_time: float,
+    method: Integrator,
+) -> list[tuple[Array, Any]]:
+    """Return (places (K, 2) [m], time [s]) after each step of a leg and of the drift after it.
+
+    Args:
+        currents: K flows.
+        frame: Along the leg.
+        begin: Places and time where it begins.
+        steps: shape (n + 1,), depths of its steps' ends [m].
+        durations: Of its steps [s]; each one, or shape (K, 1).
+        drift: At the surface after it [s].
+        start_time: On the clock of the currents' times, of time zero [s].
+        method: ``fly_steps`` or ``fly_midpoints``.
+    """
+    middles = 0.5 * (steps[:-1] + steps[1:])
+    rate = rate_over_ground(currents, frame, start_time, np.concatenate([steps, middles]))
+    flown = method(rate, *begin, steps, durations, steps.size - 1)
+    if drift > 0.0:
+        surface = np.zeros(DRIFT_STEPS + 1)
+        adrift = leg_frame(currents, flown[-1][0], np.zeros(2), drift)
+        rate = rate_over_ground(currents, adrift, start_time, surface)
+        each = [drift / DRIFT_STEPS] * DRIFT_STEPS
+        flown += method(rate, *flown[-1], surface, each, DRIFT_STEPS)
+    return flown
 
 
 @dataclass(frozen=True, slots=True, eq=False)

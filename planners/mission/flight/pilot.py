@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planners.mission.flight.currents import Currents
-from planners.mission.flight.legs import Flight, Legs, fly_midpoints, leg_frame, rate_over_ground
-from planners.shooting.schedule import DRIFT_STEPS
+from planners.mission.flight.legs import Flight, Legs, fly_leg, fly_midpoints, leg_frame
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -88,25 +87,11 @@ class _Leg:
         at, began = begin[0], float(np.mean(begin[1]))
         (through, down), heights = self.velocity_through_water, np.abs(np.diff(self.depths))
         frame = leg_frame(currents, at, through, self.height / down)
-        rate = rate_over_ground(
-            currents,
-            frame,
-            began,
-            np.concatenate([self.depths, 0.5 * (self.depths[:-1] + self.depths[1:])]),
-        )
         durations = [(height / down)[:, None] for height in heights]
-        flown = fly_midpoints(
-            rate, at, np.zeros((len(at), 1)), self.depths, durations, heights.size
+        zero = np.zeros((len(at), 1))
+        return fly_leg(
+            currents, frame, (at, zero), self.depths, durations, self.drift, began, fly_midpoints
         )
-        if self.drift > 0.0:
-            surface = np.zeros(DRIFT_STEPS + 1)
-            drifting = rate_over_ground(
-                currents, leg_frame(currents, flown[-1][0], np.zeros(2), self.drift), began, surface
-            )
-            flown += fly_midpoints(
-                drifting, *flown[-1], surface, [self.drift / DRIFT_STEPS] * DRIFT_STEPS, DRIFT_STEPS
-            )
-        return flown
 
 
 def fly_corrected(

@@ -30,7 +30,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from planners.front.bound import Bound, Limit
 from planners.mission.search.bound import bound_of
 from planners.mission.search.course import Target, along_route, habit
 from planners.mission.search.passage import (
@@ -46,7 +45,9 @@ from planners.mission.search.passage import (
 from planners.mission.search.turning import approach_turning, solve_turning
 from planners.mission.solve.attempt import (
     Attempt,
+    Bound,
     GoalSteps,
+    Limit,
     best_of,
     goals_met,
     is_feasible,

@@ -1,12 +1,12 @@
-"""One number of legs solved and flown, and how attempts are ranked."""
+"""One number of legs solved and flown, how attempts are ranked, and what no vehicle of their speed can do better."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.front.bound import Bound
 from planners.mission.flight.legs import Flight, Legs
 from planners.mission.solve.check import Violation
 from planners.mission.task import REFINED, MissionTask, YoDepths
@@ -15,6 +15,34 @@ from planners.shooting.layout import Layout
 from planners.shooting.program import MissionGuess
 from planners.solver import HOUR, KM
 from replay_kit.core.arrays import Array
+
+Limit = Literal["", "legs", "duration", "ways", "current"]
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """What no vehicle of a mission's speed can do better.
+
+    Attributes:
+        time: Earliest arrival within the tolerance of the last goal, all others passed [s]; infinite when it is out of reach.
+        is_tight: Whether it is near to what such a vehicle can do. Where a current within reach is about as fast as the vehicle, nothing
+            better is known than the straight way in the fastest current of all, and what is out of reach of the lattice may be reached.
+        most: The longest time considered [s].
+        goal: Number of the first goal out of reach, from 0; -1 when there is none.
+        nearest: How near one can come to that goal [m].
+        when: At which time [s].
+        limit: What keeps it out of reach: fewer ``legs`` than the way takes; the longest ``duration``, which the way takes longer than in
+            still water; the ``ways``, none of which is open; or the ``current``. Empty when none is out of reach.
+    """
+
+    time: float
+    most: float
+    goal: int = -1
+    nearest: float = 0.0
+    when: float = 0.0
+    is_tight: bool = True
+    limit: Limit = ""
+
 
 # An attempt that violates a constraint ranks behind all that do not [m of miss distance].
 _UNSAFE = 1e9
@@ -205,3 +233,20 @@ def ranking_key(task: MissionTask, attempt: Attempt) -> tuple[bool, float, float
 def best_of(task: MissionTask, attempts: list[Attempt]) -> Attempt:
     """Return the attempt that ranks first."""
     return min(attempts, key=lambda attempt: ranking_key(task, attempt))
+
+
+def above_bound(task: MissionTask, attempt: Attempt) -> float | None:
+    """Return how much later than any vehicle of its speed could a mission arrives [%]; None where the bound does not hold or is 0."""
+    bound = attempt.bound
+    # shallower dives than those asked for meet another mean current
+    full = attempt.yo_depths == replace(task, turns=None).yo_depths(len(attempt.yo_depths))
+    if (
+        bound is None
+        or not bound.is_tight
+        or not 0.0 < bound.time < np.inf
+        or not full
+        or not goals_met(task, attempt)
+    ):
+        return None
+    last = float(attempt.flight.time[attempt.goals.points(attempt.flight)[-1]])
+    return 100.0 * (last / bound.time - 1.0)

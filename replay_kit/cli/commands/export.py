@@ -12,7 +12,7 @@ from replay_kit.cli.options import (
     argument,
     option,
 )
-from replay_kit.config.option import PLACE, numbers
+from replay_kit.config.section import PLACE, numbers
 from replay_kit.core.paths import check_paths
 
 _ENDINGS = Ending((".nc", ".csv", ".kml", ".geojson"))
@@ -24,7 +24,7 @@ def export(
         Path,
         argument(
             "RESULT.mcap",
-            "A result of replay or plan; of one that is cut short, what is left is written.",
+            "A result of replay or plan; of a truncated one the readable part is exported.",
         ),
     ],
     /,
@@ -33,7 +33,7 @@ def export(
         Path,
         option(
             "--out -o",
-            "File; its ending says the form.",
+            "File; its ending selects the format.",
             metavar="X.nc|csv|kml|geojson",
             group=OUTPUTS,
         ),
@@ -52,7 +52,7 @@ def export(
         _TABLES | None,
         option(
             "--table",
-            "This table alone. Default: all; in CSV the series with --at, else the track.",
+            "Export only this table. Default: all; in CSV the series with --at, else the track.",
         ),
     ] = None,
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),

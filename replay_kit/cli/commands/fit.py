@@ -40,7 +40,7 @@ def fit(
     settings: Settings,
     processes: Annotated[Processes, TO_OPTIONS] = Processes(),
     left_out: Annotated[
-        int, option("--left-out", "Number of members that are left out in turn.", least=1)
+        int, option("--left-out", "Number of members left out in turn (cross-validation).", least=1)
     ] = 12,
 ) -> int:
     """Return 0."""

@@ -75,12 +75,10 @@ def fleet(
     processes: Annotated[Processes, TO_OPTIONS] = Processes(),
     resume: Annotated[
         bool,
-        flag(
-            "--resume", "Keep results that are there, made of the same inputs; replay the others."
-        ),
+        flag("--resume", "Keep existing results of the same inputs; replay the others."),
     ] = False,
     dry_run: Annotated[
-        bool, flag("--dry-run", "Only check everything, and report the memory and time expected.")
+        bool, flag("--dry-run", "Only check the inputs, and report the expected memory and time.")
     ] = False,
 ) -> int:
     """Return the gravest exit code of the missions."""

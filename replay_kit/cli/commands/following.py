@@ -27,18 +27,18 @@ class Following:
         bool,
         flag(
             "--follow",
-            "Replay what is new in the logs as they grow, or in folders as they fill, until Ctrl-C; see the README.",
+            "Replay new data as logs grow or folders fill, until Ctrl-C; see the README.",
         ),
     ] = False
     interval: Annotated[
         float,
-        option("--interval", "Between two looks at the files with --follow [s].", least=_LEAST),
+        option("--interval", "Polling interval of --follow [s].", least=_LEAST),
     ] = 60.0
     until_idle: Annotated[
         float | None,
         option(
             "--until-idle",
-            "End --follow after so long without anything new [s]. Default: never.",
+            "Stop --follow after this many seconds without new data. Default: never.",
             metavar="SECONDS",
             least=0.0,
         ),
@@ -47,7 +47,7 @@ class Following:
         Path | None,
         option(
             "--goal-file",
-            "File with the goal, LON,LAT,DEPTH, that may be changed during --follow.",
+            "File with the goal LON,LAT,DEPTH; it may be edited during --follow.",
             metavar="FILE",
         ),
     ] = None
@@ -55,7 +55,7 @@ class Following:
         str | None,
         option(
             "--notify",
-            "Command of the shell that gets each alarm of --follow as a JSON line.",
+            "Shell command that receives each alarm of --follow as a JSON line on standard input.",
             metavar="COMMAND",
         ),
     ] = None
@@ -101,10 +101,10 @@ class Following:
         json_file: Path | None,
     ) -> int:
         """Follow the logs of a job, and return the exit code of the last summary."""
-        from replay_kit.results.outcome.outcome import outcome_of
+        from replay_kit.results.outcome.from_run import outcome_of
         from replay_kit.show.summary import print_summary
         from replay_kit.workflows.follow.follow import follow
-        from replay_kit.workflows.follow.options import FollowOptions
+        from replay_kit.workflows.follow.watch import FollowOptions
         from replay_kit.workflows.planning import planner_of
 
         assert job.out is not None
@@ -127,7 +127,7 @@ class Following:
         summary = follow(job, config, planner_of, options)
         if summary is None:
             raise LogError(
-                "no log that can be replayed has come; check the folder, and what was said of the files in it"
+                "no log that can be replayed has arrived; check the folder and the messages about its files"
             )
         outcome = outcome_of(summary)
         print_summary(outcome, console)

@@ -28,7 +28,7 @@ class Outputs(Answer):
         Path | None,
         option(
             "--suggest",
-            "Write a first mapping of the topics that no known kind covers; - is standard output.",
+            "Write a draft mapping for topics of unknown type; - is standard output.",
             metavar="FILE.toml",
         ),
         Ending((".toml",), stream=True),
@@ -39,7 +39,7 @@ _Ensemble = Annotated[
     tuple[Path, ...],
     option(
         "--ensemble",
-        f"Ensemble forecast, which is described, and against which a log's axes, signs, units and depths are checked: {ENSEMBLE_HELP}",
+        f"Ensemble forecast to describe, and to check a log's axes, signs, units and depths against: {ENSEMBLE_HELP}",
         metavar="FILE...",
         group=INPUTS,
     ),

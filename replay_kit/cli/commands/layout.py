@@ -15,7 +15,10 @@ def layout(
     out: Annotated[
         Path,
         option(
-            "--out -o", "Layout, to import in the viewer.", metavar="LAYOUT.json", group=OUTPUTS
+            "--out -o",
+            "Layout file to import into the viewer.",
+            metavar="LAYOUT.json",
+            group=OUTPUTS,
         ),
         Ending((".json",)),
     ],

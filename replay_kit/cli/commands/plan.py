@@ -16,7 +16,7 @@ from replay_kit.cli.options import (
     option,
 )
 from replay_kit.cli.settings import Settings, takes_settings
-from replay_kit.config.option import Numbers, numbers
+from replay_kit.config.section import Numbers, numbers
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import check_inputs, check_paths
 
@@ -36,7 +36,7 @@ class Outputs(Answer):
 
     out: Annotated[
         Path | None,
-        option("--out -o", "Predicted track and legs, for any MCAP viewer.", metavar="PLAN.mcap"),
+        option("--out -o", "Predicted track and legs (MCAP).", metavar="PLAN.mcap"),
         MCAP,
     ] = None
     geojson: Annotated[
@@ -46,14 +46,14 @@ class Outputs(Answer):
     ] = None
     csv: Annotated[
         Path | None,
-        option("--csv", "One line for each leg; - is standard output.", metavar="FILE"),
+        option("--csv", "One row per leg; - is standard output.", metavar="FILE"),
         Ending((".csv",), stream=True),
     ] = None
     waypoints: Annotated[
         Path | None,
         option(
             "--waypoints",
-            "Short list of places to head for: .csv, .geojson, .json, .kml, .plan for QGroundControl, .ma for a Slocum (yo*.ma: dives), "
+            "Waypoint file: .csv, .geojson, .json, .kml, .plan for QGroundControl, .ma for a Slocum (yo*.ma: dives), "
             ".targets for a Seaglider.",
             metavar="FILE",
         ),
@@ -63,7 +63,7 @@ class Outputs(Answer):
         bool,
         flag(
             "--write-unsafe",
-            "Write files of a plan that violates a constraint more often than accepted, or of such waypoints.",
+            "Write files even if the plan or its waypoints violate a constraint more often than accepted.",
         ),
     ] = False
 

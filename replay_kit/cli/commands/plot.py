@@ -14,7 +14,7 @@ from replay_kit.cli.options import (
     argument,
     option,
 )
-from replay_kit.config.option import PLACE, numbers
+from replay_kit.config.section import PLACE, numbers
 from replay_kit.core.paths import check_paths
 
 _ENDINGS = Ending((".png", ".svg", ".pdf"))
@@ -35,7 +35,7 @@ class Look:
     ] = None
     columns: Annotated[
         Literal[1, 2],
-        option("--columns", "Columns of a page that the figure is as wide as: 85 or 175 mm."),
+        option("--columns", "Width in journal columns: 85 or 175 mm."),
     ] = 2
 
 
@@ -44,19 +44,22 @@ def plot(
         Path,
         argument(
             "RESULT.mcap",
-            "A result of replay or plan; of one that is cut short, what is left is shown.",
+            "A result of replay or plan; of a truncated one the readable part is shown.",
         ),
     ],
     figure: Annotated[
         Literal["map", "section", "series", "dac", "trust", "plan"],
-        argument("FIGURE", "What is drawn."),
+        argument("FIGURE", "Kind of figure."),
     ],
     /,
     *,
     out: Annotated[
         Path,
         option(
-            "--out -o", "Figure; its ending says the form.", metavar="F.png|svg|pdf", group=OUTPUTS
+            "--out -o",
+            "Figure; its ending selects the format.",
+            metavar="F.png|svg|pdf",
+            group=OUTPUTS,
         ),
         _ENDINGS,
     ],

@@ -21,7 +21,7 @@ from replay_kit.cli.options import (
     place,
 )
 from replay_kit.cli.settings import Settings, takes_settings
-from replay_kit.config.option import PLACE
+from replay_kit.config.section import PLACE
 from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError
 from replay_kit.core.paths import check_paths, truth_path
 
@@ -44,7 +44,7 @@ class Inputs:
         tuple[Path, ...],
         option(
             "--against",
-            "Another ensemble, file, folder or pattern, to tell which explained the log better; may be repeated.",
+            "Competing forecast (file, folder or pattern); the summary reports which fits the log better. May be repeated.",
             metavar="FILE",
         ),
     ] = ()
@@ -58,7 +58,7 @@ class Inputs:
         float | None,
         option(
             "--truth-radius",
-            "Score only grid points this near to a profile used [km]. Default: all.",
+            "Score only grid points within this distance of a used profile [km]. Default: all.",
             metavar="KM",
         ),
     ] = None
@@ -82,16 +82,14 @@ class Outputs(Answer):
     ] = None
     save_estimate: Annotated[
         Path | None,
-        option(
-            "--save-estimate", "The estimate without loss, for plan and scripts.", metavar="FLOW.nc"
-        ),
+        option("--save-estimate", "Lossless estimate, for plan and scripts.", metavar="FLOW.nc"),
         NETCDF,
     ] = None
     checkpoint: Annotated[
         Path | None,
         option(
             "--checkpoint",
-            "State from which an interrupted run continues; deleted at the end.",
+            "Checkpoint from which an interrupted run resumes; deleted at the end.",
             metavar="FILE",
         ),
     ] = None
@@ -102,7 +100,7 @@ class Outputs(Answer):
         Path | None,
         option(
             "--smooth",
-            "A second result, in which later measurements count for each time too; see smooth.",
+            "Also write a smoothed result (uses later measurements); see smooth.",
             metavar="SMOOTHED.mcap",
         ),
         MCAP,
@@ -111,7 +109,7 @@ class Outputs(Answer):
         bool,
         flag(
             "--report",
-            "Write the result as a page for a browser too: its name with the ending .html.",
+            "Also write the report, an HTML page named as the result.",
         ),
     ] = False
 
@@ -139,7 +137,10 @@ def replay(
     settings: Settings,
     following: Annotated[Following, TO_OPTIONS] = Following(),
     dry_run: Annotated[
-        bool, flag("--dry-run", "Only report what would be used, and the memory and time expected.")
+        bool,
+        flag(
+            "--dry-run", "Only report which data would be used, and the expected memory and time."
+        ),
     ] = False,
 ) -> int:
     """Return the exit code of a replay: that of its summary, 0 for a dry run."""
@@ -166,7 +167,7 @@ def replay(
     goal, config = None if inputs.goal is None else place(inputs.goal, "--goal"), settings.load()
 
     # what takes long to load, after what is quickly refused
-    from replay_kit.results.outcome.outcome import failed
+    from replay_kit.results.outcome.from_run import failed
     from replay_kit.workflows.planning import planner_of
     from replay_kit.workflows.replay.inputs.job import check_outputs
     from replay_kit.workflows.replay.inputs.opened import forecasts_of
@@ -243,7 +244,7 @@ def _smooth(
 
 def _answer(outputs: Outputs, summary: "ReplaySummary", console: "Console") -> None:
     """Print the summary, and write the report and the JSON if they are asked for."""
-    from replay_kit.results.outcome.outcome import outcome_of
+    from replay_kit.results.outcome.from_run import outcome_of
     from replay_kit.show.summary import print_summary
 
     outcome = outcome_of(summary)

@@ -12,7 +12,7 @@ def report(
         Path,
         argument(
             "RESULT.mcap",
-            "A result of replay or plan; of one that is cut short, what is left is shown.",
+            "A result of replay or plan; of a truncated one the readable part is shown.",
         ),
     ],
     /,
@@ -21,7 +21,7 @@ def report(
         Path | None,
         option(
             "--out -o",
-            "Page, one file without anything to fetch. Default: the result's name with .html.",
+            "Self-contained HTML page. Default: the result's name with .html.",
             metavar="REPORT.html",
         ),
         HTML,

@@ -45,7 +45,7 @@ def smooth(
     )
     config = settings.load()
 
-    from replay_kit.results.outcome.outcome import outcome_of
+    from replay_kit.results.outcome.from_run import outcome_of
     from replay_kit.show.summary import print_summary
     from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs
     from replay_kit.workflows.smooth import smooth as smooth_logs

@@ -18,7 +18,7 @@ _WIDTH, _WIDEST = 80, 120
 
 def status(
     result: Annotated[
-        Path, argument("RESULT.mcap", "A result of replay, also of one that follows growing logs.")
+        Path, argument("RESULT.mcap", "A result of replay, also of a running --follow.")
     ],
     /,
     *,
@@ -26,7 +26,7 @@ def status(
         Path | None,
         option(
             "--html",
-            "The same as a page that loads itself again.",
+            "Also write it as a page that reloads itself.",
             metavar="PAGE.html",
             group=OUTPUTS,
         ),
@@ -36,7 +36,7 @@ def status(
         str | None,
         option(
             "--now",
-            "Time for which ages are given, ISO 8601 UTC, or 'clock'. Default: the result's last.",
+            "Time relative to which ages are stated, ISO 8601 UTC, or 'clock'. Default: the end of the result.",
             metavar="TIME",
         ),
     ] = None,

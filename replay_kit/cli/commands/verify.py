@@ -16,7 +16,7 @@ def verify(
         list[Path] | None,
         option(
             "--inputs",
-            "Folder of the logs and the ensemble, or of a plan's inputs; may be repeated. Default: the result's, then this.",
+            "Folder of the inputs; may be repeated. Default: the result's folder, then the current one.",
             metavar="DIR",
             group=INPUTS,
         ),

@@ -20,9 +20,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.covariance import Levels, root_of, symmetric
-from replay_kit.core.flow.hybrid import HybridCovariance
-from replay_kit.core.flow.reduction import Reduction
+from replay_kit.core.flow.covariance import HybridCovariance, Levels, Reduction, root_of, symmetric
 
 
 def n_stored(prior: HybridCovariance, n_directions: int) -> int:

@@ -75,9 +75,6 @@ class HorizontalFunctions(Protocol):
     def key(self) -> Hashable:
         """What two sets of equal functions share."""
 
-    def at_nodes(self, nodes: Array) -> "HorizontalFunctions":
-        """Return the functions for flows known at other nodes, shape (N, 2) [m], of the same region."""
-
     def velocity(self, points: Array, latent: Array) -> Array:
         """Return the velocity [m/s], shape (2, P, k), east then north, of k sums of the functions.
 
@@ -108,10 +105,6 @@ class NodeKernel:
     def key(self) -> Hashable:
         """The kernel and the nodes, bit for bit."""
         return self.kernel, np.ascontiguousarray(self.nodes).tobytes()
-
-    def at_nodes(self, nodes: Array) -> "NodeKernel":
-        """Return the columns of the kernel of other nodes, shape (N, 2) [m]."""
-        return NodeKernel(self.kernel, nodes)
 
     def velocity(self, points: Array, latent: Array) -> Array:
         """Return the velocity [m/s], shape (2, P, k), at points, shape (P, 2) [m], of latent velocities, shape (2N, k)."""

@@ -13,7 +13,7 @@ Nodes may lie anywhere: they do not appear in the functions.
 
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +31,6 @@ WINDOW = 2 * HALF_WINDOW
 _MARGIN = 4.0
 # Lattice cells along a side of the tiles whose points are evaluated together.
 _TILE = 8
-# Lattice points to which the edges of a part are rounded.
-_ROUNDED = 16
 # Points up to which each is evaluated on its own.
 _FEW = 4
 
@@ -84,36 +82,6 @@ class StreamFunctionLattice:
         """Standard deviations of the Gaussians along east and north [m]."""
         return self.kernel.length_east / np.sqrt(2.0), self.kernel.length_north / np.sqrt(2.0)
 
-    def at_nodes(self, nodes: Array) -> Self:
-        """Return the same functions, whatever the nodes."""
-        return self
-
-    def cut(self, low: Array, high: Array) -> tuple["StreamFunctionLattice", NDArray[np.intp]]:
-        """Return the part of the lattice that reaches a box, and the positions of its coefficients among all.
-
-        Flows of the part are the same within the box. Its edges are rounded outwards, so that boxes that differ little have one part.
-
-        Args:
-            low: shape (2,) [m], the box's least east and north.
-            high: shape (2,) [m], its largest.
-        """
-        ends, count = [], np.array(self.shape)
-        for axis in (0, 1):
-            first = self._first(np.array([low[axis], high[axis]]), axis)
-            ends.append(
-                (first[0] // _ROUNDED * _ROUNDED, -(-(first[1] + WINDOW) // _ROUNDED) * _ROUNDED)
-            )
-        begin, end = np.array(ends).T
-        end = np.minimum(end, count)
-        rows = np.arange(begin[0], end[0])[:, None] * self.shape[1] + np.arange(begin[1], end[1])
-        origin = np.array(self.origin) + begin * np.array(self.spacing)
-        return StreamFunctionLattice(
-            self.kernel,
-            _pair(origin),
-            self.spacing,
-            (int(end[0] - begin[0]), int(end[1] - begin[1])),
-        ), rows.ravel()
-
     def velocity(self, points: Array, latent: Array) -> Array:
         """Return the velocity [m/s], shape (2, P, k), at points, shape (P, 2) [m], of coefficients, shape (size, k) [m^2/s]."""
         k = latent.shape[1]
@@ -139,7 +107,7 @@ class StreamFunctionLattice:
             self._window(points[:, axis], axis) for axis in (0, 1)
         )
         rows = (east * self.shape[1])[:, :, None] + north[:, None]
-        design = np.stack([gx[:, :, None] * slope_y[:, None], -slope_x[:, :, None] * gy[:, None]])
+        design = _velocities(gx, slope_x, gy, slope_y)
         return rows.reshape(len(points), -1), design.reshape(2, len(points), 1, -1)
 
     def tiles(self, points: Array) -> Iterator[Tile]:
@@ -160,9 +128,7 @@ class StreamFunctionLattice:
                     chosen,
                     east,
                     north,
-                    np.stack(
-                        [gx[:, :, None] * slope_y[:, None], -slope_x[:, :, None] * gy[:, None]]
-                    ),
+                    _velocities(gx, slope_x, gy, slope_y),
                 )
 
     def _first(self, at: Array, axis: int) -> NDArray[np.intp]:
@@ -175,20 +141,27 @@ class StreamFunctionLattice:
     def _window(self, at: Array, axis: int) -> tuple[NDArray[np.intp], Array, Array]:
         """Return the lattice lines that count at each place along an axis, their Gaussians and slopes [1/m], each of shape (P, WINDOW)."""
         lines = self._first(at, axis)[:, None] + np.arange(WINDOW)
-        distance = at[:, None] - (self.origin[axis] + self.spacing[axis] * lines)
-        inverse = 1.0 / self.widths[axis] ** 2
-        gaussian = np.exp((-0.5 * inverse) * distance * distance)
-        return lines, gaussian, (-inverse * distance) * gaussian
+        gaussian, rate = self._gaussians(at, lines, axis)
+        return lines, gaussian, rate * gaussian
 
     def _axis(self, at: Array, first: NDArray[np.intp], axis: int) -> tuple[slice, Array, Array]:
         """Return lattice lines along an axis, the Gaussians around them at places along it, shape (P, n), and their slopes [1/m]."""
         lines = np.arange(first.min(), first.max() + WINDOW)
-        distance = at[:, None] - (self.origin[axis] + self.spacing[axis] * lines)
-        inverse = 1.0 / self.widths[axis] ** 2
-        gaussian = np.exp((-0.5 * inverse) * distance * distance)
+        gaussian, rate = self._gaussians(at, lines, axis)
         ahead = lines - first[:, None]
         gaussian[(ahead < 0) | (ahead >= WINDOW)] = 0.0
-        return slice(int(lines[0]), int(lines[-1]) + 1), gaussian, (-inverse * distance) * gaussian
+        return slice(int(lines[0]), int(lines[-1]) + 1), gaussian, rate * gaussian
+
+    def _gaussians(self, at: Array, lines: NDArray[np.intp], axis: int) -> tuple[Array, Array]:
+        """Return the Gaussians of lattice lines at places along an axis, shape (P, n), and the rates of their logarithms [1/m]."""
+        distance = at[:, None] - (self.origin[axis] + self.spacing[axis] * lines)
+        inverse = 1.0 / self.widths[axis] ** 2
+        return np.exp((-0.5 * inverse) * distance * distance), -inverse * distance
+
+
+def _velocities(gx: Array, slope_x: Array, gy: Array, slope_y: Array) -> Array:
+    """Return the velocities of products of Gaussians [1/m], shape (2, P, n_east, n_north)."""
+    return np.stack([gx[:, :, None] * slope_y[:, None], -slope_x[:, :, None] * gy[:, None]])
 
 
 def lattice_over(kernel: HorizontalKernel, nodes: Array) -> StreamFunctionLattice:

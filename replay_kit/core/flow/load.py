@@ -11,17 +11,15 @@ import xarray as xr
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.flow.covariance import HybridCovariance
 from replay_kit.core.flow.depth import DepthFunctions
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evolution import Evolution, constant
+from replay_kit.core.flow.evolution import Evolution, ProcessModel, constant
 from replay_kit.core.flow.factors import CovarianceFactors, half_size, whole_of
 from replay_kit.core.flow.horizontal import HorizontalFunctions, HorizontalKernel, NodeKernel
-from replay_kit.core.flow.hybrid import HybridCovariance
 from replay_kit.core.flow.lattice import StreamFunctionLattice
-from replay_kit.core.flow.local import LocalCurrent
+from replay_kit.core.flow.local import LocalCurrent, Oscillation
 from replay_kit.core.flow.lossless import EXACT_TIME, FORMAT, LATTICE, NODE_KERNEL, READ_VERSIONS
-from replay_kit.core.flow.oscillation import Oscillation
-from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.paths import as_path
 
@@ -62,7 +60,7 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
                 return from_lossless(dataset.load())
     except (OSError, ValueError, KeyError, RuntimeError) as error:
         raise ForecastError(
-            f"{name}: expected a file of --save-estimate (NetCDF-4), but it is none or is damaged: {error}"
+            f"{name}: expected a file of --save-estimate (NetCDF-4), but it is not one, or is damaged: {error}"
         ) from error
     if kind != FORMAT:
         raise ForecastError(

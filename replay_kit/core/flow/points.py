@@ -1,4 +1,4 @@
-"""Velocities of a flow at places in degrees, and along tracks."""
+"""Velocities of a flow, or of the estimates of several windows, at places in degrees and along tracks."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,6 +21,8 @@ from replay_kit.core.version import __version__
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+
+from collections.abc import Sequence
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -197,3 +199,27 @@ def _evaluate(flow: FlowField, longitude: Array, latitude: Array, depth: Array) 
     if flow.n_modes:
         out[known, 2:] = flow.standard_error(east, north, depth[known], true_axes=True)
     return out
+
+
+def best_velocity_at(
+    flows: Sequence[FlowField], longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike
+) -> Velocities:
+    """Return velocities at points, each from the estimate with the least standard error there; NaN where none holds it.
+
+    Windows overlap: near the side of one that the vehicle had left, another knows the current better.
+
+    Args:
+        flows: At least one, each with its uncertainty; of equal ones the later counts.
+        longitude: [degrees east], any shape; the three broadcast together.
+        latitude: [degrees north].
+        depth: [m], positive down.
+    """
+    found = [velocity_at(flow, longitude, latitude, depth) for flow in reversed(flows)]
+    errors = np.array([np.hypot(one.u_standard_error, one.v_standard_error) for one in found])
+    best = np.argmin(np.where(np.isnan(errors), np.inf, errors), axis=0)
+    names = ("time", "estimate_time", "u", "v", "u_standard_error", "v_standard_error")
+    chosen = (
+        np.take_along_axis(np.array([getattr(one, name) for one in found]), best[None], axis=0)[0]
+        for name in names
+    )
+    return Velocities(found[0].longitude, found[0].latitude, found[0].depth, *chosen)

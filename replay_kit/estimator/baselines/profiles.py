@@ -10,12 +10,12 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.gaussian import normalised_square
-from replay_kit.core.geodesy import rotate_to_local, to_local
+from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Innovation, Measurement, Observation
 from replay_kit.estimator.baselines.columns import HATS, FlowColumns
 from replay_kit.estimator.interface import Estimator
-from replay_kit.estimator.update.screening import Screened, screen_measurement
+from replay_kit.estimator.update.screening import Screened, local_velocity, screen_measurement
 
 State = TypeVar("State")
 
@@ -112,7 +112,7 @@ class ProfileBaseline(Estimator[State], Protocol[State]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ColumnBaseline(ProfileBaseline[State]):
-    """A baseline whose estimate is made of whole flows.
+    """A baseline whose estimate is a combination of whole flows.
 
     Attributes:
         columns: The flows.
@@ -149,10 +149,10 @@ def profile_bins(observation: Measurement, grid: Grid) -> ProfileBins:
             "a baseline assimilates profiles only, but got a mean along a path; filter observations by Estimator.supports_path_means"
         )
     screened = screen_measurement(observation, grid, relative=False)
-    where = (grid.projection, observation.longitude, observation.latitude)
+    place = to_local(grid.projection, observation.longitude, observation.latitude)
     weights = depth_weights(HATS, observation.depth[screened.used], grid.levels)
-    local = np.column_stack(rotate_to_local(*where, *observation.velocity[screened.used].T))
-    return ProfileBins(observation, screened, np.array(to_local(*where)), weights, local)
+    local = local_velocity(observation, screened.used, grid)
+    return ProfileBins(observation, screened, np.array(place), weights, local)
 
 
 def fit_of(innovation: Array, std: Array, cov: Array) -> tuple[Array, float, float]:

@@ -107,6 +107,10 @@ class Basis:
             time_ns,
         )
 
+    def depth_weights(self, depth: Array) -> Array:
+        """Return the weights of the levels at depths [m], shape (n, Z)."""
+        return depth_weights(self.depth_functions, depth, self.grid.levels)
+
     def at_place(self, place: Array) -> tuple[Array, Array]:
         """Return the velocity [m/s] at a place of the offset at each level, shape (2, Z), and of each mode, shape (2, r).
 
@@ -132,7 +136,7 @@ class Basis:
         out = np.empty_like(velocity)
         for value in np.unique(depth):
             here = depth == value
-            weights = depth_weights(self.depth_functions, np.array([value]), self.grid.levels)[0]
+            weights = self.depth_weights(np.array([value]))[0]
             offset = (self.horizontal.velocity(points[here], self.offset) @ weights).ravel()
             modes = self.horizontal.velocity(points[here], self.modes).reshape(-1, self.n_modes)
             out[here] = fit_residual(modes, velocity[here].T.ravel() - offset).reshape(2, -1).T

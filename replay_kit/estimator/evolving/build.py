@@ -10,7 +10,7 @@ from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.process import ProcessModel
+from replay_kit.core.flow.evolution import ProcessModel
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.basis.modes import Basis, build_basis, mean_variance
 from replay_kit.estimator.basis.shifts import projector, shift_operators, shifted_in_modes

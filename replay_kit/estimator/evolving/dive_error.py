@@ -6,54 +6,19 @@ it is a part of the state: a function of depth, common to a dive's profiles, tha
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.config.time import TimeConfig
-from replay_kit.core.observation import Measurement, Observation, PathMean
+from replay_kit.core.observation import Measurement
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.estimator.evolving.observation_operator import (
-    LinearObservation,
-    ObservationOperator,
-    Oscillations,
     oscillations,
 )
 from replay_kit.estimator.evolving.state_space import EvolvingState
 
 _PART = "dive_error"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DiveErrorOperator(ObservationOperator):
-    """The map from the state to observations, with the error shared by the profiles of a dive.
-
-    Attributes:
-        dive_error: Its structure in depth, one pair (east, north) that does not rotate.
-    """
-
-    dive_error: Oscillations
-
-    def profile(self, observation: Observation, used: NDArray[np.intp]) -> LinearObservation:
-        """Return the rows of a profile's usable bins."""
-        # the class that slots make is not the one that super() would look for
-        rows = ObservationOperator.profile(self, observation, used)
-        weights = self.dive_error.weights(observation.depth[used])
-        k = rows.q.shape[1]
-        q, r = np.linalg.qr(np.hstack([rows.q, rows.noise.whiten @ weights]))
-        design = [
-            np.hstack(
-                [r[:, :k] @ rows.design[c * k : (c + 1) * k], r[:, k:] @ self.dive_error.factor(c)]
-            )
-            for c in range(2)
-        ]
-        return replace(rows, q=q, design=np.vstack(design))
-
-    def path(self, mean: PathMean) -> LinearObservation:
-        """Return the rows of a mean along a path, which is not made by an inversion."""
-        rows = ObservationOperator.path(self, mean)
-        return replace(rows, design=np.hstack([rows.design, np.zeros((2, self.dive_error.size))]))
 
 
 def with_dive_error(
@@ -71,14 +36,7 @@ def with_dive_error(
         oscillators=("steady",), oscillator_std=std, oscillator_depth_length=depth_length
     )
     error = oscillations(shape, 0.0, float(operator.basis.grid.levels[-1]))
-    whole = DiveErrorOperator(
-        operator.basis,
-        operator.process,
-        operator.oscillations,
-        operator.biases,
-        operator.representation_std,
-        error,
-    )
+    whole = replace(operator, dive_error=error)
     parts = {**space.parts, _PART: slice(space.size, space.size + error.size)}
     scales = np.concatenate([space.scales, np.full(error.size, np.inf)])
     return replace(

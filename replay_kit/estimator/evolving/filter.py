@@ -1,6 +1,6 @@
 """The estimator through time: its estimate changes between observations."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,42 +9,41 @@ from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution
-from replay_kit.core.flow.oscillation import Oscillation
+from replay_kit.core.flow.local import Oscillation
+from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Innovation, Measurement, PathMean, Reason
 from replay_kit.estimator.basis.modes import Basis
-from replay_kit.estimator.evolving.group import group_innovation, step_group
 from replay_kit.estimator.evolving.observation_operator import (
     LinearObservation,
     ObservationOperator,
+    column_operator,
 )
 from replay_kit.estimator.evolving.state_space import EvolvingState, StateSpace
-from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.update.biases import (
     NAMES,
     notes_of,
-    scale_jacobian,
     significant_bias_notes,
-    unit_bias_rows,
 )
 from replay_kit.estimator.update.evaluation import (
     ObservationUpdate,
-    evaluate_observation,
+    PredictedObservation,
     predict_observation,
 )
-from replay_kit.estimator.update.gate import ConsistencyMonitor
-from replay_kit.estimator.update.group_step import Stepped
-from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
+from replay_kit.estimator.update.group_step import GroupColumn, GroupedEstimator, ScreenedGroup
+from replay_kit.estimator.update.grouping import Grouping
+from replay_kit.estimator.update.profile_stack import ProfileStack
 from replay_kit.estimator.update.screening import Screened, is_duplicate, screen_measurement
+from replay_kit.estimator.update.superobservation import Column, CombinedRows
 
 _NS = 1e9
 # Observations late by no more count at the state's time: pings wait for the position after them, other measurements do not.
 _LATE_NS = 1_200_000_000_000
-# Share of a bias's prior standard deviation above which nothing was learnt of it.
+# Share of a bias's prior standard deviation above which the log has no information on it.
 _UNOBSERVED = 0.95
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EvolvingEstimator(Estimator[EvolvingState]):
+class EvolvingEstimator(GroupedEstimator[EvolvingState]):
     """The default estimate through time.
 
     Attributes:
@@ -64,6 +63,11 @@ class EvolvingEstimator(Estimator[EvolvingState]):
     supports_path_means = True
 
     @property
+    def grid(self) -> Grid:
+        """The grid of the forecast."""
+        return self.basis.grid
+
+    @property
     def basis(self) -> Basis:
         """Basis flows."""
         return self.operator.basis
@@ -76,9 +80,7 @@ class EvolvingEstimator(Estimator[EvolvingState]):
     def initial(self) -> EvolvingState:
         """Return the state before any observation."""
         size = self.state_space.size
-        return EvolvingState(
-            np.zeros((size, 1 + len(NAMES))), np.eye(size), None, ConsistencyMonitor()
-        )
+        return EvolvingState(np.zeros((size, 1 + len(NAMES))), np.eye(size))
 
     def predict(self, state: EvolvingState, time_ns: int) -> EvolvingState:
         """Return the state at a later time without observations in between, with larger uncertainty; unchanged for an earlier time."""
@@ -105,19 +107,45 @@ class EvolvingEstimator(Estimator[EvolvingState]):
             else self.update(state, candidate)
         )
 
-    def group_steps(
-        self, state: EvolvingState, items: Iterable[Measurement | ProfileGroup]
-    ) -> Iterator[Stepped[EvolvingState]]:
-        """Yield what became of measurements and groups of profiles."""
-        for item in items:
-            if isinstance(item, ProfileGroup):
-                for stepped in step_group(self, state, item):
-                    yield stepped
-                    state = stepped.after
-            else:
-                after, innovation = self.step(state, item)
-                yield Stepped(item, state, after, innovation)
-                state = after
+    def group_column(
+        self, state: EvolvingState, screened: ScreenedGroup
+    ) -> GroupColumn[EvolvingState]:
+        """Return the estimate of the column that the usable profiles see, at their mean time."""
+        of_group = column_operator(self.operator, screened)
+        at_time, design = self.predict(state, of_group.time_ns), of_group.design
+        cov = design @ at_time.cov @ design.T
+
+        def predict(rows: CombinedRows) -> PredictedObservation[tuple[Array, Array]]:
+            by_component = np.matmul(rows.r, design.reshape(2, len(rows.r), -1))
+            return predict_observation(
+                at_time.means, at_time.cov, by_component.reshape(design.shape)
+            )
+
+        column = Column(design @ at_time.means, 0.5 * (cov + cov.T))
+        return GroupColumn(of_group.stack, at_time, column, np.zeros(len(design)), predict)
+
+    def group_mean(
+        self, state: EvolvingState, screened: ScreenedGroup
+    ) -> tuple[ProfileStack, Array]:
+        """Return the usable profiles, and the mean of their column at their mean time, shape (2 q,)."""
+        of_group = column_operator(self.operator, screened)
+        return of_group.stack, of_group.design @ self._mean_at(state, of_group.time_ns)
+
+    def with_posterior(
+        self, at: GroupColumn[EvolvingState], posterior: tuple[Array, Array], jacobian: float
+    ) -> EvolvingState:
+        """Return the state after a group."""
+        means, cov = posterior
+        return replace(at.state, means=self.with_scale_jacobian(means, cov, jacobian), cov=cov)
+
+    def inflated(self, state: EvolvingState, factor: float) -> EvolvingState:
+        """Return a state whose covariance is multiplied by a factor."""
+        return state if factor == 1.0 else replace(state, cov=factor * state.cov)
+
+    def _mean_at(self, state: EvolvingState, time_ns: int) -> Array:
+        """Return the mean of the unknowns, shape (n,), at a time; an earlier one counts as the state's."""
+        seconds = 0.0 if state.time_ns is None else max(time_ns - state.time_ns, 0) / _NS
+        return self.state_space.predict_mean(state.mean, seconds)
 
     def candidate(self, state: EvolvingState, observation: Measurement) -> "Candidate | Innovation":
         """Return an observation evaluated against the state at its time, or the innovation of one that cannot be used."""
@@ -131,12 +159,7 @@ class EvolvingEstimator(Estimator[EvolvingState]):
         rows = self._linearised(screened)
         before = self.predict(state, observation.time_ns)
         predicted = predict_observation(before.means, before.cov, rows.design)
-        evaluated = evaluate_observation(
-            rows, predicted, self.gating, True, before.monitor.is_consistent
-        )
-        bias_rows = unit_bias_rows(
-            screened, self.basis.grid.projection, rows, rows.residual(predicted.mean)
-        )
+        evaluated, bias_rows = self.evaluated(before, screened, rows, predicted)
         return Candidate(screened, before, rows, evaluated, predicted.cross_covariance, bias_rows)
 
     def _linearised(self, screened: Screened) -> LinearObservation:
@@ -158,13 +181,12 @@ class EvolvingEstimator(Estimator[EvolvingState]):
                 cov=cov,
             )
         monitor, inflation = after.monitor.updated(evaluated.gate, self.gating)
-        observation = candidate.screened.observation
+        screened = candidate.screened
         after = replace(
-            after,
-            cov=after.cov if inflation == 1.0 else inflation * after.cov,
+            self.inflated(after, inflation),
             monitor=monitor,
-            last=observation,
-            bias_score=evaluated.bias_score(after.bias_score, observation, candidate.bias_rows),
+            last=screened.observation,
+            bias_score=evaluated.bias_score(after.bias_score, screened, candidate.bias_rows),
         )
         return after, candidate.to_innovation(inflation)
 
@@ -198,26 +220,14 @@ class EvolvingEstimator(Estimator[EvolvingState]):
         k = biases.names.index("scale")
         return self.state_space.parts["biases"].start + k, float(biases.std[k])
 
-    def usable(self, observation: Measurement) -> bool:
-        """Return whether an observation has a bin that ``step`` would use."""
-        return screen_measurement(observation, self.basis.grid).used.size > 0
-
     def innovation(self, state: EvolvingState, observation: Measurement) -> Array:
         """Return measured minus predicted at the observation's time, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
         screened = screen_measurement(observation, self.basis.grid)
         if screened.used.size == 0:
             return screened.scatter(np.empty((0, 2)))
         rows = self._linearised(screened)
-        seconds = (
-            0.0 if state.time_ns is None else max(observation.time_ns - state.time_ns, 0) / _NS
-        )
-        return screened.scatter(
-            rows.residual(rows.design @ self.state_space.predict_mean(state.mean, seconds))
-        )
-
-    def group_innovation(self, state: EvolvingState, group: ProfileGroup) -> Array:
-        """Return the same of all bins of all profiles of a group, shape (n m, 2) [m/s]; 0 for bins that are not usable."""
-        return group_innovation(self, state, group)
+        mean = self._mean_at(state, observation.time_ns)
+        return screened.scatter(rows.residual(rows.design @ mean))
 
     def weights(self, states: Sequence[EvolvingState]) -> Sequence[Array | None]:
         """Return the means of the weights at the states' times, each of shape (Z r,)."""
@@ -340,12 +350,7 @@ class Candidate:
         """Of the observation; see ``biases.scale_jacobian``."""
         if self.bias_rows is None or not self.evaluated.accepted:
             return 0.0
-        return scale_jacobian(
-            self.screened.observation,
-            self.rows,
-            self.evaluated.innovation,
-            self.evaluated.innovation_cov,
-        )
+        return self.evaluated.scale_jacobian(self.screened)
 
     def posterior(self, error_scale: float) -> tuple[Array, Array]:
         """Return means and covariance after the observation, with a standard deviation of its rows' noise."""

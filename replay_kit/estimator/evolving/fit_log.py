@@ -18,7 +18,7 @@ import scipy.linalg
 
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.process import ProcessModel
+from replay_kit.core.flow.evolution import ProcessModel
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean
 from replay_kit.estimator.evolving.build import mixture_scale, state_space

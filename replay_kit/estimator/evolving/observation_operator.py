@@ -4,28 +4,35 @@ At a place each unknown of the process model gives a current level by level, S_c
 interpolate to the bins; oscillations have depth functions of their own, D_o, and biases are proportional to the velocity relative to the
 platform. So a component's design is
 
-    [D S_c | D_o O_c | B_c] = J F_c,    J = [D | D_o | M],
+    [D S_c | D_o O_c | M B_c] = J F_c,    J = [D | D_o | M],
 
-with one depth factor J for both components, which a QR factorisation compresses as in ``update/compression.py``.
+with one depth factor J for both components, which a QR factorisation compresses as in ``update/rows.py``.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
-from replay_kit.core.flow.oscillation import Oscillation
-from replay_kit.core.flow.process import ProcessModel
-from replay_kit.core.geodesy import rotate_to_local, to_local
+from replay_kit.core.flow.evolution import ProcessModel
+from replay_kit.core.flow.local import Oscillation
+from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator.basis.modes import Basis
-from replay_kit.estimator.update.biases import Biases, relative_velocity
-from replay_kit.estimator.update.rows import Bins, bin_noise, depth_means, mean_noise
-from replay_kit.estimator.update.screening import local_mean
+from replay_kit.estimator.update.biases import Biases
+from replay_kit.estimator.update.group_step import (
+    ScreenedGroup,
+    stack_of,
+)
+from replay_kit.estimator.update.grouping import ProfileGroup
+from replay_kit.estimator.update.profile_stack import ProfileStack
+from replay_kit.estimator.update.rows import BinNoise, Bins, depth_means, mean_noise, profile_noise
+from replay_kit.estimator.update.screening import local_mean, local_velocity, relative_velocities
 
 # rad/s; the Earth's rotation, and the tides of Doodson (1921) as the IHO's list of constituents gives them, degrees an hour
 EARTH_ROTATION = 7.292115e-5
@@ -118,6 +125,9 @@ class Oscillations:
         ).ravel()
 
 
+NO_OSCILLATIONS = Oscillations(np.empty(0), np.empty((0, 0)), np.empty(0), (), ())
+
+
 def oscillations(config: TimeConfig, latitude: float, deepest: float) -> Oscillations:
     """Return the configured oscillations.
 
@@ -184,6 +194,7 @@ class ObservationOperator:
         oscillations: Uniform over the region.
         biases: Of the instrument.
         representation_std: shape (Z,) [m/s], representation error of the basis, by level.
+        dive_error: Structure in depth of an error that all profiles of a dive share, one pair (east, north) that does not rotate.
     """
 
     basis: Basis
@@ -191,6 +202,7 @@ class ObservationOperator:
     oscillations: Oscillations
     biases: Biases
     representation_std: Array
+    dive_error: Oscillations = NO_OSCILLATIONS
 
     def current(self, east: float, north: float, time_ns: int) -> tuple[Array, Array]:
         """Return the current at a place level by level: without the unknowns, shape (Z, 2), and of each of them, (F + B, Z, 2) [m/s]."""
@@ -198,41 +210,51 @@ class ObservationOperator:
         known = offset.T + self.process.mean_at(time_ns) @ modes.T
         return known, self.process.project(modes, time_ns)
 
-    def profile(self, observation: Observation, used: NDArray[np.intp]) -> LinearObservation:
-        """Return the rows of a profile's usable bins."""
-        grid, depth, time_ns = self.basis.grid, observation.depth[used], observation.time_ns
-        place = (grid.projection, observation.longitude, observation.latitude)
-        east, north = to_local(*place)
-        known, unknown = self.current(float(east), float(north), time_ns)
-        weights = depth_weights(self.basis.depth_functions, depth, grid.levels)
-        velocity = np.column_stack(rotate_to_local(*place, *observation.velocity[used].T))
-        (of_levels,) = self.basis.local_error(
-            np.array([[east, north]], dtype=np.float64), self.representation_std
-        )
-        representation = np.interp(depth, grid.levels, of_levels)
-        noise = bin_noise(
-            depth,
-            observation.error_std[used],
-            representation,
-            observation.common_std,
-            observation.correlation_depth,
-        )
-        relative = relative_velocity(observation, used, grid.projection)
-        of_biases = self.biases.bins(depth, relative)
-        joint: Array = np.hstack([weights, self.oscillations.weights(depth), of_biases.depth])
-        q, r = np.linalg.qr(noise.whiten @ joint)
-        n_levels, n_knots = weights.shape[1], self.oscillations.knots.size
-        design = [
-            np.hstack(
-                [
-                    r[:, :n_levels] @ unknown[:, :, c].T,
-                    r[:, n_levels : n_levels + n_knots] @ self.oscillations.factor(c),
-                    r[:, n_levels + n_knots :] @ of_biases.factor[c],
-                ]
+    def column(self, at: Observation | ProfileGroup, relative: Array | None) -> tuple[Array, Array]:
+        """Return the column of water at a place and time, and what its unknowns are of the state's.
+
+        Args:
+            at: Has the place and the time.
+            relative: shape (2,) [m/s], mean velocity relative to the platform; None where it is not stated.
+
+        Returns:
+            The current of unknowns that are all zero, shape (Z, 2) [m/s], and F, shape (2, q, n), see the module.
+        """
+        east, north = to_local(self.basis.grid.projection, at.longitude, at.latitude)
+        known, unknown = self.current(float(east), float(north), at.time_ns)
+        blocks = (
+            (
+                unknown[:, :, c].T,
+                self.oscillations.factor(c),
+                self.biases.factor(relative)[c],
+                self.dive_error.factor(c),
             )
             for c in range(2)
-        ]
-        return LinearObservation(q, noise, velocity - weights @ known, np.vstack(design))
+        )
+        return known, np.stack([scipy.linalg.block_diag(*of_component) for of_component in blocks])
+
+    def joint(self, depth: Array) -> Array:
+        """Return J, the depth functions of a column's unknowns, shape (n, q)."""
+        return np.hstack(
+            [
+                self.basis.depth_weights(depth),
+                self.oscillations.weights(depth),
+                self.biases.functions(depth),
+                self.dive_error.weights(depth),
+            ]
+        )
+
+    def profile(self, observation: Observation, used: NDArray[np.intp]) -> LinearObservation:
+        """Return the rows of a profile's usable bins."""
+        depth, grid = observation.depth[used], self.basis.grid
+        is_used = np.isin(np.arange(observation.depth.size), used)
+        relative = relative_velocities([observation], is_used[None], grid)
+        known, design = self.column(observation, None if relative is None else relative[0])
+        velocity = local_velocity(observation, used, grid)
+        noise = profile_noise(observation, used, self.basis, self.representation_std)
+        q, r = np.linalg.qr(noise.whiten @ self.joint(depth))
+        values = velocity - self.basis.depth_weights(depth) @ known
+        return LinearObservation(q, noise, values, np.vstack([r @ each for each in design]))
 
     def path(self, mean: PathMean) -> LinearObservation:
         """Return the rows of a mean along a path: the time-weighted sum over its points, each at its own time.
@@ -260,7 +282,41 @@ class ObservationOperator:
         noise = mean_noise(
             mean, self.basis, np.column_stack([east, north]), self.representation_std
         )
-        rows = np.hstack([design.T, oscillating, np.zeros((2, self.biases.size))]) / noise.std[0]
+        # an instrument's biases and the error of an inversion are not in it
+        others = np.zeros((2, self.biases.size + self.dive_error.size))
+        rows = np.hstack([design.T, oscillating, others]) / noise.std[0]
         return LinearObservation(
             np.ones((1, 1)), noise, local_mean(mean, grid.projection) - known, rows
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ColumnOperator:
+    """The profiles of a group, and the unknowns of the column of water that they see.
+
+    Attributes:
+        stack: The profiles.
+        design: shape (2 q, n), from the state to the column's unknowns, component after component.
+        time_ns: For which they count [ns, UTC].
+    """
+
+    stack: ProfileStack
+    design: Array
+    time_ns: int
+
+
+def column_operator(operator: ObservationOperator, screened: ScreenedGroup) -> ColumnOperator:
+    """Return the usable profiles of a group, at their mean place and time.
+
+    Errors of the instrument that are part of the state act through the profiles' mean motion relative to the platform.
+    """
+    basis, middle = operator.basis, screened.usable
+    relative = screened.relative(basis.grid)
+    known, design = operator.column(middle, None if relative is None else relative.mean(axis=0))
+
+    def factors(profile: Observation, used: NDArray[np.intp]) -> tuple[Array, BinNoise]:
+        noise = profile_noise(profile, used, basis, operator.representation_std, middle)
+        return operator.joint(profile.depth[used]), noise
+
+    stack = stack_of(screened, basis, known, factors)
+    return ColumnOperator(stack, design.reshape(-1, design.shape[2]), middle.time_ns)

@@ -51,7 +51,7 @@ SURFACE_DEPTH = 50.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DiveMean:
-    """What a dive says of the current; velocities are towards true east and north [m/s].
+    """A dive's measurement of the mean current; velocities are towards true east and north [m/s].
 
     Attributes:
         time_ns: Of its middle [ns, UTC].
@@ -60,7 +60,7 @@ class DiveMean:
         surface_share: Mean of exp(-depth / ``SURFACE_DEPTH``) along its path.
         velocity: shape (2,), mean current, or mean velocity over ground where the way is not known.
         inverted: shape (2,), mean along the path of absolute profiles that do not depend on the flight model; None without.
-        backgrounds: shape (k, 2), what others say of the current, in the order of the settings.
+        backgrounds: shape (k, 2), background currents, in the order of the settings.
         position_std: How far fixes and way through the water miss together, over the dive's time [m].
     """
 
@@ -112,7 +112,7 @@ class DiveModel:
     Attributes:
         settings: The combinations that are averaged.
         jump: Probability of a change between two dives that is larger than usual.
-        wrong: Probability that a dive's mean current is wrong, and says next to nothing.
+        wrong: Probability that a dive's mean current is an outlier.
     """
 
     settings: Settings

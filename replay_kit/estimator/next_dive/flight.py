@@ -1,11 +1,11 @@
-"""What dives' mean currents say beside the next one: whether the flight model errs, and the current beside the estimate.
+"""Inferred from dives' mean currents: the flight model's error, and the current beside the estimate.
 
 **Flight model.** It may err in proportion to the way through the water. An error is believed only where the dives are e^2 times as likely
 with one as without, whichever single dive is left out: a mean current that is wrong, by a bad fix or a wrong entry, is explained by such an
 error as well as by anything, and would be taken from all others.
 
 **Current beside the estimate.** The estimate's own error is part of what a dive's mean current may differ by, and one combination of
-settings has no current beside the estimate: only what the estimate does not explain, dive after dive, speaks for one.
+settings has no current beside the estimate: only what the estimate fails to explain, dive after dive, is evidence for one.
 """
 
 from dataclasses import dataclass

@@ -37,7 +37,7 @@ class Bins:
     Attributes:
         depth: shape (n,) [m].
         velocity: shape (n, 2) [m/s].
-        backgrounds: shape (k, n, 2) [m/s], what others say of them, in the order of the model.
+        backgrounds: shape (k, n, 2) [m/s], background currents, in the order of the model.
     """
 
     depth: Array

@@ -12,28 +12,25 @@ any variance as much as the others. The first profiles of a log have few indepen
 expected, with a standard deviation of log 2, adds (log(a / expected) / log 2)^2 (maximum a posteriori).
 
 **Ensemble mean.** Its variance is averaged over by its marginal likelihood as a log begins. The weights are w = w0 + a m with m the
-ensemble mean and w0 of the members' prior. What profiles say of a is Gaussian: with their innovations e about w0, of covariance S, and
-their rows H,
+ensemble mean and w0 of the members' prior. The likelihood of a given profiles is Gaussian: with their innovations e about w0, of covariance
+S, and their rows H,
 
     J = (H m)' S^-1 H m,    b = (H m)' S^-1 e,
 
 its likelihood is proportional to exp(b a - J a^2 / 2). Under a prior N(0, k) of a its posterior has the variance v = 1 / (1 / k + J)
 and the mean v b, and k has the marginal likelihood (1 + k J)^-1/2 exp(v b^2 / 2). Whether they agree on a mean that is wrong as a whole,
 members cannot say, so k is averaged over a few values, of which half of the weight is on none: where the mean is right an estimate
-hardly loses, and where it is wrong the first profiles say so. A Gaussian N(shift, variance) of a that has the same posterior mean and
+hardly loses, and where it is wrong the first profiles show it. A Gaussian N(shift, variance) of a that has the same posterior mean and
 variance stands for that mixture, so an estimate remains one Gaussian.
 """
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.covariance import symmetric
-from replay_kit.core.flow.hybrid import HybridCovariance
-from replay_kit.core.flow.reduction import Reduction
+from replay_kit.core.flow.covariance import HybridCovariance, Reduction, symmetric
 from replay_kit.estimator.prior.hybrid import HybridPrior, Prior, PriorSettings
 
 # The variances that are averaged over, and their weights before the log.
@@ -112,10 +109,9 @@ def mixture(precision: float, total: float) -> tuple[float, float]:
     return mean, float(weights @ (variances + (means - mean) ** 2))
 
 
-# Not slotted: the parts are put together when they are first asked for.
-@dataclass(frozen=True, eq=False)
-class AmplitudePrior:
-    """A hybrid prior with another Gaussian of the ensemble mean's amplitude.
+@dataclass(frozen=True, slots=True, eq=False)
+class AmplitudePrior(HybridPrior):
+    """A hybrid prior with another Gaussian of the ensemble mean's amplitude; its parts follow from what it is made of.
 
     Attributes:
         base: The prior; the last row of its factor is along the mean.
@@ -123,54 +119,31 @@ class AmplitudePrior:
         amplitude: The Gaussian.
     """
 
+    mean: Array = field(init=False)
+    factor: Array = field(init=False)
+    vertical: Array = field(init=False)
+    horizontal: Array = field(init=False)
+    settings: PriorSettings | None = field(init=False)
     base: HybridPrior
     mean_weights: Array
     amplitude: MeanAmplitude
 
-    @cached_property
-    def whole(self) -> HybridPrior:
-        """The same as one hybrid prior."""
-        row = np.sqrt(self.amplitude.variance) * self.mean_weights[None]
-        mean = self.base.mean + self.amplitude.shift * self.mean_weights.ravel()
-        return replace(self.base, mean=mean, factor=np.concatenate([self.base.factor[:-1], row]))
+    def __post_init__(self) -> None:
+        """Put the parts together."""
+        base, row = self.base, np.sqrt(self.amplitude.variance) * self.mean_weights[None]
+        parts = {
+            "mean": base.mean + self.amplitude.shift * self.mean_weights.ravel(),
+            "factor": np.concatenate([base.factor[:-1], row]),
+            "vertical": base.vertical,
+            "horizontal": base.horizontal,
+            "settings": base.settings,
+        }
+        for name, part in parts.items():
+            object.__setattr__(self, name, part)
 
     def __reduce__(self) -> tuple[type["AmplitudePrior"], tuple[object, ...]]:
         """Pickle the parts alone: the base is in no checkpoint."""
         return type(self), (self.base, self.mean_weights, self.amplitude)
-
-    @property
-    def settings(self) -> PriorSettings | None:
-        """The settings of the base."""
-        return self.base.settings
-
-    @property
-    def mean(self) -> Array:
-        """Mean, shape (Z r,)."""
-        return self.whole.mean
-
-    def matvec(self, weights: Array) -> Array:
-        """Return the covariance times each weight vector, shape (m, Z, r), in the same shape."""
-        return self.whole.matvec(weights)
-
-    def matvec_modes(self, basis: Array, levels: tuple[int, ...] | None = None) -> Array:
-        """Return the covariance of some levels' weights with ``basis``, shape (c, r), at each level: shape (Z, c, L, r)."""
-        return self.whole.matvec_modes(basis, levels)
-
-    def mode_std(self) -> Array:
-        """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
-        return self.whole.mode_std()
-
-    def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
-        """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
-        return self.whole.covariance(levels)
-
-    def of_sum(self, levels: tuple[int, ...]) -> Array:
-        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
-        return self.whole.of_sum(levels)
-
-    def reduction(self, directions: Array, matrix: Array) -> Reduction:
-        """Return what rows in ``directions``, shape (s, r), with ``matrix``, shape (Z s, Z s), take from sums of levels."""
-        return self.whole.reduction(directions, matrix)
 
 
 #: Least and largest amplitude that a fit gives.
@@ -268,8 +241,6 @@ def hybrid_parts(prior: Prior) -> HybridCovariance | None:
             parts.vertical,
             prior.amplitude * parts.horizontal,
         )
-    if isinstance(prior, AmplitudePrior):
-        return hybrid_parts(prior.whole)
     if not isinstance(prior, HybridPrior):
         return None
     n_modes = prior.factor.shape[2]

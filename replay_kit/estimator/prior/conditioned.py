@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.reduction import Reduction, reduction_by_products
+from replay_kit.core.flow.covariance import Reduction, reduction_by_products
 from replay_kit.estimator.prior.hybrid import Prior, PriorSettings
 
 

@@ -6,8 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.hybrid import HybridProducts, indices_of
-from replay_kit.core.flow.reduction import Reduction
+from replay_kit.core.flow.covariance import HybridProducts, Reduction, indices_of
 from replay_kit.estimator.basis.shifts import projector, shift_operators, shifted_in_modes
 from replay_kit.estimator.prior.localised import localised_part
 
@@ -51,7 +50,7 @@ class Prior(Protocol):
         ...
 
     def reduction(self, directions: Array, matrix: Array) -> Reduction:
-        """Return what rows take from the covariance of sums of levels; see ``reduction.py``.
+        """Return what rows take from the covariance of sums of levels; see ``core/flow/covariance.py``.
 
         Args:
             directions: shape (s, r), of the rows.

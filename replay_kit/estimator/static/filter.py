@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import constant
-from replay_kit.core.geodesy import rotate_to_local, to_local
-from replay_kit.core.grid import Ensemble
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason
 from replay_kit.estimator.basis.modes import Basis, build_basis, mean_variance
 from replay_kit.estimator.basis.slices import cell_size, correlation_length
-from replay_kit.estimator.interface import Estimator
+from replay_kit.estimator.interface import Stepped
 from replay_kit.estimator.prior.amplitude import (
     AmplitudePrior,
     MeanAmplitude,
@@ -34,14 +33,15 @@ from replay_kit.estimator.prior.hybrid import (
     hybrid_prior,
     with_mean_amplitude,
 )
-from replay_kit.estimator.static.group import fitting_step, group_innovation, group_steps
+from replay_kit.estimator.static.group import column_rows, fitting_step, group_column, profiles_of
 from replay_kit.estimator.static.state import FilterState, SpreadFit, with_mean_averaged
-from replay_kit.estimator.update.biases import NAMES, significant_bias_notes, unit_bias_rows
-from replay_kit.estimator.update.evaluation import PredictedObservation, evaluate_observation
-from replay_kit.estimator.update.group_step import Stepped
+from replay_kit.estimator.update.biases import NAMES, significant_bias_notes
+from replay_kit.estimator.update.evaluation import PredictedObservation
+from replay_kit.estimator.update.group_step import GroupColumn, GroupedEstimator, ScreenedGroup
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup, current_gradient
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
 from replay_kit.estimator.update.posterior import Posterior, PriorCrossCovariance, means
+from replay_kit.estimator.update.profile_stack import ProfileStack
 from replay_kit.estimator.update.representation import (
     PosteriorCovariance,
     inflated,
@@ -55,13 +55,19 @@ from replay_kit.estimator.update.rows import (
     bin_noise,
     compress_profile,
     path_rows,
+    profile_noise,
     profiles_before_path,
 )
-from replay_kit.estimator.update.screening import Screened, is_duplicate, screen_measurement
+from replay_kit.estimator.update.screening import (
+    Screened,
+    is_duplicate,
+    local_velocity,
+    screen_measurement,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ReducedBasisEstimator(Estimator[FilterState]):
+class ReducedBasisEstimator(GroupedEstimator[FilterState]):
     """The paper's 2.5D estimator, in both presets.
 
     Attributes:
@@ -91,6 +97,16 @@ class ReducedBasisEstimator(Estimator[FilterState]):
     block_size = 16
 
     @property
+    def grid(self) -> Grid:
+        """The grid of the forecast."""
+        return self.basis.grid
+
+    @property
+    def adapts_errors(self) -> bool:
+        """Whether errors grow where residuals are correlated along a profile: not those of the paper."""
+        return self.error_std is None
+
+    @property
     def state_size(self) -> int:
         """Number of weights in all."""
         return int(self.prior.mean.size)
@@ -113,9 +129,7 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         """Return the prior of an amplitude as a state."""
         no_bias = np.zeros((len(NAMES), *self.prior_weights.shape))
         prior = self.prior if spread is None else ScaledPrior(self.prior, spread.amplitude)
-        return FilterState(
-            initial(prior, no_bias), None, spread=spread, mean_amplitude=self.mean_amplitude
-        )
+        return FilterState(initial(prior, no_bias), spread, self.mean_amplitude)
 
     def prior_with(self, amplitude: MeanAmplitude) -> Prior:
         """Return the prior with a Gaussian of the ensemble mean's amplitude."""
@@ -139,25 +153,25 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         at once: several times faster, and equal to rounding. While the prior's amplitude is fitted, it is ``step``.
         """
         source = iter(observations)
-        while state.spread is not None and state.spread.past is not None:
+        while state.is_fitting:
             measurement = next(source, None)
             if measurement is None:
                 return
             _, _, state, innovation = fitting_step(self, state, measurement)[0]
             yield state, innovation
-        yield from self.assimilated(state, source)
+        yield from self.alone(state, source)
 
-    def group_steps(
-        self, state: FilterState, items: Iterable[Measurement | ProfileGroup]
-    ) -> Iterator[Stepped[FilterState]]:
-        """Yield what became of measurements and groups of profiles."""
-        return group_steps(self, state, items)
+    def step_group(self, state: FilterState, group: ProfileGroup) -> list[Stepped[FilterState]]:
+        """Return the outcome of the profiles of a group."""
+        if state.is_fitting:
+            return fitting_step(self, state, group)
+        return GroupedEstimator.step_group(self, state, group)
 
-    def assimilated(
-        self, state: FilterState, source: Iterable[Measurement]
+    def alone(
+        self, state: FilterState, measurements: Iterable[Measurement]
     ) -> Iterator[tuple[FilterState, Innovation]]:
         """Yield the state after each observation, and its innovation, with the prior's amplitude as it is."""
-        source = iter(source)
+        source = iter(measurements)
         while block := [
             self.linearised(observation) for observation in islice(source, self._block(state))
         ]:
@@ -212,35 +226,21 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         predicted: PredictedObservation[Posterior],
     ) -> tuple[FilterState, Innovation]:
         """Return the state after an observation with a prediction, and the innovation."""
-        update = evaluate_observation(
-            rows, predicted, self.gating, self.error_std is None, state.monitor.is_consistent
+        update, bias_rows = self.evaluated(state, screened, rows, predicted)
+        monitor, inflation = state.monitor.updated(update.gate, self.gating)
+        after = replace(
+            state,
+            monitor=monitor,
+            last=screened.observation,
+            bias_score=update.bias_score(state.bias_score, screened, bias_rows),
         )
-        bias_rows = unit_bias_rows(
-            screened, self.basis.grid.projection, rows, rows.residual(predicted.mean)
-        )
-        posterior, time_ns = state.posterior, state.time_ns
         if update.accepted:
             innovations = predicted.augmented_innovation(update.innovation, bias_rows)
             posterior = select_representation(predicted.posterior(innovations, update.error_scale))
-            time_ns = screened.observation.time_ns
-        monitor, inflation = state.monitor.updated(update.gate, self.gating)
-        if inflation > 1.0:
-            posterior = inflated(posterior, inflation)
+            after = replace(after, posterior=posterior, time_ns=screened.observation.time_ns)
         # the posterior's own prior may be an earlier posterior
         prior = rows.matvec(self.prior_weights)
-        score = update.bias_score(state.bias_score, screened.observation, bias_rows)
-        after = FilterState(
-            posterior,
-            time_ns,
-            monitor,
-            screened.observation,
-            score,
-            state.spread,
-            state.mean_amplitude,
-        )
-        return with_mean_averaged(after, self.basis.mean_weights), update.to_innovation(
-            screened, prior, inflation
-        )
+        return self.inflated(after, inflation), update.to_innovation(screened, prior, inflation)
 
     def linearised(
         self, observation: Measurement
@@ -253,10 +253,6 @@ class ReducedBasisEstimator(Estimator[FilterState]):
             return screened, path_rows(observation, self.basis, self.representation_std)
         return screened, self.rows(observation, screened.used)
 
-    def usable(self, observation: Measurement) -> bool:
-        """Return whether an observation has a bin that ``step`` would use."""
-        return screen_measurement(observation, self.basis.grid).used.size > 0
-
     def innovation(self, state: FilterState, observation: Measurement) -> Array:
         """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
         screened, rows = self.linearised(observation)
@@ -266,9 +262,28 @@ class ReducedBasisEstimator(Estimator[FilterState]):
             else rows.residual(rows.matvec(self.by_level(state.mean)))
         )
 
-    def group_innovation(self, state: FilterState, group: ProfileGroup) -> Array:
-        """Return the same of all bins of all profiles of a group, shape (n m, 2) [m/s]; 0 for bins that are not usable."""
-        return group_innovation(self, state, group)
+    def group_column(self, state: FilterState, screened: ScreenedGroup) -> GroupColumn[FilterState]:
+        """Return the estimate of the column that the usable profiles see: of the current at the levels."""
+        return group_column(self, state, screened)
+
+    def group_mean(self, state: FilterState, screened: ScreenedGroup) -> tuple[ProfileStack, Array]:
+        """Return the usable profiles, and the mean of their column, shape (2 Z,)."""
+        modes, stack = profiles_of(self, screened)
+        levels = column_rows(modes, np.eye(self.grid.levels.size))
+        return stack, levels.matvec(self.by_level(state.mean))
+
+    def with_posterior(
+        self, at: GroupColumn[FilterState], posterior: Posterior, jacobian: float
+    ) -> FilterState:
+        """Return the state after a group."""
+        time_ns = at.stack.observations[-1].time_ns
+        return replace(at.state, posterior=select_representation(posterior), time_ns=time_ns)
+
+    def inflated(self, state: FilterState, factor: float) -> FilterState:
+        """Return a state whose covariance is multiplied by a factor, and the variance of the mean's amplitude averaged over."""
+        if factor > 1.0:
+            state = replace(state, posterior=inflated(state.posterior, factor))
+        return with_mean_averaged(state, self.basis.mean_weights)
 
     def weights(self, states: Sequence[FilterState]) -> Sequence[Array | None]:
         """Return the means of states, each of shape (Z r,): those of neighbours in one run cost little more than one of them."""
@@ -296,33 +311,20 @@ class ReducedBasisEstimator(Estimator[FilterState]):
 
     def rows(self, observation: Observation, used: NDArray[np.intp]) -> ProfileRows:
         """Return the compressed rows of a profile's usable bins."""
-        grid, depth = self.basis.grid, observation.depth[used]
-        east, north = to_local(grid.projection, observation.longitude, observation.latitude)
-        offset, modes = self.basis.at_place(np.array([east, north], dtype=np.float64))
-        weights = depth_weights(self.basis.depth_functions, depth, grid.levels)
-        noise = self.noise(observation, used)
-        u, v = rotate_to_local(
-            grid.projection,
-            observation.longitude,
-            observation.latitude,
-            *observation.velocity[used].T,
-        )
-        values = np.column_stack([u, v]) - weights @ offset.T
+        place = to_local(self.grid.projection, observation.longitude, observation.latitude)
+        offset, modes = self.basis.at_place(np.array(place, dtype=np.float64))
+        weights = self.basis.depth_weights(observation.depth[used])
+        velocity = local_velocity(observation, used, self.grid)
+        noise, values = self.noise(observation, used), velocity - weights @ offset.T
         return compress_profile(weights, modes, noise, values)
 
     def noise(self, observation: Observation, used: NDArray[np.intp]) -> BinNoise:
         """Return the noise of a profile's usable bins."""
-        levels, depth = self.basis.grid.levels, observation.depth[used]
-        common, correlation = observation.common_std, observation.correlation_depth
-        place = to_local(self.basis.grid.projection, observation.longitude, observation.latitude)
-        (of_levels,) = self.basis.local_error(
-            np.array([place], dtype=np.float64), self.representation_std
-        )
-        own, extra = observation.error_std[used], np.interp(depth, levels, of_levels)
-        if self.error_std is not None:
-            own, extra = np.full(used.size, self.error_std), np.zeros(used.size)
-            common, correlation = 0.0 if np.isfinite(common) else np.inf, 0.0
-        return bin_noise(depth, own, extra, common, correlation)
+        if self.error_std is None:
+            return profile_noise(observation, used, self.basis, self.representation_std)
+        common = 0.0 if np.isfinite(observation.common_std) else np.inf
+        own = np.full(used.size, self.error_std)
+        return bin_noise(observation.depth[used], own, np.zeros(used.size), common, 0.0)
 
     @property
     def basis_size(self) -> tuple[int | None, int | None]:

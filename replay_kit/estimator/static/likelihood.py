@@ -96,7 +96,7 @@ def _known_rows(
     profiles: Sequence[Observation],
     bins: Sequence[NDArray[np.intp]],
 ) -> list[ProfileRows]:
-    """Return the rows of the profiles that say anything: one bin relative to a platform of unknown velocity does not."""
+    """Return the rows of the profiles with information: one bin relative to a platform of unknown velocity has none."""
     rows = (
         estimator.rows(profile, used)
         for profile, used in zip(profiles, bins, strict=True)

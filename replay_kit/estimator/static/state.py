@@ -22,10 +22,13 @@ from scipy.linalg import solve_triangular
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Measurement
-from replay_kit.estimator.prior.amplitude import AmplitudePrior, MeanAmplitude, fit_amplitude
+from replay_kit.estimator.prior.amplitude import (
+    AmplitudePrior,
+    MeanAmplitude,
+    fit_amplitude,
+)
 from replay_kit.estimator.prior.hybrid import HybridPrior, Prior
-from replay_kit.estimator.update.biases import BiasScore
-from replay_kit.estimator.update.gate import ConsistencyMonitor
+from replay_kit.estimator.update.evaluation import Assimilation
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.posterior import Posterior
@@ -106,12 +109,7 @@ class SpreadFit:
         )
         if innovation.size > _MOST_INNOVATIONS:
             return self._ended()
-        design = np.concatenate(
-            [
-                each.design() if isinstance(each, ProfileRows) else each.design.reshape(2, -1)
-                for each in rows
-            ]
-        )
+        design = np.concatenate([each.design() for each in rows])
         covariance = design @ prior.matvec(design.reshape(-1, *mean.shape)).reshape(design.shape).T
         amplitude = fit_amplitude(innovation, 0.5 * (covariance + covariance.T), self.expected)
         done = replace(self, amplitude=amplitude, fitted_to=len(self.apart))
@@ -130,30 +128,24 @@ class SpreadFit:
         return f"variance of the prior multiplied by {self.amplitude:.2f}, fitted to {rests_on}"
 
 
-_NEW_MONITOR, _NO_SCORE = ConsistencyMonitor(), BiasScore()
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class FilterState:
+class FilterState(Assimilation):
     """The estimate of the weights at one time.
 
     Attributes:
         posterior: Of the weights, in the representation that is cheaper at the time.
-        time_ns: Of the last observation used [ns, UTC]; None before the first.
-        monitor: Of the latest gate results.
-        last: The last measurement with a usable bin; an equal one that follows is a duplicate.
-        bias_score: Of systematic errors of the instrument.
         spread: Amplitude of the prior's covariance; None as it is given.
         mean_amplitude: Gaussian of the ensemble mean's amplitude, while it is averaged and after; None where its variance is given.
     """
 
     posterior: Posterior
-    time_ns: int | None
-    monitor: ConsistencyMonitor = _NEW_MONITOR
-    last: Measurement | None = None
-    bias_score: BiasScore = _NO_SCORE
     spread: SpreadFit | None = None
     mean_amplitude: MeanAmplitude | None = None
+
+    @property
+    def is_fitting(self) -> bool:
+        """Whether the amplitude of the prior's covariance is still fitted to the log."""
+        return self.spread is not None and self.spread.past is not None
 
     @property
     def mean(self) -> Array:

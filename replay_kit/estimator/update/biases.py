@@ -22,15 +22,13 @@ A scale error is special, because b is made of the measurement: with z = (1 + s)
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.gaussian import normalised_square
-from replay_kit.core.geodesy import rotate_to_local
-from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Measurement, Observation, PathMean
+from replay_kit.core.grid import Grid
+from replay_kit.core.observation import Observation
+from replay_kit.estimator.update.gate import Gates
 from replay_kit.estimator.update.rows import Bins
-from replay_kit.estimator.update.screening import Screened
+from replay_kit.estimator.update.screening import Screened, relative_velocities
 
 NAMES = ("heading", "scale", "shear")
 # Estimates below this number of standard deviations are chance, as three are made for each log.
@@ -39,19 +37,6 @@ _SIGNIFICANT = 3.5
 _HARMLESS = (np.deg2rad(2.0), 0.01, 2e-5)
 # Largest number of parts of a log (a long one has at least half of it), and the least number whose scatter is meaningful.
 _PARTS, _LEAST_PARTS = 32, 8
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BiasBins:
-    """The effect of one unit of each bias on a profile.
-
-    Attributes:
-        depth: shape (n, 2), functions of depth that both components share: one, and the distance from the first bin; none without biases.
-        factor: For each component, shape (2, biases).
-    """
-
-    depth: Array
-    factor: tuple[Array, Array]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,52 +61,29 @@ class Biases:
         """Number of biases."""
         return len(self.names)
 
-    def bins(
-        self, depth: Array, relative: Array | None, innovation: Array | None = None
-    ) -> BiasBins:
-        """Return the effect of one prior standard deviation of each bias on a profile.
+    def functions(self, depth: Array) -> Array:
+        """Return the functions of depth that both components share, shape (n, 2): one, and the distance from the first bin; or none."""
+        functions = np.column_stack([np.ones(depth.size), np.abs(depth - depth[0])])
+        return functions if self.names else functions[:, :0]
+
+    def factor(self, relative: Array | None) -> Array:
+        """Return the effect of one prior standard deviation of each bias on these, shape (2, 2, b): component by component.
 
         Args:
-            depth: shape (n,) [m].
-            relative: shape (n, 2) [m/s], velocity relative to the platform, local axes; None when the log does not state it.
-            innovation: shape (n, 2) [m/s], measured minus predicted; the motion through water is then that through the predicted
-                current. In the measurement the water's own shear changes the apparent motion and looks like a shear error.
+            relative: shape (2,) [m/s], mean velocity relative to the platform, local axes; None when the log does not state it.
         """
-        if not self.names:
-            return BiasBins(np.empty((depth.size, 0)), (np.empty((0, 0)), np.empty((0, 0))))
-        functions = np.column_stack([np.ones(depth.size), np.abs(depth - depth[0])])
-        east, north = (0.0, 0.0) if relative is None else relative.mean(axis=0)
-        motion = np.array([east, north]) - (0.0 if innovation is None else innovation.mean(axis=0))
+        east, north = motion = np.zeros(2) if relative is None else relative
         speed = float(np.hypot(*motion))
-        factors = []
-        for component, (along, across) in enumerate(((east, north), (north, -east))):
-            columns = {
-                "heading": (across, 0.0),
-                "scale": (along, 0.0),
-                # the water moves backwards relative to the platform
-                "shear": (0.0, -float(motion[component]) / speed if speed > 0.0 else 0.0),
-            }
-            factors.append(np.column_stack([columns[name] for name in self.names]) * self.std)
-        return BiasBins(functions, (factors[0], factors[1]))
-
-    def columns(self, depth: Array, relative: Array, innovation: Array | None = None) -> Array:
-        """Return the effect of one prior standard deviation of each bias on the bins, shape (biases, n, 2) [m/s]; see ``bins``."""
-        bins = self.bins(depth, relative, innovation)
-        return np.stack([bins.depth @ factor for factor in bins.factor], axis=-1).transpose(1, 0, 2)
-
-
-def relative_velocity(
-    observation: Observation, used: NDArray[np.intp], projection: Projection
-) -> Array | None:
-    """Return the bins' velocity relative to the platform, shape (n, 2) [m/s], local axes; None when the log does not state it."""
-    velocity = observation.velocity[used]
-    if observation.platform_velocity is not None:
-        velocity = velocity - np.array(observation.platform_velocity)
-    elif np.isfinite(observation.common_std):
-        return None
-    return np.column_stack(
-        rotate_to_local(projection, observation.longitude, observation.latitude, *velocity.T)
-    )
+        # the water moves backwards relative to the platform
+        along = -motion / speed if speed > 0.0 else np.zeros(2)
+        columns = {
+            "heading": [[north, 0.0], [-east, 0.0]],
+            "scale": [[east, 0.0], [north, 0.0]],
+            "shear": [[0.0, along[0]], [0.0, along[1]]],
+        }
+        if not self.names:
+            return np.empty((2, 0, 0))
+        return np.stack([columns[name] for name in self.names], axis=-1) * self.std
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -210,56 +172,71 @@ class BiasScore:
         }
 
 
-_UNITS = Biases(NAMES, np.ones(len(NAMES)))
-
-
-def unit_bias_rows(
-    screened: Screened, projection: Projection, bins: Bins, innovation: Array
-) -> Array | None:
+def unit_bias_rows(screened: Screened, grid: Grid, bins: Bins, innovation: Array) -> Array | None:
     """Return the effect of an error of one unit on an observation's rows, shape (m, 3); None where the log lacks the platform's motion.
 
     Args:
         screened: The observation; a mean along a path has no information on the instrument.
-        projection: Of the local axes.
+        grid: Has the local axes.
         bins: Rows of its usable bins.
         innovation: shape (n, 2) [m/s], of the usable bins, measured minus predicted.
     """
-    observation, used = screened.observation, screened.used
-    relative = (
-        None
-        if isinstance(observation, PathMean)
-        else relative_velocity(observation, used, projection)
-    )
+    relative = relative_velocities([screened.profile], screened.is_used[None], grid)
     if relative is None:
         return None
-    columns = _UNITS.columns(screened.unused.depth[used], relative, innovation)
-    return np.stack([bins.compress(column)[0] for column in columns], axis=1)
+    depth = screened.profile.depth[screened.used]
+    growing = bins.q.T @ (bins.noise.whiten @ np.abs(depth - depth[0]))
+    rows = bias_rows(bins.ones()[None], growing[None], relative, innovation.mean(axis=0)[None])
+    return rows.reshape(-1, len(NAMES))
 
 
-def scale_jacobian(observation: Measurement, bins: Bins, innovation: Array, cov: Array) -> float:
-    """Return the derivative of the log-density's Jacobian with respect to a scale error, at zero: to be subtracted from its score.
+def bias_rows(ones: Array, growing: Array, relative: Array, innovation: Array) -> Array:
+    """Return the effect of an error of one unit on the rows of profiles, shape (n, 2, q, 3).
+
+    Args:
+        ones: shape (n, q), the rows of a velocity of one in all bins.
+        growing: shape (n, q), the rows of each bin's distance from the first one.
+        relative: shape (n, 2) [m/s], mean velocity relative to the platform.
+        innovation: shape (n, 2) [m/s], mean of measured minus predicted; the motion through water is then that through the predicted
+            current. In the measurement the water's own shear changes the apparent motion and looks like a shear error.
+    """
+    motion = relative - innovation
+    speed = np.hypot(*motion.T)[:, None]
+    # the water moves backwards relative to the platform
+    along = -np.divide(motion, speed, out=np.zeros_like(motion), where=speed > 0.0)
+    across = np.stack([relative[:, 1], -relative[:, 0]], axis=1)
+    parts = ((across, ones), (relative, ones), (along, growing))
+    return np.stack([factor[..., None] * rows[:, None] for factor, rows in parts], axis=-1)
+
+
+def scale_error_std(profile: Observation) -> float | None:
+    """Return the error of the platform's velocity [m/s] in a profile that a scale error changes; None for one that it does not."""
+    stated = profile.platform_velocity is not None and np.isfinite(profile.common_std)
+    return profile.common_std if stated else None
+
+
+def scale_jacobian(gates: Gates, inflation: Array, ones: Array, common_std: Array | None) -> Array:
+    """Return the derivative of the log-densities' Jacobian with respect to a scale error, at zero: to be subtracted from its score; (n,).
 
     With sound error statements the regressor contains, on average, one unit of the innovation for each component, less the share of the
     platform velocity's error, which is in the innovation alone. The result is scaled by the innovation's own normalised square, because
     errors are often overstated.
 
     Args:
-        observation: The profile.
-        bins: Rows of its usable bins.
-        innovation: shape (m,), of the rows.
-        cov: shape (m, m), covariance of the rows' innovation.
+        gates: Of the profiles.
+        inflation: shape (n,), factor on the error variance.
+        ones: shape (n, q), the rows of a velocity of one in all bins.
+        common_std: shape (n,), see ``scale_error_std``; None where there is none.
     """
-    if (
-        isinstance(observation, PathMean)
-        or observation.platform_velocity is None
-        or not np.isfinite(observation.common_std)
-    ):
-        return 0.0
-    rows = np.column_stack(
-        [bins.compress(np.broadcast_to(component, bins.values.shape))[0] for component in np.eye(2)]
-    )
-    shared = observation.common_std**2 * np.sum(rows * np.linalg.solve(cov, rows))
-    return float((2.0 - shared) * normalised_square(innovation, cov)[0] / innovation.size)
+    if common_std is None:
+        return np.zeros(len(gates.along))
+    q, over = ones.shape[1], 1.0 / (gates.variance + inflation[:, None])
+    turned = [
+        np.matmul(gates.vectors.swapaxes(1, 2)[:, :, c * q : (c + 1) * q], ones[..., None])[..., 0]
+        for c in range(2)
+    ]
+    shared = common_std**2 * sum(np.sum(part**2 * over, axis=1) for part in turned)
+    return np.asarray((2.0 - shared) * np.sum(gates.along**2 * over, axis=1) / gates.dof)
 
 
 def in_words(name: str, estimate: float, std: float) -> str:

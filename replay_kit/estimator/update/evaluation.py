@@ -10,12 +10,13 @@ import scipy.linalg
 from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.gaussian import normalised_square
-from replay_kit.core.observation import Innovation, Measurement, PathMean
-from replay_kit.estimator.update.biases import BiasScore, scale_jacobian
-from replay_kit.estimator.update.gate import GateResult, gate_innovation
+from replay_kit.core.observation import Innovation, Measurement
+from replay_kit.estimator.update.biases import BiasScore, scale_error_std, scale_jacobian
+from replay_kit.estimator.update.gate import ConsistencyMonitor, GateResult, Gates, gate_innovations
 from replay_kit.estimator.update.rows import Bins, dependence_inflation
 from replay_kit.estimator.update.screening import Screened
 
+_NEW_MONITOR, _NO_SCORE = ConsistencyMonitor(), BiasScore()
 After = TypeVar("After")
 
 
@@ -104,6 +105,23 @@ def predict_observation(means: Array, cov: Array, design: Array) -> StatePredict
     )
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Assimilation:
+    """What every state holds of the measurements so far, beside the estimate.
+
+    Attributes:
+        time_ns: Of the last observation used [ns, UTC]; None before the first.
+        monitor: Of the latest gate results.
+        last: The last measurement with a usable bin; an equal one that follows is a duplicate.
+        bias_score: Of systematic errors of the instrument.
+    """
+
+    time_ns: int | None = None
+    monitor: ConsistencyMonitor = _NEW_MONITOR
+    last: Measurement | None = None
+    bias_score: BiasScore = _NO_SCORE
+
+
 @dataclass(frozen=True, eq=False)
 class ObservationUpdate(Generic[After]):
     """The result of evaluating an observation.
@@ -112,7 +130,7 @@ class ObservationUpdate(Generic[After]):
         bins: The observation's rows.
         predicted: Their prediction.
         innovation: shape (m,), rows minus their predicted mean.
-        gate: The gate's decision.
+        gates: The gate's decision on it alone.
         inflation: Factor on the error variance in the update.
         posterior_mean: shape (m,), the rows' mean after the update; the predicted mean when the observation was rejected.
     """
@@ -120,14 +138,19 @@ class ObservationUpdate(Generic[After]):
     bins: Bins
     predicted: PredictedObservation[After]
     innovation: Array
-    gate: GateResult
+    gates: Gates
     inflation: float
     posterior_mean: Array
 
     @property
+    def gate(self) -> GateResult:
+        """The gate's decision."""
+        return self.gates.result(0)
+
+    @property
     def accepted(self) -> bool:
         """Whether the observation is assimilated."""
-        return self.gate.decision != "rejected"
+        return bool(self.gates.accepted[0])
 
     @property
     def error_scale(self) -> float:
@@ -150,24 +173,30 @@ class ObservationUpdate(Generic[After]):
         nis = square + self.bins.compress(self.bins.values)[1]
         return nis, -0.5 * nis - half_log_det - 2.0 * self.bins.noise.half_log_det
 
+    def scale_jacobian(self, screened: Screened) -> float:
+        """Return what a scale error's score lacks of the observation; see ``biases.scale_jacobian``."""
+        std = scale_error_std(screened.profile)
+        common = None if std is None else np.array([std])
+        ones, inflation = self.bins.ones()[None], np.array([self.inflation])
+        return float(scale_jacobian(self.gates, inflation, ones, common)[0])
+
     def bias_score(
-        self, before: BiasScore, observation: Measurement, bias_rows: Array | None
+        self, before: BiasScore, screened: Screened, bias_rows: Array | None
     ) -> BiasScore:
         """Return the score of the instrument errors after the observation; a rejected one does not count.
 
         Args:
             before: Score of the observations before.
-            observation: The observation.
+            screened: The observation.
             bias_rows: shape (m, 3), effect of errors of one unit on its rows; None where the log does not state it.
         """
         if not self.accepted or bias_rows is None:
             return before
-        jacobian = scale_jacobian(observation, self.bins, self.innovation, self.innovation_cov)
         return before.updated(
             bias_rows - self.predicted.bias_sensitivity,
             self.innovation,
             self.innovation_cov,
-            jacobian,
+            self.scale_jacobian(screened),
         )
 
     def to_innovation(self, screened: Screened, prior: Array, prior_inflation: float) -> Innovation:
@@ -197,9 +226,7 @@ class ObservationUpdate(Generic[After]):
             signal_dof=self.gate.signal_dof(self.inflation) if self.accepted else 0.0,
             prior_inflation=prior_inflation,
             log_likelihood=log_likelihood,
-            estimated_std=self._posterior_std()
-            if isinstance(screened.observation, PathMean)
-            else np.nan,
+            estimated_std=self._posterior_std() if screened.unused.mean_kind else np.nan,
         )
 
     def _posterior_std(self) -> float:
@@ -228,16 +255,23 @@ def evaluate_observation(
     """
     compressed, residual = bins.compress(bins.values)
     innovation = compressed - predicted.mean
-    gate = gate_innovation(
-        innovation, predicted.cov, (residual, bins.dof - innovation.size), gating, is_consistent
+    rows = innovation.size
+    gates = gate_innovations(
+        innovation[None],
+        predicted.cov[None],
+        np.array([rows]),
+        (np.array([residual]), np.array([bins.dof - rows])),
+        gating,
+        is_consistent,
     )
-    if gate.decision == "rejected":
-        return ObservationUpdate(bins, predicted, innovation, gate, 1.0, predicted.mean)
-    inflation = gate.inflation
+    if not gates.accepted[0]:
+        return ObservationUpdate(bins, predicted, innovation, gates, 1.0, predicted.mean)
+    inflation = float(gates.inflation[0])
     posterior_mean = predicted.posterior_mean(innovation, np.sqrt(inflation))
     if correlated and len(bins.values) > 1:
-        further = dependence_inflation(bins.whitened_residual(posterior_mean) / np.sqrt(inflation))
+        left = bins.whitened_residual(posterior_mean) / np.sqrt(inflation)
+        further = float(dependence_inflation(left[None], np.array([left.size]))[0])
         if further > 1.0:
             inflation *= further
             posterior_mean = predicted.posterior_mean(innovation, np.sqrt(inflation))
-    return ObservationUpdate(bins, predicted, innovation, gate, inflation, posterior_mean)
+    return ObservationUpdate(bins, predicted, innovation, gates, inflation, posterior_mean)

@@ -11,22 +11,29 @@ normalised innovations, by two at once and four in all, and the run reports it: 
 wrong ensemble, and a covariance without bounds would follow it.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Decision
 
-#: Share of the noise variance above which a direction's prior variance is significant.
-SIGNIFICANT_SHARE = 0.01
-#: Prior standard deviations by which a softened profile may move the estimate, about.
-SOFTENING = 2.0
-#: A softening that inflates the error variance by less than this factor is none.
-LEAST_SOFTENING = 1.1
+#: What the gate decides, of a measurement that can be used.
+DECISIONS: tuple[Decision, ...] = ("accepted", "softened", "rejected")
+#: Positions among them.
+SOFTENED, REJECTED = 1, 2
+# Share of the noise variance above which a direction's prior variance is significant.
+_SIGNIFICANT_SHARE = 0.01
+# Prior standard deviations by which a softened profile may move the estimate, about.
+_SOFTENING = 2.0
+# A softening that inflates the error variance by less than this factor is none.
+_LEAST_SOFTENING = 1.1
 # Upper end of the 95 % band: one profile in forty lies beyond it.
 _TAIL = 0.025
 # Largest covariance inflation: at one time, and the product of all.
@@ -46,7 +53,7 @@ class GateResult:
         threshold: Chi-square threshold of the statistic; inf without a gate.
         exceeds_gate: Whether the profile exceeds the gate, in the sum or in one direction.
         inflation: Factor, at least 1, on the profile's error variance.
-        variance: shape (dof,), eigenvalues of the rows' predicted covariance.
+        variance: shape (m,), eigenvalues of the rows' predicted covariance.
     """
 
     decision: Decision
@@ -66,48 +73,120 @@ class GateResult:
         return float(np.sum(self.variance / (self.variance + inflation)))
 
 
-def gate_innovation(
+@dataclass(frozen=True, slots=True, eq=False)
+class Gates:
+    """The gate's decisions on n profiles of m compressed rows, the last of which may be empty.
+
+    Attributes:
+        decision: shape (n,), position in ``DECISIONS``.
+        statistic: shape (n,); this and the next ones as in ``GateResult``.
+        threshold: shape (n,).
+        exceeds: shape (n,).
+        inflation: shape (n,).
+        dof: shape (n,).
+        variance: shape (n, m), eigenvalues of the rows' predicted covariance; 0 of empty rows.
+        vectors: shape (n or 1, m, m), eigenvectors.
+        along: shape (n, m), innovations along these.
+    """
+
+    decision: NDArray[np.intp]
+    statistic: Array
+    threshold: Array
+    exceeds: NDArray[np.bool_]
+    inflation: Array
+    dof: NDArray[np.intp]
+    variance: Array
+    vectors: Array
+    along: Array
+
+    @property
+    def accepted(self) -> NDArray[np.bool_]:
+        """Which profiles are assimilated."""
+        return np.asarray(self.decision < REJECTED)
+
+    @property
+    def nis(self) -> Array:
+        """Normalised innovation squared of the rows, with the stated errors, shape (n,)."""
+        return np.asarray(np.sum(self.along**2 / (self.variance + 1.0), axis=1))
+
+    def result(self, i: int) -> GateResult:
+        """Return the result of one profile."""
+        return GateResult(
+            DECISIONS[self.decision[i]],
+            float(self.statistic[i]),
+            int(self.dof[i]),
+            float(self.threshold[i]),
+            bool(self.exceeds[i]),
+            float(self.inflation[i]),
+            self.variance[i],
+        )
+
+    @staticmethod
+    def joined(parts: "Sequence[Gates]") -> "Gates":
+        """Return the decisions on several parts of a group as one."""
+
+        def whole(name: str) -> NDArray[Any]:
+            each = [getattr(part, name) for part in parts]
+            return np.concatenate(
+                [
+                    np.broadcast_to(v, (len(p.along), *v.shape[1:]))
+                    for v, p in zip(each, parts, strict=True)
+                ]
+            )
+
+        return Gates(*(whole(each.name) for each in fields(Gates)))
+
+
+def gate_innovations(
     innovation: Array,
     cov: Array,
-    residual: tuple[float, int],
+    dof: NDArray[np.intp],
+    residual: tuple[Array, NDArray[np.intp]],
     config: GatingConfig | None,
     is_consistent: bool = True,
-) -> GateResult:
-    """Return the gate's decision on a profile.
+) -> Gates:
+    """Return the gate's decisions on profiles.
 
     Args:
-        innovation: shape (m,), of compressed rows with noise of unit variance.
-        cov: shape (m, m), predicted covariance of the rows without their noise.
-        residual: Squared norm of the whitened compression residual, and its degrees of freedom.
+        innovation: shape (n, m), of compressed rows with noise of unit variance; 0 of empty rows.
+        cov: shape (n or 1, m, m), predicted covariance of the rows without their noise.
+        dof: shape (n,), number of rows that are not empty.
+        residual: Squared norm of the whitened compression residual, and its degrees of freedom, shape (n,) each.
         config: None accepts every profile with its stated errors.
         is_consistent: Whether recent innovations agree with the estimate; if not, a profile beyond the gate is softened, not rejected.
     """
+    n = len(innovation)
     values, vectors = np.linalg.eigh(cov)
-    values, along = np.maximum(values, 0.0), vectors.T @ innovation
-    residual_square, residual_dof = residual
-    scale = 1.0
-    if (
-        config
-        and config.adapt_errors
-        and residual_dof
-        and residual_square > chi_square_threshold(config.gate_probability, residual_dof)
-    ):
-        scale = residual_square / residual_dof
-    squared = along**2 / (values + scale)
-    statistic, dof = float(squared.sum()), innovation.size
-    if config is None or config.gate == "off":
-        return GateResult("accepted", statistic, dof, np.inf, False, scale, values)
-    threshold = chi_square_threshold(config.gate_probability, dof)
-    # where the prior has no part in the variance, directions are arbitrary, and their sum is tested already
-    significant = squared[values > SIGNIFICANT_SHARE * scale]
-    exceeds = statistic > threshold or bool(
-        np.any(significant > chi_square_threshold(config.gate_probability / dof, 1))
+    values = np.broadcast_to(np.maximum(values, 0.0), innovation.shape)
+    along = np.matmul(vectors.swapaxes(1, 2), innovation[..., None])[..., 0]
+    square, residual_dof = residual
+    scale = np.ones(n)
+    if config and config.adapt_errors:
+        noisy = (residual_dof > 0) & (square > _thresholds(config.gate_probability, residual_dof))
+        scale = np.where(noisy, square / np.maximum(residual_dof, 1), 1.0)
+    squared = along**2 / (values + scale[:, None])
+    statistic, decision = squared.sum(axis=1), np.zeros(n, np.intp)
+    threshold, exceeds = np.full(n, np.inf), np.zeros(n, np.bool_)
+    if config is not None and config.gate != "off":
+        threshold = _thresholds(config.gate_probability, dof)
+        # where the prior has no part in the variance, directions are arbitrary, and their sum is tested already
+        one = [chi_square_threshold(config.gate_probability / rows, 1) for rows in dof.tolist()]
+        significant = values > _SIGNIFICANT_SHARE * scale[:, None]
+        beyond = significant & (squared > np.array(one)[:, None])
+        exceeds = (statistic > threshold) | np.any(beyond, axis=1)
+        decision = np.where(exceeds, REJECTED, 0)
+        soft = np.full(n, config.gate == "soften") | (exceeds & (not is_consistent))
+        softened = softened_variance(values, scale[:, None], along, _SOFTENING).max(axis=1)
+        is_softened = softened > scale * _LEAST_SOFTENING
+        decision = np.where(soft, np.where(is_softened, SOFTENED, 0), decision)
+        scale = np.where(soft, softened, scale)
+    return Gates(decision, statistic, threshold, exceeds, scale, dof, values, vectors, along)
+
+
+def _thresholds(probability: float, dof: NDArray[np.intp]) -> Array:
+    return np.array(
+        [chi_square_threshold(probability, each) if each else np.inf for each in dof.tolist()]
     )
-    decision: Decision = "rejected" if exceeds else "accepted"
-    if config.gate == "soften" or (exceeds and not is_consistent):
-        softened = float(np.max(softened_variance(values, scale, along, SOFTENING)))
-        decision, scale = "softened" if softened > scale * LEAST_SOFTENING else "accepted", softened
-    return GateResult(decision, statistic, dof, threshold, exceeds, scale, values)
 
 
 def softened_variance(

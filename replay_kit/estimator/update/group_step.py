@@ -1,11 +1,13 @@
 """One step of an estimator with a group of profiles: screening, evaluation, one update, and the innovations to publish."""
 
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.grid import Grid
 from replay_kit.core.observation import (
@@ -18,36 +20,37 @@ from replay_kit.core.observation import (
     reasons_of,
     usable,
 )
-from replay_kit.estimator.update.group_gate import DECISIONS
+from replay_kit.estimator.basis.modes import Basis
+from replay_kit.estimator.interface import Estimator, Stepped, each_stepped
+from replay_kit.estimator.update.biases import unit_bias_rows
+from replay_kit.estimator.update.evaluation import (
+    After,
+    Assimilation,
+    ObservationUpdate,
+    PredictedObservation,
+    evaluate_observation,
+)
+from replay_kit.estimator.update.gate import SOFTENED
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.profile_stack import Factors, ProfileStack, stacked
+from replay_kit.estimator.update.rows import Bins
 from replay_kit.estimator.update.screening import (
     Screened,
     is_duplicate,
     local_velocities,
     relative_velocities,
-    screen_profiles,
+    screen,
+    screen_measurement,
     unused_innovation,
 )
-from replay_kit.estimator.update.superobservation import Column, GroupUpdate
+from replay_kit.estimator.update.superobservation import (
+    Column,
+    CombinedRows,
+    GroupUpdate,
+    evaluate_group,
+)
 
-State = TypeVar("State")
-
-
-class Stepped(NamedTuple, Generic[State]):
-    """What became of a profile, or of several combined ones.
-
-    Attributes:
-        event: The measurement or the group.
-        before: The estimator's state before it.
-        after: The estimator's state after it.
-        innovation: To publish.
-    """
-
-    event: Measurement | ProfileGroup
-    before: State
-    after: State
-    innovation: Innovation
+State = TypeVar("State", bound=Assimilation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,15 +71,30 @@ class ScreenedGroup:
     used: NDArray[np.intp]
     duplicates: frozenset[int]
 
+    @property
+    def usable(self) -> ProfileGroup:
+        """The usable profiles."""
+        return ProfileGroup(tuple(self.profiles[i] for i in self.used))
+
+    @property
+    def is_used(self) -> NDArray[np.bool_]:
+        """Which of their bins are used, shape (n, m)."""
+        return usable(self.flags[self.used])
+
+    def relative(self, grid: Grid) -> Array | None:
+        """Return their mean velocity relative to the platform; see ``relative_velocities``."""
+        return relative_velocities(self.usable.profiles, self.is_used, grid)
+
     def unused(self, i: int) -> Innovation:
         """Return the innovation of a profile that is not used."""
         blank = unused_innovation(self.profiles[i], self.flags[i], self.reasons[i])
         if i not in self.duplicates:
             return blank
-        return Screened(self.profiles[i], np.empty(0, np.intp), blank).rejected(Reason.DUPLICATE)
+        profile = self.profiles[i]
+        return Screened(profile, profile, np.empty(0, np.intp), blank).rejected(Reason.DUPLICATE)
 
 
-def screen_group(group: ProfileGroup, last: object, grid: Grid) -> ScreenedGroup:
+def screen_group(group: ProfileGroup, last: Measurement | None, grid: Grid) -> ScreenedGroup:
     """Return a group after screening.
 
     Args:
@@ -84,11 +102,11 @@ def screen_group(group: ProfileGroup, last: object, grid: Grid) -> ScreenedGroup
         last: The last measurement with a usable bin before it; an equal one that follows is a duplicate.
         grid: The region.
     """
-    flags, reasons = screen_profiles(group.profiles, grid)
+    flags, reasons = screen(group.profiles, grid)
     used, duplicates = [], set()
     for i in np.flatnonzero(usable(flags).any(axis=1)).tolist():
         profile = group.profiles[i]
-        if isinstance(last, Observation) and is_duplicate(last, profile):
+        if is_duplicate(last, profile):
             duplicates.add(i)
             continue
         used.append(i)
@@ -99,41 +117,22 @@ def screen_group(group: ProfileGroup, last: object, grid: Grid) -> ScreenedGroup
 
 
 def stack_of(
-    screened: ScreenedGroup,
-    grid: Grid,
-    reference: Array,
-    depth_weights: "DepthWeights",
-    factors: Factors,
+    screened: ScreenedGroup, basis: Basis, reference: Array, factors: Factors
 ) -> ProfileStack:
     """Return the usable profiles as arrays.
 
     Args:
         screened: The group after screening.
-        grid: The region.
+        basis: Basis flows.
         reference: shape (Z, 2) [m/s], the estimator's reference current at the place.
-        depth_weights: Of the levels at depths.
-        factors: See ``superobservation.Factors``.
+        factors: See ``profile_stack.Factors``.
     """
-    profiles = tuple(screened.profiles[i] for i in screened.used)
-    used = usable(screened.flags[screened.used])
+    profiles, used = screened.usable.profiles, screened.is_used
     depth = np.stack([each.depth for each in profiles])
     at, back = np.unique(np.where(used, depth, 0.0), return_inverse=True)
-    known = (depth_weights(at) @ reference)[back.reshape(depth.shape)]
-    return stacked(
-        profiles,
-        used,
-        local_velocities(profiles, grid) - known,
-        relative_velocities(profiles, used, grid),
-        factors,
-    )
-
-
-class DepthWeights(Protocol):
-    """Gives the weights of the levels at depths, shape (n, Z) for n depths [m]."""
-
-    def __call__(self, depth: Array, /) -> Array:
-        """Return them."""
-        ...
+    known = (basis.depth_weights(at) @ reference)[back.reshape(depth.shape)]
+    values = local_velocities(profiles, used, basis.grid) - known
+    return stacked(profiles, used, values, screened.relative(basis.grid), factors)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,7 +162,7 @@ class GroupResult:
         result = gate.result(i)
         (before,), (prior,) = (
             _shown(one, update.before[i : i + 1]),
-            _shown(one, self._misfit(one, self.prior)),
+            _shown(one, column_misfit(one, self.prior)),
         )
         return replace(
             unused_innovation(
@@ -173,7 +172,7 @@ class GroupResult:
             innovation_std=_shown(one, self._std(one))[0],
             residual=before,
             prior_innovation=prior,
-            nis=float(gate.nis[i]),
+            nis=float(update.nis[i]),
             dof=int(one.layouts[0].dof),
             error_inflation=result.inflation,
             decision="rejected",
@@ -187,17 +186,17 @@ class GroupResult:
         update, gate, screened = self.update, self.update.gate, self.screened
         stack, at = update.stack.part(accepted), screened.used[accepted]
         misfits = {
-            "innovation": self._misfit(stack, self.before.means[:, 0]),
-            "residual": self._misfit(stack, self.after.means[:, 0]),
+            "innovation": column_misfit(stack, self.before.means[:, 0]),
+            "residual": column_misfit(stack, self.after.means[:, 0]),
         }
-        misfits["prior_innovation"] = self._misfit(stack, self.prior)
+        misfits["prior_innovation"] = column_misfit(stack, self.prior)
         squares = {name: float(np.sum(values**2)) for name, values in misfits.items()}
         assert update.rows is not None
         nis, dof = (
-            float(gate.nis[accepted].sum()),
+            float(update.nis[accepted].sum()),
             int(np.broadcast_to(stack.of("dof"), accepted.size).sum()),
         )
-        softened = int(np.count_nonzero(gate.decision[accepted] == DECISIONS.index("softened")))
+        softened = int(np.count_nonzero(gate.decision[accepted] == SOFTENED))
         first, flags = (
             update.first,
             np.where(stack.used.any(axis=0), Flag.GOOD, screened.flags[at[0]]).astype(np.int8),
@@ -234,10 +233,6 @@ class GroupResult:
             ),
         )
 
-    def _misfit(self, stack: ProfileStack, means: Array) -> Array:
-        rows = Column(means[:, None], np.empty((0, 0))).predicted(stack.of("r"))[..., 0]
-        return stack.misfit(np.broadcast_to(rows, stack.y.shape))
-
     def _std(self, stack: ProfileStack) -> Array:
         """Return the variances that the estimate and the stated errors give a bin, shape (n, m, 2) and (n, m, 2), stacked."""
         cov, q = self.before.predicted_cov(stack.of("r")), self.before.width
@@ -266,6 +261,12 @@ class GroupResult:
         return float(-0.5 * square - 0.5 * np.linalg.slogdet(cov)[1] - np.sum(noise))
 
 
+def column_misfit(stack: ProfileStack, means: Array) -> Array:
+    """Return measured minus predicted bins, shape (n, m, 2) [m/s], 0 where not used; ``means``, shape (2 q,), are those of a column."""
+    rows = Column(means[:, None], np.empty((0, 0))).predicted(stack.of("r"))[..., 0]
+    return stack.misfit(np.broadcast_to(rows, stack.y.shape))
+
+
 def _shown(stack: ProfileStack, values: Array) -> Array:
     """Return values of bins, shape (n, m, 2), NaN where not used."""
     return np.where(stack.used[..., None], values, np.nan)
@@ -292,7 +293,7 @@ def _mean_std(stack: ProfileStack, std: Array) -> Array:
 def results_of(
     result: GroupResult, states: tuple[State, State], seen: State
 ) -> list[Stepped[State]]:
-    """Return what became of each profile of a group, and of the accepted ones together, in the order of the first.
+    """Return the outcome of each profile of a group, and of the accepted ones together, in the order of the first.
 
     Args:
         result: The evaluation.
@@ -325,3 +326,134 @@ def results_of(
             )
         )
     return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroupColumn(Generic[State]):
+    """The profiles of a group, and the estimate of the column of water that they see.
+
+    Attributes:
+        stack: The profiles.
+        state: The estimator's state at their time.
+        column: The estimate before them.
+        prior: shape (2 q,), the column's mean before any observation.
+        predict: Returns the prediction of the rows of some profiles as one.
+    """
+
+    stack: ProfileStack
+    state: State
+    column: Column
+    prior: Array
+    predict: Callable[[CombinedRows], PredictedObservation[Any]]
+
+
+class GroupedEstimator(Estimator[State], Protocol[State]):
+    """An estimator that assimilates groups of profiles; measurements between groups are assimilated in blocks.
+
+    Attributes:
+        gating: Gate and covariance inflation; None accepts every profile with its stated errors.
+    """
+
+    gating: GatingConfig | None
+
+    @property
+    def grid(self) -> Grid:
+        """The region."""
+        ...
+
+    @property
+    def adapts_errors(self) -> bool:
+        """Whether errors grow where residuals are correlated along a profile."""
+        return True
+
+    def group_column(self, state: State, screened: ScreenedGroup) -> GroupColumn[State]:
+        """Return the estimate of the column that the usable profiles see."""
+        ...
+
+    def group_mean(self, state: State, screened: ScreenedGroup) -> tuple[ProfileStack, Array]:
+        """Return the usable profiles, and the mean of their column alone, shape (2 q,)."""
+        ...
+
+    def with_posterior(self, at: GroupColumn[State], posterior: Any, jacobian: float) -> State:
+        """Return the state after a group, given what its update returned and the sum of its scale Jacobians."""
+        ...
+
+    def inflated(self, state: State, factor: float) -> State:
+        """Return a state whose covariance is multiplied by a factor, usually 1, after a group."""
+        ...
+
+    def is_late(self, state: State, time_ns: int) -> bool:
+        """Return whether an observation of a time is too old for a state."""
+        return False
+
+    def usable(self, observation: Measurement) -> bool:
+        """Return whether an observation has a bin that ``step`` would use."""
+        return screen_measurement(observation, self.grid).used.size > 0
+
+    def evaluated(
+        self, state: State, screened: Screened, rows: Bins, predicted: PredictedObservation[After]
+    ) -> tuple[ObservationUpdate[After], Array | None]:
+        """Return the evaluation of one measurement, and the effect of instrument errors of one unit on its rows."""
+        update = evaluate_observation(
+            rows, predicted, self.gating, self.adapts_errors, state.monitor.is_consistent
+        )
+        return update, unit_bias_rows(screened, self.grid, rows, rows.residual(predicted.mean))
+
+    def alone(
+        self, state: State, measurements: Iterable[Measurement]
+    ) -> Iterator[tuple[State, Innovation]]:
+        """Yield the state after each measurement of a group that is not combined, and its innovation."""
+        return self.steps(state, measurements)
+
+    def group_steps(
+        self, state: State, items: Iterable[Measurement | ProfileGroup]
+    ) -> Iterator[Stepped[State]]:
+        """Yield the outcome of measurements and groups of profiles."""
+        waiting: list[Measurement] = []
+        for item in items:
+            if not isinstance(item, ProfileGroup):
+                waiting.append(item)
+                continue
+            for stepped in each_stepped(state, waiting, self.steps(state, waiting)):
+                yield stepped
+                state = stepped.after
+            waiting = []
+            for stepped in self.step_group(state, item):
+                yield stepped
+                state = stepped.after
+        yield from each_stepped(state, waiting, self.steps(state, waiting))
+
+    def step_group(self, state: State, group: ProfileGroup) -> list[Stepped[State]]:
+        """Return the outcome of the profiles of a group."""
+        screened = screen_group(group, state.last, self.grid)
+        if screened.used.size < 2 or self.is_late(state, min(p.time_ns for p in group.profiles)):
+            return list(each_stepped(state, group.profiles, self.alone(state, group.profiles)))
+        at = self.group_column(state, screened)
+        update = evaluate_group(
+            at.stack, at.column, self.gating, self.adapts_errors, state.monitor.is_consistent
+        )
+        monitor, inflation = state.monitor.updated(update.first, self.gating)
+        after, column, score = state, at.column, state.bias_score
+        if update.rows is not None:
+            predicted = at.predict(update.rows)
+            size = predicted.mean.size
+            innovation = update.rows.y.reshape(size, -1) - np.column_stack(
+                [predicted.mean, predicted.bias_sensitivity]
+            )
+            posterior = predicted.posterior(innovation, 1.0)
+            after = self.with_posterior(at, posterior, update.scale_jacobian)
+            column = at.column.updated(update.rows.r, innovation)
+            if at.stack.relative is not None:
+                cov = predicted.cov + np.eye(size)
+                jacobian = update.scale_jacobian
+                score = score.updated(innovation[:, 1:], innovation[:, 0], cov, jacobian)
+        seen = screened.profiles[int(screened.used[-1])]
+        changed = replace(after, monitor=monitor, bias_score=score, last=seen)
+        changed = self.inflated(changed, inflation)
+        result = GroupResult(screened, update, at.column, column, at.prior, inflation)
+        return results_of(result, (state, changed), state)
+
+    def group_innovation(self, state: State, group: ProfileGroup) -> Array:
+        """Return measured minus predicted bins of all profiles of a group, shape (n m, 2) [m/s]; 0 for bins that are not usable."""
+        stack, means = self.group_mean(state, screen_group(group, None, self.grid))
+        return column_misfit(stack, means).reshape(-1, 2)

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.reduction import Reduction
+from replay_kit.core.flow.covariance import Reduction
 from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.update.evaluation import PredictedObservation
 from replay_kit.estimator.update.rows import ProfileRows

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Observation
+from replay_kit.estimator.update.biases import bias_rows, scale_error_std
 from replay_kit.estimator.update.rows import BinNoise
 
 #: Joint factor and noise of a profile's used bins: shapes (m, q) and of m bins.
@@ -145,28 +146,30 @@ class ProfileStack:
             np.matmul(self.of("whiten"), self.values) - np.matmul(self.of("q"), rows.swapaxes(1, 2))
         )
 
+    @property
+    def ones(self) -> Array:
+        """The rows of a velocity of one in all used bins, shape (n, q)."""
+        return np.asarray(
+            np.matmul(self.of("rows"), self.used[..., None].astype(np.float64))[..., 0]
+        )
+
+    @property
+    def scale_error_std(self) -> Array | None:
+        """See ``biases.scale_error_std``, shape (n,); None where the first has none."""
+        stds = [scale_error_std(observation) for observation in self.observations]
+        return None if stds[0] is None else np.array(stds, dtype=np.float64)
+
     def bias_rows(self, misfit: Array) -> Array | None:
-        """Return the effect of instrument errors of one unit on the rows, shape (n, 2, q, 3); see ``biases.Biases.bins``.
+        """Return the effect of instrument errors of one unit on the rows, shape (n, 2, q, 3); see ``biases.bias_rows``.
 
         Args:
             misfit: shape (n, m, 2) [m/s], measured minus predicted bins.
         """
         if self.relative is None:
             return None
-        counts = self.used.sum(axis=1)[:, None]
-        motion = self.relative - misfit.sum(axis=1) / counts
-        speed = np.hypot(*motion.T)[:, None]
-        along = -np.divide(motion, speed, out=np.zeros_like(motion), where=speed > 0.0)
-        east, north = self.relative.T
-        same = np.matmul(self.of("rows"), self.used[..., None].astype(np.float64))[..., 0]
         growing = np.matmul(self.of("rows"), self.of("distance")[..., None])[..., 0]
-        across = np.stack([north, -east], axis=1)
-        columns = [
-            across[..., None] * same[:, None],
-            self.relative[..., None] * same[:, None],
-            along[..., None] * growing[:, None],
-        ]
-        return np.stack(columns, axis=-1)
+        mean = misfit.sum(axis=1) / self.used.sum(axis=1)[:, None]
+        return bias_rows(self.ones, growing, self.relative, mean)
 
 
 def stacked(

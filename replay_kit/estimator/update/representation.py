@@ -31,9 +31,8 @@ import scipy.linalg
 from scipy.linalg import solve_triangular
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.covariance import Levels, symmetric
+from replay_kit.core.flow.covariance import Levels, Reduction, symmetric
 from replay_kit.core.flow.factors import CovarianceFactors, half_size, n_stored
-from replay_kit.core.flow.reduction import Reduction
 from replay_kit.estimator.prior.amplitude import ScaledPrior, hybrid_parts
 from replay_kit.estimator.prior.conditioned import (
     ConditionedPrior,
@@ -279,15 +278,15 @@ def taken_in_all(
 def predict_path_mean(posterior: Posterior, rows: PathRows) -> PredictedObservation[Posterior]:
     """Return the prediction of a mean along a path; its update gives a prior without rows, as these have no single place."""
     before = rows_taken(posterior)
-    cross = before.matvec(rows.design)
+    cross = before.matvec(rows.by_level)
 
     def update(lower: Array, whitened: Array, error_scale: float) -> ObservationSpacePosterior:
-        scaled = np.stack([rows.design, cross]).reshape(2, 2, -1) / error_scale
+        scaled = np.stack([rows.by_level, cross]).reshape(2, 2, -1) / error_scale
         design, gain = (np.asarray(solve_triangular(lower, each, lower=True)) for each in scaled)
         return before.after_rows(whitened.T @ gain, design, gain)
 
     cov = rows.matvec(cross)
-    mean = rows.matvec(before.mean.reshape(rows.design.shape[1:]))
+    mean = rows.matvec(before.mean.reshape(rows.by_level.shape[1:]))
     return PredictedObservation(
         mean, rows.matvec(before.bias_sensitivity).T, 0.5 * (cov + cov.T), update
     )

@@ -11,8 +11,8 @@ the weights and then taking the marginal of the weights.
 
 **Compression** of a profile to at most 2 Z independent rows. All bins of a profile lie under one point, so its design is a product: H = D
 (bins x Z) times G (2 x r), one row for each bin and component. Whitening by the bins' errors, W, and a QR factorisation W D = Q R leave
-rows R G that hold all the bins say of the weights; the component orthogonal to Q is pure noise and enters the normalised innovation squared
-only.
+rows R G that hold all the bins' information on the weights; the component orthogonal to Q is pure noise and enters the normalised
+innovation squared only.
 
 **A mean along a path** is the exact weighted sum of the basis flows at the path's points.
 """
@@ -23,12 +23,14 @@ from itertools import takewhile
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.observation import PathMean
+from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator.basis.modes import Basis
+from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.screening import local_mean
 
 
@@ -97,6 +99,29 @@ def bin_noise(
     return BinNoise(complement.T @ whiten, lower @ complement, log_scale)
 
 
+def profile_noise(
+    observation: Observation,
+    used: NDArray[np.intp],
+    basis: Basis,
+    representation_std: Array,
+    at: Observation | ProfileGroup | None = None,
+) -> BinNoise:
+    """Return the noise of a profile's usable bins.
+
+    Args:
+        observation: The profile.
+        used: Positions of its usable bins.
+        basis: Basis flows.
+        representation_std: shape (Z,) [m/s], representation error of the basis, by level.
+        at: Has the place of the representation error; None for the profile's own.
+    """
+    grid, depth, at = basis.grid, observation.depth[used], at or observation
+    place = to_local(grid.projection, at.longitude, at.latitude)
+    (of_levels,) = basis.local_error(np.array([place], dtype=np.float64), representation_std)
+    extra, own = np.interp(depth, grid.levels, of_levels), observation.error_std[used]
+    return bin_noise(depth, own, extra, observation.common_std, observation.correlation_depth)
+
+
 def _orthogonal_complement(vector: Array) -> Array:
     """Return an orthonormal basis, shape (n, n - 1), of the complement of a vector: the other columns of its Householder reflection."""
     reflector = vector / np.linalg.norm(vector)
@@ -124,6 +149,10 @@ class Bins:
     def dof(self) -> int:
         """Number of independent measured values in both components."""
         return 2 * len(self.q)
+
+    def ones(self) -> Array:
+        """Return the rows of a velocity of one in all bins, shape (k,)."""
+        return np.asarray(self.q.T @ self.noise.whiten.sum(axis=1))
 
     def compress(self, values: Array) -> tuple[Array, float]:
         """Return the rows of bin values, shape (2 k,), and the squared norm of the compression residual.
@@ -192,8 +221,8 @@ def compress_profile(
     return ProfileRows(q, noise, values, r, basis)
 
 
-def dependence_inflation(residual: Array) -> float:
-    """Return the factor by which correlated errors inflate the error variance of a profile's bins.
+def dependence_inflation(residual: Array, size: NDArray[np.intp]) -> Array:
+    """Return the factors by which correlated errors inflate the error variance of profiles' bins, shape (n,), at least 1.
 
     Bins smoothed by an inversion, or affected by structure that the basis cannot represent, leave residuals that are correlated
     along the profile; treated as independent they would count many times over. For a first-order autoregressive error of
@@ -201,16 +230,15 @@ def dependence_inflation(residual: Array) -> float:
     residuals' own mean square is applied too when it is above one. Below three standard errors of rho the factor is 1.
 
     Args:
-        residual: shape (n, 2), measured minus estimated over the bins' error, neighbours in depth next to each other.
-
-    Returns:
-        A factor of at least 1.
+        residual: shape (n, m, 2), measured minus estimated over the bins' error, neighbours in depth next to each other; 0 beyond
+            the last bin.
+        size: shape (n,), number of values, of both components.
     """
-    mean_square = float(np.mean(residual**2))
-    rho = float(np.sum(residual[1:] * residual[:-1]) / np.sum(residual**2))
-    if rho <= 3.0 / np.sqrt(residual.size):
-        return 1.0
-    return (1.0 + rho) / (1.0 - rho) * max(1.0, mean_square)
+    square = np.sum(residual**2, axis=(1, 2))
+    product = np.sum(residual[:, 1:] * residual[:, :-1], axis=(1, 2))
+    rho = np.divide(product, square, out=np.zeros_like(square), where=square > 0.0)
+    rho = np.where((rho > 3.0 / np.sqrt(size)) & (size > 2), rho, 0.0)
+    return np.where(rho > 0.0, (1.0 + rho) / (1.0 - rho) * np.maximum(1.0, square / size), 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -218,14 +246,18 @@ class PathRows(Bins):
     """A mean along a path: one row a component, y = H w + noise of unit variance.
 
     Attributes:
-        design: shape (2, Z, r), H.
+        by_level: shape (2, Z, r), H.
     """
 
-    design: Array
+    by_level: Array
+
+    def design(self) -> Array:
+        """Return H, shape (2, Z r)."""
+        return self.by_level.reshape(2, -1)
 
     def matvec(self, weights: Array) -> Array:
         """Return H times weights, shape (..., 2); ``weights`` of shape (..., Z, r)."""
-        return np.asarray(np.tensordot(weights, self.design, axes=([-2, -1], [1, 2])))
+        return np.asarray(np.tensordot(weights, self.by_level, axes=([-2, -1], [1, 2])))
 
 
 def mean_noise(mean: PathMean, basis: Basis, places: Array, representation_std: Array) -> BinNoise:
@@ -245,9 +277,7 @@ def mean_noise(mean: PathMean, basis: Basis, places: Array, representation_std: 
 
 def depth_means(mean: PathMean, basis: Basis) -> Array:
     """Return the weight of each level at each point in the mean, shape (m, Z); above and below the levels the nearest level holds."""
-    return np.asarray(
-        mean.weight[:, None] * depth_weights(basis.depth_functions, mean.depth, basis.grid.levels)
-    )
+    return np.asarray(mean.weight[:, None] * basis.depth_weights(mean.depth))
 
 
 def path_rows(mean: PathMean, basis: Basis, representation_std: Array) -> PathRows:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import inside_grid, rotate_to_local, to_local, wet_column
+from replay_kit.core.geodesy import inside_grid, rotate_to_local, to_local
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.observation import (
     Flag,
@@ -21,55 +21,44 @@ from replay_kit.core.observation import (
 
 
 def screen(
-    observation: Observation, grid: Grid, relative: bool = False
+    profiles: Sequence[Observation], grid: Grid, relative: bool = True
 ) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
-    """Return flags and reasons of a profile's bins after the region's own checks.
+    """Return flags and reasons of profiles' bins after the region's own checks, shapes (n, m).
 
     Args:
-        observation: The profile.
+        profiles: With as many bins each.
         grid: The region.
         relative: Whether a profile relative to a platform of unknown velocity can be used.
     """
-    flags, reasons = observation.flags.copy(), observation.reasons.copy()
-    east, north = to_local(grid.projection, observation.longitude, observation.latitude)
-    outside = np.full(flags.shape, not inside_grid(grid, east, north))
-    # the level nearest in depth decides whether a bin is in the forecast's water
-    level = np.argmin(np.abs(observation.depth[:, None] - grid.levels), axis=1)
-    dry = ~outside & ~wet_column(grid, float(east), float(north))[level]
-    below = observation.depth > grid.levels[-1]
-    wrong = (
-        ~np.isfinite(observation.velocity).all(axis=1)
-        | ~(observation.error_std > 0.0)
-        | ~np.isfinite(observation.error_std)
+    flags, reasons, depth, velocity, error_std = (
+        np.stack([getattr(each, name) for each in profiles])
+        for name in ("flags", "reasons", "depth", "velocity", "error_std")
     )
-    wrong &= usable(flags)
-    mark_failed(flags, reasons, below, outside, dry, wrong)
-    # relative to a platform of unknown velocity only differences between bins are known, and one bin has none
-    if not np.isfinite(observation.common_std) and (
-        not relative or np.count_nonzero(usable(flags)) < 2
-    ):
-        reasons |= np.int32(Reason.PLATFORM_REFERENCE)
-        flags[usable(flags)] = Flag.FAIL
-    return flags, reasons
-
-
-def mark_failed(
-    flags: NDArray[np.int8],
-    reasons: NDArray[np.int32],
-    below: NDArray[np.bool_],
-    outside: NDArray[np.bool_],
-    dry: NDArray[np.bool_],
-    wrong: NDArray[np.bool_],
-) -> None:
-    """Mark in flags and reasons, in place, the bins below the region, outside of it, on land, and those that are malformed."""
+    east, north = to_local(grid.projection, *_places(profiles))
+    outside = np.broadcast_to(~inside_grid(grid, east, north)[:, None], flags.shape)
+    # the level nearest in depth decides whether a bin is in the forecast's water
+    level = np.argmin(np.abs(depth[..., None] - grid.levels), axis=-1)
+    nearest = np.argmin(
+        (grid.east.ravel() - east[:, None]) ** 2 + (grid.north.ravel() - north[:, None]) ** 2,
+        axis=1,
+    )
+    wet = grid.wet.reshape(grid.levels.size, -1)
+    dry = ~outside & ~wet[level, nearest[:, None]]
+    wrong = ~np.isfinite(velocity).all(axis=2) | ~(error_std > 0.0) | ~np.isfinite(error_std)
     for failed, reason in (
-        (below, Reason.BELOW_GRID),
+        (depth > grid.levels[-1], Reason.BELOW_GRID),
         (outside, Reason.OUTSIDE_REGION),
         (dry, Reason.ON_LAND),
-        (wrong, Reason.MALFORMED),
+        (wrong & usable(flags), Reason.MALFORMED),
     ):
         reasons[failed] |= reason
         flags[failed & usable(flags)] = Flag.FAIL
+    # relative to a platform of unknown velocity only differences between bins are known, and one bin has none
+    unknown = np.array([not np.isfinite(each.common_std) for each in profiles])
+    alone = unknown & ((np.count_nonzero(usable(flags), axis=1) < 2) | (not relative))
+    reasons[alone] |= np.int32(Reason.PLATFORM_REFERENCE)
+    flags[alone[:, None] & usable(flags)] = Flag.FAIL
+    return flags, reasons
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,13 +67,20 @@ class Screened:
 
     Attributes:
         observation: The measurement.
+        profile: The same as values at one place.
         used: shape (n,), positions of its usable bins.
         unused: The innovation to publish if it is not used.
     """
 
     observation: Measurement
+    profile: Observation
     used: NDArray[np.intp]
     unused: Innovation
+
+    @property
+    def is_used(self) -> NDArray[np.bool_]:
+        """Which bins are usable, shape (n,)."""
+        return np.isin(np.arange(self.unused.depth.size), self.used)
 
     def scatter(self, values: Array) -> Array:
         """Return values of the usable bins, shape (n, 2), at their positions among all bins; NaN for the others."""
@@ -105,18 +101,18 @@ class Screened:
 
 def screen_measurement(observation: Measurement, grid: Grid, relative: bool = True) -> Screened:
     """Return a measurement after screening; the arguments are those of ``screen``, for a mean along a path too."""
-    profile = to_profile(observation)
-    flags, reasons = screen(profile, grid, relative)
+    profile = observation.as_profile
+    (flags,), (reasons,) = screen([profile], grid, relative)
     unused = unused_innovation(profile, flags, reasons)
     if isinstance(observation, PathMean):
         unused = _with_mean_current(unused, observation, grid.projection)
-    return Screened(observation, np.flatnonzero(usable(flags)), unused)
+    return Screened(observation, profile, np.flatnonzero(usable(flags)), unused)
 
 
 def _with_mean_current(
     innovation: Innovation, mean: PathMean, projection: Projection
 ) -> Innovation:
-    """Return an innovation with what was measured of a mean along a path, and what the flight model's correction made of it."""
+    """Return an innovation with the measured mean along a path, and with the mean corrected for the flight model's error."""
     if mean.corrected is not None:
         innovation = replace(
             innovation,
@@ -159,27 +155,6 @@ def unused_innovation(
     )
 
 
-def to_profile(observation: Measurement) -> Observation:
-    """Return a profile unchanged; a mean along a path as a profile of one bin at its mean depth and its position at half of its time."""
-    if isinstance(observation, Observation):
-        return observation
-    mean = observation
-    middle = min(int(np.searchsorted(np.cumsum(mean.weight), 0.5)), mean.weight.size - 1)
-    return Observation(
-        mean.time_ns,
-        float(mean.longitude[middle]),
-        float(mean.latitude[middle]),
-        np.array([float(mean.weight @ mean.depth)]),
-        np.array([mean.used]),
-        np.array([mean.used_std]),
-        "earth",
-        np.array([Flag.GOOD], np.int8),
-        np.zeros(1, np.int32),
-        mean.dive,
-        mean.source,
-    )
-
-
 def is_duplicate(last: Measurement | None, observation: Measurement) -> bool:
     """Return whether a measurement equals the last one in every number: logged twice, it holds no new information."""
     if last is None or type(last) is not type(observation) or last.time_ns != observation.time_ns:
@@ -191,51 +166,24 @@ def is_duplicate(last: Measurement | None, observation: Measurement) -> bool:
     )
 
 
-def screen_profiles(
-    profiles: Sequence[Observation], grid: Grid
-) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
-    """Return flags and reasons of the bins of profiles with as many bins each, shapes (n, m), after the region's own checks."""
-    flags, reasons = (
-        np.stack([each.flags for each in profiles]),
-        np.stack([each.reasons for each in profiles]),
-    )
-    depth, velocity = (
-        np.stack([each.depth for each in profiles]),
-        np.stack([each.velocity for each in profiles]),
-    )
-    error_std = np.stack([each.error_std for each in profiles])
-    east, north = local_places(profiles, grid)
-    outside = np.broadcast_to(~inside_grid(grid, east, north)[:, None], flags.shape)
-    level = np.argmin(np.abs(depth[..., None] - grid.levels), axis=-1)
-    nearest = np.argmin(
-        (grid.east.ravel() - east[:, None]) ** 2 + (grid.north.ravel() - north[:, None]) ** 2,
-        axis=1,
-    )
-    wet = grid.wet.reshape(grid.levels.size, -1)
-    dry = ~outside & ~wet[level, nearest[:, None]]
-    below = depth > grid.levels[-1]
-    wrong = ~np.isfinite(velocity).all(axis=2) | ~(error_std > 0.0) | ~np.isfinite(error_std)
-    wrong &= usable(flags)
-    mark_failed(flags, reasons, below, outside, dry, wrong)
-    relative = np.array([not np.isfinite(each.common_std) for each in profiles])
-    alone = relative & (np.count_nonzero(usable(flags), axis=1) < 2)
-    reasons[alone] |= np.int32(Reason.PLATFORM_REFERENCE)
-    flags[alone[:, None] & usable(flags)] = Flag.FAIL
-    return flags, reasons
-
-
-def local_places(profiles: Sequence[Observation], grid: Grid) -> tuple[Array, Array]:
-    """Return the local places of profiles, shape (n,) each [m]."""
+def _places(profiles: Sequence[Observation]) -> tuple[Array, Array]:
+    """Return longitude and latitude of profiles, shape (n,) each [degrees]."""
     longitude, latitude = np.array([(each.longitude, each.latitude) for each in profiles]).T
-    return to_local(grid.projection, longitude, latitude)
+    return longitude, latitude
 
 
-def local_velocities(profiles: Sequence[Observation], grid: Grid) -> Array:
-    """Return the velocities of profiles along the local axes, shape (n, m, 2) [m/s]."""
-    longitude, latitude = np.array([(each.longitude, each.latitude) for each in profiles]).T
-    velocity = np.stack([each.velocity for each in profiles])
+def local_velocity(observation: Observation, used: NDArray[np.intp], grid: Grid) -> Array:
+    """Return the velocity of a profile's usable bins along the local axes, shape (n, 2) [m/s]."""
+    place = (grid.projection, observation.longitude, observation.latitude)
+    return np.column_stack(rotate_to_local(*place, *observation.velocity[used].T))
+
+
+def local_velocities(profiles: Sequence[Observation], used: NDArray[np.bool_], grid: Grid) -> Array:
+    """Return the velocities of profiles along the local axes, shape (n, m, 2) [m/s]; 0 of bins that are not used."""
+    longitude, latitude = _places(profiles)
+    velocity = np.where(used[..., None], np.stack([each.velocity for each in profiles]), 0.0)
     turned = rotate_to_local(
-        grid.projection, longitude[:, None], latitude[:, None], velocity[..., 0], velocity[..., 1]
+        grid.projection, longitude[:, None], latitude[:, None], *np.moveaxis(velocity, -1, 0)
     )
     return np.stack(turned, axis=-1)
 
@@ -254,5 +202,4 @@ def relative_velocities(
         used[..., None], np.stack([each.velocity for each in profiles]) - platform[:, None], 0.0
     )
     mean = velocity.sum(axis=1) / np.maximum(used.sum(axis=1), 1)[:, None]
-    longitude, latitude = np.array([(each.longitude, each.latitude) for each in profiles]).T
-    return np.column_stack(rotate_to_local(grid.projection, longitude, latitude, *mean.T))
+    return np.column_stack(rotate_to_local(grid.projection, *_places(profiles), *mean.T))

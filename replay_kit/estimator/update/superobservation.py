@@ -2,16 +2,16 @@
 
 The bins of profile i under one place are v_i = J_i x + noise for each component, with x the unknowns of the column of water there: the
 current at the levels, and what else a row holds. Whitened and compressed (``rows.py``) it is y_i = R_i x + noise of unit variance.
-With an error variance w_i times the stated one all profiles together say what the rows
+With an error variance w_i times the stated one all profiles together are equivalent to the rows
 
     R'R = sum R_i'R_i / w_i,    R y = sum R_i'y_i / w_i
 
-say, which are as many as one profile's. So a group costs the filter one update. Only the place is shared, the mean of
+which are as many as one profile's. So a group costs the filter one update. Only the place is shared, the mean of
 the profiles': depths, errors and missing bins are each one's own.
 
 Each profile is judged on its own: its gate, errors and dependence of residuals are those of ``gate.py`` and ``rows.py``, for many
 profiles at once. The first is held against the estimate before the group, the second against that with the first, then two, four, eight ...
-against that with all before them, so that one that is wrong is told from the others as it would be alone, in the
+against that with all before them, so that an outlier is distinguished from the others as it would be alone, in the
 column's few unknowns instead of the weights.
 """
 
@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
-from replay_kit.estimator.update.biases import NAMES
-from replay_kit.estimator.update.gate import GateResult
-from replay_kit.estimator.update.group_gate import GroupGate, gate_profiles
+from replay_kit.estimator.update.biases import NAMES, scale_jacobian
+from replay_kit.estimator.update.gate import GateResult, Gates, gate_innovations
 from replay_kit.estimator.update.profile_stack import ProfileStack
+from replay_kit.estimator.update.rows import dependence_inflation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,7 +118,7 @@ def combined(r: Array, y: Array, weight: Array) -> CombinedRows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroupUpdate:
-    """What a group says, profile by profile and as one.
+    """The evaluation of a group, profile by profile and as one.
 
     Attributes:
         stack: The profiles.
@@ -126,15 +126,20 @@ class GroupUpdate:
         before: shape (n, m, 2) [m/s], measured minus what was predicted before each.
         rows: Of the accepted ones together; None without one.
         scale_jacobian: Sum over them; see ``biases.scale_jacobian``.
-        first: The gate's result of the first profile, which alone is told the consistency monitor: the others share the estimate's error.
+        first: Of the first profile; it alone is reported to the consistency monitor, as the others share the estimate's error.
     """
 
     stack: ProfileStack
-    gate: GroupGate
+    gate: Gates
     before: Array
     rows: CombinedRows | None
     scale_jacobian: float
     first: GateResult
+
+    @property
+    def nis(self) -> Array:
+        """Normalised innovation squared of all measured values of each, with the stated errors, shape (n,)."""
+        return self.gate.nis + self.stack.residual_square
 
 
 def evaluate_group(
@@ -161,7 +166,9 @@ def evaluate_group(
             part,
             predicted[..., 0],
             column.predicted_cov(part.of("r")),
-            (gating, correlated, is_consistent),
+            gating,
+            correlated,
+            is_consistent,
         )
         misfit = part.misfit(np.broadcast_to(predicted[..., 0], part.y.shape))
         gates.append(gate)
@@ -176,7 +183,9 @@ def evaluate_group(
         whole = combined(r if len(r) == 1 else r[accepted], values, 1.0 / gate.inflation[accepted])
         column = column.updated(whole.r, _innovation(whole, column))
         parts.append(whole)
-        jacobian += float(gate.scale_jacobians(part)[accepted].sum()) if known is not None else 0.0
+        if known is not None:
+            jacobians = scale_jacobian(gate, gate.inflation, part.ones, part.scale_error_std)
+            jacobian += float(jacobians[accepted].sum())
     whole_rows = None
     if parts:
         whole_rows = combined(
@@ -189,10 +198,48 @@ def evaluate_group(
             if len(parts) > 1
             else parts[0]
         )
-    gate = GroupGate.joined(gates)
+    gate = Gates.joined(gates)
     return GroupUpdate(
         stack, gate, np.concatenate(misfits), whole_rows, jacobian, gates[0].result(0)
     )
+
+
+def gate_profiles(
+    stack: ProfileStack,
+    mean: Array,
+    cov: Array,
+    gating: GatingConfig | None,
+    correlated: bool,
+    is_consistent: bool,
+) -> Gates:
+    """Return the gate's decisions on profiles, with errors that grow where their residuals are correlated.
+
+    Args:
+        stack: The profiles.
+        mean: shape (n or 1, 2, q), predicted rows.
+        cov: shape (n or 1, 2 q, 2 q), their covariance.
+        gating: See ``evaluate_group``, as for the others.
+        correlated: Whether errors grow.
+        is_consistent: Whether recent innovations agree with the estimate.
+    """
+    n, dof = len(stack.observations), stack.of("dof")
+    rows = 2 * stack.of("k")
+    gates = gate_innovations(
+        (stack.y - mean).reshape(n, -1),
+        cov,
+        np.broadcast_to(rows, n),
+        (stack.residual_square, np.broadcast_to(dof - rows, n)),
+        gating,
+        is_consistent,
+    )
+    if not correlated:
+        return gates
+    scale = gates.inflation[:, None]
+    share = gates.variance / (gates.variance + scale) * gates.along
+    after = mean + np.matmul(gates.vectors, share[..., None])[..., 0].reshape(n, 2, -1)
+    residual = stack.whitened_misfit(after) / np.sqrt(scale)[..., None]
+    further = dependence_inflation(residual, np.broadcast_to(dof, n))
+    return replace(gates, inflation=np.where(gates.accepted, further, 1.0) * gates.inflation)
 
 
 def _innovation(rows: CombinedRows, column: Column) -> Array:

@@ -13,12 +13,11 @@ from replay_kit.core.geodesy import inside_grid
 from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Innovation, Measurement, Observation
 from replay_kit.core.region import Region, inside
-from replay_kit.estimator.interface import Estimator
+from replay_kit.estimator.interface import Estimator, Stepped
 from replay_kit.estimator.prior.amplitude import ScaledPrior
 from replay_kit.estimator.prior.conditioned import conditioned
 from replay_kit.estimator.static.filter import ReducedBasisEstimator
 from replay_kit.estimator.static.state import FilterState
-from replay_kit.estimator.update.group_step import Stepped
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 from replay_kit.estimator.update.observation_space import initial
 from replay_kit.estimator.windows.geometry import next_window
@@ -32,7 +31,7 @@ _STRAYS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """A window, and what was learnt in it.
+    """A window, and the estimate in it.
 
     Attributes:
         region: West, south, east, north [degrees].
@@ -51,7 +50,7 @@ class WindowedState:
         current: The window that holds the vehicle.
         left: Windows that were left, in order; those forgotten are not among them.
         number: Of windows so far, the current one included.
-        loss: Root mean square of what a window had learnt of the next one and did not hand over, the largest so far [m/s].
+        loss: Largest root mean square so far of the information on the next window that was not handed over [m/s].
         strays: Number of measurements in a row that lay outside the window.
         unusable: Windows that could not be made, each with the reason.
     """
@@ -66,7 +65,7 @@ class WindowedState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowedEstimator(Estimator[WindowedState]):
-    """Static estimators of windows, one after the other; each begins with what the one before it learnt where they overlap.
+    """Static estimators of windows, one after the other; each begins with the information of the one before it where they overlap.
 
     All windows have one local frame, and the same levels.
 
@@ -122,7 +121,7 @@ class WindowedEstimator(Estimator[WindowedState]):
     def group_steps(
         self, state: WindowedState, items: Iterable[Measurement | ProfileGroup]
     ) -> Iterator[Stepped[WindowedState]]:
-        """Yield what became of measurements and groups of profiles, each in the window that it lies in."""
+        """Yield the outcome of measurements and groups of profiles, each in the window that it lies in."""
         block = list[Measurement | ProfileGroup]()
         for item in items:
             if block and (len(block) == self.block_size or not self._stays(state, item)):
@@ -136,7 +135,7 @@ class WindowedEstimator(Estimator[WindowedState]):
     def _in_window(
         self, state: WindowedState, block: Sequence[Measurement | ProfileGroup]
     ) -> Generator[Stepped[WindowedState], None, WindowedState]:
-        """Yield what became of measurements and groups in one window; return the last state."""
+        """Yield the outcome of measurements and groups in one window; return the last state."""
         for event, _, inner, innovation in self._of(state.current.region).group_steps(
             state.current.state, block
         ):
@@ -215,7 +214,7 @@ class WindowedEstimator(Estimator[WindowedState]):
         return self._of(self.first).notes()
 
     def bias_notes(self, state: WindowedState) -> list[str]:
-        """Return what is said of the log in the last window, and of the windows."""
+        """Return the notes of the last window, and on the windows."""
         notes = self._of(state.current.region).bias_notes(state.current.state)
         if state.number > 1:
             lost = f"{100.0 * state.loss:.1f} cm/s RMS"
@@ -238,7 +237,7 @@ class WindowedEstimator(Estimator[WindowedState]):
 def hand_over(
     before: ReducedBasisEstimator, state: FilterState, after: ReducedBasisEstimator
 ) -> tuple[FilterState, float]:
-    """Return the next window's first state, with what the one before learnt where they overlap, and what was lost of it [m/s].
+    """Return the next window's first state, with the information of the one before where they overlap, and the loss [m/s].
 
     The amplitudes of the prior's covariance and of the ensemble mean, where they are fitted to the log, are kept as they are from then on.
 
@@ -268,7 +267,7 @@ def hand_over(
             after.representation_std,
         )
     if said is None:
-        # what the mean's amplitude is elsewhere, the log does not say
+        # the log has no information on the mean's amplitude elsewhere
         elsewhere = new if amplitude is None else after.prior
         return replace(
             begun, posterior=initial(elsewhere, no_bias), mean_amplitude=after.mean_amplitude

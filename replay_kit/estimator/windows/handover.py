@@ -1,9 +1,9 @@
-"""What one window learnt, as measurements for the next.
+"""The information of one window, as measurements for the next.
 
 Both windows know the current where they overlap, each in its own basis. There v are up to a thousand combinations of the velocities at
 points of the overlap: the directions in which the first basis varies there, times functions of depth. With the first window's prior and
-posterior of v, N(m0, C0) and N(m1, C1), all that its measurements said of v is a likelihood, whatever the prior was. Along the eigenvectors
-a of C0 - C1 relative to C0, with eigenvalues l in 0..1, it is that of a measurement
+posterior of v, N(m0, C0) and N(m1, C1), all the information of its measurements on v is a likelihood, whatever the prior was. Along the
+eigenvectors a of C0 - C1 relative to C0, with eigenvalues l in 0..1, it is that of a measurement
 
     a v = a m0 + a (m1 - m0) / l   with error variance (1 - l) / l,
 
@@ -78,7 +78,7 @@ def learnt(
     next_modes: Array,
     representation_std: Array,
 ) -> Learnt | None:
-    """Return what a window learnt at points; None where that is nothing.
+    """Return the information of a window at points; None without any.
 
     Args:
         prior: Of the window's weights, before any measurement.

@@ -24,8 +24,8 @@ _COORDINATES = ("beam", "instrument", "ship", "earth")
 _FULL_LEADER, _CENTURY = 66, 57
 #: Least length of the leaders: up to the beams' first cell, and up to the temperature; and with the pressure [bytes].
 _LEAST_FIXED, _LEAST_VARIABLE, _WITH_PRESSURE = 42, 28, 56
-#: Changes that are reported one by one.
-_TOLD = 3
+#: Changes reported one by one.
+_MOST_NOTED = 3
 
 
 class Configuration(NamedTuple):
@@ -120,7 +120,7 @@ def by_configuration(data: bytes, records: Sequence[Record]) -> Ensembles:
         {key: tuple(value) for key, value in groups.items()},
         parts,
         dict(unreadable),
-        _told(changes),
+        _change_notes(changes),
     )
 
 
@@ -202,12 +202,12 @@ def _with_full_leader(ensemble: bytes, leader: bytes) -> bytes:
     return whole + struct.pack("<H", sum(whole) & 0xFFFF)
 
 
-def _told(changes: Sequence[tuple[int, str]]) -> tuple[str, ...]:
+def _change_notes(changes: Sequence[tuple[int, str]]) -> tuple[str, ...]:
     if not changes:
         return ()
-    words = "; ".join(f"at ping {ordinal}: {what}" for ordinal, what in changes[:_TOLD])
-    more = f"; and {len(changes) - _TOLD} more" if len(changes) > _TOLD else ""
+    words = "; ".join(f"at ping {ordinal}: {what}" for ordinal, what in changes[:_MOST_NOTED])
+    more = f"; and {len(changes) - _MOST_NOTED} more" if len(changes) > _MOST_NOTED else ""
     times = "once" if len(changes) == 1 else f"{len(changes)} times"
     return (
-        f"the instrument's configuration changes {times}, each ping is read by its own: {words}{more}",
+        f"the instrument's configuration changes {times}, each ping uses its own: {words}{more}",
     )

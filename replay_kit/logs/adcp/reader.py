@@ -16,16 +16,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
 from replay_kit.logs.adcp.bottom_track import bottom_tracks, with_bottom
-from replay_kit.logs.adcp.dolfyn import NO_ENSEMBLE, read_ad2cp, read_pd0
 from replay_kit.logs.adcp.pd0 import by_configuration
 from replay_kit.logs.adcp.profiles import RawProfiles, raw_profiles
-from replay_kit.logs.adcp.records import PD0_MAGIC, lose_between, scan
+from replay_kit.logs.adcp.records import (
+    NO_ENSEMBLE,
+    PD0_MAGIC,
+    lose_between,
+    read_ad2cp,
+    read_pd0,
+    scan,
+)
 from replay_kit.logs.reader import Entry, LogFile
-from replay_kit.logs.shared.payloads import FIX, PING, Positions, location_fix, numbers, stamp
+from replay_kit.logs.shared.payloads import PING, Positions, numbers, stamp
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 _SECOND_NS = 1_000_000_000
@@ -60,7 +65,8 @@ def fixes_of(datasets: Sequence[Any]) -> Fixes:
         if "time_gps" in dataset and "latitude_gps" in dataset
     ]
     if not found:
-        return Fixes(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), None, 0)
+        none = np.zeros(0)
+        return Fixes(none.astype(np.int64), none, none, none, None, 0)
     gps_ns, instrument_ns, longitude, latitude, good = (
         np.concatenate(parts) for parts in zip(*found, strict=True)
     )
@@ -79,7 +85,8 @@ def fixes_of(datasets: Sequence[Any]) -> Fixes:
             * _HALF_DAY_NS
         )
     time_ns, first = np.unique(gps_ns, return_index=True)
-    return Fixes(time_ns, longitude[first], latitude[first], offset_ns, n_bad)
+    unknown = np.full(time_ns.size, np.nan)
+    return Fixes(time_ns, longitude[first], latitude[first], unknown, offset_ns, n_bad)
 
 
 def _raw_fixes(dataset: Any) -> tuple[NDArray[Any], ...]:
@@ -156,19 +163,12 @@ _UNTURNED = "bottom track in coordinates that cannot be turned to those of the p
 class RawAdcpReader(LogFile):
     """A raw ADCP file, read whole. An instrument has one clock, set right by GPS where the file has fixes."""
 
-    def __init__(
-        self,
-        path: Path,
-        input: int = 0,
-        config: LogConfig | None = None,
-        wanted: frozenset[str] | None = None,
-    ) -> None:
-        """Read the file; arguments as of ``LogFile``.
+    def _prepare(self) -> None:
+        """Read the file.
 
         Raises:
             LogError: The file cannot be read, has no sound ensemble, or MHKiT is not installed or cannot read it.
         """
-        super().__init__(path, input, config, wanted)
         with self._opened() as file:
             data = file.read()
         self.format = "pd0" if data[:2] == PD0_MAGIC else "ad2cp"
@@ -181,11 +181,11 @@ class RawAdcpReader(LogFile):
             self._gps, self._profiles = (self._pd0 if self.format == "pd0" else self._ad2cp)(data)
         except (LookupError, ValueError, TypeError) as error:
             raise LogError(
-                f"{path}: not a setting of an instrument that is understood: {type(error).__name__}: {error}"
+                f"{self.path}: unknown setting of an instrument: {type(error).__name__}: {error}"
             ) from error
         if not self._profiles:
             raise LogError(
-                f"{path}: it has no profile of velocities; give a file of a current profiler"
+                f"{self.path}: it has no profile of velocities; give a file of a current profiler"
             )
 
     def _pd0(self, data: bytes) -> tuple[Fixes, list[tuple[str, RawProfiles]]]:
@@ -241,22 +241,10 @@ class RawAdcpReader(LogFile):
         # at one time a position comes before the velocities measured there
         yield from self._by_time(
             chain(
-                self._fixes(),
+                self._gps.entries(),
                 *(self._pings(_TOPICS[tag], profiles) for tag, profiles in self._profiles),
             )
         )
-
-    def _fixes(self) -> Iterator[Entry]:
-        columns = (self._gps.time_ns, self._gps.longitude, self._gps.latitude)
-        for time_ns, longitude, latitude in zip(
-            *(column.tolist() for column in columns), strict=True
-        ):
-            yield (
-                time_ns,
-                "/vehicle/fix",
-                FIX,
-                location_fix(time_ns, longitude, latitude, 0.0, False, float("nan")),
-            )
 
     def _pings(self, topic: str, profiles: RawProfiles) -> Iterator[Entry]:
         offset_ns = self._gps.offset_ns

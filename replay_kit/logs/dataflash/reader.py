@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
-from replay_kit.logs.dataflash.formats import scaled, unit_names
-from replay_kit.logs.dataflash.records import Records, read_records
+from replay_kit.logs.dataflash.records import Records, read_records, scaled, unit_names
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.shared.clock import (
     ClockFit,
@@ -169,9 +168,7 @@ class DataflashReader(LogFile):
             return (
                 None,
                 first_us or 0,
-                (
-                    "no GPS time in it: times count from the vehicle's start, written as if that were 1970",
-                ),
+                ("no GPS time: times count from the vehicle's start, as if that were 1970-01-01",),
             )
         fit = fit_clock(np.concatenate(boot), np.concatenate(utc))
         ahead = int(leap_seconds(np.array([fit.utc_ns]))[0])
@@ -213,11 +210,11 @@ class _Stamps:
         notes = (
             (
                 self._backward,
-                f"{self._backward} stamps go back, by {self._most_us / 1000:.3f} ms at most",
+                f"{self._backward} stamps go backwards, by up to {self._most_us / 1000:.3f} ms",
             ),
             (
                 self._impossible,
-                f"{self._impossible} records with an impossible stamp have the time of the record before",
+                f"{self._impossible} records with an impossible stamp were given the time of the record before",
             ),
             (self._spikes, spikes_note(self._spikes)),
         )

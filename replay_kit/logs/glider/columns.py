@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.logs.glider import units
-from replay_kit.logs.glider.dialect import QUANTITIES, TIMES, Dialect, Names
+from replay_kit.logs.glider.dialects import QUANTITIES, TIMES, Dialect, Names
 from replay_kit.logs.glider.netcdf import NetcdfFile
 
 #: Columns of one length by name; ``time`` and names that end in it hold ns UTC, 0 where unknown.
@@ -94,10 +94,10 @@ def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Column
                 # of a basestation's file each time counts; others fill what they do not use with any number
                 if key == "time" or dialect.name == "seaglider":
                     raise
-                notes.append(f"{name}: holds no time of a mission, not used")
+                notes.append(f"{name}: holds no plausible times, not used")
                 continue
             if not known.all():
-                notes.append(f"{name}: {int((~known).sum())} values without a time, left out")
+                notes.append(f"{name}: {int((~known).sum())} values without a time, excluded")
         elif key in QUANTITIES:
             values[key] = units.in_si(name, stored, QUANTITIES[key], notes, forced.get(key, ""))
     _spread_by_profile(file, chosen, values, notes)
@@ -108,10 +108,9 @@ def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Column
         )
     heights = [name for name in file.names if name.lower() == "depth_z"]
     notes += [
-        f"{name}: bears the standard name of a depth and counts upwards; not used"
-        for name in heights
+        f"{name}: has the standard name depth but is positive up; not used" for name in heights
     ]
-    if (dive := dive_number(file)) is not None:
+    if (dive := file.dive_number) is not None:
         values["dive"] = np.array([float(dive)])
     skipped = _without_bad(file, dialect, chosen, values, notes)
     _with_sign(file, chosen, values, notes)
@@ -151,7 +150,7 @@ def _spread_by_profile(
     ]
     values |= {key: np.repeat(values[key].ravel(), np.maximum(sizes, 0)) for key in each}
     notes.append(
-        f"{sizes.size} profiles of {int(sizes.sum())} samples: what is stated once for each holds at all of its samples"
+        f"{sizes.size} profiles of {int(sizes.sum())} samples: values stated once for each are repeated at its samples"
     )
 
 
@@ -167,15 +166,7 @@ def _missing(chosen: Mapping[str, str], values: Mapping[str, NDArray[Any]]) -> l
         if key not in TIMES
     }
     lacking = ", ".join(f"{count} of {name}" for name, count in counts.items() if count)
-    return [f"missing (fill values, or not believable): {lacking}"] if lacking else []
-
-
-def dive_number(file: NetcdfFile) -> int | None:
-    """Return the dive that a basestation's file is of; None for files that are not of one dive."""
-    stated = file.attributes.get("dive_number", file.scalar("log_dive"))
-    return (
-        int(stated) if isinstance(stated, int | float | np.number) and np.isfinite(stated) else None
-    )
+    return [f"missing (fill values or out of range): {lacking}"] if lacking else []
 
 
 def _without_bad(
@@ -217,7 +208,7 @@ def _with_sign(
         up = stated == "up" or (stated != "down" and np.nanmedian(depth) < 0.0)
         if up:
             notes.append(
-                f"{chosen['depth']}: counts upwards ({'as it states' if stated else 'its values are negative'}), sign reversed"
+                f"{chosen['depth']}: positive up ({'as stated' if stated else 'by its negative values'}), sign reversed"
             )
             values["depth"] = -depth
     elif "pressure" in values and np.isfinite(values["pressure"]).any():

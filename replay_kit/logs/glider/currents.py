@@ -12,21 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.geodesy import unwrap_longitude
+from replay_kit.core.observation import Fix
 from replay_kit.logs.glider.columns import Columns, Table
-from replay_kit.logs.glider.fixes import Fixes
+from replay_kit.logs.shared.payloads import Positions
 
 # m; less deep is at the surface
 _SURFACE = 3.0
 # ns; fixes farther apart than this enclose more than one dive, or a hole in the log
 _LONGEST_NS = 48 * 3600 * 10**9
-
-
-class End(NamedTuple):
-    """A fix at one end of a dive: time [ns, UTC], longitude [degrees east], latitude [degrees north]."""
-
-    time_ns: int
-    longitude: float
-    latitude: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +40,11 @@ class DiveMean:
     east: float
     north: float
     error: float
-    start: End
-    end: End
+    start: Fix
+    end: Fix
     max_depth: float
     dive: int | None = None
-    middle: End | None = None
+    middle: Fix | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +69,9 @@ class Found(NamedTuple):
     skipped: tuple[tuple[str, int], ...]
 
 
-def mean_currents(columns: Columns, fixes: Fixes, ascent_share: float, notes: list[str]) -> Found:
+def mean_currents(
+    columns: Columns, fixes: Positions, ascent_share: float, notes: list[str]
+) -> Found:
     """Return the mean currents of a mission.
 
     Args:
@@ -133,7 +128,7 @@ def _numbered(means: Sequence[DiveMean], samples: Table) -> tuple[DiveMean, ...]
 
 
 def _repeated(
-    table: Table, rows: NDArray[np.intp], fixes: Fixes, notes: list[str]
+    table: Table, rows: NDArray[np.intp], fixes: Positions, notes: list[str]
 ) -> list[_Candidate]:
     """Return the mean currents that samples repeat, each once: by their own time, else by the fixes between which they stand."""
     if not rows.size:
@@ -165,7 +160,7 @@ def _repeated(
 
 
 def _with_ends(
-    candidate: _Candidate, samples: Table, fixes: Fixes, ascent_share: float
+    candidate: _Candidate, samples: Table, fixes: Positions, ascent_share: float
 ) -> DiveMean | None:
     ends = (
         _stated_ends(candidate, ascent_share)
@@ -188,7 +183,7 @@ def _with_ends(
         and candidate.rows.size
         and np.unique(samples["time"][candidate.rows]).size == 1
     ):
-        middle = End(
+        middle = Fix(
             candidate.time("dac_time"),
             candidate.number("dac_longitude"),
             candidate.number("dac_latitude"),
@@ -205,7 +200,7 @@ def _with_ends(
     )
 
 
-def _stated_ends(candidate: _Candidate, ascent_share: float) -> tuple[End, End] | None:
+def _stated_ends(candidate: _Candidate, ascent_share: float) -> tuple[Fix, Fix] | None:
     """Return the ends that the file states, or that follow from the middle of the dive and one more place on its straight way."""
     start, end = (_end(candidate, part) for part in ("start_", "end_"))
     if start is not None and end is not None:
@@ -235,26 +230,26 @@ def _stated_ends(candidate: _Candidate, ascent_share: float) -> tuple[End, End] 
     return None
 
 
-def _at_longitude(time_ns: float, longitude: float, latitude: float) -> End:
+def _at_longitude(time_ns: float, longitude: float, latitude: float) -> Fix:
     """Return an end whose longitude may have gone beyond the antimeridian."""
-    return End(
+    return Fix(
         round(time_ns),
         longitude - 360.0 * (longitude > 360.0) + 360.0 * (longitude < -180.0),
         latitude,
     )
 
 
-def _end(candidate: _Candidate, part: str) -> End | None:
+def _end(candidate: _Candidate, part: str) -> Fix | None:
     time_ns = candidate.time(f"{part}time")
     longitude, latitude = candidate.number(f"{part}longitude"), candidate.number(f"{part}latitude")
     return (
-        End(time_ns, longitude, latitude)
+        Fix(time_ns, longitude, latitude)
         if time_ns > 0 and np.isfinite(longitude + latitude)
         else None
     )
 
 
-def _fixes_about(candidate: _Candidate, samples: Table, fixes: Fixes) -> tuple[End, End] | None:
+def _fixes_about(candidate: _Candidate, samples: Table, fixes: Positions) -> tuple[Fix, Fix] | None:
     """Return the fix before and the fix after a time within the dive."""
     if fixes.time_ns.size < 2:
         return None
@@ -267,7 +262,7 @@ def _fixes_about(candidate: _Candidate, samples: Table, fixes: Fixes) -> tuple[E
     if not 0 < after < fixes.time_ns.size:
         return None
     before, end = (
-        End(int(fixes.time_ns[k]), float(fixes.longitude[k]), float(fixes.latitude[k]))
+        Fix(int(fixes.time_ns[k]), float(fixes.longitude[k]), float(fixes.latitude[k]))
         for k in (after - 1, after)
     )
     return before, end
@@ -295,7 +290,7 @@ def _time_within(candidate: _Candidate, samples: Table) -> int:
     return int(time_ns[deep[-1]]) if deep.size else -1
 
 
-def _outer_samples(candidate: _Candidate) -> tuple[End, End] | None:
+def _outer_samples(candidate: _Candidate) -> tuple[Fix, Fix] | None:
     """Return the first and the last sample that state the mean current, where there are no fixes."""
     if not candidate.rows.size:
         return None
@@ -308,7 +303,7 @@ def _outer_samples(candidate: _Candidate) -> tuple[End, End] | None:
     )
 
 
-def _samples_at_surface(candidate: _Candidate, samples: Table) -> tuple[End, End] | None:
+def _samples_at_surface(candidate: _Candidate, samples: Table) -> tuple[Fix, Fix] | None:
     """Return the samples at the surface before and after the dive of a mean current that is stated once, where there are no fixes."""
     inside = _time_within(candidate, samples)
     if inside <= 0 or not {"longitude", "latitude", "depth"} <= set(samples):
@@ -321,13 +316,13 @@ def _samples_at_surface(candidate: _Candidate, samples: Table) -> tuple[End, End
     if not 0 < after < shallow.size:
         return None
     before, end = (
-        End(int(time_ns[k]), float(samples["longitude"][k]), float(samples["latitude"][k]))
+        Fix(int(time_ns[k]), float(samples["longitude"][k]), float(samples["latitude"][k]))
         for k in shallow[after - 1 : after + 1]
     )
     return before, end
 
 
-def _note_ends(means: Iterable[DiveMean], fixes: Fixes, notes: list[str]) -> None:
+def _note_ends(means: Iterable[DiveMean], fixes: Positions, notes: list[str]) -> None:
     known = set(fixes.time_ns.tolist())
     ends = [end.time_ns for mean in means for end in (mean.start, mean.end)]
     if made := sum(end not in known for end in ends):

@@ -3,7 +3,7 @@
 import gzip
 import re
 import zlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
-from replay_kit.logs.glider.dialect import Dialect
-from replay_kit.logs.glider.dialects import dialect_of
-from replay_kit.logs.glider.missions import FIRST_COLUMNS, GZIP_MAGIC, is_seaexplorer, mission_of
+from replay_kit.logs.glider.dialects import Dialect, dialect_of
+from replay_kit.logs.glider.missions import (
+    FIRST_COLUMNS,
+    GZIP_MAGIC,
+    MISSION_NAMES,
+    is_seaexplorer,
+    mission_of,
+)
 from replay_kit.logs.glider.netcdf import Choose, NetcdfFile, Stored, as_number, open_netcdf
 
 _HEAD = 1 << 12
@@ -39,17 +44,29 @@ def open_glider_file(path: Path) -> GliderFile | None:
     Raises:
         LogError: The file cannot be read.
     """
+    read = open_seaexplorer if _is_text(path) else open_netcdf
+    return _opened(path, read, lambda dialect, names: dialect.wanted(names))
+
+
+def _opened(
+    path: Path,
+    read: Callable[[Path, Choose], NetcdfFile],
+    wanted: Callable[[Dialect, Collection[str]], Collection[str]],
+) -> GliderFile | None:
     found: list[Dialect | None] = []
 
     def choose(names: Collection[str], attributes: Mapping[str, Any]) -> Collection[str]:
         dialect = dialect_of(names, attributes)
         found.append(dialect)
-        return [] if dialect is None else dialect.wanted(names)
+        return [] if dialect is None else wanted(dialect, names)
 
-    with open(path, "rb") as file:
-        text = is_seaexplorer(file.read(_HEAD))
-    content = (open_seaexplorer if text else open_netcdf)(path, choose)
+    content = read(path, choose)
     return None if found[0] is None else GliderFile(content, found[0])
+
+
+def _is_text(path: Path) -> bool:
+    with open(path, "rb") as file:
+        return is_seaexplorer(file.read(_HEAD))
 
 
 def grouped(paths: Sequence[Path]) -> list[list[int]]:
@@ -66,21 +83,16 @@ def grouped(paths: Sequence[Path]) -> list[list[int]]:
 
 def _mission(path: Path) -> tuple[str, ...]:
     """Return the names of a file's dialect and missions; none where a mission is one file, or the dialect is not known."""
-    found: list[Dialect | None] = []
-
-    def choose(names: Collection[str], attributes: Mapping[str, Any]) -> Collection[str]:
-        found.append(dialect_of(names, attributes))
-        return [name for name in names if name.lower() in ("trajectory", "mission_name")]
-
-    with open(path, "rb") as file:
-        if is_seaexplorer(file.read(_HEAD)):
-            return "seaexplorer", *mission_of(NetcdfFile(path, {}, {}, ()), "seaexplorer")
-    content, dialect = open_netcdf(path, choose), found[0]
-    return (
-        (dialect.name, *mission_of(content, dialect.name))
-        if dialect is not None and dialect.in_parts
-        else ()
+    if _is_text(path):
+        return "seaexplorer", *mission_of(NetcdfFile(path, {}, {}, ()), "seaexplorer")
+    file = _opened(
+        path,
+        open_netcdf,
+        lambda _, names: [name for name in names if name.lower() in MISSION_NAMES],
     )
+    if file is None or not file.dialect.in_parts:
+        return ()
+    return file.dialect.name, *mission_of(file.content, file.dialect.name)
 
 
 _DATE = re.compile(r"(\d{2})/(\d{2})/(\d{4}) (\d{2}:\d{2}:\d{2}(?:\.\d{1,6})?)")

@@ -1,6 +1,4 @@
-"""Fixes at the surface, by whatever a file tells them from dead-reckoned positions with."""
-
-from dataclasses import dataclass
+"""Fixes at the surface: stated by the file, or marked by a flag of dead reckoning or the vehicle's state."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,18 +11,7 @@ from replay_kit.logs.shared.payloads import Positions
 _FIX_STATE = 119
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Fixes(Positions):
-    """Positions measured at the surface, in order of time.
-
-    Attributes:
-        error: shape (n,) [m], standard deviation of each component; NaN where unknown.
-    """
-
-    error: Array
-
-
-def fixes_of(columns: Columns, notes: list[str]) -> tuple[Fixes, int]:
+def fixes_of(columns: Columns, notes: list[str]) -> tuple[Positions, int]:
     """Return the fixes of a mission, and how many more lack a time or a position.
 
     Those that have variables of their own; else those at either end of a stretch at the surface, by the flag of dead reckoning or by
@@ -55,8 +42,10 @@ def fixes_of(columns: Columns, notes: list[str]) -> tuple[Fixes, int]:
     if (repeated := int(whole.sum()) - first.size) and not {"start_time", "end_time"} & set(
         columns.samples
     ):
-        notes.append(f"{repeated} fixes at the time of another, left out")
-    return Fixes(*(values[whole][first] for values in (time_ns, longitude, latitude, error))), lost
+        notes.append(f"{repeated} fixes at the time of another, excluded")
+    return Positions(
+        *(values[whole][first] for values in (time_ns, longitude, latitude, error))
+    ), lost
 
 
 def _table(table: Table, part: str) -> tuple[NDArray[np.int64], Array, Array, Array]:
@@ -80,7 +69,7 @@ def _by_state(samples: Table, notes: list[str]) -> tuple[NDArray[np.int64], Arra
         measured = samples["nav_state"] == _FIX_STATE
         if measured.any():
             notes.append(
-                f"fixes: positions in the vehicle's state {_FIX_STATE}, because no flag tells dead reckoning"
+                f"fixes: positions in the navigation state {_FIX_STATE}, because no flag marks dead reckoning"
             )
     else:
         measured = np.zeros(0, np.bool_)
@@ -95,9 +84,7 @@ def _by_state(samples: Table, notes: list[str]) -> tuple[NDArray[np.int64], Arra
         else rows
     )
     if not edges.size:
-        notes.append(
-            "no fixes: the file does not tell which positions were measured; all count as dead-reckoned"
-        )
+        notes.append("no fixes: nothing marks measured positions; all are treated as dead-reckoned")
         return np.empty(0, np.int64), np.empty(0), np.empty(0), np.empty(0)
     return (
         samples["time"][edges],

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 GZIP_MAGIC = b"\x1f\x8b"
 #: Names that the first column of such a file has.
 FIRST_COLUMNS = ("timestamp", "pld_realtimeclock")
-# variables that name the mission, and attributes that do, with the dialects of which they do; of others ``id`` names the file
-_VARIABLES = ("trajectory", "mission_name")
+#: Variables that name the mission, and attributes that do, with the dialects of which they do; of others ``id`` names the file
+MISSION_NAMES = ("trajectory", "mission_name")
 _ATTRIBUTES = (("deployment_name", None), ("id", "og1"), ("glider_name", None))
 
 
@@ -29,7 +29,7 @@ def mission_of(file: "NetcdfFile", dialect: str) -> tuple[str, ...]:
     """
     if dialect == "seaexplorer":
         return (".".join(file.path.name.lower().split(".")[:2]),)
-    named = [stored for name, stored in file.variables.items() if name.lower() in _VARIABLES]
+    named = [stored for name, stored in file.variables.items() if name.lower() in MISSION_NAMES]
     stated = tuple(dict.fromkeys(text for stored in named for text in stored.texts() if text))
     if stated:
         return stated

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.io import netcdf_file
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.claims import exceeds_claim
 from replay_kit.core.errors import LogError
+from replay_kit.core.paths import exceeds_claim
 
 _ATTRIBUTES = (
     *("units", "_FillValue", "missing_value", "scale_factor", "add_offset"),
@@ -141,6 +141,13 @@ class NetcdfFile:
         """Return a number; NaN when the file has none."""
         values = self.array(name).ravel() if self.has(name) else np.empty(0)
         return float(values[0]) if values.size else float("nan")
+
+    @property
+    def dive_number(self) -> int | None:
+        """The dive that a basestation's file is of; None for files that are not of one dive."""
+        stated = self.attributes.get("dive_number", self.scalar("log_dive"))
+        known = isinstance(stated, int | float | np.number) and np.isfinite(stated)
+        return int(stated) if known else None
 
 
 def open_netcdf(path: Path, choose: Choose) -> NetcdfFile:

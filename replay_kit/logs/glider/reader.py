@@ -1,4 +1,4 @@
-"""A glider's files of any known dialect as messages of the kinds that other logs hold."""
+"""Reader of glider files: fixes, positions, mean currents and ADCP pings of any known dialect as messages."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,17 +9,25 @@ import numpy as np
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.message import Message
+from replay_kit.core.observation import Fix
+from replay_kit.logs.glider.adcp import FROM_SURFACE, INVERTED, earth_ping
 from replay_kit.logs.glider.columns import Columns, joined, read_columns
-from replay_kit.logs.glider.currents import DiveMean, End, mean_currents
-from replay_kit.logs.glider.dialect import Dialect
+from replay_kit.logs.glider.currents import DiveMean, mean_currents
+from replay_kit.logs.glider.dialects import Dialect
 from replay_kit.logs.glider.files import GliderFile, open_glider_file
-from replay_kit.logs.glider.fixes import Fixes, fixes_of
+from replay_kit.logs.glider.fixes import fixes_of
 from replay_kit.logs.glider.missions import mission_of
-from replay_kit.logs.glider.pings import PROFILES, absolute_profiles
 from replay_kit.logs.glider.rows import NetcdfRows
-from replay_kit.logs.glider.seaglider import INVERTED
 from replay_kit.logs.reader import Entry, LogFile
-from replay_kit.logs.shared.payloads import FIX, by_variable, gather, location_fix, number, stamp
+from replay_kit.logs.shared.payloads import (
+    FIX,
+    PING,
+    by_variable,
+    gather,
+    location_fix,
+    number,
+    stamp,
+)
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 _NS = 1_000_000_000
@@ -35,27 +43,19 @@ class GliderReader(LogFile):
     without_checksum = "values of NetCDF or text files"
 
     def __init__(
-        self,
-        path: Path,
-        input: int = 0,
-        config: LogConfig | None = None,
-        wanted: frozenset[str] | None = None,
-        *,
-        files: Sequence[GliderFile],
+        self, files: Sequence[GliderFile], input: int = 0, config: LogConfig | None = None
     ) -> None:
-        """Read the files; other arguments as of ``LogFile``.
+        """Read the files.
 
         Args:
-            path: The log's name: of its file, or of the first of its files.
+            files: The log's files, all of one dialect, in order of time; the log is named after the first.
             input: Position of the log among the run's inputs.
             config: How logs are read.
-            wanted: Without effect.
-            files: The log's files, all of one dialect, in order of time.
 
         Raises:
             LogError: A variable has a unit that is not understood.
         """
-        super().__init__(path, input, config, wanted)
+        super().__init__(files[0].content.path, input, config)
         self._dialect = files[0].dialect
         self.format = self._dialect.name
         notes: list[str] = (
@@ -96,7 +96,7 @@ class GliderReader(LogFile):
             self._skip("/dac", reason, count)
         # at one time a position comes before the velocities measured there
         yield from self._by_time(
-            [*_fix_entries(self._fixes), *self._positions(), *self._dacs(), *self._adcp]
+            [*self._fixes.entries(), *self._positions(), *self._dacs(), *self._adcp]
         )
 
     def is_gliders(self) -> bool:
@@ -178,22 +178,6 @@ def _depth_at_times(samples: Mapping[str, Any]) -> Any:
     return np.where((most - least)[of_time] > _ONE_DEPTH, np.nan, depth)
 
 
-def _fix_entries(fixes: Fixes) -> Iterator[Entry]:
-    for time_ns, longitude, latitude, error in zip(
-        fixes.time_ns.tolist(),
-        fixes.longitude.tolist(),
-        fixes.latitude.tolist(),
-        fixes.error.tolist(),
-        strict=True,
-    ):
-        yield (
-            time_ns,
-            "/vehicle/fix",
-            FIX,
-            location_fix(time_ns, longitude, latitude, 0.0, False, error),
-        )
-
-
 def _dac(mean: DiveMean, kind: str) -> dict[str, Any]:
     return {
         "stamp": stamp(mean.end.time_ns),
@@ -209,7 +193,7 @@ def _dac(mean: DiveMean, kind: str) -> dict[str, Any]:
     }
 
 
-def _end(end: End) -> dict[str, Any]:
+def _end(end: Fix) -> dict[str, Any]:
     return {"time": stamp(end.time_ns), "lon": end.longitude, "lat": end.latitude}
 
 
@@ -251,7 +235,7 @@ def open_glider(
     wanted: frozenset[str] | None = None,
     more: Sequence[Path] = (),
 ) -> LogFile:
-    """Return the reader of a glider's file, or of several that are one log.
+    """Return the reader of a glider file, or of several that are one log.
 
     Args:
         path: The file, or the first of them.
@@ -264,8 +248,45 @@ def open_glider(
         LogError: A file cannot be read, or is of no known dialect.
     """
     files = [file for part in (path, *more) if (file := open_glider_file(part)) is not None]
-    return (
-        GliderReader(path, input, config, wanted, files=files)
-        if files
-        else NetcdfRows(path, input, config, wanted)
+    return GliderReader(files, input, config) if files else NetcdfRows(path, input, config, wanted)
+
+
+#: Topic of the profiles.
+PROFILES = "/adcp/absolute"
+
+
+def absolute_profiles(
+    columns: Columns, means: Sequence[DiveMean], notes: list[str]
+) -> Iterator[Entry]:
+    """Yield the absolute profiles of a mission as pings at the middle of their dives, where the file states it.
+
+    They were referenced to the mean currents: ``computed_from`` and, in the mean currents, ``also_in`` keep them from counting twice.
+    """
+    profile, samples = columns.profile, columns.samples
+    if not profile:
+        return
+    depth = profile["depth"]
+    steps = np.diff(depth)
+    even = bool(steps.size and np.allclose(steps, steps[0]) and steps[0] > 0.0)
+    placed = {mean.middle.time_ns for mean in means if mean.middle is not None}
+    notes.append(
+        "absolute profiles: taken as east and north relative to the earth, each at the middle of its dive"
     )
+    for k in range(len(profile["east"])):
+        velocity = np.column_stack([profile["east"][k], profile["north"][k]])
+        if not np.isfinite(velocity).all(axis=1).any():
+            continue
+        middle_ns = int(samples["dac_time"][k]) if "dac_time" in samples else 0
+        time_ns = middle_ns if middle_ns in placed else int(samples["time"][k])
+        payload = earth_ping(
+            time_ns,
+            k,
+            int(samples["dive"][k]),
+            velocity,
+            (float(steps[0]) if even else 1.0, float(depth[0])),
+        )
+        payload |= FROM_SURFACE | {
+            "computed_from": ["/dac"],
+            **({} if even else {"cell_distances": depth.tolist()}),
+        }
+        yield time_ns, PROFILES, PING, payload

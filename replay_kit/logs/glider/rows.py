@@ -1,12 +1,11 @@
-"""A NetCDF file of no known dialect, row by row: each time is a message that a mapping can read."""
+"""NetCDF files of no known dialect: each time is a message, for ``[[measurements.map]]``."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
@@ -25,36 +24,29 @@ _VELOCITY = (
     "sea_water_y_velocity",
 )
 _NOT_A_LOG = "; a forecast is given with --ensemble, not as a log"
-_EXPECTED = "expected a Seaglider basestation file or a glider's file of another known dialect"
+_EXPECTED = "expected a Seaglider basestation file or a glider file of another known dialect"
 
 
 class NetcdfRows(LogFile):
-    """A file whose variables are rows over one time; which of them is what, ``[[measurements.map]]`` says."""
+    """A file whose variables are rows over one time; ``[[measurements.map]]`` maps them."""
 
     format = "netcdf"
 
     without_checksum = "values of NetCDF or text files"
 
-    def __init__(
-        self,
-        path: Path,
-        input: int = 0,
-        config: LogConfig | None = None,
-        wanted: frozenset[str] | None = None,
-    ) -> None:
-        """Read the file; arguments as of ``LogFile``.
+    def _prepare(self) -> None:
+        """Read the file.
 
         Raises:
             LogError: The file cannot be read, holds no time, or is a forecast.
         """
-        super().__init__(path, input, config, wanted)
-        file = open_netcdf(path, _all)
+        file = open_netcdf(Path(self.path), lambda names, attributes: names)
         if any(
             stored.text("standard_name") in _VELOCITY and stored.values.ndim > 2
             for stored in file.variables.values()
         ):
             raise LogError(
-                f"{path}: {_EXPECTED}, got currents on a grid: {', '.join(file.variables)}{_NOT_A_LOG}"
+                f"{self.path}: {_EXPECTED}, got currents on a grid: {', '.join(file.variables)}{_NOT_A_LOG}"
             )
         self._name = _time_name(file)
         notes: list[str] = []
@@ -65,7 +57,7 @@ class NetcdfRows(LogFile):
         self._rows, self._fixed = _split(file, self._name, self._time_ns.size)
         if not self._rows:
             raise LogError(
-                f"{path}: {_EXPECTED}, got no variable along {self._name} alone: {', '.join(file.variables)}{_NOT_A_LOG}"
+                f"{self.path}: {_EXPECTED}, got no variable along {self._name} alone: {', '.join(file.variables)}{_NOT_A_LOG}"
             )
         self._notes = (
             f"of no known glider dialect: each row over {self._name} is a message on {TOPIC}{self._name}, with {', '.join(self._rows)}"
@@ -90,11 +82,6 @@ class NetcdfRows(LogFile):
             )
             for k in np.flatnonzero(self._known).tolist()
         )
-
-
-def _all(names: Collection[str], attributes: Mapping[str, Any]) -> Collection[str]:
-    del attributes
-    return names
 
 
 def _time_name(file: NetcdfFile) -> str:

@@ -4,16 +4,13 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from operator import attrgetter, itemgetter
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import LogReport, Message
-from replay_kit.core.raw import MAVLINK_FRAMES, RawChannel, RawMessage
+from replay_kit.core.message import MAVLINK_FRAMES, LogReport, Message, RawChannel, RawMessage
 from replay_kit.logs.mavlink.clock import StartClock, SystemTimes, header_time
 from replay_kit.logs.mavlink.frames import Frames, read_frames
 from replay_kit.logs.reader import LogFile
@@ -88,19 +85,8 @@ class TlogReader(LogFile):
     has_own_frames = True
     without_checksum = "stamps of frames"
 
-    def __init__(
-        self,
-        path: Path,
-        input: int = 0,
-        config: LogConfig | None = None,
-        wanted: frozenset[str] | None = None,
-    ) -> None:
-        """See ``LogFile``."""
-        super().__init__(path, input, config, wanted)
+    def _prepare(self) -> None:
         self._system = self._config.system
-        self._reset()
-
-    def _reset(self) -> None:
         self.statistics = ReadStatistics()
         self._times = SystemTimes()
         self._clocks: dict[int, list[StartClock]] = {}
@@ -117,7 +103,7 @@ class TlogReader(LogFile):
         Raises:
             LogError: The file cannot be read; or only some messages are wanted, and positions of several systems are among them.
         """
-        self._reset()
+        self._prepare()
         if self._clock == "header":
             times = SystemTimes()
             for frames, position, _ in self._read(ReadStatistics()):

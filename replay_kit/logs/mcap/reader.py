@@ -1,4 +1,4 @@
-"""Streaming MCAP reader: one chunk in memory, messages in file order, damage counted and stepped over."""
+"""Streaming MCAP reader: one chunk in memory, messages in file order, damage counted and skipped."""
 
 import os
 import struct
@@ -10,11 +10,9 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Header, Metadata
 
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import Message
-from replay_kit.core.raw import MAVLINK_FRAMES, RawMessage
+from replay_kit.core.message import MAVLINK_FRAMES, Message, RawMessage
 from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, explain
-from replay_kit.logs.decode.json_schemas import DIVE_MEAN
-from replay_kit.logs.mcap.channels import Channels
+from replay_kit.logs.decode.to_json import DIVE_MEAN
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     MAGIC,
@@ -25,10 +23,9 @@ from replay_kit.logs.mcap.records import (
     parse,
 )
 from replay_kit.logs.mcap.scanner import MESSAGE, Make, McapScanner
-from replay_kit.logs.mcap.summary import read_summary
+from replay_kit.logs.mcap.summary import Channels, read_summary
 from replay_kit.logs.reader import LogFile, OnExtra
-from replay_kit.logs.shared.blocks import Block
-from replay_kit.logs.shared.overview import Overview
+from replay_kit.logs.shared.blocks import Block, Overview
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 _MAX_TIME_NS = 2**63 - 1
@@ -68,7 +65,7 @@ class McapReader(LogFile):
 
     def overview(self) -> Overview | str:
         """Return what the index at the end of the file says; as ``LogFile.overview``."""
-        from replay_kit.logs.mcap.overview import overview_of
+        from replay_kit.logs.mcap.survey import overview_of
 
         if self._clock != "log":
             return f"the index holds log times alone, and the clock is {self._clock}"

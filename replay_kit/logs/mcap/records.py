@@ -47,15 +47,13 @@ _KEPT = frozenset(
         Opcode.DATA_END,
         Opcode.FOOTER,
         Opcode.STATISTICS,
+        Opcode.HEADER,
+        Opcode.METADATA,
+        Opcode.CHUNK_INDEX,
+        Opcode.ATTACHMENT_INDEX,
+        Opcode.METADATA_INDEX,
     }
 )
-_KEPT |= {
-    Opcode.HEADER,
-    Opcode.METADATA,
-    Opcode.CHUNK_INDEX,
-    Opcode.ATTACHMENT_INDEX,
-    Opcode.METADATA_INDEX,
-}
 #: What a chunk holds, as plain numbers.
 INNER = frozenset({int(Opcode.SCHEMA), int(Opcode.CHANNEL), int(Opcode.MESSAGE)})
 

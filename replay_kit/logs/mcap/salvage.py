@@ -1,4 +1,4 @@
-"""Where reading goes on after damage to an MCAP file: the next place at which records, or a chunk whose checksum fits, begin."""
+"""Resynchronisation after damage to an MCAP file: the next offset at which records, or a chunk whose checksum fits, begin."""
 
 import re
 import struct
@@ -14,7 +14,6 @@ from replay_kit.logs.mcap.records import (
     MAX_SIZE,
     RECORD_ERRORS,
     RECORD_HEAD,
-    Chunk,
     Record,
     chunk_contents,
     parse_chunk,
@@ -57,38 +56,12 @@ class WholeChunk(NamedTuple):
     """A chunk whose checksum fits its contents, wherever its record is said to end.
 
     Attributes:
-        chunk: The chunk.
         contents: Its records.
         end: Where its data end in the file [bytes].
     """
 
-    chunk: Chunk
     contents: bytes
     end: int
-
-
-def begins_record(file: BinaryIO, offset: int, size: int) -> int | None:
-    """Return where the record ends that begins at a byte [bytes]; None when its opcode and length are those of no record.
-
-    Args:
-        file: The open log.
-        offset: The byte.
-        size: Size of the file [bytes].
-    """
-    file.seek(offset)
-    head = file.read(HEAD_SIZE + _INDEX_HEAD.size)
-    if len(head) < HEAD_SIZE + 4:
-        return None
-    opcode, length = RECORD_HEAD.unpack_from(head)
-    end: int = offset + HEAD_SIZE + length
-    if length < _LEAST.get(opcode, MAX_SIZE) or end > size:
-        return None
-    if opcode == Opcode.MESSAGE_INDEX:
-        return end if _is_index(head[HEAD_SIZE:], length) else None
-    if opcode in _FIXED and length - _LEAST[opcode] >= _SPARE:
-        return None
-    # nothing but the closing magic bytes follows a footer
-    return end if opcode != Opcode.FOOTER or end + len(MAGIC) >= size else None
 
 
 def _is_index(body: bytes, length: int) -> bool:
@@ -99,27 +72,8 @@ def _is_index(body: bytes, length: int) -> bool:
     return listed % _INDEX_ENTRY == 0 and 0 <= length - _INDEX_HEAD.size - listed < _SPARE
 
 
-def begins_chain(file: BinaryIO, offset: int, size: int) -> bool:
-    """Return whether three records follow one another from a byte on, or fewer that end where the file does.
-
-    Args:
-        file: The open log.
-        offset: The byte.
-        size: Size of the file [bytes].
-    """
-    for _ in range(_CHAIN):
-        end = begins_record(file, offset, size)
-        if end is None:
-            file.seek(offset)
-            return size - offset <= len(MAGIC) and file.read() == MAGIC
-        if end == size:
-            return True
-        offset = end
-    return True
-
-
 class Salvage:
-    """Says what is a record of one file, and where reading goes on; what checksums of candidates cost is bounded by the file's size."""
+    """Says what is a record of one file, and where reading resumes; what checksums of candidates cost is bounded by the file's size."""
 
     def __init__(self, file: BinaryIO, size: int, summary: Summary) -> None:
         """Begin with a file, its size [bytes] and its summary."""
@@ -127,6 +81,35 @@ class Salvage:
         self._size = size
         self._summary = summary
         self._left = _COST * size
+
+    def begins_record(self, offset: int) -> int | None:
+        """Return where the record ends that begins at a byte [bytes]; None when its opcode and length are those of no record."""
+        self._file.seek(offset)
+        head = self._file.read(HEAD_SIZE + _INDEX_HEAD.size)
+        if len(head) < HEAD_SIZE + 4:
+            return None
+        opcode, length = RECORD_HEAD.unpack_from(head)
+        end: int = offset + HEAD_SIZE + length
+        if length < _LEAST.get(opcode, MAX_SIZE) or end > self._size:
+            return None
+        if opcode == Opcode.MESSAGE_INDEX:
+            return end if _is_index(head[HEAD_SIZE:], length) else None
+        if opcode in _FIXED and length - _LEAST[opcode] >= _SPARE:
+            return None
+        # nothing but the closing magic bytes follows a footer
+        return end if opcode != Opcode.FOOTER or end + len(MAGIC) >= self._size else None
+
+    def begins_chain(self, offset: int) -> bool:
+        """Return whether three records follow one another from a byte on, or fewer that end where the file does."""
+        for _ in range(_CHAIN):
+            end = self.begins_record(offset)
+            if end is None:
+                self._file.seek(offset)
+                return self._size - offset <= len(MAGIC) and self._file.read() == MAGIC
+            if end == self._size:
+                return True
+            offset = end
+        return True
 
     def is_believable(self, record: Record) -> bool:
         """Return whether a record is whole, the one that the summary lists at its offset, and of a kind and length that records have."""
@@ -143,16 +126,14 @@ class Salvage:
         if record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             return True
         if record.opcode in _LEAST:
-            return begins_record(self._file, record.offset, self._size) is not None
+            return self.begins_record(record.offset) is not None
         # a kind of a later version of the format
-        return begins_chain(self._file, record.end, self._size)
+        return self.begins_chain(record.end)
 
     def follows(self, record: Record) -> bool:
         """Return whether a record begins where this one ends, by the summary or by the next records themselves."""
         listed = self._summary.chunk_at(record.offset) is not None
-        return (
-            listed or record.end == self._size or begins_chain(self._file, record.end, self._size)
-        )
+        return listed or record.end == self._size or self.begins_chain(record.end)
 
     def indexed_messages(self, record: Record) -> int | None:
         """Return how many messages the message indexes after a chunk list; None when none follow, or no record follows them.
@@ -163,7 +144,7 @@ class Salvage:
             return 0
         listed = self._summary.chunk_at(record.offset)
         offset, count = record.offset + listed.chunk_length if listed else record.end, None
-        while (end := begins_record(self._file, offset, self._size)) is not None:
+        while (end := self.begins_record(offset)) is not None:
             self._file.seek(offset)
             head = self._file.read(HEAD_SIZE + _INDEX_HEAD.size)
             if head[0] != Opcode.MESSAGE_INDEX:
@@ -208,7 +189,7 @@ class Salvage:
             self._left -= cost
             self._file.seek(start)
             chunk = replace(stated, data=memoryview(self._file.read(length)))
-            return WholeChunk(chunk, chunk_contents(chunk), start + length)
+            return WholeChunk(chunk_contents(chunk), start + length)
         except RECORD_ERRORS:
             return None
 
@@ -240,11 +221,11 @@ class Salvage:
         return None
 
     def _goes_on(self, place: int, opcode: int) -> bool:
-        return begins_chain(self._file, place, self._size) or (
+        return self.begins_chain(place) or (
             opcode == Opcode.CHUNK and self.whole_chunk(place) is not None
         )
 
 
 def goes_on(resume: int | None) -> str:
-    """Return where reading goes on in words, for the end of a sentence; empty when it does not."""
-    return "" if resume is None else f"; reading goes on at byte {resume}"
+    """Return the end of a sentence that says where reading resumes; empty when it does not."""
+    return "" if resume is None else f"; reading resumes at byte {resume}"

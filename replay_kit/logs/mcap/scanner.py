@@ -1,4 +1,4 @@
-"""A scan of an open MCAP file: its messages in its order, damage counted and stepped over."""
+"""Scanner of MCAP files: messages in file order; damage is counted and skipped."""
 
 import os
 import struct
@@ -8,7 +8,6 @@ from typing import BinaryIO, Generic, TypeVar
 from mcap.opcode import Opcode
 from mcap.records import DataEnd, Statistics
 
-from replay_kit.logs.mcap.channels import Channels
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     INNER,
@@ -24,8 +23,8 @@ from replay_kit.logs.mcap.records import (
     parse,
     parse_chunk,
 )
-from replay_kit.logs.mcap.salvage import Salvage, WholeChunk, begins_chain, goes_on
-from replay_kit.logs.mcap.summary import read_summary
+from replay_kit.logs.mcap.salvage import Salvage, WholeChunk, goes_on
+from replay_kit.logs.mcap.summary import Channels, read_summary
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 #: Fixed part of a message record: channel, sequence, log time, publish time. Unpacked here at once, because the library's
@@ -80,7 +79,7 @@ class McapScanner(Generic[_T]):
         self._chunked = bool(self._summary.chunks)
         self._salvage = Salvage(file, self._size, self._summary)
         if self._summary.problem:
-            what = f"{self._summary.problem}: the index is not used, all messages that can be found are"
+            what = f"{self._summary.problem}: the index is ignored, the file is scanned"
             statistics.lose(what, self._size, 0, messages=0)
 
     def messages(self) -> Iterator[_T]:
@@ -108,7 +107,7 @@ class McapScanner(Generic[_T]):
         self._statistics.lose(what, start, end - start, messages=messages, span=span)
 
     def _read_from(self, start: int) -> Generator[_T, None, int | None]:
-        """Yield messages up to the end or to damage; return the offset at which reading goes on, or None."""
+        """Yield messages up to the end or to damage; return the offset at which reading resumes, or None."""
         self._search_from = start + 1
         for record in file_records(self._file, start, self._size, self._summary.next_offset):
             self._chunked = self._chunked or record.opcode == Opcode.CHUNK
@@ -120,7 +119,7 @@ class McapScanner(Generic[_T]):
             elif record.opcode in INNER:
                 if self._summary.in_index(record.offset):
                     self._lose(
-                        "a record of a chunk's index is damaged and not used",
+                        "a record of a chunk's index is damaged and ignored",
                         record.offset,
                         record.end,
                         0,
@@ -148,14 +147,14 @@ class McapScanner(Generic[_T]):
                 self._on_extra(record)
         except RECORD_ERRORS as error:
             self._lose(
-                f"an attachment or metadata record is damaged and left out: {error}",
+                f"an attachment or metadata record is damaged and excluded: {error}",
                 record.offset,
                 record.end,
                 0,
             )
 
     def _chunk(self, record: Record) -> Generator[_T, None, int | None]:
-        """Yield the messages of a whole chunk record; return where reading goes on, or None."""
+        """Yield the messages of a whole chunk record; return where reading resumes, or None."""
         try:
             chunk = parse_chunk(record.body)
             data = chunk_contents(chunk)
@@ -218,16 +217,16 @@ class McapScanner(Generic[_T]):
     def _as_stated_by_itself(
         self, record: Record, own: WholeChunk
     ) -> Generator[_T, None, int | None]:
-        """Yield the messages of a chunk whose record states another kind or length; return where reading goes on, or None."""
+        """Yield the messages of a chunk whose record states another kind or length; return where reading resumes, or None."""
         self._chunked = True
         yield from self._contents(own.contents, record, None)
         return self._after_chunk(record, own.end)
 
     def _after_chunk(self, record: Record, end: int) -> int | None:
-        """Count the damage to the opcode or length of a chunk whose checksum fits; return where reading goes on, or None."""
+        """Count the damage to the opcode or length of a chunk whose checksum fits; return where reading resumes, or None."""
         resume = (
             end
-            if (follows := begins_chain(self._file, end, self._size))
+            if (follows := self._salvage.begins_chain(end))
             else self._salvage.resume(end - 1, end, False)
         )
         what = (
@@ -271,14 +270,14 @@ class McapScanner(Generic[_T]):
                     self._declare(opcode, data[start:stop], record.offset)
             elif length < MESSAGE.size:
                 self._lose(
-                    "a message record is too short and left out",
+                    "a message record is too short and excluded",
                     record.offset,
                     record.offset + length,
                     1,
                 )
             elif span is not None and not span[0] <= MESSAGE.unpack_from(data, start)[2] <= span[1]:
                 self._lose(
-                    "a message left out: its time is outside its chunk's",
+                    "message excluded: its time is outside its chunk's range",
                     record.offset,
                     record.offset + length,
                     1,
@@ -292,7 +291,7 @@ class McapScanner(Generic[_T]):
         return end
 
     def _cut(self, record: Record) -> Generator[_T, None, int | None]:
-        """Yield the messages of what is left of a record that is not whole; return where reading goes on, or None."""
+        """Yield the messages of what is left of a record that is not whole; return where reading resumes, or None."""
         if (own := self._salvage.whole_chunk(record.offset)) is not None:
             return (yield from self._as_stated_by_itself(record, own))
         resume = self._salvage.resume(record.offset, self._search_from, not self._chunked)
@@ -337,7 +336,7 @@ class McapScanner(Generic[_T]):
             self._channels.declare(opcode, body)
         except RECORD_ERRORS:
             self._lose(
-                "a schema or channel record is damaged and left out",
+                "a schema or channel record is damaged and excluded",
                 offset,
                 offset + len(body),
                 messages,
@@ -345,7 +344,7 @@ class McapScanner(Generic[_T]):
 
     def _message(self, record: Record) -> _T | None:
         if len(record.body) < MESSAGE.size:
-            self._lose("a message record is too short and left out", record.offset, record.end, 1)
+            self._lose("a message record is too short and excluded", record.offset, record.end, 1)
             return None
         self._position += 1
         return self._make(self._channels, record.body, 0, len(record.body), self._position - 1)
@@ -363,7 +362,7 @@ class McapScanner(Generic[_T]):
                 )
             if not self._ended and not self._statistics.lost:
                 self._lose(
-                    "the end of the data is missing: messages may be",
+                    "the end of the data section is missing, perhaps messages too",
                     record.offset,
                     record.offset,
                     None,

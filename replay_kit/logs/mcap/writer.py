@@ -10,8 +10,7 @@ from mcap.records import Attachment, Metadata
 from mcap.writer import CompressionType, Writer
 
 from replay_kit.core.atomic import atomic_file
-from replay_kit.core.message import Message
-from replay_kit.core.raw import OutChannels, RawMessage
+from replay_kit.core.message import Message, OutChannels, RawMessage
 from replay_kit.logs.decode.to_json import JsonChannels
 
 _LIBRARY = "replay-kit"

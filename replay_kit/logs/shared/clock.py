@@ -123,7 +123,7 @@ def without_spikes(stamp_us: Times, before_us: int | None) -> tuple[Times, int]:
 
 def spikes_note(spikes: int) -> str:
     """Return the note on stamps that ``without_spikes`` replaced."""
-    return f"{spikes} stamps far from those before and after were replaced by the one after"
+    return f"{spikes} outlier stamps were replaced by the following stamp"
 
 
 def gps_to_utc(week: NDArray[np.int64], week_ms: NDArray[np.int64]) -> Times:

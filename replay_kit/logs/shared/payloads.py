@@ -1,8 +1,8 @@
-"""Parts of the messages that readers of foreign formats make: stamps, fixes, numbers that may be unknown."""
+"""Parts of the messages made from foreign formats: stamps, fixes, missing numbers, notes."""
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,17 +65,28 @@ def location_fix(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Positions:
-    """Places of a vehicle.
+    """A vehicle's fixes at the surface.
 
     Attributes:
         time_ns: shape (n,) [ns, UTC], increasing.
         longitude: shape (n,) [degrees east].
         latitude: shape (n,) [degrees north].
+        error: shape (n,) [m], standard deviation of each component; NaN where unknown.
     """
 
     time_ns: NDArray[np.int64]
     longitude: Array
     latitude: Array
+    error: Array
+
+    def entries(self) -> Iterator[tuple[int, str, str, dict[str, Any]]]:
+        """Yield time, topic, schema and payload of each fix."""
+        columns = (self.time_ns, self.longitude, self.latitude, self.error)
+        for time_ns, longitude, latitude, error in zip(
+            *(column.tolist() for column in columns), strict=True
+        ):
+            fix = location_fix(time_ns, longitude, latitude, 0.0, False, error)
+            yield time_ns, "/vehicle/fix", FIX, fix
 
 
 # not within names, such as VelocityBeam1

@@ -1,11 +1,24 @@
-"""The checks of pings and of positions: to add one is to write its file and to name it here."""
+"""What a check of pings or of positions is, the checks of pings, and the list of all: to add one is to write its file and to name it here.
 
-from pkgutil import resolve_name
+The checks of pings ask for bins above the surface, and compare speeds with those of the ensemble.
+"""
+
+import math
+from dataclasses import dataclass
 from typing import Protocol, Self
 
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Observation, VehicleState
-from replay_kit.measurements.consistency.summary import PingSummary
+from replay_kit.measurements.consistency import findings
+from replay_kit.measurements.consistency.position_checks import PositionRun, SeparatePlaces
+from replay_kit.measurements.consistency.summary import MOST_SPEED, PingSummary
+
+# Share of the pings above the surface, and the number of them, from which depths are wrong.
+_MOST_ABOVE, _LEAST_ABOVE = 0.1, 5
+# Pings after which speeds are judged, and the factor beyond which they contradict the ensemble.
+_LEAST_PINGS, _ODD = 30, 8.0
+# m/s; a slower profile lacks even the noise of an instrument
+_LEAST_SPEED = 0.01
 
 
 class PingCheck(Protocol):
@@ -47,16 +60,119 @@ class PositionCheck(Protocol):
         ...
 
 
-# Module and class, in the order in which findings are reported.
-_OF_PINGS = (
-    "geometry:DepthCounts",
-    "speed_counts:SpeedCounts",
-)
-_OF_POSITIONS = ("geometry:PositionRun", "places:SeparatePlaces")
-#: The checks before the first ping, and before the first position.
-PING_CHECKS: tuple[PingCheck, ...] = tuple(
-    resolve_name(f"{__package__}.{name}")() for name in _OF_PINGS
-)
-POSITION_CHECKS: tuple[PositionCheck, ...] = tuple(
-    resolve_name(f"{__package__}.{name}")() for name in _OF_POSITIONS
-)
+@dataclass(frozen=True, slots=True)
+class DepthCounts:
+    """Pings so far, without those of an instrument at the surface.
+
+    An instrument that looks up from near the surface has bins above it, too; so a ping counts when most of its bins are there.
+
+    Attributes:
+        pings: Number of pings with a velocity.
+        above: Number of those with most of their bins above the surface.
+    """
+
+    pings: int = 0
+    above: int = 0
+
+    def after(self, ping: Observation, summary: PingSummary) -> "DepthCounts":
+        """Return the counts after a ping."""
+        return (
+            self
+            if summary.is_above is None
+            else DepthCounts(self.pings + 1, self.above + summary.is_above)
+        )
+
+    def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
+        """Return that the bins are above the surface, if they are."""
+        if not self.is_wrong:
+            return None
+        return Finding(
+            findings.DEPTH,
+            ping.time_ns,
+            f"{ping.source.topic}: most bins of {self.above} of {self.pings} pings lie above the surface",
+            "the sign of depth, or an instrument that looks up and is read as looking down, or the other way round",
+            "its profiles are not used; check depth_positive and orientation of the mapping, or the ping's orientation",
+            distrusts=True,
+        )
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether more pings lie above the surface than a sound instrument can give."""
+        return self.above >= _LEAST_ABOVE and self.above > _MOST_ABOVE * self.pings
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedCounts:
+    """Absolute pings so far, by their speed. Each counts by the median of its bins, so that a few outliers change nothing.
+
+    Attributes:
+        pings: Number of pings.
+        fast: Number of those more than eight times as fast as the ensemble, less their stated errors.
+        slow: Number of those less than an eighth as fast, errors included.
+        impossible: Number of both that are, besides, faster than any model's currents, or slower than any instrument's noise.
+        log_ratio: Sum of the logarithm of how many times as fast as the ensemble each is.
+    """
+
+    pings: int = 0
+    fast: int = 0
+    slow: int = 0
+    impossible: int = 0
+    log_ratio: float = 0.0
+
+    def after(self, ping: Observation, summary: PingSummary) -> "SpeedCounts":
+        """Return the counts after a ping; one whose speed is not compared changes nothing."""
+        speed = summary.speed
+        if speed is None or not (speed.measured > 0.0 and speed.typical > 0.0):
+            return self
+        measured, typical, error = speed.measured, speed.typical, 2.0 * speed.error_std**2
+        fast, slow = measured - error > _ODD**2 * typical, measured < typical / _ODD**2
+        return SpeedCounts(
+            self.pings + 1,
+            self.fast + fast,
+            self.slow + slow,
+            self.impossible
+            + (fast and measured > MOST_SPEED**2)
+            + (slow and measured < _LEAST_SPEED**2),
+            self.log_ratio + 0.5 * math.log(measured / typical),
+        )
+
+    def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
+        """Return that the speeds are no current's, or else that they contradict the ensemble's, if they do."""
+        if findings.UNIT in named or not self.contradict_ensemble:
+            return None
+        words = (
+            f"{self.ratio:.3g} times as fast"
+            if self.ratio > 1.0
+            else f"{1.0 / self.ratio:.3g} times as slow"
+        )
+        evidence = f"{ping.source.topic}: {self.pings} pings are {words} as the ensemble's currents"
+        if not self.is_odd:
+            return findings.ensemble_contradicts(evidence, ping.time_ns)
+        return Finding(
+            findings.UNIT,
+            ping.time_ns,
+            evidence,
+            "velocities in cm/s or mm/s that are taken for m/s, or an ensemble in another unit",
+            "state measurements.velocity_unit (m/s when the log is right), and check the ensemble's unit",
+            "unusable",
+        )
+
+    @property
+    def ratio(self) -> float:
+        """How many times as fast as the ensemble the profiles are, the geometric mean; NaN before the first."""
+        return math.exp(self.log_ratio / self.pings) if self.pings else math.nan
+
+    @property
+    def is_odd(self) -> bool:
+        """Whether most pings are faster or slower than any current explains: the ensemble alone convicts nobody."""
+        return self.contradict_ensemble and 2 * self.impossible > self.pings
+
+    @property
+    def contradict_ensemble(self) -> bool:
+        """Whether most pings are faster or slower than those of the ensemble by far."""
+        return self.pings >= _LEAST_PINGS and 2 * max(self.fast, self.slow) > self.pings
+
+
+#: The checks before the first ping, and before the first position, in the order in which findings are reported.
+PING_CHECKS: tuple[PingCheck, ...] = (DepthCounts(), SpeedCounts())
+POSITION_CHECKS: tuple[PositionCheck, ...] = (PositionRun(), SeparatePlaces())

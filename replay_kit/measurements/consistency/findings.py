@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import distance
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.core.text import place_text, time_text
@@ -67,7 +67,7 @@ def contradiction(explanation: Explanation, mean: PathMean, topic: str) -> Findi
         mean.time_ns,
         f"profiles of {topic} and {other}: the profiles look {_names(explanation)} ({_strength(explanation)})",
         f"the axes or signs of the profiles, or those of the {other}",
-        f"neither rejects the other any more; check the frame of both, and leave out the wrong one (--without {mean.kind}, or profiles)",
+        f"the gate is relaxed for both; check their frames and withhold the wrong one (--without {mean.kind}, or profiles)",
     )
 
 
@@ -100,8 +100,8 @@ def two_tracks(passages: Passages, names: Sequence[str]) -> Finding:
     return Finding(
         TRACKS,
         0,
-        f"{names[one.source.input]} and {names[other.source.input]}; of {passages.number} ways from a position of the one to the next, "
-        f"of the other, {passages.beyond} are longer than a vehicle goes in that time, the last one {apart:.0f} km ({', '.join(placed)})",
+        f"{names[one.source.input]} and {names[other.source.input]}; of {passages.number} ways from a position of the one to the next "
+        f"of the other {passages.beyond} are longer than a vehicle travels in that time, the last one {apart:.0f} km ({', '.join(placed)})",
         "two vehicles, or a clock or receiver that was wrong most of the time",
         'replay each alone; consistency.on_failure = "ignore" takes them for one vehicle',
         "unusable",
@@ -127,7 +127,7 @@ def ensemble_contradicts(evidence: str, time_ns: int = 0) -> Finding:
         time_ns,
         evidence,
         "an ensemble of another region or season, or errors of the profiles that are stated too small",
-        "nothing follows from it; replay-kit info --ensemble names faults of the log that would explain it",
+        "warning only; replay-kit info --ensemble lists faults of the log that would explain it",
         "warning",
     )
 
@@ -140,12 +140,14 @@ def forecast_misfit(evidence: str, moved: bool) -> Finding:
         moved: Whether the ensemble was moved to the log: it is no forecast of this water, so that a misfit is no news.
     """
     if moved:
-        advice = "take the estimate as a demonstration, and give a forecast of this water for one to rely on"
+        advice = (
+            "treat the estimate as a demonstration; for a reliable one give a forecast of this area"
+        )
         return Finding(
             MISFIT_OF_MOVED,
             0,
             evidence,
-            "it is of another water (--place-ensemble)",
+            "the ensemble was moved from elsewhere (--place-ensemble)",
             advice,
             "warning",
         )
@@ -154,7 +156,7 @@ def forecast_misfit(evidence: str, moved: bool) -> Finding:
         0,
         evidence,
         "a forecast of another place or time, members that differ too little, or errors of the measurements that are stated too small",
-        "do not rely on this estimate; give a forecast of this water; replay-kit info --ensemble names faults of a log that look the same",
+        "do not rely on this estimate; give a forecast of this area; replay-kit info --ensemble lists faults of a log that look the same",
         "misfit",
     )
 

@@ -10,14 +10,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.measurements.consistency import checks, findings
-from replay_kit.measurements.consistency.pairs import Explanation
 from replay_kit.measurements.consistency.raw import RawHistory
 from replay_kit.measurements.consistency.sources import SourceStatistics
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds
-from replay_kit.measurements.consistency.summary import PingSummary, summaries
+from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
 
 # Pairs before which nothing is said: of mean currents, of dives relative to the vehicle, of the platform's motion, of gross units.
 _LEAST_MEANS, _LEAST_DIVES, _LEAST_MOTIONS, _LEAST_UNITS = 3, 2, 4, 1
@@ -242,16 +240,11 @@ def _after_mean(
         )
     if contradiction is None:
         return instrument, ()
-    finding = _contradiction(contradiction, mean, topic)
+    of = findings.unit if contradiction.map.kind == "unit" else findings.contradiction
+    finding = of(contradiction, mean, topic)
     if finding.name in instrument.named:
         return instrument, ()
     return replace(instrument, named=instrument.named | {finding.name}), (finding,)
-
-
-def _contradiction(explanation: Explanation, mean: PathMean, topic: str) -> Finding:
-    return (findings.unit if explanation.map.kind == "unit" else findings.contradiction)(
-        explanation, mean, topic
-    )
 
 
 def unused(ping: Observation, reason: Reason) -> Observation:

@@ -19,7 +19,7 @@ from replay_kit.measurements.consistency.pairs import linear_maps
 from replay_kit.measurements.events import MALFORMED
 from replay_kit.measurements.messages.fields import number
 from replay_kit.measurements.messages.kinds import statement
-from replay_kit.measurements.messages.mavlink_ping import PingFrame, declination_in
+from replay_kit.measurements.messages.mavlink import PingFrame, declination_in
 from replay_kit.measurements.messages.profiles import StatedPing
 
 # degrees; a smaller declination is within a compass' error

@@ -32,17 +32,17 @@ _REFERENCES: tuple[Reference, ...] = ("earth", "platform")
 _ORIENTATIONS: tuple[Look, ...] = ("down", "up")
 _CELL_FIELDS = ("amplitude", "correlation", "percent_good", "snr", "error_velocity")
 _NUMBERS = (
-    *(
-        "cell_size",
-        "bin0_distance",
-        "heading",
-        "pitch",
-        "roll",
-        "magnetic_declination",
-        "declination_applied",
-        "bin_mapped",
-    ),
-    *("pressure", "transducer_depth", "correlation_depth"),
+    "cell_size",
+    "bin0_distance",
+    "heading",
+    "pitch",
+    "roll",
+    "magnetic_declination",
+    "declination_applied",
+    "bin_mapped",
+    "pressure",
+    "transducer_depth",
+    "correlation_depth",
 )
 _CONVENTIONS = ("teledyne", "nortek")
 _NO_REFERENCE = (

@@ -14,18 +14,12 @@ from typing import Any
 
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Fix
-from replay_kit.measurements.current.mean import MeanCurrent
-from replay_kit.measurements.messages import (
-    mavlink_ping,
-    mavlink_vehicle,
-    motion,
-    position,
-    profiles,
-)
+from replay_kit.measurements.messages import mavlink, profiles, vehicle
 from replay_kit.measurements.messages.fields import STD_BELIEVED, dive_number, number
-from replay_kit.measurements.messages.position import Depth, Pose, Position, Pressure
 from replay_kit.measurements.messages.profiles import StatedPing
-from replay_kit.measurements.ping.attitude import Orientation
+from replay_kit.measurements.messages.vehicle import Depth, Pose, Position, Pressure
+from replay_kit.measurements.ping.adcp_ping import Orientation
+from replay_kit.measurements.vehicle.mean_current import MeanCurrent
 
 _NS = 1_000_000_000
 
@@ -34,7 +28,7 @@ def depth_averaged_current(payload: Mapping[str, Any]) -> MeanCurrent | str:
     """Return the mean current of a ``replay_kit.DepthAveragedCurrent``, or why there is none."""
     velocity = number(payload.get("dac_eastward")), number(payload.get("dac_northward"))
     if not math.isfinite(sum(velocity)):
-        return "depth-averaged current: it is not a number"
+        return "depth-averaged current: not a number"
     std = number(payload.get("error"))
     start, end = (_fix(payload.get(name)) for name in ("start_fix", "end_fix"))
     believed = std if STD_BELIEVED[0] <= std <= STD_BELIEVED[1] else math.nan
@@ -68,11 +62,11 @@ Statement = (
     | Pose
     | Orientation
     | StatedPing
-    | mavlink_ping.PingFrame
-    | mavlink_vehicle.GpsStatus
-    | mavlink_vehicle.NavigationPosition
+    | mavlink.PingFrame
+    | mavlink.GpsStatus
+    | mavlink.NavigationPosition
     | MeanCurrent
-    | motion.Dvl
+    | vehicle.Dvl
     | str
 )
 Reader = Callable[[Mapping[str, Any]], Statement]
@@ -82,32 +76,32 @@ _READERS: Mapping[str, Reader | str] = MappingProxyType(
         "replay_kit.AdcpPing": profiles.adcp_ping,
         "replay_kit.DepthAveragedCurrent": depth_averaged_current,
         "ds_sensor_msgs.Adcp": profiles.ds_adcp,
-        "foxglove.LocationFix": position.location_fix,
-        "foxglove_msgs.LocationFix": position.location_fix,
-        "sensor_msgs.NavSatFix": position.nav_sat_fix,
-        "sensor_msgs.FluidPressure": position.fluid_pressure,
-        "sensor_msgs.Imu": motion.imu,
-        "nav_msgs.Odometry": position.odometry,
-        "geometry_msgs.PoseStamped": position.pose_stamped,
-        "geometry_msgs.PoseWithCovarianceStamped": position.odometry,
-        "marine_acoustic_msgs.Dvl": motion.dvl,
-        "ds_sensor_msgs.Dvl": motion.dvl,
-        "dataflash.GPS": mavlink_vehicle.dataflash_gps,
-        "dataflash.POS": mavlink_vehicle.dataflash_position,
-        "dataflash.CTUN": mavlink_vehicle.dataflash_depth,
+        "foxglove.LocationFix": vehicle.location_fix,
+        "foxglove_msgs.LocationFix": vehicle.location_fix,
+        "sensor_msgs.NavSatFix": vehicle.nav_sat_fix,
+        "sensor_msgs.FluidPressure": vehicle.fluid_pressure,
+        "sensor_msgs.Imu": vehicle.imu,
+        "nav_msgs.Odometry": vehicle.odometry,
+        "geometry_msgs.PoseStamped": vehicle.pose_stamped,
+        "geometry_msgs.PoseWithCovarianceStamped": vehicle.odometry,
+        "marine_acoustic_msgs.Dvl": vehicle.dvl,
+        "ds_sensor_msgs.Dvl": vehicle.dvl,
+        "dataflash.GPS": mavlink.dataflash_gps,
+        "dataflash.POS": mavlink.dataflash_position,
+        "dataflash.CTUN": mavlink.dataflash_depth,
     }
 )
 # of messages whose topic says of which system they are
 _MAVLINK: Mapping[str, Callable[[Message], Statement | None]] = MappingProxyType(
     {
-        "DEBUG_FLOAT_ARRAY": mavlink_ping.ping_frame,
-        "GLOBAL_POSITION_INT": mavlink_vehicle.global_position_int,
-        "GPS_RAW_INT": mavlink_vehicle.gps_raw_int,
+        "DEBUG_FLOAT_ARRAY": mavlink.ping_frame,
+        "GLOBAL_POSITION_INT": mavlink.global_position_int,
+        "GPS_RAW_INT": mavlink.gps_raw_int,
     }
 )
 _ANY_PACKAGE: Mapping[str, Reader] = MappingProxyType({"CurrentProfile": profiles.current_profile})
 _IMC: Mapping[str, Reader] = MappingProxyType(
-    {**_ANY_PACKAGE, "GpsFix": position.imc_gps_fix, "EstimatedState": position.imc_estimated_state}
+    {**_ANY_PACKAGE, "GpsFix": vehicle.imc_gps_fix, "EstimatedState": vehicle.imc_estimated_state}
 )
 _SEPARATORS = re.compile(r"::|[/.]")
 # a pose on such a topic is where something should go, not where the vehicle is
@@ -150,11 +144,11 @@ def _reader(schema: str, topic: str) -> Reader | str | None:
         or (_IMC.get(kind) if package.lower() == "imc" else None)
     )
     if name in _POSES and _WISH.search(topic):
-        return "by its topic's name a place to go to, not where the vehicle is"
+        return "topic name suggests a goal, not the vehicle position"
     if reader is None and topic == _BLUEOS_COPY:
-        return "repeats the messages that have topics of their own"
+        return "repeats messages of other topics"
     if reader is None and _BLUEOS_FIELD.fullmatch(topic):
-        return "one field of a message that has a topic of its own"
+        return "one field of a message on another topic"
     return reader
 
 

@@ -1,16 +1,18 @@
-"""Messages that the configuration says how to read: ``[[measurements.map]]``."""
+"""Messages that the configuration says how to read, ``[[measurements.map]]``, and components under names, joined by their stamps."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
 from replay_kit.config.mapping import PositionMap, ProfileMap, TopicMap, VelocityMap
 from replay_kit.core.errors import MeasurementError
+from replay_kit.core.message import Message
 from replay_kit.measurements.messages.fields import number
-from replay_kit.measurements.messages.position import Depth, Position, Pressure, checked
 from replay_kit.measurements.messages.profiles import StatedPing
-from replay_kit.measurements.vehicle.pressure import depth_of_pressure
+from replay_kit.measurements.messages.vehicle import Depth, Position, Pressure, checked
+from replay_kit.measurements.vehicle.dives import depth_of_pressure
 
 _NAMES_SHOWN = 12
 # how many of a unit make the unit used inside; dividing by a power of ten rounds once
@@ -195,10 +197,10 @@ def _cells(payload: Mapping[str, Any], entry: ProfileMap) -> list[list[float]] |
         return [[_speed(value, entry) for value in cell] for cell in zip(*columns, strict=True)]
     rows = look_up(payload, entry.velocity)
     if not isinstance(rows, list | tuple):
-        return "measurements.map: velocity is no list"
+        return "measurements.map: velocity is not a list"
     if rows and not any(isinstance(row, list | tuple) for row in rows):
         if entry.components is None or len(rows) % entry.components:
-            return "measurements.map: velocity is flat; state how many components a cell has"
+            return "measurements.map: velocity is flat; state the number of components per cell"
         rows = [rows[i : i + entry.components] for i in range(0, len(rows), entry.components)]
     cells = [
         [_speed(value, entry) for value in row] if isinstance(row, list | tuple) else [math.nan] * 2
@@ -232,7 +234,7 @@ def _geometry(payload: Mapping[str, Any], entry: ProfileMap) -> dict[str, Any]:
         sign = _sign(entry) if entry.depths is not None else 1.0
         values = look_up(payload, listed)
         if not isinstance(values, list | tuple):
-            raise MeasurementError(f"measurements.map: '{listed}' is no list")
+            raise MeasurementError(f"measurements.map: '{listed}' is not a list")
         fields["cell_distances"] = [sign * number(value) / scale for value in values]
         if entry.depths is not None:
             fields |= {"pressure": 0.0, "transducer_depth": 0.0, "orientation": "down"}
@@ -247,3 +249,66 @@ _READERS: Mapping[
 ] = MappingProxyType(
     {"profile": _profile, "velocity": _velocity, "position": _position, "depth": _depth}
 )
+
+
+_NS_PER_MS = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Component:
+    """One component of a velocity.
+
+    Attributes:
+        entry: The mapping that covers it; None while it waits, because a checkpoint holds values alone.
+        name: Its name, the mapping's ``east`` or ``north``.
+        stamp_ns: By the sender's clock where the message has one, else by the log's [ns].
+        value: A number, or a list of one a cell.
+    """
+
+    entry: ProfileMap | VelocityMap | None
+    name: str
+    stamp_ns: float
+    value: Any
+
+    def fits(self, other: "Component") -> bool:
+        """Return whether this one, which has its mapping, and one that waited are components of one velocity."""
+        assert self.entry is not None, "it has just come"
+        assert self.entry.join_within is not None, "only such mappings make components"
+        return (
+            self.name != other.name
+            and abs(self.stamp_ns - other.stamp_ns) <= 1e9 * self.entry.join_within
+        )
+
+
+def component(message: Message, entry: ProfileMap | VelocityMap) -> Component:
+    """Return the component that a message carries.
+
+    Raises:
+        MeasurementError: It carries neither ``value`` nor ``data``.
+    """
+    payload = message.payload
+    held = next((payload[key] for key in ("value", "data") if key in payload), None)
+    if held is None:
+        raise MeasurementError(
+            f"measurements.map: join_within: expected 'value' or 'data' in the message, it holds {', '.join(payload)}"
+        )
+    boot_ms = number(payload.get("time_boot_ms"))
+    return Component(
+        entry,
+        str(payload["name"]),
+        boot_ms * _NS_PER_MS if boot_ms == boot_ms else float(message.time_ns),
+        held,
+    )
+
+
+def joined(part: Component, other: Component) -> StatedPing | str:
+    """Return the velocity of a component, which has its mapping, and the other; or why there is none."""
+    assert part.entry is not None, "it has just come"
+    values: Mapping[str, Any] = {each.name: each.value for each in (part, other)}
+    east, north = values[str(part.entry.east)], values[str(part.entry.north)]
+    found = mapped(
+        {"east": east, "north": north},
+        part.entry.model_copy(update={"east": "east", "north": "north"}),
+    )
+    assert isinstance(found, StatedPing | str), "profiles and velocities are pings"
+    return found

@@ -11,7 +11,7 @@ from typing import Any
 
 from replay_kit.measurements.messages.adcp_ping import COORDINATE_SYSTEMS
 from replay_kit.measurements.messages.fields import number, whole_number
-from replay_kit.measurements.messages.position import Position
+from replay_kit.measurements.messages.vehicle import Position
 
 #: Schema of our own pings.
 PING_SCHEMA = "replay_kit.AdcpPing"

@@ -9,12 +9,10 @@ import numpy as np
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
-from replay_kit.measurements.vehicle.pressure import depths_of_pressures
+from replay_kit.measurements.vehicle.dives import depths_of_pressures
 
-_NO_DEPTH = (
-    "ping: its instrument's depth is not a number, and no earlier message gives the vehicle's depth"
-)
-_NO_DEPTH_OF_PRESSURE = "ping: no depth has the pressure it states [dbar]"
+_NO_DEPTH = "ping: instrument depth is not a number, and no earlier message gives the vehicle depth"
+_NO_DEPTH_OF_PRESSURE = "ping: the stated pressure [dbar] corresponds to no depth"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -225,7 +225,7 @@ def _tilt(tested: PingBlock) -> Values:
         if not math.isfinite(angle):
             return "the ping has no pitch and roll"
         # how an instrument is mounted in a glider, level in the glide or not, no ping says
-        return "a vehicle that dives leans to glide" if dive > 0 else angle
+        return "not evaluated for a gliding vehicle" if dive > 0 else angle
 
     return _over_bins(
         [of(ping, dive) for ping, dive in zip(tested.pings, tested.dive, strict=True)],
@@ -299,7 +299,7 @@ def _at_surface(tested: PingBlock, config: MeasurementConfig) -> tuple[Values, L
             return (
                 quality.OFF
                 if word == "off"
-                else "made of many pings"
+                else "derived from many pings"
                 if ping.derived
                 else "no dive yet"
             )

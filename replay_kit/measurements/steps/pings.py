@@ -12,11 +12,15 @@ from replay_kit.core.observation import Source, VehicleState
 from replay_kit.measurements.consistency.raw import raw_values
 from replay_kit.measurements.events import Event, Skipped, Used
 from replay_kit.measurements.messages.adcp_ping import parse_ping
-from replay_kit.measurements.messages.mavlink_ping import Key, PingFrame, assemble, is_complete
-from replay_kit.measurements.messages.motion import Dvl, horizontal, water_track
+from replay_kit.measurements.messages.mavlink import Key, PingFrame, assemble, is_complete
 from replay_kit.measurements.messages.profiles import StatedPing
-from replay_kit.measurements.ping.adcp_ping import AdcpPing, PlatformVelocity
-from replay_kit.measurements.ping.attitude import attitude_within, with_attitude
+from replay_kit.measurements.messages.vehicle import Dvl, horizontal, water_track
+from replay_kit.measurements.ping.adcp_ping import (
+    AdcpPing,
+    PlatformVelocity,
+    attitude_within,
+    with_attitude,
+)
 from replay_kit.measurements.ping.earth import earth_referenced, with_bottom_track
 from replay_kit.measurements.steps.position_matching import (
     RELATIVE,
@@ -28,7 +32,7 @@ from replay_kit.measurements.steps.position_matching import (
     refuse,
 )
 from replay_kit.measurements.steps.state import MeasurementState, Step, at_depth
-from replay_kit.measurements.vehicle.pressure import depth_of_pressure
+from replay_kit.measurements.vehicle.dives import depth_of_pressure
 from replay_kit.measurements.vehicle.vessel_velocity import waits_until
 
 # Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
@@ -38,15 +42,13 @@ _UNITS: Mapping[str | None, float] = MappingProxyType(
 )
 _INCOMPLETE = "part of an incomplete ping"
 _ALSO_INVERTED = (
-    "its dive's computed profile has it; measurements.use_inverted = false uses this instead"
+    "already in the dive's inverted profile; measurements.use_inverted = false uses this instead"
 )
-_INVERTED = "computed from the dive's pings and mean current, which are used instead (measurements.use_inverted)"
-_NO_ATTITUDE = "DVL: no attitude within a second"
-_NO_DECLINATION = "DVL: whether its heading is true or magnetic is not known; state measurements.magnetic_declination, 0 for a true one"
-_NO_LAYER = (
-    "DVL: water track, known layer's depth it does not say; state measurements.water_track_distance"
-)
-_NO_BOTTOM = "DVL: water track without a bottom track, which says nothing of the current"
+_INVERTED = "inverted from the dive's pings and mean current, which are used instead (measurements.use_inverted)"
+_NO_ATTITUDE = "DVL: no attitude within 1 s"
+_NO_DECLINATION = "DVL heading: true or magnetic north unknown; set measurements.magnetic_declination (0 for true north)"
+_NO_LAYER = "DVL water track does not state its layer depth; set measurements.water_track_distance"
+_NO_BOTTOM = "DVL water track without a bottom track gives no current"
 
 
 def duplicate_reason(payload: Mapping[str, Any], config: MeasurementConfig) -> str:
@@ -101,7 +103,7 @@ def take_ping_frame(
 
 
 def incomplete(frames: Mapping[Key, Mapping[str, PingFrame]]) -> list[Event | PlacedPing]:
-    """Return the events of frames known pings have lost others."""
+    """Return the events of frames whose pings have lost others."""
     return [Skipped(topic, _INCOMPLETE) for (topic, _, _), parts in frames.items() for _ in parts]
 
 
@@ -186,7 +188,7 @@ def resolve_ping(
     if not math.isfinite(state.depth) and math.isfinite(
         depth := depth_of_pressure(ping.pressure, state.latitude)
     ):
-        # a log known only depth is the ping's own pressure still has dives
+        # a log whose only depth is the pressure of its pings still has dives
         state = replace(at_depth(state, depth, config), depth=float("nan"))
     dive = state.dive if ping.dive is None else ping.dive
     in_dive = state.submerged and state.fix is not None

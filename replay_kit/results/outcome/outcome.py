@@ -5,24 +5,9 @@ Everything that is shown of a run (its summary, ``--json``, status, report, the 
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
-from functools import reduce
+from dataclasses import dataclass, field, fields
 from typing import Any
 
-import numpy as np
-
-from replay_kit.core.errors import ReplayKitError
-from replay_kit.core.finding import finding_json
-from replay_kit.results.losses import coded, loss_json
-from replay_kit.results.outcome.figures import (
-    evidence_json,
-    flight_correction_json,
-    outcomes_json,
-    plan_json,
-    referee_json,
-    surfacings_json,
-)
-from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.outcome.verdict import (
     Decision,
     RunAlarm,
@@ -160,55 +145,6 @@ class Outcome:
         return {name: value for name, value in self.to_json().items() if name not in derived}
 
 
-def outcome_of(summary: ReplaySummary) -> Outcome:
-    """Return the outcome of a run that has just ended."""
-    found: dict[str, Any] = _plain(
-        {
-            "observations": {
-                "used": summary.profiles_used,
-                "rejected": summary.profiles_rejected,
-                "bins_used": summary.bins_used,
-                "mean_currents": summary.mean_currents,
-                "bins_rejected": dict(summary.bins_rejected),
-            },
-            "rms_innovation": {
-                "before": summary.rms_before,
-                "after": summary.rms_after,
-                "prior": summary.rms_prior,
-            },
-            "nis_per_dof": summary.nis_per_dof,
-            "by_dive": [asdict(row) for row in summary.by_dive],
-            "plan": plan_json(summary.plan, summary.plan_note),
-            "consistency": [finding_json(one) for one in summary.findings],
-            "messages": [asdict(row) | {"reasons": coded(row.reasons)} for row in summary.messages],
-            "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
-            "late": summary.late,
-            "surfacings": outcomes_json(summary.outcomes) if summary.outcomes else None,
-            "expected_surfacings": surfacings_json(summary.surfacings, summary.next_surfacing)
-            if summary.surfacings
-            else None,
-            "evidence": None if summary.evidence is None else evidence_json(summary.evidence),
-            "referee": referee_json(summary.ensemble, summary.evidence, summary.rivals)
-            if summary.rivals and summary.evidence is not None
-            else None,
-            "flight_correction": flight_correction_json(summary.flight_correction)
-            if summary.flight_correction
-            else None,
-            "notes": summary.notes,
-            "lost_pings": summary.lost_pings,
-            "doubts": summary.doubts,
-            "outside": summary.outside,
-            "exit_codes": summary.exit_codes,
-        }
-    )
-    names = {str(path): path.name for path in summary.inputs}
-    return Outcome(
-        **_named(found, names),
-        seconds=dict(summary.seconds),
-        truth=_plain(asdict(summary.truth)) if summary.truth else None,
-    )
-
-
 def outcome_from(record: Values) -> Outcome:
     """Return the outcome that a result keeps; of an earlier version as much of it as it kept.
 
@@ -216,47 +152,12 @@ def outcome_from(record: Values) -> Outcome:
         record: As ``Outcome.to_record`` returned it.
     """
     known = {one.name for one in fields(Outcome)}
-    values = {name: _plain(value) for name, value in record.items() if name in known}
+    values = {name: value for name, value in record.items() if name in known}
     if "doubts" not in record:
         # kept among the sentences of the verdict, after those on use, consistency and gain
         told = record.get("verdict", ())[3:]
         values["doubts"] = [text for text in told if "per degree of freedom" not in text]
     return Outcome(**values)
-
-
-def failed(error: ReplayKitError, summary: ReplaySummary | None = None) -> Outcome:
-    """Return the outcome of a run that ended with an error.
-
-    Args:
-        error: What ended it.
-        summary: Of the run until then; None when it had not begun.
-    """
-    so_far = Outcome() if summary is None else outcome_of(replace(summary, findings=error.findings))
-    codes = (error.exit_code, *so_far.exit_codes)
-    found = [finding_json(one) for one in error.findings]
-    return replace(so_far, exit_codes=codes, error=str(error), consistency=found, complete=False)
-
-
-def _named(value: Any, names: Mapping[str, str]) -> Any:
-    """Return a value with inputs by their names: the folder that they are in changes no byte of a result."""
-    if isinstance(value, dict):
-        return {key: _named(item, names) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_named(item, names) for item in value]
-    if not isinstance(value, str):
-        return value
-    return reduce(lambda text, path: text.replace(path, names[path]), names, value)
-
-
-def _plain(value: Any) -> Any:
-    """Return a value with NaN and infinities as None, tuples as lists, NumPy scalars as Python's."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _listed(value: Any) -> Any:

@@ -4,13 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from replay_kit.core.dive_forecast import DiveForecast, DiveOutcome
+from replay_kit.core.as_flown import FlightCorrection
+from replay_kit.core.errors import Finding
 from replay_kit.core.evidence import Evidence
-from replay_kit.core.finding import Finding
-from replay_kit.core.flight_correction import FlightCorrection
 from replay_kit.core.message import Loss
 from replay_kit.core.plan import Plan
-from replay_kit.core.surfacing import SurfacingOutcome
+from replay_kit.core.surfacing import DiveForecast, DiveOutcome, SurfacingOutcome
 
 
 @dataclass(frozen=True, slots=True)

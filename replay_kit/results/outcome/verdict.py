@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
-from replay_kit.core.finding import severity_word
+from replay_kit.core.errors import severity_word
 
 # Normalised innovations squared per degree of freedom between which stated errors are taken for right.
 LEAST_NIS, MOST_NIS = 0.5, 2.0
@@ -78,13 +78,12 @@ def decide(
 
 
 def _plan_reason(plan: Mapping[str, Any] | None) -> str:
-    """Return why a plan does not arrive, or cannot be relied on; empty where it does, or without a plan."""
+    """Return how a plan ends that cannot be relied on, in a few words; empty for one that arrives, or without a plan."""
     if plan is None:
         return ""
-    alarm = plan_alarm(plan)
-    if alarm is not None:
-        return alarm.text
-    return "" if plan["status"] == "reached" else f"the plan is {plan['status']}: {plan['message']}"
+    if plan["status"] != "reached":
+        return "the plan failed" if plan["status"] == "failed" else f"the plan is {plan['status']}"
+    return "" if plan_alarm(plan) is None else "no sample of the plan arrives"
 
 
 def plan_alarm(plan: Mapping[str, Any] | None) -> RunAlarm | None:

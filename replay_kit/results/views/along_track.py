@@ -1,9 +1,7 @@
 """Measurements along the track beside the estimate at their own time: bins of profiles, and mean currents of dives."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import cached_property
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -11,10 +9,8 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evolution import Evolution
 from replay_kit.results.result import ResultFile
-from replay_kit.results.schemas import decode
-from replay_kit.results.topics import read_messages
+from replay_kit.results.views.history import EstimateHistory
 from replay_kit.results.views.track import Track, thinned
 
 # Times and depths of a section without profiles.
@@ -72,50 +68,6 @@ class MeanCurrents:
     residual: Array
     standard_error: Array
     errors: Array
-
-
-class EstimateHistory:
-    """The mean of the estimate just after each measurement, from the weights that a replay published."""
-
-    def __init__(self, path: Path, estimate: FlowEstimate | None) -> None:
-        """Read the weights of a result MCAP; without an estimate there is no basis, and every mean is None."""
-        self._path, self._estimate = path, estimate
-
-    @cached_property
-    def _weights(self) -> tuple[NDArray[np.int64], Array]:
-        """Times [ns, UTC], shape (n,), and weights, shape (n, rZ)."""
-        read = [
-            (time_ns, decode("FlowEstimate", data))
-            for time_ns, data in read_messages(self._path, "/flow/estimate")
-        ]
-        return np.array([time for time, _ in read], dtype=np.int64), np.array(
-            [value.weights for _, value in read]
-        )
-
-    def after(self, time_ns: int) -> FlowEstimate | None:
-        """Return the mean of the estimate after the measurements up to a time [ns, UTC]; None when it is not known."""
-        estimate = self._estimate
-        if estimate is None:
-            return None
-        times, weights = self._weights
-        last = int(np.searchsorted(times, time_ns, side="right")) - 1
-        if last < 0 or weights.shape[1:] != (estimate.n_modes * estimate.levels.size,):
-            return None
-        latent = self._offset + self._change(weights[last])
-        return replace(estimate.mean_flow(), latent=latent, time_ns=int(times[last]))
-
-    @cached_property
-    def _offset(self) -> Array:
-        """Latent velocities of the flow whose weights are 0."""
-        estimate = self._estimate
-        assert estimate is not None
-        if isinstance(estimate.later, Evolution):
-            return estimate.later.offset
-        return estimate.latent - self._change(self._weights[1][-1])
-
-    def _change(self, weights: Array) -> Array:
-        assert self._estimate is not None
-        return self._estimate.modes @ weights.reshape(self._estimate.levels.size, -1).T
 
 
 def mean_current_topics(observations: pd.DataFrame, bins: pd.DataFrame) -> list[str]:

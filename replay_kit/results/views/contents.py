@@ -7,18 +7,17 @@ import numpy as np
 
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Projection
-from replay_kit.core.seabed import Seabed
+from replay_kit.core.grid import Projection, Seabed
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.along_track import (
     BinsAlongTrack,
-    EstimateHistory,
     MeanCurrents,
     bins_along_track,
     estimate_along_track,
     mean_currents,
 )
+from replay_kit.results.views.history import EstimateHistory, Series, series_of
 from replay_kit.results.views.last_plan import LastPlan, last_plan, published_seabed
 from replay_kit.results.views.record import RunRecord, outcome_of_result, read_record
 from replay_kit.results.views.slices import CurrentSlices, on_grid, published_slices, slices_of
@@ -95,6 +94,12 @@ class Contents:
     def history(self) -> EstimateHistory:
         """The estimate after each measurement."""
         return EstimateHistory(self.result.path, self.estimate)
+
+    def series(self, place: tuple[float, float, float]) -> Series | None:
+        """Return the current at a longitude, latitude [degrees] and depth [m] through time; None without a current."""
+        if self.slices is None:
+            return None
+        return series_of(self.slices, self.projection, self.history, place)
 
     @cached_property
     def bins(self) -> BinsAlongTrack:

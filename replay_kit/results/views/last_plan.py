@@ -13,9 +13,8 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.grid import Projection
+from replay_kit.core.grid import Projection, Seabed
 from replay_kit.core.plan import Area, plan_legs
-from replay_kit.core.seabed import Seabed
 from replay_kit.core.surfacing import planned_ellipses
 from replay_kit.results.result import ResultFile
 from replay_kit.results.slices import grid_cells
@@ -33,6 +32,8 @@ class LastPlan:
         track: Its rows of ``Result.plan_tracks``; none where it failed.
         east: shape (n,) [m], local frame, of the track.
         north: shape (n,) [m], local frame.
+        start: shape (2,) [m], local frame.
+        goal: shape (2,) [m], local frame.
         statistics: What the solver did, by name.
         legs: Of a mission; none of a glide.
         ellipses: Outlines of the ellipses of its surfacings, each shape (k, 2) [m], the last point the first.
@@ -43,6 +44,8 @@ class LastPlan:
     track: pd.DataFrame
     east: Array
     north: Array
+    start: Array
+    goal: Array
     statistics: Mapping[str, str]
     legs: Sequence[Mapping[str, Any]]
     ellipses: Sequence[Array]
@@ -97,9 +100,13 @@ def last_plan(result: ResultFile, projection: Projection) -> LastPlan | None:
     """
     if not len(result.plans):
         return None
-    tracks = result.plan_tracks
+    row, tracks = result.plans.iloc[-1], result.plan_tracks
     track = tracks[tracks["plan"] == len(result.plans) - 1]
     east, north = to_local(projection, track["longitude"], track["latitude"])
+    start, goal = (
+        np.array(to_local(projection, row[f"{end}_longitude"], row[f"{end}_latitude"]))
+        for end in ("start", "goal")
+    )
     with result.path.open("rb") as file:
         *_, (_, _, _, drawn) = make_reader(
             file, decoder_factories=[DecoderFactory()]
@@ -108,10 +115,12 @@ def last_plan(result: ResultFile, projection: Projection) -> LastPlan | None:
     legs = plan_legs(statistics)
     ellipses = [ellipse.outline(projection) for ellipse in planned_ellipses(legs)]
     return LastPlan(
-        result.plans.iloc[-1],
+        row,
         track,
         east,
         north,
+        start,
+        goal,
         statistics,
         legs,
         ellipses,

@@ -15,7 +15,8 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.results.compare import DAMAGED
-from replay_kit.results.outcome.outcome import Outcome, outcome_from, outcome_of
+from replay_kit.results.outcome.from_run import outcome_of
+from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.result import ResultFile
 from replay_kit.results.schemas import decode
 from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME

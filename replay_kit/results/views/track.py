@@ -1,6 +1,7 @@
-"""Where the vehicle was."""
+"""Where the vehicle was, and the ellipses of where it was predicted to surface."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
+from replay_kit.core.surfacing import Ellipse
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,3 +76,27 @@ def thinned(count: int, most: int) -> NDArray[np.intp]:
     if count <= most:
         return np.arange(count)
     return np.unique(np.rint(np.linspace(0, count - 1, most)).astype(np.intp))
+
+
+def outlines_of(surfacings: Any, projection: Projection) -> list[Array]:
+    """Return the outlines of the ellipses of surfacings that have one, each as ``Ellipse.outline``.
+
+    Args:
+        surfacings: ``Result.surfacings``.
+        projection: The local frame.
+    """
+    rows = (
+        surfacings[np.isfinite(surfacings["ellipse_major"].astype(float))]
+        if len(surfacings)
+        else surfacings
+    )
+    return [
+        Ellipse(
+            row.ellipse_longitude,
+            row.ellipse_latitude,
+            row.ellipse_major,
+            row.ellipse_minor,
+            row.ellipse_bearing,
+        ).outline(projection)
+        for row in rows.itertuples()
+    ]

@@ -1,17 +1,138 @@
-"""A result to a file of another program; the ending of its name says which."""
+"""A result to a file of another program, whose name's ending says which: its tables, with a row a value, and what has a place."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import pandas as pd
 
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.printable import csv_cell
+from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
+from replay_kit.core.text import csv_cell
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.export.features import FEATURES, features_of, geojson_text, kml_text
 from replay_kit.show.export.netcdf import write_netcdf
-from replay_kit.show.export.tables import TABLES, At
+
+#: A place: longitude, latitude [degrees] and depth [m].
+At = tuple[float, float, float]
+
+
+def series_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
+    """Return the current at places through time, see ``Contents.series``; no row without places or a current."""
+    tables = []
+    for number, place in enumerate(places):
+        found = contents.series(place)
+        if found is None:
+            continue
+        longitude, latitude, _ = place
+        tables.append(
+            pd.DataFrame(
+                {
+                    "place": number,
+                    "time": found.time_ns.astype("datetime64[ns]"),
+                    "longitude": longitude,
+                    "latitude": latitude,
+                    "depth": found.depth,
+                    "u": found.u,
+                    "v": found.v,
+                    "u_standard_error": found.u_standard_error,
+                    "v_standard_error": found.v_standard_error,
+                }
+            )
+        )
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+
+
+def track_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
+    """Return the positions, with the last estimate at each of them where there is an estimate."""
+    fixes = contents.result.fixes
+    if contents.estimate is None or not len(fixes):
+        return fixes.reset_index()
+    found = contents.estimate.along(fixes).to_pandas()
+    return found.assign(dead_reckoned=fixes["dead_reckoned"].to_numpy(bool)).reset_index(drop=True)
+
+
+def section_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
+    """Return the bins used of the profiles: measured and estimated velocity, the latter just after the profile."""
+    bins, projection = contents.bins, contents.projection
+    east, north, distance = contents.track.at(bins.time_ns)
+    longitude, latitude = to_geographic(projection, east, north)
+    table = {
+        "time": bins.time_ns.astype("datetime64[ns]"),
+        "longitude": longitude,
+        "latitude": latitude,
+        "depth": bins.depth,
+        "distance": distance,
+    }
+    for name, values in (
+        ("measured", bins.estimated + bins.residual),
+        ("estimated", bins.estimated),
+        ("residual", bins.residual),
+    ):
+        turned = rotate_to_geographic(projection, longitude, latitude, values[:, 0], values[:, 1])
+        table |= {f"u_{name}": turned[0], f"v_{name}": turned[1]}
+    if contents.estimate is not None:
+        found = contents.estimate.velocity_at(longitude, latitude, bins.depth)
+        table |= {
+            "u_standard_error": found.u_standard_error,
+            "v_standard_error": found.v_standard_error,
+        }
+    return pd.DataFrame(table)
+
+
+def dives_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
+    """Return the dives: what was used of each, and its mean current measured, corrected for the flight model's error and estimated."""
+    means, track = contents.mean_currents, contents.track
+    table = contents.result.dives.reset_index()
+    if not means.time_ns.size:
+        return table
+    east, north, _ = track.at(means.time_ns)
+    longitude, latitude = to_geographic(contents.projection, east, north)
+    columns = {"dive": means.dive, "longitude": longitude, "latitude": latitude}
+    parts = {"measured": means.measured, "corrected": means.corrected, "estimated": means.estimated}
+    for (name, values), error in zip(parts.items(), means.errors.T, strict=True):
+        turned = rotate_to_geographic(
+            contents.projection, longitude, latitude, values[:, 0], values[:, 1]
+        )
+        columns |= {
+            f"dac_eastward_{name}": turned[0],
+            f"dac_northward_{name}": turned[1],
+            f"dac_{name}_standard_error": error,
+        }
+    return table.merge(pd.DataFrame(columns), on="dive", how="outer")
+
+
+def innovations_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
+    """Return the bins of all measurements; components are along the axes of the local frame, as in ``Result.innovations``."""
+    return contents.result.innovations.reset_index()
+
+
+def surfacings_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
+    """Return predicted and actual surfacings."""
+    return contents.result.surfacings.reset_index()
+
+
+def plans_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
+    """Return the predicted tracks of the plans, with the status of each."""
+    plans, tracks = contents.result.plans, contents.result.plan_tracks.reset_index()
+    status = plans["status"].to_numpy()
+    return tracks.assign(status=[status[int(number)] for number in tracks["plan"]])
+
+
+#: Each table by its name.
+TABLES: Mapping[str, Callable[[Contents, Sequence[At]], pd.DataFrame]] = MappingProxyType(
+    {
+        "series": series_table,
+        "track": track_table,
+        "section": section_table,
+        "dives": dives_table,
+        "innovations": innovations_table,
+        "surfacings": surfacings_table,
+        "plans": plans_table,
+    }
+)
+
 
 #: Endings of the files.
 ENDINGS = (".nc", ".csv", ".kml", ".geojson")

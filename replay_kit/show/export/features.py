@@ -11,14 +11,14 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.geojson import Feature, collection_text, feature, positions
 from replay_kit.core.grid import Projection
 from replay_kit.results.views.last_plan import LastPlan
-from replay_kit.results.views.surfacings import outlines_of
-from replay_kit.results.views.track import thinned
+from replay_kit.results.views.track import outlines_of, thinned
+from replay_kit.show.colors import LIGHT
 
 #: Tables that have places on a map.
 FEATURES = ("series", "track", "surfacings", "plans")
 _POINTS = 20_000
 # Simplestyle 1.1: colours that colour-blind people tell apart.
-_BLUE, _ORANGE, _GREY, _PURPLE = "#00618f", "#b8500f", "#5b6b78", "#8a2c6a"
+_BLUE, _ORANGE, _GREY, _PURPLE = (LIGHT[role] for role in ("one", "two", "three", "four"))
 _STYLES: Mapping[str, Mapping[str, Any]] = {
     "track": {"stroke": _BLUE, "stroke-width": 3, "stroke-opacity": 1.0},
     "plans": {"stroke": _ORANGE, "stroke-width": 3, "stroke-opacity": 1.0},

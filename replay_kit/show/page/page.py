@@ -9,6 +9,7 @@ from importlib.resources import files
 from typing import Any
 
 from replay_kit.core.version import __version__
+from replay_kit.show.colors import palette_css
 from replay_kit.show.page.section import Control, Figure, Section
 
 
@@ -23,7 +24,7 @@ def page_html(title: str, sections: list[Section]) -> str:
     parts = {
         "title": escape(title),
         "version": escape(__version__),
-        "css": _text("page.css"),
+        "css": palette_css() + _text("page.css"),
         "links": "".join(
             f'<li><a href="#{section.key}">{escape(section.title)}</a></li>' for section in sections
         ),

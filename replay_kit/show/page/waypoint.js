@@ -32,7 +32,7 @@ function readout(each, tolerance) {
   const median = (misses[Math.floor((misses.length - 1) / 2)] + misses[Math.ceil((misses.length - 1) / 2)]) / 2;
   const near = samples.filter(({ arrived, miss }) => arrived && miss <= tolerance).length;
   const ends = [Math.min(...hours.slice(1)), Math.max(...hours.slice(1))].map((value) => value.toFixed(1));
-  return `${text} In ${samples.length} samples of it: after ${ends[0]} to ${ends[1]} h, ${median.toFixed(0)} m off in the median; ${((100 * near) / samples.length).toFixed(0)} % arrive within ${tolerance.toFixed(0)} m.`;
+  return `${text} In ${samples.length} samples of it: after ${ends[0]} to ${ends[1]} h, median miss ${median.toFixed(0)} m; ${((100 * near) / samples.length).toFixed(0)} % arrive within ${tolerance.toFixed(0)} m.`;
 }
 
 // A control of the waypoints: another waypoint moves the sliders, a slider moves the waypoint.

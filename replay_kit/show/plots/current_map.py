@@ -11,25 +11,25 @@ from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, to_local, unwrap_longitude
+from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, unwrap_longitude
 from replay_kit.core.text import time_text
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.series import typical_depth
+from replay_kit.results.views.history import typical_depth
 from replay_kit.results.views.slices import CurrentSlices, slices_of
-from replay_kit.results.views.surfacings import outlines_of
-from replay_kit.show.plots.panel import CONTOUR_LABEL, Panel, Panels, missing
-from replay_kit.show.plots.style import (
-    FIRST,
-    FOURTH,
-    INK,
-    LAND,
-    SECOND,
-    SOFT,
-    colorbar,
-    colormap,
+from replay_kit.show.colors import PRINT
+from replay_kit.show.figures.in_print import draw_mark
+from replay_kit.show.figures.map_layers import (
+    coast_layer,
+    contour_step,
+    dry_text,
+    hazard_layer,
+    plan_layer,
+    surfacing_layer,
+    track_layer,
 )
-from replay_kit.show.report.sections.map_frame import coastline, dry_text
-from replay_kit.show.report.sections.map_hazards import contour_step
+from replay_kit.show.figures.values import Layer, Mark
+from replay_kit.show.plots.panel import CONTOUR_LABEL, Panel, Panels, missing
+from replay_kit.show.plots.style import colorbar, colormap
 
 #: A place: longitude, latitude [degrees] and depth [m].
 At = tuple[float, float, float]
@@ -39,9 +39,6 @@ _ARROWS, _LEAST = 24, 0.02
 _FEW = 10.0
 #: Between the axes and the title of a map with a key of its arrows [points]; of that the gap below the title.
 ABOVE_KEY, _TITLE = 13.0, 3.0
-#: Look of the start and the goal of a plan.
-END: Any = {"color": FOURTH, "markeredgecolor": INK, "markeredgewidth": 0.6, "linestyle": "none"}
-_HALO: Any = {"color": "white", "linewidth": 2.2, "solid_capstyle": "round"}
 
 
 def map_panels(contents: Contents, at: At | None) -> Panels:
@@ -62,7 +59,7 @@ def map_panels(contents: Contents, at: At | None) -> Panels:
             notes=notes,
         )
     if slices is None:
-        notes.append("The result holds no current: the map shows positions alone.")
+        notes.append("The result holds no current: the map shows only positions.")
         return Panels(
             [Panel("track", partial(_marks, contents, None, at), 0.8, shares_legend=True)], 1, notes
         )
@@ -154,7 +151,7 @@ def draw_speed(
     width = slices.east[-1] - slices.east[0] if across is None else across
     cells = max(width / (step * (slices.east[1] - slices.east[0])), _FEW)
     look: Any = {
-        "color": INK,
+        "color": PRINT["ink"],
         "edgecolor": "white",
         "linewidth": 0.3,
         "width": 0.0045,
@@ -196,114 +193,47 @@ def frame(axes: Axes) -> None:
     axes.yaxis.set_major_formatter(lambda value, _: _degrees_text(value, "NS"))
 
 
-def draw_track(contents: Contents, axes: Axes) -> None:
-    """Draw the track with its begin and end; nothing without a position."""
-    track = contents.track
-    if track.time_ns.size == 0:
-        return
-    x, y = degrees(contents, track.east, track.north)
-    axes.plot(x, y, **_HALO)
-    axes.plot(x, y, color=SECOND, linewidth=1.1, label="track")
-    for k, marker, name in ((0, "o", "begin"), (-1, "s", "end")):
-        axes.plot(
-            x[k],
-            y[k],
-            marker,
-            color=SECOND,
-            markeredgecolor="white",
-            markersize=4.5,
-            markeredgewidth=0.7,
-            linestyle="none",
-            label=name,
-        )
-
-
-def draw_surfacings(contents: Contents, axes: Axes) -> None:
-    """Draw predicted and actual surfacings with the ellipses; nothing without any."""
-    table = contents.result.surfacings
-    if not len(table):
-        return
-    for kind, marker, color in (("predicted", "D", FOURTH), ("actual", "x", INK)):
-        x = unwrap_longitude(
-            table[f"{kind}_longitude"].to_numpy(np.float64), contents.projection.longitude
-        )
-        y = table[f"{kind}_latitude"].to_numpy(np.float64)
-        axes.plot(
-            x, y, marker, color=color, markersize=3.0, linestyle="none", label=f"surfacing, {kind}"
-        )
-    for k, outline in enumerate(outlines_of(table, contents.projection)):
-        label = "90 % ellipse" if k == 0 else None
-        axes.plot(
-            *degrees(contents, outline[:, 0], outline[:, 1]),
-            color=FOURTH,
-            linewidth=0.7,
-            label=label,
-        )
-
-
-def draw_plan(contents: Contents, axes: Axes) -> None:
-    """Draw the last plan with its goal; nothing without a plan."""
-    plan = contents.last_plan
-    if plan is None:
-        return
-    if len(plan.track):
-        x, y = degrees(contents, plan.east, plan.north)
-        axes.plot(x, y, **_HALO)
-        axes.plot(x, y, color=FIRST, linewidth=1.3, label="plan")
-    x, y = degrees(
-        contents,
-        *to_local(contents.projection, plan.row["goal_longitude"], plan.row["goal_latitude"]),
-    )
-    axes.plot(x, y, "*", label="goal", markersize=9.0, **END)
-
-
-def draw_hazards(contents: Contents, axes: Axes) -> None:
-    """Draw the depth of the bottom as contours, the areas that the last plan keeps out of, and the ellipses of its surfacings.
+def draw_layers(contents: Contents, axes: Axes, *layers: Layer) -> None:
+    """Draw layers of marks.
 
     Args:
         contents: Of the result.
-        axes: In degrees, with their limits.
+        axes: In degrees.
+        layers: From the lowest to the highest.
     """
-    seabed, plan = contents.seabed, contents.last_plan
-    if seabed is not None:
-        x, y = degrees(contents, *np.meshgrid(seabed.east, seabed.north))
-        (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
-        # only of what is seen, so that labels are in sight
-        shown = np.where(
-            (x >= west) & (x <= east) & (y >= south) & (y <= north), seabed.depth, np.nan
+
+    def place(east: Array, north: Array) -> tuple[Array, Array]:
+        return degrees(contents, 1e3 * east, 1e3 * north)
+
+    for layer in layers:
+        for mark in layer.marks:
+            draw_mark(axes, mark, layer.tables, place)
+
+
+def draw_seabed(contents: Contents, axes: Axes) -> None:
+    """Draw contours of the depth of the bottom into axes in degrees that have their limits; nothing without a bathymetry."""
+    seabed = contents.seabed
+    if seabed is None:
+        return
+    x, y = degrees(contents, *np.meshgrid(seabed.east, seabed.north))
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    # only of what is seen, so that labels are in sight
+    shown = np.where((x >= west) & (x <= east) & (y >= south) & (y <= north), seabed.depth, np.nan)
+    span = float(np.ptp(shown[np.isfinite(shown)])) if np.isfinite(shown).any() else 0.0
+    if span > 0.0:
+        step = contour_step(span)
+        levels = np.arange(np.ceil(np.nanmin(shown) / step) * step, float(np.nanmax(shown)), step)
+        lines = axes.contour(
+            x,
+            y,
+            np.ma.masked_invalid(shown),
+            levels=levels[levels > 0.0],
+            colors=PRINT["ink"],
+            linewidths=0.4,
+            alpha=0.7,
         )
-        span = float(np.ptp(shown[np.isfinite(shown)])) if np.isfinite(shown).any() else 0.0
-        if span > 0.0:
-            step = contour_step(span)
-            levels = np.arange(
-                np.ceil(np.nanmin(shown) / step) * step, float(np.nanmax(shown)), step
-            )
-            lines = axes.contour(
-                x,
-                y,
-                np.ma.masked_invalid(shown),
-                levels=levels[levels > 0.0],
-                colors=INK,
-                linewidths=0.4,
-                alpha=0.7,
-            )
-            for text in axes.clabel(lines, fontsize=5.0, fmt="%g m"):
-                text.set_gid(CONTOUR_LABEL)
-    for k, area in enumerate(plan.areas if plan is not None else ()):
-        longitude, latitude = np.array([*area.corners, area.corners[0]]).T
-        x = unwrap_longitude(longitude, contents.projection.longitude)
-        axes.fill(x, latitude, facecolor="#d5301a", alpha=0.2, zorder=2.5)
-        axes.plot(
-            x, latitude, color="#a02010", linewidth=1.0, label="no-go area" if k == 0 else None
-        )
-    for k, outline in enumerate(plan.ellipses if plan is not None else ()):
-        label = "90 % of planned surfacings" if k == 0 else None
-        axes.plot(
-            *degrees(contents, outline[:, 0], outline[:, 1]),
-            color=FIRST,
-            linewidth=0.6,
-            label=label,
-        )
+        for text in axes.clabel(lines, fontsize=5.0, fmt="%g m"):
+            text.set_gid(CONTOUR_LABEL)
 
 
 def _current(contents: Contents, slices: CurrentSlices, at: At | None, axes: Axes) -> None:
@@ -320,22 +250,19 @@ def _error(contents: Contents, slices: CurrentSlices, at: At | None, axes: Axes)
 def _marks(contents: Contents, slices: CurrentSlices | None, at: At | None, axes: Axes) -> None:
     if slices is None:
         _widen(contents, axes)
-    draw_hazards(contents, axes)
-    draw_track(contents, axes)
-    draw_surfacings(contents, axes)
-    draw_plan(contents, axes)
+    draw_seabed(contents, axes)
+    draw_layers(
+        contents,
+        axes,
+        hazard_layer(contents),
+        track_layer(contents),
+        surfacing_layer(contents),
+        plan_layer(contents),
+    )
     if at is not None:
-        x = float(unwrap_longitude(at[0], contents.projection.longitude))
-        axes.plot(
-            x,
-            at[1],
-            "*",
-            color="white",
-            markeredgecolor=INK,
-            markersize=8.0,
-            linestyle="none",
-            label="place asked for",
-        )
+        x = np.array([float(unwrap_longitude(at[0], contents.projection.longitude))])
+        star: Any = {"color": "#ffffff", "symbol": "star", "size": 18.0, "edge": "ink"}
+        draw_mark(axes, Mark("points", x, np.array([at[1]]), "requested place", **star), {})
     frame(axes)
 
 
@@ -348,12 +275,12 @@ def _field(
     known = values[np.isfinite(values)]
     most = float(known.max()) if known.size and known.max() > 0.0 else 1.0
     # where nothing is drawn is outside the forecast, also beyond the cells
-    axes.patch.set(facecolor="white", edgecolor=SOFT, hatch="//////", linewidth=0.0)
+    axes.patch.set(facecolor="white", edgecolor=PRINT["soft"], hatch="//////", linewidth=0.0)
     axes.pcolormesh(
         longitude,
         latitude,
         np.where(_blank(slices)[0], 1.0, np.nan),
-        cmap=ListedColormap([LAND]),
+        cmap=ListedColormap([PRINT["land"]]),
         rasterized=True,
     )
     colors: Any = {"cmap": colormap(look[0]), "vmin": 0.0, "vmax": most, "rasterized": True}
@@ -364,9 +291,7 @@ def _field(
     else:
         mesh = axes.pcolormesh(longitude, latitude, np.ma.masked_invalid(values), **colors)
     colorbar(axes, mesh, look[1])
-    x, y = (1e3 * np.array(line, dtype=np.float64) for line in coastline(slices))
-    if x.size:
-        axes.plot(*degrees(contents, x, y), color=INK, linewidth=0.8)
+    draw_layers(contents, axes, coast_layer(slices))
     axes.set(xlim=(centres[0].min(), centres[0].max()), ylim=(centres[1].min(), centres[1].max()))
 
 

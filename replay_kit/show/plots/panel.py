@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from replay_kit.show.plots.style import SOFT, WIDTHS, styled
+from replay_kit.show.colors import PRINT
+from replay_kit.show.plots.style import WIDTHS, styled
 
 # Height of the notes and of the legend below a figure [inches a line], and the letters that fit into an inch.
 _LINE, _LETTERS = 0.13, 17.0
@@ -30,7 +31,7 @@ class Panel:
         title: What it shows.
         draw: Draws it into axes.
         height: Over its width.
-        shares_legend: Whether its legend is below the figure, once for all such panels; else ``draw`` draws it, if any.
+        shares_legend: Whether its legend is below the figure, once for all such panels.
         above: Between the axes and the title [points].
     """
 
@@ -40,9 +41,11 @@ class Panel:
     shares_legend: bool = False
     above: float = 6.0
 
-    def draw_into(self, axes: Axes, letter: str = "") -> None:
-        """Draw into axes, with the title."""
+    def draw_into(self, axes: Axes, letter: str = "", legend: bool = True) -> None:
+        """Draw into axes, with the title and, if it has entries, a legend."""
         self.draw(axes)
+        if legend and axes.get_legend_handles_labels()[0]:
+            axes.legend(loc="best")
         axes.set_title(f"{letter}{self.title}", pad=self.above)
 
 
@@ -72,7 +75,13 @@ def missing(title: str, why: str) -> Panel:
     def draw(axes: Axes) -> None:
         axes.set(xticks=[], yticks=[])
         axes.text(
-            0.5, 0.5, fill(why, 34), transform=axes.transAxes, ha="center", va="center", color=SOFT
+            0.5,
+            0.5,
+            fill(why, 34),
+            transform=axes.transAxes,
+            ha="center",
+            va="center",
+            color=PRINT["soft"],
         )
 
     return Panel(title, draw, 0.45)
@@ -99,7 +108,8 @@ def compose(contents: Panels, columns: int) -> Figure:
         entries: dict[str, Any] = {}
         for k, panel in enumerate(contents.panels):
             axes = figure.add_subplot(grid[divmod(k, across)])
-            panel.draw_into(axes, f"({chr(ord('a') + k)}) " if len(contents.panels) > 1 else "")
+            letter = f"({chr(ord('a') + k)}) " if len(contents.panels) > 1 else ""
+            panel.draw_into(axes, letter, not panel.shares_legend)
             if panel.shares_legend:
                 marks, labels = axes.get_legend_handles_labels()
                 entries |= dict(zip(labels, marks, strict=True))
@@ -108,7 +118,7 @@ def compose(contents: Panels, columns: int) -> Figure:
         grid.set_height_ratios(heights)
         notes = fill(" ".join(contents.notes), int(_LETTERS * width)) if contents.notes else ""
         if notes:
-            figure.supxlabel(notes, fontsize=6.0, color=SOFT, x=0.01, ha="left")
+            figure.supxlabel(notes, fontsize=6.0, color=PRINT["soft"], x=0.01, ha="left")
         figure.set_size_inches(
             width, sum(heights) + (_LINE * (notes.count("\n") + 2) if notes else 0.0)
         )

@@ -7,27 +7,25 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import to_local
 from replay_kit.core.plan import ORIGIN
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.slices import CurrentSlices
+from replay_kit.show.figures.in_print import drawing_of
+from replay_kit.show.figures.map_layers import hazard_layer, plan_layer, surfacing_layer
+from replay_kit.show.figures.plan import profile_chart
 from replay_kit.show.plots.current_map import (
     ABOVE_KEY,
-    END,
     At,
     degrees,
-    draw_hazards,
-    draw_plan,
+    draw_layers,
+    draw_seabed,
     draw_speed,
-    draw_surfacings,
     frame,
     slices_at,
     without_current,
 )
 from replay_kit.show.plots.panel import Panel, Panels, missing
-from replay_kit.show.plots.style import FIRST, INK, LAND
-from replay_kit.show.report.sections.last_plan import profile_floor
 
 
 def plan_panels(contents: Contents, at: At | None) -> Panels:
@@ -55,7 +53,7 @@ def plan_panels(contents: Contents, at: At | None) -> Panels:
     else:
         notes.append(_in_words(plan.row))
         notes += _figures_in_words(plan)
-    slices, around = slices_at(contents, at), _around(contents, plan)
+    slices, around = slices_at(contents, at), _around(plan)
     notes += [] if slices is None else without_current(slices, around)
     panels = [
         Panel(
@@ -67,7 +65,8 @@ def plan_panels(contents: Contents, at: At | None) -> Panels:
         )
     ]
     if len(plan.track):
-        panels.append(Panel("depth along the plan", partial(_profile, plan), 0.85, True, ABOVE_KEY))
+        draw = drawing_of(profile_chart(contents, plan), 0)
+        panels.append(Panel("depth along the plan", draw, 0.85, True, ABOVE_KEY))
     return Panels(panels, 2, notes)
 
 
@@ -101,24 +100,13 @@ def _in_words(plan: Any) -> str:
     )
 
 
-def _ends(contents: Contents, plan: LastPlan) -> list[tuple[Array, Array]]:
-    """Return start and goal of a plan, local east and north [m]."""
-    return [
-        to_local(contents.projection, plan.row[f"{name}_longitude"], plan.row[f"{name}_latitude"])
-        for name in ("start", "goal")
-    ]
-
-
-def _around(contents: Contents, plan: LastPlan) -> tuple[Array, Array]:
+def _around(plan: LastPlan) -> tuple[Array, Array]:
     """Return the ends in east and in north [m] of a square around a plan."""
-    ends = _ends(contents, plan)
-    east, north = (
-        np.append(values, [end[k] for end in ends])
-        for k, values in enumerate((plan.east, plan.north))
-    )
-    reach = 0.65 * max(float(np.ptp(east)), float(np.ptp(north)), 2e3)
+    places = np.vstack([np.column_stack([plan.east, plan.north]), plan.start, plan.goal])
+    middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
+    reach = 0.65 * max(float(np.ptp(places, axis=0).max()), 2e3)
     about = np.array([-reach, reach])
-    return 0.5 * (east.min() + east.max()) + about, 0.5 * (north.min() + north.max()) + about
+    return middle[0] + about, middle[1] + about
 
 
 def _map(
@@ -131,22 +119,9 @@ def _map(
     longitude, latitude = degrees(contents, *np.meshgrid(*around))
     limits = {"xlim": (longitude.min(), longitude.max()), "ylim": (latitude.min(), latitude.max())}
     axes.set(**limits)
-    draw_hazards(contents, axes)
-    axes.plot(
-        *degrees(contents, *_ends(contents, plan)[0]), "o", label="start", markersize=5.0, **END
+    draw_seabed(contents, axes)
+    draw_layers(
+        contents, axes, hazard_layer(contents), plan_layer(contents), surfacing_layer(contents)
     )
-    draw_plan(contents, axes)
-    draw_surfacings(contents, axes)
     axes.set(**limits)
     frame(axes)
-
-
-def _profile(plan: LastPlan, axes: Axes) -> None:
-    along, depth = plan.along / 1e3, plan.track["depth"].to_numpy(np.float64)
-    floor = profile_floor(depth, plan.bottom)
-    if plan.bottom is not None:
-        axes.fill_between(along, np.minimum(plan.bottom, floor), floor, color=LAND, linewidth=0.0)
-        axes.plot(along, plan.bottom, color=INK, linewidth=0.8, label="bottom")
-    axes.plot(along, depth, color=FIRST, label="plan")
-    axes.set(xlabel="distance along the plan [km]", ylabel="depth [m]", ylim=(floor, 0.0))
-    axes.grid(linewidth=0.3, color="0.85")

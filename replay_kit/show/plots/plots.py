@@ -9,14 +9,11 @@ from matplotlib.figure import Figure
 from replay_kit.core.errors import ConfigError
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.contents import Contents
+from replay_kit.show.plots.charts import dive_panels, section_panels, series_panels, trust_panels
 from replay_kit.show.plots.current_map import At, map_panels
-from replay_kit.show.plots.dives import dive_panels
 from replay_kit.show.plots.panel import Panels, compose
 from replay_kit.show.plots.plan import plan_panels
-from replay_kit.show.plots.section import section_panels
-from replay_kit.show.plots.series import series_panels
 from replay_kit.show.plots.style import WIDTHS
-from replay_kit.show.plots.trust import trust_panels
 
 #: Each figure by its name.
 KINDS: Mapping[str, Callable[[Contents, At | None], Panels]] = MappingProxyType(
@@ -102,8 +99,6 @@ class Plots:
                 f"panel: expected 0 to {len(panels) - 1}, got {panel}; {kind} has {len(panels)} here"
             )
         panels[panel].draw_into(ax)
-        if panels[panel].shares_legend and ax.get_legend_handles_labels()[0]:
-            ax.legend(loc="best")
         figure = ax.get_figure(root=True)
         assert figure is not None  # axes belong to a figure
         return figure

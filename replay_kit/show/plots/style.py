@@ -9,20 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from replay_kit.show.page.colors import scale
+from replay_kit.show.colors import scale
 
 #: Width of a figure over one and over two columns of a page [inches].
 WIDTHS = {1: 3.35, 2: 6.9}
-#: Colours of lines and marks (Okabe and Ito, 2008), which differ in lightness too.
-FIRST, SECOND, THIRD, FOURTH, INK, SOFT, LAND = (
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "#CC79A7",
-    "#111820",
-    "#7f8890",
-    "#c9c5bd",
-)
 #: Forms of a figure's file.
 ENDINGS = (".png", ".svg", ".pdf")
 
@@ -56,9 +46,7 @@ _NO_DATES: dict[str, dict[str, None]] = {
 
 def colormap(name: str) -> LinearSegmentedColormap:
     """Return one of cmocean's colour maps: ``speed``, ``balance``, ``amp`` or ``thermal``."""
-    return LinearSegmentedColormap.from_list(
-        name, [(float(at), str(color)) for at, color in scale(name)]
-    )
+    return LinearSegmentedColormap.from_list(name, scale(name))
 
 
 def colorbar(axes: Axes, mesh: Any, label: str, extend: str = "neither") -> None:

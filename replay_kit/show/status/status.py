@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from replay_kit.core.finding import severity_word
+from replay_kit.core.errors import severity_word
 from replay_kit.core.plan import ORIGIN
 from replay_kit.core.text import place_text, time_text
 from replay_kit.results.outcome.verdict import plan_alarm

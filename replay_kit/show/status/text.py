@@ -2,8 +2,7 @@
 
 import textwrap
 
-from replay_kit.core.printable import printable
-from replay_kit.core.text import time_text
+from replay_kit.core.text import printable, time_text
 from replay_kit.show.status.status import Line, Status
 
 _LABEL, _AGE = 11, 8

@@ -1,16 +1,98 @@
-"""The comparison of methods to files; its page says which method errs least, and which knows how much it errs."""
+"""The comparison of methods on the console, as CSV and JSON, and as a page: which method errs least, and which states its errors right."""
 
 from collections.abc import Sequence
+from dataclasses import asdict, fields
 from html import escape
 from pathlib import Path
+from typing import Any
+
+from rich.console import Console
 
 from replay_kit.show.page import Section
-from replay_kit.studies.accuracy.report import row_table, to_csv, to_json
-from replay_kit.studies.accuracy.run import AccuracyResult, AccuracyRow
-from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure
+from replay_kit.studies.accuracy.run import FIGURES, AccuracyResult, AccuracyRow
+from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure, series_by
 from replay_kit.studies.reports.flows import LABELS
 from replay_kit.studies.reports.page import PAGE, list_html, study_page, tables_html, words_html
-from replay_kit.studies.reports.write import json_text, number, write_files
+from replay_kit.studies.reports.tables import (
+    Cell,
+    Table,
+    answer_of,
+    json_text,
+    number,
+    print_tables,
+    rows_to_csv,
+    write_files,
+)
+
+_COLUMNS = (
+    "truth",
+    "method",
+    "pings",
+    "rel. error",
+    "RMSE",
+    "bound",
+    "NIS/dof",
+    "cov. 50",
+    "cov. 90",
+    "CRPS",
+)
+
+
+def to_json(result: AccuracyResult) -> dict[str, Any]:
+    """Return the JSON object of ``--json``; undefined figures are null."""
+    figures = {
+        field.name: getattr(result, field.name) for field in fields(result) if field.name != "rows"
+    }
+    return answer_of(
+        {
+            "unfinished": result.unfinished,
+            "results": [_row_json(row) for row in result.rows],
+            **figures,
+        },
+        "numpy",
+        "scipy",
+    )
+
+
+def row_table(result: AccuracyResult) -> Table:
+    """Return the rows as people read them."""
+    made = any(row.members for row in result.rows)
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
+        (
+            result.truth if row.truth is None else str(row.truth),
+            *((row.members,) if made else ()),
+            row.method,
+            row.pings,
+            *(number(getattr(row, name)) for name in FIGURES),
+        )
+        for row in result.rows
+    )
+    columns = (_COLUMNS[0], "members", *_COLUMNS[1:]) if made else _COLUMNS
+    return Table("accuracy", "Methods against the number of pings", columns, rows)
+
+
+def print_study(result: AccuracyResult, console: Console) -> None:
+    """Print the rows as a table, and below it why methods failed."""
+    print_tables(console, [row_table(result)])
+    for row in result.rows:
+        if row.failed:
+            console.print(
+                f"{row.method} after {row.pings} pings: {row.failed}", soft_wrap=True, markup=False
+            )
+
+
+def _row_json(row: AccuracyRow) -> dict[str, Any]:
+    left_out = {
+        name
+        for name, absent in (
+            ("truth", row.truth is None),
+            ("members", not row.members),
+            ("failed", not row.failed),
+        )
+        if absent
+    }
+    return {name: value for name, value in asdict(row).items() if name not in left_out}
+
 
 FILES = ("accuracy.csv", "accuracy.json", PAGE)
 _PINGS = Axis("pings", log=True)
@@ -26,28 +108,33 @@ _CHARTS = (
     ),
     (
         "coverage",
-        "How many components lie in their 90 % intervals",
+        "Coverage of the 90 % intervals",
         "coverage90",
         Axis("share inside [1]"),
         0.9,
-        "A method that knows how much it errs holds 0.9 (dotted); below it the stated errors are too small. Some methods state none.",
+        "Share of components inside; 0.9 (dotted) is right, below it the stated errors are too small. Some methods state none.",
     ),
     (
         "nis",
-        "Errors of predictions over their stated size",
+        "Consistency of the innovations",
         "nis_per_dof",
         Axis("NIS per degree of freedom [1]", log=True),
         1.0,
-        "Each ping is predicted before it is used. At 1 (dotted) the predictions err as much as they state; above it more, below it less.",
+        "Each ping is predicted before it is used. 1 (dotted) is consistent; above it the stated errors are too small, below it too large.",
     ),
 )
 
 
-def write_accuracy(out: Path, result: AccuracyResult) -> None:
+def write_study(out: Path, result: AccuracyResult) -> None:
     """Write ``FILES`` into a folder that exists, each whole or not at all; of an unfinished study all but the page."""
     page = {} if result.unfinished else {PAGE: accuracy_page(result)}
     write_files(
-        out, {"accuracy.csv": to_csv(result), "accuracy.json": json_text(to_json(result)), **page}
+        out,
+        {
+            "accuracy.csv": rows_to_csv(AccuracyRow, result.rows),
+            "accuracy.json": json_text(to_json(result)),
+            **page,
+        },
     )
 
 
@@ -78,18 +165,12 @@ def accuracy_page(result: AccuracyResult) -> str:
 
 
 def _series(rows: Sequence[AccuracyRow], field: str) -> tuple[Series, ...]:
-    by_method: dict[str, list[AccuracyRow]] = {}
-    for row in rows:
-        # NaN is unequal to itself: methods without such a figure have no line
-        if (value := getattr(row, field)) == value:
-            by_method.setdefault(row.method, []).append(row)
-    return tuple(
-        Series(
-            LABELS.get(method, method),
-            [row.pings for row in of_method],
-            [getattr(row, field) for row in of_method],
-        )
-        for method, of_method in by_method.items()
+    figures = [(row, getattr(row, field)) for row in rows]
+    # NaN is unequal to itself: methods without such a figure have no line
+    return series_by(
+        (LABELS.get(row.method, row.method), row.pings, value)
+        for row, value in figures
+        if value == value
     )
 
 

@@ -7,7 +7,6 @@ pings: the estimator is online, so its estimate after n profiles is the one it w
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import tee
 from typing import Any
 
 import numpy as np
@@ -15,21 +14,24 @@ import numpy as np
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
-from replay_kit.core.tasks import each_call
+from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import Estimator
-from replay_kit.studies.accuracy.altered import AS_GIVEN, Alteration, altered_cases
 from replay_kit.studies.accuracy.made import KINDS, Sources, made_cases
 from replay_kit.studies.accuracy.methods import METHODS, build_method
-from replay_kit.studies.jobs.checks import (
+from replay_kit.studies.jobs import (
+    EXPECTED_FAILURES,
+    Advance,
     check_counts,
     check_names,
     check_not_negative,
     check_positive,
+    each_counted,
+    reason_of,
 )
-from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Advance, Progress, reason_of
-from replay_kit.studies.scoring.scores import Score, bound, score
+from replay_kit.studies.reports.tables import grouped
+from replay_kit.studies.scoring import Score, bound, score
+from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.profiles import random_observations
 from replay_kit.studies.twins.truths import Case, cases
 from replay_kit.workflows.replay.scoring import ScoredPoints, scored_points
 
@@ -47,7 +49,6 @@ class AccuracyJob:
         noise: Standard deviation of each component of each bin [m/s].
         seeds: Seeds 0 to seeds - 1 are run.
         methods: Of ``METHODS``.
-        alteration: Of the ensemble and its truth.
     """
 
     leave_out: str | None = None
@@ -55,14 +56,12 @@ class AccuracyJob:
     noise: float = 0.09
     seeds: int = 5
     methods: tuple[str, ...] = METHODS
-    alteration: Alteration = AS_GIVEN
 
     def check(self) -> None:
         """Raise ConfigError when an option is wrong."""
         check_names("--methods", self.methods, METHODS)
         check_counts(self.pings)
         check_positive(seeds=self.seeds)
-        self.alteration.check()
         check_not_negative(noise=self.noise)
 
 
@@ -137,7 +136,7 @@ def run_accuracy(
     truth: Ensemble | None,
     config: EstimatorConfig,
     job: AccuracyJob,
-    progress: Progress | None = None,
+    progress: Progress = silent,
     sources: Sources | None = None,
 ) -> Iterator[AccuracyResult]:
     """Yield how well each method estimates a truth: the result so far after each method, then the whole one.
@@ -158,7 +157,7 @@ def run_accuracy(
         MeasurementError: No point of the truth lies in the region.
     """
     job.check()
-    each = list(altered_cases(ensemble, cases(ensemble, truth, job.leave_out), job.alteration))
+    each = list(cases(ensemble, truth, job.leave_out))
     runs = len(each) * len(job.methods) * (len(KINDS) if sources else 1)
     advance = Advance(runs * job.seeds * job.pings[-1], progress)
     in_turn = len(each) > 1
@@ -170,16 +169,13 @@ def run_accuracy(
             tuple(rows), ensemble.source, name, config.modes, job.noise, unfinished
         )
 
-    each_survey = _surveys(ensemble, each, job, sources)
-    calls, parts = tee(
+    calls = (
         (method, survey, config, job.pings, advance)
-        for survey in each_survey
+        for survey in _surveys(ensemble, each, job, sources)
         for method in job.methods
     )
-    for number, (of_method, (method, survey, *_)) in enumerate(
-        zip(each_call(_run_method, calls), parts, strict=True), start=1
-    ):
-        advance.reach(number * job.seeds * job.pings[-1], f"{survey.case.truth.source} {method}")
+    steps = job.seeds * job.pings[-1]
+    for (_, survey, *_), of_method in each_counted(_run_method, calls, advance, lambda *_: steps):
         rows += [
             replace(row, truth=survey.case.member if in_turn else None, members=survey.kind)
             for row in of_method
@@ -272,12 +268,9 @@ def _row(
 def _means(rows: Sequence[AccuracyRow]) -> list[AccuracyRow]:
     """Return the means over truths, seed by seed where there is one figure for each seed."""
     out = []
-    for members, method, pings in dict.fromkeys(
-        (row.members, row.method, row.pings) for row in rows
-    ):
-        alike = [
-            row for row in rows if (row.members, row.method, row.pings) == (members, method, pings)
-        ]
+    for (members, method, pings), alike in grouped(
+        rows, lambda row: (row.members, row.method, row.pings)
+    ).items():
         mean = AccuracyRow(method, pings, truth="mean", members=members)
         lost = [row for row in alike if row.failed]
         if lost:

@@ -1,28 +1,142 @@
-"""The predictions of dives to files; their page says how far the estimate helped the next dive."""
+"""The predictions of dives on the console, as CSV and JSON, and as a page: how far the estimate helped to predict the next dive."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from rich.console import Console
+
+from replay_kit.results.outcome.from_run import surfacings_json
 from replay_kit.show.page import Section
-from replay_kit.studies.dives.report import (
-    TITLES,
-    dive_table,
-    rmse_of,
-    sentences_of,
-    to_csv,
-    to_json,
-)
+from replay_kit.show.words import surfacings_sentences
 from replay_kit.studies.dives.run import DivePrediction, DivesResult
-from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure
+from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure, series_by
 from replay_kit.studies.reports.page import PAGE, list_html, study_page, tables_html, words_html
-from replay_kit.studies.reports.write import json_text, number, write_files
+from replay_kit.studies.reports.tables import (
+    Table,
+    answer_of,
+    json_text,
+    number,
+    print_tables,
+    write_files,
+)
+from replay_kit.studies.reports.tables import to_csv as table_to_csv
+from replay_kit.workflows.replay.scoring import rms_length
+
+TITLES = {
+    "profiles": "RMS length of the error of profiles",
+    "mean": "RMS length of the error of depth-averaged currents",
+}
+
+
+def print_study(result: DivesResult, console: Console) -> None:
+    """Print what a person reads: errors by dive and method, calibration, surfacings."""
+    print_tables(console, [dive_table(result, kind) for kind in TITLES if result.rmse(kind)])
+    for sentence in sentences_of(result):
+        console.print(sentence, soft_wrap=True)
+
+
+def sentences_of(result: DivesResult) -> list[str]:
+    """Return calibration, surfacings and fitted settings in words; nothing of what the log does not have."""
+    out = []
+    if np.isfinite(result.nis_per_dof):
+        covered = result.coverages().values()
+        next_dive, held = (
+            ", ".join(f"{value:.0%} of {share:.0%}" for share, value in shares.items())
+            for shares in covered
+        )
+        out = [
+            f"Next dives: NIS per degree of freedom {result.nis_per_dof:.2f}; bins inside their intervals: {next_dive}",
+            f"Bins withheld from a dive, given its others, inside their intervals: {held}",
+        ]
+    surfacings = surfacings_of(result)
+    if surfacings is not None:
+        out.append(f"Surfacings: {'; '.join(surfacings_sentences(surfacings))}")
+    if result.fitted:
+        words = ", ".join(
+            f"{name} {value:g}" for name, value in asdict(result.dives[-1].settings).items()
+        )
+        out.append(f"Fitted to the dives before the last: {words}")
+    return out
+
+
+def surfacings_of(result: DivesResult) -> dict[str, Any] | None:
+    """Return hits, score and sharpness of the expected surfacings; None without any."""
+    outcomes = [dive.surfacing for dive in result.dives if dive.surfacing is not None]
+    return surfacings_json(outcomes, None) if outcomes else None
+
+
+def dive_table(result: DivesResult, kind: str) -> Table:
+    """Return the errors of one kind as people read them, dive by dive."""
+    overall = result.rmse(kind)
+    by_dive = [(str(dive.number), rmse_of(dive, kind)) for dive in result.dives[1:]]
+    rows = tuple(
+        (dive, *(number(100.0 * rmse[method], 1) if method in rmse else "" for method in overall))
+        for dive, rmse in [*by_dive, ("all", overall)]
+    )
+    return Table(
+        kind,
+        f"{TITLES[kind]}, cm/s",
+        ("dive", *(method.replace("_", " ") for method in overall)),
+        rows,
+    )
+
+
+def rmse_of(dive: DivePrediction, kind: str) -> dict[str, float]:
+    """Return the root mean square length of a dive's error vectors [m/s], by method."""
+    return {method: rms_length(error) for method, error in dive.errors[kind].items()}
+
+
+def to_csv(result: DivesResult) -> str:
+    """Return the errors as CSV: a row for each dive, kind and method [m/s]."""
+    rows = [
+        (dive.number, kind, method, rmse)
+        for dive in result.dives
+        for kind in TITLES
+        for method, rmse in rmse_of(dive, kind).items()
+    ]
+    return table_to_csv(
+        Table("dives", "All errors", ("dive", "kind", "method", "rmse"), tuple(rows))
+    )
+
+
+def to_json(result: DivesResult) -> dict[str, Any]:
+    """Return the result's figures for JSON; undefined ones are null, as is a scale that is infinite."""
+    answer = {
+        "rmse": {kind: result.rmse(kind) for kind in TITLES},
+        "nis_per_dof": result.nis_per_dof,
+        "coverage": {
+            name: {f"{share:g}": value for share, value in shares.items()}
+            for name, shares in result.coverages().items()
+        },
+        "surfacings": surfacings_of(result),
+        "dives": [_dive_json(dive) for dive in result.dives],
+        "ensemble": result.ensemble,
+        "fitted": result.fitted,
+        "oscillators": result.oscillators,
+        "unfinished": result.unfinished,
+    }
+    return answer_of(answer, "numpy")
+
+
+def _dive_json(dive: DivePrediction) -> dict[str, Any]:
+    return {
+        "dive": dive.number,
+        "bins": len(dive.std),
+        **{f"rmse_{kind}": rmse_of(dive, kind) for kind in TITLES},
+        "nis_per_dof": dive.nis / dive.dof if dive.dof else None,
+        "settings": asdict(dive.settings),
+    }
+
 
 FILES = ("dives.csv", "dives.json", PAGE)
 _DIVES = Axis("dive [number]")
 _NAMES = {"profiles": "profiles of the current", "mean": "depth-averaged currents"}
 
 
-def write_dives(out: Path, result: DivesResult) -> None:
+def write_study(out: Path, result: DivesResult) -> None:
     """Write ``FILES`` into a folder that exists, each whole or not at all; of unfinished predictions all but the page."""
     page = {} if result.unfinished else {PAGE: dives_page(result)}
     write_files(
@@ -77,13 +191,10 @@ def _best(result: DivesResult, kind: str) -> str:
 
 
 def _errors(result: DivesResult, kind: str) -> Chart:
-    by_method: dict[str, list[tuple[float, float]]] = {method: [] for method in result.rmse(kind)}
-    for dive in result.dives[1:]:
-        for method, rmse in rmse_of(dive, kind).items():
-            by_method[method].append((dive.number, 100.0 * rmse))
-    series = tuple(
-        Series(method.replace("_", " "), [x for x, _ in each], [y for _, y in each])
-        for method, each in by_method.items()
+    series = series_by(
+        (method.replace("_", " "), dive.number, 100.0 * rmse)
+        for dive in result.dives[1:]
+        for method, rmse in rmse_of(dive, kind).items()
     )
     caption = "Lower is better. Where the estimate lies below the others, what it learned from earlier dives helped to predict this one."
     return Chart(

@@ -10,7 +10,7 @@ import numpy as np
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
-from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState
+from replay_kit.core.observation import Measurement, Observation, PathMean
 from replay_kit.logs import merge
 from replay_kit.measurements import Event, events_of
 from replay_kit.workflows.replay.inputs.scan import open_readers
@@ -25,14 +25,12 @@ class Dive:
         given: Measurements that the settings give the estimator, in order of time.
         profiles: Absolute profiles, in order of time, whether the estimator is given them or not.
         mean: Its depth-averaged current; None where the log has none.
-        fixes: At the surface, before it and after it; None without both.
     """
 
     number: int
     given: tuple[Measurement, ...]
     profiles: tuple[Observation, ...]
     mean: PathMean | None
-    fixes: tuple[VehicleState, VehicleState] | None
 
     @property
     def legs(self) -> tuple[tuple[Observation, ...], tuple[Observation, ...]]:
@@ -71,21 +69,18 @@ def read_dives(logs: Sequence[Path], config: RunConfig) -> tuple[Dive, ...]:
         for event in inverted
         if isinstance(event, Observation) and np.isfinite(event.common_std)
     ]
-    means, fixes = [], []
-    for event in sources:
-        if isinstance(event, PathMean) and event.kind == "dac":
-            means.append(event)
-        elif isinstance(event, VehicleState) and not event.dead_reckoned:
-            fixes.append(event)
-    by_number = {mean.dive: mean for mean in means}
-    numbers = sorted({event.dive for event in (*given, *profiles, *means)} - {0})
+    means = {
+        event.dive: event
+        for event in sources
+        if isinstance(event, PathMean) and event.kind == "dac"
+    }
+    numbers = sorted({event.dive for event in (*given, *profiles, *means.values())} - {0})
     dives = tuple(
         Dive(
             number,
             tuple(event for event in given if event.dive == number),
             tuple(profile for profile in profiles if profile.dive == number),
-            by_number.get(number),
-            _about(by_number[number], fixes) if number in by_number else None,
+            means.get(number),
         )
         for number in numbers
     )
@@ -111,12 +106,3 @@ def _using(config: RunConfig, *, inverted: bool) -> RunConfig:
 def _events(messages: Iterable[Message], config: RunConfig) -> Iterator[Event]:
     """Return the events that the measurement step finds in messages."""
     return chain.from_iterable(events_of(messages, config.measurements, config.logs.system))
-
-
-def _about(
-    mean: PathMean, fixes: Sequence[VehicleState]
-) -> tuple[VehicleState, VehicleState] | None:
-    """Return the last fix before a path and the first after it."""
-    before = [fix for fix in fixes if fix.time_ns <= mean.path_time_ns[0]]
-    after = [fix for fix in fixes if fix.time_ns >= mean.path_time_ns[-1]]
-    return (before[-1], after[0]) if before and after else None

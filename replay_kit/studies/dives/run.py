@@ -3,16 +3,18 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from replay_kit.config.run import RunConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.dive_forecast import DiveOutcome
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.gaussian import coverage
 from replay_kit.core.observation import Measurement, Observation
+from replay_kit.core.progress import Progress, silent
+from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.core.tasks import each_call
 from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
 from replay_kit.estimator.evolving.dive_error import by_dive, new_dive
@@ -26,14 +28,16 @@ from replay_kit.estimator.evolving.fit_log import (
 )
 from replay_kit.studies.dives.forecasts import (
     DiveForecasts,
+    Expected,
+    Usable,
     after_dive,
     baseline_means,
     baseline_profiles,
     before_dives,
+    expect,
+    withheld,
 )
-from replay_kit.studies.dives.predict import Expected, expect, withheld
 from replay_kit.studies.dives.read import Dive
-from replay_kit.studies.jobs.progress import Progress
 from replay_kit.workflows.replay.scoring import rms_length
 
 SHARES = (0.5, 0.9)
@@ -135,7 +139,7 @@ def run_dives(
     config: RunConfig,
     fit: bool,
     source: str,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Iterator[DivesResult]:
     """Yield the dives predicted so far, each from the dives before it, after each dive; the last result has them all.
 
@@ -157,14 +161,13 @@ def run_dives(
     small, done = replace(small, gating=None) if fit else small, list[DivePrediction]()
     for prediction in each_call(_predicted, _each_before(small, dives, config.time, fit, progress)):
         done.append(prediction)
-        if len(done) < len(dives):
-            yield DivesResult(tuple(done), source, fit, config.time.oscillators, unfinished=True)
-    if not any(dive.dof or dive.errors["mean"] for dive in done):
-        raise MeasurementError(
-            f"{source}: none of the {len(dives)} dives has a bin or a mean current in the ensemble's region; use an ensemble of the right "
-            "place, or --place-ensemble for a study"
-        )
-    yield DivesResult(tuple(done), source, fit, config.time.oscillators)
+        unfinished = len(done) < len(dives)
+        if not unfinished and not any(dive.dof or dive.errors["mean"] for dive in done):
+            raise MeasurementError(
+                f"{source}: none of the {len(dives)} dives has a bin or a mean current in the ensemble's region; use an ensemble of the "
+                "right place, or --place-ensemble for a study"
+            )
+        yield DivesResult(tuple(done), source, fit, config.time.oscillators, unfinished)
 
 
 def _each_before(
@@ -172,17 +175,14 @@ def _each_before(
     dives: Sequence[Dive],
     config: TimeConfig,
     fit: bool,
-    progress: Progress | None,
-) -> Iterator[
-    tuple[EvolvingEstimator, EvolvingState, Sequence[Dive], Dive, LogSettings, DiveForecasts]
-]:
-    """Yield what each dive is predicted from: estimator, state and dives before it, and the settings; one follows from the other."""
+    progress: Progress,
+) -> Iterator[tuple[Any, ...]]:
+    """Yield the arguments of ``_predicted`` for each dive; one follows from the other."""
     settings = initial_settings(small, config)
     changed = fitted_estimator(small, config, settings)
     state, known = changed.initial(), before_dives(dives)
     for k, dive in enumerate(dives):
-        if progress is not None:
-            progress(k, len(dives), f"dive {dive.number}")
+        progress(k, len(dives), f"dive {dive.number}")
         before = [event for earlier in dives[:k] for event in earlier.given]
         found = fit_to_log(small, config, before, settings) if fit and before else settings
         if found != settings:
@@ -190,10 +190,9 @@ def _each_before(
             state = _after(changed, changed.initial(), before, settings)
         elif k:
             state = _after(changed, state, dives[k - 1].given, settings)
-        known, forecasts = after_dive(
-            known, changed, state, dive, _usable(changed, state, dive, settings)
-        )
-        yield changed, state, dives[:k], dive, settings, forecasts
+        usable = _usable(changed, state, dive, settings)
+        known, forecasts = after_dive(known, changed, state, dive, usable)
+        yield changed, state, dives[:k], dive, settings, (usable, forecasts)
 
 
 def _all_of(dive: Dive) -> Iterator[Measurement]:
@@ -205,16 +204,15 @@ def _all_of(dive: Dive) -> Iterator[Measurement]:
 
 def _usable(
     estimator: EvolvingEstimator, state: EvolvingState, dive: Dive, settings: LogSettings
-) -> list[tuple[Observation, Expected]]:
-    """Return the profiles of a dive that have a usable bin, with the filter's predictions."""
-    expected = [(profile, expect(estimator, state, profile)) for profile in _own(dive, settings)]
-    return [(profile, found) for profile, found in expected if found is not None]
-
-
-def _own(dive: Dive, settings: LogSettings) -> list[Observation]:
-    """Return the profiles of a dive with the errors of settings."""
+) -> Usable:
+    """Return the profiles of a dive, with the errors of settings, that have a usable bin, and the filter's predictions of them."""
     profiles = [with_errors(profile, settings) for profile in dive.profiles]
-    return [profile for profile in profiles if isinstance(profile, Observation)]
+    expected = [
+        (profile, expect(estimator, state, profile))
+        for profile in profiles
+        if isinstance(profile, Observation)
+    ]
+    return [(profile, found) for profile, found in expected if found is not None]
 
 
 def _predicted(
@@ -223,12 +221,12 @@ def _predicted(
     earlier: Sequence[Dive],
     dive: Dive,
     settings: LogSettings,
-    forecasts: DiveForecasts,
+    known: tuple[Usable, DiveForecasts],
 ) -> DivePrediction:
     """Return one dive predicted from the state at its beginning."""
-    own, usable = _own(dive, settings), _usable(estimator, state, dive, settings)
+    usable, forecasts = known
     mean = None if dive.mean is None else expect(estimator, state, with_errors(dive.mean, settings))
-    held = list(withheld(estimator, state, own))
+    held = list(withheld(estimator, state, [profile for profile, _ in usable]))
     return DivePrediction(
         number=dive.number,
         settings=settings,
@@ -266,7 +264,7 @@ def _after(
 def _profile_errors(
     estimator: EvolvingEstimator,
     earlier: Sequence[Dive],
-    usable: Sequence[tuple[Observation, Expected]],
+    usable: Usable,
     expected: Array,
 ) -> dict[str, Array]:
     """Return the errors of the estimate, of the filter alone, of the ensemble, and of the baselines."""

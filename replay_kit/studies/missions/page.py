@@ -1,34 +1,86 @@
-"""The studies on missions to files; their page says which figures keep to their limits, and shows each beside its limits."""
+"""The studies on missions on the console, as CSV and JSON, and as a page: which figures keep to their limits."""
 
 import re
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
+
+from rich.console import Console
 
 from replay_kit.show.page import Section
-from replay_kit.studies.missions.report import study_table, to_csv, to_json
-from replay_kit.studies.missions.rows import MissionRow
+from replay_kit.studies.missions.follow import MissionRow
 from replay_kit.studies.missions.run import MissionResult
 from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure
-from replay_kit.studies.reports.page import PAGE, list_html, study_page, tables_html, words_html
-from replay_kit.studies.reports.write import json_text, limits_text, to_text, write_files
+from replay_kit.studies.reports.page import PAGE, criteria_html, study_page, tables_html, words_html
+from replay_kit.studies.reports.tables import (
+    Criterion,
+    Table,
+    answer_of,
+    grouped,
+    json_text,
+    limits_text,
+    met_text,
+    print_tables,
+    rows_to_csv,
+    write_files,
+)
+
+
+def to_json(result: MissionResult) -> dict[str, Any]:
+    """Return the JSON object of ``--json``; undefined figures are null."""
+    return answer_of(asdict(result), "numpy", "scipy")
+
+
+def print_study(result: MissionResult, console: Console) -> None:
+    """Print a table for each study."""
+    print_tables(console, [study_table(result, study) for study in result.job.studies])
+    for why in result.lost:
+        console.print(f"left out: {why}")
+
+
+def study_table(result: MissionResult, study: str) -> Table:
+    """Return the figures of one study as people read them."""
+    times = f" of {result.times} times" if result.times > 1 else ""
+    missions = f"{result.job.seeds} missions each, {result.job.pings} pings of {result.job.noise:g} m/s noise"
+    rows = tuple(
+        (
+            row.method,
+            row.figure,
+            row.value,
+            limits_text(row.at_least, row.at_most),
+            met_text(row.met),
+            row.by_mission,
+        )
+        for row in result.rows
+        if row.study == study
+    )
+    title = f"{study}: {len(result.members)} truths{times}, {missions}"
+    return Table(study, title, ("method", "figure", "value", "required", "", "by mission"), rows)
+
 
 FILES = ("missions.csv", "missions.json", PAGE)
 _TITLES = {
-    "time": "A truth that changes",
+    "time": "A truth that changes in time",
     "relative": "Profiles relative to the vehicle",
-    "dac": "Mean currents of dives alone",
-    "outliers": "Pings that are wrong",
-    "bias": "Instruments with a bias",
-    "coverage": "Whether the stated errors are right",
+    "dac": "Depth-averaged currents alone",
+    "outliers": "Outliers",
+    "bias": "Biases of compass and scale",
+    "coverage": "Coverage of the stated errors",
 }
-_CAPTION = "Dots are single missions, the diamond is all of them together, bars are the limits that it should keep to, where there are any."
+_CAPTION = "Dots: single missions; diamond: all missions together; bars: the limits required, where there are any."
 
 
-def write_missions(out: Path, result: MissionResult) -> None:
+def write_study(out: Path, result: MissionResult) -> None:
     """Write ``FILES`` into a folder that exists, each whole or not at all; of unfinished studies all but the page."""
     page = {} if result.unfinished else {PAGE: missions_page(result)}
     write_files(
-        out, {"missions.csv": to_csv(result), "missions.json": json_text(to_json(result)), **page}
+        out,
+        {
+            "missions.csv": rows_to_csv(MissionRow, result.rows),
+            "missions.json": json_text(to_json(result)),
+            **page,
+        },
     )
 
 
@@ -47,31 +99,35 @@ def missions_page(result: MissionResult) -> str:
 
 
 def _answer(result: MissionResult) -> str:
-    job, limited = result.job, [row for row in result.rows if row.met is not None]
-    not_met = [row for row in limited if not row.met]
-    paragraphs = [
-        f"Gliders fly through {len(result.members)} members of `{result.ensemble}` that the estimator does not know, {job.seeds} for each,"
-        f" with {job.pings} pings of {job.noise:g} m/s noise.",
-        f"{len(limited) - len(not_met)} of {len(limited)} figures that have a limit keep to it{'; these do not:' if not_met else '.'}",
-    ]
-    lines = [
-        f"{row.study}, {row.method}, {row.figure}: *{to_text(row.value)}*, required {limits_text(row.at_least, row.at_most)}"
-        for row in not_met
-    ]
-    return words_html(paragraphs) + (list_html(lines) if lines else "")
+    job = result.job
+    flown = (
+        f"Gliders fly through {len(result.members)} members of `{result.ensemble}` withheld from the estimator, {job.seeds} for each,"
+        f" with {job.pings} pings of {job.noise:g} m/s noise."
+    )
+    return words_html([flown]) + criteria_html(
+        [
+            Criterion(
+                f"{row.study}, {row.method}, {row.figure}", row.value, row.at_least, row.at_most
+            )
+            for row in result.rows
+            if row.met is not None
+        ]
+    )
 
 
 def _section(result: MissionResult, study: str) -> Section:
     rows = [row for row in result.rows if row.study == study]
-    by_unit: dict[str, list[MissionRow]] = {}
-    for row in rows:
-        found = re.search(r"\[(.+)\]", row.figure)
-        by_unit.setdefault(found[1] if found else "1", []).append(row)
+    by_unit = grouped(rows, _unit)
     figures = [chart_figure(_chart(study, unit, alike)) for unit, alike in by_unit.items()]
     missing = () if rows else ("No mission of this study is left.",)
     return Section(
         study, _TITLES[study], tables_html([study_table(result, study)]), figures, missing
     )
+
+
+def _unit(row: MissionRow) -> str:
+    found = re.search(r"\[(.+)\]", row.figure)
+    return found[1] if found else "1"
 
 
 def _chart(study: str, unit: str, rows: Sequence[MissionRow]) -> Chart:

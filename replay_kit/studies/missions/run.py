@@ -7,16 +7,13 @@ from functools import partial
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.tasks import each_call
-from replay_kit.studies.jobs.progress import Advance, Progress
-from replay_kit.studies.missions.bias import biases
-from replay_kit.studies.missions.coverage import coverage
+from replay_kit.core.progress import Progress, silent
+from replay_kit.studies.jobs import Advance, each_counted
+from replay_kit.studies.missions.estimates import coverage, through_time
 from replay_kit.studies.missions.flights import fly_pings, staying
-from replay_kit.studies.missions.given import mean_currents_alone, outliers, relative
-from replay_kit.studies.missions.job import MissionJob
-from replay_kit.studies.missions.rows import Figure, MissionRow, over_missions
-from replay_kit.studies.missions.scene import Scene, own_estimator, withhold
-from replay_kit.studies.missions.through_time import through_time
+from replay_kit.studies.missions.follow import Figure, MissionRow, over_missions
+from replay_kit.studies.missions.instruments import biases, mean_currents_alone, outliers, relative
+from replay_kit.studies.missions.scene import MissionJob, Scene, own_estimator, withhold
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.messages import Flight
 
@@ -54,7 +51,7 @@ class MissionResult:
 
 
 def run_missions(
-    series: Sequence[Ensemble], config: RunConfig, job: MissionJob, progress: Progress | None = None
+    series: Sequence[Ensemble], config: RunConfig, job: MissionJob, progress: Progress = silent
 ) -> Iterator[MissionResult]:
     """Yield the studies on an ensemble: the result so far after each mission, then the whole one.
 
@@ -85,12 +82,14 @@ def run_missions(
             rows, series[0].source, members, len(series), job, tuple(lost), unfinished
         )
 
-    each = [(member, seed) for member in members for seed in range(job.seeds)]
-    calls = ((series, *mission, (config, job), advance) for mission in each)
-    for number, ((member, seed), found) in enumerate(
-        zip(each, each_call(_run_mission, calls), strict=True), start=1
+    calls = (
+        (series, member, seed, (config, job), advance)
+        for member in members
+        for seed in range(job.seeds)
+    )
+    for (_, member, seed, *_), found in each_counted(
+        _run_mission, calls, advance, lambda *_: len(job.studies)
     ):
-        advance.reach(number * len(job.studies), f"member {member}")
         for study, figures in found.items():
             if isinstance(figures, str):
                 # one mission less is no reason to lose the others

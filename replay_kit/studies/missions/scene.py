@@ -1,4 +1,4 @@
-"""What a study is given: a truth that may change, the forecast that does not know it, a mission, and the estimator of a replay."""
+"""Options of the studies on missions, and what a study is given: truth, forecast without it, mission, and the estimator of a replay."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,13 +14,59 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Measurement
 from replay_kit.estimator import Estimator
+from replay_kit.studies.jobs import check_names, check_positive
 from replay_kit.studies.missions.follow import Followed, follow
-from replay_kit.studies.missions.job import MissionJob
 from replay_kit.studies.twins.messages import Flight
-from replay_kit.studies.twins.truths import leave_out
+from replay_kit.studies.twins.truths import leave_out, members_named
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points
+
+STUDIES = ("time", "relative", "dac", "outliers", "bias", "coverage")
+
+
+@dataclass(frozen=True, slots=True)
+class MissionJob:
+    """Which studies, on which missions.
+
+    Attributes:
+        leave_out: Positions of members from 0, with commas between them, or ``all``: each is the truth in turn.
+        studies: Of ``STUDIES``.
+        pings: Of each mission.
+        days: Over which the pings are spread; a changing truth ends it sooner.
+        dives: Of the mission that has mean currents alone.
+        noise: Standard deviation of each component of each bin [m/s].
+        seeds: Seeds 0 to seeds - 1 are run for each truth.
+        evaluations: How many times on the way the estimate is compared with the truth.
+    """
+
+    leave_out: str
+    studies: tuple[str, ...] = STUDIES
+    pings: int = 160
+    days: float = 20.0
+    dives: int = 30
+    noise: float = 0.09
+    seeds: int = 1
+    evaluations: int = 20
+
+    def check(self) -> None:
+        """Raise ConfigError when an option is wrong."""
+        check_names("--study", self.studies, STUDIES)
+        check_positive(
+            **{
+                name: getattr(self, name)
+                for name in ("pings", "dives", "seeds", "evaluations", "days", "noise")
+            }
+        )
+
+    def members(self, n_members: int) -> tuple[int, ...]:
+        """Return the positions of the members left out in turn.
+
+        Raises:
+            ConfigError: One is no position.
+        """
+        return members_named(self.leave_out, n_members)
+
 
 _OWN = EstimatorConfig()
 

@@ -1,16 +1,5 @@
-"""The study of the paper (Kong, To, Brassington, Anstee, Fitch, IROS 2021) on any ensemble."""
+"""``experiment paper``: the study of Kong, To, Brassington, Anstee, Fitch (IROS 2021) on any ensemble."""
 
-from replay_kit.studies.paper.page import FILES, write_paper
-from replay_kit.studies.paper.report import print_paper, to_json
-from replay_kit.studies.paper.run import PaperJob, PaperTables, Shown, run_paper
+from replay_kit.studies.paper.run import PaperJob, run_paper
 
-__all__ = [
-    "FILES",
-    "PaperJob",
-    "PaperTables",
-    "Shown",
-    "print_paper",
-    "run_paper",
-    "to_json",
-    "write_paper",
-]
+__all__ = ["PaperJob", "run_paper"]

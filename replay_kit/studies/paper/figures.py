@@ -16,7 +16,8 @@ from replay_kit.studies.paper.run import PaperTables, Shown
 from replay_kit.studies.paper.tables import methods_with_modes
 from replay_kit.studies.paper.views import from_above, in_3d, metres, shape_of, slice_3d
 from replay_kit.studies.reports.flows import EAST, FLOW_STYLES, LABELS, NORTH
-from replay_kit.studies.reports.pictures import Drawn, saved
+from replay_kit.studies.reports.page import Drawn, saved
+from replay_kit.studies.reports.tables import grouped
 
 _MODES_SHOWN = (1, 2, 10, 30)
 # What is smaller than this over the largest is rounding, no property of the slices.
@@ -141,8 +142,7 @@ def _mode(basis: Basis, number: int) -> Array:
 def _sparse(tables: PaperTables) -> Figure:
     figure = Figure(figsize=(8.0, 5.4), layout="constrained")
     axes = figure.subplots()
-    for method in dict.fromkeys(row.method for row in tables.sparse):
-        rows = [row for row in tables.sparse if row.method == method]
+    for method, rows in grouped(tables.sparse, lambda row: row.method).items():
         modes = "" if rows[0].modes is None else f", {rows[0].modes} modes"
         style = FLOW_STYLES[method]
         errors = [row.rel_error for row in rows]

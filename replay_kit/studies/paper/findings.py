@@ -8,8 +8,8 @@ from replay_kit.core.text import count_text
 from replay_kit.studies.paper.rows import ErrorRow, SparseRow
 from replay_kit.studies.paper.run import PaperTables
 from replay_kit.studies.reports.flows import AVERAGED, LABELS, TRUTH
-from replay_kit.studies.reports.write import number
-from replay_kit.studies.scoring.scores import bootstrap_ratio
+from replay_kit.studies.reports.tables import grouped, number
+from replay_kit.studies.scoring import bootstrap_ratio
 
 # Cases from which an interval of 90 % decides a comparison: of four not even all on one side are that unlikely by chance.
 _LEAST_CASES = 5
@@ -187,12 +187,10 @@ def _side_of_mean(row: SparseRow, mean: SparseRow) -> str:
 
 
 def _ordering(rows: Sequence[ErrorRow]) -> str:
-    bounds: dict[str, list[str]] = {}
-    for row in rows:
-        if row.rung:
-            bounds.setdefault(row.method, []).append(f"{number(row.bound, 4)} m/s with {row.modes}")
+    bounds = grouped((row for row in rows if row.rung), lambda row: row.method)
     listed = "; ".join(
-        f"{LABELS[method]}: {', '.join(of_method)}" for method, of_method in bounds.items()
+        f"{LABELS[method]}: {', '.join(f'{number(row.bound, 4)} m/s with {row.modes}' for row in alike)}"
+        for method, alike in bounds.items()
     )
     return (
         "*Order of the modes.* Latents are velocities divided by the kernel's eigenvalues, in depth and in the horizontal, so their SVD "

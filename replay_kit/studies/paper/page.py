@@ -1,22 +1,149 @@
-"""The study to files: a page, a report in Markdown, CSV, JSON, figures."""
+"""The study of the paper on the console, as CSV, JSON and Markdown, and as a page with its figures."""
 
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
+
+from rich.console import Console
 
 from replay_kit.show.page import Section
 from replay_kit.studies.paper import findings
-from replay_kit.studies.paper.report import FIGURES, rows_to_csv, text_tables, to_json, to_markdown
-from replay_kit.studies.paper.run import PaperTables, Shown
-from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure, misses_chart
+from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
+from replay_kit.studies.paper.run import PaperResult, PaperTables
+from replay_kit.studies.reports.charts import Axis, Chart, chart_figure, misses_chart, series_by
 from replay_kit.studies.reports.flows import LABELS
 from replay_kit.studies.reports.page import (
     PAGE,
+    Drawn,
     picture_figures,
     study_page,
     tables_html,
     words_html,
 )
-from replay_kit.studies.reports.pictures import Drawn
-from replay_kit.studies.reports.write import json_text, write_files
+from replay_kit.studies.reports.tables import (
+    Table,
+    answer_of,
+    json_text,
+    markdown,
+    named_columns,
+    number,
+    print_tables,
+    rows_to_csv,
+    write_files,
+)
+
+_RUNGS = {"full": "full rank", "members": "one a member"}
+FIGURES = {
+    "singular_values": "Singular values of the depth slices, over the largest",
+    "modes_top": "Basis flows from above, each over its largest speed",
+    "modes_3d": "One basis flow in 3D: how far it reaches above and below its level",
+    "truth_3d": "The truth, and one ping",
+    "truth_top": "The truth from above, and the pings of Table II",
+    "sparse": "Relative error against the number of pings",
+    "glides_3d": "Glides planned on each flow and flown in the truth",
+    "glides_top": "The same glides from above",
+}
+
+
+def to_json(result: PaperResult) -> dict[str, Any]:
+    """Return the JSON object of ``paper.json`` and ``--json``; undefined figures are null."""
+    return answer_of(
+        {**asdict(result[0]), "figures": FIGURES}, "numpy", "scipy", "casadi", "matplotlib"
+    )
+
+
+def print_study(result: PaperResult, console: Console) -> None:
+    """Print the tables, and how estimators compare with the default and with the ensemble mean."""
+    tables, _ = result
+    print_tables(console, text_tables(tables))
+    console.print(findings.errors(tables), soft_wrap=True)
+    console.print(findings.sparse_logs(tables)[0], soft_wrap=True)
+
+
+def to_markdown(tables: PaperTables) -> str:
+    """Return the study as Markdown: conditions, tables, findings, figures."""
+    table1, table2, sparse, table3 = map(markdown, text_tables(tables))
+    where, *why = findings.sparse_logs(tables)
+    parts = [
+        "# The paper's study on this ensemble",
+        findings.conditions(tables),
+        *("## Errors", table1, table2, findings.errors(tables)),
+        *("## Sparse logs: where `paper` has larger errors, and why", sparse, where, *why),
+        *("## Glides", table3, findings.glides(tables)),
+        *(
+            "## Figures",
+            *(f"![{caption}]({name}.png)\n\n*{caption}.*" for name, caption in FIGURES.items()),
+        ),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def text_tables(tables: PaperTables) -> tuple[Table, ...]:
+    """Return all tables of a study as people read them."""
+    pings, several = tables.sparse[-1].pings, tables.truths > 1
+    over = f"; medians over {tables.truths} truths" if several else ""
+    ideal = f"Table I: each grid point measured once, no noise, R = (0.01 m/s)^2{over}"
+    noisy = f"Table II: {pings} random pings of 22 bins, noise {tables.noise:g} m/s{over}"
+    glides = f"Table III: closest approach to a target at {tables.target_depth:g} m, planned on each flow, flown in the truth"
+    return (
+        named_columns("table1", ideal, _error_cells(tables.table1, several)),
+        named_columns("table2", noisy, _error_cells(tables.table2, several)),
+        named_columns(
+            "sparse",
+            f"Relative error on the way through the pings of Table II{over}",
+            _sparse_cells(tables.sparse),
+        ),
+        named_columns("table3", glides, [_glide_cells(row) for row in tables.table3]),
+    )
+
+
+def _error_cells(rows: Sequence[ErrorRow], several: bool) -> list[dict[str, str | int | None]]:
+    noted = any(row.note for row in rows)
+    return [
+        {
+            "estimator": LABELS[row.method],
+            "modes": f"{row.modes} ({_RUNGS[row.rung]})"
+            if row.modes is not None and row.rung in _RUNGS
+            else row.modes,
+            "elements in H": row.elements,
+            "rel. error": number(row.rel_error),
+            "RMSE [m/s]": number(row.rmse, 4),
+            "bound [m/s]": number(row.bound, 4),
+            **(
+                {
+                    "worst rel. error": number(row.rel_error_worst),
+                    "worst RMSE [m/s]": number(row.rmse_worst, 4),
+                }
+                if several
+                else {}
+            ),
+            "time [s]": number(row.seconds, 1),
+            **({"note": row.note} if noted else {}),
+        }
+        for row in rows
+    ]
+
+
+def _sparse_cells(rows: Sequence[SparseRow]) -> list[dict[str, str | int]]:
+    by_pings: dict[int, dict[str, str | int]] = {}
+    for row in rows:
+        label = LABELS[row.method] + ("" if row.modes is None else f", {row.modes} modes")
+        by_pings.setdefault(row.pings, {"pings": row.pings})[label] = number(row.rel_error)
+    return list(by_pings.values())
+
+
+def _glide_cells(row: GlideRow) -> dict[str, str]:
+    return {
+        "planned on": LABELS[row.flow],
+        # the paper's column of digits ends at the metre, and plans on the truth itself pass closer than that
+        "median [m]": number(row.median, 0 if row.median >= 10.0 else 2),
+        "quartiles [m]": f"{number(row.lower_quartile, 0)} to {number(row.upper_quartile, 0)}",
+        "90 % interval of the median [m]": f"{number(row.median_low, 0)} to {number(row.median_high, 0)}",
+        "within 250 m": row.note or f"{row.within_250} of {row.pairs}",
+        "time [s]": number(row.seconds, 1),
+    }
+
 
 _TABLES = ("table1", "table2", "table3", "sparse")
 FILES = (
@@ -28,25 +155,18 @@ FILES = (
 )
 
 
-def write_paper(out: Path, tables: PaperTables, shown: Shown) -> None:
-    """Write ``FILES`` into a folder, each whole or not at all; existing ones are replaced.
-
-    Of an unfinished study, these are ``paper.json`` and the tables that have rows.
-
-    Args:
-        out: The folder; it exists.
-        tables: The results.
-        shown: What the figures show.
-    """
+def write_study(out: Path, result: PaperResult) -> None:
+    """Write ``FILES`` into a folder that exists, each whole or not at all; of an unfinished study JSON and the tables that have rows."""
+    tables, shown = result
     write_files(
         out,
         {
-            f"{name}.csv": rows_to_csv(getattr(tables, name))
+            f"{name}.csv": rows_to_csv(type(rows[0]), rows)
             for name in _TABLES
-            if getattr(tables, name)
+            if (rows := getattr(tables, name))
         },
     )
-    write_files(out, {"paper.json": json_text(to_json(tables))})
+    write_files(out, {"paper.json": json_text(to_json(result))})
     if tables.unfinished:
         return
     # matplotlib takes half a second to load, and nothing but this needs it
@@ -56,16 +176,12 @@ def write_paper(out: Path, tables: PaperTables, shown: Shown) -> None:
     for name, picture in draw(tables, shown):
         write_files(out, {f"{name}.{ending}": content for ending, content in picture.files.items()})
         pictures[name] = picture
-    write_files(out, {"report.md": to_markdown(tables), PAGE: paper_page(tables, pictures)})
+    write_files(out, {"report.md": to_markdown(tables), PAGE: paper_page(result, pictures)})
 
 
-def paper_page(tables: PaperTables, pictures: dict[str, Drawn]) -> str:
-    """Return the page of the finished study.
-
-    Args:
-        tables: The results.
-        pictures: By name.
-    """
+def paper_page(result: PaperResult, pictures: dict[str, Drawn]) -> str:
+    """Return the page of the finished study, with its pictures by name."""
+    tables, _ = result
     table1, table2, sparse, table3 = text_tables(tables)
     where, *why = findings.sparse_logs(tables)
     shown = picture_figures(
@@ -100,19 +216,14 @@ def paper_page(tables: PaperTables, pictures: dict[str, Drawn]) -> str:
         ),
         Section("pictures", "Figures of the paper", figures=shown),
     ]
-    return study_page("The paper's study on this ensemble", sections, to_json(tables))
+    return study_page("The paper's study on this ensemble", sections, to_json(result))
 
 
 def _sparse(tables: PaperTables) -> Chart:
-    series = []
-    for method in dict.fromkeys(row.method for row in tables.sparse):
-        rows = [row for row in tables.sparse if row.method == method]
-        series.append(
-            Series(LABELS[method], [row.pings for row in rows], [row.rel_error for row in rows])
-        )
+    series = series_by((LABELS[row.method], row.pings, row.rel_error) for row in tables.sparse)
     axes = Axis("pings", log=True), Axis("RMSE / RMS speed of the truth [1]", log=True)
     caption = (
         "Error on the way through the pings of Table II. Lower is better; at 1 (dotted) an "
         "estimate is no better than no current at all."
     )
-    return Chart("sparse", FIGURES["sparse"], caption, axes, tuple(series), 1.0)
+    return Chart("sparse", FIGURES["sparse"], caption, axes, series, 1.0)

@@ -9,33 +9,42 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
-from replay_kit.core.tasks import each_call
+from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.baselines import average_over_depth
-from replay_kit.studies.jobs.checks import check_counts, check_not_negative, check_positive
-from replay_kit.studies.jobs.progress import Advance, Progress
-from replay_kit.studies.paper.diagnostics import (
-    DepthKernel,
-    coherence,
-    depth_kernel,
-    level_correlation,
+from replay_kit.studies.jobs import (
+    Advance,
+    check_counts,
+    check_not_negative,
+    check_positive,
+    each_counted,
 )
-from replay_kit.studies.paper.glides import Glides, run_glides
 from replay_kit.studies.paper.rows import (
+    DepthKernel,
     ErrorRow,
     GlideRow,
     SparseRow,
+    coherence,
+    depth_kernel,
+    level_correlation,
     over_truths,
     sparse_over_truths,
 )
-from replay_kit.studies.paper.tables import Survey, run_table, rungs, sparse_rows
+from replay_kit.studies.paper.tables import (
+    Glides,
+    Survey,
+    run_glides,
+    run_table,
+    rungs,
+    sparse_rows,
+)
 from replay_kit.studies.reports.flows import AVERAGED, TRUTH
-from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.profiles import (
+from replay_kit.studies.twins.adcp import (
     IDEAL_ERROR_STD,
     grid_observations,
     random_observations,
 )
+from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.reachable import Pair, draw_pairs
 from replay_kit.studies.twins.truths import Case, cases, most_distant
 
@@ -139,6 +148,10 @@ class Shown:
     config: EstimatorConfig
 
 
+#: The tables so far, and what the figures show.
+PaperResult = tuple[PaperTables, Shown]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _OfCase:
     """Tables I and II of one truth, and the runs whose estimates are planned on."""
@@ -155,8 +168,8 @@ def run_paper(
     truth: Ensemble | None,
     config: EstimatorConfig,
     job: PaperJob,
-    progress: Progress | None = None,
-) -> Iterator[tuple[PaperTables, Shown]]:
+    progress: Progress = silent,
+) -> Iterator[PaperResult]:
     """Yield the study's tables, and what its figures show: those so far after each truth's Tables I and II, then the whole ones.
 
     Args:
@@ -174,8 +187,7 @@ def run_paper(
     job.check()
     began = time.perf_counter()
     each = list(cases(ensemble, truth, job.leave_out))
-    shown_at = most_distant(ensemble) if job.leave_out == "all" else 0
-    case = each[shown_at]
+    case = each[most_distant(ensemble) if job.leave_out == "all" else 0]
     truth_flow = embed_member(case.truth, 0, config)
     # before the hours of work, because this fails where the region is too small
     pairs = draw_pairs(build_field(case.truth), truth_flow, case.ensemble.grid, job.pairs, job.seed)
@@ -186,11 +198,9 @@ def run_paper(
         list[_OfCase](),
         dict[str, FlowEstimate | None](),
     )
-    for k, of_case in enumerate(
-        each_call(_run_case, ((case, config, job, advance) for case in each))
-    ):
-        advance.reach(sum(_steps(case, job) for case in each[: k + 1]), each[k].truth.source)
-        if k == shown_at:
+    calls = ((one, config, job, advance) for one in each)
+    for (one, *_), of_case in each_counted(_run_case, calls, advance, _steps):
+        if one is case:
             planned, shown = (
                 dict(of_case.planned),
                 replace(shown, observations=of_case.observations),
@@ -226,13 +236,13 @@ def run_paper(
 
 
 def _total(each: list[Case], job: PaperJob) -> int:
-    steps = sum(_steps(case, job) for case in each)
+    steps = sum(_steps(case, None, job) for case in each)
     methods = {rung.method for rung in rungs(each[0].ensemble, job.most_modes)}
     # beside the methods: the truth and its depth average
     return steps + (len(methods) + 2) * job.pairs
 
 
-def _steps(case: Case, job: PaperJob) -> int:
+def _steps(case: Case, _: object, job: PaperJob, *__: object) -> int:
     return len(rungs(case.ensemble, job.most_modes)) * (
         int(case.truth.grid.wet[0].sum()) + job.pings[-1]
     )

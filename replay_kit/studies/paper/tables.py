@@ -1,22 +1,25 @@
-"""Tables I and II: every estimator on one truth, with each grid point measured once, or with random noisy pings."""
+"""Tables I and II, every estimator on one truth with ideal and noisy profiles, and Table III, glides planned on each flow."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
+import planners
 from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation import Observation
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.basis.slices import cell_size
 from replay_kit.studies.accuracy.methods import build_method
-from replay_kit.studies.jobs.progress import Advance
-from replay_kit.studies.paper.rows import ErrorRow, SparseRow
-from replay_kit.studies.scoring.scores import bound
+from replay_kit.studies.jobs import Advance, each_counted
+from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
+from replay_kit.studies.scoring import bound, miss_figures
+from replay_kit.studies.twins.reachable import Pair
 from replay_kit.studies.twins.truths import Case
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points
 
@@ -223,3 +226,66 @@ def _config(rung: Rung, config: EstimatorConfig, survey: Survey) -> EstimatorCon
 
 def _rmse(flow: FlowEstimate, at: ScoredPoints) -> float:
     return rms_length(flow.velocity(*at.place) - at.velocity)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Glides:
+    """The outcome of planning on one flow.
+
+    Attributes:
+        row: Its figures.
+        tracks: Pair by pair, shape (n, 3) [m], the path flown in the truth: east, north, depth in the truth's local frame.
+    """
+
+    row: GlideRow
+    tracks: tuple[Array, ...]
+
+
+def run_glides(
+    flows: Mapping[str, FlowEstimate | None],
+    truth: FlowEstimate,
+    pairs: tuple[Pair, ...],
+    advance: Advance,
+) -> tuple[Glides, ...]:
+    """Return how close to the targets the plans on each flow pass, in the flows' order.
+
+    Args:
+        flows: Flows to plan on; None where an estimate failed.
+        truth: What the plans are flown in.
+        pairs: Starts and targets.
+        advance: Counts plans as steps.
+    """
+    calls = (
+        (name, flow, truth, pairs, partial(advance, f"Table III {name}"))
+        for name, flow in flows.items()
+    )
+    each = each_counted(_glides_on, calls, advance, lambda *_: len(pairs))
+    return tuple(glides for _, glides in each)
+
+
+def _glides_on(
+    name: str,
+    flow: FlowEstimate | None,
+    truth: FlowEstimate,
+    pairs: tuple[Pair, ...],
+    advance: Callable[[int], None],
+) -> Glides:
+    if flow is None:
+        advance(len(pairs))
+        return Glides(GlideRow(name, note="there is no estimate to plan on"), ())
+    began = time.perf_counter()
+    tracks, distances = [], []
+    for pair in pairs:
+        _, track, distance = planners.fly(truth, planners.plan(flow, pair.start, pair.target))
+        tracks.append(track)
+        distances.append(distance)
+        advance(1)
+    seconds = time.perf_counter() - began
+    row = GlideRow(
+        name,
+        len(pairs),
+        **miss_figures(np.array(distances)),
+        seconds=seconds,
+        closest_approach=tuple(distances),
+    )
+    return Glides(row, tuple(tracks))

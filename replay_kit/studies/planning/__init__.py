@@ -1,18 +1,6 @@
 """``experiment planning``: plans made on estimates and flown in truths that the estimates do not know."""
 
-from replay_kit.studies.planning.changing import NAME as THROUGH_TIME
 from replay_kit.studies.planning.job import PlanningJob
-from replay_kit.studies.planning.page import replaced_files, write_planning
-from replay_kit.studies.planning.report import print_planning, to_json
 from replay_kit.studies.planning.run import STUDIES, run_planning
 
-__all__ = [
-    "STUDIES",
-    "THROUGH_TIME",
-    "PlanningJob",
-    "print_planning",
-    "replaced_files",
-    "run_planning",
-    "to_json",
-    "write_planning",
-]
+__all__ = ["STUDIES", "PlanningJob", "run_planning"]

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,8 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.plan import Place
 from replay_kit.studies.reports.flows import AVERAGED, FLOW_STYLES, LABELS, TRUTH
-from replay_kit.studies.reports.tables import Cell, Criterion, Table, named_columns
-from replay_kit.studies.scoring.scores import bootstrap_ratio, miss_figures
+from replay_kit.studies.reports.tables import Cell, Criterion, Table, grouped, named_columns
+from replay_kit.studies.scoring import bootstrap_ratio, miss_figures
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,11 +48,9 @@ def misses_of(arrivals: Sequence[Arrival], flow: str) -> Array:
 
 def tables_of(study: str, title: str, arrivals: Sequence[Arrival]) -> tuple[Table, ...]:
     """Return the figures of each flow, those of each truth, and each plan."""
-    flows = tuple(dict.fromkeys(one.flow for one in arrivals))
-    by_truth = []
-    for member, flow in product(dict.fromkeys(one.member for one in arrivals), flows):
-        alike = [one for one in arrivals if (one.member, one.flow) == (member, flow)]
-        figures = {
+    by_truth: list[dict[str, Cell]] = []
+    for (member, flow), alike in grouped(arrivals, lambda one: (one.member, one.flow)).items():
+        figures: dict[str, Cell] = {
             "relative error": alike[0].rel_error,
             "cases": len(alike),
             "median [m]": float(np.median([one.miss for one in alike])),
@@ -62,7 +60,7 @@ def tables_of(study: str, title: str, arrivals: Sequence[Arrival]) -> tuple[Tabl
         named_columns(
             study,
             title,
-            [_summary(flow, [one for one in arrivals if one.flow == flow]) for flow in flows],
+            [_summary(*alike) for alike in grouped(arrivals, lambda one: one.flow).items()],
         ),
         named_columns(f"{study}_by_truth", "Each truth", by_truth, shown=False),
         named_columns(f"{study}_cases", "Each plan", [_case(one) for one in arrivals], shown=False),
@@ -172,10 +170,9 @@ _LEAST_MISS, _LEAST_ERROR = 1.0, 1e-3
 def draw_misses(arrivals: Sequence[Arrival], figure: Any) -> None:
     """Draw the distribution of miss distances, and each truth's median against the error of the flow that plans were made on."""
     left, right = figure.subplots(1, 2)
-    for flow in dict.fromkeys(one.flow for one in arrivals):
+    for flow, alike in grouped(arrivals, lambda one: one.flow).items():
         style = FLOW_STYLES[flow]
         of_flow = {"color": style.colour, "label": style.label}
-        alike = [one for one in arrivals if one.flow == flow]
         misses = np.sort(np.maximum([one.miss for one in alike], _LEAST_MISS))
         left.step(
             np.append(misses[:1], misses),
@@ -183,10 +180,7 @@ def draw_misses(arrivals: Sequence[Arrival], figure: Any) -> None:
             where="post",
             **of_flow,
         )
-        of_truth = [
-            [one for one in alike if one.member == member]
-            for member in dict.fromkeys(one.member for one in alike)
-        ]
+        of_truth = grouped(alike, lambda one: one.member).values()
         errors = [max(of[0].rel_error, _LEAST_ERROR) for of in of_truth]
         medians = [max(float(np.median([one.miss for one in of])), _LEAST_MISS) for of in of_truth]
         right.scatter(errors, medians, s=28, marker=style.marker, **of_flow)

@@ -10,7 +10,7 @@ import planners
 from planners.mission.flights import fly_mission
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.plan import Plan
-from replay_kit.studies.paper.diagnostics import coherence
+from replay_kit.studies.paper.rows import coherence
 from replay_kit.studies.planning.arrival_tables import (
     Arrival,
     draw_misses,
@@ -19,12 +19,11 @@ from replay_kit.studies.planning.arrival_tables import (
     place_of_mean,
     tables_of,
 )
-from replay_kit.studies.planning.flights import draw_missions
 from replay_kit.studies.planning.job import StudyReport
-from replay_kit.studies.planning.world import FLOWS, Withheld, World, timed
+from replay_kit.studies.planning.world import FLOWS, Withheld, World, draw_missions, timed
 from replay_kit.studies.reports.flows import LABELS
 from replay_kit.studies.reports.tables import NAN, Picture
-from replay_kit.studies.scoring.scores import NEAR
+from replay_kit.studies.scoring import NEAR
 from replay_kit.studies.twins.reachable import TARGET_DEPTH, Pair, draw_pairs
 
 _CAPTION = (
@@ -92,7 +91,7 @@ def _arrivals(
 ) -> tuple[list[Arrival], float]:
     """Return each plan's arrival in its truth, and the mean coherence in depth of the truths."""
     arrivals, coherent = [], []
-    for _, (of_truth, of_depth) in world.each_truth(
+    for of_truth, of_depth in world.each_truth(
         partial(_of_truth, study, draw, plan, fly), world.job.pairs, len(FLOWS)
     ):
         arrivals += of_truth

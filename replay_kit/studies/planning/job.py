@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replay_kit.studies.jobs.checks import check_names, check_not_negative, check_positive
+from replay_kit.studies.jobs import check_names, check_not_negative, check_positive
 from replay_kit.studies.reports.tables import Criterion, Picture, Table
 from replay_kit.studies.twins.truths import members_named
 
@@ -27,8 +27,6 @@ class PlanningJob:
         legs: Of each mission.
         depth: Of a mission's dives, at most [m].
         fresh: Samples that a plan called reached is flown in, beside those that judged it.
-        crossings: Missions of days in a sea that changes.
-        crossing: Least and largest distance from their start to their goal [m].
         seed: Of all random draws.
     """
 
@@ -40,21 +38,12 @@ class PlanningJob:
     legs: int = 10
     depth: float = 500.0
     fresh: int = 500
-    crossings: int = 40
-    crossing: tuple[float, float] = (80e3, 120e3)
     seed: int = 0
 
     def check(self, known: Collection[str]) -> None:
         """Raise ConfigError when an option is wrong."""
         check_names("--study", self.studies, known)
-        counts = (
-            "pairs",
-            "pings",
-            "legs",
-            "fresh",
-            "crossings",
-            "noise",
-        )
+        counts = ("pairs", "pings", "legs", "fresh", "noise")
         check_positive(**{name: getattr(self, name) for name in counts})
         check_not_negative(seed=self.seed)
 

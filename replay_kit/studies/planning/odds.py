@@ -8,9 +8,8 @@ import planners
 from replay_kit.config.plan import ACCEPTED_RISK, ARRIVING
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.horizontal import NodeKernel
-from replay_kit.studies.planning.flights import draw_missions
 from replay_kit.studies.planning.job import StudyReport
-from replay_kit.studies.planning.world import Withheld, World
+from replay_kit.studies.planning.world import Withheld, World, draw_missions
 from replay_kit.studies.reports.tables import NAN, Cell, Criterion, Table, named_columns
 from replay_kit.studies.twins.reachable import Pair
 from replay_kit.workflows.planning.adapters import JUDGING
@@ -50,24 +49,23 @@ class _Judged:
 
 
 def odds(world: World) -> StudyReport:
-    """Return how many of the missions called reached arrive in fresh samples of the estimate, and in the truth."""
-    made = list[_Judged]()
-    for withheld, count in zip(world.truths, world.shares(world.job.pairs), strict=True):
-        if count == 0:
-            continue
-        flow = withheld.estimate()
-        # a planner knows only the estimate, so its goals are drawn as reachable there
-        pairs = draw_missions(
-            withheld, flow.mean_flow(), count, world.depth, world.job.legs, world.job.seed
-        )
-        judging, fresh = (
-            flow.sample(JUDGING, world.job.seed),
-            flow.sample(world.job.fresh, world.job.seed + _OTHER_SEED),
-        )
-        for pair in pairs:
-            world.advance(f"odds, truth {withheld.member}")
-            made.append(_judged(world, withheld, (flow, judging, fresh), pair))
-    return _report(world, made)
+    """Return how many of the missions reported as reached arrive in fresh samples of the estimate, and in the truth."""
+    made = world.each_truth(_of_truth, world.job.pairs)
+    return _report(world, [one for of_truth in made for one in of_truth])
+
+
+def _of_truth(world: World, count: int) -> list[_Judged]:
+    """Return the missions of the one truth of a world."""
+    (withheld,), job = world.truths, world.job
+    flow = withheld.estimate()
+    # a planner knows only the estimate, so its goals are drawn as reachable there
+    pairs = draw_missions(withheld, flow.mean_flow(), count, world.depth, job.legs, job.seed)
+    samples = flow.sample(JUDGING, job.seed), flow.sample(job.fresh, job.seed + _OTHER_SEED)
+    made = []
+    for pair in pairs:
+        world.advance(f"odds, truth {withheld.member}")
+        made.append(_judged(world, withheld, (flow, *samples), pair))
+    return made
 
 
 def _judged(
@@ -112,7 +110,7 @@ def _report(world: World, made: list[_Judged]) -> StudyReport:
     reached = [one for one in made if one.status == "reached"]
     tables: tuple[Table, ...] = (named_columns(NAME, _TITLE, [one.cells for one in made]),)
     if not reached:
-        words = f"None of {len(made)} missions is called reached: {ARRIVING:.0%} of {JUDGING} samples do not arrive in any."
+        words = f"None of {len(made)} missions is reported as reached: in none do {ARRIVING:.0%} of {JUDGING} samples arrive."
         return StudyReport(NAME, "Odds of missions", tables, (), (words,))
     fresh, arrived = (
         np.array([one.fresh for one in reached]),
@@ -120,19 +118,19 @@ def _report(world: World, made: list[_Judged]) -> StudyReport:
     )
     criteria = (
         Criterion(
-            "share of fresh samples that arrives, mean over the plans called reached",
+            "share of fresh samples that arrives, mean over the plans reported as reached",
             float(fresh.mean()),
             at_least=_FRESH,
         ),
         Criterion(
-            "share of the plans called reached that arrives in the withheld truth",
+            "share of the plans reported as reached that arrives in the withheld truth",
             float(arrived.mean()),
             at_least=_TRUTH,
         ),
     )
     stated = float(np.mean([one.stated for one in reached]))
     findings = (
-        f"{len(reached)} of {len(made)} missions are called reached, as {ARRIVING:.0%} or more of {JUDGING} samples arrive "
+        f"{len(reached)} of {len(made)} missions are reported as reached, as {ARRIVING:.0%} or more of {JUDGING} samples arrive "
         f"({stated:.1%} in the mean). In {world.job.fresh} fresh samples {fresh.mean():.1%} arrive in the mean and {fresh.min():.1%} in "
         f"the worst plan; {float(np.mean(fresh >= _FRESH)):.0%} of the plans have {_FRESH:.0%} or more. In the truth {int(arrived.sum())} "
         f"of {len(reached)} arrive; the median miss there is {float(np.median([one.miss for one in reached])):.0f} m."

@@ -1,37 +1,132 @@
-"""The studies of planning to files: a page, a report in Markdown, a CSV for each table, JSON, pictures."""
+"""The studies of planning on the console, as CSV, JSON and Markdown, and as a page with its pictures."""
 
 from collections.abc import Sequence
+from dataclasses import asdict, fields, replace
 from pathlib import Path
+from typing import Any
+
+from rich.console import Console
 
 from replay_kit.show.page import Figure, Section
 from replay_kit.studies.planning.job import PlanningResult, StudyReport
-from replay_kit.studies.planning.report import all_tables, conditions, to_json, to_markdown
 from replay_kit.studies.reports.charts import chart_figure, misses_chart
 from replay_kit.studies.reports.page import (
     PAGE,
-    list_html,
+    Drawn,
+    criteria_html,
+    drawn,
     picture_figures,
     study_page,
     tables_html,
     words_html,
 )
-from replay_kit.studies.reports.pictures import Drawn, drawn
-from replay_kit.studies.reports.write import json_text, limits_text, to_csv, to_text, write_files
+from replay_kit.studies.reports.tables import (
+    Table,
+    answer_of,
+    criteria_table,
+    grouped,
+    json_text,
+    markdown,
+    print_tables,
+    to_csv,
+    write_files,
+)
 
 
-def replaced_files(out: Path, studies: tuple[str, ...]) -> list[Path]:
-    """Return the files in a folder that a run of some studies would replace."""
-    patterns = [
-        PAGE,
-        "report.md",
-        "planning.json",
-        *(f"{study}*.{ending}" for study in studies for ending in ("csv", "png")),
-    ]
-    return sorted(path for pattern in patterns for path in out.glob(pattern))
+def to_json(result: PlanningResult) -> dict[str, Any]:
+    """Return the JSON object of ``planning.json`` and ``--json``; undefined figures are null."""
+    figures = {
+        field.name: getattr(result, field.name)
+        for field in fields(result)
+        if field.name not in ("reports", "seconds")
+    }
+    studies = {
+        report.study: _study_json(report, result.seconds[report.study]) for report in result.reports
+    }
+    return answer_of(
+        {"studies": studies, **figures, "job": asdict(result.job)},
+        "numpy",
+        "scipy",
+        "casadi",
+        "matplotlib",
+    )
 
 
-def write_planning(out: Path, result: PlanningResult) -> None:
-    """Write everything into a folder that exists, each file whole or not at all; existing ones are replaced."""
+def _study_json(report: StudyReport, seconds: float) -> dict[str, Any]:
+    return {
+        "criteria": [{**asdict(one), "met": one.met} for one in report.criteria],
+        "tables": {
+            table.name: [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+            for table in report.tables
+        },
+        "findings": report.findings,
+        "seconds": seconds,
+        **({"failed": report.failed} if report.failed else {}),
+    }
+
+
+def to_markdown(result: PlanningResult) -> str:
+    """Return the studies as Markdown."""
+    parts = ["# Plans flown in truths that the estimates do not know", conditions(result)]
+    for report in result.reports:
+        parts += [
+            f"## {report.title}",
+            *(markdown(table) for table in all_tables(report) if table.shown),
+            *report.findings,
+        ]
+        parts += [
+            f"![{picture.caption}]({picture.name}.png)\n\n*{picture.caption}.*"
+            for picture in report.pictures
+        ]
+    done = {report.study for report in result.reports}
+    if left := [study for study in result.job.studies if study not in done]:
+        parts.append(f"Not done when this was written: {', '.join(left)}.")
+    return "\n\n".join(parts) + "\n"
+
+
+def conditions(result: PlanningResult) -> str:
+    """Return what the studies were made on."""
+    job, modes = (
+        result.job,
+        "all modes" if result.modes is None else f"at most {result.modes} modes",
+    )
+    levels, truths = (
+        ", ".join(f"{level:.4g}" for level in result.levels),
+        ", ".join(f"`{truth}`" for truth in result.truths),
+    )
+    return (
+        f"{result.n_members} members of `{result.ensemble}`, levels {levels} m; truths, in turn: {truths}. Each estimate is made from "
+        f"{job.pings} pings at random places, noise {job.noise:g} m/s, with {modes}. Seed {job.seed}. Intervals hold 90 % of the "
+        "medians of resampled cases. Cases of one truth share its estimates, which the intervals do not take into account."
+    )
+
+
+def print_study(result: PlanningResult, console: Console) -> None:
+    """Print the tables, the criteria, and the findings."""
+    for report in result.reports:
+        print_tables(console, all_tables(report))
+        for finding in report.findings:
+            console.print(finding, soft_wrap=True, markup=not report.failed)
+
+
+def all_tables(report: StudyReport) -> tuple[Table, ...]:
+    """Return the tables of a study, and its criteria as one more."""
+    return (
+        *report.tables,
+        criteria_table(f"Acceptance criteria of {report.study}", report.criteria),
+    )
+
+
+def files_of(studies: Sequence[str]) -> list[str]:
+    """Return patterns of the names of the files that a run of some studies writes."""
+    tables = [f"{study}*.{ending}" for study in studies for ending in ("csv", "png")]
+    return [PAGE, "report.md", "planning.json", *tables]
+
+
+def write_study(out: Path, result: PlanningResult) -> None:
+    """Write all that is done into a folder that exists, each file whole or not at all; existing ones are replaced."""
+    if not result.reports:
+        return
     pictures = {
         picture.name: drawn(picture) for report in result.reports for picture in report.pictures
     }
@@ -65,7 +160,14 @@ def planning_page(result: PlanningResult, pictures: dict[str, Drawn]) -> str:
         Section(
             "answer",
             "In words",
-            words_html([conditions(result)]) + _met(result.reports),
+            words_html([conditions(result)])
+            + criteria_html(
+                [
+                    replace(one, what=f"{report.title}: {one.what}")
+                    for report in result.reports
+                    for one in report.criteria
+                ]
+            ),
             missing=missing,
         )
     ]
@@ -73,19 +175,6 @@ def planning_page(result: PlanningResult, pictures: dict[str, Drawn]) -> str:
     return study_page(
         "Plans flown in truths that the estimates do not know", sections, to_json(result)
     )
-
-
-def _met(reports: Sequence[StudyReport]) -> str:
-    limited = [(report.title, one) for report in reports for one in report.criteria]
-    not_met = [
-        f"{title}: {one.what} is *{to_text(one.value)}*, required {limits_text(one.at_least, one.at_most)}"
-        for title, one in limited
-        if not one.met
-    ]
-    if not limited:
-        return ""
-    said = f"{len(limited) - len(not_met)} of {len(limited)} criteria are met{'; these are not:' if not_met else '.'}"
-    return words_html([said]) + (list_html(not_met) if not_met else "")
 
 
 def _section(report: StudyReport, pictures: dict[str, Drawn]) -> Section:
@@ -107,18 +196,13 @@ def _section(report: StudyReport, pictures: dict[str, Drawn]) -> Section:
 
 def _misses(report: StudyReport) -> tuple[Figure, ...]:
     """Return the distribution of the miss distances, where a study has a table of plans on several flows."""
-    for table in report.tables:
-        if {"planned on", "miss [m]"} <= set(table.columns):
-            misses: dict[str, list[float]] = {}
-            for row, miss in zip(table.rows, table.column("miss [m]"), strict=True):
-                misses.setdefault(str(row[table.columns.index("planned on")]), []).append(
-                    float(miss)
-                )
-            return (
-                chart_figure(
-                    misses_chart(
-                        f"{report.study}-distribution", f"{report.title}: miss distances", misses
-                    )
-                ),
-            )
-    return ()
+    named = [table for table in report.tables if {"planned on", "miss [m]"} <= set(table.columns)]
+    if not named:
+        return ()
+    flow, miss = (named[0].columns.index(name) for name in ("planned on", "miss [m]"))
+    misses = {
+        str(name): [row[miss] for row in rows]
+        for name, rows in grouped(named[0].rows, lambda row: row[flow]).items()
+    }
+    key, title = f"{report.study}-distribution", f"{report.title}: miss distances"
+    return (chart_figure(misses_chart(key, title, misses)),)

@@ -2,13 +2,13 @@
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
-from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Advance, Progress, reason_of
+from replay_kit.core.progress import Progress, silent
+from replay_kit.studies.jobs import EXPECTED_FAILURES, Advance, reason_of
 from replay_kit.studies.planning.arrivals import glides, missions
-from replay_kit.studies.planning.changing import changing
 from replay_kit.studies.planning.job import PlanningJob, PlanningResult, StudyReport
 from replay_kit.studies.planning.odds import odds
 from replay_kit.studies.planning.world import FLOWS, World, build_world
@@ -31,7 +31,6 @@ STUDIES: Mapping[str, Study] = {
     "glides": Study(glides, lambda job: len(FLOWS) * job.pairs),
     "missions": Study(missions, lambda job: len(FLOWS) * job.pairs),
     "odds": Study(odds, lambda job: job.pairs),
-    "changing": Study(changing, lambda job: job.crossings),
 }
 
 
@@ -40,8 +39,7 @@ def run_planning(
     truth: Ensemble | None,
     config: EstimatorConfig,
     job: PlanningJob,
-    progress: Progress | None = None,
-    series: tuple[Ensemble, ...] = (),
+    progress: Progress = silent,
 ) -> Iterator[PlanningResult]:
     """Yield the chosen studies so far, on a truth or on each member left out in turn.
 
@@ -53,7 +51,6 @@ def run_planning(
         config: Everything but the preset.
         job: What to study.
         progress: Called with steps done, steps in all, and what is being run.
-        series: The forecast at all of its times, for the study of a sea that changes.
 
     A study that fails for a reason of ``EXPECTED_FAILURES`` states it in its report; the others go on.
 
@@ -68,7 +65,6 @@ def run_planning(
         job,
         Advance(sum(STUDIES[name].steps(job) for name in job.studies), progress),
     )
-    world = replace(world, series=series)
     reports: list[StudyReport] = []
     seconds: dict[str, float] = {}
     truths = tuple(withheld.case.truth.source for withheld in world.truths)

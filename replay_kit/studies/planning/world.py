@@ -1,4 +1,4 @@
-"""What the studies share: truths withheld in turn, the estimates that do not know them, the glider, the progress."""
+"""What the studies of planning share: truths withheld in turn, estimates that do not know them, goals that can be reached, the glider."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -10,22 +10,23 @@ import numpy as np
 
 import planners
 from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
 from replay_kit.core.plan import Plan
-from replay_kit.core.tasks import each_call
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.baselines import average_over_depth
 from replay_kit.studies.accuracy.methods import build_method
-from replay_kit.studies.jobs.progress import Advance
+from replay_kit.studies.jobs import Advance, each_counted
 from replay_kit.studies.planning.job import PlanningJob
 from replay_kit.studies.reports.flows import AVERAGED, TRUTH
+from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import Field, build_field
-from replay_kit.studies.twins.profiles import random_observations
-from replay_kit.studies.twins.reachable import SPEED
+from replay_kit.studies.twins.reachable import SPEED, Pair, draw_reachable, fly_dives
 from replay_kit.studies.twins.truths import Case, leave_out
+from replay_kit.studies.twins.vehicle import random_places
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points
 
 METHODS = ("default", "naive3d", "ensemble_mean", "nearest")
@@ -118,14 +119,12 @@ class World:
         truths: One for each member left out, or one of its own.
         job: The options.
         advance: Counts steps of what is being run.
-        series: The forecast at all of its times, for the study of a sea that changes; empty where it is not made.
     """
 
     ensemble: Ensemble
     truths: tuple[Withheld, ...]
     job: PlanningJob
     advance: Advance
-    series: tuple[Ensemble, ...] = ()
 
     def shares(self, count: int) -> tuple[int, ...]:
         """Return the number of cases of each truth when a count is spread over the truths as evenly as possible."""
@@ -133,27 +132,21 @@ class World:
 
     def each_truth(
         self, function: Callable[["World", int], _Made], count: int, steps: int = 1
-    ) -> Iterator[tuple[Withheld, _Made]]:
-        """Yield each truth that has a share of cases, and what a function makes of it.
+    ) -> Iterator[_Made]:
+        """Yield what a function makes of each truth that has a share of cases.
 
         Args:
             function: Takes a world of one truth, and its share.
             count: Of the cases of all truths.
             steps: Of a case.
         """
-        given = [
-            (truth, share)
+        calls = (
+            (replace(self, truths=(truth,)), share)
             for truth, share in zip(self.truths, self.shares(count), strict=True)
             if share
-        ]
-        made = each_call(
-            function, ((replace(self, truths=(truth,)), share) for truth, share in given)
         )
-        for truth, share in given:
-            before = self.advance.done
-            found = next(made)
-            self.advance.reach(before + steps * share, f"truth {truth.member}")
-            yield truth, found
+        for _, made in each_counted(function, calls, self.advance, lambda _, share: steps * share):
+            yield made
 
     @property
     def depth(self) -> float:
@@ -200,3 +193,48 @@ def build_world(
         else [Case(None, truth, ensemble)]
     )
     return World(ensemble, tuple(Withheld(case, config, job) for case in cases), job, advance)
+
+
+Polygon = tuple[tuple[float, float], ...]
+# Distance between the points of a path that are checked [m].
+_SPACING = 10.0
+# Glide angles that goals are drawn with [degrees]: some of a mission's range is left to the planner.
+_DRAWN_ANGLES = (16.0, 25.0)
+# Standard deviation of a mission's headings about a common one [rad].
+_SCATTER = 0.3
+
+
+def draw_missions(
+    withheld: Withheld, flow: FlowEstimate, count: int, depth: float, legs: int, seed: int
+) -> tuple[Pair, ...]:
+    """Return starts and goals at the surface, each goal the end of a mission of random headings flown in a current.
+
+    The mission keeps to water that is as deep as its dives, in the grids of the current and of the forecast.
+
+    Args:
+        withheld: The truth, for places at its wet surface.
+        flow: The current that the missions are flown in.
+        count: Number of missions.
+        depth: Of the dives [m].
+        legs: Of each mission.
+        seed: Of starts, headings and glide angles.
+
+    Raises:
+        ForecastError: Hardly any mission stays in the water.
+    """
+    # a stream of its own: neither the pings' places nor the glides'
+    rng = np.random.default_rng((seed, 2, withheld.member))
+
+    def fly() -> Array:
+        start = random_places(withheld.field, count, rng)
+        headings = rng.uniform(0.0, 2.0 * np.pi, (count, 1)) + _SCATTER * rng.standard_normal(
+            (count, legs)
+        )
+        return fly_dives(
+            flow, start, headings, np.deg2rad(rng.uniform(*_DRAWN_ANGLES, (count, legs))), depth
+        )
+
+    grids = flow.grid, withheld.case.ensemble.grid
+    return draw_reachable(
+        fly, grids, count, f"missions of {legs} dives to {depth:g} m", 0.0, water_depth=depth
+    )

@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 from replay_kit.show.page import Figure
 from replay_kit.show.page.section import column
 from replay_kit.studies.reports.flows import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
-from replay_kit.studies.reports.write import to_text
+from replay_kit.studies.reports.tables import Cell, grouped, to_text
 
 _COLOURS: tuple[Any, ...] = (BLUE, VERMILION, GREEN, {"$color": "ink"}, PURPLE, ORANGE, SKY, GREY)
 _SYMBOLS = (
@@ -86,6 +86,14 @@ class Chart:
     axes: tuple[Axis, Axis]
     series: tuple[Series, ...]
     level: float | None = None
+
+
+def series_by(points: Iterable[tuple[str, float, float]]) -> tuple[Series, ...]:
+    """Return a line for each label of points, which are label, x and y, in the order in which labels first come."""
+    return tuple(
+        Series(label, [x for _, x, _ in alike], [y for _, _, y in alike])
+        for label, alike in grouped(points, lambda point: point[0]).items()
+    )
 
 
 def chart_figure(chart: Chart) -> Figure:
@@ -216,7 +224,7 @@ def _in_words(series: Series, axes: tuple[Axis, Axis]) -> str:
     return f"{series.label}: {' to '.join(dict.fromkeys(ends))}."
 
 
-def misses_chart(key: str, title: str, misses: Mapping[str, Sequence[float]]) -> Chart:
+def misses_chart(key: str, title: str, misses: Mapping[str, Sequence[Cell]]) -> Chart:
     """Return the distribution of miss distances, a line for each flow that was planned on.
 
     Args:

@@ -1,18 +1,127 @@
-"""What studies write as sections of a page: findings in words, tables, criteria, pictures, and how to make it again."""
+"""Parts of a study's page: findings in words, tables, pictures drawn with matplotlib, and how to repeat the study."""
 
+import io
 import re
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from replay_kit.show.page import Figure, Section, page_html
-from replay_kit.show.page.section import items_html, table_html
-from replay_kit.studies.reports.pictures import Drawn
-from replay_kit.studies.reports.tables import Table
-from replay_kit.studies.reports.write import plain, to_text
+from replay_kit.show.page.section import column, items_html, table_html
+from replay_kit.studies.reports.tables import Criterion, Picture, Table, limits_text, plain, to_text
 
 PAGE = "index.html"
+_STYLE: Any = {
+    "font.size": 12.0,
+    "axes.titlesize": 12.0,
+    "figure.dpi": 110.0,
+    # ids in an SVG are salted hashes; words stay words, so that they can be searched and read aloud
+    "svg.hashsalt": "replay-kit",
+    "svg.fonttype": "none",
+}
+#: Of what is drawn: where, under which name, coordinates along the axes, and what colours or arrows show.
+_COLUMNS = ("panel", "series", "x", "y", "z", "value", "u", "v")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawn:
+    """A picture that is drawn.
+
+    Attributes:
+        files: The picture by file ending, ``png`` or ``svg``.
+        data: Columns of equal length: panel, series, coordinates, values; without rows where only surfaces in 3D are drawn.
+    """
+
+    files: Mapping[str, bytes]
+    data: Mapping[str, list[Any]]
+
+
+def drawn(picture: Picture) -> Drawn:
+    """Return a picture as PNG."""
+    from matplotlib.figure import Figure
+
+    def make() -> Figure:
+        figure = Figure(figsize=picture.size, layout="constrained")
+        picture.draw(figure)
+        return figure
+
+    return saved(make, "png")
+
+
+def saved(make: Callable[[], Any], *endings: str) -> Drawn:
+    """Return a figure in some formats.
+
+    Args:
+        make: Makes the figure; called under the style of all studies.
+        endings: ``png`` or ``svg``.
+    """
+    # matplotlib takes half a second to load, and nothing but pictures needs it
+    import matplotlib
+
+    files = {}
+    with matplotlib.rc_context(_STYLE):
+        figure = make()
+        for ending in endings:
+            content = io.BytesIO()
+            # an SVG states when it was made unless asked not to
+            figure.savefig(
+                content, format=ending, metadata={"Date": None} if ending == "svg" else {}
+            )
+            files[ending] = content.getvalue()
+    # the cells of a colour bar are no data
+    rows = [row for axes in figure.axes if axes.get_label() != "<colorbar>" for row in _rows(axes)]
+    return Drawn(
+        files,
+        {
+            name: [row[k] for row in rows]
+            for k, name in enumerate(_COLUMNS)
+            if any(row[k] not in ("", None) for row in rows)
+        },
+    )
+
+
+def _rows(axes: Any) -> Iterator[tuple[Any, ...]]:
+    """Yield what is drawn in axes, a row a point: lines, markers, cells and arrows."""
+    panel = axes.get_title().replace("\n", " ")
+
+    def row(
+        series: str, place: ArrayLike, value: ArrayLike = (), arrow: ArrayLike = ()
+    ) -> tuple[Any, ...]:
+        cells: list[Any] = [panel, series]
+        for values, width in ((place, 3), (value, 1), (arrow, 2)):
+            known = column(values)
+            cells += [*known, *[None] * (width - len(known))]
+        return tuple(cells)
+
+    for line in axes.lines:
+        label = "" if line.get_label().startswith("_") else line.get_label()
+        # those in 3D have a third coordinate
+        points = line.get_data_3d() if hasattr(line, "get_data_3d") else line.get_data()
+        for point in np.column_stack([np.asarray(each, dtype=np.float64) for each in points]):
+            yield row(label, point)
+    for each in axes.collections:
+        label = "" if each.get_label().startswith("_") else each.get_label()
+        kind = type(each).__name__
+        if kind == "PathCollection":
+            for place in np.asarray(each.get_offsets()):
+                yield row(label, place)
+        elif kind == "QuadMesh":
+            corners = each.get_coordinates()
+            centres = (
+                corners[:-1, :-1] + corners[1:, :-1] + corners[:-1, 1:] + corners[1:, 1:]
+            ).reshape(-1, 2) / 4.0
+            values = np.ma.filled(np.ma.masked_invalid(each.get_array()), np.nan).ravel()
+            for place, value in zip(centres, values, strict=True):
+                if np.isfinite(value):
+                    yield row("colours", place, value)
+        elif kind == "Quiver":
+            for x, y, u, v in np.ma.column_stack([each.X, each.Y, each.U, each.V]).filled(np.nan):
+                yield row("arrows", (x, y), arrow=(u, v))
 
 
 def words_html(paragraphs: Sequence[str]) -> str:
@@ -74,6 +183,21 @@ def _picture_figure(name: str, caption: str, picture: Drawn) -> Figure:
         {},
         image=image,
     )
+
+
+def criteria_html(criteria: Sequence[Criterion]) -> str:
+    """Return how many criteria are met, and those that are not beside their limits; empty without any."""
+    if not criteria:
+        return ""
+    not_met = [
+        f"{one.what}: *{to_text(one.value)}*, required {limits_text(one.at_least, one.at_most)}"
+        for one in criteria
+        if not one.met
+    ]
+    met = f"{len(criteria) - len(not_met)} of {len(criteria)} criteria are met"
+    if not not_met:
+        return words_html([f"{met}."])
+    return words_html([f"{met}; these are not:"]) + list_html(not_met)
 
 
 def study_page(title: str, sections: Sequence[Section], answer: Mapping[str, Any]) -> str:

@@ -1,16 +1,26 @@
-"""Tables, figures beside the limits required of them, and pictures, before they are written."""
+"""Tables, and figures beside the limits required of them, as CSV, Markdown, JSON and text; results to files."""
 
+import csv
+import io
+import json
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, TypeVar
 
-import numpy as np
+from rich.console import Console
+from rich.table import Table as ConsoleTable
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.atomic import atomic_file
+from replay_kit.core.text import csv_cell
+from replay_kit.core.version import __version__
 
 NAN = math.nan
 
+Item = TypeVar("Item")
+Key = TypeVar("Key", bound=Hashable)
 Cell = str | int | float | bool | tuple[float, ...] | None
 
 
@@ -32,9 +42,13 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
     shown: bool = True
 
-    def column(self, name: str) -> Array:
-        """Return the numbers of a column, shape (rows,)."""
-        return np.array([row[self.columns.index(name)] for row in self.rows], dtype=np.float64)
+
+def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
+    """Return items by a key of each, in the order in which keys first come."""
+    groups: dict[Key, list[Item]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
 
 
 def named_columns(
@@ -90,3 +104,134 @@ class Picture:
     caption: str
     size: tuple[float, float]
     draw: Callable[[Any], None]
+
+
+def plain(value: Any) -> Any:
+    """Return a value for JSON: mappings and sequences all through, undefined and infinite numbers as None."""
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def answer_of(figures: Mapping[str, Any], *packages: str) -> dict[str, Any]:
+    """Return figures for JSON, with the versions of this package and of others; ``unfinished`` is left out where it does not hold."""
+    versions = {"replay-kit": __version__, **{name: version(name) for name in packages}}
+    return {
+        name: plain(value)
+        for name, value in {**figures, "versions": versions}.items()
+        if name != "unfinished" or value
+    }
+
+
+def json_text(answer: Mapping[str, Any]) -> str:
+    """Return a result as the text of a JSON file."""
+    return json.dumps(answer, indent=1, allow_nan=False) + "\n"
+
+
+def to_csv(table: Table) -> str:
+    """Return a table as CSV: undefined figures are empty, the numbers of a list have spaces between them, and no text is a formula."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(map(csv_cell, table.columns))
+    for row in table.rows:
+        writer.writerow(
+            [
+                " ".join(map(str, cell)) if isinstance(cell, list) else csv_cell(cell)
+                for cell in plain(row)
+            ]
+        )
+    return out.getvalue()
+
+
+def rows_to_csv(kind: type, rows: Sequence[Any]) -> str:
+    """Return frozen values of a kind as CSV with their fields' names, see ``to_csv``."""
+    names = tuple(field.name for field in fields(kind))
+    return to_csv(Table("", "", names, tuple(tuple(asdict(row).values()) for row in rows)))
+
+
+def markdown(table: Table) -> str:
+    """Return a table in Markdown, its title above it."""
+    lines = (
+        table.columns,
+        ["---"] * len(table.columns),
+        *(map(to_text, row) for row in table.rows),
+    )
+    return "\n".join(
+        [f"**{table.title}**", "", *("| " + " | ".join(cells) + " |" for cells in lines)]
+    )
+
+
+def print_tables(console: Console, tables: Sequence[Table]) -> None:
+    """Print those tables that are shown."""
+    for table in tables:
+        if table.shown:
+            printed = ConsoleTable(*table.columns, title=table.title, title_justify="left")
+            for row in table.rows:
+                printed.add_row(*map(to_text, row))
+            console.print(printed)
+
+
+def to_text(cell: Cell) -> str:
+    """Return a cell for people: four digits of a number, whole numbers from 1000 on, a dash for an undefined one."""
+    if isinstance(cell, bool):
+        return "yes" if cell else "no"
+    if isinstance(cell, tuple):
+        return " ".join(map(to_text, cell))
+    if isinstance(cell, float):
+        return (
+            number(cell, 0) if abs(cell) >= 1e3 else f"{cell:.4g}" if math.isfinite(cell) else "-"
+        )
+    return "-" if cell is None else str(cell)
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number with so many decimals; a dash for an undefined or infinite one."""
+    return f"{value:.{digits}f}" if math.isfinite(value) else "-"
+
+
+def limits_text(at_least: float, at_most: float) -> str:
+    """Return the limits of a figure for people; empty when both are NaN."""
+    if math.isfinite(at_least) and math.isfinite(at_most):
+        return f"{to_text(at_least)} to {to_text(at_most)}"
+    return (
+        f">= {to_text(at_least)}"
+        if math.isfinite(at_least)
+        else f"<= {to_text(at_most)}"
+        if math.isfinite(at_most)
+        else ""
+    )
+
+
+def met_text(met: bool | None) -> str:
+    """Return whether a limit is met, in words; empty when there is none."""
+    return {None: "", True: "met", False: "NOT MET"}[met]
+
+
+def criteria_table(title: str, criteria: Sequence[Criterion]) -> Table:
+    """Return figures beside their limits as a table."""
+    rows = tuple(
+        (
+            one.what,
+            one.value,
+            f"{to_text(one.low)} to {to_text(one.high)}" if math.isfinite(one.low) else "",
+            limits_text(one.at_least, one.at_most),
+            met_text(one.met),
+        )
+        for one in criteria
+    )
+    return Table(
+        "criteria",
+        title,
+        ("figure", "value", "90 % interval", "required", ""),
+        rows,
+        shown=bool(rows),
+    )
+
+
+def write_files(out: Path, contents: Mapping[str, str | bytes]) -> None:
+    """Write files by name into a folder that exists, each whole or not at all; existing ones are replaced."""
+    for name, content in contents.items():
+        with atomic_file(out / name) as file:
+            file.write(content.encode() if isinstance(content, str) else content)

@@ -199,9 +199,3 @@ def in_water(grid: Grid, longitude: Array, latitude: Array, depth: Array) -> NDA
     level = np.clip(np.searchsorted(grid.levels, depth, side="right") - 1, 0, grid.levels.size - 1)
     wet = grid.wet.reshape(grid.levels.size, -1)[level, nearest]
     return np.asarray(np.all(wet & inside_grid(grid, east, north), axis=0))
-
-
-def place_at(grid: Grid, point: Array, depth: float = 0.0) -> Place:
-    """Return a point of a grid's local frame, shape (2,) or longer [m], at a depth [m]."""
-    longitude, latitude = to_geographic(grid.projection, point[0], point[1])
-    return Place(float(longitude), float(latitude), depth)

@@ -15,7 +15,7 @@ from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.version import __version__
-from replay_kit.results.outcome.outcome import outcome_of
+from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.workflows.fleet.cluster import Cluster
 from replay_kit.workflows.fleet.missions import STORE, Mission
 from replay_kit.workflows.planning import planner_of

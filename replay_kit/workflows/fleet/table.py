@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 
 from replay_kit.core.atomic import atomic_file
-from replay_kit.core.printable import csv_cell
+from replay_kit.core.text import csv_cell
 from replay_kit.results.outcome.outcome import outcome_from
 from replay_kit.show.text import print_lines, print_table
 from replay_kit.workflows.fleet.run import Outcome

@@ -15,19 +15,19 @@ from replay_kit.core.errors import (
     PlanError,
     ReplayKitError,
 )
+from replay_kit.core.paths import Stamp, stamps_of
 from replay_kit.core.plan import Place
 from replay_kit.core.text import count_text, place_text
-from replay_kit.core.unchanged import Stamp, stamps_of
 from replay_kit.forecast import ensemble_files
-from replay_kit.logs.folders import STREAMS
+from replay_kit.logs.registry import STREAMS
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.show.status.held import Held, read_held
 from replay_kit.show.status.status import Status, status_of
 from replay_kit.workflows.follow import memory as remembered
-from replay_kit.workflows.follow.options import FollowOptions
 from replay_kit.workflows.follow.sources import read_goal, with_goal
 from replay_kit.workflows.follow.watch import (
     Clock,
+    FollowOptions,
     Watched,
     alarm_line,
     key_of,

@@ -1,10 +1,10 @@
 """What a followed mission remembers beside its states: files, goals, what was said, which alarms were given. It outlives the process."""
 
-import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+
+from pydantic import TypeAdapter
 
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.plan import Place
@@ -44,57 +44,19 @@ class Memory:
         return tuple(path for path, source in self.sources.items() if not source.aside)
 
 
+_FORM = TypeAdapter(Memory)
+
+
 def read_memory(folder: Path) -> Memory:
     """Return what is remembered in a folder; nothing where nothing, or nothing that can be read, is there."""
     try:
-        held: dict[str, Any] = json.loads((folder / _NAME).read_text(encoding="utf-8"))
-        sources = [
-            Source(
-                Path(one["path"]),
-                tuple(one["stamp"]),
-                one["sha256"],
-                one["mission"],
-                one["first_ns"],
-                one["aside"],
-            )
-            for one in held["sources"]
-        ]
-        goals = tuple((int(since), Place(*place)) for since, place in held["goals"])
-        texts = tuple(map(str, held["said"])), tuple(map(str, held["given"]))
-        return Memory(
-            {source.path: source for source in sources},
-            goals,
-            *texts,
-            str(held["forecast"]),
-            int(held["archives"]),
-            str(held["region"]),
-        )
-    except (OSError, ValueError, KeyError, TypeError):
+        return _FORM.validate_json((folder / _NAME).read_bytes())
+    except (OSError, ValueError):
         return Memory()
 
 
 def write_memory(folder: Path, memory: Memory) -> None:
     """Write what is to be remembered, whole or not at all."""
-    sources = [
-        {
-            "path": str(source.path),
-            "stamp": list(source.stamp),
-            "sha256": source.sha256,
-            "mission": source.mission,
-            "first_ns": source.first_ns,
-            "aside": source.aside,
-        }
-        for source in memory.sources.values()
-    ]
-    goals = [
-        [since, [place.longitude, place.latitude, place.depth]] for since, place in memory.goals
-    ]
-    held: dict[str, Any] = {
-        "sources": sources,
-        "goals": goals,
-        "said": list(memory.said[-_SAID:]),
-        "given": list(memory.given),
-    }
-    held |= {"forecast": memory.forecast, "archives": memory.archives, "region": memory.region}
+    held = replace(memory, said=memory.said[-_SAID:])
     with atomic_file(folder / _NAME) as file:
-        file.write(json.dumps(held, indent=1).encode())
+        file.write(_FORM.dump_json(held, indent=1))

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import ConfigError, LogError
+from replay_kit.core.paths import Stamp, stamps_of
 from replay_kit.core.plan import Place
 from replay_kit.core.text import time_text
-from replay_kit.core.unchanged import Stamp, stamps_of
 from replay_kit.logs import open_log
-from replay_kit.logs.folders import STREAMS
 from replay_kit.logs.glider.missions import pattern
+from replay_kit.logs.registry import STREAMS
 
 #: A first message this much older or younger than those of all other files is a clock's error [ns].
 _FAR_NS = 366 * 86_400 * 10**9

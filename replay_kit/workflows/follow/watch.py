@@ -1,10 +1,10 @@
-"""Looks at files that come, grow and change: what of it matters to a replay."""
+"""Following: polling files that come, grow and change, and alarms on what the status then says."""
 
 import json
 import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,32 @@ from replay_kit.workflows.follow.sources import (
     mission_words,
     settled,
 )
+
+
+@dataclass(frozen=True, slots=True)
+class FollowOptions:
+    """How logs are followed.
+
+    Attributes:
+        states: Folder of what is kept between replays; it must outlive them.
+        status: Page of the status.
+        interval_s: Between two looks [s].
+        until_idle_s: Ends after so many seconds without anything new; None never ends.
+        goal_file: File that holds the goal, and may be changed; None without.
+        command: Run with each alarm; empty for none.
+        report: Page of the report; None without.
+        tell: Called with what a person should read.
+    """
+
+    states: Path
+    status: Path
+    interval_s: float = 60.0
+    until_idle_s: float | None = None
+    goal_file: Path | None = None
+    command: str = ""
+    report: Path | None = None
+    tell: Callable[[str], None] = field(default=lambda text: None, repr=False)
+
 
 # Between the two looks that a file must not change between, at most [s].
 _SETTLING = 1.0

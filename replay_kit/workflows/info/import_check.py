@@ -19,8 +19,14 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
-from replay_kit.core.errors import ForecastError, MeasurementError, ReplayKitError
-from replay_kit.core.finding import Finding, finding_json, finding_line
+from replay_kit.core.errors import (
+    Finding,
+    ForecastError,
+    MeasurementError,
+    ReplayKitError,
+    finding_json,
+    finding_line,
+)
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, Reason, VehicleState, usable
@@ -33,8 +39,7 @@ from replay_kit.logs import merge
 from replay_kit.measurements import events_of
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds
-from replay_kit.measurements.consistency.summary import REPAIRABLE
+from replay_kit.measurements.consistency.summary import REPAIRABLE, EnsembleSpeeds, ensemble_speeds
 from replay_kit.measurements.consistency.usual_faults import (
     Fault,
     Sounding,
@@ -292,10 +297,8 @@ def _usable(observation: Observation, estimator: ReducedBasisEstimator) -> NDArr
         & np.isfinite(observation.velocity).all(axis=1)
         & (observation.depth >= 0.0)
     )
-    flags, _ = screen(
-        replace(observation, flags=np.where(possible, Flag.GOOD, Flag.FAIL).astype(np.int8)),
-        estimator.basis.grid,
-    )
+    offered = replace(observation, flags=np.where(possible, Flag.GOOD, Flag.FAIL).astype(np.int8))
+    (flags,), _ = screen([offered], estimator.basis.grid, relative=False)
     return np.flatnonzero(flags == Flag.GOOD)
 
 

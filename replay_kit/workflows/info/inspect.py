@@ -13,12 +13,12 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.message import LogReport
 from replay_kit.core.observation import Observation, PathMean, VehicleState, usable
+from replay_kit.core.paths import check_unchanged, stamps_of
 from replay_kit.core.progress import Progress, silent
-from replay_kit.core.unchanged import check_unchanged, stamps_of
 from replay_kit.logs import open_logs
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, interpret
-from replay_kit.measurements.mapping.suggest import NAMED, sample_key, suggested_entries
+from replay_kit.measurements.messages.suggest import NAMED, sample_key, suggested_entries
 from replay_kit.workflows.info.order import Order, TopicInfo
 from replay_kit.workflows.info.reading import count_alike, read_log
 
@@ -133,9 +133,9 @@ class LogInfo:
     def use(self) -> str:
         """What the log can be used for, in words."""
         if self.content.bins:
-            return "replay: it has positions and profiles of the current"
+            return "ready for replay: positions and current profiles found"
         if self.content.mean_currents:
-            return "replay: it has mean currents between fixes, which alone estimate a field; no usable profile of the current"
+            return "ready for replay: mean currents between fixes found, no usable current profile"
         if self.is_result:
             return "a result of a replay, to be opened with status, report, plot, export or plan"
         if self.content.positions:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from replay_kit.logs.merge import FAR_NS, Settled, Settling
 from replay_kit.logs.shared.blocks import Block
-from replay_kit.logs.shared.stamps import FAR_NS, Settled, Settling
 
 # of a topic's mean time between messages, and at least so long [ns], is a gap that is reported
 _TIMES_MEAN, _LEAST_GAP_NS = 10, 60_000_000_000

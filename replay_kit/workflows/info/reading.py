@@ -9,10 +9,9 @@ from typing import Any
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import LogReport
 from replay_kit.logs.reader import LogFile
-from replay_kit.logs.shared.blocks import Block, block_of
-from replay_kit.logs.shared.overview import Overview
-from replay_kit.measurements.mapping.suggest import NAMED
+from replay_kit.logs.shared.blocks import Block, Overview, block_of
 from replay_kit.measurements.messages.kinds import may_state
+from replay_kit.measurements.messages.suggest import NAMED
 from replay_kit.results.losses import iso_time
 from replay_kit.show.text import iso
 from replay_kit.workflows.info.order import TopicInfo

@@ -19,13 +19,11 @@ from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import distance
-from replay_kit.core.grid import Grid, Projection
+from replay_kit.core.grid import Grid, Projection, Seabed
 from replay_kit.core.plan import ORIGIN, Place, Plan
-from replay_kit.core.seabed import Seabed
 from replay_kit.core.surfacing import Ellipse, Surfacing
-from replay_kit.workflows.planning.bathymetry import read_bathymetry
+from replay_kit.workflows.planning.bathymetry import depth_along, read_bathymetry, seabed_of
 from replay_kit.workflows.planning.currents import KnownCurrent
-from replay_kit.workflows.planning.seabed import depth_along, seabed_of
 from replay_kit.workflows.replay.stages.planner import HasGrid, Planner, PlanResult
 
 PlanOrMission = TypeVar("PlanOrMission", Plan, planners.MissionPlan)

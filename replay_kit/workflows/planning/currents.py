@@ -15,10 +15,8 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evolution import Evolution, sample_through
-from replay_kit.core.flow.local import LocalCurrent
-from replay_kit.core.flow.oscillation import Oscillation
-from replay_kit.core.flow.process import ProcessModel
+from replay_kit.core.flow.evolution import Evolution, ProcessModel, sample_through
+from replay_kit.core.flow.local import LocalCurrent, Oscillation
 from replay_kit.core.text import time_text
 from replay_kit.estimator.basis.embedding import embed
 from replay_kit.workflows.planning.local import is_noticed, with_courses

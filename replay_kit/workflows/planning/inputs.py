@@ -1,16 +1,69 @@
-"""The estimates that a mission is planned on."""
+"""What a plan is made on: the estimates, the areas to keep out of, the bottom to stay above."""
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from planners import Bathymetry, NoGo
+from replay_kit.config.plan import PlanRequest
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.load import load
+from replay_kit.core.grid import Grid
+from replay_kit.core.progress import announce
 from replay_kit.results import read_estimate
 from replay_kit.show.status.held import read_held
+from replay_kit.workflows.planning.areas import area_notes, read_areas
+from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
 from replay_kit.workflows.planning.currents import KnownCurrent, known_current
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedOn:
+    """What a plan is made on.
+
+    Attributes:
+        known: The current.
+        flown: How the vehicle flew; None where that is not known.
+        no_go: Areas that it keeps out of.
+        bathymetry: Bottom that it stays above; None without.
+        notes: What about the files of areas and of the bottom should be known.
+    """
+
+    known: KnownCurrent
+    flown: AsFlown | None
+    no_go: tuple[NoGo, ...]
+    bathymetry: Bathymetry | None
+    notes: tuple[str, ...]
+
+    @property
+    def region(self) -> Grid:
+        """Where the estimate holds."""
+        return self.known.first.grid
+
+
+def planned_on(request: PlanRequest, flow_step: float) -> PlannedOn:
+    """Return what a plan is made on, read from the files of its request.
+
+    Args:
+        request: What is asked for.
+        flow_step: Between the flows that an estimate which changes is planned on [s].
+
+    Raises:
+        ReplayKitError: A file cannot be read, or the files of the current do not follow each other.
+    """
+    announce("reading the estimate")
+    known, flown = read_known(request.flows, flow_step)
+    region, bottom = known.first.grid, None
+    areas: tuple[NoGo, ...] = ()
+    notes: tuple[str, ...] = ()
+    if request.no_go is not None:
+        areas, notes = read_areas(request.no_go), area_notes(request.no_go, region)
+    if request.bathymetry is not None:
+        bottom = read_bathymetry(request.bathymetry, region)
+        notes += bathymetry_notes(bottom, region)
+    return PlannedOn(known, flown, areas, bottom, notes)
 
 
 def read_known(paths: Sequence[Path], flow_step: float) -> tuple[KnownCurrent, AsFlown | None]:

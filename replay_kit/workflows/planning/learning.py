@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from planners import Bathymetry, NoGo
 from planners.learning.maps import plan_map
 from planners.learning.survey import plan_survey
 from planners.learning.values import Box, LearnPlan, LearnRequest, LearnSettings, OtherProfiles
@@ -15,16 +14,13 @@ from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.plan import ORIGIN
 from replay_kit.core.progress import announce
 from replay_kit.core.text import time_text
 from replay_kit.results.views.record import read_planned_legs
 from replay_kit.workflows.planning.adapters import MissionPlanner
-from replay_kit.workflows.planning.areas import area_notes, read_areas
-from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
 from replay_kit.workflows.planning.currents import KnownCurrent
-from replay_kit.workflows.planning.inputs import read_known
+from replay_kit.workflows.planning.inputs import PlannedOn, planned_on
 from replay_kit.workflows.planning.local import local_notes
 
 # Hours of a survey where none are stated, and samples.
@@ -37,17 +33,11 @@ class Learnt:
 
     Attributes:
         plan: The plan.
-        projection: The local frame of its track.
-        no_go: Areas that it keeps out of.
-        bathymetry: Bottom that it stays above; None without.
-        region: Of the estimate.
+        on: What it is made on.
     """
 
     plan: LearnPlan
-    projection: Projection
-    no_go: tuple[NoGo, ...]
-    bathymetry: Bathymetry | None
-    region: Grid
+    on: PlannedOn
 
 
 def make_learning(job: PlanRequest, config: PlannerConfig) -> Learnt:
@@ -62,27 +52,22 @@ def make_learning(job: PlanRequest, config: PlannerConfig) -> Learnt:
         ForecastError: The bathymetry is unusable.
         LogError: A plan of others is unusable.
     """
-    announce("reading the estimate")
-    known, flown = read_known(job.flows, config.flow_step)
-    bound, origin = replace(MissionPlanner.of(config), flown=flown).bound(
+    on = planned_on(job, config.flow_step)
+    known = on.known
+    bound, origin = replace(MissionPlanner.of(config), flown=on.flown).bound(
         known.first, job.then_places
     )
     flow, (begin_ns, notes) = known.first, known.begin(job.start_time_ns)
     seconds = _seconds(job)
     _check_horizon(known, begin_ns, seconds, job)
-    areas = () if job.no_go is None else read_areas(job.no_go)
-    if job.no_go is not None:
-        notes += area_notes(job.no_go, flow.grid)
-    bottom = None if job.bathymetry is None else read_bathymetry(job.bathymetry, flow.grid)
-    if bottom is not None:
-        notes += bathymetry_notes(bottom, flow.grid)
+    notes += on.notes
     request = LearnRequest(
         job.start_place,
         job.then_places,
         bound.vehicle,
         _settings(job, config, bound.settings.depth),
-        areas,
-        bottom,
+        on.no_go,
+        on.bathymetry,
         begin_ns,
         profiles_of_others(job.others),
         job.profiles or 0,
@@ -96,9 +81,7 @@ def make_learning(job: PlanRequest, config: PlannerConfig) -> Learnt:
         plan = replace(
             plan, message=f"{plan.message}; {origin}", figures={**plan.figures, ORIGIN: origin}
         )
-    return Learnt(
-        replace(plan, notes=(*plan.notes, *notes)), flow.grid.projection, areas, bottom, flow.grid
-    )
+    return Learnt(replace(plan, notes=(*plan.notes, *notes)), on)
 
 
 def _planned(job: PlanRequest, flow: FlowEstimate, request: LearnRequest) -> LearnPlan:

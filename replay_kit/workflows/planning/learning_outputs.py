@@ -15,13 +15,9 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.geojson import collection_text, feature
 from replay_kit.core.plan import Plan, leg_statistics
 from replay_kit.core.text import csv_text, time_text
-from replay_kit.results import ResultWriter
 from replay_kit.show.text import print_table
-from replay_kit.workflows.planning.adapters import over_bottom
 from replay_kit.workflows.planning.learning import Learnt
-from replay_kit.workflows.planning.record import plan_metadata
-from replay_kit.workflows.planning.seabed import seabed_of
-from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
+from replay_kit.workflows.planning.record import write_plan
 
 _COLUMNS = (
     "leg",
@@ -83,7 +79,7 @@ def _candidate_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
 def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:
     when = time_text(start_ns + round(row["surfacing_s"] * 1e9)) if start_ns else "-"
     where = f"{row['longitude']:.4f}, {row['latitude']:.4f}"
-    kind = "without fixes" if row["blind"] else ""
+    kind = "dead-reckoned" if row["blind"] else ""
     return (
         str(row["leg"]),
         f"{row['heading_deg']:.1f}",
@@ -171,7 +167,9 @@ def learning_json(learnt: Learnt) -> dict[str, Any]:
 def learning_geojson(learnt: Learnt) -> str:
     """Return track and surfacings as GeoJSON text."""
     plan = learnt.plan
-    longitude, latitude = to_geographic(learnt.projection, plan.track[:, 0], plan.track[:, 1])
+    longitude, latitude = to_geographic(
+        learnt.on.region.projection, plan.track[:, 0], plan.track[:, 1]
+    )
     line = np.column_stack([longitude, latitude]).tolist()
     about = {
         "status": plan.status,
@@ -208,19 +206,8 @@ def write_learning(
         ConfigError: The result exists and may not be replaced, or cannot be written.
         ReplayKitError: It could not be written whole.
     """
-    plan, asked = learnt.plan, learnt.plan.request
-    start = {
-        "start_time_ns": asked.start_time_ns,
-        "longitude": asked.start.longitude,
-        "latitude": asked.start.latitude,
-    }
-    about = {
-        **plan_metadata(config.plan),
-        "mission": {
-            "status": plan.status,
-            "message": plan.message,
-            **{name: str(value) for name, value in start.items()},
-        },
+    plan = learnt.plan
+    records = {
         "legs": {str(row["leg"]): json.dumps(row) for row in legs_table(plan)},
         "learning": {
             name: json.dumps(value)
@@ -228,29 +215,19 @@ def write_learning(
             if name not in ("legs", "message")
         },
     }
-    used = {"kind": "mission", "samples": asked.settings.samples}
-    made = config.planner.model_copy(update=used)
-    with ResultWriter(path, overwrite) as writer:
-        writer.start(
-            learnt.projection,
-            asked.start_time_ns,
-            about,
-            run_settings_toml(config.model_copy(update={"planner": made})),
-        )
-        if learnt.bathymetry is not None:
-            writer.seabed(asked.start_time_ns, seabed_of(learnt.bathymetry, learnt.region))
-        writer.plan(_published(learnt), learnt.projection)
-        writer.digest(asked.start_time_ns)
+    used = {"kind": "mission", "samples": plan.request.settings.samples}
+    made = config.model_copy(update={"planner": config.planner.model_copy(update=used)})
+    write_plan(path, overwrite, _published(plan), learnt.on, records, made)
 
 
-def _published(learnt: Learnt) -> Plan:
+def _published(plan: LearnPlan) -> Plan:
     """Return the plan as results hold it: that of its first leg with the whole track."""
-    plan, asked, rows = learnt.plan, learnt.plan.request, legs_table(learnt.plan)
+    asked, rows = plan.request, legs_table(plan)
     angle = np.deg2rad(asked.vehicle.min_angle)
     along, down = (float(speed) for speed in asked.vehicle.speeds(np, angle))
     heading = rows[0]["heading_deg"] if rows else 0.0
     local = np.deg2rad(heading)
-    made = Plan(
+    return Plan(
         status=plan.status,
         start=asked.start,
         goal=plan.goal,
@@ -266,6 +243,4 @@ def _published(learnt: Learnt) -> Plan:
         message=plan.message,
         statistics={**plan.figures, **leg_statistics(rows)},
         energy=nan,
-        areas=tuple(area.area for area in learnt.no_go),
     )
-    return over_bottom(made, learnt.bathymetry, learnt.projection)

@@ -6,12 +6,10 @@ from math import inf
 from typing import Any
 
 from planners import (
-    Bathymetry,
     MissionOdds,
     MissionPlan,
     MissionRequest,
     MissionSettings,
-    NoGo,
     Pilot,
     best_departure,
     cut_at_horizon,
@@ -33,7 +31,6 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.progress import announce
 from replay_kit.core.text import time_text
 from replay_kit.workflows.planning.adapters import (
@@ -42,10 +39,7 @@ from replay_kit.workflows.planning.adapters import (
     with_origin,
     without_odds,
 )
-from replay_kit.workflows.planning.areas import area_notes, read_areas
-from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
-from replay_kit.workflows.planning.currents import KnownCurrent
-from replay_kit.workflows.planning.inputs import read_known
+from replay_kit.workflows.planning.inputs import PlannedOn, planned_on
 from replay_kit.workflows.planning.local import local_notes
 from replay_kit.workflows.planning.request import check_samples, line_of, mooring_of, objective_of
 
@@ -87,27 +81,21 @@ class PlannedMission:
 
     Attributes:
         plan: The mission.
-        projection: The local frame of its track.
+        on: What it is made on.
         odds: Of its flights through samples; None without samples or legs.
         samples: They as in the JSON; None without samples or legs.
         waypoints: Short list of places to head for; None when none is asked for, or there are no legs.
-        notes: What about the files of areas and of the bottom should be known.
-        no_go: Areas that it keeps out of.
-        bathymetry: Bottom that it stays above; None without.
-        region: Of the estimate.
+        notes: What should be known of it.
         drawn: Number of samples drawn.
         departures: That were compared, in order; none where only one was planned.
     """
 
     plan: MissionPlan
-    projection: Projection
+    on: PlannedOn
     odds: MissionOdds | None
     samples: dict[str, Any] | None
     waypoints: Waypoints | None
     notes: tuple[str, ...]
-    no_go: tuple[NoGo, ...]
-    bathymetry: Bathymetry | None
-    region: Grid
     drawn: int
     departures: tuple[Departure, ...] = ()
 
@@ -130,17 +118,13 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
             is outside of the forecast.
         ForecastError: The bathymetry is unusable.
     """
-    announce("reading the estimate")
-    known, flown = read_known(job.flows, config.flow_step)
+    on = planned_on(job, config.flow_step)
+    known = on.known
     count = sample_count(known.first, config.samples)
     check_samples(job, count)
-    bound, origin = mission_planner(job, config, flown).bound(known.first, job.goals)
-    request, notes = _request(job, bound, known)
-    grid = known.first.grid
-    if job.no_go is not None:
-        notes += area_notes(job.no_go, grid)
-    if request.bathymetry is not None:
-        notes += bathymetry_notes(request.bathymetry, grid)
+    bound, origin = mission_planner(job, config, on.flown).bound(known.first, job.goals)
+    request, notes = _request(job, replace(bound, bathymetry=on.bathymetry), on)
+    notes += on.notes
     begin_ns, seconds = request.start_time_ns, _seconds(job, bound)
     flow, drawn = (
         known.flow(begin_ns, seconds),
@@ -162,18 +146,7 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
     if count == 0:
         made = without_odds(made, known.first)
     made, compared = with_origin(made, origin), tuple(with_origin(one, origin) for one in compared)
-    planned = PlannedMission(
-        made,
-        grid.projection,
-        None,
-        None,
-        few,
-        notes,
-        request.no_go,
-        request.bathymetry,
-        grid,
-        count,
-    )
+    planned = PlannedMission(made, on, None, None, few, notes, count)
     if not drawn or len(made.headings_deg) == 0:
         return replace(planned, departures=tuple(Departure.of(plan, None) for plan in compared))
     announce("flying the samples")
@@ -185,9 +158,10 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
 
 
 def _request(
-    job: PlanRequest, bound: MissionPlanner, known: KnownCurrent
+    job: PlanRequest, bound: MissionPlanner, on: PlannedOn
 ) -> tuple[MissionRequest, tuple[str, ...]]:
     """Return what is asked of the planner, its times checked against the forecast, and what should be known of when it begins."""
+    known = on.known
     for time_ns in job.departures_ns:
         known.check_time("--depart", time_ns)
     begin_ns, notes = (
@@ -205,10 +179,7 @@ def _request(
             f"--horizon: expected at most {(last - begin_ns) / 3.6e12:.1f} h, to the end of the forecast at {time_text(last)}, got "
             f"{horizon / 3600.0:g} h; choose a shorter one, or leave it out to plan the rest in the last current known"
         )
-    areas = () if job.no_go is None else read_areas(job.no_go)
-    if job.bathymetry is not None:
-        bound = replace(bound, bathymetry=read_bathymetry(job.bathymetry, known.first.grid))
-    return bound.request(job.start_place, job.goals, begin_ns, areas), notes
+    return bound.request(job.start_place, job.goals, begin_ns, on.no_go), notes
 
 
 def _seconds(job: PlanRequest, bound: MissionPlanner) -> float:

@@ -9,21 +9,15 @@ from typing import Any
 
 from rich.console import Console
 
-from planners import MissionPlan
 from planners.mission.waypoints import Waypoints
 from planners.output.mission import as_glide, legs_table, to_csv, to_geojson, to_json
 from planners.output.waypoints import waypoint_json, waypoint_text
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.run import RunConfig
-from replay_kit.core.plan import Plan
 from replay_kit.core.text import time_text
-from replay_kit.results import ResultWriter
 from replay_kit.show.text import print_table
-from replay_kit.workflows.planning.adapters import over_bottom
 from replay_kit.workflows.planning.mission import PlannedMission, mission_planner
-from replay_kit.workflows.planning.record import plan_metadata
-from replay_kit.workflows.planning.seabed import seabed_of
-from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
+from replay_kit.workflows.planning.record import write_plan
 
 
 def print_mission(planned: PlannedMission, console: Console, battery: float | None = None) -> None:
@@ -196,7 +190,7 @@ def mission_json(planned: PlannedMission) -> dict[str, Any]:
 def mission_geojson(planned: PlannedMission) -> str:
     """Return track, surfacings, ellipses and goals as GeoJSON text."""
     count = None if planned.samples is None else int(planned.samples["count"])
-    return to_geojson(planned.plan, planned.projection, planned.ellipses, count) + "\n"
+    return to_geojson(planned.plan, planned.on.region.projection, planned.ellipses, count) + "\n"
 
 
 def mission_csv(planned: PlannedMission) -> str:
@@ -228,49 +222,19 @@ def write_mission(
         ConfigError: The result exists and may not be replaced, or cannot be written.
         ReplayKitError: It could not be written whole.
     """
-    mission = planned.plan
-    legs = {str(row["leg"]): json.dumps(row) for row in legs_table(mission, planned.ellipses)}
-    about = {**plan_metadata(config.plan), "mission": _about(mission), "legs": legs}
+    mission, battery = planned.plan, config.plan.battery
+    records = {
+        "legs": {str(row["leg"]): json.dumps(row) for row in legs_table(mission, planned.ellipses)}
+    }
     if planned.departures:
-        about["departures"] = {
+        records["departures"] = {
             row["departure"]: json.dumps(row) for row in departures_table(planned)
         }
-    with ResultWriter(path, overwrite) as writer:
-        writer.start(
-            planned.projection,
-            mission.start_time_ns,
-            about,
-            run_settings_toml(_effective_config(config, planned)),
-        )
-        if planned.bathymetry is not None:
-            writer.seabed(mission.start_time_ns, seabed_of(planned.bathymetry, planned.region))
-        writer.plan(_published(planned, config.plan.battery), planned.projection)
-        writer.digest(mission.start_time_ns)
-
-
-def _about(mission: MissionPlan) -> dict[str, str]:
-    """Return what the legs begin with, as text."""
-    start = {
-        "start_time_ns": mission.start_time_ns,
-        "longitude": mission.start.longitude,
-        "latitude": mission.start.latitude,
-    }
-    return {
-        "status": mission.status,
-        "message": mission.message,
-        **{name: str(value) for name, value in start.items()},
-    }
-
-
-def _published(planned: PlannedMission, battery: float | None) -> Plan:
-    """Return a mission as results hold it, with the bottom under it, the areas and the battery [MJ]."""
-    made = over_bottom(
-        as_glide(planned.plan, planned.projection, planned.odds),
-        planned.bathymetry,
-        planned.projection,
+    made = replace(
+        as_glide(mission, planned.on.region.projection, planned.odds),
+        battery=nan if battery is None else battery * 1e6,
     )
-    areas = tuple(area.area for area in planned.no_go)
-    return replace(made, areas=areas, battery=nan if battery is None else battery * 1e6)
+    write_plan(path, overwrite, made, planned.on, records, _effective_config(config, planned))
 
 
 def _effective_config(config: RunConfig, planned: PlannedMission) -> RunConfig:

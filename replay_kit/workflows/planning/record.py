@@ -1,17 +1,25 @@
-"""What the result of ``plan`` says of how it was made, and what was asked for read back from it."""
+"""The result of ``plan``: written with what it was made of, and what was asked for read back from it."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
 from replay_kit.config.plan import PlanRequest
+from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import LogError
+from replay_kit.core.plan import Plan
+from replay_kit.results import ResultWriter
+from replay_kit.workflows.planning.adapters import over_bottom
+from replay_kit.workflows.planning.bathymetry import seabed_of
+from replay_kit.workflows.planning.inputs import PlannedOn
 from replay_kit.workflows.replay.inputs.provenance import (
     BATHYMETRY,
     PLAN_RECORD,
     named_hash,
     package_versions,
+    run_settings_toml,
 )
 
 # Files of a request, which the record of the inputs states by name and content.
@@ -36,6 +44,46 @@ def plan_metadata(request: PlanRequest) -> dict[str, Mapping[str, str]]:
         PLAN_RECORD: {"request": request.model_dump_json(exclude=files, exclude_none=True)},
         "replay_kit.versions": package_versions(),
     }
+
+
+def write_plan(
+    path: Path,
+    overwrite: bool,
+    plan: Plan,
+    on: PlannedOn,
+    records: Mapping[str, Mapping[str, str]],
+    config: RunConfig,
+) -> None:
+    """Write a plan as a result MCAP of its own.
+
+    Args:
+        path: The result.
+        overwrite: Replace an existing one.
+        plan: The plan, without what it was made on.
+        on: What it was made on.
+        records: Its legs, and what else it has.
+        config: All settings, attached as ``config.toml``; what was asked for is recorded, its files with their hashes.
+
+    Raises:
+        ConfigError: The result exists and may not be replaced, or cannot be written.
+        ReplayKitError: It could not be written whole.
+    """
+    projection, begin = on.region.projection, plan.start_time_ns
+    about = {
+        "status": plan.status,
+        "message": plan.message,
+        "start_time_ns": str(begin),
+        "longitude": str(plan.start.longitude),
+        "latitude": str(plan.start.latitude),
+    }
+    areas = tuple(area.area for area in on.no_go)
+    metadata = {**plan_metadata(config.plan), "mission": about, **records}
+    with ResultWriter(path, overwrite) as writer:
+        writer.start(projection, begin, metadata, run_settings_toml(config))
+        if on.bathymetry is not None:
+            writer.seabed(begin, seabed_of(on.bathymetry, on.region))
+        writer.plan(over_bottom(replace(plan, areas=areas), on.bathymetry, projection), projection)
+        writer.digest(begin)
 
 
 def recorded_request(record: Mapping[str, str], found: Mapping[str, Path]) -> PlanRequest:

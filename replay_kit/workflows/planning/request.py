@@ -119,7 +119,7 @@ def _learning_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
         ),
         (
             not maps and not (request.blind is not None and request.then),
-            "--objective learn: expected --then and --blind: where the stretch without fixes leads, and for how many hours",
+            "--objective learn: expected --then and --blind: where the dead-reckoned leg leads, and for how many hours",
         ),
     )
 

@@ -27,8 +27,7 @@ from replay_kit.measurements import (
 from replay_kit.measurements.messages.fields import number
 from replay_kit.measurements.messages.profiles import PING_SCHEMA
 from replay_kit.measurements.quality.tests import Check
-from replay_kit.measurements.vehicle.pressure import depth_of_pressure
-from replay_kit.measurements.vehicle.segments import Segments, segments
+from replay_kit.measurements.vehicle.dives import Segments, depth_of_pressure, segments
 from replay_kit.workflows.info.inspect import by_topic
 from replay_kit.workflows.replay.inputs.scan import open_readers
 

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Reason
-from replay_kit.measurements.vehicle.segments import SegmentClass
+from replay_kit.measurements.vehicle.dives import SegmentClass
 from replay_kit.results.losses import coded, loss_json, loss_lines
 from replay_kit.show.text import iso, not_used_lines, print_lines, print_table
 from replay_kit.workflows.qc.check import QualityReport, TestCount, TopicQuality

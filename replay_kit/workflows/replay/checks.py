@@ -16,6 +16,7 @@ from replay_kit.core.grid import Grid
 from replay_kit.core.message import LogReader, LogReport, Message
 from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState, usable
 from replay_kit.core.region import inside
+from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.estimator.update.screening import screen_measurement
 from replay_kit.logs import merge
 from replay_kit.logs.reader import LogFile
@@ -46,11 +47,13 @@ class CheckedInputs:
         forecasts: The part of the forecast that it would read.
         profiles: Number of profiles that the logs give.
         used: Number of those with a usable bin in the region.
+        first: The first of these, as many as an estimate takes up together.
     """
 
     forecasts: Forecasts
     profiles: int
     used: int
+    first: tuple[Observation, ...]
 
 
 def check_inputs(
@@ -79,6 +82,7 @@ def check_inputs(
         else (VehicleState, Observation)
     )
     monitoring, statistics, profiles, used, last_ns = MonitoringState(), RunStatistics(), 0, 0, None
+    first = list[Observation]()
     for time_ns, events in _blocks(merged, config):
         last_ns, steps = time_ns or last_ns, list[Step]()
         for event in events:
@@ -90,18 +94,17 @@ def check_inputs(
                 statistics = statistics.after_events([event])
         statistics = statistics.after_steps(steps)
         given = [
-            step.assimilation
+            (step.event, step.assimilation)
             for step in steps
             if isinstance(step.event, Observation) and step.assimilation is not None
         ]
-        profiles, used = (
-            profiles + len(given),
-            used + sum(each.innovation.accepted for each in given),
-        )
+        accepted = [event for event, found in given if found.innovation.accepted]
+        first += accepted[: ReducedBasisEstimator.block_size - len(first)]
+        profiles, used = profiles + len(given), used + len(accepted)
     check_span(job.logs, config, last_ns)
     reports = [reader.report() for reader in readers]
     require_usable(monitoring, statistics.with_order(merged), reports, ensemble.grid, config)
-    return CheckedInputs(forecasts, profiles, used)
+    return CheckedInputs(forecasts, profiles, used, tuple(first))
 
 
 def require_usable(

@@ -9,7 +9,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.grid import Ensemble
 from replay_kit.forecast import ensemble_files
-from replay_kit.results.outcome.outcome import outcome_of
+from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.run import ReplaySummary, Rival, TruthScore
 from replay_kit.results.topics import WINDOWS_RECORD
 from replay_kit.workflows.replay.checks import require_usable

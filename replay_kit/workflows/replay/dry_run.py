@@ -1,9 +1,7 @@
 """What a replay would use, and about how much memory and time, without writing anything."""
 
 import time
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from itertools import islice
 from typing import Any
 
 from rich.console import Console
@@ -11,14 +9,9 @@ from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.observation import Observation
-from replay_kit.estimator import ReducedBasisEstimator
-from replay_kit.logs import merge
-from replay_kit.measurements import observations
 from replay_kit.workflows.replay.checks import check_inputs
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.inputs.scan import open_readers
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
 
 # What the interpreter and the libraries take before the first array.
@@ -58,7 +51,6 @@ def dry_run(
     job: ReplayJob,
     config: RunConfig,
     planner_of: PlannerFactory | None = None,
-    n_timed: int = ReducedBasisEstimator.block_size,
 ) -> DryRun:
     """Return what a replay would use; the logs are read to their end, but only a few updates are made.
 
@@ -66,7 +58,6 @@ def dry_run(
         job: The replay.
         config: Its settings.
         planner_of: Makes the planner, when the job has a goal.
-        n_timed: Profiles stepped through to learn how long one takes.
 
     Raises:
         ReplayKitError: As the replay itself would, for logs and ensembles that cannot be used.
@@ -80,7 +71,7 @@ def dry_run(
         ensemble = inputs.forecasts.ensemble
         # Any: a baseline was refused above, and the two that are left have what is asked for here
         estimator: Any = build(inputs.forecasts, config, None)
-        timed = list(islice(filter(estimator.usable, _profiles(job, config)), n_timed))
+        timed = list(filter(estimator.usable, inputs.first))
         began = time.perf_counter()
         if states := [state for state, _ in estimator.steps(estimator.initial(), timed)]:
             estimator.weights(states)
@@ -96,18 +87,6 @@ def dry_run(
         state_size=size,
         memory_mb=_BASE_MB + _COVARIANCES * 8e-6 * size**2 + 2e-6 * ensemble.velocity.nbytes,
         seconds=inputs.used * spent / len(timed) if timed else 0.0,
-    )
-
-
-def _profiles(job: ReplayJob, config: RunConfig) -> Iterator[Observation]:
-    logs = config.logs
-    messages = merge(
-        open_readers(job.logs, config), logs.reorder_window, logs.start_ns, logs.end_ns
-    )
-    return (
-        found
-        for found in observations(messages, config.measurements)
-        if isinstance(found, Observation)
     )
 
 

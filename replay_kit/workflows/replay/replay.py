@@ -23,15 +23,15 @@ from replay_kit.core.errors import (
 )
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.message import Message
+from replay_kit.core.paths import check_unchanged
 from replay_kit.core.progress import Progress, silent
-from replay_kit.core.unchanged import check_unchanged
 from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
 from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import reading
 from replay_kit.measurements import finish, initial_state, interpret_block
 from replay_kit.results import Digest, ResultWriter
-from replay_kit.results.outcome.outcome import failed
+from replay_kit.results.outcome.from_run import failed
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.workflows.replay.checks import check_goal, with_planner_kind
 from replay_kit.workflows.replay.conclude import conclude
@@ -63,6 +63,7 @@ from replay_kit.workflows.replay.store.basis import built
 from replay_kit.workflows.replay.store.checkpoint import (
     Checkpoint,
     CheckpointFile,
+    StateStore,
     resuming,
     run_identity,
 )
@@ -200,7 +201,7 @@ def _prepare(
     return session, Prepared(job, readers, forecasts, prior_flow, truth, metadata)
 
 
-def _checkpoints(session: Session, inputs: Prepared) -> CheckpointFile | FollowedStates | None:
+def _checkpoints(session: Session, inputs: Prepared) -> StateStore | None:
     """Return where the states of a replay are kept; None where they are not."""
     job, settings, prior = (
         inputs.job,
@@ -238,9 +239,7 @@ class _Stream:
     checkpoint: Checkpoint | None = None
 
 
-def _stream(
-    inputs: Prepared, config: RunConfig, checkpoints: CheckpointFile | FollowedStates | None
-) -> _Stream:
+def _stream(inputs: Prepared, config: RunConfig, checkpoints: StateStore | None) -> _Stream:
     merged = merge(
         inputs.readers, config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns
     )
@@ -253,7 +252,7 @@ def _stream(
 def _open_result(
     session: Session,
     inputs: Prepared,
-    checkpoints: CheckpointFile | FollowedStates | None,
+    checkpoints: StateStore | None,
     checkpoint: Checkpoint | None,
     on_digest: Callable[[Digest], None] | None,
 ) -> None:
@@ -273,7 +272,7 @@ def _open_result(
 def _loop(
     session: Session,
     inputs: Prepared,
-    checkpoints: CheckpointFile | FollowedStates | None,
+    checkpoints: StateStore | None,
     stream: _Stream,
     on_message: Callable[[], None],
 ) -> None:
@@ -302,7 +301,7 @@ def _loop(
             if checkpoints is not None:
                 checkpoints.write_when_due(session, state, count)
             on_message()
-    if isinstance(checkpoints, FollowedStates):
+    if checkpoints is not None:
         checkpoints.write_last()
     session.take(finish(state, measurements))
     session.assimilate_buffer(last=True)

@@ -12,16 +12,15 @@ from typing import Any
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.dive_forecast import DiveOutcome
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState
+from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.next_dive.flight import local_current
 from replay_kit.measurements import Event
 from replay_kit.measurements.consistency.monitor import Checked
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds
-from replay_kit.measurements.consistency.summary import PingSummary, summaries
+from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay.inputs.estimator import flow_at
 from replay_kit.workflows.replay.stages import consistency, plans

@@ -9,9 +9,8 @@ from replay_kit.core.evidence import Evidence
 from replay_kit.core.grid import Grid
 from replay_kit.core.message import LogReport, Message
 from replay_kit.core.observation import PathMean
-from replay_kit.logs.merge import Merge
+from replay_kit.logs.merge import ClockJump, Merge
 from replay_kit.logs.shared.payloads import gather, short
-from replay_kit.logs.shared.stamps import ClockJump
 from replay_kit.measurements import NOT_A_KIND, Event, Skipped, Used
 from replay_kit.measurements.events import left_out_rules
 from replay_kit.results.outcome.run import DiveRow, ReplaySummary, TopicRow

@@ -1,18 +1,15 @@
 """How a flow changes with time, in memory and after it was saved."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import h5netcdf
 import numpy as np
 import pytest
 
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evolution import Evolution, constant, sample_through
+from replay_kit.core.flow.evolution import Evolution, ProcessModel, constant, sample_through
 from replay_kit.core.flow.load import load, load_bytes
 from replay_kit.core.flow.lossless import save_bytes
-from replay_kit.core.flow.process import ProcessModel
 from tests.synthetic_flow import TIME_NS, synthetic_flow
 
 HOUR = 3600 * 10**9
@@ -20,9 +17,7 @@ Z, R = 3, 4
 AT = np.array([0.0, 2e3, -4e3]), np.array([0.0, -3e3, 5e3]), np.array([0.5, 60.0, 150.0])
 
 
-def evolving(
-    n_trajectories: int = 5, n_local: int = 2, time_ns: int | None = TIME_NS
-) -> FlowEstimate:
+def evolving(n_trajectories=5, n_local=2, time_ns=TIME_NS):
     """A flow of a random process with forecasts every six hours, two of them before the estimate's time."""
     rng = np.random.default_rng(4)
     still, times = synthetic_flow(n_modes=R), TIME_NS + HOUR * np.array([-8, -2, 4, 10])
@@ -43,13 +38,13 @@ def evolving(
     ).flow(still, TIME_NS)
 
 
-def assert_equal_flows(one: FlowEstimate, other: FlowEstimate) -> None:
+def assert_equal_flows(one, other):
     assert one.time_ns == other.time_ns
     np.testing.assert_array_equal(one.latent, other.latent)
     np.testing.assert_allclose(one.weight_cov, other.weight_cov, rtol=1e-13, atol=1e-15)
 
 
-def test_six_hours_on_every_unknown_has_decayed_and_the_forecast_has_moved() -> None:
+def test_six_hours_on_every_unknown_has_decayed_and_the_forecast_has_moved():
     flow = evolving()
     evolution = flow.later
     assert isinstance(evolution, Evolution)
@@ -76,16 +71,14 @@ def test_six_hours_on_every_unknown_has_decayed_and_the_forecast_has_moved() -> 
     )
 
 
-def test_before_its_last_observation_an_estimate_stays_as_it_is() -> None:
+def test_before_its_last_observation_an_estimate_stays_as_it_is():
     flow = evolving()
     assert_equal_flows(flow.at(TIME_NS - HOUR), flow)
     assert_equal_flows(flow.at(TIME_NS), flow)
 
 
 @pytest.mark.parametrize(("n_trajectories", "n_local"), [(5, 2), (0, 2), (5, 0)])
-def test_a_saved_estimate_changes_with_time_as_in_memory(
-    tmp_path: Path, n_trajectories: int, n_local: int
-) -> None:
+def test_a_saved_estimate_changes_with_time_as_in_memory(tmp_path, n_trajectories, n_local):
     flow = evolving(n_trajectories, n_local)
     flow.save(tmp_path / "flow.nc")
     loaded = load(tmp_path / "flow.nc")
@@ -101,7 +94,7 @@ def test_a_saved_estimate_changes_with_time_as_in_memory(
     assert save_bytes(loaded) == save_bytes(flow)
 
 
-def test_the_forecast_s_times_that_are_over_are_not_saved() -> None:
+def test_the_forecast_s_times_that_are_over_are_not_saved():
     flow = load_bytes(save_bytes(evolving()), "flow")
     assert isinstance(flow.later, Evolution)
     assert ((flow.later.process.times_ns - TIME_NS) // HOUR).tolist() == [-2, 4, 10]
@@ -112,7 +105,7 @@ def test_the_forecast_s_times_that_are_over_are_not_saved() -> None:
     assert process.since(TIME_NS + 90 * HOUR).times_ns.tolist() == [TIME_NS + 10 * HOUR]
 
 
-def test_a_forecast_alone_holds_at_any_time_also_after_it_was_saved() -> None:
+def test_a_forecast_alone_holds_at_any_time_also_after_it_was_saved():
     flow = replace(evolving(time_ns=None), time_ns=None)
     loaded = load_bytes(save_bytes(flow), "flow")
     assert loaded.time_ns is None
@@ -122,16 +115,14 @@ def test_a_forecast_alone_holds_at_any_time_also_after_it_was_saved() -> None:
         assert_equal_flows(loaded.at(TIME_NS + hours * HOUR), before)
 
 
-def test_a_static_estimate_holds_at_any_time_also_after_it_was_saved(flow: FlowEstimate) -> None:
+def test_a_static_estimate_holds_at_any_time_also_after_it_was_saved(flow):
     static = replace(flow, later=constant)
     for known in (static, load_bytes(save_bytes(static), "flow")):
         later = known.at(TIME_NS + HOUR).at(TIME_NS - HOUR)
         assert_equal_flows(later, replace(flow, time_ns=TIME_NS - HOUR))
 
 
-def test_files_of_version_2_open_without_a_model_of_time(
-    flow: FlowEstimate, tmp_path: Path
-) -> None:
+def test_files_of_version_2_open_without_a_model_of_time(flow, tmp_path):
     flow.save(tmp_path / "flow.nc")
     with h5netcdf.File(tmp_path / "flow.nc", "a") as file:
         file.attrs["replay_kit_format_version"] = np.int32(2)
@@ -142,7 +133,7 @@ def test_files_of_version_2_open_without_a_model_of_time(
         loaded.at(TIME_NS)
 
 
-def test_files_of_version_3_open_with_the_kernel_of_the_grid_s_nodes(tmp_path: Path) -> None:
+def test_files_of_version_3_open_with_the_kernel_of_the_grid_s_nodes(tmp_path):
     flow = evolving()
     flow.save(tmp_path / "flow.nc")
     with h5netcdf.File(tmp_path / "flow.nc", "a") as file:
@@ -153,9 +144,7 @@ def test_files_of_version_3_open_with_the_kernel_of_the_grid_s_nodes(tmp_path: P
     assert_equal_flows(loaded.at(TIME_NS + HOUR), flow.at(TIME_NS + HOUR))
 
 
-def test_currents_drawn_through_time_have_the_estimate_s_moments_and_the_process_s_correlation() -> (
-    None
-):
+def test_currents_drawn_through_time_have_the_estimate_s_moments_and_the_process_s_correlation():
     flow, times = evolving(3, 1), [TIME_NS, TIME_NS + 3 * HOUR, TIME_NS + 9 * HOUR]
     evolution, count = flow.later, 4_000
     assert isinstance(evolution, Evolution)
@@ -193,11 +182,11 @@ def test_currents_drawn_through_time_have_the_estimate_s_moments_and_the_process
     np.testing.assert_array_equal(same[1][2].latent, sample_through(flow, times, 2, 5)[1][2].latent)
 
 
-def covariance_of(evolution: Evolution, kept: np.ndarray) -> np.ndarray:
+def covariance_of(evolution, kept):
     return np.outer(kept, kept) * evolution.covariance() + np.diag(1.0 - kept**2)
 
 
-def test_currents_drawn_from_an_estimate_that_does_not_change_hold_at_all_times() -> None:
+def test_currents_drawn_from_an_estimate_that_does_not_change_hold_at_all_times():
     flow = replace(synthetic_flow(), later=constant)
     for through, one in zip(
         sample_through(flow, [TIME_NS, TIME_NS + HOUR], 2, 3), flow.sample(2, 3), strict=True

@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.covariance import HybridCovariance
 from replay_kit.core.flow.factors import CovarianceFactors, half_of, half_size, whole_of
-from replay_kit.core.flow.hybrid import HybridCovariance
 from replay_kit.core.flow.load import load, load_bytes
 from replay_kit.core.flow.lossless import save_bytes
 from tests.reference import estimator as slow
@@ -23,7 +22,7 @@ from tests.reference import estimator as slow
 Z, R, S = 3, 14, 2
 
 
-def factors(n_directions: int = S) -> tuple[CovarianceFactors, np.ndarray]:
+def factors(n_directions=S):
     """Return factors after five rows in some directions, and the dense covariance."""
     rng = np.random.default_rng(4)
     half = rng.standard_normal((2, R, R)) / R
@@ -46,13 +45,13 @@ def factors(n_directions: int = S) -> tuple[CovarianceFactors, np.ndarray]:
     return CovarianceFactors(prior, directions, 0.5 * (matrix + matrix.T)), after
 
 
-def flow_with(flow: FlowEstimate, n_directions: int = S) -> FlowEstimate:
+def flow_with(flow, n_directions=S):
     modes = np.random.default_rng(1).standard_normal((len(flow.latent), R))
     return replace(flow, modes=modes, covariance=factors(n_directions)[0])
 
 
 @pytest.mark.parametrize("n_directions", [0, S])
-def test_the_parts_are_those_of_the_textbook_s_covariance(n_directions: int) -> None:
+def test_the_parts_are_those_of_the_textbook_s_covariance(n_directions):
     ours, expected = factors(n_directions)
     by_level, atol = expected.reshape(Z, R, Z, R), 1e-12 * np.abs(expected).max()
     np.testing.assert_allclose(ours(None), expected, atol=atol)
@@ -66,7 +65,7 @@ def test_the_parts_are_those_of_the_textbook_s_covariance(n_directions: int) -> 
 
 
 @pytest.mark.parametrize("n_directions", [0, S])
-def test_samples_have_the_covariance(n_directions: int) -> None:
+def test_samples_have_the_covariance(n_directions):
     ours, expected = factors(n_directions)
     n = 20_000
     drawn = ours.draws(n, 3).reshape(n, -1)
@@ -75,7 +74,7 @@ def test_samples_have_the_covariance(n_directions: int) -> None:
     np.testing.assert_array_equal(ours.draws(2, 7), ours.draws(2, 7))
 
 
-def test_rows_without_noise_leave_no_scatter_in_samples() -> None:
+def test_rows_without_noise_leave_no_scatter_in_samples():
     ours, _ = factors()
     spread = np.kron(np.eye(Z), ours.directions)
     within = spread @ ours.prior.covariance() @ spread.T
@@ -86,9 +85,7 @@ def test_rows_without_noise_leave_no_scatter_in_samples() -> None:
 
 
 @pytest.mark.parametrize("n_directions", [0, S])
-def test_files_and_pickles_hold_the_factors_and_give_the_same_samples(
-    flow: FlowEstimate, n_directions: int
-) -> None:
+def test_files_and_pickles_hold_the_factors_and_give_the_same_samples(flow, n_directions):
     kept = flow_with(flow, n_directions)
     data = save_bytes(kept)
     for again in (load_bytes(data, "flow"), pickle.loads(pickle.dumps(kept))):
@@ -103,7 +100,7 @@ def test_files_and_pickles_hold_the_factors_and_give_the_same_samples(
 
 
 @pytest.mark.parametrize("kept_part", ["factor", "vertical"])
-def test_a_prior_of_one_part_alone_is_kept(flow: FlowEstimate, kept_part: str) -> None:
+def test_a_prior_of_one_part_alone_is_kept(flow, kept_part):
     kept = flow_with(flow)
     prior = kept.covariance.prior
     alone = (
@@ -117,9 +114,7 @@ def test_a_prior_of_one_part_alone_is_kept(flow: FlowEstimate, kept_part: str) -
     np.testing.assert_array_equal(again.covariance(), alone.covariance())
 
 
-def test_a_matrix_is_stored_by_half_and_one_of_version_4_still_opens(
-    flow: FlowEstimate, tmp_path
-) -> None:
+def test_a_matrix_is_stored_by_half_and_one_of_version_4_still_opens(flow, tmp_path):
     path = tmp_path / "flow.nc"
     flow = replace(flow, covariance=0.5 * (flow.weight_cov + flow.weight_cov.T))
     flow.save(path)
@@ -139,7 +134,7 @@ def test_a_matrix_is_stored_by_half_and_one_of_version_4_still_opens(
     np.testing.assert_array_equal(load(path).weight_cov, flow.weight_cov)
 
 
-def test_halves_of_matrices() -> None:
+def test_halves_of_matrices():
     matrices = np.random.default_rng(0).standard_normal((2, 4, 4))
     matrices = matrices + matrices.swapaxes(1, 2)
     half = half_of(matrices)

@@ -17,7 +17,7 @@ from tests.synthetic_flow import TIME_NS
 HERE = (5.03, 62.02, 40.0)
 
 
-def test_a_point_has_the_velocity_and_error_of_its_place_on_true_axes(make_flow) -> None:
+def test_a_point_has_the_velocity_and_error_of_its_place_on_true_axes(make_flow):
     flow = make_flow(spacing=150_000.0)
     east, north = np.array([-4e5, 3e5]), np.array([2.5e5, -2e5])
     longitude, latitude = to_geographic(flow.grid.projection, east, north)
@@ -39,7 +39,7 @@ def test_a_point_has_the_velocity_and_error_of_its_place_on_true_axes(make_flow)
     )
 
 
-def test_shapes_broadcast_and_one_point_gives_numbers(flow: FlowEstimate) -> None:
+def test_shapes_broadcast_and_one_point_gives_numbers(flow):
     grid = flow.velocity_at([[5.0], [5.05]], 62.0, [0.5, 40.0, 150.0])
     assert grid.u.shape == grid.depth.shape == grid.time.shape == (2, 3)
     one = flow.velocity_at(5.05, 62.0, 40.0)
@@ -50,7 +50,7 @@ def test_shapes_broadcast_and_one_point_gives_numbers(flow: FlowEstimate) -> Non
     assert flow.velocity_at(5.05 - 360.0, 62.0, 40.0).u == pytest.approx(one.u, rel=1e-9)
 
 
-def test_where_nothing_is_known_there_is_no_number(flow: FlowEstimate) -> None:
+def test_where_nothing_is_known_there_is_no_number(flow):
     grid = flow.grid
     land = float(grid.longitude[0, 0]), float(grid.latitude[0, 0])
     got = flow.velocity_at(
@@ -66,7 +66,7 @@ def test_where_nothing_is_known_there_is_no_number(flow: FlowEstimate) -> None:
     assert np.isnan([without.u_standard_error, without.v_standard_error]).all()
 
 
-def test_a_latitude_that_is_none_is_refused(flow: FlowEstimate) -> None:
+def test_a_latitude_that_is_none_is_refused(flow):
     with pytest.raises(
         EstimatorError,
         match=r"expected -90 to 90 degrees, got 152\.6; the order is longitude, latitude, depth",
@@ -84,7 +84,7 @@ def test_a_latitude_that_is_none_is_refused(flow: FlowEstimate) -> None:
         pd.Timestamp(TIME_NS + 3 * HOUR, tz="Europe/Oslo"),
     ],
 )
-def test_a_time_is_text_a_date_or_nanoseconds(time) -> None:
+def test_a_time_is_text_a_date_or_nanoseconds(time):
     flow = evolving()
     got, now = flow.velocity_at(*HERE, time), flow.at(TIME_NS + 3 * HOUR)
     east, north = to_local(flow.grid.projection, *HERE[:2])
@@ -96,7 +96,7 @@ def test_a_time_is_text_a_date_or_nanoseconds(time) -> None:
     assert got.time == got.estimate_time == np.datetime64(TIME_NS + 3 * HOUR, "ns")
 
 
-def test_each_point_has_its_own_time() -> None:
+def test_each_point_has_its_own_time():
     flow = evolving()
     hours = np.array([5, 0, 5, 9])
     got = flow.velocity_at(*HERE, TIME_NS + HOUR * hours)
@@ -106,7 +106,7 @@ def test_each_point_has_its_own_time() -> None:
     assert len(set(got.u.tolist())) == 3
 
 
-def test_a_time_before_the_last_observation_is_refused() -> None:
+def test_a_time_before_the_last_observation_is_refused():
     with pytest.raises(
         EstimatorError,
         match=r"2023-11-14 22:13:19Z is before the last observation of the estimate, 2023-11-14 22:13:20Z",
@@ -117,12 +117,12 @@ def test_a_time_before_the_last_observation_is_refused() -> None:
 @pytest.mark.parametrize(
     "time", [1.7e18, np.datetime64("NaT", "ns"), "yesterday", [TIME_NS, None], True]
 )
-def test_other_times_are_refused(flow: FlowEstimate, time) -> None:
+def test_other_times_are_refused(flow, time):
     with pytest.raises(ConfigError, match="ISO 8601"):
         replace(flow, later=constant).velocity_at(*HERE, time)
 
 
-def test_a_track_is_a_table_a_dataset_or_a_mapping() -> None:
+def test_a_track_is_a_table_a_dataset_or_a_mapping():
     flow = evolving()
     times = (TIME_NS + HOUR * np.array([-2, 1])).astype("datetime64[ns]")
     columns = {"longitude": [5.0, 5.02], "latitude": [62.0, 62.01], "depth": [5.0, 90.0]}
@@ -143,7 +143,7 @@ def test_a_track_is_a_table_a_dataset_or_a_mapping() -> None:
     assert flow.along(table[:0]).u.shape == (0,)
 
 
-def test_what_is_no_track_is_refused(flow: FlowEstimate) -> None:
+def test_what_is_no_track_is_refused(flow):
     with pytest.raises(
         EstimatorError,
         match=r"expected a table, dataset or mapping with longitude.* and perhaps time, got list",
@@ -154,8 +154,8 @@ def test_what_is_no_track_is_refused(flow: FlowEstimate) -> None:
 
 
 def test_a_flow_without_a_model_of_time_is_as_it_is_along_a_track_and_refused_at_a_time(
-    flow: FlowEstimate,
-) -> None:
+    flow,
+):
     got = flow.along(
         {
             "longitude": [5.0, 5.0],
@@ -171,7 +171,7 @@ def test_a_flow_without_a_model_of_time_is_as_it_is_along_a_track_and_refused_at
         flow.velocity_at(5.0, 62.0, 5.0, TIME_NS)
 
 
-def test_a_track_of_the_past_is_one_evaluation(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_track_of_the_past_is_one_evaluation(monkeypatch):
     flow, asked = evolving(), []
     at = FlowEstimate.at
     monkeypatch.setattr(
@@ -188,7 +188,7 @@ def test_a_track_of_the_past_is_one_evaluation(monkeypatch: pytest.MonkeyPatch) 
     assert asked == [TIME_NS, TIME_NS + HOUR, TIME_NS + 2 * HOUR]
 
 
-def test_points_become_tables_and_datasets(flow: FlowEstimate) -> None:
+def test_points_become_tables_and_datasets(flow):
     got = flow.velocity_at([[5.0, 5.02]], 62.0, 10.0)
     table, dataset = got.to_pandas(), got.to_xarray()
     assert table.columns.tolist() == [
@@ -207,7 +207,7 @@ def test_points_become_tables_and_datasets(flow: FlowEstimate) -> None:
     assert (table["time"] == pd.Timestamp(TIME_NS)).all()
 
 
-def test_texts_are_short_and_have_units(flow: FlowEstimate) -> None:
+def test_texts_are_short_and_have_units(flow):
     one = flow.velocity_at(*HERE)
     assert repr(one).splitlines() == [
         "Velocity at 5.0300 E, 62.0200 N, 40 m deep, 2023-11-14 22:13:20Z",
@@ -227,7 +227,7 @@ def test_texts_are_short_and_have_units(flow: FlowEstimate) -> None:
     assert "no uncertainty" in repr(flow.mean_flow())
 
 
-def test_a_grid_at_several_times_has_time_as_an_axis() -> None:
+def test_a_grid_at_several_times_has_time_as_an_axis():
     flow = evolving()
     axes = {"longitude": [4.95, 5.0, 5.05], "latitude": [61.98, 62.02], "depth": [10.0, 60.0]}
     times = (TIME_NS + HOUR * np.array([1, 7])).astype("datetime64[ns]")
@@ -247,5 +247,5 @@ def test_a_grid_at_several_times_has_time_as_an_axis() -> None:
     ] == float(chosen["u"])
 
 
-def test_a_table_leaves_out_what_is_not_known(flow: FlowEstimate) -> None:
+def test_a_table_leaves_out_what_is_not_known(flow):
     assert len(flow.to_pandas()) == flow.grid.wet.sum() < flow.grid.wet.size

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.estimate import FlowEstimate
 
 
-def test_the_factor_is_that_of_the_covariance_and_is_kept(flow: FlowEstimate) -> None:
+def test_the_factor_is_that_of_the_covariance_and_is_kept(flow):
     np.testing.assert_allclose(
         flow.weight_factor @ flow.weight_factor.T, flow.weight_cov, atol=1e-14
     )
@@ -32,7 +31,7 @@ def test_the_factor_is_that_of_the_covariance_and_is_kept(flow: FlowEstimate) ->
 
 
 @pytest.mark.parametrize("rank", [0, 2])
-def test_a_covariance_without_full_rank_has_a_factor(flow: FlowEstimate, rank: int) -> None:
+def test_a_covariance_without_full_rank_has_a_factor(flow, rank):
     size = flow.weight_cov.shape[0]
     half = np.random.default_rng(rank).standard_normal((size, rank))
     low = replace(flow, covariance=half @ half.T)
@@ -43,6 +42,6 @@ def test_a_covariance_without_full_rank_has_a_factor(flow: FlowEstimate, rank: i
         np.testing.assert_array_equal(low.sample(1, 0)[0].latent, flow.latent)
 
 
-def test_a_covariance_that_is_not_a_number_is_refused(flow: FlowEstimate) -> None:
+def test_a_covariance_that_is_not_a_number_is_refused(flow):
     with pytest.raises(EstimatorError, match="covariance is not a number everywhere"):
         replace(flow, covariance=np.full_like(flow.weight_cov, np.nan)).sample(3, 0)

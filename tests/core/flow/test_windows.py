@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.core.flow.windows import best_velocity_at
+from replay_kit.core.flow.points import best_velocity_at
 from tests.synthetic_flow import TIME_NS, synthetic_flow
 
 PLACE = (5.03, 62.02, 40.0)

@@ -31,14 +31,6 @@ def profiles(n, seed=0):
     return out, places, values
 
 
-def run(estimator, observations):
-    state, said = estimator.initial(), []
-    for observation in observations:
-        state, innovation = estimator.step(state, observation)
-        said.append(innovation)
-    return state, said
-
-
 def at_nodes(flow):
     """Velocity at all nodes and levels, shape (Z, 2N)."""
     nodes = GRID.nodes

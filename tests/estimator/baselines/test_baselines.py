@@ -32,9 +32,9 @@ from tests.estimator.baselines.small import (
     local_twin,
     members_at,
     profiles,
-    run,
     std_at_nodes,
 )
+from tests.estimator.runs import run
 from tests.reference import baselines as slow
 from tests.reference.estimator import kalman_update
 
@@ -303,18 +303,6 @@ def test_depth_average_needs_no_uncertainty():
     averaged = average_over_depth(flow.flow(flow.initial()), 220.0)
     assert averaged.n_modes == 0
     assert np.ptp(averaged.velocity(0.0, 0.0, np.array([0.0, 100.0, 220.0])), axis=0).max() < 1e-12
-
-
-@pytest.mark.parametrize("name", BASELINES)
-def test_an_unusable_profile_changes_nothing(name):
-    estimator = build_baseline(name, SMALL, CONFIG, depth=100.0)
-    state = estimator.initial()
-    deep = synthetic.profile(GRID, 0.0, 0.0, DEPTHS + 1000.0, np.zeros((3, 2)))
-    after, said = estimator.step(state, deep)
-    assert after is state
-    assert not said.accepted
-    assert said.dof == 0
-    assert np.isnan(estimator.innovation(state, deep)).all()
 
 
 @pytest.mark.parametrize("name", BASELINES)

@@ -25,8 +25,8 @@ from tests.estimator.baselines.small import (
     STD,
     at_nodes,
     profiles,
-    run,
 )
+from tests.estimator.runs import run
 from tests.reference.lattice import matrix as functions_at
 
 with warnings.catch_warnings():

@@ -132,21 +132,6 @@ def test_an_unknown_platform_is_the_limit_of_a_badly_known_one_and_its_speed_doe
     assert np.abs(np.nansum(said["one"][2].innovation, axis=0)).max() < 0.5
 
 
-def test_one_bin_relative_to_an_unknown_platform_says_nothing():
-    estimator = build_estimator(SMALL, EstimatorConfig(modes=8))
-    (observation,) = synthetic.random_profiles(SMALL.grid, 1)
-    flags = np.full(observation.depth.size, Flag.MISSING, np.int8)
-    flags[0] = Flag.GOOD
-    state, said = estimator.step(
-        estimator.initial(),
-        replace(observation, flags=flags, common_std=np.inf, reference="platform"),
-    )
-    assert not said.accepted
-    assert said.decision == "unusable"
-    assert said.reasons[0] & Reason.PLATFORM_REFERENCE
-    assert state.time_ns is None
-
-
 @pytest.mark.parametrize("wrong", ["nan", "inf", "no error", "error without end"])
 def test_bins_that_are_no_measurement_are_left_out(wrong):
     estimator = build_estimator(SMALL, EstimatorConfig(modes=8), GatingConfig())

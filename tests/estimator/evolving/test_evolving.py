@@ -17,6 +17,7 @@ from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.state_space import StateSpace
 from replay_kit.estimator.update.evaluation import predict_observation
 from tests import synthetic
+from tests.estimator.runs import after
 from tests.reference import evolving as slow
 
 DAY = 86_400 * 10**9
@@ -79,14 +80,8 @@ def test_the_filter_is_the_joint_gaussian_of_all_observations():
     pooled = replace(members[0], velocity=np.concatenate([m.velocity for m in members]))
     static = build_estimator(pooled, CONFIG)
     observations = profiles(9)
-    state = estimator.initial()
-    designs, values, factors = [], [], []
-    for observation in observations:
-        state, said = estimator.step(state, observation)
-        design, value = rows_of(estimator, observation, static)
-        designs.append(design / np.sqrt(said.error_inflation))
-        values.append(value / np.sqrt(said.error_inflation))
-        factors.append(said.error_inflation)
+    designs, values = inflated_rows(estimator, observations, static)
+    state = after(estimator, observations)
     times = [o.time_ns for o in observations]
     for at in (times[-1], times[-1] + DAY):
         mean, cov = slow.joint(estimator.operator.process, designs, times, values, at)
@@ -130,7 +125,7 @@ def test_a_very_long_scale_is_none():
     states = []
     for scale in ("static", 1e22):
         estimator = build_evolving(forecasts(), CONFIG, TimeConfig(scale=scale, dropped_std=0.0))
-        *_, (state, _) = estimator.steps(estimator.initial(), profiles(12))
+        state = after(estimator, profiles(12))
         states.append(state)
     np.testing.assert_allclose(states[0].mean, states[1].mean, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(states[0].cov, states[1].cov, rtol=0.0, atol=1e-12)
@@ -138,7 +133,7 @@ def test_a_very_long_scale_is_none():
 
 def test_uncertainty_grows_from_the_last_observation_towards_the_forecast_s():
     estimator = build_evolving(forecasts(), CONFIG, TimeConfig(scale=86_400.0))
-    *_, (state, _) = estimator.steps(estimator.initial(), profiles(12))
+    state = after(estimator, profiles(12))
     grid = forecasts(1)[0].grid
     at = grid.east.ravel(), grid.north.ravel(), np.full(grid.east.size, 60.0)
     # beyond the last forecast its spread stays, so what grows is forgetting alone
@@ -146,8 +141,8 @@ def test_uncertainty_grows_from_the_last_observation_towards_the_forecast_s():
         estimator.flow(estimator.predict(state, 4 * DAY + k * DAY)).standard_error(*at)
         for k in range(5)
     ]
-    for before, after in pairwise(errors):
-        assert np.all(after > before)
+    for before, later in pairwise(errors):
+        assert np.all(later > before)
     prior = estimator.flow(estimator.predict(estimator.initial(), 40 * DAY)).standard_error(*at)
     np.testing.assert_allclose(
         estimator.flow(state).at(40 * DAY).standard_error(*at), prior, rtol=1e-6
@@ -158,7 +153,7 @@ def test_an_estimate_for_a_later_time_is_that_of_the_predicted_state():
     """Also where the state has biases and oscillations beside the process."""
     time = TimeConfig(scale=86_400.0, oscillators=("inertial",), biases=("heading",))
     estimator = build_evolving(forecasts(), CONFIG, time)
-    *_, (state, _) = estimator.steps(estimator.initial(), profiles(12))
+    state = after(estimator, profiles(12))
     for time_ns in (DAY, 4 * DAY, 6 * DAY):
         predicted, later = (
             estimator.flow(estimator.predict(state, time_ns)),
@@ -219,25 +214,22 @@ def test_an_observation_older_than_the_state_is_left_out_and_says_so():
     estimator = build_evolving(forecasts(), CONFIG, WHOLE)
     first, second = profiles(2)
     state, _ = estimator.step(estimator.initial(), second)
-    after, said = estimator.step(state, first)
-    assert after is state
+    same, said = estimator.step(state, first)
+    assert same is state
     assert said.decision == "rejected"
     assert np.all(said.reasons & Reason.OUT_OF_ORDER)
 
 
 def test_a_rejected_profile_leaves_the_state_untouched():
     estimator = build_evolving(forecasts(), CONFIG, WHOLE, GatingConfig())
-    state = estimator.initial()
-    for observation in profiles(6):
-        state, _ = estimator.step(state, observation)
-    wrong = replace(
-        observation, velocity=observation.velocity + 3.0, time_ns=observation.time_ns + DAY // 10
-    )
-    after, said = estimator.step(state, wrong)
+    log = profiles(6)
+    state, last = after(estimator, log), log[-1]
+    wrong = replace(last, velocity=last.velocity + 3.0, time_ns=last.time_ns + DAY // 10)
+    same, said = estimator.step(state, wrong)
     assert said.decision == "rejected"
-    assert after.time_ns == state.time_ns
-    np.testing.assert_array_equal(after.mean, state.mean)
-    np.testing.assert_array_equal(after.cov, state.cov)
+    assert same.time_ns == state.time_ns
+    np.testing.assert_array_equal(same.mean, state.mean)
+    np.testing.assert_array_equal(same.cov, state.cov)
 
 
 def test_a_flow_without_a_model_of_time_refuses_another_time():

@@ -1,5 +1,7 @@
 """The smoother against one joint Gaussian of all observations, and against the filter."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,38 +13,38 @@ from replay_kit.estimator.evolving.smoother import smooth
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, inflated_rows, profiles
 from tests.reference import evolving as slow
 
+LATE = 15 * 60 * 10**9
 FORGETFUL = TimeConfig(scale=2 * 86_400.0, dropped_std=0.0)
 
 
 def pooled_static(members):
-    from dataclasses import replace
-
     return build_estimator(
         replace(members[0], velocity=np.concatenate([m.velocity for m in members])), CONFIG
     )
 
 
+@pytest.mark.parametrize("late", [False, True])
 @pytest.mark.parametrize("lag_days", [None, 1.0])
-def test_the_smoother_is_the_joint_gaussian_of_what_it_may_use(lag_days):
+def test_the_smoother_is_the_joint_gaussian_of_what_it_may_use(lag_days, late):
+    """A late observation is in it where the filter counted it: at the time of the one before."""
     members = forecasts()
     estimator, static = build_evolving(members, CONFIG, FORGETFUL), pooled_static(members)
     observations = profiles(9)
+    if late:
+        observations[5] = replace(observations[5], time_ns=observations[4].time_ns - LATE)
     designs, values = inflated_rows(estimator, observations, static)
     times = [o.time_ns for o in observations]
+    counted = [*times[:5], max(times[4:6]), *times[6:]]
     wanted = [times[4], 0, times[2] + DAY // 7, times[-1], times[-1] + DAY]
-    flows = smooth(
-        estimator, observations, wanted, None if lag_days is None else lag_days * 86_400.0
-    )
-    for at, flow in zip(wanted, flows, strict=True):
+    if late:
+        around = (-LATE // 3, -DAY // 4, DAY // 4)
+        wanted += [times[5], times[3], *(times[4] + off for off in around)]
+    lag = None if lag_days is None else lag_days * 86_400.0
+    for at, flow in zip(wanted, smooth(estimator, observations, wanted, lag), strict=True):
         last = times[-1] if lag_days is None else at + int(lag_days * DAY)
-        used = [k for k, time in enumerate(times) if time <= max(last, at)]
-        mean, cov = slow.joint(
-            estimator.operator.process,
-            [designs[k] for k in used],
-            [times[k] for k in used],
-            [values[k] for k in used],
-            at,
-        )
+        used = [k for k, time in enumerate(counted) if time <= max(last, at)]
+        of_used = ([each[k] for k in used] for each in (designs, times, values))
+        mean, cov = slow.joint(estimator.operator.process, *of_used, at, [counted[k] for k in used])
         latent = estimator.basis.offset + estimator.basis.modes @ mean.reshape(3, -1).T
         np.testing.assert_allclose(flow.latent, latent, atol=1e-8 * np.abs(latent).max())
         np.testing.assert_allclose(flow.weight_cov, cov, atol=1e-8 * np.abs(cov).max())

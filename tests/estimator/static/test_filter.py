@@ -1,33 +1,22 @@
 """The estimator against its slow twin, online against batch, and the physics every basis flow must obey."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.geodesy import rotate_to_local, to_local
-from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.basis.slices import ensemble_slices
 from replay_kit.estimator.update.rows import dependence_inflation
 from tests import synthetic
+from tests.estimator.runs import run
 from tests.reference import estimator as slow
 from tests.reference.lattice import matrix as functions_at
 from tests.reference.representation import error_at
 
 SMALL = synthetic.ensemble(n_members=5, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
 DEFAULT = EstimatorConfig(mean_variance=0.1)
-
-
-def run(estimator, observations):
-    state = estimator.initial()
-    innovations = []
-    for observation in observations:
-        state, innovation = estimator.step(state, observation)
-        innovations.append(innovation)
-    return state, innovations
 
 
 def local_values(grid, observation):
@@ -143,27 +132,6 @@ def test_innovation_std_and_residual_are_those_of_the_uncompressed_profile():
     assert np.isnan(innovation.innovation[~used]).all()
 
 
-def test_an_unusable_profile_changes_nothing_and_says_why():
-    estimator = build_estimator(SMALL, DEFAULT)
-    state = estimator.initial()
-    observation = synthetic.random_profiles(SMALL.grid, 1)[0]
-    missing = replace(
-        observation,
-        velocity=np.full_like(observation.velocity, np.nan),
-        flags=np.full(11, Flag.MISSING, np.int8),
-    )
-    after, innovation = estimator.step(state, missing)
-    assert after is state
-    assert not innovation.accepted
-    outside = replace(observation, longitude=160.0)
-    after, innovation = estimator.step(state, outside)
-    assert after is state
-    assert np.all(innovation.reasons & Reason.OUTSIDE_REGION)
-    deep = replace(observation, depth=observation.depth + 1000.0)
-    _, innovation = estimator.step(state, deep)
-    assert np.all(innovation.reasons & Reason.BELOW_GRID)
-
-
 @pytest.mark.parametrize("preset", ["default", "paper"])
 def test_estimate_and_modes_are_divergence_free(preset):
     """Analytic: the velocity is the rotated gradient of a stream function; here by fourth-order differences."""
@@ -224,17 +192,19 @@ def test_measurements_shrink_the_uncertainty_everywhere():
 
 def test_inflation_is_one_for_independent_residuals_and_ar1_s_for_correlated_ones():
     rng = np.random.default_rng(0)
-    assert dependence_inflation(rng.standard_normal((22, 2))) == 1.0
+
+    def inflation(series):
+        return dependence_inflation(series[None], np.array([series.size]))
+
+    assert inflation(rng.standard_normal((22, 2))) == 1.0
     for rho in (0.6, 0.9):
         noise = rng.standard_normal((20_000, 2))
         series = np.zeros_like(noise)
         for k in range(1, len(series)):
             series[k] = rho * series[k - 1] + np.sqrt(1 - rho**2) * noise[k]
-        assert dependence_inflation(series) == pytest.approx((1 + rho) / (1 - rho), rel=0.1)
+        assert inflation(series) == pytest.approx((1 + rho) / (1 - rho), rel=0.1)
         # twice the residual is four times the variance
-        assert dependence_inflation(2.0 * series) == pytest.approx(
-            4 * (1 + rho) / (1 - rho), rel=0.1
-        )
+        assert inflation(2.0 * series) == pytest.approx(4 * (1 + rho) / (1 - rho), rel=0.1)
 
 
 def test_correlated_bins_move_the_estimate_as_the_inflated_errors_would_and_paper_never_inflates():

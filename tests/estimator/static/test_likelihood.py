@@ -100,17 +100,19 @@ def test_of_relative_profiles_it_is_the_density_of_their_differences(unreference
     assert found.dof == values.size
 
 
-def test_a_relative_profile_of_one_bin_says_nothing():
-    profiles, bins = [relative(PROFILES[0]), *PROFILES[1:]], [BINS[0][:1], *BINS[1:]]
+@pytest.mark.parametrize("bins", [0, 1])
+def test_a_profile_without_bins_says_nothing_and_a_relative_one_of_one_bin_neither(bins):
+    first = relative(PROFILES[0]) if bins else PROFILES[0]
+    profiles, some = [first, *PROFILES[1:]], [BINS[0][:bins], *BINS[1:]]
     ours, theirs = (
-        predict_jointly(ESTIMATOR, profiles, bins),
+        predict_jointly(ESTIMATOR, profiles, some),
         predict_jointly(ESTIMATOR, PROFILES[1:], BINS[1:]),
     )
     assert ours.of(profiles) == theirs.of(PROFILES[1:])
 
 
-def test_one_relative_profile_is_what_the_filter_says_of_it():
-    profile = relative(PROFILES[0])
+@pytest.mark.parametrize("profile", [PROFILES[0], relative(PROFILES[0])])
+def test_one_profile_is_what_the_filter_says_of_it(profile):
     _, innovation = ESTIMATOR.step(ESTIMATOR.initial(), profile)
     found = predict_jointly(ESTIMATOR, [profile], BINS[:1]).of([profile])
     assert (found.nis, found.dof) == (pytest.approx(innovation.nis, rel=1e-9), innovation.dof)
@@ -123,19 +125,3 @@ def test_other_velocities_need_no_other_prediction():
     assert ours.log == pytest.approx(
         predict_jointly(ESTIMATOR, turned, BINS).of(turned).log, rel=1e-12
     )
-
-
-def test_one_profile_is_what_the_filter_says_of_it():
-    state, used = ESTIMATOR.initial(), BINS[0]
-    _, innovation = ESTIMATOR.step(state, PROFILES[0])
-    found = predict_jointly(ESTIMATOR, PROFILES[:1], [used]).of(PROFILES[:1])
-    assert (found.nis, found.dof) == (pytest.approx(innovation.nis, rel=1e-9), innovation.dof)
-
-
-def test_a_profile_without_bins_says_nothing():
-    none = [np.array([], dtype=np.intp), *BINS[1:]]
-    ours, theirs = (
-        predict_jointly(ESTIMATOR, PROFILES, none),
-        predict_jointly(ESTIMATOR, PROFILES[1:], BINS[1:]),
-    )
-    assert ours.of(PROFILES) == theirs.of(PROFILES[1:])

@@ -15,6 +15,7 @@ from replay_kit.estimator.update.representation import PosteriorCovariance
 from replay_kit.estimator.windows.filter import hand_over
 from replay_kit.workflows.replay.store.pickling import dump, load
 from tests import synthetic
+from tests.estimator.runs import after
 from tests.reference import estimator as slow
 
 GIVEN = synthetic.ensemble(n_members=7, shape=(6, 7), levels=np.array([5.0, 90.0, 220.0]))
@@ -39,13 +40,6 @@ def profiles(n, factor=1.0, seed=0):
             )
         )
     return out
-
-
-def after(estimator, observations):
-    state = estimator.initial()
-    for observation in observations:
-        state, _ = estimator.step(state, observation)
-    return state
 
 
 def twin(observations):
@@ -100,8 +94,7 @@ def test_online_in_blocks_and_from_a_checkpoint_are_the_same():
     online = after(ESTIMATOR, observations)
     *_, (at_once, _) = ESTIMATOR.steps(ESTIMATOR.initial(), observations)
     half = pickle.loads(pickle.dumps(after(ESTIMATOR, observations[:13])))
-    for observation in observations[13:]:
-        half, _ = ESTIMATOR.step(half, observation)
+    half = after(ESTIMATOR, observations[13:], half)
     assert online.mean_amplitude.profiles is None or online.mean_amplitude.profiles >= 8
     for other in (at_once, half):
         np.testing.assert_allclose(other.mean, online.mean, rtol=1e-8, atol=1e-10)
@@ -113,9 +106,7 @@ def test_a_state_stays_as_it_is_when_others_go_on_from_it():
     state = after(ESTIMATOR, observations[:3])
     before = state.mean.copy(), state.posterior.covariance()
     for order in (observations[3:], observations[:2:-1]):
-        again = state
-        for observation in order:
-            again, _ = ESTIMATOR.step(again, observation)
+        after(ESTIMATOR, order, state)
     np.testing.assert_array_equal(state.posterior.covariance(), before[1])
     np.testing.assert_array_equal(state.mean, before[0])
 

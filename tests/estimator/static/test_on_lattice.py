@@ -11,6 +11,7 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.basis import modes
 from tests import synthetic
+from tests.estimator.runs import after
 
 WORLD = synthetic.ensemble(n_members=8, shape=(9, 11), levels=np.array([5.0, 90.0, 220.0]))
 OBSERVATIONS = synthetic.random_profiles(WORLD.grid, 6)
@@ -19,10 +20,7 @@ OBSERVATIONS = synthetic.random_profiles(WORLD.grid, 6)
 def estimated(ensemble: Ensemble) -> tuple[FlowEstimate, FlowEstimate]:
     """Return the prior's flow and that after all observations."""
     estimator = build_estimator(ensemble, EstimatorConfig(sample_share=0.5, spread=1.0))
-    state = estimator.initial()
-    for observation in OBSERVATIONS:
-        state, _ = estimator.step(state, observation)
-    return estimator.flow(estimator.initial()), estimator.flow(state)
+    return estimator.flow(estimator.initial()), estimator.flow(after(estimator, OBSERVATIONS))
 
 
 def test_increments_and_standard_errors_off_the_nodes_are_those_of_the_dense_kernel(
@@ -45,8 +43,8 @@ def test_increments_and_standard_errors_off_the_nodes_are_those_of_the_dense_ker
         rng.uniform(0.0, 220.0, 100),
     )
     ours, theirs = (
-        after.velocity(*places) - before.velocity(*places) for before, after in (lattice, nodes)
+        then.velocity(*places) - before.velocity(*places) for before, then in (lattice, nodes)
     )
     assert np.linalg.norm(ours - theirs) < 1e-3 * np.linalg.norm(theirs)
-    ours, theirs = (after.standard_error(*places) for _, after in (lattice, nodes))
+    ours, theirs = (then.standard_error(*places) for _, then in (lattice, nodes))
     np.testing.assert_allclose(ours, theirs, rtol=1e-3)

@@ -16,6 +16,7 @@ from replay_kit.estimator.static.likelihood import predict_jointly
 from replay_kit.estimator.static.state import SpreadFit
 from replay_kit.estimator.update.rows import path_rows
 from tests import synthetic
+from tests.estimator.runs import after
 
 GIVEN = synthetic.ensemble(n_members=6, shape=(6, 7), levels=np.array([5.0, 90.0, 220.0]))
 GRID = GIVEN.grid
@@ -55,11 +56,9 @@ def path(seed):
     )
 
 
-def after(estimator, profiles):
-    state = estimator.initial()
-    for profile in profiles:
-        state, _ = estimator.step(state, profile)
-    return state
+def unfitted(amplitude):
+    """The estimator with an amplitude that stays."""
+    return replace(ESTIMATOR, prior=ScaledPrior(ESTIMATOR.prior, amplitude), spread=None)
 
 
 def test_made_members_are_fitted_and_true_ones_are_not():
@@ -100,9 +99,7 @@ def test_it_is_the_likeliest_for_the_profiles_so_far_and_the_estimate_is_made_wi
     )
     assert state.spread.amplitude == pytest.approx(amplitude, rel=1e-4)
     assert state.spread.fitted_to == count
-    scaled = replace(
-        ESTIMATOR, prior=ScaledPrior(ESTIMATOR.prior, state.spread.amplitude), spread=None
-    )
+    scaled = unfitted(state.spread.amplitude)
     alone = after(scaled, PROFILES[:count])
     np.testing.assert_allclose(state.mean, alone.mean, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(
@@ -111,10 +108,8 @@ def test_it_is_the_likeliest_for_the_profiles_so_far_and_the_estimate_is_made_wi
 
 
 def test_the_innovation_published_was_predicted_before_the_fit():
-    before, (_, innovation) = (
-        after(ESTIMATOR, PROFILES[:7]),
-        ESTIMATOR.step(after(ESTIMATOR, PROFILES[:7]), PROFILES[7]),
-    )
+    before = after(ESTIMATOR, PROFILES[:7])
+    _, innovation = ESTIMATOR.step(before, PROFILES[7])
     np.testing.assert_allclose(
         innovation.innovation, ESTIMATOR.innovation(before, PROFILES[7]), rtol=1e-9, atol=1e-12
     )
@@ -124,8 +119,7 @@ def test_online_in_blocks_and_from_a_pickle_are_the_same():
     online = after(ESTIMATOR, PROFILES[:40])
     *_, (at_once, _) = ESTIMATOR.steps(ESTIMATOR.initial(), PROFILES[:40])
     half = pickle.loads(pickle.dumps(after(ESTIMATOR, PROFILES[:13])))
-    for profile in PROFILES[13:40]:
-        half, _ = ESTIMATOR.step(half, profile)
+    half = after(ESTIMATOR, PROFILES[13:40], half)
     for other in (at_once, half):
         np.testing.assert_allclose(other.mean, online.mean, rtol=1e-8, atol=1e-11)
         assert other.spread.amplitude == pytest.approx(online.spread.amplitude, rel=1e-12)
@@ -155,12 +149,8 @@ def test_more_innovations_than_are_fitted_end_the_fit(monkeypatch):
     ended = after(ESTIMATOR, PROFILES[:9])
     assert ended.spread.past is None
     assert (ended.spread.amplitude, ended.spread.fitted_to) == (ESTIMATOR.spread.amplitude, 0)
-    unfitted = replace(
-        ESTIMATOR, prior=ScaledPrior(ESTIMATOR.prior, ESTIMATOR.spread.amplitude), spread=None
-    )
-    np.testing.assert_allclose(
-        ended.mean, after(unfitted, PROFILES[:9]).mean, rtol=1e-9, atol=1e-12
-    )
+    expected = after(unfitted(ESTIMATOR.spread.amplitude), PROFILES[:9])
+    np.testing.assert_allclose(ended.mean, expected.mean, rtol=1e-9, atol=1e-12)
     monkeypatch.setattr("replay_kit.estimator.static.state._MOST_INNOVATIONS", 48)
     assert after(ESTIMATOR, PROFILES[:8]).spread.fitted_to == 8
 
@@ -170,7 +160,7 @@ def test_mean_currents_alone_fit_it_too():
     state = after(ESTIMATOR, dives)
     assert state.spread.fitted_to == 8
     rows = [path_rows(dive, ESTIMATOR.basis, ESTIMATOR.representation_std) for dive in dives]
-    design = np.concatenate([each.design.reshape(2, -1) for each in rows])
+    design = np.concatenate([each.design() for each in rows])
     innovation = (
         np.concatenate([(each.values / each.noise.std[0]).ravel() for each in rows])
         - design @ ESTIMATOR.prior.mean
@@ -182,9 +172,7 @@ def test_mean_currents_alone_fit_it_too():
     # the middle of a path is its place
     east, north = to_local(GIVEN.grid.projection, dives[0].longitude, dives[0].latitude)
     np.testing.assert_allclose(state.spread.apart[0][1], [east.mean(), north.mean()])
-    scaled = replace(
-        ESTIMATOR, prior=ScaledPrior(ESTIMATOR.prior, state.spread.amplitude), spread=None
-    )
+    scaled = unfitted(state.spread.amplitude)
     np.testing.assert_allclose(state.mean, after(scaled, dives).mean, rtol=1e-9, atol=1e-12)
 
 

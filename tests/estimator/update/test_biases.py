@@ -17,16 +17,17 @@ from replay_kit.estimator.update.biases import (
     NAMES,
     Biases,
     BiasScore,
+    bias_rows,
     in_words,
-    relative_velocity,
     scale_jacobian,
     unit_bias_rows,
 )
+from replay_kit.estimator.update.gate import gate_innovations
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior
-from replay_kit.estimator.update.screening import screen_measurement
+from replay_kit.estimator.update.screening import relative_velocities, screen_measurement
+from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.profiles import random_observations
 from tests import synthetic
 from tests.estimator.evolving.test_extras import faulty
 from tests.estimator.update.test_path_mean import dive
@@ -81,14 +82,16 @@ def test_the_evidence_is_the_score_of_a_gaussian_s_likelihood():
     cov = design @ estimator.prior.covariance() @ design.T + np.eye(len(design))
     units = unit_bias_rows(
         replace(screen_measurement(profile, ENSEMBLE.grid), used=used),
-        ENSEMBLE.grid.projection,
+        ENSEMBLE.grid,
         rows,
         np.zeros((6, 2)),
     )
     evidence = BiasScore().updated(units, innovation, cov, 0.0)
-    relative = relative_velocity(profile, used, ENSEMBLE.grid.projection)
+    is_used = np.isin(np.arange(profile.depth.size), used)
+    (relative,) = relative_velocities([profile], is_used[None], ENSEMBLE.grid)
     for k, name in enumerate(NAMES):
-        (column,) = Biases((name,), np.ones(1)).columns(profile.depth[used], relative)
+        bias = Biases((name,), np.ones(1))
+        column = np.hstack([bias.functions(profile.depth[used]) @ f for f in bias.factor(relative)])
 
         def log_likelihood(size, column=column):
             left = innovation - size * rows.compress(column)[0]
@@ -102,17 +105,16 @@ def test_the_evidence_is_the_score_of_a_gaussian_s_likelihood():
 
 
 def test_a_shear_goes_along_the_way_through_the_water_expected_and_is_what_a_state_says_without_its_own():
-    shear = Biases(("shear",), np.ones(1))
-    depth, relative, innovation = (
-        np.array([10.0, 30.0, 70.0]),
-        np.array([[0.3, 0.1], [0.2, 0.0], [0.1, -0.1]]),
-        np.full((3, 2), [0.2, -0.3]),
+    relative, innovation = np.array([[0.2, 0.0]]), np.array([[0.2, -0.3]])
+    distance = np.array([0.0, 20.0, 60.0])
+    along, measured = (
+        bias_rows(np.ones((1, 3)), distance[None], relative, off)[0, ..., NAMES.index("shear")]
+        for off in (innovation, 0.0 * innovation)
     )
-    (column,) = shear.columns(depth, relative, innovation)
-    np.testing.assert_allclose(column, np.outer([0.0, 20.0, 60.0], [0.0, -1.0]), atol=1e-12)
-    np.testing.assert_array_equal(
-        shear.columns(depth, relative, 0.0 * innovation), shear.columns(depth, relative)
-    )
+    np.testing.assert_allclose(along, np.outer([0.0, -1.0], distance), atol=1e-12)
+    of_state = Biases(("shear",), np.ones(1))
+    column = of_state.functions(10.0 + distance) @ of_state.factor(relative[0])
+    np.testing.assert_allclose(measured, column[..., 0])
 
 
 def test_the_water_s_own_shear_is_no_error_of_the_instrument():
@@ -132,7 +134,7 @@ def test_the_water_s_own_shear_is_no_error_of_the_instrument():
         pairs = [
             unit_bias_rows(
                 replace(screen_measurement(sheared, ENSEMBLE.grid), used=used),
-                ENSEMBLE.grid.projection,
+                ENSEMBLE.grid,
                 rows,
                 off,
             )[:, 2]
@@ -203,7 +205,10 @@ def test_the_stretch_is_the_slope_of_the_measure_of_what_is_logged():
         one = replace(profile, common_std=common_std)
         rows = estimator.rows(one, np.arange(1))
         # an innovation as large as its covariance says
-        assert scale_jacobian(one, rows, np.ones(2), np.eye(2)) == pytest.approx(expected, abs=1e-3)
+        nothing = np.array([0.0]), np.array([0])
+        gates = gate_innovations(np.ones((1, 2)), np.zeros((1, 2, 2)), np.array([2]), nothing, None)
+        found = scale_jacobian(gates, np.ones(1), rows.ones()[None], np.array([common_std]))
+        assert found == pytest.approx(expected, abs=1e-3)
 
 
 @pytest.mark.full

@@ -14,17 +14,27 @@ from replay_kit.estimator import build_estimator
 from replay_kit.estimator.update.gate import (
     ConsistencyMonitor,
     GateResult,
-    gate_innovation,
+    gate_innovations,
     softened_variance,
 )
+from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.profiles import random_observations
 from tests import synthetic
 
 FEW = np.array([5.0, 60.0, 150.0, 300.0])
 ENSEMBLE = synthetic.ensemble(n_members=24, shape=(6, 7), levels=FEW)
 TRUST = GatingConfig()
 OPEN = GatingConfig(gate="off", adapt_errors=False, inflate=False)
+
+
+def gate_innovation(innovation, cov, residual, config, is_consistent=True):
+    """The gate's decision on one profile."""
+    square, dof = (np.array([each]) for each in residual)
+    size = np.array([innovation.size])
+    gates = gate_innovations(
+        innovation[None], cov[None], size, (square, dof), config, is_consistent
+    )
+    return gates.result(0)
 
 
 def sound_profiles(n, noise=0.09):

@@ -15,7 +15,7 @@ from replay_kit.core.flow.covariance import quadratic_form, sums_for
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.factors import covariance_of_sum
 from replay_kit.core.grid import Ensemble
-from replay_kit.estimator import build_estimator
+from replay_kit.estimator import FilterState, build_estimator
 from replay_kit.estimator.baselines import build_named
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.prior.amplitude import ScaledPrior
@@ -29,29 +29,17 @@ from replay_kit.estimator.update.reduced_subspace import (
 from replay_kit.estimator.update.representation import PosteriorCovariance, to_full_covariance
 from replay_kit.results.slices import depth_slice
 from tests import synthetic
+from tests.estimator.runs import after
+from tests.estimator.update.test_representation import observed
 
 LEVELS = np.array([5.0, 90.0, 220.0, 300.0])
 WORLD = synthetic.ensemble(n_members=9, shape=(5, 7), levels=LEVELS)
-DEPTH = 10.0 + 20.0 * np.arange(11)
 CHOSEN = (2, 0)
 
 
-def observed(n, seed):
-    rng = np.random.default_rng(seed)
-    places, noise = (
-        rng.uniform(-1.5e4, 1.5e4, (n, 2)),
-        0.2 * rng.standard_normal((n, DEPTH.size, 2)),
-    )
-    return [
-        synthetic.profile(WORLD.grid, *place, DEPTH, v, time_ns=k)
-        for k, (place, v) in enumerate(zip(places, noise, strict=True))
-    ]
-
-
 def last_state(estimator, seed=0, state=None):
-    return list(
-        estimator.steps(estimator.initial() if state is None else state, observed(6, seed))
-    )[-1][0]
+    places = np.random.default_rng(seed + 100).uniform(-1.5e4, 1.5e4, (6, 2))
+    return after(estimator, observed(places, seed, world=WORLD), state)
 
 
 def static(preset):
@@ -80,7 +68,7 @@ def posteriors():
         yield to_reduced_subspace(first, directions(first.profile_basis * std), std)
         whole = to_full_covariance(first)
         yield whole
-        yield last_state(estimator, 1, type(last_state(estimator))(whole, None)).posterior
+        yield last_state(estimator, 1, FilterState(whole)).posterior
 
 
 @pytest.mark.parametrize("index", range(8))

@@ -99,8 +99,7 @@ def test_a_static_estimate_takes_a_mean_as_the_textbook_does(n_profiles):
     ]
     std = float(np.hypot(path.error_std, path.weight @ np.array(of_points)))
     rows = path_rows(path, estimator.basis, estimator.representation_std)
-    size = estimator.state_size
-    design, value = rows.design.reshape(2, size) * std, rows.values.ravel()
+    design, value = rows.design() * std, rows.values.ravel()
     mean, cov, nis, _ = slow.kalman_update(
         state.mean, state.posterior.covariance(), design, value, std**2 * np.eye(2)
     )
@@ -137,7 +136,7 @@ def test_profiles_and_means_in_any_order_are_one_prior_and_all_rows():
         )
         innovation = rows.compress(rows.values)[0] - predicted.mean
         posterior = predicted.posterior(predicted.augmented_innovation(innovation, None), 1.5)
-        design = rows.design() if path is None else rows.design.reshape(2, -1)
+        design = rows.design()
         mean, cov, _, _ = slow.kalman_update(
             mean, cov, design, rows.compress(rows.values)[0], 1.5**2 * np.eye(len(design))
         )

@@ -30,6 +30,7 @@ from replay_kit.estimator.update.representation import (
     to_full_covariance,
 )
 from tests import synthetic
+from tests.estimator.runs import run
 from tests.reference import estimator as slow
 from tests.reference.lattice import matrix as functions_at
 
@@ -43,11 +44,11 @@ ESTIMATORS = {
 }
 
 
-def observed(places, seed=0, depth=DEPTH):
+def observed(places, seed=0, depth=DEPTH, world=WORLD):
     rng = np.random.default_rng(seed)
     noise = 0.2 * rng.standard_normal((len(places), depth.size, 2))
     return [
-        synthetic.profile(WORLD.grid, *place, depth, v, time_ns=k)
+        synthetic.profile(world.grid, *place, depth, v, time_ns=k)
         for k, (place, v) in enumerate(zip(places, noise, strict=True))
     ]
 
@@ -63,16 +64,16 @@ def places(kind, n):
     }[kind]
 
 
-def textbook(estimator, observations, inflation):
-    mean, cov = estimator.prior.mean, estimator.prior.covariance()
-    for observation, factor in zip(observations, inflation, strict=True):
+def textbook(estimator, observations, said, start=None):
+    """Mean and covariance after observations, with the errors of the innovations ``said`` of them."""
+    mean, cov = start or (estimator.prior.mean, estimator.prior.covariance())
+    for observation, innovation in zip(observations, said, strict=True):
         rows = estimator.rows(observation, np.arange(observation.depth.size))
-        values = rows.values
         design = np.vstack(
             [np.kron(rows.noise.unwhiten @ rows.q @ rows.r, rows.basis[c]) for c in range(2)]
         )
-        noise = np.diag(np.tile(rows.noise.std**2 * factor, 2))
-        mean, cov, _, _ = slow.kalman_update(mean, cov, design, values.T.ravel(), noise)
+        noise = np.diag(np.tile(rows.noise.std**2 * innovation.error_inflation, 2))
+        mean, cov, _, _ = slow.kalman_update(mean, cov, design, rows.values.T.ravel(), noise)
     return mean, cov
 
 
@@ -93,14 +94,6 @@ def standard_error(flow, east, north, depth):
     return np.sqrt(np.einsum("pcn,nm,pcm->pc", design, flow.weight_cov, design))
 
 
-def run(estimator, observations, state=None):
-    state, said = state or estimator.initial(), []
-    for observation in observations:
-        state, innovation = estimator.step(state, observation)
-        said.append(innovation)
-    return state, said
-
-
 @pytest.fixture
 def spans_stay(monkeypatch):
     """Let a span form keep nearly all directions, which these small worlds soon have."""
@@ -112,7 +105,7 @@ def as_span(state):
     dual = state.posterior
     std = nonzero_mode_std(dual.prior)
     return FilterState(
-        to_reduced_subspace(dual, directions(dual.profile_basis * std), std), state.time_ns
+        to_reduced_subspace(dual, directions(dual.profile_basis * std), std), time_ns=state.time_ns
     )
 
 
@@ -128,7 +121,7 @@ def test_nothing_measured_is_lost_when_room_for_directions_runs_out(kind, spans_
     assert_is(
         estimator,
         state,
-        *textbook(estimator, observations, [i.error_inflation for i in first + rest]),
+        *textbook(estimator, observations, first + rest),
     )
 
 
@@ -139,9 +132,7 @@ def test_any_log_gives_the_textbook_s_posterior(preset, kind, n):
     estimator = ESTIMATORS[preset]
     observations = observed(places(kind, n))
     state, said = run(estimator, observations)
-    assert_is(
-        estimator, state, *textbook(estimator, observations, [i.error_inflation for i in said])
-    )
+    assert_is(estimator, state, *textbook(estimator, observations, said))
 
 
 @pytest.mark.parametrize("switch", [1, 2, 7, 11])
@@ -168,9 +159,7 @@ def test_hundreds_of_pings_need_no_more_than_the_covariance(preset):
     observations = observed(places("track", 600))
     state, said = run(estimator, observations)
     assert state.posterior.n_rows <= 1024 + 6
-    assert_is(
-        estimator, state, *textbook(estimator, observations, [i.error_inflation for i in said])
-    )
+    assert_is(estimator, state, *textbook(estimator, observations, said))
 
 
 def test_rows_in_few_directions_take_the_span_form_and_more_than_the_weights_begin_anew():
@@ -240,10 +229,8 @@ def test_what_is_folded_into_the_prior_is_kept():
         new = to_full_covariance(state.posterior)
         assert new.n_rows == 0
         np.testing.assert_allclose(new.mean, state.mean, atol=1e-12)
-        again = to_full_covariance(run(estimator, second, FilterState(new, None))[0].posterior)
-        assert_is(
-            estimator, FilterState(again, None), expected.mean, expected.posterior.covariance()
-        )
+        again = to_full_covariance(run(estimator, second, FilterState(new))[0].posterior)
+        assert_is(estimator, FilterState(again), expected.mean, expected.posterior.covariance())
 
 
 @pytest.mark.parametrize("form", ["dual", "span"])
@@ -285,8 +272,8 @@ def test_inflated_errors_count_once_and_less(form):
     state, said = run(estimator, earlier)
     after, innovation = estimator.step(as_span(state) if form == "span" else state, smooth)
     assert innovation.error_inflation > 2.0
-    factors = [i.error_inflation for i in (*said, innovation)]
-    assert_is(estimator, after, *textbook(estimator, [*earlier, smooth], factors))
+    said = (*said, innovation)
+    assert_is(estimator, after, *textbook(estimator, [*earlier, smooth], said))
 
 
 def test_profiles_of_few_bins_among_full_ones():
@@ -300,9 +287,7 @@ def test_profiles_of_few_bins_among_full_ones():
         )
     ]
     state, said = run(estimator, observations)
-    assert_is(
-        estimator, state, *textbook(estimator, observations, [i.error_inflation for i in said])
-    )
+    assert_is(estimator, state, *textbook(estimator, observations, said))
 
 
 def test_modes_without_prior_variance_harm_nothing():
@@ -312,7 +297,7 @@ def test_modes_without_prior_variance_harm_nothing():
     without = replace(estimator, prior=replace(estimator.prior, variance=variance))
     observations = observed(places("track", 40))
     state, said = run(without, observations)
-    assert_is(without, state, *textbook(without, observations, [i.error_inflation for i in said]))
+    assert_is(without, state, *textbook(without, observations, said))
 
 
 @pytest.mark.parametrize("preset", ESTIMATORS)
@@ -355,12 +340,12 @@ def test_an_inflated_posterior_keeps_its_form_and_goes_on_as_the_textbook_s(form
     estimator = ESTIMATORS["default"]
     observations = observed(places("track", 9))
     state, said = run(estimator, observations[:6])
-    mean, cov = textbook(estimator, observations[:6], [i.error_inflation for i in said])
+    mean, cov = textbook(estimator, observations[:6], said)
     if form != "rows":
         state = (
             as_span(state)
             if form == "span"
-            else FilterState(to_full_covariance(state.posterior), state.time_ns)
+            else FilterState(to_full_covariance(state.posterior), time_ns=state.time_ns)
         )
     bias = state.posterior.bias_sensitivity()
     for factor in (2.5, 1.2):
@@ -372,14 +357,7 @@ def test_an_inflated_posterior_keeps_its_form_and_goes_on_as_the_textbook_s(form
         state.posterior.bias_sensitivity(), bias, rtol=1e-7, atol=1e-9 * np.abs(bias).max()
     )
     state, said = run(estimator, observations[6:], state)
-    for observation, innovation in zip(observations[6:], said, strict=True):
-        rows = estimator.rows(observation, np.arange(observation.depth.size))
-        design = np.vstack(
-            [np.kron(rows.noise.unwhiten @ rows.q @ rows.r, rows.basis[c]) for c in range(2)]
-        )
-        noise = np.diag(np.tile(rows.noise.std**2 * innovation.error_inflation, 2))
-        mean, cov, _, _ = slow.kalman_update(mean, cov, design, rows.values.T.ravel(), noise)
-    assert_is(estimator, state, mean, cov)
+    assert_is(estimator, state, *textbook(estimator, observations[6:], said, (mean, cov)))
 
 
 def test_with_many_weights_no_matrix_of_them_is_made(monkeypatch):
@@ -388,9 +366,7 @@ def test_with_many_weights_no_matrix_of_them_is_made(monkeypatch):
     observations = observed(places("scattered", 40))
     state, said = run(estimator, observations)
     assert isinstance(state.posterior, ReducedSubspacePosterior)
-    assert_is(
-        estimator, state, *textbook(estimator, observations, [i.error_inflation for i in said])
-    )
+    assert_is(estimator, state, *textbook(estimator, observations, said))
 
 
 def test_the_factors_of_an_estimate_are_its_covariance():

@@ -7,7 +7,7 @@ import pytest
 
 from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Flag, PathMean, Reason, Source
-from replay_kit.estimator.update.screening import is_duplicate, screen, to_profile
+from replay_kit.estimator.update.screening import is_duplicate, screen
 from tests import synthetic
 
 GRID = synthetic.ensemble(levels=np.array([5.0, 65.0, 165.0])).grid
@@ -16,7 +16,8 @@ GRID = synthetic.ensemble(levels=np.array([5.0, 65.0, 165.0])).grid
 def screened(depth, grid: Grid = GRID, relative: bool = False, **changes):
     depth = np.asarray(depth, dtype=float)
     profile = synthetic.profile(grid, 0.0, 0.0, depth, np.zeros((depth.size, 2)))
-    return screen(replace(profile, **changes), grid, relative)
+    (flags,), (reasons,) = screen([replace(profile, **changes)], grid, relative)
+    return flags, reasons
 
 
 def test_a_bin_at_the_last_level_is_used_and_one_below_it_is_not():
@@ -40,18 +41,20 @@ def test_a_bin_between_two_levels_is_on_land_as_the_nearer_level_and_the_upper_o
     assert reasons.tolist() == [0, 0, Reason.ON_LAND]
 
 
-@pytest.mark.parametrize(("usable", "used"), [(1, 0), (2, 2), (3, 3)])
-def test_two_bins_say_something_of_their_difference_and_one_alone_does_not(usable, used):
+@pytest.mark.parametrize(
+    ("usable", "relative", "used"), [(1, True, 0), (2, True, 2), (3, True, 3), (3, False, 0)]
+)
+def test_two_bins_say_something_of_their_difference_and_one_alone_does_not(usable, relative, used):
     flags = np.array([Flag.GOOD] * usable + [Flag.MISSING] * (4 - usable), np.int8)
     found, reasons = screened(
         [10.0, 20.0, 30.0, 40.0],
-        relative=True,
+        relative=relative,
         flags=flags,
         common_std=np.inf,
         reference="platform",
     )
     assert np.count_nonzero(found == Flag.GOOD) == used
-    assert bool(reasons[0] & Reason.PLATFORM_REFERENCE) == (used == 0)
+    assert np.all((reasons & Reason.PLATFORM_REFERENCE > 0) == (used == 0))
 
 
 def test_a_suspect_bin_is_one_that_counts():
@@ -70,8 +73,9 @@ def test_the_edge_of_the_region_belongs_to_it():
         )
         for away in (0.0, 2.0)
     )
-    assert screen(inside, GRID)[0].tolist() == [Flag.GOOD]
-    assert screen(outside, GRID)[1].tolist() == [Reason.OUTSIDE_REGION]
+    flags, reasons = screen([inside, outside], GRID)
+    assert flags[0] == Flag.GOOD
+    assert reasons[1] == Reason.OUTSIDE_REGION
 
 
 def test_a_mean_along_a_path_stands_where_half_of_its_time_has_passed():
@@ -90,10 +94,10 @@ def test_a_mean_along_a_path_stands_where_half_of_its_time_has_passed():
         source=Source(0, "/dac", 0, 4),
     )
     # exactly half of it with the second point, a little less, and all of it with the last
-    assert to_profile(mean).longitude == 152.1
-    assert to_profile(replace(mean, weight=np.array([0.25, 0.249, 0.251, 0.25]))).longitude == 152.2
-    assert to_profile(replace(mean, weight=np.array([0.0, 0.0, 0.0, 0.4999]))).longitude == 152.3
-    assert to_profile(mean).depth.tolist() == [50.0]
+    assert mean.as_profile.longitude == 152.1
+    assert replace(mean, weight=np.array([0.25, 0.249, 0.251, 0.25])).as_profile.longitude == 152.2
+    assert replace(mean, weight=np.array([0.0, 0.0, 0.0, 0.4999])).as_profile.longitude == 152.3
+    assert mean.as_profile.depth.tolist() == [50.0]
 
 
 def test_a_profile_is_repeated_in_every_number_or_not_at_all():
@@ -107,3 +111,21 @@ def test_a_profile_is_repeated_in_every_number_or_not_at_all():
         {"velocity": one.velocity + 1e-9},
     ):
         assert not is_duplicate(one, replace(one, **changes))
+
+
+PROFILE = synthetic.profile(
+    GRID, 1e3, 2e3, np.array([20.0, 40.0]), np.array([[0.1, np.nan], [0.2, -0.1]]), 0.05, time_ns=7
+)
+
+
+def test_the_same_numbers_are_the_same_observation_missing_ones_too():
+    assert is_duplicate(
+        PROFILE, replace(PROFILE, velocity=PROFILE.velocity.copy(), depth=PROFILE.depth.copy())
+    )
+    assert not is_duplicate(None, PROFILE)
+
+
+@pytest.mark.parametrize("name", ["time_ns", "longitude", "latitude", "depth", "velocity"])
+def test_one_other_number_makes_another_observation(name):
+    other = replace(PROFILE, **{name: getattr(PROFILE, name) + 1})
+    assert not is_duplicate(PROFILE, other)

@@ -2,7 +2,6 @@
 
 import struct
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ SURVEY = Survey(shear=(0.02, -0.01, 0.0), pitch=0.0, roll=0.0)
 CHANGED = replace(SURVEY, cells=7, cell=2.0, system="earth")
 
 
-def joined(surveys: dict[int, Survey]) -> bytes:
+def joined(surveys):
     """Return a file whose ensembles are of the survey that begins at or before them."""
     begins = sorted(surveys)
     return b"".join(
@@ -30,7 +29,7 @@ def joined(surveys: dict[int, Survey]) -> bytes:
     )
 
 
-def profiles(path: Path) -> list[Observation]:
+def profiles(path):
     return [
         value for value in observations(open_log(path).messages()) if isinstance(value, Observation)
     ]
@@ -62,7 +61,7 @@ def test_each_ensemble_is_read_by_its_own_leader(tmp_path):
 def test_the_change_is_told_with_the_ping_and_what_changed(tmp_path):
     path = write(tmp_path, joined({0: SURVEY, 10: CHANGED, 25: SURVEY}))
     told = (
-        "the instrument's configuration changes 2 times, each ping is read by its own: "
+        "the instrument's configuration changes 2 times, each ping uses its own: "
         "at ping 10: cells 12 -> 7, cell size 1 m -> 2 m, coordinates beam -> earth; "
         "at ping 25: cells 7 -> 12, cell size 2 m -> 1 m, coordinates earth -> beam",
     )
@@ -84,7 +83,7 @@ def test_one_change_is_told_once(tmp_path, changed, words):
     log = open_log(write(tmp_path, joined({0: SURVEY, 29: replace(SURVEY, **changed)})))
     list(log.messages())
     assert log.report().notes == (
-        f"the instrument's configuration changes once, each ping is read by its own: at ping 29: {words}",
+        f"the instrument's configuration changes once, each ping uses its own: at ping 29: {words}",
     )
 
 
@@ -124,7 +123,7 @@ def test_a_short_variable_leader_is_read(tmp_path, leader, firmware):
 
 
 def test_the_pressure_of_a_leader_that_ends_before_it_is_not_zero(tmp_path):
-    def with_sensor(survey: Survey) -> Path:
+    def with_sensor(survey):
         data = bytearray(samples.ensemble(survey, 0))
         at = struct.unpack_from("<H", data, 6)[0] + 31
         # a pressure sensor is available

@@ -13,7 +13,7 @@ import xarray as xr
 
 from replay_kit.config.run import LogConfig, MeasurementConfig, RunConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.observation import Flag, Observation
+from replay_kit.core.observation import Flag
 from replay_kit.logs import open_log
 from replay_kit.logs.adcp import records
 from replay_kit.logs.adcp.profiles import raw_profiles
@@ -31,7 +31,7 @@ SECOND = 1_000_000_000
 START_NS = int(samples.START.timestamp()) * SECOND
 
 
-def _profiles(folder: Path, survey: Survey) -> list[Observation]:
+def _profiles(folder, survey):
     return list(observations(open_log(write(folder, samples.pd0(survey))).messages()))
 
 
@@ -101,7 +101,7 @@ def test_a_file_with_neither_says_why_it_is_not_used(tmp_path):
     path = write(tmp_path, samples.pd0(Survey(bottom_track=False, gps=False)))
     info = inspect_logs([path], RunConfig(measurements=MeasurementConfig(use_relative=False)))[0]
     assert info.not_used == {
-        "/adcp": {"velocity relative to the platform, whose own motion is not known": 30}
+        "/adcp": {"velocity relative to the platform, whose motion is unknown": 30}
     }
 
 
@@ -191,7 +191,7 @@ def test_without_mhkit_the_extra_is_named(tmp_path, monkeypatch):
         open_log(write(tmp_path, samples.pd0(Survey(n=2))))
 
 
-def _nortek_dataset(**attributes: Any) -> xr.Dataset:
+def _nortek_dataset(**attributes: Any):
     """Return what MHKiT makes of the averaging mode of a Nortek in earth coordinates: two pings of two cells."""
     time = np.array(["2024-05-01T00:00:00.1234", "2024-05-01T00:10:00"], "datetime64[ns]")
     velocity = np.array(
@@ -280,7 +280,7 @@ def test_nortek_records_are_found_and_checked(long):
         assert kinds == ([0xA0, 0x15, 0x16] if offset < len(parts[0]) + 9 else [0xA0, 0x16])
 
 
-def _pd0_record(leader: int, filling: bytes, types: int = 1) -> bytes:
+def _pd0_record(leader, filling, types=1):
     """Return an ensemble whose first type is a leader, or not, with its checksum."""
     body = struct.pack(
         "<HHBBH", 0x7F7F, 8 + 2 * types + len(filling), 0, types, 6 + 2 * types
@@ -289,7 +289,7 @@ def _pd0_record(leader: int, filling: bytes, types: int = 1) -> bytes:
     return body + struct.pack("<H", sum(body) & 0xFFFF)
 
 
-def _pieces(magic: bytes, rng: np.random.Generator) -> list[bytes]:
+def _pieces(magic, rng):
     """Return records of even and odd lengths, the shortest among them, and what only looks like one."""
     fillings = [rng.bytes(size) for size in (0, 1, 2, 7, 8, 15, 16, 17, 33, 300)]
     if magic == b"\xa5\x0a":

@@ -3,15 +3,13 @@
 import contextlib
 import io
 import warnings
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.observation import Flag, Observation
+from replay_kit.core.observation import Flag
 from replay_kit.logs import open_log
 from replay_kit.measurements import observations
 from replay_kit.measurements.messages.adcp_ping import parse_ping
@@ -23,7 +21,7 @@ ADCP = DATA / "adcp"
 real = pytest.mark.skipif(not ADCP.exists(), reason="../shared/data/adcp is not there")
 
 
-def _by_mhkit(path: Path) -> Any:
+def _by_mhkit(path):
     from mhkit import dolfyn
 
     with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
@@ -117,7 +115,7 @@ def test_bottom_track_and_gps_agree_on_the_river(tmp_path, name, size, agree):
     assert 0.4 < np.hypot(*by_bottom) < 1.5
 
 
-def _median_current(profiles: list[Observation]) -> Any:
+def _median_current(profiles):
     return np.median(np.concatenate([p.velocity[p.flags == Flag.GOOD] for p in profiles]), axis=0)
 
 

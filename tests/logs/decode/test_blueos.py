@@ -10,6 +10,7 @@ from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.logs import open_log
 from replay_kit.logs.decode.blueos import mavlink_channel
 from replay_kit.measurements import Skipped, Used
+from tests.logs.log_samples import read_log as read
 from tests.logs.log_samples import tlog_entry
 from tests.measurements.carriers import json_mcap
 from tests.measurements.samples import only, run
@@ -19,12 +20,6 @@ HEADER = {"system_id": 1, "component_id": 1, "sequence": 7}
 
 def recorded(kind, /, **fields):
     return {"header": HEADER, "message": {"type": kind, **fields}}
-
-
-def read(folder, data):
-    (folder / "recorder.mcap").write_bytes(data)
-    reader = open_log(folder / "recorder.mcap")
-    return list(reader.messages()), reader.report()
 
 
 HEARTBEAT = recorded(
@@ -178,12 +173,12 @@ def test_a_recording(tmp_path):
     assert len(only(Used, events)) == 10
     reasons = {(event.topic, event.reason) for event in only(Skipped, events)}
     assert reasons == {
-        ("services/ping/log", "not a kind of message the estimator uses"),
-        ("mavlink/out", "repeats the messages that have topics of their own"),
-        ("mavlink/1/1/HEARTBEAT/base_mode", "one field of a message that has a topic of its own"),
+        ("services/ping/log", "message type not used by the estimator"),
+        ("mavlink/out", "repeats messages of other topics"),
+        ("mavlink/1/1/HEARTBEAT/base_mode", "one field of a message on another topic"),
         (
             "mavlink/1/1/GLOBAL_POSITION_INT/lat",
-            "one field of a message that has a topic of its own",
+            "one field of a message on another topic",
         ),
     }
 

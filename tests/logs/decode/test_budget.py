@@ -1,7 +1,6 @@
 """The budget of a message: what claims much is refused before it is made, what is large and true is read."""
 
 import struct
-from collections.abc import Callable
 
 import orjson
 import pytest
@@ -24,7 +23,7 @@ from replay_kit.logs.decode.ros2idl import ros2msg_from_idl
 SEPARATOR = "\n" + "=" * 80 + "\n"
 
 
-def decoder(encoding: str, schema: tuple[str, str, bytes]) -> Callable[[bytes], dict[str, object]]:
+def decoder(encoding, schema):
     found = channel_decoder(
         encoding, Schema(id=1, name=schema[0], encoding=schema[1], data=schema[2])
     )
@@ -32,15 +31,15 @@ def decoder(encoding: str, schema: tuple[str, str, bytes]) -> Callable[[bytes], 
     return found
 
 
-def ros1(text: str) -> Callable[[bytes], dict[str, object]]:
+def ros1(text):
     return decoder("ros1", ("p/A", "ros1msg", text.encode()))
 
 
-def ros2(text: str) -> Callable[[bytes], dict[str, object]]:
+def ros2(text):
     return decoder("cdr", ("p/msg/A", "ros2msg", text.encode()))
 
 
-def test_a_budget_is_sixteen_values_a_byte_and_half_a_million_in_all() -> None:
+def test_a_budget_is_sixteen_values_a_byte_and_half_a_million_in_all():
     assert (PER_BYTE, MOST_VALUES, MOST_BYTES) == (16, 524_288, 16_777_216)
     for size, allowed in ((0, FREE), (10, FREE + 10 * PER_BYTE), (MOST_BYTES, MOST_VALUES)):
         Budget(size).spend(allowed)
@@ -75,14 +74,12 @@ def test_a_budget_is_sixteen_values_a_byte_and_half_a_million_in_all() -> None:
         (decode_json, b'{"a":[' + b"1," * 2**20 + b"1]}"),
     ],
 )
-def test_a_message_that_claims_much_is_refused(
-    read: Callable[[bytes], dict[str, object]], payload: bytes
-) -> None:
+def test_a_message_that_claims_much_is_refused(read, payload):
     with pytest.raises(BudgetError, match="more values than a message may hold"):
         read(payload)
 
 
-def test_large_messages_within_the_budget_are_read() -> None:
+def test_large_messages_within_the_budget_are_read():
     numbers = struct.pack("<400000d", *range(400_000))
     assert len(ros1("float64[] many")(struct.pack("<I", 400_000) + numbers)["many"]) == 400_000
     assert ros1("uint8[] image")(struct.pack("<I", 10**7) + bytes(10**7))["image"] == bytes(10**7)
@@ -90,7 +87,7 @@ def test_large_messages_within_the_budget_are_read() -> None:
     assert len(decode_json(orjson.dumps({"a": "x" * 10**7}))["a"]) == 10**7
 
 
-def tree() -> Callable[[bytes], dict[str, object]]:
+def tree():
     """The decoder of a type with a list of its own type, one of numbers and ten more fields."""
     kind = descriptor_pb2.FieldDescriptorProto
     file = descriptor_pb2.FileDescriptorProto(name="t.proto", package="p", syntax="proto3")
@@ -111,7 +108,7 @@ def tree() -> Callable[[bytes], dict[str, object]]:
     )
 
 
-def varint(value: int) -> bytes:
+def varint(value):
     return (
         bytes([value & 0x7F]) if value < 0x80 else bytes([value & 0x7F | 0x80]) + varint(value >> 7)
     )
@@ -120,12 +117,12 @@ def varint(value: int) -> bytes:
 @pytest.mark.parametrize(
     "payload", [b"\x0a\x00" * 10**6, b"\x12" + varint(2 * 10**6) + bytes(2 * 10**6)]
 )
-def test_a_protobuf_message_that_claims_much_is_refused(payload: bytes) -> None:
+def test_a_protobuf_message_that_claims_much_is_refused(payload):
     with pytest.raises(BudgetError, match="more values than a message may hold"):
         tree()(payload)
 
 
-def test_large_protobuf_messages_within_the_budget_are_read() -> None:
+def test_large_protobuf_messages_within_the_budget_are_read():
     assert len(tree()(b"\x0a\x00" * 30_000)["many"]) == 30_000
     assert len(tree()(b"\x1a" + varint(3_200_000) + bytes(3_200_000))["sizes"]) == 400_000
     assert len(tree()(b"\x22" + varint(10**7) + bytes(10**7))["image"]) == 10**7
@@ -142,7 +139,7 @@ def test_large_protobuf_messages_within_the_budget_are_read() -> None:
         (b"\x22\x02\x08\x01\x22\x00", 7 + 2 + 5 + 1 + 5),
     ],
 )
-def test_what_a_protobuf_message_costs(payload: bytes, values: int) -> None:
+def test_what_a_protobuf_message_costs(payload, values):
     cost = Cost(7, {2: 1, 3: 8, 4: Cost(5, {})})
     budget = Budget(0)
     before = budget.left
@@ -158,12 +155,12 @@ def test_what_a_protobuf_message_costs(payload: bytes, values: int) -> None:
         (b"\xff" * 11, "more than ten bytes"),
     ],
 )
-def test_bytes_that_are_no_protobuf_cost_nothing_but_an_error(payload: bytes, words: str) -> None:
+def test_bytes_that_are_no_protobuf_cost_nothing_but_an_error(payload, words):
     with pytest.raises(ValueError, match=words):
         pay(Cost(7, {}), payload, Budget(len(payload)))
 
 
-def test_protobuf_messages_that_contain_themselves_too_deeply_are_refused() -> None:
+def test_protobuf_messages_that_contain_themselves_too_deeply_are_refused():
     node = Cost(7, {})
     node.parts[1] = node
     payload = b""
@@ -174,7 +171,7 @@ def test_protobuf_messages_that_contain_themselves_too_deeply_are_refused() -> N
         pay(node, b"\x0a" + varint(len(payload)) + payload, Budget(10**6))
 
 
-def test_the_length_up_to_which_no_protobuf_message_can_cost_more_than_its_budget() -> None:
+def test_the_length_up_to_which_no_protobuf_message_can_cost_more_than_its_budget():
     flat = Cost(1000, {1: 8})
     assert longest_cheap(flat) == MOST_VALUES
     assert longest_cheap(Cost(1000, {1: Cost(32, {})})) == MOST_VALUES // 16
@@ -188,7 +185,7 @@ def test_the_length_up_to_which_no_protobuf_message_can_cost_more_than_its_budge
     ("encoding", "schema"),
     [("cdr", "ros2msg"), ("cdr", "ros2idl"), ("ros1", "ros1msg"), ("protobuf", "protobuf")],
 )
-def test_a_schema_larger_than_any_in_use_is_not_parsed(encoding: str, schema: str) -> None:
+def test_a_schema_larger_than_any_in_use_is_not_parsed(encoding, schema):
     reason = channel_decoder(
         encoding, Schema(id=1, name="p/A", encoding=schema, data=b"\n" * (MOST_SCHEMA + 1))
     )
@@ -213,11 +210,11 @@ def test_a_schema_larger_than_any_in_use_is_not_parsed(encoding: str, schema: st
         "#\n" * 5 * 10**5,
     ],
 )
-def test_an_idl_takes_time_in_proportion_to_its_length(text: str) -> None:
+def test_an_idl_takes_time_in_proportion_to_its_length(text):
     with pytest.raises(ValueError, match="IDL"):
         ros2msg_from_idl("p/msg/A", text)
 
 
-def test_json_with_a_text_that_does_not_end_takes_time_in_proportion_to_its_length() -> None:
+def test_json_with_a_text_that_does_not_end_takes_time_in_proportion_to_its_length():
     with pytest.raises(ValueError, match="Unterminated"):
         decode_json(b'{"a":NaN,"b":' + b'"\\' * 10**6)

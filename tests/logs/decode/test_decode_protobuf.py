@@ -1,7 +1,6 @@
 """The dicts of protobuf payloads, whatever the fields are called, and how large their types may be."""
 
 import re
-from collections.abc import Callable
 from functools import cache
 
 import pytest
@@ -25,7 +24,7 @@ Field = descriptor_pb2.FieldDescriptorProto
     value=st.integers(-(2**31), 2**31 - 1),
     repeated=st.booleans(),
 )
-def test_any_field_name(names: list[str], value: int, repeated: bool) -> None:
+def test_any_field_name(names, value, repeated):
     file = descriptor_pb2.FileDescriptorProto(name="t.proto", package="t", syntax="proto3")
     label = Field.LABEL_REPEATED if repeated else Field.LABEL_OPTIONAL
     fields = [
@@ -52,7 +51,7 @@ def test_any_field_name(names: list[str], value: int, repeated: bool) -> None:
 File = descriptor_pb2.FileDescriptorProto
 
 
-def _schema(*files: File) -> Schema:
+def _schema(*files: File):
     return Schema(
         id=1,
         name="t.M",
@@ -61,11 +60,11 @@ def _schema(*files: File) -> Schema:
     )
 
 
-def _file(name: str = "t.proto", **parts: object) -> File:
+def _file(name="t.proto", **parts: object):
     return File(name=name, package="t", syntax="proto3", **parts)
 
 
-def _kind(name: str, fields: int = 0, of: str = "") -> descriptor_pb2.DescriptorProto:
+def _kind(name, fields=0, of=""):
     """Return a type of so many numbers, or of lists of another type."""
     label, kind = (
         (Field.LABEL_REPEATED, Field.TYPE_MESSAGE)
@@ -79,7 +78,7 @@ def _kind(name: str, fields: int = 0, of: str = "") -> descriptor_pb2.Descriptor
     return descriptor_pb2.DescriptorProto(name=name, field=many)
 
 
-def test_the_files_of_a_set_come_in_any_order() -> None:
+def test_the_files_of_a_set_come_in_any_order():
     last = _file("a.proto", dependency=["b.proto", "c.proto"], message_type=[_kind("M", 1, ".t.B")])
     middle, first = (
         _file("b.proto", dependency=["c.proto"], message_type=[_kind("B", 1, ".t.C")]),
@@ -101,12 +100,12 @@ def test_the_files_of_a_set_come_in_any_order() -> None:
         ((_file(message_type=[_kind("N")]),), "t.M"),
     ],
 )
-def test_a_set_that_does_not_hold_the_type_is_refused(files: tuple[File, ...], error: str) -> None:
+def test_a_set_that_does_not_hold_the_type_is_refused(files, error):
     with pytest.raises((ValueError, KeyError), match=re.escape(error)):
         protobuf_decoder(_schema(*files))
 
 
-def _enumeration(name: str) -> descriptor_pb2.EnumDescriptorProto:
+def _enumeration(name):
     return descriptor_pb2.EnumDescriptorProto(
         name=name, value=[descriptor_pb2.EnumValueDescriptorProto(name=name.lower(), number=0)]
     )
@@ -117,12 +116,12 @@ _NAMES = [f"B{k:x}" for k in range(20_000)]
 
 
 @cache
-def _types() -> list[descriptor_pb2.DescriptorProto]:
+def _types():
     return [_kind(name) for name in _NAMES]
 
 
 @cache
-def _enumerations() -> list[descriptor_pb2.EnumDescriptorProto]:
+def _enumerations():
     return list(map(_enumeration, _NAMES))
 
 
@@ -151,14 +150,14 @@ def _enumerations() -> list[descriptor_pb2.EnumDescriptorProto]:
     ],
     ids=["types", "nested", "nested twice", "services", "enumerations", "nested enumerations"],
 )
-def test_a_set_of_types_that_hold_nothing_is_refused(made: Callable[[], File]) -> None:
+def test_a_set_of_types_that_hold_nothing_is_refused(made):
     with pytest.raises(
         BudgetError, match="more types than 2048, or than one in 16 bytes of the descriptor set"
     ):
         protobuf_decoder(_schema(made()))
 
 
-def test_a_set_of_as_many_types_as_any_in_use_is_read() -> None:
+def test_a_set_of_as_many_types_as_any_in_use_is_read():
     types = [_kind(name, 1) for name in _NAMES[:1700]]
     assert protobuf_decoder(_schema(_file(message_type=[_kind("M", 1), *types])))(b"\x08\x07") == {
         "a1": 7
@@ -166,7 +165,7 @@ def test_a_set_of_as_many_types_as_any_in_use_is_read() -> None:
 
 
 @pytest.mark.parametrize(("lists", "numbers"), [(1023, 16), (1024, 15)])
-def test_a_type_has_up_to_16384_fields_those_in_lists_each_time(lists: int, numbers: int) -> None:
+def test_a_type_has_up_to_16384_fields_those_in_lists_each_time(lists, numbers):
     """Fields of a small type are written into each list of it: 1023 x 16 and 1023, or 1024 x 15 and 1024."""
     schema = _schema(_file(message_type=[_kind("M", lists, ".t.B"), _kind("B", numbers)]))
     if lists == 1024:
@@ -181,7 +180,7 @@ def test_a_type_has_up_to_16384_fields_those_in_lists_each_time(lists: int, numb
             protobuf_decoder(schema)
 
 
-def test_lists_of_a_larger_type_call_its_function() -> None:
+def test_lists_of_a_larger_type_call_its_function():
     """As a display in each list, 1500 x 17 fields were too many."""
     schema = _schema(_file(message_type=[_kind("M", 1500, ".t.B"), _kind("B", 17)]))
     assert protobuf_decoder(schema)(b"\x0a\x02\x08\x07")["a1"] == [

@@ -2,8 +2,6 @@
 
 import math
 import struct
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +29,7 @@ NUMBERS = [
 ]
 
 
-def random_definition(rng: np.random.Generator, others: list[str]) -> str:
+def random_definition(rng, others):
     """Return a definition of a main type and of three that may be in it, with numbers, texts and other kinds."""
     parts = []
     for place, name in enumerate(("A", "B", "C", "D")):
@@ -44,7 +42,7 @@ def random_definition(rng: np.random.Generator, others: list[str]) -> str:
     return f"\n{SEPARATOR}\n".join(parts)
 
 
-def plain(value: Any) -> Any:
+def plain(value):
     """Return a message of the stock decoders as ours gives it."""
     if hasattr(value, "secs"):
         return {"sec": value.secs, "nsec": value.nsecs}
@@ -53,7 +51,7 @@ def plain(value: Any) -> Any:
     return [plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
-def outcome(decode: Callable[[bytes], Any], data: bytes) -> str:
+def outcome(decode, data):
     """Return what a decoder gives, as text in which NaN equals NaN; ``error`` where it refuses."""
     try:
         return repr(decode(data))
@@ -62,13 +60,13 @@ def outcome(decode: Callable[[bytes], Any], data: bytes) -> str:
         return "error"
 
 
-def payloads(rng: np.random.Generator) -> list[bytes]:
+def payloads(rng):
     """Return bytes in which lengths are small: mostly zeros."""
     data = rng.choice(np.array([0, 1, 2, 65], np.uint8), 4096, p=[0.9, 0.06, 0.03, 0.01]).tobytes()
     return [data, bytes(4096), *(data[k:] for k in range(1, 8))]
 
 
-def agreed(ours: Callable[[bytes], Any], stock: Callable[[bytes], Any], some: list[bytes]) -> int:
+def agreed(ours, stock, some):
     """Return how many payloads both read alike; what the stock decoder reads beyond the end of the message, ours refuses."""
     found = 0
     for payload in some:

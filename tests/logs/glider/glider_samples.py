@@ -92,6 +92,18 @@ def write(
     return path
 
 
+def over(dims: str | tuple[str, ...], columns: dict[str, Any]) -> Variables:
+    """Return variables over one dimension, or several: of each the values, perhaps with its unit or its attributes."""
+    dims = (dims,) if isinstance(dims, str) else dims
+    pairs = {
+        name: held if isinstance(held, tuple) else (held, {}) for name, held in columns.items()
+    }
+    return {
+        name: (dims, values, {"units": about} if isinstance(about, str) else about)
+        for name, (values, about) in pairs.items()
+    }
+
+
 def packed(values: Any, scale: float) -> tuple[np.ndarray, dict[str, Any]]:
     """Return values as 16-bit integers, -32768 where missing, and the attributes that say so."""
     values = np.asarray(values, np.float64)
@@ -109,34 +121,42 @@ def spray(path: Path) -> Path:
     profiles[1, :, -1] = np.nan
     east, north = (packed(profiles[:, k].T, 1e-4) for k in (0, 1))
     (u, v) = np.array([mean(0), mean(1)]).T
+    profile = {
+        "time": (own[:, 0], EPOCH),
+        "lon": (own[:, 1], "degrees_east"),
+        "lat": (own[:, 2], "degrees_north"),
+        "time_uv": (middle[:, 0], EPOCH),
+        "lon_uv": (middle[:, 1], "degrees_east"),
+        "lat_uv": (middle[:, 2], "degrees_north"),
+        "u_depth_mean": (u, "m s-1"),
+        "v_depth_mean": (v, "m s-1"),
+    }
+    binned = {
+        name: (values, {"units": "m s-1", **attributes})
+        for name, (values, attributes) in (("u", east), ("v", north))
+    }
+    depth = {"depth": (DEPTHS.astype(np.int16), {"units": "m", "positive": "down"})}
     return write(
-        path,
-        {
-            "depth": (("depth",), DEPTHS.astype(np.int16), {"units": "m", "positive": "down"}),
-            "time": (("profile",), own[:, 0], EPOCH),
-            "lon": (("profile",), own[:, 1], {"units": "degrees_east"}),
-            "lat": (("profile",), own[:, 2], {"units": "degrees_north"}),
-            "time_uv": (("profile",), middle[:, 0], EPOCH),
-            "lon_uv": (("profile",), middle[:, 1], {"units": "degrees_east"}),
-            "lat_uv": (("profile",), middle[:, 2], {"units": "degrees_north"}),
-            "u_depth_mean": (("profile",), u, {"units": "m s-1"}),
-            "v_depth_mean": (("profile",), v, {"units": "m s-1"}),
-            "u": (("depth", "profile"), east[0], {"units": "m s-1", **east[1]}),
-            "v": (("depth", "profile"), north[0], {"units": "m s-1", **north[1]}),
-        },
+        path, over("depth", depth) | over("profile", profile) | over(("depth", "profile"), binned)
     )
+
+
+def _scalar(name: str) -> dict[str, Any]:
+    """Return the attributes of what a profile states once."""
+    unit = "degrees" if "lat" in name or "lon" in name else "m s-1"
+    return (EPOCH if "time" in name else {"units": unit}) | {"_FillValue": -999.0}
 
 
 def gliderdac(folder: Path) -> list[Path]:
     """GliderDAC v3: a file for each descent and ascent; both of a dive state its mean current."""
     track, middle, made = samples(), middles(), []
+    fill = {"_FillValue": -999.0}
     folder.mkdir(exist_ok=True)
     for profile in range(4):
         dive = profile // 2
         down = track["time"] <= middle[dive, 0]
         rows = np.flatnonzero((track["dive"] == dive) & (down if profile % 2 == 0 else ~down))
         u, v = mean(dive)
-        fill = {"_FillValue": -999.0}
         flags = {
             "flag_values": np.array([0, 1, 4], np.int8),
             "flag_meanings": "no_qc_performed good_data bad_data",
@@ -147,23 +167,23 @@ def gliderdac(folder: Path) -> list[Path]:
             "lat_uv": middle[dive, 2],
             "u": u,
             "v": v,
+            "profile_time": track["time"][rows].mean(),
+            "profile_lat": 40.0,
+            "profile_lon": -30.0,
         }
-        at = track["time"][rows].mean()
-        scalars |= {"profile_time": at, "profile_lat": 40.0, "profile_lon": -30.0}
-        variables: Variables = {
-            "time": (("time",), track["time"][rows], EPOCH | fill),
-            "lon": (("time",), track["longitude"][rows], {"units": "degrees_east"} | fill),
-            "lat": (("time",), track["latitude"][rows], {"units": "degrees_north"} | fill),
-            "depth": (("time",), track["depth"][rows], {"units": "m", "positive": "down"} | fill),
-            "profile_id": ((), np.int32(profile), {"_FillValue": np.int32(-999)}),
-            "u_qc": ((), np.int8(1), flags | {"_FillValue": np.int8(-127)}),
-            **{
-                name: ((), value, (EPOCH if "time" in name else {"units": "m s-1"}) | fill)
-                for name, value in scalars.items()
-            },
+
+        along = {
+            "time": (track["time"][rows], EPOCH | fill),
+            "lon": (track["longitude"][rows], {"units": "degrees_east"} | fill),
+            "lat": (track["latitude"][rows], {"units": "degrees_north"} | fill),
+            "depth": (track["depth"][rows], {"units": "m", "positive": "down"} | fill),
         }
-        for name in ("lon_uv", "lat_uv", "profile_lat", "profile_lon"):
-            variables[name] = ((), scalars[name], {"units": "degrees"} | fill)
+        once = {
+            "profile_id": (np.int32(profile), {"_FillValue": np.int32(-999)}),
+            "u_qc": (np.int8(1), flags | {"_FillValue": np.int8(-127)}),
+            **{name: (value, _scalar(name)) for name, value in scalars.items()},
+        }
+        variables = over("time", along) | over((), once)
         # names that do not sort by time
         made.append(write(folder / f"sp_{9 - profile}.nc", variables, {"Conventions": "CF-1.6"}))
     return made
@@ -188,13 +208,8 @@ def erddap(path: Path) -> Path:
         "u": np.array([mean(k)[0] for k in dive]),
         "v": np.array([mean(k)[1] for k in dive]),
     }
-    return write(
-        path,
-        {
-            name: (("row",), values, EPOCH if "time" in name else {})
-            for name, values in rows.items()
-        },
-    )
+    epochs = {name: (values, EPOCH) for name, values in rows.items() if "time" in name}
+    return write(path, over("row", rows | epochs))
 
 
 def _with_fixes(track: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -211,92 +226,89 @@ def _with_fixes(track: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], np
     return whole, order >= track["time"].size
 
 
+def _reported(fix: np.ndarray) -> np.ndarray:
+    """Return the mean currents, east and north, in the one row after each dive."""
+    found = np.full((2, fix.size), np.nan)
+    found[:, np.flatnonzero(fix)[[1, 3]]] = np.array([mean(0), mean(1)]).T
+    return found
+
+
 def bodc(path: Path) -> Path:
     """OG1 as BODC writes it for a Slocum: mean currents in cm/s, GPS times at all rows, flags whose fill value is 0."""
     whole, fix = _with_fixes(samples())
     nan = np.where(fix, 1.0, np.nan)
     under = np.where(fix, np.nan, 1.0)
-    rows: Variables = {
-        "TIME": (("N_MEASUREMENTS",), whole["time"], EPOCH),
-        "LONGITUDE": (("N_MEASUREMENTS",), whole["longitude"], {"units": "degrees_east"}),
-        "LATITUDE": (("N_MEASUREMENTS",), whole["latitude"], {"units": "degrees_north"}),
-        "TIME_GPS": (("N_MEASUREMENTS",), whole["time"], EPOCH),
-        "LONGITUDE_GPS": (("N_MEASUREMENTS",), whole["longitude"] * nan, {"units": "degrees_east"}),
-        "LATITUDE_GPS": (("N_MEASUREMENTS",), whole["latitude"] * nan, {"units": "degrees_north"}),
+    rows = {
+        "TIME": (whole["time"], EPOCH),
+        "LONGITUDE": (whole["longitude"], "degrees_east"),
+        "LATITUDE": (whole["latitude"], "degrees_north"),
+        "TIME_GPS": (whole["time"], EPOCH),
+        "LONGITUDE_GPS": (whole["longitude"] * nan, "degrees_east"),
+        "LATITUDE_GPS": (whole["latitude"] * nan, "degrees_north"),
         "DEPTH_Z": (
-            ("N_MEASUREMENTS",),
             -whole["depth"],
             {"units": "m", "standard_name": "depth", "positive": "up"},
         ),
         "GLIDER_DEPTH": (
-            ("N_MEASUREMENTS",),
             whole["depth"],
             {"units": "m", "standard_name": "depth", "positive": "down"},
         ),
-        "WATERCURRENTS_U": (
-            ("N_MEASUREMENTS",),
-            under * [100.0 * mean(k)[0] for k in whole["dive"]],
-            {"units": "cm/s"},
-        ),
-        "WATERCURRENTS_V": (
-            ("N_MEASUREMENTS",),
-            under * [100.0 * mean(k)[1] for k in whole["dive"]],
-            {"units": "cm/s"},
-        ),
+        "WATERCURRENTS_U": (under * [100.0 * mean(k)[0] for k in whole["dive"]], "cm/s"),
+        "WATERCURRENTS_V": (under * [100.0 * mean(k)[1] for k in whole["dive"]], "cm/s"),
         "WATERCURRENTS_U_QC": (
-            ("N_MEASUREMENTS",),
             np.zeros(fix.size, np.int8),
             {"_FillValue": np.int8(0)},
         ),
     }
-    return write(path, rows, {"Conventions": "CF-1.10, OG-1.0", "featureType": "trajectory"})
+    return write(
+        path,
+        over("N_MEASUREMENTS", rows),
+        {"Conventions": "CF-1.10, OG-1.0", "featureType": "trajectory"},
+    )
 
 
 def socib(path: Path) -> Path:
     """SOCIB L1: the report of the mean current in the one row after each dive, attitude in radians that says degrees."""
     whole, fix = _with_fixes(samples())
-    after = np.flatnonzero(fix)[[1, 3]]
-    east, north = np.full(fix.size, np.nan), np.full(fix.size, np.nan)
-    east[after], north[after] = np.array([mean(0), mean(1)]).T
+    east, north = _reported(fix)
     rows = {
-        "time": (("time",), whole["time"], EPOCH),
-        "longitude": (("time",), whole["longitude"], {"units": "degree_east"}),
-        "latitude": (("time",), whole["latitude"], {"units": "degree_north"}),
-        "depth": (("time",), -whole["depth"], {"units": "m"}),
-        "heading": (("time",), np.full(fix.size, 1.5), {"units": "degrees"}),
-        "dead_reckoning": (("time",), np.where(fix, 0.0, 1.0), {}),
-        "water_velocity_eastward": (("time",), east, {"units": "m s-1"}),
-        "water_velocity_northward": (("time",), north, {"units": "m s-1"}),
+        "time": (whole["time"], EPOCH),
+        "longitude": (whole["longitude"], "degree_east"),
+        "latitude": (whole["latitude"], "degree_north"),
+        "depth": (-whole["depth"], "m"),
+        "heading": (np.full(fix.size, 1.5), "degrees"),
+        "dead_reckoning": np.where(fix, 0.0, 1.0),
+        "water_velocity_eastward": (east, "m s-1"),
+        "water_velocity_northward": (north, "m s-1"),
     }
-    return write(path, rows)
+    return write(path, over("time", rows))
 
 
 def slocum_glide(path: Path) -> Path:
     """slocum-glide L2: fixes and mean currents on dimensions of their own, the latter at the middle of the segment."""
     track, middle = samples(), middles()
     (u, v) = np.array([mean(0), mean(1)]).T
-    n = track["time"].size
-    return write(
-        path,
-        {
-            "time": (("time",), track["time"], EPOCH),
-            "lon": (("time",), track["longitude"], {}),
-            "lat": (("time",), track["latitude"], {}),
-            "depth": (("time",), track["depth"], {"units": "m"}),
-            **{
-                name: (("time",), np.zeros(n, np.int32), {})
-                for name in ("dive_id", "climb_id", "state")
-            },
-            "time_gps": (("time_gps",), START + FIXES[:, 0], EPOCH),
-            "lon_gps": (("time_gps",), FIXES[:, 1], {}),
-            "lat_gps": (("time_gps",), FIXES[:, 2], {}),
-            "time_uv": (("time_uv",), middle[:, 0], EPOCH),
-            "lon_uv": (("time_uv",), middle[:, 1], {}),
-            "lat_uv": (("time_uv",), middle[:, 2], {}),
-            "u": (("time_uv",), u, {"units": "m/s"}),
-            "v": (("time_uv",), v, {"units": "m/s"}),
-        },
-    )
+    own = np.zeros(track["time"].size, np.int32)
+    along = {
+        "time": (track["time"], EPOCH),
+        "lon": track["longitude"],
+        "lat": track["latitude"],
+        "depth": (track["depth"], "m"),
+        **dict.fromkeys(("dive_id", "climb_id", "state"), own),
+    }
+    gps = {
+        "time_gps": (START + FIXES[:, 0], EPOCH),
+        "lon_gps": FIXES[:, 1],
+        "lat_gps": FIXES[:, 2],
+    }
+    means = {
+        "time_uv": (middle[:, 0], EPOCH),
+        "lon_uv": middle[:, 1],
+        "lat_uv": middle[:, 2],
+        "u": (u, "m/s"),
+        "v": (v, "m/s"),
+    }
+    return write(path, over("time", along) | over("time_gps", gps) | over("time_uv", means))
 
 
 def nmea(degrees: Any) -> Any:
@@ -308,63 +320,43 @@ def nmea(degrees: Any) -> Any:
 def slocum(path: Path) -> Path:
     """A Slocum's own names, as its exporters write them: degrees and minutes, bar, radians, a mark of no fix, reports after dives."""
     whole, fix = _with_fixes(samples())
-    after = np.flatnonzero(fix)[[1, 3]]
-    east, north = np.full(fix.size, np.nan), np.full(fix.size, np.nan)
-    east[after], north[after] = np.array([mean(0), mean(1)]).T
+    east, north = _reported(fix)
     east[0] = north[0] = 0.0
     rows = {
-        "m_present_time": (("i",), whole["time"], {"units": "timestamp"}),
-        "m_lon": (("i",), nmea(whole["longitude"]), {"units": "lon"}),
-        "m_lat": (("i",), nmea(whole["latitude"]), {"units": "lat"}),
-        "m_gps_lon": (
-            ("i",),
-            np.where(fix, nmea(whole["longitude"]), 69_696_969.0),
-            {"units": "lon"},
-        ),
-        "m_gps_lat": (
-            ("i",),
-            np.where(fix, nmea(whole["latitude"]), 69_696_969.0),
-            {"units": "lat"},
-        ),
-        "m_depth": (("i",), whole["depth"], {"units": "m"}),
-        "m_heading": (("i",), np.full(fix.size, 1.5), {"units": "rad"}),
-        "m_final_water_vx": (("i",), east, {"units": "m/s"}),
-        "m_final_water_vy": (("i",), north, {"units": "m/s"}),
+        "m_present_time": (whole["time"], "timestamp"),
+        "m_lon": (nmea(whole["longitude"]), "lon"),
+        "m_lat": (nmea(whole["latitude"]), "lat"),
+        "m_gps_lon": (np.where(fix, nmea(whole["longitude"]), 69_696_969.0), "lon"),
+        "m_gps_lat": (np.where(fix, nmea(whole["latitude"]), 69_696_969.0), "lat"),
+        "m_depth": (whole["depth"], "m"),
+        "m_heading": (np.full(fix.size, 1.5), "rad"),
+        "m_final_water_vx": (east, "m/s"),
+        "m_final_water_vy": (north, "m/s"),
     }
-    return write(path, rows)
+    return write(path, over("i", rows))
 
 
 def midas(path: Path, velocity: np.ndarray, beams: np.ndarray) -> Path:
     """A MIDAS export of an AD2CP that looks up: two pings of one velocity, x, y, z of the instrument, along its beams."""
     ranges = np.arange(2.0, 12.0, 2.0)
     along = beams @ velocity
-    rows: Variables = {
-        "time": (("time",), START + np.array([600.0, 900.0]), EPOCH),
-        "Velocity Range": (("Velocity Range",), ranges, {"units": "m"}),
-        "Heading": (("time",), [30.0, 40.0], {"units": "degrees"}),
-        "Pitch": (("time",), [0.0, 0.0], {"units": "degrees"}),
-        "Roll": (("time",), [0.0, 0.0], {"units": "degrees"}),
-        "Pressure": (("time",), [33.0, 50.0], {"units": "dbar"}),
-        "SpeedOfSound": (("time",), [1500.0, 1501.0], {"units": "m/s"}),
-        "AccelerometerZ": (("time",), [9.8, 9.8], {}),
-        **{
-            f"VelocityBeam{k + 1}": (
-                ("time", "Velocity Range"),
-                np.full((2, 5), along[k]),
-                {"units": "m/s"},
-            )
-            for k in range(4)
-        },
-        **{
-            f"CorrelationBeam{k + 1}": (
-                ("time", "Velocity Range"),
-                np.full((2, 5), 90.0 + k),
-                {"units": "%"},
-            )
-            for k in range(4)
-        },
+    sensors = {
+        "Heading": ([30.0, 40.0], "degrees"),
+        "Pitch": ([0.0, 0.0], "degrees"),
+        "Roll": ([0.0, 0.0], "degrees"),
+        "Pressure": ([33.0, 50.0], "dbar"),
+        "SpeedOfSound": ([1500.0, 1501.0], "m/s"),
+        "AccelerometerZ": [9.8, 9.8],
     }
-    return write(path, rows, group="Data/Average")
+    cells = {f"VelocityBeam{k + 1}": (np.full((2, 5), along[k]), "m/s") for k in range(4)}
+    cells |= {f"CorrelationBeam{k + 1}": (np.full((2, 5), 90.0 + k), "%") for k in range(4)}
+    variables = (
+        over("time", {"time": (START + np.array([600.0, 900.0]), EPOCH)})
+        | over("Velocity Range", {"Velocity Range": (ranges, "m")})
+        | over("time", sensors)
+        | over(("time", "Velocity Range"), cells)
+    )
+    return write(path, variables, group="Data/Average")
 
 
 def seaexplorer(folder: Path) -> list[Path]:

@@ -1,13 +1,11 @@
 """A dialect that is added as the README says: a value in a list, and the reader serves its files."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from replay_kit.logs import open_log, open_logs
 from replay_kit.logs.glider import dialects
-from replay_kit.logs.glider.dialect import Dialect
+from replay_kit.logs.glider.dialects import Dialect
 from tests.logs.glider import glider_samples as made
 
 MINE = Dialect(
@@ -29,7 +27,7 @@ MINE = Dialect(
 )
 
 
-def _write(path: Path, dive: int) -> Path:
+def _write(path, dive):
     track = made.samples()
     rows = track["dive"] == dive
     units = {
@@ -47,9 +45,7 @@ def _write(path: Path, dive: int) -> Path:
     return made.write(path, variables, {"deployment_name": "one"})
 
 
-def test_files_of_an_added_dialect_are_one_log_with_its_currents_and_pings(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_of_an_added_dialect_are_one_log_with_its_currents_and_pings(tmp_path, monkeypatch):
     files = [_write(tmp_path / f"{dive}.nc", dive) for dive in (0, 1)]
     unknown = {message.topic for message in open_log(files[0]).messages()}
     monkeypatch.setattr(dialects, "DIALECTS", (MINE, *dialects.DIALECTS))

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.message import Message
 from replay_kit.core.observation import PathMean
 from replay_kit.logs import open_log, open_logs
-from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import observations
 from tests.logs.glider import glider_samples as made
 
@@ -29,17 +27,17 @@ INSIDE = ("gliderdac", "erddap")
 WITH_FIXES = ("bodc", "socib", "slocum-glide", "slocum")
 
 
-def _open(given: Path | list[Path]) -> LogFile:
+def _open(given):
     (log,) = open_logs(given if isinstance(given, list) else [given])
     return log
 
 
-def _topic(messages: list[Message], topic: str) -> list[Message]:
+def _topic(messages, topic):
     return [message for message in messages if message.topic == topic]
 
 
 @pytest.mark.parametrize("form", DACS)
-def test_mean_currents_and_their_ends_come_back(tmp_path: Path, form: str) -> None:
+def test_mean_currents_and_their_ends_come_back(tmp_path, form):
     name, write = DACS[form]
     log = _open(write(tmp_path))
     messages = list(log.messages())
@@ -81,7 +79,7 @@ def test_mean_currents_and_their_ends_come_back(tmp_path: Path, form: str) -> No
 
 
 @pytest.mark.parametrize("form", DACS)
-def test_each_mean_current_is_observed_along_its_dive(tmp_path: Path, form: str) -> None:
+def test_each_mean_current_is_observed_along_its_dive(tmp_path, form):
     found = list(
         observations(
             _open(DACS[form][1](tmp_path)).messages(), MeasurementConfig(use_inverted=False)
@@ -103,15 +101,13 @@ def test_each_mean_current_is_observed_along_its_dive(tmp_path: Path, form: str)
         )
 
 
-def test_what_was_assumed_is_noted(tmp_path: Path) -> None:
+def test_what_was_assumed_is_noted(tmp_path):
     notes = {form: _open(DACS[form][1](tmp_path)).report().notes for form in DACS}
     assert "IOOS GliderDAC: 4 files are one log" in notes["gliderdac"]
     assert "mean current: 2 in 118 values, each counted once" in notes["gliderdac"]
     assert "WATERCURRENTS_U, WATERCURRENTS_V: converted from cm/s to m/s" in notes["bodc"]
-    assert (
-        "DEPTH_Z: bears the standard name of a depth and counts upwards; not used" in notes["bodc"]
-    )
-    assert "depth: counts upwards (its values are negative), sign reversed" in notes["socib"]
+    assert "DEPTH_Z: has the standard name depth but is positive up; not used" in notes["bodc"]
+    assert "depth: positive up (by its negative values), sign reversed" in notes["socib"]
     radians = "heading: no value above 1.50, so taken as radians although its unit is degrees; converted to degrees"
     assert radians in notes["socib"]
     assert (
@@ -124,14 +120,14 @@ def test_what_was_assumed_is_noted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("form", ["socib", "slocum"])
-def test_headings_come_back_in_degrees(tmp_path: Path, form: str) -> None:
+def test_headings_come_back_in_degrees(tmp_path, form):
     position = _topic(list(_open(DACS[form][1](tmp_path)).messages()), "/vehicle/position")[0]
     metadata = {item["key"]: item["value"] for item in position.payload["metadata"]}
     assert metadata["heading"] == f"{np.rad2deg(1.5):.2f}"
     assert float(metadata["depth"]) == pytest.approx(100.0 / 30.0, abs=1e-3)
 
 
-def test_a_folder_and_the_files_in_any_order_are_the_same_log(tmp_path: Path) -> None:
+def test_a_folder_and_the_files_in_any_order_are_the_same_log(tmp_path):
     files = made.gliderdac(tmp_path / "profiles")
     by_name = [message.payload for message in _open(sorted(files)).messages()]
     assert by_name == [message.payload for message in _open(files[::-1]).messages()]
@@ -144,7 +140,7 @@ def test_a_folder_and_the_files_in_any_order_are_the_same_log(tmp_path: Path) ->
     ] == [1740.0]
 
 
-def test_values_flagged_bad_are_not_used(tmp_path: Path) -> None:
+def test_values_flagged_bad_are_not_used(tmp_path):
     files = made.gliderdac(tmp_path / "profiles")
     import h5py
 
@@ -156,7 +152,7 @@ def test_values_flagged_bad_are_not_used(tmp_path: Path) -> None:
     assert "u_qc: 1 x 4 (bad_data), not used" in log.report().notes
 
 
-def test_the_parts_of_a_seaexplorer_come_back_with_their_fixes(tmp_path: Path) -> None:
+def test_the_parts_of_a_seaexplorer_come_back_with_their_fixes(tmp_path):
     made.seaexplorer(tmp_path / "raw")
     log = open_log(tmp_path / "raw")
     messages = list(log.messages())
@@ -171,4 +167,4 @@ def test_the_parts_of_a_seaexplorer_come_back_with_their_fixes(tmp_path: Path) -
             (longitude, latitude), abs=1e-6
         )
     assert "Declination: declination 17 degrees" in " ".join(log.report().notes)
-    assert "Timestamp: 1 values without a time, left out" in log.report().notes
+    assert "Timestamp: 1 values without a time, excluded" in log.report().notes

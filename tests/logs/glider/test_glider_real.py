@@ -3,13 +3,11 @@
 from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 
-from replay_kit.core.message import Message
 from replay_kit.logs import open_log, open_logs
 from tests.places import DATA, ROOT
 
@@ -31,7 +29,7 @@ ROWS = [
 ]
 
 
-def _read(name: str) -> tuple[Any, list[Message]]:
+def _read(name):
     log = open_log(FOLDER / name)
     messages = list(log.messages())
     assert [message.time_ns for message in messages] == sorted(
@@ -40,11 +38,11 @@ def _read(name: str) -> tuple[Any, list[Message]]:
     return log.report(), messages
 
 
-def _of(messages: list[Message], topic: str) -> list[Message]:
+def _of(messages, topic):
     return [message for message in messages if message.topic == topic]
 
 
-def _dives(messages: list[Message]) -> int:
+def _dives(messages):
     """Times that the depth of the positions goes below 3 m, counted anew below 1.5 m."""
     count, under = 0, False
     for message in messages:
@@ -56,7 +54,7 @@ def _dives(messages: list[Message]) -> int:
 
 
 @pytest.mark.parametrize("row", ROWS, ids=[Path(row[0]).name for row in ROWS])
-def test_each_file_is_read_as_the_readme_states(row: tuple[str, str, int, int, int]) -> None:
+def test_each_file_is_read_as_the_readme_states(row):
     name, dialect, dives, means, fixes = row
     report, messages = _read(name)
     counts = Counter(message.topic for message in messages)
@@ -69,7 +67,7 @@ def test_each_file_is_read_as_the_readme_states(row: tuple[str, str, int, int, i
     assert _dives(messages) == dives
 
 
-def test_each_mean_current_of_sg033_is_that_of_its_dive_between_its_fixes() -> None:
+def test_each_mean_current_of_sg033_is_that_of_its_dive_between_its_fixes():
     _, messages = _read("seagliderOG1_sg033_delayed.nc")
     with h5py.File(FOLDER / "seagliderOG1_sg033_delayed.nc") as file:
         dive, time, gps, depth = (
@@ -103,7 +101,7 @@ def test_each_mean_current_of_sg033_is_that_of_its_dive_between_its_fixes() -> N
     assert float(stated_heading) == pytest.approx(heading[row], abs=0.005)
 
 
-def test_mean_currents_of_sp028_begin_at_the_mirror_of_their_end() -> None:
+def test_mean_currents_of_sp028_begin_at_the_mirror_of_their_end():
     report, messages = _read("og1_sp028_20230202T1637_R.nc")
     last = _of(messages, "/dac")[-1].payload
     assert (last["dac_eastward"], last["dac_northward"]) == (-0.0242, -0.1603)
@@ -120,7 +118,7 @@ def test_mean_currents_of_sp028_begin_at_the_mirror_of_their_end() -> None:
     assert "mean current: 9 in 372 values, each counted once" in report.notes
 
 
-def test_mean_currents_that_are_none_are_said_to_be_missing() -> None:
+def test_mean_currents_that_are_none_are_said_to_be_missing():
     assert (
         "mean current: 1 of exactly (0, 0) taken as missing" in _read("gdac_Murphy_rt.nc")[0].notes
     )
@@ -130,7 +128,7 @@ def test_mean_currents_that_are_none_are_said_to_be_missing() -> None:
     assert "magnetic_variation: declination 111.7 degrees" in report.notes
 
 
-def test_the_two_files_of_a_seaexplorer_are_one_log_with_places_in_degrees() -> None:
+def test_the_two_files_of_a_seaexplorer_are_one_log_with_places_in_degrees():
     paths = sorted((FOLDER / "seaexplorer").glob("sea063*"))
     (log,) = open_logs(paths)
     first = next(iter(log.messages()))
@@ -144,7 +142,7 @@ def test_the_two_files_of_a_seaexplorer_are_one_log_with_places_in_degrees() -> 
     )
 
 
-def test_headings_of_pyglider_are_degrees() -> None:
+def test_headings_of_pyglider_are_degrees():
     report, messages = _read("pyglider_L0_dfo-eva035.nc")
     assert not any("radians" in note for note in report.notes)
     metadata = {item["key"]: item["value"] for item in messages[0].payload["metadata"]}

@@ -1,7 +1,5 @@
 """Global heaps of NetCDF-4 files that the HDF5 library would read for ever."""
 
-from pathlib import Path
-
 import h5py
 import pytest
 
@@ -11,7 +9,7 @@ from replay_kit.logs.glider.netcdf import endless_heap
 
 
 @pytest.fixture
-def sound(tmp_path: Path) -> tuple[Path, int]:
+def sound(tmp_path):
     """A file whose texts are in one heap, and where that begins."""
     path = tmp_path / "texts.nc"
     with h5py.File(path, "w") as file:
@@ -24,7 +22,7 @@ def sound(tmp_path: Path) -> tuple[Path, int]:
     return path, data.index(b"GCOL")
 
 
-def _with(path: Path, places: dict[int, bytes]) -> Path:
+def _with(path, places):
     data = bytearray(path.read_bytes())
     for place, values in places.items():
         data[place : place + len(values)] = values
@@ -32,7 +30,7 @@ def _with(path: Path, places: dict[int, bytes]) -> Path:
     return path
 
 
-def _objects(data: bytes, heap: int) -> list[int]:
+def _objects(data, heap):
     """Return where the two texts and the free space behind them begin."""
     first = heap + 16
     second = first + 16 + -(-int.from_bytes(data[first + 8 : first + 16], "little") // 8) * 8
@@ -43,14 +41,12 @@ def _objects(data: bytes, heap: int) -> list[int]:
     ]
 
 
-def test_a_sound_heap_ends(sound: tuple[Path, int]) -> None:
+def test_a_sound_heap_ends(sound):
     assert endless_heap(sound[0]) is None
 
 
 @pytest.mark.parametrize("which", [0, 1, 2])
-def test_a_heap_with_free_space_of_no_size_is_found_and_its_file_refused(
-    sound: tuple[Path, int], which: int
-) -> None:
+def test_a_heap_with_free_space_of_no_size_is_found_and_its_file_refused(sound, which):
     path, heap = sound
     data = path.read_bytes()
     at = _objects(data, heap)[which]
@@ -64,7 +60,7 @@ def test_a_heap_with_free_space_of_no_size_is_found_and_its_file_refused(
         list(open_log(path).messages())
 
 
-def test_a_size_in_a_byte_of_it_alone_leads_on(sound: tuple[Path, int]) -> None:
+def test_a_size_in_a_byte_of_it_alone_leads_on(sound):
     path, heap = sound
     first, *_, free = _objects(path.read_bytes(), heap)
     # free space in place of a text, as long as that with its head
@@ -75,7 +71,7 @@ def test_a_size_in_a_byte_of_it_alone_leads_on(sound: tuple[Path, int]) -> None:
     )
 
 
-def test_the_end_of_a_heap_and_of_its_file_ends_the_search(sound: tuple[Path, int]) -> None:
+def test_the_end_of_a_heap_and_of_its_file_ends_the_search(sound):
     path, heap = sound
     second = _objects(path.read_bytes(), heap)[1]
     _with(path, {second: bytes(16)})
@@ -88,7 +84,7 @@ def test_the_end_of_a_heap_and_of_its_file_ends_the_search(sound: tuple[Path, in
         assert endless_heap(path) == found
 
 
-def test_a_second_heap_is_looked_at(sound: tuple[Path, int]) -> None:
+def test_a_second_heap_is_looked_at(sound):
     path, heap = sound
     whole = path.read_bytes()
     path.write_bytes(whole + whole[heap : heap + 16] + bytes(32))

@@ -37,14 +37,12 @@ from tests.logs.glider import glider_samples as made
         ("midas", {}, [], ()),
     ],
 )
-def test_missions(
-    dialect: str, attributes: dict[str, object], texts: list[bytes], expected: tuple[str, ...]
-) -> None:
+def test_missions(dialect, attributes, texts, expected):
     variables = {"TRAJECTORY": Stored(np.array(texts, "S10"), {})} if texts else {}
     assert mission_of(NetcdfFile(Path("a.nc"), attributes, variables, ()), dialect) == expected
 
 
-def test_a_mission_in_characters_or_in_a_text_of_variable_length(tmp_path: Path) -> None:
+def test_a_mission_in_characters_or_in_a_text_of_variable_length(tmp_path):
     path = made.bodc(tmp_path / "a.nc")
     with h5py.File(path, "r+") as file:
         file["TRAJECTORY"] = "sg033_2010"
@@ -55,7 +53,7 @@ def test_a_mission_in_characters_or_in_a_text_of_variable_length(tmp_path: Path)
     assert open_log(path).report().mission == "sg034"
 
 
-def test_several_missions_in_one_file_are_noted(tmp_path: Path) -> None:
+def test_several_missions_in_one_file_are_noted(tmp_path):
     path = made.spray(tmp_path / "a.nc")
     with h5py.File(path, "r+") as file:
         file["mission_name"] = np.array([b"22C", b"23A", b"23B", b"24A"])
@@ -65,6 +63,6 @@ def test_several_missions_in_one_file_are_noted(tmp_path: Path) -> None:
     assert note in log.report().notes
 
 
-def test_pattern() -> None:
+def test_pattern():
     assert pattern([Path("/x/p1710100.nc")]) == "p1710100.nc"
     assert pattern([Path("/x/p1710100.nc"), Path("/y/p1710134.nc")]) == "p17101*"

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from replay_kit.logs.glider.seaglider import agreement, orientation
+from replay_kit.logs.glider.adcp import agreement, orientation
 
 DISTANCE = np.arange(2.1, 32.0, 2.0)
 
 
-def _dive(sign: float, noise: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def _dive(sign, noise=0.0):
     """Return velocities and depths of a dive through a sheared current, each ping with the motion of the glider."""
     rng = np.random.default_rng(3)
     depth = np.concatenate([np.arange(40.0, 200.0, 6.0), np.arange(200.0, 40.0, -6.0)])
@@ -19,7 +19,7 @@ def _dive(sign: float, noise: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     ), depth
 
 
-def _twin(shear: np.ndarray, depth: np.ndarray) -> float:
+def _twin(shear, depth):
     """The variance of shears within bins of 5 m, one by one."""
     bins: dict[int, list[np.ndarray]] = {}
     for value, at in zip(shear.reshape(-1, 2), depth.ravel(), strict=True):
@@ -32,7 +32,7 @@ def _twin(shear: np.ndarray, depth: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(("sign", "looks"), [(-1.0, "up"), (1.0, "down")])
-def test_shears_tell_where_it_looks(sign: float, looks: str) -> None:
+def test_shears_tell_where_it_looks(sign, looks):
     velocity, depth = _dive(sign, noise=0.02)
     notes: list[str] = []
     assert orientation(velocity, depth, DISTANCE, notes) == looks
@@ -40,15 +40,15 @@ def test_shears_tell_where_it_looks(sign: float, looks: str) -> None:
     ratio = _twin(shear, depth[:, None] + middle) / _twin(shear, depth[:, None] - middle)
     assert agreement(velocity, depth, DISTANCE) == pytest.approx(ratio, rel=1e-10)
     assert notes == [
-        f"ADCP: looks {looks}, by its shears, which agree {max(ratio, 1 / ratio):.2f} times as well so as the other way"
+        f"ADCP: looks {looks} by its shears, whose variance is {max(ratio, 1 / ratio):.2f} times smaller than the other way"
     ]
 
 
 @pytest.mark.parametrize("cells", [3, 5, 6, 15])
-def test_where_shears_do_not_tell_up_is_taken(cells: int) -> None:
+def test_where_shears_do_not_tell_up_is_taken(cells):
     velocity, depth = np.full((4, cells, 2), 0.25), np.array([10.0, 100.0, np.nan, 300.0])
     notes: list[str] = []
     assert orientation(velocity, depth, DISTANCE[:cells], notes) == "up"
     assert notes == [
-        "ADCP: taken to look up, because neither the file nor its shears tell where it looks"
+        "ADCP: assumed to look up; neither the file nor its shears show its orientation"
     ]

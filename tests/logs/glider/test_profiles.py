@@ -1,19 +1,17 @@
 """Profiles of the current in gliders' files without a real sample: the field that was written comes back, on true axes."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.logs import merge, open_log, open_logs
-from replay_kit.logs.glider.ad2cp import _BEAMS
+from replay_kit.logs.glider.adcp import _BEAMS
 from replay_kit.measurements import observations
 from tests.logs.glider import glider_samples as made
 
 
-def test_absolute_profiles_of_spray_come_back_with_depth_first(tmp_path: Path) -> None:
+def test_absolute_profiles_of_spray_come_back_with_depth_first(tmp_path):
     log = open_log(made.spray(tmp_path / "a.nc"))
     profiles = [
         event
@@ -45,7 +43,7 @@ def test_absolute_profiles_of_spray_come_back_with_depth_first(tmp_path: Path) -
 VELOCITY = np.array([0.3, -0.1, 0.05])
 
 
-def test_velocities_of_a_midas_export_come_back_on_true_axes(tmp_path: Path) -> None:
+def test_velocities_of_a_midas_export_come_back_on_true_axes(tmp_path):
     export = made.midas(tmp_path / "sea063_M22.ad2cp.nc", VELOCITY, _BEAMS)
     track = made.bodc(tmp_path / "track.nc")
     logs = open_logs([export, track])
@@ -66,4 +64,4 @@ def test_velocities_of_a_midas_export_come_back_on_true_axes(tmp_path: Path) -> 
         np.testing.assert_allclose(ping.velocity, np.tile([east, north], (5, 1)), atol=1e-5)
     # up from 33 dbar
     np.testing.assert_allclose(pings[0].depth, 32.7 - np.arange(2.0, 12.0, 2.0), atol=0.2)
-    assert any("looks up, by its accelerometer" in note for note in logs[0].report().notes)
+    assert any("looks up by its accelerometer" in note for note in logs[0].report().notes)

@@ -1,6 +1,5 @@
 """NetCDF files of no known dialect: rows that a mapping reads, or why a file is no log."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from replay_kit.measurements import observations
 from tests.logs.glider import glider_samples as made
 
 
-def test_a_forecast_and_a_file_without_time_are_no_logs(tmp_path: Path) -> None:
+def test_a_forecast_and_a_file_without_time_are_no_logs(tmp_path):
     grid = np.zeros((2, 3, 3))
     time: Any = (("time",), [made.START, made.START + 60.0], made.EPOCH)
     field = (("time", "y", "x"), grid, {"standard_name": "eastward_sea_water_velocity"})
@@ -26,7 +25,7 @@ def test_a_forecast_and_a_file_without_time_are_no_logs(tmp_path: Path) -> None:
         open_log(made.write(tmp_path / "n.nc", {"lat": (("n",), np.zeros(3), {})}))
 
 
-def test_rows_of_an_unknown_file_are_read_by_a_mapping(tmp_path: Path) -> None:
+def test_rows_of_an_unknown_file_are_read_by_a_mapping(tmp_path):
     """Three cells along a second dimension, time last: each row over the time is a message."""
     track = made.samples(600.0)
     n = track["time"].size
@@ -77,5 +76,5 @@ def test_rows_of_an_unknown_file_are_read_by_a_mapping(tmp_path: Path) -> None:
     ]
 
 
-def _packed_rows(values: np.ndarray, n: int) -> tuple[np.ndarray, dict[str, Any]]:
+def _packed_rows(values, n):
     return made.packed(np.tile(values[:, None], (1, n)), 1e-4)

@@ -14,7 +14,7 @@ from replay_kit.logs.glider.netcdf import NetcdfFile, Stored
 FILE = NetcdfFile(Path("a.nc"), MappingProxyType({}), MappingProxyType({}), ())
 
 
-def _stored(values: Any, **attributes: Any) -> Stored:
+def _stored(values, **attributes: Any):
     return Stored(np.asarray(values), attributes)
 
 
@@ -36,16 +36,14 @@ def _stored(values: Any, **attributes: Any) -> Stored:
         ("1", units.NUMBER, 7.0, 7.0, None),
     ],
 )
-def test_units(
-    unit: str, quantity: units.Quantity, value: float, expected: float, note: str | None
-) -> None:
+def test_units(unit, quantity, value, expected, note):
     notes: list[str] = []
     (found,) = units.in_si("x", _stored([value], units=unit), quantity, notes)
     assert found == pytest.approx(expected, rel=1e-12)
     assert notes == ([] if note is None else [note])
 
 
-def test_degrees_and_minutes_south_and_west() -> None:
+def test_degrees_and_minutes_south_and_west():
     notes: list[str] = []
     found = units.in_si(
         "lat", _stored([-4530.0, 1015.6, 69_696_969.0]), units.LATITUDE, notes, "nmea"
@@ -68,13 +66,13 @@ def test_degrees_and_minutes_south_and_west() -> None:
         ("timestamp", 1.7e9, 1.7e9),
     ],
 )
-def test_times(unit: str, value: float, expected_s: float) -> None:
+def test_times(unit, value, expected_s):
     found, known = units.time_ns("t", _stored([value, np.nan], units=unit), FILE, [])
     assert found.tolist() == [round(expected_s * 1000) * 10**6, 0]
     assert known.tolist() == [True, False]
 
 
-def test_times_of_a_clock_that_lost_them_are_unknown() -> None:
+def test_times_of_a_clock_that_lost_them_are_unknown():
     stored = _stored(
         np.array([-(2**63), 86_400 * 10**9, 1_700_000_000 * 10**9]),
         units="nanoseconds since 1970-01-01",
@@ -99,7 +97,7 @@ MEANINGS = {"flag_values": np.array([1, 2, 3, 4, 9], np.int8)}
         ("bad good good good good", [1]),
     ],
 )
-def test_flags_are_read_by_their_meanings(meanings: str, bad: list[int]) -> None:
+def test_flags_are_read_by_their_meanings(meanings, bad):
     notes: list[str] = []
     found = units.flagged_bad(
         "q",
@@ -111,7 +109,7 @@ def test_flags_are_read_by_their_meanings(meanings: str, bad: list[int]) -> None
     assert len(notes) == len(bad)
 
 
-def test_flags_as_text_and_values_as_text() -> None:
+def test_flags_as_text_and_values_as_text():
     flags = _stored(
         np.array([b"1", b"4", b"8"]),
         flag_values="0b, 1b, 4b, 8b",
@@ -125,7 +123,7 @@ def test_flags_as_text_and_values_as_text() -> None:
 
 
 @pytest.mark.parametrize(("largest", "turned"), [(6.2, True), (6.4, False)])
-def test_headings_within_a_turn_in_radians_are_radians(largest: float, turned: bool) -> None:
+def test_headings_within_a_turn_in_radians_are_radians(largest, turned):
     values = np.linspace(0.0, largest, 30)
     found = units.attitude_degrees("h", values, True, [])
     np.testing.assert_allclose(found, np.rad2deg(values) if turned else values)

@@ -1,23 +1,19 @@
 """Variants of gliders' files as their writers make them: each gives the messages of the file that it was changed from."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from tests.logs.glider import glider_samples as made
 
 Change = Callable[[made.Variables], made.Variables]
 
 
-def _changed(
-    path: Path, write: Callable[[Path], Path], change: Change, monkeypatch: pytest.MonkeyPatch
-) -> Path:
+def _changed(path, write, change, monkeypatch):
     """Write a sample with its variables changed."""
     plain = made.write
     with monkeypatch.context() as patch:
@@ -31,7 +27,7 @@ def _changed(
         return write(path)
 
 
-def _values(messages: list[Message]) -> list[Any]:
+def _values(messages):
     """Return what fixes and mean currents say, as numbers."""
     found: list[Any] = []
     for message in messages:
@@ -54,7 +50,7 @@ def _values(messages: list[Message]) -> list[Any]:
     return found
 
 
-def _lower(variables: made.Variables) -> made.Variables:
+def _lower(variables):
     """Names and dimensions in lower case, and the mean current at the fixes as well."""
     dive = np.repeat([0, 1], 61)
     for k, name in enumerate(("WATERCURRENTS_U", "WATERCURRENTS_V")):
@@ -66,7 +62,7 @@ def _lower(variables: made.Variables) -> made.Variables:
     }
 
 
-def _packed(variables: made.Variables) -> made.Variables:
+def _packed(variables):
     dims, time, _ = variables["TIME"]
     stored = np.round((time - made.START) / 10.0).astype(np.int32)
     variables["TIME"] = (
@@ -85,8 +81,8 @@ def _packed(variables: made.Variables) -> made.Variables:
     return variables
 
 
-def _time(units: str, begin: str, seconds: float, kind: str) -> Change:
-    def change(variables: made.Variables) -> made.Variables:
+def _time(units, begin, seconds, kind):
+    def change(variables):
         dims, time, _ = variables["time"]
         since = (time - np.datetime64(begin, "s").astype(np.int64)) / seconds
         variables["time"] = (
@@ -99,8 +95,8 @@ def _time(units: str, begin: str, seconds: float, kind: str) -> Change:
     return change
 
 
-def _text(kind: str) -> Change:
-    def change(variables: made.Variables) -> made.Variables:
+def _text(kind):
+    def change(variables):
         dims, time, _ = variables["time"]
         texts = np.array([str(np.datetime64(round(t), "s")) + "Z" for t in time], "S20")
         characters = (*dims, "n_char"), texts.view("S1").reshape(len(texts), 20), {}
@@ -110,7 +106,7 @@ def _text(kind: str) -> Change:
     return change
 
 
-def _decimal(variables: made.Variables) -> made.Variables:
+def _decimal(variables):
     whole, fix = made._with_fixes(made.samples())
     for part in ("lon", "lat"):
         degrees = whole[{"lon": "longitude", "lat": "latitude"}[part]]
@@ -143,9 +139,7 @@ def _decimal(variables: made.Variables) -> made.Variables:
         pytest.param(made.slocum, _decimal, id="decimal degrees"),
     ],
 )
-def test_a_variant_gives_the_same_fixes_and_mean_currents(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, write: Callable[[Path], Path], change: Change
-) -> None:
+def test_a_variant_gives_the_same_fixes_and_mean_currents(tmp_path, monkeypatch, write, change):
     plain = _values(list(open_log(write(tmp_path / "plain.nc")).messages()))
     log = open_log(_changed(tmp_path / "changed.nc", write, change, monkeypatch))
     found = _values(list(log.messages()))
@@ -156,9 +150,9 @@ def test_a_variant_gives_the_same_fixes_and_mean_currents(
 
 
 def test_latitudes_near_the_equator_are_degrees_and_minutes_where_the_longitudes_are(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def south(variables: made.Variables) -> made.Variables:
+    tmp_path, monkeypatch
+):
+    def south(variables):
         dims, values, attributes = variables["m_gps_lat"]
         variables["m_gps_lat"] = (dims, np.where(values < 1e6, values - 4000.0, values), attributes)
         dims, values, attributes = variables["m_lat"]
@@ -173,9 +167,9 @@ def test_latitudes_near_the_equator_are_degrees_and_minutes_where_the_longitudes
 
 
 def test_without_fixes_a_report_at_the_surface_is_of_the_dive_between_samples_at_the_surface(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def change(variables: made.Variables) -> made.Variables:
+    tmp_path, monkeypatch
+):
+    def change(variables):
         del variables["dead_reckoning"]
         return variables | {"profile_index": (("time",), np.repeat([0.0, 1.0], 61), {})}
 
@@ -187,7 +181,7 @@ def test_without_fixes_a_report_at_the_surface_is_of_the_dive_between_samples_at
     assert any("4 of 4 ends are not fixes of the file" in note for note in log.report().notes)
 
 
-def test_a_ragged_array_states_a_profile_once(tmp_path: Path) -> None:
+def test_a_ragged_array_states_a_profile_once(tmp_path):
     track, middle = made.samples(), made.middles()
     each = {
         "time": middle[:, 0],
@@ -217,15 +211,13 @@ def test_a_ragged_array_states_a_profile_once(tmp_path: Path) -> None:
         list(open_log(made.erddap(tmp_path / "rows.nc")).messages())
     )
     assert (
-        "2 profiles of 118 samples: what is stated once for each holds at all of its samples"
+        "2 profiles of 118 samples: values stated once for each are repeated at its samples"
         in ragged.report().notes
     )
 
 
-def test_ends_that_follow_from_the_middle_of_a_dive_cross_the_antimeridian(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def change(variables: made.Variables) -> made.Variables:
+def test_ends_that_follow_from_the_middle_of_a_dive_cross_the_antimeridian(tmp_path, monkeypatch):
+    def change(variables):
         for name in ("lon", "lon_uv"):
             dims, values, attributes = variables[name]
             # the first dive from 179.997 E to 179.993 W, its middle west of the antimeridian's other side
@@ -240,7 +232,7 @@ def test_ends_that_follow_from_the_middle_of_a_dive_cross_the_antimeridian(
     assert all(-180.0 <= first[end]["lon"] <= 360.0 for end in ("start_fix", "end_fix"))
 
 
-def test_a_file_without_times_says_which_it_lacks(tmp_path: Path) -> None:
+def test_a_file_without_times_says_which_it_lacks(tmp_path):
     path = made.write(
         tmp_path / "a.nc", {"LATITUDE": (("N",), np.zeros(3), {})}, {"Conventions": "OG-1.0"}
     )
@@ -251,10 +243,8 @@ def test_a_file_without_times_says_which_it_lacks(tmp_path: Path) -> None:
         open_log(path)
 
 
-def test_numbers_that_are_texts_are_read_and_other_texts_are_missing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def change(variables: made.Variables) -> made.Variables:
+def test_numbers_that_are_texts_are_read_and_other_texts_are_missing(tmp_path, monkeypatch):
+    def change(variables):
         dims, values, attributes = variables["latitude"]
         texts = np.array([f"{value:.6f}" for value in values], "S12")
         texts[1] = b"none"

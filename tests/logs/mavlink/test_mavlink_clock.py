@@ -1,26 +1,22 @@
 """The clocks of a telemetry log: the recorder's compared with UTC, the senders' fitted, and one asked for by ``--clock``."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import LogReport, Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink import clock as mavlink_clock
 from tests.logs.log_samples import SHARED, attitude, tlog_entry
+from tests.logs.log_samples import read_log as read
 
 START = 1_700_000_000_000_000
 SMALL = SHARED / "ardusub" / "small.tlog"
 POSITION = frozenset({"GLOBAL_POSITION_INT"})
 
 
-def system_time(
-    stamp_us: int, utc_us: int, boot_ms: int, system: int = 1, version: int = 2
-) -> bytes:
+def system_time(stamp_us, utc_us, boot_ms, system=1, version=2):
     return tlog_entry(
         stamp_us,
         dialect.MAVLink_system_time_message(utc_us, boot_ms),
@@ -29,23 +25,14 @@ def system_time(
     )
 
 
-def position(stamp_us: int, system: int) -> bytes:
+def position(stamp_us, system):
     message = dialect.MAVLink_global_position_int_message(
         1000, 473000000, -1246305732, 0, -1500, 0, 0, 0, 65535
     )
     return tlog_entry(stamp_us, message, system=system)
 
 
-def read(
-    folder: Path, data: bytes, config: LogConfig | None = None, wanted: frozenset[str] | None = None
-) -> tuple[list[Message], LogReport]:
-    file = folder / "log"
-    file.write_bytes(data)
-    reader = open_log(file, 0, config, wanted)
-    return list(reader.messages()), reader.report()
-
-
-def late_recorder(n: int, starts: int = 1) -> bytes:
+def late_recorder(n, starts=1):
     """A recorder three seconds late, with jitter; UTC in every tenth message only, one of them an hour wrong; two starts of the vehicle."""
     entries = []
     for start in range(starts):
@@ -60,7 +47,7 @@ def late_recorder(n: int, starts: int = 1) -> bytes:
     return b"".join(entries)
 
 
-def test_stamps_stay_unless_asked_and_the_report_says_how_far_off_they_are(tmp_path: Path) -> None:
+def test_stamps_stay_unless_asked_and_the_report_says_how_far_off_they_are(tmp_path):
     messages, report = read(tmp_path, late_recorder(100))
     assert messages[2].time_ns == (START + 4_000_000 + 7000) * 1000
     assert "the recorder's stamps are +3." in report.notes[0]
@@ -72,9 +59,7 @@ def test_stamps_stay_unless_asked_and_the_report_says_how_far_off_they_are(tmp_p
 
 
 @pytest.mark.parametrize("starts", [1, 2])
-def test_the_clock_of_the_header_is_utc_by_the_time_since_start(
-    tmp_path: Path, starts: int
-) -> None:
+def test_the_clock_of_the_header_is_utc_by_the_time_since_start(tmp_path, starts):
     messages, report = read(tmp_path, late_recorder(100, starts), LogConfig(clock="header"))
     attitudes = [m.time_ns for m in messages if m.schema == "ATTITUDE"]
     assert attitudes == [(START + 1_000_000 * k) * 1000 for k in range(100 * starts)]
@@ -82,7 +67,7 @@ def test_the_clock_of_the_header_is_utc_by_the_time_since_start(
     assert len(report.notes) == 1 + starts
 
 
-def test_without_utc_the_clock_of_the_header_smooths_the_stamps(tmp_path: Path) -> None:
+def test_without_utc_the_clock_of_the_header_smooths_the_stamps(tmp_path):
     rng = np.random.default_rng(0)
     jitter = rng.exponential(20_000.0, 200).astype(int).tolist()
     data = b"".join(
@@ -99,7 +84,7 @@ def test_without_utc_the_clock_of_the_header_smooths_the_stamps(tmp_path: Path) 
     assert "against the recorder's stamps: 200 pairs" in report.notes[1]
 
 
-def test_messages_that_state_no_time_keep_the_recorders(tmp_path: Path) -> None:
+def test_messages_that_state_no_time_keep_the_recorders(tmp_path):
     text = tlog_entry(START + 9, dialect.MAVLink_statustext_message(6, b"hello"))
     other = tlog_entry(START + 9, attitude(1), system=9)
     utc = tlog_entry(
@@ -116,9 +101,7 @@ def test_messages_that_state_no_time_keep_the_recorders(tmp_path: Path) -> None:
     assert report.without_stamp == 2
 
 
-def test_a_long_log_keeps_a_bounded_number_of_pairs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_long_log_keeps_a_bounded_number_of_pairs(tmp_path, monkeypatch):
     everything = read(tmp_path, late_recorder(400), LogConfig(clock="header"))[0]
     monkeypatch.setattr(mavlink_clock, "_MOST", 64)
     thinned, report = read(tmp_path, late_recorder(400), LogConfig(clock="header"))
@@ -126,7 +109,7 @@ def test_a_long_log_keeps_a_bounded_number_of_pairs(
     assert len(report.notes) == 2
 
 
-def test_positions_of_several_systems_need_a_choice(tmp_path: Path) -> None:
+def test_positions_of_several_systems_need_a_choice(tmp_path):
     data = b"".join(position(START + n, 1 + n % 2) for n in range(6))
     with pytest.raises(
         LogError, match=r"set system in \[logs\] of the configuration to one of 1, 2"
@@ -149,7 +132,7 @@ def test_positions_of_several_systems_need_a_choice(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not SMALL.exists(), reason="the shared logs are not on this machine")
-def test_a_real_log() -> None:
+def test_a_real_log():
     reader = open_log(SMALL, wanted=POSITION)
     list(reader.messages())
     assert reader.report().notes == (

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replay_kit.core.message import LogReport
 from replay_kit.logs.mavlink import frames as mavlink_frames
 from replay_kit.logs.mavlink.frames import PADDING, checksums
 from replay_kit.logs.shared.blocks import chain
@@ -24,7 +23,7 @@ quick = settings(max_examples=60, deadline=None, derandomize=True)
     data=st.binary(min_size=300, max_size=700),
     ends=st.lists(st.tuples(st.integers(0, 300), st.integers(0, 268)), max_size=30),
 )
-def test_checksums_of_stretches_of_all_lengths(data: bytes, ends: list[tuple[int, int]]) -> None:
+def test_checksums_of_stretches_of_all_lengths(data, ends):
     start = np.array([begin for begin, _ in ends], dtype=np.int64)
     end = np.array([min(begin + length, len(data)) for begin, length in ends], dtype=np.int64)
     extra = (7 * np.arange(len(ends)) % 256).astype(np.uint16)
@@ -35,7 +34,7 @@ def test_checksums_of_stretches_of_all_lengths(data: bytes, ends: list[tuple[int
     ]
 
 
-def test_the_checksum_of_the_standard_check() -> None:
+def test_the_checksum_of_the_standard_check():
     text = np.frombuffer(b"123456789" + bytes(PADDING), dtype=np.uint8)
     crc = checksums(text, np.array([0]), np.array([8]), np.array([ord("9")], dtype=np.uint16))
     assert crc.tolist() == [0x6F91]
@@ -49,13 +48,13 @@ def test_the_checksum_of_the_standard_check() -> None:
         unique_by=lambda record: record[0],
     )
 )
-def test_a_chain_is_what_one_walk_meets(records: list[tuple[int, int]]) -> None:
+def test_a_chain_is_what_one_walk_meets(records):
     spans = sorted((start, start + length) for start, length in records)
     start, end = np.array(spans, dtype=np.int64).reshape(-1, 2).T
     assert chain(start, end).tolist() == slow_chain(spans)
 
 
-def places(data: bytes) -> tuple[list[int], LogReport, int]:
+def places(data):
     statistics = ReadStatistics()
     blocks = list(mavlink_frames.read_frames(BytesIO(data), statistics))
     found = [place + frames.offset for frames in blocks for place in frames.start.tolist()]
@@ -63,7 +62,7 @@ def places(data: bytes) -> tuple[list[int], LogReport, int]:
 
 
 @pytest.mark.parametrize("block", [1, 7, 64, 700])
-def test_any_size_of_block_finds_the_same(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
+def test_any_size_of_block_finds_the_same(monkeypatch, block):
     entries = tlog(30)
     data = (
         b"\xfe\xfd" + b"".join(entries[:11]) + bytes(400) + b"".join(entries[11:]) + entries[0][:-1]
@@ -77,7 +76,7 @@ def test_any_size_of_block_finds_the_same(monkeypatch: pytest.MonkeyPatch, block
     assert in_memory < 1500 + block
 
 
-def test_bytes_that_all_look_like_entries_are_read_in_bounded_memory() -> None:
+def test_bytes_that_all_look_like_entries_are_read_in_bounded_memory():
     noise = (b"\x00\xfd" * 100_000)[:-1]
     tracemalloc.start()
     found, report, _ = places(noise)

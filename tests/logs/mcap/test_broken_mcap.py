@@ -3,28 +3,19 @@
 import struct
 import tracemalloc
 import zlib
-from pathlib import Path
 
 import pytest
 import zstandard
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType
 
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import LogReport, Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.records import MAGIC, MAX_CONTENTS, MAX_SIZE
-from tests.logs.log_samples import json_mcap
-
-# Function-scoped folders are shared by the examples on purpose: each example writes the one file anew.
-broken = settings(
-    max_examples=60,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+from tests.logs.log_samples import broken, json_mcap
+from tests.logs.log_samples import read_log as read
 
 SAMPLES = {
     "none": json_mcap(range(40)),
@@ -35,22 +26,15 @@ SAMPLES = {
 }
 
 
-def read(folder: Path, data: bytes) -> tuple[list[Message], LogReport]:
-    file = folder / "log"
-    file.write_bytes(data)
-    reader = open_log(file)
-    return list(reader.messages()), reader.report()
-
-
-def numbers(messages: list[Message]) -> list[int]:
+def numbers(messages):
     return [m.payload["n"] for m in messages]
 
 
-def content(messages: list[Message]) -> list[tuple[int, str, str, str]]:
+def content(messages):
     return [(m.time_ns, m.topic, m.schema, repr(m.payload)) for m in messages]
 
 
-def chunk_record(data: bytes, claimed: int, compression: bytes = b"", crc: int = 0) -> bytes:
+def chunk_record(data, claimed, compression=b"", crc=0):
     head = (
         struct.pack("<QQQII", 0, 0, claimed, crc, len(compression))
         + compression
@@ -59,7 +43,7 @@ def chunk_record(data: bytes, claimed: int, compression: bytes = b"", crc: int =
     return struct.pack("<BQ", Opcode.CHUNK, len(head) + len(data)) + head + data
 
 
-def with_chunk_first(whole: bytes, chunk: bytes) -> bytes:
+def with_chunk_first(whole, chunk):
     """Return a file with one more chunk, and without a summary, whose offsets would no longer be true."""
     first, end = record_offsets(whole, Opcode.CHUNK)[0], record_offsets(whole, Opcode.DATA_END)[0]
     tail = (
@@ -70,7 +54,7 @@ def with_chunk_first(whole: bytes, chunk: bytes) -> bytes:
     return whole[:first] + chunk + whole[first:end] + tail
 
 
-def record_offsets(data: bytes, opcode: Opcode) -> list[int]:
+def record_offsets(data, opcode):
     offsets, offset = [], len(MAGIC)
     while offset + 9 <= len(data):
         found, length = struct.unpack_from("<BQ", data, offset)
@@ -83,7 +67,7 @@ def record_offsets(data: bytes, opcode: Opcode) -> list[int]:
 @pytest.mark.parametrize("sample", list(SAMPLES))
 @broken
 @given(part=st.floats(0.0, 1.0))
-def test_a_cut_file_gives_a_prefix_and_a_loss(tmp_path: Path, sample: str, part: float) -> None:
+def test_a_cut_file_gives_a_prefix_and_a_loss(tmp_path, sample, part):
     whole = SAMPLES[sample]
     cut = int(part * (len(whole) - 1))
     try:
@@ -98,7 +82,7 @@ def test_a_cut_file_gives_a_prefix_and_a_loss(tmp_path: Path, sample: str, part:
 
 
 @pytest.mark.parametrize("sample", ["none", "one chunk", "unchunked"])
-def test_every_whole_record_before_the_cut_is_used(tmp_path: Path, sample: str) -> None:
+def test_every_whole_record_before_the_cut_is_used(tmp_path, sample):
     whole = SAMPLES[sample]
     end = whole.index(b'{"n":25') + len(b'{"n":25,"text":""}') + 20
     messages, report = read(tmp_path, whole[:end])
@@ -109,7 +93,7 @@ def test_every_whole_record_before_the_cut_is_used(tmp_path: Path, sample: str) 
     assert 0 < report.losses[0].bytes < 100
 
 
-def test_a_cut_compressed_chunk_gives_what_can_be_decompressed(tmp_path: Path) -> None:
+def test_a_cut_compressed_chunk_gives_what_can_be_decompressed(tmp_path):
     whole = json_mcap(range(20_000), CompressionType.ZSTD, chunk_size=1 << 30)
     chunk = record_offsets(whole, Opcode.CHUNK)[0]
     (length,) = struct.unpack_from("<Q", whole, chunk + 1)
@@ -122,9 +106,7 @@ def test_a_cut_compressed_chunk_gives_what_can_be_decompressed(tmp_path: Path) -
 @pytest.mark.parametrize("sample", list(SAMPLES))
 @broken
 @given(part=st.floats(0.0, 1.0), bit=st.integers(0, 7))
-def test_a_flipped_bit_is_seen_or_harmless(
-    tmp_path: Path, sample: str, part: float, bit: int
-) -> None:
+def test_a_flipped_bit_is_seen_or_harmless(tmp_path, sample, part, bit):
     undamaged = content(read(tmp_path, SAMPLES[sample])[0])
     damaged = bytearray(SAMPLES[sample])
     damaged[int(part * (len(damaged) - 1))] ^= 1 << bit
@@ -143,14 +125,14 @@ def test_a_flipped_bit_is_seen_or_harmless(
 
 @broken
 @given(data=st.binary(max_size=300))
-def test_noise_after_the_magic(tmp_path: Path, data: bytes) -> None:
+def test_noise_after_the_magic(tmp_path, data):
     messages, report = read(tmp_path, MAGIC + data)
     assert messages == []
     assert report.losses
 
 
 @pytest.mark.parametrize("sample", ["none", "zstd", "lz4"])
-def test_one_damaged_chunk_is_skipped(tmp_path: Path, sample: str) -> None:
+def test_one_damaged_chunk_is_skipped(tmp_path, sample):
     whole = bytearray(SAMPLES[sample])
     chunks = record_offsets(bytes(whole), Opcode.CHUNK)
     assert len(chunks) > 4
@@ -166,7 +148,7 @@ def test_one_damaged_chunk_is_skipped(tmp_path: Path, sample: str) -> None:
         assert report.undecodable == {}
 
 
-def test_reading_goes_on_at_the_next_chunk_after_a_wrong_length(tmp_path: Path) -> None:
+def test_reading_goes_on_at_the_next_chunk_after_a_wrong_length(tmp_path):
     whole = SAMPLES["none"]
     chunks = record_offsets(whole, Opcode.CHUNK)
     damaged = bytearray(whole)
@@ -176,7 +158,7 @@ def test_reading_goes_on_at_the_next_chunk_after_a_wrong_length(tmp_path: Path) 
     assert len(report.losses) == 1
     # the chunk's own lengths and checksum fit: nothing is lost but its length, and its index is read too
     index = next(at for at in record_offsets(whole, Opcode.MESSAGE_INDEX) if at > chunks[2])
-    assert report.losses[0].what.endswith(f"reading goes on at byte {index}")
+    assert report.losses[0].what.endswith(f"reading resumes at byte {index}")
     assert (report.losses[0].offset, report.losses[0].bytes, report.losses[0].messages) == (
         chunks[2],
         9,
@@ -184,7 +166,7 @@ def test_reading_goes_on_at_the_next_chunk_after_a_wrong_length(tmp_path: Path) 
     )
 
 
-def test_a_file_without_its_end_keeps_all_messages(tmp_path: Path) -> None:
+def test_a_file_without_its_end_keeps_all_messages(tmp_path):
     whole = SAMPLES["none"]
     messages, report = read(tmp_path, whole[: record_offsets(whole, Opcode.DATA_END)[0]])
     assert numbers(messages) == list(range(40))
@@ -193,7 +175,7 @@ def test_a_file_without_its_end_keeps_all_messages(tmp_path: Path) -> None:
     ]
 
 
-def test_zeros_after_a_power_cut(tmp_path: Path) -> None:
+def test_zeros_after_a_power_cut(tmp_path):
     whole = SAMPLES["none"]
     end = record_offsets(whole, Opcode.CHUNK)[3]
     messages, report = read(tmp_path, whole[:end] + bytes(100_000))
@@ -219,7 +201,7 @@ def test_zeros_after_a_power_cut(tmp_path: Path) -> None:
         chunk_record(b"", 5, b"\xff\xfe"),
     ],
 )
-def test_a_chunk_that_claims_too_much_is_not_allocated(tmp_path: Path, chunk: bytes) -> None:
+def test_a_chunk_that_claims_too_much_is_not_allocated(tmp_path, chunk):
     data = with_chunk_first(SAMPLES["none"], chunk)
     tracemalloc.start()
     messages, report = read(tmp_path, data)
@@ -232,7 +214,7 @@ def test_a_chunk_that_claims_too_much_is_not_allocated(tmp_path: Path, chunk: by
 
 
 @pytest.mark.full
-def test_memory_is_one_chunk(tmp_path: Path) -> None:
+def test_memory_is_one_chunk(tmp_path):
     file = tmp_path / "log"
     file.write_bytes(json_mcap(range(60_000), chunk_size=100_000))
     reader = open_log(file)
@@ -245,7 +227,7 @@ def test_memory_is_one_chunk(tmp_path: Path) -> None:
     assert peak < 2_000_000
 
 
-def test_many_losses_are_summed(tmp_path: Path) -> None:
+def test_many_losses_are_summed(tmp_path):
     chunk = chunk_record(b"abc", 4)
     _, report = read(tmp_path, with_chunk_first(SAMPLES["none"], chunk * 50))
     assert len(report.losses) == 21

@@ -7,14 +7,13 @@
 """
 
 from collections import Counter
-from pathlib import Path
 
 import pytest
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 from replay_kit.logs import open_log
-from replay_kit.logs.mcap import channels as mcap_channels
+from replay_kit.logs.mcap import summary as mcap_channels
 from tests.logs.log_samples import SHARED
 
 pytestmark = pytest.mark.skipif(
@@ -23,7 +22,7 @@ pytestmark = pytest.mark.skipif(
 MESSAGES = {"OneMessage": 1, "OneSchemalessMessage": 1, "TenMessages": 10}
 
 
-def stock(file: Path) -> list[tuple[str, str, int, bytes]] | None:
+def stock(file):
     """Return (topic, schema, log time, data) of each message in file order; None where the stock reader fails."""
     with open(file, "rb") as stream:
         try:
@@ -38,8 +37,8 @@ def stock(file: Path) -> list[tuple[str, str, int, bytes]] | None:
 
 
 def test_conformance_files_give_what_the_stock_reader_gives(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     # their encodings are no words of any decoder, so the bytes themselves are looked at
     monkeypatch.setattr(
         mcap_channels, "channel_decoder", lambda encoding, schema: lambda data: {"data": data}
@@ -58,11 +57,11 @@ def test_conformance_files_give_what_the_stock_reader_gives(
     assert compared > 300
 
 
-def bags() -> list[Path]:
+def bags():
     return [*sorted((SHARED / "rosbag2").glob("*.mcap")), SHARED / "ros2-vehicle" / "demo.mcap"]
 
 
-def test_bags_give_what_the_stock_reader_gives() -> None:
+def test_bags_give_what_the_stock_reader_gives():
     refused = {}
     for file in bags():
         reader = open_log(file)

@@ -7,17 +7,16 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Schema
 
 from replay_kit.logs.decode.budget import MOST_DECLARED, MOST_SCHEMA, BudgetError
-from replay_kit.logs.mcap.channels import Channels
-from replay_kit.logs.mcap.summary import Summary
+from replay_kit.logs.mcap.summary import Channels, Summary
 
 
-def body(record: Schema | Channel) -> bytes:
+def body(record):
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()[9:]
 
 
-def declared(sizes: list[int]) -> Channels:
+def declared(sizes):
     """Return channels, each with a schema of so many bytes of its own."""
     channels = Channels(Summary({}, {}, (), ()), str)
     for k, size in enumerate(sizes, 1):
@@ -30,7 +29,7 @@ def declared(sizes: list[int]) -> Channels:
     return channels
 
 
-def test_the_schemas_of_a_log_are_parsed_up_to_a_megabyte() -> None:
+def test_the_schemas_of_a_log_are_parsed_up_to_a_megabyte():
     channels = declared([MOST_SCHEMA] * 4 + [20])
     decoders = [channels.sink(k).decode for k in range(1, 6)]
     assert all(isinstance(decode, Callable) for decode in decoders[:4])
@@ -40,7 +39,7 @@ def test_the_schemas_of_a_log_are_parsed_up_to_a_megabyte() -> None:
     )
 
 
-def test_channels_of_one_schema_share_a_decoder() -> None:
+def test_channels_of_one_schema_share_a_decoder():
     channels = declared([20])
     channels.declare(
         4, body(Channel(id=2, topic="/again", message_encoding="ros1", metadata={}, schema_id=1))
@@ -48,7 +47,7 @@ def test_channels_of_one_schema_share_a_decoder() -> None:
     assert channels.sink(1).decode is channels.sink(2).decode
 
 
-def test_a_log_that_declares_too_much_is_refused_further_declarations() -> None:
+def test_a_log_that_declares_too_much_is_refused_further_declarations():
     channels = declared([MOST_DECLARED - 1000])
     with pytest.raises(BudgetError, match="all schemas and channels"):
         channels.declare(3, body(Schema(id=9, name="p/B", encoding="ros1msg", data=bytes(1000))))

@@ -2,7 +2,6 @@
 
 import math
 from io import BytesIO
-from pathlib import Path
 
 import pytest
 from foxglove import messages as foxglove_messages
@@ -12,18 +11,11 @@ from mcap.reader import make_reader
 from mcap.records import Schema
 from mcap_ros2.writer import Writer as Ros2Writer
 
-from replay_kit.core.message import LogReport, Message
 from replay_kit.logs import open_log
 from replay_kit.logs.decode.decoders import channel_decoder, decode_json
 from replay_kit.logs.decode.ros2idl import ros2msg_from_idl
 from tests.logs.log_samples import one_channel_mcap
-
-
-def read(path: Path, data: bytes) -> tuple[list[Message], LogReport]:
-    file = path / "log.anything"
-    file.write_bytes(data)
-    reader = open_log(file)
-    return list(reader.messages()), reader.report()
+from tests.logs.log_samples import read_log as read
 
 
 @pytest.mark.parametrize(
@@ -40,14 +32,14 @@ def read(path: Path, data: bytes) -> tuple[list[Message], LogReport]:
         ),
     ],
 )
-def test_bare_numbers_of_json(text: str, expected: dict[str, object]) -> None:
+def test_bare_numbers_of_json(text, expected):
     assert repr(decode_json(text.encode())) == repr(expected)
 
 
 @pytest.mark.parametrize(
     "data", [b"", b"[1]", b"7", b"{", b'{"a": infinite}', b"\xff\xfe", b"[" * 100_000]
 )
-def test_no_json_object(tmp_path: Path, data: bytes) -> None:
+def test_no_json_object(tmp_path, data):
     messages, report = read(
         tmp_path, one_channel_mcap("json", None, [b'{"ok": 1}', data, b'{"ok": 2}'])
     )
@@ -56,7 +48,7 @@ def test_no_json_object(tmp_path: Path, data: bytes) -> None:
     assert report.undecodable["/x"][0] == 1
 
 
-def test_foxglove_protobuf(tmp_path: Path) -> None:
+def test_foxglove_protobuf(tmp_path):
     fix = foxglove_messages.LocationFix(
         timestamp=foxglove_messages.Timestamp(1_700_000_000, 5),
         latitude=47.5,
@@ -86,44 +78,29 @@ def test_foxglove_protobuf(tmp_path: Path) -> None:
     assert list(unset) == list(full)
 
 
-def test_protobuf_nested_maps_oneofs_and_recursion(tmp_path: Path) -> None:
+def test_protobuf_nested_maps_oneofs_and_recursion(tmp_path):
     file = descriptor_pb2.FileDescriptorProto(name="t.proto", package="t", syntax="proto3")
     node = file.message_type.add(name="Node")
     kind = descriptor_pb2.FieldDescriptorProto
     entry = node.nested_type.add(name="NamedEntry")
     entry.options.map_entry = True
-    entry.field.add(name="key", number=1, type=kind.TYPE_STRING, label=kind.LABEL_OPTIONAL)
-    entry.field.add(
-        name="value",
-        number=2,
-        type=kind.TYPE_MESSAGE,
-        type_name=".t.Node",
-        label=kind.LABEL_OPTIONAL,
-    )
-    node.field.add(
-        name="named",
-        number=1,
-        type=kind.TYPE_MESSAGE,
-        type_name=".t.Node.NamedEntry",
-        label=kind.LABEL_REPEATED,
-    )
-    node.field.add(
-        name="children",
-        number=2,
-        type=kind.TYPE_MESSAGE,
-        type_name=".t.Node",
-        label=kind.LABEL_REPEATED,
-    )
-    node.field.add(name="value", number=3, type=kind.TYPE_DOUBLE, label=kind.LABEL_OPTIONAL)
+
+    def field(
+        message, name, number, of="", label=kind.LABEL_OPTIONAL, type=kind.TYPE_DOUBLE, **more
+    ):
+        if of:
+            type = kind.TYPE_MESSAGE
+        message.field.add(
+            name=name, number=number, type=type, type_name=of or None, label=label, **more
+        )
+
+    field(entry, "key", 1, type=kind.TYPE_STRING)
+    field(entry, "value", 2, ".t.Node")
+    field(node, "named", 1, ".t.Node.NamedEntry", kind.LABEL_REPEATED)
+    field(node, "children", 2, ".t.Node", kind.LABEL_REPEATED)
+    field(node, "value", 3)
     node.oneof_decl.add(name="_depth")
-    node.field.add(
-        name="depth",
-        number=4,
-        type=kind.TYPE_DOUBLE,
-        label=kind.LABEL_OPTIONAL,
-        proto3_optional=True,
-        oneof_index=0,
-    )
+    field(node, "depth", 4, proto3_optional=True, oneof_index=0)
     pool = DescriptorPool()
     pool.Add(file)
     tree = message_factory.GetMessageClass(pool.FindMessageTypeByName("t.Node"))()
@@ -161,7 +138,7 @@ float64 y
 """
 
 
-def test_ros2(tmp_path: Path) -> None:
+def test_ros2(tmp_path):
     file = tmp_path / "ros2"
     value = {
         "header": {"stamp": {"sec": 12, "nanosec": 34}, "frame_id": "map"},
@@ -216,7 +193,7 @@ module geometry_msgs { module msg { struct Point { double x; double y; }; }; };
 """
 
 
-def test_ros2_idl_gives_the_same_as_ros2_msg() -> None:
+def test_ros2_idl_gives_the_same_as_ros2_msg():
     from_msg = channel_decoder(
         "cdr", Schema(id=1, name="test_msgs/msg/Fix", encoding="ros2msg", data=ROS_FIX.encode())
     )
@@ -252,7 +229,7 @@ def test_ros2_idl_gives_the_same_as_ros2_msg() -> None:
         ("typedef sequence<short> S; struct A { S a; };", "int16[] a"),
     ],
 )
-def test_idl_types(text: str, fields: str) -> None:
+def test_idl_types(text, fields):
     assert ros2msg_from_idl("p/msg/A", f"module p {{ module msg {{ {text} }}; }};") == fields
 
 
@@ -268,7 +245,7 @@ def test_idl_types(text: str, fields: str) -> None:
         "const x",
     ],
 )
-def test_what_is_no_idl(text: str) -> None:
+def test_what_is_no_idl(text):
     with pytest.raises(ValueError, match="IDL"):
         ros2msg_from_idl("p/msg/A", text)
 
@@ -287,8 +264,8 @@ string frame_id
 """
 
 
-def test_ros1(tmp_path: Path) -> None:
-    def integers(*values: int) -> bytes:
+def test_ros1(tmp_path):
+    def integers(*values: int):
         return b"".join(value.to_bytes(4, "little") for value in values)
 
     depth = b"\0\0\0\0\0\0\xf0\x3f" + b"\0\0\0\0\0\0\0\x40"
@@ -316,7 +293,7 @@ def test_ros1(tmp_path: Path) -> None:
         ("test_msgs/X:\n  pass\nraise SystemExit\nclass Y", "float64 x"),
     ],
 )
-def test_a_ros1_schema_is_never_run_as_code(tmp_path: Path, name: str, text: str) -> None:
+def test_a_ros1_schema_is_never_run_as_code(tmp_path, name, text):
     messages, report = read(
         tmp_path, one_channel_mcap("ros1", (name, "ros1msg", text.encode()), [bytes(8)])
     )
@@ -337,12 +314,12 @@ def test_a_ros1_schema_is_never_run_as_code(tmp_path: Path, name: str, text: str
     ],
 )
 def test_the_reason_is_kept_and_nothing_printed(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    encoding: str,
-    schema: tuple[str, str, bytes] | None,
-    reason: str,
-) -> None:
+    tmp_path,
+    capsys,
+    encoding,
+    schema,
+    reason,
+):
     messages, report = read(
         tmp_path, one_channel_mcap(encoding, schema, [b"\0\1\0\0" + bytes(8)] * 2)
     )
@@ -353,6 +330,6 @@ def test_the_reason_is_kept_and_nothing_printed(
 
 
 @pytest.mark.parametrize("text", ["module p { " * 5000, "struct A { " + "sequence<" * 5000])
-def test_idl_that_is_nested_too_deeply_is_refused(text: str) -> None:
+def test_idl_that_is_nested_too_deeply_is_refused(text):
     with pytest.raises(ValueError, match="IDL is nested too deeply"):
         ros2msg_from_idl("p/msg/A", text)

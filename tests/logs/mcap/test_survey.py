@@ -8,11 +8,11 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 
 from replay_kit.config.run import LogConfig
-from replay_kit.logs.mcap import overview as overviews
+from replay_kit.logs.mcap import survey as overviews
 from replay_kit.logs.mcap.reader import McapReader
 from replay_kit.logs.mcap.records import chunk_contents, file_records, parse_chunk
 from replay_kit.logs.mcap.survey import columns_of
-from replay_kit.logs.shared.overview import Overview, TopicExtent
+from replay_kit.logs.shared.blocks import Overview, TopicExtent
 from tests.logs.log_samples import json_mcap
 
 TIMES = [1_000 + 10 * n for n in range(300)]
@@ -209,8 +209,8 @@ def sizes(**options):
         (sizes()[:-20], "it has no index, or its end is missing"),
         (sizes(use_statistics=False), "it has no index, or its end is missing"),
         (sizes(repeat_channels=False), "does not declare all topics"),
-        (sizes(use_chunking=False), "does not say where the messages"),
-        (sizes(index_types=IndexType.NONE), "does not say where the messages"),
+        (sizes(use_chunking=False), "does not locate the messages"),
+        (sizes(index_types=IndexType.NONE), "does not locate the messages"),
     ],
     ids=["cut", "no statistics", "no channels", "no chunks", "no indexes"],
 )

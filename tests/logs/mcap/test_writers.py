@@ -1,7 +1,6 @@
 import base64
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,18 +12,16 @@ from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.writer import MAX_CELLS, TlogFrames, write_tlog
 from replay_kit.logs.mcap.writer import open_mcap_log, write_mcap_log
-from replay_kit.measurements.messages.position import location_fix
+from replay_kit.measurements.messages.vehicle import location_fix
 
 START = 1_542_326_400_000_000_000
 
 
-def _message(
-    payload: dict[str, object], topic: str = "/t", schema: str = "some.Schema", time_ns: int = START
-) -> Message:
+def _message(payload, topic="/t", schema="some.Schema", time_ns=START):
     return Message(time_ns, topic, schema, payload, 0, 0)
 
 
-def _ping(n_cells: int = 2, **fields: object) -> Message:
+def _ping(n_cells=2, **fields: object):
     payload = {
         "ping": 65_537,
         "coordinate_system": "earth",
@@ -42,7 +39,7 @@ def _ping(n_cells: int = 2, **fields: object) -> Message:
     return _message(payload, "/adcp", "replay_kit.AdcpPing")
 
 
-def _fix(dead_reckoned: bool) -> Message:
+def _fix(dead_reckoned):
     metadata = [
         {"key": "depth", "value": "12.345"},
         {"key": "dead_reckoned", "value": "true" if dead_reckoned else "false"},
@@ -54,7 +51,7 @@ def _fix(dead_reckoned: bool) -> Message:
     )
 
 
-def test_json_has_null_for_nan_and_base64_for_bytes(tmp_path: Path) -> None:
+def test_json_has_null_for_nan_and_base64_for_bytes(tmp_path):
     payload = {
         "nan": math.nan,
         "inf": [math.inf, 1.0],
@@ -89,7 +86,7 @@ def test_json_has_null_for_nan_and_base64_for_bytes(tmp_path: Path) -> None:
     assert base64.b64decode(read["bytes"]) == b"\x00\xff"
 
 
-def test_known_schemas_are_described(tmp_path: Path) -> None:
+def test_known_schemas_are_described(tmp_path):
     written = write_mcap_log(tmp_path / "a.mcap", [_ping(), _fix(False)])
     assert written == {"/adcp": 1, "/vehicle/fix": 1}
     with (tmp_path / "a.mcap").open("rb") as file:
@@ -103,14 +100,14 @@ def test_known_schemas_are_described(tmp_path: Path) -> None:
     ]
 
 
-def test_a_message_without_a_schema_stays_without(tmp_path: Path) -> None:
+def test_a_message_without_a_schema_stays_without(tmp_path):
     write_mcap_log(tmp_path / "a.mcap", [_message({"a": 1}, schema="")])
     with (tmp_path / "a.mcap").open("rb") as file:
         ((schema, _, _),) = make_reader(file).iter_messages()
     assert schema is None
 
 
-def test_what_was_written_is_read_back_without_loss(tmp_path: Path) -> None:
+def test_what_was_written_is_read_back_without_loss(tmp_path):
     messages = [_message({"k": k}, f"/{k % 3}", time_ns=START + k) for k in range(50)]
     write_mcap_log(tmp_path / "a.mcap", messages)
     reader = open_log(tmp_path / "a.mcap")
@@ -122,11 +119,11 @@ def test_what_was_written_is_read_back_without_loss(tmp_path: Path) -> None:
     assert reader.report().losses == ()
 
 
-def test_an_error_leaves_the_part_and_the_old_file(tmp_path: Path) -> None:
+def test_an_error_leaves_the_part_and_the_old_file(tmp_path):
     out = tmp_path / "a.mcap"
     out.write_bytes(b"old")
 
-    def interrupted() -> None:
+    def interrupted():
         with open_mcap_log(out) as writer:
             writer.write(_message({"a": 1}))
             raise KeyboardInterrupt
@@ -137,17 +134,17 @@ def test_an_error_leaves_the_part_and_the_old_file(tmp_path: Path) -> None:
     assert (tmp_path / "a.mcap.part").exists()
 
 
-def test_a_place_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_written_is_said(tmp_path):
     with pytest.raises(ConfigError, match="cannot be written"):
         write_mcap_log(tmp_path / "no" / "a.mcap", [])
 
 
-def test_a_payload_without_json_form_is_refused(tmp_path: Path) -> None:
+def test_a_payload_without_json_form_is_refused(tmp_path):
     with pytest.raises(LogError, match="/t at"):
         write_mcap_log(tmp_path / "a.mcap", [_message({"a": object()})])
 
 
-def test_a_ping_becomes_five_frames(tmp_path: Path) -> None:
+def test_a_ping_becomes_five_frames(tmp_path):
     out = tmp_path / "a.tlog"
     counts = write_tlog(
         out, [_fix(False), _ping(), _message({}, "/dac", "replay_kit.DepthAveragedCurrent")]
@@ -174,7 +171,7 @@ def test_a_ping_becomes_five_frames(tmp_path: Path) -> None:
     assert attitude["yaw"] == pytest.approx(-math.pi / 2)
 
 
-def test_only_measured_positions_are_gps_fixes(tmp_path: Path) -> None:
+def test_only_measured_positions_are_gps_fixes(tmp_path):
     counts = write_tlog(tmp_path / "a.tlog", [_fix(False), _fix(True)])
     assert counts == {"GPS_RAW_INT": 1, "GLOBAL_POSITION_INT": 2}
     gps, *positions = (message.payload for message in open_log(tmp_path / "a.tlog").messages())
@@ -191,7 +188,7 @@ def test_only_measured_positions_are_gps_fixes(tmp_path: Path) -> None:
     ("stated", "gps"),
     [("1", 0), ("TRUE ", 0), (True, 0), (1, 0), ("0", 1), ("false", 1), (None, 1)],
 )
-def test_dead_reckoned_is_read_as_by_the_replay(tmp_path: Path, stated: object, gps: int) -> None:
+def test_dead_reckoned_is_read_as_by_the_replay(tmp_path, stated, gps):
     fix = {
         "latitude": 1.0,
         "longitude": 2.0,
@@ -212,9 +209,7 @@ def test_dead_reckoned_is_read_as_by_the_replay(tmp_path: Path, stated: object, 
         ([0.5, 1.5, -0.25, 2.5], [0.5, -0.25], [1.5, 2.5]),
     ],
 )
-def test_empty_cells_are_written_as_not_known(
-    tmp_path: Path, velocity: list[object], east: list[float], north: list[float]
-) -> None:
+def test_empty_cells_are_written_as_not_known(tmp_path, velocity, east, north):
     write_tlog(tmp_path / "a.tlog", [_ping(velocity=velocity)])
     arrays = {
         m.payload["name"]: m.payload["data"]
@@ -254,7 +249,7 @@ def test_empty_cells_are_written_as_not_known(
         (_ping(pressure=1e300), "out of a frame's range"),
     ],
 )
-def test_what_has_no_frame_is_skipped_and_counted(message: Message, why: str) -> None:
+def test_what_has_no_frame_is_skipped_and_counted(message, why):
     frames = TlogFrames()
     assert list(frames.entries(message)) == list(frames.entries(message)) == []
     (((topic, reason), count),) = frames.left_out.items()
@@ -262,7 +257,7 @@ def test_what_has_no_frame_is_skipped_and_counted(message: Message, why: str) ->
     assert why in reason
 
 
-def test_east_above_180_is_written_as_west(tmp_path: Path) -> None:
+def test_east_above_180_is_written_as_west(tmp_path):
     write_tlog(
         tmp_path / "a.tlog",
         [_message({"latitude": 1.0, "longitude": 359.5}, schema="foxglove.LocationFix")],
@@ -272,7 +267,7 @@ def test_east_above_180_is_written_as_west(tmp_path: Path) -> None:
     }
 
 
-def test_more_cells_than_a_frame_holds_are_refused(tmp_path: Path) -> None:
+def test_more_cells_than_a_frame_holds_are_refused(tmp_path):
     write_tlog(tmp_path / "a.tlog", [_ping(MAX_CELLS)])
     with pytest.raises(LogError, match="at most 58 cells"):
         write_tlog(tmp_path / "b.tlog", [_ping(MAX_CELLS + 1)])

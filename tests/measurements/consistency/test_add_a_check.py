@@ -6,13 +6,12 @@ from typing import Self
 import numpy as np
 import pytest
 
-from replay_kit.core.finding import Finding
-from replay_kit.core.observation import Flag, Observation, Reason, Source, VehicleState
+from replay_kit.core.errors import Finding
+from replay_kit.core.observation import Observation, Reason, VehicleState
 from replay_kit.measurements.consistency import checks
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
 from replay_kit.measurements.consistency.summary import PingSummary
-
-SOURCE = Source(0, "/adcp", 0, 0)
+from tests.measurements.samples import profile, vehicle
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +50,8 @@ class North:
 
 
 def _ping(time_ns: int) -> Observation:
-    flags, reasons = np.full(3, Flag.GOOD, np.int8), np.zeros(3, np.int32)
     velocity = np.random.default_rng(time_ns).normal(0.0, 0.1, (3, 2))
-    depth = np.array([10.0, 20.0, 30.0])
-    return Observation(
-        time_ns, 150.0, -40.0, depth, velocity, np.full(3, 0.01), "earth", flags, reasons, 1, SOURCE
-    )
+    return profile(velocity, [10.0, 20.0, 30.0], time_ns=time_ns)
 
 
 def _checked(*events: Checked) -> tuple[ConsistencyState, list[Checked]]:
@@ -82,10 +77,8 @@ def test_an_added_check_of_pings_is_told_once_and_its_instrument_not_used(
 def test_an_added_check_of_positions_leaves_the_pings_at_them_out(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    places = [
-        VehicleState(k, 150.0, latitude, 0.0, False, SOURCE)
-        for k, latitude in enumerate((10.0, 91.0, 92.0, 20.0))
-    ]
+    latitudes = (10.0, 91.0, 92.0, 20.0)
+    places = [vehicle(1e-9 * k, latitude=latitude) for k, latitude in enumerate(latitudes)]
     events = [event for place in places for event in (place, _ping(place.time_ns))]
     monkeypatch.setattr(checks, "POSITION_CHECKS", (North(),))
     state, out = _checked(*events)

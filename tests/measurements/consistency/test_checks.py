@@ -5,19 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.core.observation import Flag, Observation, RawValues, Reason, Source, VehicleState
-from replay_kit.measurements.consistency.geometry import DepthCounts, PositionRun
+from replay_kit.core.observation import RawValues, Reason
+from replay_kit.measurements.consistency.checks import DepthCounts, SpeedCounts
 from replay_kit.measurements.consistency.monitor import unused
+from replay_kit.measurements.consistency.position_checks import PositionRun
 from replay_kit.measurements.consistency.raw import RawHistory, raw_values
-from replay_kit.measurements.consistency.speed_counts import SpeedCounts
-from replay_kit.measurements.consistency.speeds import (
+from replay_kit.measurements.consistency.summary import (
     EnsembleSpeeds,
     ensemble_speeds,
     odd_ensemble_speeds,
+    summaries,
 )
-from replay_kit.measurements.consistency.summary import summaries
-
-SOURCE = Source(0, "/adcp", 0, 0)
+from tests.measurements.samples import profile, vehicle
 
 
 def _after(counts, one):
@@ -26,21 +25,8 @@ def _after(counts, one):
 
 
 def ping(velocity, depth=None, std=0.01):
-    n = len(velocity)
-    depths = np.linspace(10.0, 50.0, n) if depth is None else np.asarray(depth, float)
-    flags, reasons = np.full(n, Flag.GOOD, np.int8), np.zeros(n, np.int32)
-    return Observation(
-        0,
-        150.0,
-        -40.0,
-        depths,
-        np.asarray(velocity, float),
-        np.full(n, std),
-        "earth",
-        flags,
-        reasons,
-        1,
-        SOURCE,
+    return profile(
+        velocity, np.linspace(10.0, 50.0, len(velocity)) if depth is None else depth, std
     )
 
 
@@ -128,7 +114,7 @@ def test_pings_with_most_bins_above_the_surface_are_counted():
 
 
 def state(seconds, longitude, depth):
-    return VehicleState(int(seconds * 1e9), longitude, -40.0, depth, True, SOURCE)
+    return vehicle(seconds, longitude, depth=depth, dead_reckoned=True)
 
 
 def run(*states):

@@ -2,9 +2,10 @@
 
 import pytest
 
-from replay_kit.core.observation import Source, VehicleState
+from replay_kit.core.observation import VehicleState
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import ConsistencyState, check
+from tests.measurements.samples import vehicle
 
 HOUR, DAY = 3600.0, 86_400.0
 
@@ -12,14 +13,7 @@ HOUR, DAY = 3600.0, 86_400.0
 def position(
     seconds: float, longitude: float, latitude: float = -40.0, log: int = 0
 ) -> VehicleState:
-    return VehicleState(
-        int(seconds * 1e9),
-        longitude,
-        latitude,
-        0.0,
-        False,
-        Source(log, "/fix", 0, int(seconds * 1e9)),
-    )
+    return vehicle(seconds, longitude, latitude, log=log)
 
 
 def found(*positions: VehicleState) -> list[str]:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from replay_kit.core.observation import Flag, Observation, PathMean, Source
+from replay_kit.core.observation import Observation, PathMean, Source
 from replay_kit.measurements.consistency.monitor import ConsistencyState, check
 from replay_kit.measurements.consistency.pairs import KNOTS
 from replay_kit.measurements.consistency.sources import (
@@ -15,7 +15,8 @@ from replay_kit.measurements.consistency.sources import (
     mean_along,
     metres_per_degree,
 )
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds
+from replay_kit.measurements.consistency.summary import EnsembleSpeeds
+from tests.measurements.samples import profile
 
 SOURCE = Source(0, "/adcp", 0, 0)
 MINUTE = 60.0
@@ -126,22 +127,13 @@ def test_a_block_is_half_an_hour_from_its_first_ping():
 
 
 def ping(one: NearMean) -> Observation:
-    depth = np.array([one.depth + 5.0, one.depth + 15.0])
-    flags, reasons = np.full(2, Flag.GOOD, np.int8), np.zeros(2, np.int32)
-    velocity, common = np.tile(one.velocity, (2, 1)), math.inf if one.relative else 0.0
-    place = one.longitude, one.latitude
-    return Observation(
+    return profile(
+        np.tile(one.velocity, (2, 1)),
+        [one.depth + 5.0, one.depth + 15.0],
+        0.05,
         one.time_ns,
-        *place,
-        depth,
-        velocity,
-        np.full(2, 0.05),
-        "earth",
-        flags,
-        reasons,
-        1,
-        SOURCE,
-        common_std=common,
+        (one.longitude, one.latitude),
+        common_std=math.inf if one.relative else 0.0,
     )
 
 

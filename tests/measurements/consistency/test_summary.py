@@ -1,13 +1,11 @@
 """Profiles reduced together to what the checks need: as bin by bin, and whatever comes with them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from replay_kit.core.observation import Observation, Reason, Source
-from replay_kit.measurements.consistency.speeds import EnsembleSpeeds
-from replay_kit.measurements.consistency.summary import REPAIRABLE, summaries
+from replay_kit.core.observation import Reason
+from replay_kit.measurements.consistency.summary import REPAIRABLE, EnsembleSpeeds, summaries
+from tests.measurements.samples import profile
 from tests.reference import ping_summary as slow
 
 SPEEDS = EnsembleSpeeds(np.array([0.0, 50.0, 300.0]), np.array([0.2, 0.1, 0.04]))
@@ -34,20 +32,15 @@ def _pings(count):
         if k % 2:
             velocity[rng.random(n) < 0.2] = np.nan
             reasons = rng.choice(REASONS, n).astype(np.int32)
-        one = Observation(
-            k,
-            10.0,
-            60.0,
-            depth,
+        yield profile(
             velocity,
+            depth,
             rng.uniform(0.01, 0.1, n),
-            "earth",
-            np.ones(n, np.int8),
-            reasons,
-            0,
-            Source(0, "/adcp", k, k),
+            k,
+            (10.0, 60.0),
+            reasons=reasons,
+            common_std=np.inf if k % 5 == 0 else 0.0,
         )
-        yield replace(one, common_std=np.inf) if k % 5 == 0 else one
 
 
 def test_a_block_is_reduced_as_bin_by_bin():

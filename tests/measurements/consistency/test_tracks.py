@@ -5,8 +5,9 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from replay_kit.core.observation import Source, VehicleState
+from replay_kit.core.observation import VehicleState
 from replay_kit.measurements.consistency.tracks import LogTracks, Passages
+from tests.measurements.samples import vehicle
 
 MINUTE, HOUR = 60.0, 3600.0
 # 0.3 m/s to the east at 40 S [degrees/s], and 65 km
@@ -14,14 +15,7 @@ SLOW, FAR = 0.3 / 85.4e3, 65.0 / 85.4
 
 
 def position(seconds: float, longitude: float, log: int, reckoned: bool = False) -> VehicleState:
-    return VehicleState(
-        int(seconds * 1e9),
-        longitude,
-        -40.0,
-        0.0,
-        reckoned,
-        Source(log, "/fix", 0, int(seconds * 1e9)),
-    )
+    return vehicle(seconds, longitude, dead_reckoned=reckoned, log=log)
 
 
 def track(

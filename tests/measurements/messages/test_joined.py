@@ -3,20 +3,20 @@
 import io
 import tomllib
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydantic import ValidationError
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
-from replay_kit.measurements import Skipped, Used, initial_state, interpret, suggestions
-from replay_kit.measurements.mapping.suggest import sample_key, suggested_entries
+from replay_kit.measurements import Used, initial_state, interpret, suggestions
+from replay_kit.measurements.messages.suggest import sample_key, suggested_entries
 from replay_kit.workflows.replay.store.pickling import dump, load
 from tests.command import invoke
 from tests.logs.log_samples import tlog_entry
-from tests.measurements.samples import fix, only, run
+from tests.measurements.samples import fix, mapping, only, reasons, run, the
 
 FLOAT, ARRAY = "mavlink/1/1/NAMED_VALUE_FLOAT", "mavlink/1/1/DEBUG_FLOAT_ARRAY"
 VELOCITY = {
@@ -28,7 +28,7 @@ VELOCITY = {
     "join_within": 0.05,
     "distance": 3.0,
 }
-ALONE = "one component of a velocity without the other within join_within"
+ALONE = "one velocity component without the other within join_within"
 
 
 def part(name, value, ms, seconds=1, topic=FLOAT):
@@ -43,11 +43,15 @@ def part(name, value, ms, seconds=1, topic=FLOAT):
     )
 
 
+def around(messages):
+    return [fix(0, depth=5.0), *messages, fix(9, depth=5.0)]
+
+
 def events(messages, **changes):
-    config = MeasurementConfig.model_validate({"map": [VELOCITY | changes]})
+    config = mapping(VELOCITY | changes)
     return [
         event
-        for event in run([fix(0, depth=5.0), *messages, fix(9, depth=5.0)], config)
+        for event in run(around(messages), config)
         if getattr(event, "topic", FLOAT) != "/vehicle/fix"
     ]
 
@@ -56,7 +60,7 @@ def events(messages, **changes):
 def test_two_components_are_one_velocity(order):
     found = events([part("VE", 0.25, 100), part("Volt", 12.0, 100), part("VN", -0.5, 150)][::order])
     (observation,) = only(Observation, found)
-    np.testing.assert_array_equal(observation.velocity, [[0.25, -0.5]])
+    assert_array_equal(observation.velocity, [[0.25, -0.5]])
     assert observation.depth.tolist() == [8.0]
     assert [type(event) for event in found if isinstance(event, Used)] == [Used, Used]
 
@@ -65,7 +69,7 @@ def test_two_components_are_one_velocity(order):
 def test_components_of_other_times_are_not_joined(first, second):
     found = events([part("VE", 0.25, *first), part("VN", -0.5, *second)])
     assert only(Observation, found) == []
-    assert [event.reason for event in only(Skipped, found)] == [ALONE, ALONE]
+    assert reasons(found) == [ALONE, ALONE]
 
 
 def test_a_lost_component_costs_its_own_velocity_alone():
@@ -73,24 +77,18 @@ def test_a_lost_component_costs_its_own_velocity_alone():
         [part("VE", 9.0, 100), part("VE", 0.25, 200), part("VN", -0.5, 200), part("VN", 9.0, 300)]
     )
     (observation,) = only(Observation, found)
-    np.testing.assert_array_equal(observation.velocity, [[0.25, -0.5]])
-    assert [event.reason for event in only(Skipped, found)] == [ALONE, ALONE]
+    assert_array_equal(observation.velocity, [[0.25, -0.5]])
+    assert reasons(found) == [ALONE, ALONE]
 
 
 def test_a_component_that_waits_is_a_value_that_a_checkpoint_holds():
-    config = MeasurementConfig.model_validate({"map": [VELOCITY]})
+    config = mapping(VELOCITY)
     state, _ = interpret(initial_state(), part("VE", 0.25, 100), config)
     file = io.BytesIO()
     dump(state, file)
     file.seek(0)
     assert load(file).components == state.components
     assert [waiting.value for waiting in state.components.values()] == [0.25]
-
-
-def test_an_unknown_reference_stays_unused():
-    found = events([part("VE", 0.25, 100), part("VN", -0.5, 100)], reference="unknown")
-    assert only(Observation, found) == []
-    assert len(only(Skipped, found)) == 2
 
 
 def test_arrays_of_one_component_are_a_profile():
@@ -102,21 +100,17 @@ def test_arrays_of_one_component_are_a_profile():
         "first_cell": 3.0,
         "speed_unit": "cm/s",
     }
-    config = MeasurementConfig.model_validate(
-        {"map": [{k: v for k, v in (VELOCITY | changes).items() if k != "distance"}]}
-    )
+    config = mapping({k: v for k, v in (VELOCITY | changes).items() if k != "distance"})
     parts = [
         part("VE", [10.0, 20.0], None, topic=ARRAY),
         part("VN", [-5.0, 0.0], None, topic=ARRAY),
     ]
-    (observation,) = only(Observation, run([fix(0, depth=5.0), *parts, fix(9, depth=5.0)], config))
-    np.testing.assert_allclose(observation.velocity, [[0.1, -0.05], [0.2, 0.0]])
+    observation = the(Observation, around(parts), config)
+    assert_allclose(observation.velocity, [[0.1, -0.05], [0.2, 0.0]])
     assert observation.depth.tolist() == [8.0, 10.0]
     parts[1] = part("VN", [-5.0], None, topic=ARRAY)
-    unequal = run([fix(0, depth=5.0), *parts, fix(9, depth=5.0)], config)
-    assert [event.reason for event in only(Skipped, unequal)] == [
-        "measurements.map: east and north are not lists of one length"
-    ] * 2
+    unequal = run(around(parts), config)
+    assert reasons(unequal) == ["measurements.map: east and north are not lists of one length"] * 2
 
 
 @pytest.mark.parametrize(
@@ -130,7 +124,7 @@ def test_arrays_of_one_component_are_a_profile():
 )
 def test_what_a_message_of_one_component_cannot_hold_is_refused(wrong):
     with pytest.raises(ValidationError):
-        MeasurementConfig.model_validate({"map": [VELOCITY | wrong]})
+        mapping(VELOCITY | wrong)
 
 
 def samples(topic, **values):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydantic import ValidationError
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -13,11 +14,11 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.measurements import Skipped, Used, initial_state, interpret
 from replay_kit.measurements.messages.mapped import look_up, mapped
-from replay_kit.measurements.messages.position import Depth, Position, Pressure
+from replay_kit.measurements.messages.vehicle import Depth, Position, Pressure
 from replay_kit.workflows.replay.inputs.scan import open_readers
 from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.logs.log_samples import tlog_entry
-from tests.measurements.samples import fix, only, run
+from tests.measurements.samples import fix, logged, mapping, only, reasons, run, the
 
 PROFILE = {
     "topic": "/p",
@@ -31,15 +32,13 @@ POSITION = {"topic": "/p", "kind": "position", "longitude": "lon", "latitude": "
 
 
 def entry(**fields):
-    (read,) = MeasurementConfig.model_validate({"map": [fields]}).map
+    (read,) = mapping(fields).map
     return read
 
 
 def profile(payload, vehicle_depth=0.0, **fields):
-    config = MeasurementConfig.model_validate({"map": [{**PROFILE, **fields}]})
-    return run(
-        [fix(0, depth=vehicle_depth), Message(0, "/p", "vendor.Thing", payload, 0, 0)], config
-    )
+    config = mapping({**PROFILE, **fields})
+    return run([fix(0, depth=vehicle_depth), logged("vendor.Thing", payload, topic="/p")], config)
 
 
 def observed(payload, **fields):
@@ -72,7 +71,7 @@ def test_a_path_that_leads_nowhere_says_what_stands_there(path, words):
 
 
 def test_a_wrong_path_is_one_reason_for_all_messages():
-    config = MeasurementConfig.model_validate({"map": [{**POSITION, "longitude": "fix.lon"}]})
+    config = mapping({**POSITION, "longitude": "fix.lon"})
     messages = [
         Message(k, "/p", "vendor.Fix", {"latitude": k, "longitude": 0.1 * k}, 0, k)
         for k in range(5)
@@ -143,11 +142,11 @@ def test_a_position_with_a_pressure():
 )
 def test_speeds_and_frames(unit, factor, frame, cell):
     payload = {"v": [[factor * value for value in cell]] * 2}
-    np.testing.assert_array_equal(
+    assert_array_equal(
         observed(payload, velocity="v", speed_unit=unit, frame=frame).velocity, [[0.125, -0.25]] * 2
     )
     flat = {"v": payload["v"][0] * 2}
-    np.testing.assert_array_equal(
+    assert_array_equal(
         observed(flat, velocity="v", components=3, speed_unit=unit, frame=frame).velocity,
         [[0.125, -0.25]] * 2,
     )
@@ -162,8 +161,8 @@ def test_columns_and_missing_numbers():
         "missing": [-32768, 0],
     }
     found = observed(cells, **columns, velocity_std=0.04)
-    np.testing.assert_array_equal(found.velocity, [[0.1, np.nan], [np.nan, 0.005], [np.nan, 0.001]])
-    np.testing.assert_array_equal(found.error_std, 0.04)
+    assert_array_equal(found.velocity, [[0.1, np.nan], [np.nan, 0.005], [np.nan, 0.001]])
+    assert_array_equal(found.error_std, 0.04)
 
 
 @pytest.mark.parametrize(
@@ -193,18 +192,18 @@ def test_columns_and_missing_numbers():
 )
 def test_where_the_cells_are(fields, payload, expected):
     fields = {key: value for key, value in {**PROFILE, **fields}.items() if value is not None}
-    config = MeasurementConfig.model_validate({"map": [{**fields, "velocity": "v"}]})
-    message = Message(0, "/p", "", {**payload, "v": [[0.1, 0.2]] * 2}, 0, 0)
-    (observation,) = only(Observation, run([fix(0, depth=100.0), message], config))
-    np.testing.assert_array_equal(observation.depth, expected)
+    config = mapping({**fields, "velocity": "v"})
+    message = logged("", {**payload, "v": [[0.1, 0.2]] * 2}, topic="/p")
+    observation = the(Observation, [fix(0, depth=100.0), message], config)
+    assert_array_equal(observation.depth, expected)
 
 
 @pytest.mark.parametrize(
     ("payload", "fields", "words"),
     [
-        ({"v": [0.1, 0.2]}, {"velocity": "v"}, "how many components"),
-        ({"v": [0.1, 0.2, 0.3]}, {"velocity": "v", "components": 2}, "how many components"),
-        ({"v": 0.1}, {"velocity": "v"}, "no list"),
+        ({"v": [0.1, 0.2]}, {"velocity": "v"}, "number of components"),
+        ({"v": [0.1, 0.2, 0.3]}, {"velocity": "v", "components": 2}, "number of components"),
+        ({"v": 0.1}, {"velocity": "v"}, "not a list"),
         ({"e": [1.0], "n": [1.0, 2.0]}, {"east": "e", "north": "n"}, "not lists of one length"),
         ({"v": []}, {"velocity": "v"}, "n_cells >= 1"),
         ({"v": [[0.1]]}, {"velocity": "v", "frame": "ned"}, "expected cells"),
@@ -213,7 +212,7 @@ def test_where_the_cells_are(fields, payload, expected):
 def test_profiles_that_are_none(payload, fields, words):
     events = profile(payload, **fields)
     assert not only(Observation, events)
-    assert words in only(Skipped, events)[0].reason
+    assert words in reasons(events)[0]
 
 
 @pytest.mark.parametrize("frame", ["beam", "instrument", "ship"])
@@ -242,13 +241,13 @@ def test_a_position_counts_where_the_profile_in_its_message_does_not():
     )
     assert not only(Observation, events)
     assert 10.5 in [state.longitude for state in only(VehicleState, events)]
-    assert "expected cells of east, north" in only(Skipped, events)[0].reason
+    assert "expected cells of east, north" in reasons(events)[0]
 
 
 def test_a_mapping_goes_before_a_known_kind():
-    config = MeasurementConfig.model_validate({"map": [{**POSITION, "topic": "/gps"}]})
+    config = mapping({**POSITION, "topic": "/gps"})
     events = run(
-        [Message(0, "/gps", "sensor_msgs/NavSatFix", {"lon": 1.0, "lat": 2.0, "status": -1}, 0, 0)],
+        [logged("sensor_msgs/NavSatFix", {"lon": 1.0, "lat": 2.0, "status": -1}, topic="/gps")],
         config,
     )
     assert (len(only(VehicleState, events)), len(only(Used, events))) == (1, 1)
@@ -263,10 +262,10 @@ def test_an_unknown_depth_of_the_instrument_is_that_of_the_vehicle(fields):
     assert observation.depth.tolist() == [56.0]
     entries = {"map": [{**PROFILE, "velocity": "v", "depth": "d", **fields}]}
     config = MeasurementConfig.model_validate(entries)
-    events = run([fix(0), Message(0, "/p", "vendor.Thing", payload, 0, 0)], config)
+    events = run([fix(0), logged("vendor.Thing", payload, topic="/p")], config)
     assert only(Observation, events) == []
-    assert [event.reason for event in only(Skipped, events)] == [
-        "ping: its instrument's depth is not a number, and no earlier message gives the vehicle's depth"
+    assert reasons(events) == [
+        "ping: instrument depth is not a number, and no earlier message gives the vehicle depth"
     ]
 
 
@@ -304,31 +303,21 @@ def test_one_velocity_at_one_depth():
     message = Message(
         5 * 10**9, "/m", "", {"v": [10.0, -20.0], "lon": 151.0, "lat": -39.0, "p": 101.0}, 0, 0
     )
-    config = MeasurementConfig.model_validate(
-        {"map": [{**mooring, "place": [150.5, -41.0], "at_depth": 80.0}]}
-    )
+    config = mapping({**mooring, "place": [150.5, -41.0], "at_depth": 80.0})
     # it says where it is itself, and nothing of the vehicle
-    (found,) = only(Observation, run([message, fix(600, depth=100.0)], config))
+    found = the(Observation, [message, fix(600, depth=100.0)], config)
     assert (found.longitude, found.latitude, found.depth.tolist(), found.dive) == (
         150.5,
         -41.0,
         [80.0],
         0,
     )
-    np.testing.assert_allclose(found.velocity, [[0.1, -0.2]])
-    np.testing.assert_allclose(found.error_std, [0.02])
+    assert_allclose(found.velocity, [[0.1, -0.2]])
+    assert_allclose(found.error_std, [0.02])
     drifter = {**mooring, "longitude": "lon", "latitude": "lat", "depth": "p", "depth_unit": "dbar"}
-    (found,) = only(
-        Observation, run([message], MeasurementConfig.model_validate({"map": [drifter]}))
-    )
+    found = the(Observation, [message], mapping(drifter))
     assert (found.longitude, found.latitude, round(float(found.depth[0]))) == (151.0, -39.0, 100)
-    (found,) = only(
-        Observation,
-        run(
-            [fix(0, depth=40.0), message, fix(10)],
-            MeasurementConfig.model_validate({"map": [mooring]}),
-        ),
-    )
+    found = the(Observation, [fix(0, depth=40.0), message, fix(10)], mapping(mooring))
     assert (found.longitude, found.depth.tolist()) == (152.0, [40.0])
     for wrong in (
         {"place": [150.5, -41.0]},
@@ -337,4 +326,4 @@ def test_one_velocity_at_one_depth():
         {"depth": "p", "at_depth": 1.0},
     ):
         with pytest.raises(ValidationError):
-            MeasurementConfig.model_validate({"map": [{**mooring, **wrong}]})
+            mapping({**mooring, **wrong})

@@ -7,18 +7,29 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 
 from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.writer import MAX_CELLS, write_tlog
-from replay_kit.measurements.messages.mavlink_ping import (
+from replay_kit.measurements.messages.mavlink import (
     SCHEMA,
     PingFrame,
     assemble,
     is_complete,
     ping_frame,
 )
+from tests.measurements.samples import ping
 
+STATED = (
+    "heading",
+    "pitch",
+    "roll",
+    "pressure",
+    "sound_speed",
+    "temperature",
+    "transducer_depth",
+)
 # NaN is "unknown", as null is; infinities are no velocities
 NUMBER = st.one_of(st.none(), st.floats(-1e6, 1e6, allow_nan=False))
 POSITIVE = st.floats(1e-3, 1e4)
@@ -41,18 +52,7 @@ def pings(draw: st.DrawFn) -> dict[str, Any]:
             for cell in zip(*(draw(column) for _ in range(draw(st.integers(2, 3)))), strict=True)
         ],
         "velocity_std": draw(st.one_of(column, POSITIVE, st.none())),
-        **{
-            name: draw(NUMBER)
-            for name in (
-                "heading",
-                "pitch",
-                "roll",
-                "pressure",
-                "sound_speed",
-                "temperature",
-                "transducer_depth",
-            )
-        },
+        **{name: draw(NUMBER) for name in STATED},
     }
 
 
@@ -93,37 +93,18 @@ def test_a_ping_comes_back_to_the_last_bit_of_float32(
     back = through_a_log(tmp_path, payload, time_us * 1000)
     cells = payload["n_cells"]
     assert back["n_cells"] == cells
-    np.testing.assert_array_equal(np.array(back["velocity"]), float32(payload["velocity"]))
+    assert_array_equal(np.array(back["velocity"]), float32(payload["velocity"]))
     std = payload["velocity_std"]
-    np.testing.assert_array_equal(
+    assert_array_equal(
         np.array(back["velocity_std"]), float32(std if isinstance(std, list) else [std] * cells)
     )
-    for name in (
-        "cell_size",
-        "bin0_distance",
-        "heading",
-        "pitch",
-        "roll",
-        "pressure",
-        "sound_speed",
-        "temperature",
-        "transducer_depth",
-    ):
-        np.testing.assert_array_equal(back[name], float32(payload[name]))
+    for name in ("cell_size", "bin0_distance", *STATED):
+        assert_array_equal(back[name], float32(payload[name]))
 
 
 @pytest.mark.parametrize("part", ["ADCP_E", "ADCP_CFG"])
 def test_a_ping_without_one_of_its_frames_is_not_complete(tmp_path: Path, part: str) -> None:
-    payload = {
-        "coordinate_system": "earth",
-        "reference": "earth",
-        "orientation": "down",
-        "n_cells": 1,
-        "cell_size": 8.0,
-        "bin0_distance": 4.0,
-        "velocity": [[0.1, 0.2, 0.3]],
-    }
-    write_tlog(tmp_path / "log", [Message(10**18, "/adcp", "replay_kit.AdcpPing", payload, 0, 0)])
+    write_tlog(tmp_path / "log", [ping(10**9)])
     frames = {frame.name: frame for frame in frames_in(tmp_path / "log")[1] if frame.name != part}
     assert len(frames) == 4
     assert not is_complete(frames)

@@ -81,7 +81,7 @@ def test_positions_of_one_system_count(asked: int | None, counts: str) -> None:
         skipped += [event for event in events if isinstance(event, Skipped)]
     assert places == [float(counts)] * 2
     assert len(skipped) == 2
-    assert all("system in [logs] chooses" in event.reason for event in skipped)
+    assert all("choose with system in [logs]" in event.reason for event in skipped)
 
 
 def test_fixes_that_are_none() -> None:
@@ -144,7 +144,7 @@ def test_a_dataflash_log_places_the_pings_of_another_log(tmp_path: Path) -> None
         ("dataflash.POS", {"Lat": "x"}, "position is not a number"),
         ("dataflash.CTUN", {"Alt": float("nan")}, "depth is not a number"),
         ("GPS_RAW_INT", {}, "no fix (fix_type < 3)"),
-        ("dataflash.BARO", {"Alt": -9.2, "I": 0}, "not a kind of message the estimator uses"),
+        ("dataflash.BARO", {"Alt": -9.2, "I": 0}, "message type not used by the estimator"),
     ],
 )
 def test_what_is_not_used(schema: str, payload: dict[str, Any], reason: str) -> None:

@@ -4,18 +4,17 @@ import math
 import re
 from pathlib import Path
 
-import numpy as np
-import pytest
 from google.protobuf import descriptor_pb2, message_factory, timestamp_pb2
 from google.protobuf.descriptor_pool import DescriptorPool
+from numpy.testing import assert_allclose, assert_array_equal
 
 import replay_kit.measurements
 from replay_kit.config.run import LogConfig
 from replay_kit.core.observation import Flag, Observation
 from replay_kit.logs import open_log
-from replay_kit.logs.decode.json_schemas import JSON_SCHEMAS
+from replay_kit.logs.decode.to_json import JSON_SCHEMAS
 from tests.logs.log_samples import one_channel_mcap
-from tests.measurements.samples import fix, only, ping, run
+from tests.measurements.samples import fix, only, ping, run, the
 
 PROTO = (
     Path(replay_kit.measurements.__file__).with_name("AdcpPing.proto").read_text(encoding="utf-8")
@@ -113,26 +112,20 @@ def test_the_fields_are_those_of_the_json_schema():
     assert {field.name for field in descriptors().file[1].message_type[0].field} == set(names)
 
 
-@pytest.mark.parametrize("velocity", [STATED["velocity"], [0.1, 0.2, 0.3, math.nan, 0.5, 0.6]])
-def test_a_ping_says_in_protobuf_what_it_says_in_json(tmp_path, velocity):
-    message = through_mcap(
-        tmp_path, **{**STATED, "velocity": velocity}, pressure=0.0, dive=4, transducer_depth=1.0
-    )
-    (ours,) = only(Observation, run([fix(0), message]))
+def test_a_ping_of_two_components_says_in_protobuf_what_it_says_in_json(tmp_path):
+    two = {**STATED, "velocity": [0.1, 0.2, 0.3, math.nan, 0.5, 0.6]}
+    message = through_mcap(tmp_path, **two, pressure=0.0, dive=4, transducer_depth=1.0)
+    ours = the(Observation, [fix(0), message])
     cells = [[0.1, 0.2, None], [0.3, None, 0.0], [0.5, 0.6, 0.0]]
-    (theirs,) = only(
+    theirs = the(
         Observation,
-        run(
-            [
-                fix(0),
-                ping(
-                    0, velocity=cells, velocity_std=[0.09, 0.08, 0.07], transducer_depth=1.0, dive=4
-                ),
-            ]
-        ),
+        [
+            fix(0),
+            ping(0, velocity=cells, velocity_std=[0.09, 0.08, 0.07], transducer_depth=1.0, dive=4),
+        ],
     )
     for name in ("depth", "velocity", "error_std", "flags", "reasons"):
-        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+        assert_array_equal(getattr(ours, name), getattr(theirs, name))
     assert ours.dive == theirs.dive == 4
 
 
@@ -141,16 +134,16 @@ def test_what_is_not_set_is_unknown_and_not_zero(tmp_path):
         tmp_path, **{key: value for key, value in STATED.items() if key != "velocity_std"}
     )
     assert message.payload["pressure"] is None
-    (observation,) = only(Observation, run([fix(0, depth=200.0), message]))
-    np.testing.assert_allclose(observation.depth, [216.0, 248.0, 280.0])
-    np.testing.assert_array_equal(observation.error_std, 0.09)
+    observation = the(Observation, [fix(0, depth=200.0), message])
+    assert_allclose(observation.depth, [216.0, 248.0, 280.0])
+    assert_array_equal(observation.error_std, 0.09)
     assert observation.dive == 1
     assert observation.flags.tolist() == [Flag.GOOD, Flag.MISSING, Flag.GOOD]
 
 
 def test_the_surface_can_be_stated(tmp_path):
-    (observation,) = only(
-        Observation, run([fix(0, depth=200.0), through_mcap(tmp_path, **STATED, pressure=0.0)])
+    observation = the(
+        Observation, [fix(0, depth=200.0), through_mcap(tmp_path, **STATED, pressure=0.0)]
     )
     assert observation.depth[0] == 16.0
 

@@ -19,7 +19,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Observation
 from replay_kit.measurements.messages.fields import number
 from replay_kit.measurements.messages.kinds import statement
-from replay_kit.measurements.messages.mavlink_ping import assemble, ping_frame
+from replay_kit.measurements.messages.mavlink import assemble, ping_frame
 from tests.measurements import definitions as msg
 from tests.measurements.carriers import json_mcap, read_mcap, ros2_mcap
 from tests.measurements.messages.test_protobuf_ping import through_mcap

@@ -5,16 +5,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_equal
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.observation import Observation, Reason
-from replay_kit.measurements import Skipped, Used
 from replay_kit.measurements.messages.adcp_ping import parse_ping
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
 from replay_kit.measurements.ping.earth import added_velocity, earth_referenced
 from replay_kit.measurements.ping.profile import profiles_of
-from tests.measurements.samples import CONFIG, fix, only, ping, run
+from tests.measurements.samples import CONFIG, ODD, counted, fix, ping, reasons, run, the
 from tests.reference import frames as slow
 
 VECTORS = slow.janus_vectors(20.0)
@@ -68,6 +68,11 @@ def _horizontal(ping: AdcpPing) -> Any:
     return ping.velocity[:, :2]
 
 
+def assert_water(ping: AdcpPing) -> None:
+    """Assert that all cells have the water's velocity over the ground."""
+    assert_allclose(_horizontal(ping), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("system", "convention"),
     [
@@ -82,7 +87,7 @@ def _horizontal(ping: AdcpPing) -> Any:
 def test_every_coordinate_system_gives_the_current_over_the_ground(system, convention):
     config = MeasurementConfig(velocity_std=0.3)
     absolute = _absolute(_raw(system, convention), config)
-    np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    assert_water(absolute)
     assert (absolute.coordinate_system, absolute.reference, absolute.platform_velocity.source) == (
         "earth",
         "earth",
@@ -91,7 +96,7 @@ def test_every_coordinate_system_gives_the_current_over_the_ground(system, conve
     assert absolute.measured_system == system
     assert absolute.attitude.declination_applied is True
     assert absolute.bin_mapped == (system == "beam")
-    np.testing.assert_allclose(_error_std(absolute, config), 0.3)
+    assert_allclose(_error_std(absolute, config), 0.3)
     assert absolute.platform_velocity.error_std == 0.4
 
 
@@ -111,7 +116,7 @@ def test_words_and_truths_may_be_the_numbers_of_mavlink():
         "bin_mapped": 0.0,
     }
     absolute = _absolute(_raw("ship", **numbers))
-    np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    assert_water(absolute)
 
 
 def test_a_declination_turns_a_velocity_once():
@@ -122,7 +127,7 @@ def test_a_declination_turns_a_velocity_once():
         "velocity": [[0.0, 1.0, None]] * 3,
     }
     absolute = _absolute({**ping(0).payload, **magnetic})
-    np.testing.assert_allclose(_horizontal(absolute), np.tile([1.0, 0.0], (3, 1)), atol=1e-15)
+    assert_allclose(_horizontal(absolute), np.tile([1.0, 0.0], (3, 1)), atol=1e-15)
     assert absolute.attitude.declination == 90.0
     assert earth_referenced(absolute, CONFIG) is absolute
 
@@ -153,7 +158,7 @@ def test_a_declination_east_turns_a_magnetic_heading_clockwise(
     }
     bearing = np.deg2rad(30.0 + declination)
     expected = np.tile([np.sin(bearing), np.cos(bearing)], (3, 1))
-    np.testing.assert_allclose(_horizontal(_absolute(raw)), expected, atol=1e-12)
+    assert_allclose(_horizontal(_absolute(raw)), expected, atol=1e-12)
 
 
 def test_the_configured_declination_is_for_pings_that_state_none():
@@ -161,18 +166,18 @@ def test_the_configured_declination_is_for_pings_that_state_none():
     with pytest.raises(MeasurementError, match="declination unknown"):
         _absolute(unknown)
     absolute = _absolute(unknown, MeasurementConfig(magnetic_declination=10.0))
-    np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    assert_water(absolute)
     stated = _absolute(
         {**unknown, "magnetic_declination": 10.0}, MeasurementConfig(magnetic_declination=-90.0)
     )
-    np.testing.assert_allclose(_horizontal(stated), _horizontal(absolute))
+    assert_allclose(_horizontal(stated), _horizontal(absolute))
 
 
 def test_a_lost_beam_is_solved_around_in_water_and_bottom():
     raw = _raw("beam")
     raw["velocity"] = [row if k else [None, *row[1:]] for k, row in enumerate(raw["velocity"])]
     raw["bottom_track"]["velocity"][3] = None
-    np.testing.assert_allclose(_horizontal(_absolute(raw)), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    assert_water(_absolute(raw))
     raw["velocity"][1] = [None, None, 0.1, 0.2]
     assert np.isnan(_horizontal(_absolute(raw))[1]).all()
 
@@ -182,9 +187,9 @@ def test_gps_stands_in_for_a_lost_bottom():
     for track in (None, {"velocity": [None] * 4}, {"velocity": "deep"}, "lost"):
         config = MeasurementConfig(velocity_std=0.3)
         absolute = _absolute(_raw("beam", bottom_track=track, platform_velocity=own), config)
-        np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+        assert_water(absolute)
         assert absolute.platform_velocity.source == "gps"
-        np.testing.assert_allclose(_error_std(absolute, config), 0.3)
+        assert_allclose(_error_std(absolute, config), 0.3)
         assert added_velocity(absolute, CONFIG) == (tuple(VESSEL[:2]), 0.4)
 
 
@@ -200,9 +205,7 @@ def test_gps_stands_in_for_a_lost_bottom():
 def test_without_a_motion_a_ping_stays_relative(own):
     raw = parse_ping(_raw("beam", bottom_track=None, platform_velocity=own))
     relative = earth_referenced(raw, CONFIG)
-    np.testing.assert_allclose(
-        _horizontal(relative), np.tile((WATER - VESSEL)[:2], (3, 1)), atol=1e-12
-    )
+    assert_allclose(_horizontal(relative), np.tile((WATER - VESSEL)[:2], (3, 1)), atol=1e-12)
     assert (relative.coordinate_system, relative.reference, relative.measured_system) == (
         "earth",
         "platform",
@@ -218,7 +221,7 @@ def test_a_beams_stated_error_grows_in_the_solution():
     absolute = _absolute(_raw("beam", velocity_std=[0.1, 0.2, 0.3]))
     # two beams at 20 degrees from the vertical give a component: 1 / (sqrt(2) sin 20)
     expected = np.array([0.1, 0.2, 0.3]) / (np.sqrt(2.0) * np.sin(np.deg2rad(20.0)))
-    np.testing.assert_allclose(absolute.velocity_std, expected)
+    assert_allclose(absolute.velocity_std, expected)
 
 
 def test_flat_arrays_are_those_of_protobuf():
@@ -228,10 +231,10 @@ def test_flat_arrays_are_those_of_protobuf():
         "beam_unit_vectors": list(np.ravel(raw["beam_unit_vectors"])),
     }
     for name, value in asdict(parse_ping({**raw, **flat, "velocity_std": []})).items():
-        np.testing.assert_equal(value, asdict(parse_ping(raw))[name])
+        assert_equal(value, asdict(parse_ping(raw))[name])
     # protobuf writes an empty list for what is not known
     unknown = _absolute(_raw("instrument", beam_unit_vectors=[]))
-    np.testing.assert_allclose(_horizontal(unknown), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    assert_water(unknown)
 
 
 @pytest.mark.parametrize(
@@ -254,67 +257,38 @@ def test_a_rotation_that_lacks_something_is_refused_with_the_reason(changes, rea
         _absolute(_raw("beam", **changes))
 
 
-JUNK = (
-    None,
-    -1,
-    1e308,
-    float("nan"),
-    10**400,
-    "x",
-    [],
-    [None],
-    [[1e308] * 4] * 3,
-    [[0.0] * 3] * 4,
-    {},
-    {"velocity": [1e308] * 4},
-    {"distance": ["b"]},
-)
-
-
 @pytest.mark.parametrize("system", ["beam", "instrument", "ship", "earth"])
 def test_junk_in_any_field_is_used_or_skipped_once(system):
     raw = _raw(system, platform_velocity=None, tilt_applied=True)
+    arrays = ([[1e308] * 4] * 3, [[0.0] * 3] * 4, {"velocity": [1e308] * 4}, {"distance": ["b"]})
     for field in raw:
-        for value in JUNK:
+        for value in (*ODD, *arrays):
             message = ping(0)._replace(payload={**raw, field: value})
-            events = run([fix(0), message])
-            assert (
-                len(
-                    [
-                        event
-                        for event in only(Used, events) + only(Skipped, events)
-                        if event.topic == "/adcp"
-                    ]
-                )
-                == 1
-            ), (field, value)
+            assert counted(run([fix(0), message]), "/adcp") == 1, (field, value)
 
 
 def test_a_raw_ping_becomes_an_observation():
     message = ping(0)
     raw = _raw("beam", correlation_depth=16.0)
-    (observation,) = only(
-        Observation,
-        run([fix(0), message._replace(payload=raw)], MeasurementConfig(velocity_std=0.3)),
+    observation = the(
+        Observation, [fix(0), message._replace(payload=raw)], MeasurementConfig(velocity_std=0.3)
     )
-    np.testing.assert_allclose(observation.velocity, np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    assert_allclose(observation.velocity, np.tile(WATER[:2], (3, 1)), atol=1e-12)
     # the reference's error is one for all bins, not each bin's own
-    np.testing.assert_allclose(observation.error_std, 0.3)
+    assert_allclose(observation.error_std, 0.3)
     assert (observation.reference, observation.common_std, observation.correlation_depth) == (
         "earth",
         0.4,
         16.0,
     )
-    np.testing.assert_allclose(observation.platform_velocity, VESSEL[:2], atol=1e-12)
+    assert_allclose(observation.platform_velocity, VESSEL[:2], atol=1e-12)
 
 
 def test_a_ping_of_a_platform_of_unknown_motion_is_a_relative_observation():
     relative = ping(0)._replace(payload=_raw("ship", bottom_track=None))
     config = MeasurementConfig(correlation_depth=8.0)
-    (observation,) = only(Observation, run([fix(0), relative], config))
-    np.testing.assert_allclose(
-        observation.velocity, np.tile((WATER - VESSEL)[:2], (3, 1)), atol=1e-12
-    )
+    observation = the(Observation, [fix(0), relative], config)
+    assert_allclose(observation.velocity, np.tile((WATER - VESSEL)[:2], (3, 1)), atol=1e-12)
     assert (observation.reference, observation.common_std, observation.platform_velocity) == (
         "platform",
         np.inf,
@@ -322,20 +296,10 @@ def test_a_ping_of_a_platform_of_unknown_motion_is_a_relative_observation():
     )
     assert observation.correlation_depth == 8.0
     refused = run([fix(0), relative], MeasurementConfig(use_relative=False))
-    assert "relative to the platform" in only(Skipped, refused)[0].reason
+    assert "relative to the platform" in reasons(refused)[0]
     # a ping that came absolute says nothing of a platform
-    (plain,) = only(Observation, run([fix(0), ping(0)]))
+    plain = the(Observation, [fix(0), ping(0)])
     assert (plain.reference, plain.common_std, plain.platform_velocity) == ("earth", 0.0, None)
-
-
-def test_bins_below_the_bottom_are_flagged():
-    spoiled = ping(0, bottom_track={"distance": [100.0, None, 90.0, 95.0]})
-    (observation,) = only(Observation, run([fix(0), spoiled]))
-    assert [bool(reason & Reason.BELOW_BOTTOM) for reason in observation.reasons] == [
-        False,
-        False,
-        True,
-    ]
 
 
 def test_velocities_of_an_unknown_declination_are_not_taken_as_true():
@@ -355,7 +319,7 @@ def test_listed_cells_are_mapped_as_spaced_ones_are():
         [(k + 1) * value for value in row] for k, row in enumerate(sheared["velocity"])
     ]
     absolute = _absolute(sheared | LISTED)
-    np.testing.assert_allclose(_horizontal(absolute), _horizontal(_absolute(sheared)), atol=1e-12)
+    assert_allclose(_horizontal(absolute), _horizontal(_absolute(sheared)), atol=1e-12)
     assert np.isfinite(_horizontal(absolute)).all()
 
 
@@ -365,13 +329,11 @@ def test_cells_that_are_not_evenly_spaced_cannot_be_mapped(distances):
         _absolute(_raw("beam", **LISTED | {"cell_distances": distances}))
 
 
-def test_listed_cells_below_the_bottom_are_flagged():
-    (observation,) = only(
-        Observation,
-        run([fix(0), ping(0, **LISTED, bottom_track={"distance": [60.0, None, 70.0, 65.0]})]),
-    )
-    assert [bool(reason & Reason.BELOW_BOTTOM) for reason in observation.reasons] == [
-        False,
-        True,
-        True,
-    ]
+@pytest.mark.parametrize(
+    ("cells", "depths", "flagged"),
+    [({}, [100.0, None, 90.0, 95.0], [2]), (LISTED, [60.0, None, 70.0, 65.0], [1, 2])],
+)
+def test_bins_below_the_bottom_are_flagged(cells, depths, flagged):
+    spoiled = ping(0, **cells, bottom_track={"distance": depths})
+    below = the(Observation, [fix(0), spoiled]).reasons & Reason.BELOW_BOTTOM
+    assert np.flatnonzero(below).tolist() == flagged

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.measurements.ping import frames
 from tests.reference import frames as slow
@@ -24,16 +25,16 @@ def test_rotations_are_orthonormal_and_those_of_the_twin(heading, pitch, roll, f
         (frames.nortek_rotation, slow.nortek),
     ):
         matrix = ours(heading, pitch, roll, flipped)
-        np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-14)
+        assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-14)
         assert np.linalg.det(matrix) == pytest.approx(1.0)
-        np.testing.assert_allclose(matrix, twin(heading, pitch, roll, flipped), atol=1e-14)
+        assert_allclose(matrix, twin(heading, pitch, roll, flipped), atol=1e-14)
 
 
 def test_a_heading_turns_forward_to_where_it_points():
-    np.testing.assert_allclose(
+    assert_allclose(
         frames.teledyne_rotation(90.0, 0.0, 0.0) @ [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], atol=1e-15
     )
-    np.testing.assert_allclose(
+    assert_allclose(
         frames.nortek_rotation(90.0, 0.0, 0.0) @ [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], atol=1e-15
     )
     # nose up: what flows forward along the instrument rises
@@ -59,10 +60,10 @@ def test_a_positive_roll_lowers_the_starboard_side_which_is_beam_2_s_when_lookin
 @given(BEAMS, BEAM_ANGLE, st.booleans())
 def test_four_beams_are_solved_as_teledyne_does(beams, angle, convex):
     vectors = slow.janus_vectors(angle, convex)
-    np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1.0)
+    assert_allclose(np.linalg.norm(vectors, axis=1), 1.0)
     solved = frames.solve_beams(beams[None], vectors)
-    np.testing.assert_allclose(solved[0], slow.janus(beams, angle, convex), rtol=1e-10, atol=1e-10)
-    np.testing.assert_allclose(frames.beams_of(solved, vectors)[0], beams, rtol=1e-10, atol=1e-10)
+    assert_allclose(solved[0], slow.janus(beams, angle, convex), rtol=1e-10, atol=1e-10)
+    assert_allclose(frames.beams_of(solved, vectors)[0], beams, rtol=1e-10, atol=1e-10)
 
 
 @quick
@@ -73,8 +74,8 @@ def test_three_beams_equal_four_when_the_error_velocity_is_zero(velocity, angle,
     four = frames.solve_beams(beams, vectors)
     beams[0, bad] = np.nan
     three = frames.solve_beams(beams, vectors)
-    np.testing.assert_allclose(four[0], [*velocity, 0.0], atol=1e-10)
-    np.testing.assert_allclose(three[0], [*velocity, 0.0], atol=1e-10)
+    assert_allclose(four[0], [*velocity, 0.0], atol=1e-10)
+    assert_allclose(three[0], [*velocity, 0.0], atol=1e-10)
 
 
 def test_two_beams_or_three_in_a_plane_give_nothing():
@@ -98,28 +99,28 @@ def test_mapped_bins_are_exact_for_a_velocity_linear_in_depth(heading, pitch, ro
     beams = np.einsum("nbi,bi->nb", offset + distance[..., None] * slope, vectors @ rotation.T)
     mapped = frames.map_bins(beams, stretch, first, size)
     for beam in range(4):
-        np.testing.assert_allclose(
+        assert_allclose(
             mapped[:, beam], slow.mapped(beams[:, beam], stretch[beam], first, size), atol=1e-12
         )
     earth = frames.solve_beams(mapped, vectors)[:, :3] @ rotation.T
     inside = np.isfinite(mapped).all(axis=1)
     assert inside[2:10].all()
     expected = offset + (first + size * np.arange(n))[:, None] * slope
-    np.testing.assert_allclose(earth[inside], expected[inside], atol=1e-10)
+    assert_allclose(earth[inside], expected[inside], atol=1e-10)
 
 
 def test_beside_a_missing_cell_the_nearer_one_is_taken():
     column = np.array([1.0, 2.0, np.nan, 4.0, 5.0])
     mapped = frames.map_bins(column[:, None], np.array([1.05]), 2.0, 1.0)[:, 0]
-    np.testing.assert_allclose(mapped, slow.mapped(column, 1.05, 2.0, 1.0))
+    assert_allclose(mapped, slow.mapped(column, 1.05, 2.0, 1.0))
     # 3 m lie at 2.857 untilted, between two cells; 4 m at 3.81 and 5 m at 4.76, each beside the missing one
-    np.testing.assert_allclose(mapped[1:3], [1.0 + 0.857142857142857, np.nan])
+    assert_allclose(mapped[1:3], [1.0 + 0.857142857142857, np.nan])
     assert mapped[3] == 4.0
 
 
 def test_without_tilt_bins_stay_where_they_are_missing_ones_too():
     beams = np.arange(12.0).reshape(3, 4)
     beams[1, 2] = np.nan
-    np.testing.assert_array_equal(frames.map_bins(beams, np.ones(4), 2.0, 0.5), beams)
+    assert_array_equal(frames.map_bins(beams, np.ones(4), 2.0, 0.5), beams)
     # a beam that has become level measures no depth but its own
     assert np.isnan(frames.map_bins(beams, np.zeros(4), 2.0, 0.5)).all()

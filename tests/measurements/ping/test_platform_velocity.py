@@ -2,16 +2,17 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
-from replay_kit.measurements import Skipped, Used
-from replay_kit.measurements.messages.motion import Dvl, dvl, horizontal
-from replay_kit.measurements.ping.attitude import Attitude
-from tests.measurements.samples import CONFIG, SECOND, fix, only, ping, run
+from replay_kit.measurements import Used
+from replay_kit.measurements.messages.vehicle import Dvl, dvl, horizontal
+from replay_kit.measurements.ping.adcp_ping import Attitude
+from tests.measurements.samples import CONFIG, SECOND, fix, in_order, only, ping, reasons, run, the
 
 TRUE_HEADING = MeasurementConfig(magnetic_declination=0.0, water_track_distance=12.0)
 HALF = np.sqrt(0.5)
@@ -48,16 +49,12 @@ def test_a_dvl_s_velocity_turns_with_the_vehicle():
     forward = Dvl("bottom", (1.0, 0.0, 0.0), 0.03)
     starboard, down = Dvl("bottom", (0.0, 1.0, 0.0), 0.03), Dvl("bottom", (0.0, 0.0, 1.0), 0.03)
     level = Attitude(45.0, 0.0, 0.0)
-    np.testing.assert_allclose(horizontal(forward, level, 0.0), (HALF, HALF), atol=1e-12)
-    np.testing.assert_allclose(horizontal(starboard, level, 45.0), (0.0, -1.0), atol=1e-12)
+    assert_allclose(horizontal(forward, level, 0.0), (HALF, HALF), atol=1e-12)
+    assert_allclose(horizontal(starboard, level, 45.0), (0.0, -1.0), atol=1e-12)
     # nose up by 30 degrees: down through the vehicle's floor is forward in part
-    np.testing.assert_allclose(
-        horizontal(down, Attitude(0.0, 30.0, 0.0), 0.0), (0.0, 0.5), atol=1e-12
-    )
+    assert_allclose(horizontal(down, Attitude(0.0, 30.0, 0.0), 0.0), (0.0, 0.5), atol=1e-12)
     # starboard down by 30 degrees: the floor looks to port
-    np.testing.assert_allclose(
-        horizontal(down, Attitude(0.0, 0.0, 30.0), 0.0), (-0.5, 0.0), atol=1e-12
-    )
+    assert_allclose(horizontal(down, Attitude(0.0, 0.0, 30.0), 0.0), (-0.5, 0.0), atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -80,16 +77,14 @@ def test_bottom_track_makes_pings_absolute_that_state_no_motion():
     # 0.5 m/s forward is east, 0.1 m/s to starboard is south
     assert near.platform_velocity == pytest.approx((0.5, -0.1))
     assert (near.common_std, near.reference) == (pytest.approx(0.02), "earth")
-    np.testing.assert_allclose(near.velocity[0], (0.6, 0.1), atol=1e-12)
+    assert_allclose(near.velocity[0], (0.6, 0.1), atol=1e-12)
     # nine seconds later it may go anywhere
     assert far.reference == "platform"
     stated = {"platform_velocity": {"east": 0.1, "north": 0.0, "velocity_std": 0.05}}
-    (own,) = only(
+    own = the(
         Observation,
-        run(
-            [fix(0), heading_east(9.5), dvl_message(10), relative(11, **stated), fix(60)],
-            TRUE_HEADING,
-        ),
+        [fix(0), heading_east(9.5), dvl_message(10), relative(11, **stated), fix(60)],
+        TRUE_HEADING,
     )
     assert own.platform_velocity == (0.1, 0.0)
 
@@ -101,7 +96,7 @@ def test_bottom_track_makes_pings_absolute_that_state_no_motion():
 def test_bottom_track_counts_for_pings_within_three_seconds_before_and_after_it(seconds, reference):
     """A ping that comes after the bottom track may have been made before it."""
     messages = [fix(0), heading_east(19.5), dvl_message(20), relative(20 + seconds), fix(60)]
-    (observation,) = only(Observation, run(messages, TRUE_HEADING))
+    observation = the(Observation, messages, TRUE_HEADING)
     assert observation.reference == reference
 
 
@@ -113,9 +108,9 @@ def test_water_track_beside_bottom_track_is_the_current_at_one_depth():
         dvl_message(10.2, 2, (0.3, 0.3, 0.0)),
         fix(60, depth=40.0),
     ]
-    (current,) = only(Observation, run(messages, TRUE_HEADING))
+    current = the(Observation, messages, TRUE_HEADING)
     # over the ground less through the water
-    np.testing.assert_allclose(current.velocity, [(0.5 - 0.3, -0.1 + 0.3)], atol=1e-12)
+    assert_allclose(current.velocity, [(0.5 - 0.3, -0.1 + 0.3)], atol=1e-12)
     assert (current.depth.tolist(), current.error_std[0], current.common_std) == (
         [52.0],
         pytest.approx(0.02),
@@ -138,7 +133,7 @@ def test_water_track_beside_bottom_track_is_the_current_at_one_depth():
     ],
 )
 def test_a_dvl_without_what_it_needs_is_skipped_with_the_reason(messages, config, said):
-    assert said in only(Skipped, run([fix(0), *messages], config))[-1].reason
+    assert said in reasons(run([fix(0), *messages], config))[-1]
 
 
 def sail(seconds, velocity=(1.5, -0.8), step=1):
@@ -149,7 +144,7 @@ def sail(seconds, velocity=(1.5, -0.8), step=1):
 
 
 def test_a_vessel_s_fixes_give_its_motion():
-    messages = sorted([*sail(120), relative(60.5), ping(61.5)], key=lambda message: message.time_ns)
+    messages = in_order(*sail(120), relative(60.5), ping(61.5))
     events = run(messages)
     absolute, own = sorted(
         only(Observation, events),
@@ -157,7 +152,7 @@ def test_a_vessel_s_fixes_give_its_motion():
     )
     assert absolute.platform_velocity == pytest.approx((1.5, -0.8), abs=0.01)
     assert 0.0 < absolute.common_std < 0.05
-    np.testing.assert_allclose(absolute.velocity[0], (1.6, -0.6), atol=0.01)
+    assert_allclose(absolute.velocity[0], (1.6, -0.6), atol=0.01)
     # its place is that of its own time, not of when it left
     assert absolute.longitude == pytest.approx(
         float(to_geographic(Projection(152.0, -40.0), 1.5 * 60.5, 0.0)[0]), abs=1e-6
@@ -175,26 +170,26 @@ def test_a_vessel_s_fixes_give_its_motion():
     ],
 )
 def test_fixes_that_are_few_or_on_one_side_give_none(messages):
-    messages = sorted(messages, key=lambda message: message.time_ns)
-    (observation,) = only(Observation, run(messages))
+    messages = in_order(*messages)
+    observation = the(Observation, messages)
     assert observation.reference == "platform"
     assert (
         "relative to the platform"
-        in only(Skipped, run(messages, MeasurementConfig(use_relative=False)))[0].reason
+        in reasons(run(messages, MeasurementConfig(use_relative=False)))[0]
     )
 
 
 def test_a_ping_that_waited_in_vain_is_between_the_positions_around_it():
-    (observation,) = only(Observation, run([fix(0, 152.0), relative(5), fix(100, 152.1)]))
+    observation = the(Observation, [fix(0, 152.0), relative(5), fix(100, 152.1)])
     assert observation.reference == "platform"
     assert observation.longitude == pytest.approx(152.005, abs=1e-6)
 
 
 def test_a_stated_velocity_that_is_not_believed_leaves_the_vessel_to_its_fixes():
     stated = {"platform_velocity": {"east": 9.0, "north": 9.0, "velocity_std": 1e3}}
-    (observation,) = only(
+    observation = the(
         Observation,
-        run(sorted([*sail(60), relative(30.5, **stated)], key=lambda message: message.time_ns)),
+        in_order(*sail(60), relative(30.5, **stated)),
     )
     assert observation.platform_velocity == pytest.approx((1.5, -0.8), abs=0.01)
 
@@ -207,7 +202,5 @@ def test_fixes_that_come_seldom_count_from_both_sides_alike():
         fix(9 * k, float(longitude), float(latitude))
         for k, (longitude, latitude) in enumerate(places)
     ]
-    (observation,) = only(
-        Observation, run(sorted([*fixes, relative(45)], key=lambda message: message.time_ns))
-    )
+    observation = the(Observation, in_order(*fixes, relative(45)))
     assert observation.platform_velocity == pytest.approx((0.0, 0.0), abs=1e-5)

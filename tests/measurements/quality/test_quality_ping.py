@@ -11,11 +11,22 @@ from replay_kit.measurements.messages.adcp_ping import parse_ping
 from replay_kit.measurements.ping import frames
 from replay_kit.measurements.ping.profile import profiles_of
 from replay_kit.measurements.quality.ping import PingBlock, checks
-from tests.measurements.samples import fix, only, ping, run
+from tests.measurements.samples import fix, in_order, only, ping, run
 from tests.reference import frames as slow
 
 GOOD, SUSPECT, FAIL = Flag.GOOD, Flag.SUSPECT, Flag.FAIL
 CELLS = [[0.1, 0.2, 0.0]] * 6
+VECTORS = slow.janus_vectors(20.0)
+BEAM = {
+    "coordinate_system": "beam",
+    "attitude_convention": "teledyne",
+    "heading": 0.0,
+    "pitch": 0.0,
+    "roll": 0.0,
+    "beam_unit_vectors": VECTORS.tolist(),
+    "declination_applied": True,
+    "bin_mapped": True,
+}
 SOUND = {"n_cells": 6, "cell_size": 4.0, "bin0_distance": 4.0, "velocity": CELLS}
 
 
@@ -119,7 +130,7 @@ def test_a_tilted_ping(pitch, flag):
 def test_a_glider_leans_to_glide():
     observation, tests = observed(depth=200.0, pitch=-26.0, roll=5.0)
     assert observation.flags.tolist() == [GOOD] * 6
-    assert "glide" in tests["tilt"].why_not
+    assert "gliding" in tests["tilt"].why_not
 
 
 def test_the_surface_spoils_what_looks_up():
@@ -201,28 +212,10 @@ def test_protobuf_s_flat_fields_are_read_cell_by_cell():
 
 
 def test_a_solution_from_beams_brings_its_error_velocity():
-    vectors = slow.janus_vectors(20.0)
-    along = np.tile(vectors @ [0.1, 0.2, 0.0], (6, 1))
-    along[3] += (
-        1.5
-        * frames.error_weights(vectors)
-        / (frames.error_weights(vectors) @ frames.error_weights(vectors))
-    )
+    along, weights = np.tile(VECTORS @ [0.1, 0.2, 0.0], (6, 1)), frames.error_weights(VECTORS)
+    along[3] += 1.5 * weights / (weights @ weights)
     along[4, 1] = np.nan
-    payload = {
-        "coordinate_system": "beam",
-        "attitude_convention": "teledyne",
-        "heading": 0.0,
-        "pitch": 0.0,
-        "roll": 0.0,
-    }
-    payload |= {
-        "beam_unit_vectors": vectors.tolist(),
-        "declination_applied": True,
-        "velocity": along.tolist(),
-        "bin_mapped": True,
-    }
-    observation, tests = observed(**payload)
+    observation, tests = observed(**BEAM, velocity=along.tolist())
     assert observation.reasons.tolist() == [0, 0, 0, Reason.ERROR_VELOCITY, 0, 0]
     assert tests["error_velocity"].flags.tolist() == [
         GOOD,
@@ -262,27 +255,15 @@ def test_every_test_can_be_switched_off():
 
 def test_beams_percent_good_is_each_beam_s_also_where_gps_makes_the_ping_absolute_later():
     """A ping of beams turns to earth coordinates when it comes and to reference earth when its fixes are there: in two steps."""
-    vectors = slow.janus_vectors(20.0)
     beam = {
-        "coordinate_system": "beam",
-        "reference": "platform",
-        "attitude_convention": "teledyne",
-        "heading": 0.0,
-        "pitch": 0.0,
-    }
-    beam |= {
-        "roll": 0.0,
-        "beam_unit_vectors": vectors.tolist(),
-        "declination_applied": True,
-        "bin_mapped": True,
-    }
-    beam |= {
         **SOUND,
-        "velocity": np.tile(vectors @ [0.1, 0.2, 0.0], (6, 1)).tolist(),
+        **BEAM,
+        "reference": "platform",
+        "velocity": np.tile(VECTORS @ [0.1, 0.2, 0.0], (6, 1)).tolist(),
         "percent_good": [[60, 5, 5, 60]] * 6,
     }
     fixes = [fix(k, 152.0 + 1e-5 * k) for k in range(120)]
-    messages = sorted([*fixes, ping(60.5, **beam)], key=lambda message: message.time_ns)
+    messages = in_order(*fixes, ping(60.5, **beam))
     events = run(messages)
     (observation,) = only(Observation, events)
     assert observation.reference == "earth"

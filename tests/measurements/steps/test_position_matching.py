@@ -8,7 +8,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
 from replay_kit.measurements import Skipped, Used, finish, initial_state, interpret
-from tests.measurements.samples import CONFIG, fix, only, ping, run
+from tests.measurements.samples import CONFIG, fix, only, ping, reasons, run, the
 
 MANY = 1500
 
@@ -64,7 +64,7 @@ def test_any_age_that_the_configuration_takes(age):
 
 
 def test_fixes_on_opposite_sides_of_the_earth_give_the_nearer():
-    (observation,) = only(Observation, run([fix(0, 10.0, 0.001), ping(4), fix(10, -170.0, -0.001)]))
+    observation = the(Observation, [fix(0, 10.0, 0.001), ping(4), fix(10, -170.0, -0.001)])
     assert math.isfinite(observation.longitude)
     assert math.isfinite(observation.latitude)
 
@@ -95,7 +95,7 @@ def test_pings_in_a_dive_are_placed_between_the_fixes_about_it():
 def test_a_longer_gap_than_allowed_loses_the_pings_of_a_dive():
     events = _dive(position_max_gap=14_339.0)
     assert len(only(Observation, events)) == 0
-    assert [event.reason for event in only(Skipped, events)] == ["no position within 600 s"] * 7
+    assert reasons(events) == ["no position within 600 s"] * 7
     assert len(only(Observation, _dive(position_max_gap=14_341.0))) == 7
 
 
@@ -105,7 +105,7 @@ def test_a_ping_near_a_fix_has_no_error_of_its_place():
 
 def test_pings_at_the_surface_are_not_placed_across_a_gap():
     events = run([fix(0.0), ping(1800.0), fix(3600.0)])
-    assert [event.reason for event in only(Skipped, events)] == ["no position within 600 s"]
+    assert reasons(events) == ["no position within 600 s"]
 
 
 def test_pings_of_a_dive_outlive_one_at_the_surface_before_it():

@@ -6,21 +6,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners.front.current import CurrentLattice, current_lattice, shares_of_levels
-from planners.front.edges import edge_durations
-from planners.front.front import Front, Route, sea_of, spread
-from planners.front.obstacles import Obstacles, directions_around, obstacles_of
+from planners.front.front import Route, sea_of, spread
+from planners.front.obstacles import directions_around, obstacles_of
 from planners.front.relax import _swept, _times, relax
+from planners.front.route import edge_durations
 from planners.route.hazards import Ring
-from replay_kit.core.arrays import Array
 from tests.planners.flow_samples import eddying_flow
 from tests.reference.front import arrivals, current_at, edge_duration, touches
 
 NONE = np.zeros(0, dtype=int)
 
 
-def lattice(
-    seed: int, fastest: float, times: int = 3, shape: tuple[int, int] = (7, 8), divisions: int = 1
-) -> CurrentLattice:
+def lattice(seed, fastest, times=3, shape=(7, 8), divisions=1):
     """Return a smooth random current on a lattice of 1 km, at times a day apart."""
     rng = np.random.default_rng(seed)
     rows, columns = ((count - 1) * divisions + 1 for count in shape)
@@ -36,27 +33,21 @@ def lattice(
     )
 
 
-def ring(*corners: tuple[float, float], outside: bool = False) -> Ring:
+def ring(*corners, outside=False):
     return Ring(np.array(corners, dtype=float), outside, "wall")
 
 
-def box(west: float, south: float, east: float, north: float, outside: bool = False) -> Ring:
+def box(west, south, east, north, outside=False):
     return ring((west, south), (east, south), (east, north), (west, north), outside=outside)
 
 
-def front_of(
-    current: CurrentLattice,
-    speed: float,
-    ends: list[complex],
-    walls: Obstacles | None = None,
-    waits: bool = False,
-) -> Front:
+def front_of(current, speed, ends, walls=None, waits=False):
     """Return the front from the first of some places."""
     sea = sea_of(current, speed, np.array(ends), walls, waits=waits)
     return spread(sea, np.array([current.places.size]), np.zeros(1), np.inf, NONE)
 
 
-def still(half: float, spacing: float = 1e3) -> CurrentLattice:
+def still(half, spacing=1e3):
     count = int(2 * half / spacing) + 1
     return CurrentLattice(
         np.array([-half, -half]), spacing, np.zeros(1), np.zeros((1, count, count), dtype=complex)
@@ -64,7 +55,7 @@ def still(half: float, spacing: float = 1e3) -> CurrentLattice:
 
 
 @pytest.mark.parametrize(("times", "divisions"), [(1, 1), (3, 2)])
-def test_the_current_is_linear_between_entries_as_its_twin(times: int, divisions: int):
+def test_the_current_is_linear_between_entries_as_its_twin(times, divisions):
     current, rng = lattice(1, 0.3, times, (4, 5), divisions), np.random.default_rng(2)
     places, at = (
         rng.uniform(-4e3, 3e3, 20) + 1j * rng.uniform(-3e3, 2e3, 20),
@@ -83,7 +74,7 @@ def test_edges_take_as_long_as_their_twins_and_are_closed_where_those_are():
     depart = rng.uniform(0.0, 1e5, 60)
     found = edge_durations(current, 0.3, begin, end, depart, 700.0)
 
-    def at(place: complex, time: float) -> complex:
+    def at(place, time):
         return complex(current.at(np.array([place]), np.array([time]))[0])
 
     twins = [
@@ -95,12 +86,12 @@ def test_edges_take_as_long_as_their_twins_and_are_closed_where_those_are():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_labels_are_those_of_dijkstra_on_the_same_lattice(seed: int):
+def test_labels_are_those_of_dijkstra_on_the_same_lattice(seed):
     current = lattice(seed, 0.2)
     sea = sea_of(current, 0.3, np.zeros(0, dtype=complex))
     front = spread(sea, np.array([19]), np.zeros(1), np.inf, NONE)
 
-    def duration(here: int, there: int, now: float) -> float:
+    def duration(here, there, now):
         ends = sea.places[[here]], sea.places[[there]]
         return float(edge_durations(current, 0.3, *ends, np.array([now]), sea.piece)[0])
 
@@ -110,7 +101,7 @@ def test_labels_are_those_of_dijkstra_on_the_same_lattice(seed: int):
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10**6), st.floats(0.25, 0.5))
 def test_a_faster_vehicle_is_nowhere_later_and_none_is_quicker_than_the_fastest_current_carries_it(
-    seed: int, speed: float
+    seed, speed
 ):
     current = lattice(seed, 0.2)
     slow, fast = (front_of(current, v, [0j]) for v in (speed, 1.2 * speed))
@@ -124,9 +115,7 @@ def test_a_faster_vehicle_is_nowhere_later_and_none_is_quicker_than_the_fastest_
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_waiting_is_never_later_and_counts_only_where_the_current_is_faster_than_the_vehicle(
-    seed: int,
-):
+def test_waiting_is_never_later_and_counts_only_where_the_current_is_faster_than_the_vehicle(seed):
     strong, weak = lattice(seed, 0.5), lattice(seed, 0.2)
     for current, differs in ((strong, None), (weak, False)):
         moving, waiting = (
@@ -159,7 +148,7 @@ def test_in_still_water_a_route_is_straight_once_it_is_relaxed():
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_bent_route_is_straightened_from_either_side(side: float):
+def test_a_bent_route_is_straightened_from_either_side(side):
     places = np.array([[-8e3, 0.0], [0.0, 1e3 * side], [8e3, 0.0]])
     lasts = np.hypot(8e3, 1e3) / 0.3
     route = relax(
@@ -171,7 +160,7 @@ def test_a_bent_route_is_straightened_from_either_side(side: float):
 
 
 @pytest.mark.parametrize("parity", [1, 2])
-def test_every_other_point_moves_to_where_a_fine_search_finds_the_way_past_it_quickest(parity: int):
+def test_every_other_point_moves_to_where_a_fine_search_finds_the_way_past_it_quickest(parity):
     sea, rng = sea_of(lattice(5, 0.2), 0.3, np.zeros(0, dtype=complex)), np.random.default_rng(6)
     places = np.linspace(-2e3 - 1e3j, 3e3 + 2e3j, 9) + 1j * rng.uniform(-150.0, 150.0, 9)
     times, step = _times(sea, places, 0.0), 200.0
@@ -202,7 +191,7 @@ def test_every_other_point_moves_to_where_a_fine_search_finds_the_way_past_it_qu
 )
 @pytest.mark.parametrize("by_edge", [False, True])
 def test_land_that_touches_land_or_the_regions_edge_is_closed_without_a_margin_too(
-    apart: float, passes: bool, by_edge: bool
+    apart, passes, by_edge
 ):
     ends, frame = (
         np.array([-4.1e3 + 4.2e3j, 4.2e3 - 4.1e3j]),
@@ -220,7 +209,7 @@ def test_land_that_touches_land_or_the_regions_edge_is_closed_without_a_margin_t
 
 @pytest.mark.parametrize(("gap", "passes"), [(101.0, True), (99.0, False)])
 @pytest.mark.parametrize("offset", [0.0, 333.0])
-def test_a_gap_is_passed_when_it_is_wider_than_two_margins(gap: float, passes: bool, offset: float):
+def test_a_gap_is_passed_when_it_is_wider_than_two_margins(gap, passes, offset):
     ends = np.array([-5e3 + 0j, 5e3 + 0j])
     walls = [
         box(-100.0, offset + 0.5 * gap, 100.0, 30e3),
@@ -253,7 +242,7 @@ def test_round_an_area_the_way_is_the_shortest_past_its_corner_less_the_margin()
 
 
 @pytest.mark.parametrize("clear", [11.0, 70.0])
-def test_near_a_start_or_goal_the_margin_shrinks(clear: float):
+def test_near_a_start_or_goal_the_margin_shrinks(clear):
     # a goal so near to a wall that the margin would forbid it
     ends = np.array([-5e3 + 0j, 0j])
     walls = [box(clear, -3e3, 2e3, 3e3), box(-8e3, -8e3, 8e3, 8e3, outside=True)]
@@ -267,7 +256,7 @@ def test_near_a_start_or_goal_the_margin_shrinks(clear: float):
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10**6))
-def test_lines_touch_the_outline_as_their_twins_say(seed: int):
+def test_lines_touch_the_outline_as_their_twins_say(seed):
     rng = np.random.default_rng(seed)
     corners = (
         1e3
@@ -299,7 +288,7 @@ def test_a_flow_on_the_lattice_is_the_mean_of_the_flow_over_depth():
     points = rng.uniform([-35e3, -25e3], [35e3, 25e3], (40, 2))
     depths = np.linspace(0.0, 300.0, 101)
 
-    def exact(point: Array) -> complex:
+    def exact(point):
         dive = flow.velocity(*np.tile(point, (101, 1)).T, depths).mean(axis=0)
         east, north = 0.9 * dive + 0.1 * flow.velocity(point[0], point[1], 0.0)
         return complex(east, north)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from planners.glide.seeds import _fans, _fly_all, find_seeds, tabulate
-from planners.glide.settings import GlideSettings
-from planners.glide.transcription import GlideTask
+from planners.glide.transcription import GlideSettings, GlideTask
 from planners.route.region import region_of
 from tests.planners.flow_samples import eddying_flow, still_flow
 
@@ -15,8 +14,8 @@ SPEED, LONGEST = 0.3, 2e5
 
 
 @pytest.mark.parametrize("kind", ["hat", "gaussian"])
-def test_the_table_is_the_flow_at_its_points_and_linear_or_constant_elsewhere(kind: str) -> None:
-    flow = eddying_flow(3, "hat" if kind == "hat" else "gaussian")
+def test_the_table_is_the_flow_at_its_points_and_linear_or_constant_elsewhere(kind):
+    flow = eddying_flow(3, kind)
     table = tabulate(flow, region_of(flow.grid))
     assert np.all(table.spacing <= np.array([12e3, 10.8e3]) / 3.0)
     n_north, n_east = table.velocity.shape[2:]
@@ -52,7 +51,7 @@ def flow_with_land():
     return flow, region, tabulate(flow, region)
 
 
-def test_the_table_allows_what_the_region_allows() -> None:
+def test_the_table_allows_what_the_region_allows():
     _, region, table = flow_with_land()
     rng = np.random.default_rng(0)
     low, high = (
@@ -70,7 +69,7 @@ def test_the_table_allows_what_the_region_allows() -> None:
     assert not table.allowed_at(np.array([[np.nan, 0.0, 10.0]]))[0]
 
 
-def test_where_a_corner_of_a_cell_is_not_allowed_the_region_itself_is_asked() -> None:
+def test_where_a_corner_of_a_cell_is_not_allowed_the_region_itself_is_asked():
     flow, region, table = flow_with_land()
     rng = np.random.default_rng(1)
     # about the land, below the first level that has any
@@ -90,9 +89,7 @@ def test_where_a_corner_of_a_cell_is_not_allowed_the_region_itself_is_asked() ->
 
 
 @pytest.mark.parametrize(("begin", "end"), [(0.0, 300.0), (350.0, 50.0), (120.0, 120.0)])
-def test_one_fan_arrives_at_the_goal_s_depth_and_the_other_uses_the_water_there_is(
-    begin: float, end: float
-) -> None:
+def test_one_fan_arrives_at_the_goal_s_depth_and_the_other_uses_the_water_there_is(begin, end):
     flow = eddying_flow(4, speed=0.25)
     table = tabulate(flow, region_of(flow.grid))
     start, goal = np.array([-8e3, 0.0, begin]), np.array([9e3, 4e3, end])
@@ -121,7 +118,7 @@ def test_one_fan_arrives_at_the_goal_s_depth_and_the_other_uses_the_water_there_
     assert np.all(lasting > 0.0)
 
 
-def test_in_still_water_the_closest_approach_of_each_glide_is_that_of_a_straight_line() -> None:
+def test_in_still_water_the_closest_approach_of_each_glide_is_that_of_a_straight_line():
     flow = still_flow()
     table = tabulate(flow, region_of(flow.grid))
     start, goal = np.array([-9e3, 1e3, 0.0]), np.array([6e3, 3e3, 200.0])
@@ -139,7 +136,7 @@ def test_in_still_water_the_closest_approach_of_each_glide_is_that_of_a_straight
     assert np.all(time[~nearer] == 0.0)
 
 
-def test_a_glide_counts_until_it_leaves_the_water_and_not_after_it_is_back() -> None:
+def test_a_glide_counts_until_it_leaves_the_water_and_not_after_it_is_back():
     flow = still_flow()
     edge = float(flow.grid.east.max())
     table = tabulate(flow, region_of(flow.grid))
@@ -150,7 +147,7 @@ def test_a_glide_counts_until_it_leaves_the_water_and_not_after_it_is_back() -> 
     assert time[0] == pytest.approx(9 * 1e5 / 48, rel=1e-9)
 
 
-def test_seeds_are_the_nearest_first_and_no_more_than_asked_for() -> None:
+def test_seeds_are_the_nearest_first_and_no_more_than_asked_for():
     flow = eddying_flow(6, speed=0.2)
     region, start, goal = (
         region_of(flow.grid),

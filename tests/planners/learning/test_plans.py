@@ -1,11 +1,12 @@
 """Whole plans that learn: surveys, maps, and what is refused."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
+from functools import partial
 
 import numpy as np
 import pytest
 
-from planners import Glider, NoGo
+from planners import Glider
 from planners.learning import maps, survey
 from planners.learning.closed_loop import Stretch, drawn_sea
 from planners.learning.mapping import COUNTED, Mapping, _Search, _turned, look_ahead, refined
@@ -15,8 +16,9 @@ from planners.learning.scene import scene_of, value_map
 from planners.learning.survey import _words, plan_survey
 from planners.learning.values import Box, Candidate, LearnRequest, LearnSettings, OtherProfiles
 from replay_kit.core.errors import PlanError
-from replay_kit.core.geodesy import to_geographic, to_local
+from replay_kit.core.geodesy import to_local
 from replay_kit.core.plan import Place
+from tests.planners.flow_samples import forbidden, place
 from tests.planners.learning.scenes import (
     DEPTH,
     HOUR,
@@ -28,23 +30,27 @@ from tests.planners.learning.scenes import (
 )
 
 GRID = static().grid
+WIDE = np.stack(np.meshgrid([-15e3, 0.0, 15e3], [-10e3, 10e3]), axis=-1).reshape(-1, 2)
 SETTINGS = LearnSettings(depth=DEPTH, samples=40, error=0.02)
 
 
-def spot(east, north, depth=0.0):
-    longitude, latitude = to_geographic(GRID.projection, east, north)
-    return Place(float(longitude), float(latitude), depth)
+spot = partial(place, static())
+BOX = Box(*(side for at in ((-20e3, -15e3), (20e3, 15e3)) for side in astuple(spot(*at))[:2]))
 
 
 def area(low, high, surface_only=False):
-    corners = [
-        spot(*one)
-        for one in ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))
-    ]
-    return NoGo(tuple((one.longitude, one.latitude) for one in corners), "the lane", surface_only)
+    return forbidden(static(), *low, *high, name="the lane", surface_only=surface_only)
+
+
+def mapping_in(scene, box=WIDE):
+    """What is to be mapped in a box by four profiles."""
+    times = scene.leg_time * np.arange(5.0)
+    return Mapping(scene.known, scene.mean, box, (0,), scene.start, times, scene.speed, 4e-4)
 
 
 ASKED = LearnRequest(spot(-8e3, 0.0), (spot(8e3, 3e3),), Glider(), SETTINGS, start_time_ns=NOON)
+#: four profiles of three dives each
+DEEP = replace(ASKED, goals=(), profiles=4, settings=replace(SETTINGS, dives=3))
 SURVEY, BLIND = 20.0 * HOUR, 20.0 * HOUR
 
 
@@ -173,33 +179,27 @@ def test_a_survey_in_a_sea_that_changes_is_less_sure_of_itself(monkeypatch):
 
 
 def test_a_map_is_no_worse_than_its_lawn_mowers_and_its_samples_say_so():
-    box = Box(*_corners(-20e3, -15e3), *_corners(20e3, 15e3))
-    asked = replace(
-        ASKED, start=spot(-20e3, 0.0), goals=(), profiles=5, settings=replace(SETTINGS, dives=3)
-    )
-    plan = plan_map(static(), asked, box)
+    asked = replace(DEEP, start=spot(-20e3, 0.0), profiles=5)
+    plan = plan_map(static(), asked, BOX)
     assert plan.objective == "map"
     assert plan.after < plan.before
     assert plan.after <= candidate(plan, "the best lawn-mower").predicted * 1.001
     assert candidate(plan, "this plan").found == pytest.approx(plan.after, rel=0.25)
     assert candidate(plan, "no profiles").found == pytest.approx(plan.before, rel=0.25)
     assert len(plan.legs) == 5
-    deep = plan_map(static(), asked, replace(box, depths=(60.0, 200.0)))
+    deep = plan_map(static(), asked, replace(BOX, depths=(60.0, 200.0)))
     assert np.isnan(candidate(deep, "this plan").found)
     assert "no errors in samples" in deep.notes[-1]
     assert deep.after < deep.before
 
 
 def test_a_map_beside_another_s_profiles_has_its_errors_in_samples():
-    box = Box(*_corners(-20e3, -15e3), *_corners(20e3, 15e3))
     theirs = [spot(east, north) for east in (-12e3, 12e3) for north in (-8e3, 8e3)]
     others = OtherProfiles(
         *np.array([[one.longitude, one.latitude] for one in theirs]).T, np.full(4, NOON)
     )
-    asked = replace(
-        ASKED, start=spot(-20e3, 0.0), goals=(), profiles=3, settings=replace(SETTINGS, dives=3)
-    )
-    alone, beside = (plan_map(static(), replace(asked, others=one), box) for one in (None, others))
+    asked = replace(DEEP, start=spot(-20e3, 0.0), profiles=3)
+    alone, beside = (plan_map(static(), replace(asked, others=one), BOX) for one in (None, others))
     for name in ("no profiles", "this plan"):
         assert candidate(beside, name).found == pytest.approx(
             candidate(beside, name).predicted, rel=0.25
@@ -208,26 +208,9 @@ def test_a_map_beside_another_s_profiles_has_its_errors_in_samples():
     assert beside.figures["samples"] == SETTINGS.samples
 
 
-def _corners(east, north):
-    one = spot(east, north)
-    return one.longitude, one.latitude
-
-
 def test_the_search_s_own_error_is_that_of_its_profiles():
-    scene = scene_of(
-        static(), replace(ASKED, goals=(), profiles=4, settings=replace(SETTINGS, dives=3)), None
-    )
-    box = np.stack(np.meshgrid([-15e3, 0.0, 15e3], [-10e3, 10e3]), axis=-1).reshape(-1, 2)
-    mapping = Mapping(
-        scene.known,
-        scene.mean,
-        box,
-        (0,),
-        scene.start,
-        scene.leg_time * np.arange(5.0),
-        scene.speed,
-        4e-4,
-    )
+    scene = scene_of(static(), DEEP, None)
+    mapping = mapping_in(scene)
     survey = look_ahead(mapping, scene.allowed, covariance_now(scene, mapping))
     error = mapping.errors(survey)[0]
     better, found = refined(mapping, scene.allowed, survey, 0)
@@ -245,20 +228,8 @@ def test_the_search_s_own_error_is_that_of_its_profiles():
 
 
 def test_a_lawn_mower_that_no_survey_beats_is_chosen_and_said_to_be_one(monkeypatch):
-    scene = scene_of(
-        static(), replace(ASKED, goals=(), profiles=4, settings=replace(SETTINGS, dives=3)), None
-    )
-    box = np.stack(np.meshgrid([-15e3, 0.0, 15e3], [-10e3, 10e3]), axis=-1).reshape(-1, 2)
-    mapping = Mapping(
-        scene.known,
-        scene.mean,
-        box,
-        (0,),
-        scene.start,
-        scene.leg_time * np.arange(5.0),
-        scene.speed,
-        4e-4,
-    )
+    scene = scene_of(static(), DEEP, None)
+    mapping = mapping_in(scene)
     errors = mapping.errors(lawn_mowers(mapping))
     for worse, is_mower in ((1.1, True), (0.9, False)):
         monkeypatch.setattr(
@@ -280,38 +251,19 @@ def test_what_a_search_leg_by_leg_gains_is_what_all_its_profiles_together_leave_
     scene = scene_of(
         through_time() if changes else static(), replace(ASKED, goals=(), profiles=4), None
     )
-    box = np.stack(np.meshgrid([-15e3, 0.0, 15e3], [-10e3, 10e3]), axis=-1).reshape(-1, 2)
-    mapping = Mapping(
-        scene.known,
-        scene.mean,
-        box,
-        (0,),
-        scene.start,
-        scene.leg_time * np.arange(5.0),
-        scene.speed,
-        4e-4,
-    )
+    mapping = mapping_in(scene)
     ways, whole = [], _Search.next_ways
     monkeypatch.setattr(
         _Search, "next_ways", lambda search, *of: ways.append(whole(search, *of)) or ways[-1]
     )
     survey = look_ahead(mapping, scene.allowed, covariance_now(scene, mapping))
-    gained = box.size * (mapping.before() ** 2 - mapping.errors(survey)[0] ** 2)
+    gained = WIDE.size * (mapping.before() ** 2 - mapping.errors(survey)[0] ** 2)
     assert ways[-1][0].gained == pytest.approx(gained, rel=1e-6)
 
 
 def test_the_profiles_of_a_search_are_made_in_the_middle_of_its_legs():
     scene = scene_of(static(), replace(ASKED, goals=(), profiles=4), None)
-    mapping = Mapping(
-        scene.known,
-        scene.mean,
-        np.zeros((1, 2)),
-        (0,),
-        scene.start,
-        scene.leg_time * np.arange(5.0),
-        scene.speed,
-        4e-4,
-    )
+    mapping = mapping_in(scene, np.zeros((1, 2)))
     survey = look_ahead(mapping, scene.allowed, covariance_now(scene, mapping))
     begins = np.concatenate([[scene.start], survey.ends[0, :-1]])
     np.testing.assert_allclose(survey.profiles[0], 0.5 * (begins + survey.ends[0]), atol=1e-6)
@@ -322,16 +274,7 @@ def test_the_profiles_of_a_search_are_made_in_the_middle_of_its_legs():
 
 def test_a_survey_is_refined_from_its_own_legs(monkeypatch):
     scene = scene_of(static(), replace(ASKED, goals=(), profiles=4), None)
-    mapping = Mapping(
-        scene.known,
-        scene.mean,
-        np.zeros((1, 2)),
-        (0,),
-        scene.start,
-        scene.leg_time * np.arange(5.0),
-        scene.speed,
-        4e-4,
-    )
+    mapping = mapping_in(scene, np.zeros((1, 2)))
     survey, turned = random_waypoints(mapping, np.random.default_rng(0), 1), []
     monkeypatch.setattr(
         "planners.learning.mapping._turned", lambda held, *_: turned.append(held) or held[None]

@@ -28,13 +28,11 @@ FLOW = eddying_flow(3, speed=0.1)
 SETTINGS = MissionSettings(depth=300.0, surface_time=600.0)
 
 
-def asked(
-    *goals: tuple[float, float, float], depth: float = 0.0, **settings: object
-) -> MissionRequest:
+def asked(*goals, depth=0.0, **settings):
     places = tuple(place(FLOW, *goal) for goal in goals)
     return MissionRequest(
         place(FLOW, 0.0, 0.0, depth), places, settings=replace(SETTINGS, **settings)
-    )  # type: ignore[arg-type]
+    )
 
 
 @pytest.mark.parametrize("objective", ["time", "energy", "closest"])
@@ -48,9 +46,7 @@ def asked(
         (((0.0, 0.0, 0.0), (100.0, 0.0, 0.0), (0.0, 0.0, 0.0)), 0.0),
     ],
 )
-def test_a_start_within_the_tolerance_of_the_goal_takes_no_legs(
-    goals: tuple, depth: float, objective: str
-):
+def test_a_start_within_the_tolerance_of_the_goal_takes_no_legs(goals, depth, objective):
     plan = plan_mission(FLOW, asked(*goals, depth=depth, objective=objective))
     assert (plan.status, len(plan.headings_deg), plan.duration, plan.energy) == (
         "reached",
@@ -119,7 +115,7 @@ def test_a_mission_without_legs_is_judged_compared_cut_and_published():
 
 
 @pytest.mark.parametrize("begin", [-8560.0, -8600.0])
-def test_a_start_beside_a_ridge_that_rises_above_the_dives_is_planned_over_it(begin: float):
+def test_a_start_beside_a_ridge_that_rises_above_the_dives_is_planned_over_it(begin):
     flow, bottom = (
         still_flow(),
         bathymetry(lambda x, y: np.where((x > 152.405) & (x < 152.455), 150.0, 900.0)),

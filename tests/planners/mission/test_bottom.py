@@ -10,8 +10,6 @@ from scipy.interpolate import RegularGridInterpolator
 
 from planners import (
     Bathymetry,
-    MissionPlan,
-    MissionRequest,
     MissionSettings,
     plan_mission,
     plan_mooring,
@@ -22,16 +20,14 @@ from planners.mission.search.turning import _cut
 from planners.mission.solve.check import check, clearances
 from planners.mission.task import mission_task
 from planners.mission.values import Mooring
-from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic
-from tests.planners.flow_samples import eddying_flow, place, still_flow
+from tests.planners.flow_samples import eddying_flow, place, request_between, still_flow
 
 LONGITUDE, LATITUDE = np.linspace(151.9, 153.1, 121), np.linspace(-40.45, -39.55, 91)
 
 
-def bathymetry(depth) -> Bathymetry:
+def bathymetry(depth):
     """Return a bathymetry of a function of longitude and latitude."""
     longitude, latitude = np.meshgrid(LONGITUDE, LATITUDE)
     return Bathymetry(
@@ -41,7 +37,7 @@ def bathymetry(depth) -> Bathymetry:
     )
 
 
-def least_height(flow: FlowEstimate, track: Array, bottom: Bathymetry) -> float:
+def least_height(flow, track, bottom):
     """Return the least height [m] of a track above the bottom, linear between its points, at steps of a metre."""
     fine = [np.linspace(a, b, int(np.linalg.norm(b - a)) + 2) for a, b in pairwise(track)]
     points = np.concatenate(fine)
@@ -52,24 +48,17 @@ def least_height(flow: FlowEstimate, track: Array, bottom: Bathymetry) -> float:
     return float(np.min(depth - points[:, 2]))
 
 
-def request(
-    flow: FlowEstimate, begin: float, end: float, depth: float, bottom: Bathymetry | None
-) -> MissionRequest:
+def request(flow, begin, end, depth, bottom):
     settings = MissionSettings(depth=depth, max_legs=90)
-    return MissionRequest(
-        place(flow, begin, 0.0, 0.0),
-        (place(flow, end, 0.0, 0.0),),
-        settings=settings,
-        bathymetry=bottom,
-    )
+    return request_between(flow, (begin, 0.0), (end, 0.0), settings=settings, bathymetry=bottom)
 
 
-def turns(plan: MissionPlan) -> list[float]:
+def turns(plan):
     return [max(leg) for leg in plan.yo_depths]
 
 
 @pytest.mark.parametrize("depth", [300.0, 390.0])
-def test_where_all_the_region_is_shallow_dives_turn_above_the_bottom(depth: float):
+def test_where_all_the_region_is_shallow_dives_turn_above_the_bottom(depth):
     flow, bottom = still_flow(), bathymetry(lambda x, y: 100.0 + 0.0 * x)
     plan = plan_mission(flow, request(flow, -3e3, 3e3, depth, bottom))
     assert plan.status == "reached"
@@ -192,11 +181,11 @@ def test_shallows_count_for_the_legs_that_dive_too_deep_for_them():
 
 @pytest.mark.parametrize("legs", [None, 9])
 def test_a_route_is_cut_into_legs_as_deep_as_the_water_along_it_and_no_longer_than_their_dives_last(
-    legs: int | None,
+    legs,
 ):
     flow, bottom = still_flow(), bathymetry(lambda x, y: 280.0 + 240.0 * np.sin(50.0 * x))
     asked = request(flow, -9e3, 0.0, 250.0, bottom)
-    goals = replace(asked.goals[0], depth=35.0), place(flow, 8e3, 3e3, 0.0)
+    goals = replace(asked.goals[0], depth=35.0), place(flow, 8e3, 3e3)
     task = mission_task(
         flow,
         replace(
@@ -211,7 +200,7 @@ def test_a_route_is_cut_into_legs_as_deep_as_the_water_along_it_and_no_longer_th
     ends, turns, goal_legs = cut
     assert (ends[0], ends[-1], len(turns)) == (0.0, pytest.approx(times[-1]), len(ends) - 1)
 
-    def deepest(begin: float, end: float) -> float:
+    def deepest(begin, end):
         places = route.at(np.linspace(begin, end, 400))
         least = min(task.bottom.limit_at(places, 2.0 * task.settings.margin).min(), 250.0)
         return least if least == 250.0 else max(5.0 * np.floor(least / 5.0), 10.0)

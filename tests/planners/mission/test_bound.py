@@ -5,20 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import Glider, MissionPlan, MissionRequest, MissionSettings, plan_mission
-from planners.front.bound import Bound
+from planners import Glider, MissionRequest, MissionSettings, plan_mission
 from planners.front.current import CurrentLattice
 from planners.front.front import sea_of, spread
 from planners.mission.search.bound import _by_level, bound_of, lead_of
-from planners.mission.task import MissionTask, mission_task
+from planners.mission.task import mission_task
 from planners.vehicle import SteadyFlight
-from replay_kit.core.flow.estimate import FlowEstimate
-from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
+from tests.planners.flow_samples import (
+    eddying_flow,
+    place,
+    request_between,
+    still_flow,
+    uniform_flow,
+)
 
 
-def bounded(
-    flow: FlowEstimate | list[FlowEstimate], asked: MissionRequest
-) -> tuple[MissionPlan, Bound]:
+def bounded(flow, asked):
     """Return a plan and the bound of its arrival, after having compared them."""
     plan, bound = plan_mission(flow, asked), bound_of(mission_task(flow, asked))[1]
     assert plan.status == "reached"
@@ -29,20 +31,18 @@ def bounded(
     return plan, bound
 
 
-def random_mission(seed: int, fastest: float = 0.45) -> tuple[FlowEstimate, MissionRequest]:
+def random_mission(seed, fastest=0.45):
     """Return a mission in eddies of up to twice the vehicle's 0.29 m/s."""
     rng = np.random.default_rng(seed)
     flow = eddying_flow(seed, speed=float(rng.uniform(fastest - 0.2, fastest)))
     ends = rng.uniform([-25e3, -15e3], [25e3, 15e3], (2, 2))
     settings = MissionSettings(depth=300.0, surface_time=300.0)
-    return flow, MissionRequest(
-        place(flow, *ends[0], 0.0), (place(flow, *ends[1], 0.0),), settings=settings
-    )
+    return flow, request_between(flow, ends[0], ends[1], settings=settings)
 
 
 # in the first two the lattice misses the way that the plan finds
 @pytest.mark.parametrize("seed", [21, 107, 3])
-def test_no_plan_is_below_its_bound_where_the_current_is_faster_than_the_vehicle(seed: int):
+def test_no_plan_is_below_its_bound_where_the_current_is_faster_than_the_vehicle(seed):
     _, bound = bounded(*random_mission(seed))
     assert not bound.is_tight
     assert bound.time > 0.0
@@ -50,12 +50,12 @@ def test_no_plan_is_below_its_bound_where_the_current_is_faster_than_the_vehicle
 
 @pytest.mark.full
 @pytest.mark.parametrize("fastest", [0.2, 0.3, 0.45])
-def test_no_plan_of_many_is_below_its_bound(fastest: float):
+def test_no_plan_of_many_is_below_its_bound(fastest):
     told = [bounded(*random_mission(seed, fastest))[1].is_tight for seed in range(300, 310)]
     assert any(told)
 
 
-def sheared(profile: tuple[float, ...], speed: float = 0.2) -> FlowEstimate:
+def sheared(profile, speed=0.2):
     """Return an eastward current that is so many times a speed at each level, the same everywhere."""
     flow = uniform_flow(speed, 0.0)
     return replace(flow, latent=flow.latent * np.array(profile))
@@ -78,13 +78,13 @@ SURFACE, AGAINST = (1.0, 0.5, 0.0, 0.0, 0.0), (1.0, 0.5, -0.5, -1.0, -1.0)
     ],
 )
 def test_no_plan_is_below_its_bound_where_the_surface_moves_otherwise_than_the_water_below(
-    profile: tuple[float, ...], depth: float, drift: float, way: float, below: float
+    profile, depth, drift, way, below
 ):
     flow, settings = (
         sheared(profile),
         MissionSettings(depth=depth, surface_time=drift, tolerance=100.0),
     )
-    ends = place(flow, 0.5 * way, 0.0, 0.0), (place(flow, -0.5 * way, 0.0, below),)
+    ends = place(flow, 0.5 * way, 0.0), (place(flow, -0.5 * way, 0.0, below),)
     bounded(flow, MissionRequest(*ends, settings=settings))
 
 
@@ -92,16 +92,13 @@ def test_no_plan_is_below_its_bound_that_starts_below_the_surface_or_is_quicker_
     flow = sheared(SURFACE)
     settings, ends = (
         MissionSettings(depth=230.0, surface_time=600.0),
-        (place(flow, -3e3, 0.0, 150.0), (place(flow, 4e3, 0.0, 0.0),)),
+        (place(flow, -3e3, 0.0, 150.0), (place(flow, 4e3, 0.0),)),
     )
     bounded(flow, MissionRequest(*ends, settings=settings))
     # by a flight model a glider makes most way at some 35 degrees
     steep, still = Glider(flight=SteadyFlight()), still_flow()
-    asked = MissionRequest(
-        place(still, -8e3, 0.0, 0.0),
-        (place(still, 8e3, 0.0, 0.0),),
-        steep,
-        replace(settings, surface_time=0.0),
+    asked = request_between(
+        still, (-8e3, 0.0), (8e3, 0.0), vehicle=steep, settings=replace(settings, surface_time=0.0)
     )
     _, bound = bounded(still, asked)
     fastest = max(float(steep.speeds(np, angle)[0]) for angle in np.linspace(*steep.angles, 200))
@@ -114,7 +111,7 @@ def test_no_plan_is_below_its_bound_where_the_shear_comes_later():
         replace(later, latent=share * later.latent, time_ns=day + k * day // 8)
         for k, share in enumerate((0.0, 1.0))
     ]
-    ends = place(later, 0.0, 0.0, 0.0), (place(later, -4e3, 0.0, 0.0),)
+    ends = place(later, 0.0, 0.0), (place(later, -4e3, 0.0),)
     settings = MissionSettings(depth=230.0, surface_time=3600.0, tolerance=100.0)
     asked = MissionRequest(*ends, settings=settings, start_time_ns=day)
     bounded(through, asked)
@@ -125,13 +122,11 @@ def test_no_plan_is_below_its_bound_where_the_shear_comes_later():
 
 
 def test_whole_legs_of_a_current_without_shear_are_not_ahead():
-    def task_of(flow: FlowEstimate, **settings: float) -> MissionTask:
-        how = replace(MissionSettings(depth=300.0), **settings)  # type: ignore[arg-type]
+    def task_of(flow, **settings):
+        how = replace(MissionSettings(depth=300.0), **settings)
         return mission_task(
             flow,
-            MissionRequest(
-                place(flow, -5e3, 0.0, 0.0), (place(flow, 5e3, 0.0, 0.0),), settings=how
-            ),
+            request_between(flow, (-5e3, 0.0), (5e3, 0.0), settings=how),
         )
 
     flow = uniform_flow(0.1, 0.05)

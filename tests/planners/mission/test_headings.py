@@ -10,7 +10,6 @@ from planners.mission.flight.currents import currents_of
 from planners.mission.flight.legs import Legs, fly_legs
 from planners.mission.task import leg_depths
 from planners.vehicle import Glider
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import (
     grid_bearing_of_true_north,
     rate_in_frame,
@@ -25,7 +24,7 @@ from tests.planners.flow_samples import eddying_flow
 ELLIPSOID = Geod(ellps="WGS84")
 
 
-def moved(flow: FlowEstimate, frame: Projection, east: float, north: float) -> FlowEstimate:
+def moved(flow, frame, east, north):
     """Return a flow moved by a distance [m] within another frame."""
     grid = replace(
         flow.grid, projection=frame, east=flow.grid.east + east, north=flow.grid.north + north
@@ -34,13 +33,11 @@ def moved(flow: FlowEstimate, frame: Projection, east: float, north: float) -> F
     return replace(
         flow,
         grid=replace(grid, longitude=longitude, latitude=latitude),
-        horizontal=flow.horizontal.at_nodes(grid.nodes),
+        horizontal=replace(flow.horizontal, nodes=grid.nodes),
     )
 
 
-def stepped(
-    longitude: float, latitude: float, velocity: np.ndarray, seconds: float
-) -> tuple[float, float]:
+def stepped(longitude, latitude, velocity, seconds):
     """Return where a velocity towards true east and north [m/s] leads on the ellipsoid."""
     azimuth = np.rad2deg(np.arctan2(*velocity))
     longitude, latitude, _ = ELLIPSOID.fwd(
@@ -49,7 +46,7 @@ def stepped(
     return longitude, latitude
 
 
-def water_at(flow: FlowEstimate, at: tuple[float, float], depth: float) -> np.ndarray:
+def water_at(flow, at, depth):
     """Return the current towards true east and north at a place [degrees]."""
     frame = flow.grid.projection
     return np.array(
@@ -60,7 +57,7 @@ def water_at(flow: FlowEstimate, at: tuple[float, float], depth: float) -> np.nd
 
 
 @pytest.mark.parametrize("latitude", [0.0, 35.0, -45.0, 60.0, 80.0])
-def test_the_rate_in_the_frame_is_that_of_a_metre_on_the_ellipsoid(latitude: float):
+def test_the_rate_in_the_frame_is_that_of_a_metre_on_the_ellipsoid(latitude):
     frame, rng = Projection(10.0, latitude), np.random.default_rng(3)
     for east, north in rng.uniform(-300e3, 300e3, (20, 2)):
         at = tuple(float(value) for value in to_geographic(frame, east, north))
@@ -72,7 +69,7 @@ def test_the_rate_in_the_frame_is_that_of_a_metre_on_the_ellipsoid(latitude: flo
 
 
 @pytest.mark.parametrize("heading", [0.0, 60.0, 200.0, 315.0])
-def test_a_leg_at_the_region_s_edge_ends_within_a_metre_of_one_held_by_a_compass(heading: float):
+def test_a_leg_at_the_region_s_edge_ends_within_a_metre_of_one_held_by_a_compass(heading):
     # 300 km from the centre, at 60 degrees north, where true north turns by half a degree within 20 km
     flow, frame, vehicle = (
         moved(eddying_flow(1), Projection(10.0, 60.0), 250e3, 165e3),

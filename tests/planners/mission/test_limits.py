@@ -6,18 +6,22 @@ import numpy as np
 import pytest
 
 from planners import (
-    MissionPlan,
     MissionRequest,
     MissionSettings,
-    NoGo,
     plan_mission,
     plan_scenarios,
     waypoints_of,
 )
 from planners.mission.search.search import _more_legs
 from planners.mission.task import mission_task
-from replay_kit.core.flow.estimate import FlowEstimate
-from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
+from tests.planners.flow_samples import (
+    eddying_flow,
+    forbidden,
+    place,
+    request_between,
+    still_flow,
+    uniform_flow,
+)
 from tests.planners.mission.test_bottom import bathymetry, least_height, turns
 
 # a leg to 300 m leads 2,239 m at 15 degrees
@@ -26,16 +30,16 @@ STILL = still_flow()
 
 
 def planned(
-    flow: FlowEstimate,
-    *goals: tuple[float, float],
-    start: tuple[float, float] = (-20e3, 0.0),
-    **settings: float,
-) -> MissionPlan:
-    how = replace(SETTINGS, **settings)  # type: ignore[arg-type]
+    flow,
+    *goals,
+    start=(-20e3, 0.0),
+    **settings,
+):
+    how = replace(SETTINGS, **settings)
     return plan_mission(
         flow,
         MissionRequest(
-            place(flow, *start, 0.0), tuple(place(flow, *goal, 0.0) for goal in goals), settings=how
+            place(flow, *start), tuple(place(flow, *goal) for goal in goals), settings=how
         ),
     )
 
@@ -61,9 +65,7 @@ def test_the_limit_of_legs_is_named_too_where_it_is_a_little_too_low():
     assert plan.message.endswith("; limit: max_legs = 8 (--max-legs)")
     task = mission_task(
         STILL,
-        MissionRequest(
-            place(STILL, -9e3, 0.0, 0.0), (place(STILL, 9e3, 0.0, 0.0),), settings=SETTINGS
-        ),
+        request_between(STILL, (-9e3, 0.0), (9e3, 0.0), settings=SETTINGS),
     )
     limited = replace(task, request=replace(task.request, settings=replace(SETTINGS, max_legs=14)))
     assert (_more_legs(task, 8), _more_legs(limited, 8), _more_legs(limited, 14)) == (
@@ -84,13 +86,10 @@ def test_the_longest_duration_the_current_or_a_wall_are_named_where_they_bind():
     assert "legs;" not in against.message.split(";", 1)[1]
     # what the lattice does not reach in such a current may be reached
     assert "no way was found that comes nearer than" in against.message
-    corners = [
-        place(STILL, *corner, 0.0)
-        for corner in ((-1e3, -60e3), (1e3, -60e3), (1e3, 60e3), (-1e3, 60e3))
-    ]
-    wall = NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), "range")
-    ends = place(STILL, -9e3, 0.0, 0.0), (place(STILL, 9e3, 0.0, 0.0),)
+    wall = forbidden(STILL, -1e3, -60e3, 1e3, 60e3)
+    ends = place(STILL, -9e3, 0.0), (place(STILL, 9e3, 0.0),)
     closed = plan_mission(STILL, MissionRequest(*ends, settings=SETTINGS, no_go=(wall,)))
+    assert closed.status == against.status == "unreachable"
     assert "; a constraint closes every way: land, an area, " in closed.message
     assert "current" not in closed.message
 
@@ -130,13 +129,9 @@ def test_a_goal_out_of_reach_leaves_the_others_as_they_are_without_it():
 
 def test_a_margin_for_samples_leads_to_the_goals_within_reach():
     flow, settings = uniform_flow(0.02, 0.0), replace(SETTINGS, max_legs=9)
-    corners = [
-        place(flow, *corner, 0.0)
-        for corner in ((-17e3, -1e3), (-16e3, -1e3), (-16e3, 1.2e3), (-17e3, 1.2e3))
-    ]
-    area = NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), "range")
-    goals = tuple(place(flow, *goal, 0.0) for goal in ((-20e3, 100.0), (-12e3, 0.0), (20e3, 0.0)))
-    asked = MissionRequest(place(flow, -20e3, 0.0, 0.0), goals, settings=settings, no_go=(area,))
+    area = forbidden(flow, -17e3, -1e3, -16e3, 1.2e3)
+    goals = tuple(place(flow, *goal) for goal in ((-20e3, 100.0), (-12e3, 0.0), (20e3, 0.0)))
+    asked = MissionRequest(place(flow, -20e3, 0.0), goals, settings=settings, no_go=(area,))
     drawn = [
         replace(flow, latent=flow.latent + share * uniform_flow(0.0, 0.1).latent)
         for share in np.linspace(-0.2, 0.2, 10)
@@ -151,7 +146,7 @@ def test_a_margin_for_samples_leads_to_the_goals_within_reach():
 
 def test_legs_over_a_shelf_that_are_too_few_are_named():
     bottom = bathymetry(lambda x, y: 60.0 + 0.0 * x + np.where(x > 152.6, 900.0, 0.0))
-    ends = place(STILL, -5e3, 0.0, 0.0), (place(STILL, 5e3, 0.0, 0.0),)
+    ends = place(STILL, -5e3, 0.0), (place(STILL, 5e3, 0.0),)
     plan = plan_mission(
         STILL, MissionRequest(*ends, settings=replace(SETTINGS, max_legs=12), bathymetry=bottom)
     )

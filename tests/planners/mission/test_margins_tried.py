@@ -15,7 +15,7 @@ from planners.mission.task import mission_task
 from tests.planners.flow_samples import place, uniform_flow
 
 FLOW = uniform_flow(0.02, 0.0)
-START, GOAL = place(FLOW, -5e3, -3e3, 0.0), place(FLOW, 6e3, -3e3, 0.0)
+START, GOAL = place(FLOW, -5e3, -3e3), place(FLOW, 6e3, -3e3)
 SETTINGS = MissionSettings(depth=390.0, legs=5)
 REQUEST = MissionRequest(START, (GOAL,), settings=SETTINGS)
 N = 20
@@ -27,12 +27,12 @@ def problem():
     return task, solve_attempts(task)[0]
 
 
-def outcomes(monkeypatch, problem, *clear: list[float]) -> list[SafetyMargin]:
+def outcomes(monkeypatch, problem, *clear):
     """Let each plan tried come out so clear [m] in the first samples, and 100 m in the others; return the margins asked for."""
     asked: list[SafetyMargin] = []
     given = iter(np.array([*some, *[100.0] * (N - len(some))]) for some in clear)
 
-    def judged(*_: object) -> tuple[MonteCarloSummary, np.ndarray]:
+    def judged(*_):
         at = next(given)
         return MonteCarloSummary(1.0, float(np.mean(at > 0.0)), 0.0, 0.0, {}), at
 
@@ -46,9 +46,7 @@ def outcomes(monkeypatch, problem, *clear: list[float]) -> list[SafetyMargin]:
     return asked
 
 
-def test_a_margin_that_falls_short_is_widened_by_more_than_it_falls_short(
-    monkeypatch, problem
-) -> None:
+def test_a_margin_that_falls_short_is_widened_by_more_than_it_falls_short(monkeypatch, problem):
     asked = outcomes(monkeypatch, problem, [-300.0] * 4, [-80.0, -30.0], [-10.0], [])
     plan, summary = plan_scenarios(FLOW, [FLOW] * N, REQUEST)
     # the first time by what the samples deviate alone; then by 1.15 times what the worst falls short, and by 50 m at least
@@ -62,7 +60,7 @@ def test_a_margin_that_falls_short_is_widened_by_more_than_it_falls_short(
     assert plan.statistics["extra_margin_m"] == pytest.approx(142.0)
 
 
-def test_the_samples_that_may_trespass_do_not_count_as_falling_short(monkeypatch, problem) -> None:
+def test_the_samples_that_may_trespass_do_not_count_as_falling_short(monkeypatch, problem):
     # where three in ten are allowed, three of twenty may trespass: the fourth decides
     asked = outcomes(
         monkeypatch, problem, [-300.0] * 9, [-900.0, -800.0, -700.0, -600.0, -200.0], []
@@ -74,9 +72,7 @@ def test_the_samples_that_may_trespass_do_not_count_as_falling_short(monkeypatch
     assert asked[-1].extra == pytest.approx(1.15 * worst[most])
 
 
-def test_four_margins_are_tried_and_the_safest_is_kept_when_none_is_enough(
-    monkeypatch, problem
-) -> None:
+def test_four_margins_are_tried_and_the_safest_is_kept_when_none_is_enough(monkeypatch, problem):
     outcomes(monkeypatch, problem, [-300.0] * 6, [-80.0] * 3, [-80.0] * 4, [-80.0] * 5)
     plan, summary = plan_scenarios(FLOW, [FLOW] * N, REQUEST)
     assert plan.statistics["margins_tried"] == 4
@@ -84,9 +80,7 @@ def test_four_margins_are_tried_and_the_safest_is_kept_when_none_is_enough(
     assert plan.statistics["extra_margin_m"] == 0.0
 
 
-def leading(
-    monkeypatch, problem, *plans: tuple[bool, list[float]], anew: tuple[bool, ...] = ()
-) -> list[float]:
+def leading(monkeypatch, problem, *plans, anew=()):
     """Let each plan tried lead to the goal or past it, and come out so clear; return the margins with which plans are made."""
     outcomes(monkeypatch, problem, *(clear for _, clear in plans))
     margins, leads, made = list[float](), iter(plans[1:]), iter((True, *anew))
@@ -101,7 +95,7 @@ def leading(
     return margins
 
 
-def test_a_plan_that_keeps_clear_by_leading_past_the_goal_is_none(monkeypatch, problem) -> None:
+def test_a_plan_that_keeps_clear_by_leading_past_the_goal_is_none(monkeypatch, problem):
     # the second plan is clear and goes astray: the way is planned anew with wider margins, the first by what was missing at first
     margins = leading(
         monkeypatch,
@@ -121,9 +115,7 @@ def test_a_plan_that_keeps_clear_by_leading_past_the_goal_is_none(monkeypatch, p
     )
 
 
-def test_a_way_that_a_wider_margin_closes_is_planned_with_a_narrower_one(
-    monkeypatch, problem
-) -> None:
+def test_a_way_that_a_wider_margin_closes_is_planned_with_a_narrower_one(monkeypatch, problem):
     margins = leading(
         monkeypatch,
         problem,
@@ -137,9 +129,7 @@ def test_a_way_that_a_wider_margin_closes_is_planned_with_a_narrower_one(
     assert margins == pytest.approx([50.0, 50.0 + 345.0, 50.0 + 345.0 / 2.0, 50.0 + 345.0 / 4.0])
 
 
-def test_where_no_margin_leads_to_the_goal_the_least_risk_that_does_is_kept(
-    monkeypatch, problem
-) -> None:
+def test_where_no_margin_leads_to_the_goal_the_least_risk_that_does_is_kept(monkeypatch, problem):
     margins = leading(
         monkeypatch,
         problem,
@@ -159,16 +149,14 @@ def test_where_no_margin_leads_to_the_goal_the_least_risk_that_does_is_kept(
     assert (plan.status, summary.safe, plan.statistics["margins_tried"]) == ("unreachable", 1.0, 2)
 
 
-def test_a_risk_that_is_kept_by_a_plan_that_arrives_needs_no_other_way(
-    monkeypatch, problem
-) -> None:
+def test_a_risk_that_is_kept_by_a_plan_that_arrives_needs_no_other_way(monkeypatch, problem):
     # one of twenty is no proof of one in ten, but within it
     margins = leading(monkeypatch, problem, (True, [-300.0] * 4), (True, [-80.0]), (False, []))
     plan, summary = plan_scenarios(FLOW, [FLOW] * N, REQUEST)
     assert (plan.status, summary.safe, margins) == ("reached", pytest.approx(0.95), [50.0])
 
 
-def test_on_the_edge_of_an_area_is_in_it(monkeypatch, problem) -> None:
+def test_on_the_edge_of_an_area_is_in_it(monkeypatch, problem):
     task, attempt = problem
     monkeypatch.setattr(
         flights, "clearances", lambda *_: {"range": np.array([0.0]), "land": np.array([3.0])}
@@ -179,9 +167,7 @@ def test_on_the_edge_of_an_area_is_in_it(monkeypatch, problem) -> None:
     assert (summary.safe, summary.violations, clear.tolist()) == (0.0, {"range": 1.0}, [0.0])
 
 
-def legs_tried(
-    monkeypatch, problem, settings: MissionSettings, *found: tuple[bool, float]
-) -> tuple[list[int], float]:
+def legs_tried(monkeypatch, problem, settings, *found):
     """Return the numbers of legs solved for, each safe at the goal or not and so far beyond a half-plane, and how far the one kept is."""
     task, before = replace(problem[0], request=replace(REQUEST, settings=settings)), problem[1]
     given, tried = iter(found), []
@@ -198,7 +184,7 @@ def legs_tried(
 
 def test_more_legs_are_tried_only_where_the_margin_leaves_the_goal_out_of_reach(
     monkeypatch, problem
-) -> None:
+):
     free = replace(SETTINGS, legs=None)
     assert legs_tried(monkeypatch, problem, free, (True, 4.0)) == ([5], 4.0)
     # at the goal, but not clear by the margin; or clear, but not at the goal

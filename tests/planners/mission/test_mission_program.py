@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import Glider, MissionRequest, MissionSettings
+from planners import Glider, MissionSettings
 from planners.front.route import Route
 from planners.mission.flight.legs import Flight
 from planners.mission.solve.attempt import GoalSteps, LegsProblem
-from planners.mission.solve.legs import _PLANE_COST, _points_along, _reference
-from planners.mission.task import REFINED, MissionTask, mission_task
+from planners.mission.solve.legs import _points_along
+from planners.mission.solve.optimum import _PLANE_COST, _reference
+from planners.mission.task import REFINED, mission_task
 from planners.shooting.functions import MissionCase, Reference
 from planners.shooting.layout import Layout
 from planners.shooting.program import (
@@ -25,7 +26,7 @@ from planners.shooting.schedule import schedule_of
 from planners.shooting.stream import stream_of
 from planners.shooting.walls import Walls
 from planners.solver import HOUR, KM
-from tests.planners.flow_samples import place, still_flow
+from tests.planners.flow_samples import request_between, still_flow
 
 GLIDER = Glider()
 FLOW = still_flow()
@@ -67,7 +68,7 @@ def _straight(goal, n_legs, angle=0.4):
     )
 
 
-def test_a_guess_begins_with_the_times_of_its_dives_and_drifts_and_with_what_it_misses() -> None:
+def test_a_guess_begins_with_the_times_of_its_dives_and_drifts_and_with_what_it_misses():
     goal, angles = np.array([3e3, -2e3]), np.array([0.3, 0.5, 0.4])
     guess = MissionGuess(
         np.array([[1e3, 0.0], [2e3, -1e3], [2.5e3, -1.2e3]]), np.array([0.1, 0.2, 0.3]), angles
@@ -93,9 +94,7 @@ def test_a_guess_begins_with_the_times_of_its_dives_and_drifts_and_with_what_it_
     assert unknowns[15:].tolist() == pytest.approx([0.0, 0.8, 0.5, 0.0, 0.0, 0.0])
 
 
-def test_time_is_the_objective_where_the_goal_is_met_and_the_penalty_is_added_where_it_is_not() -> (
-    None
-):
+def test_time_is_the_objective_where_the_goal_is_met_and_the_penalty_is_added_where_it_is_not():
     flattest = float(np.cos(np.deg2rad(15.0)) / np.sin(np.deg2rad(15.0))) * 600.0
     for goal_at, short in ((0.8 * 2 * flattest, 0.0), (2 * flattest + 1e3, 1.0)):
         goal = np.array([0.0, goal_at])
@@ -117,7 +116,7 @@ def test_time_is_the_objective_where_the_goal_is_met_and_the_penalty_is_added_wh
     assert found.objective == pytest.approx(2.0 * 1.0**2, rel=1e-2)
 
 
-def test_half_planes_are_kept_rather_than_the_goal_and_what_is_trespassed_by_is_said() -> None:
+def test_half_planes_are_kept_rather_than_the_goal_and_what_is_trespassed_by_is_said():
     goal = np.array([0.0, 3e3])
     # the flattest dive leads 2.2 km towards the goal; it may end a kilometre away
     planes = np.zeros((1, 11, 1, 3))
@@ -138,7 +137,7 @@ def test_half_planes_are_kept_rather_than_the_goal_and_what_is_trespassed_by_is_
     assert found.objective == pytest.approx(50.0 * (4.0 * (hop - 300.0) + 3e3 - hop) / KM, rel=0.01)
 
 
-def test_guides_weigh_hours_and_distances_as_they_were_asked_to() -> None:
+def test_guides_weigh_hours_and_distances_as_they_were_asked_to():
     mooring = near_place(np.zeros(2), 1e3, 4.0 * HOUR, True)
     # a mission's length at a kilometre's distance costs one, however long it is
     assert (mooring.weight, mooring.least_duration, mooring.limit, mooring.surfacings_only) == (
@@ -158,19 +157,15 @@ def test_guides_weigh_hours_and_distances_as_they_were_asked_to() -> None:
     np.testing.assert_allclose(line.distances(np.array([[0.0, 9e3], [-700.0, -1e3]])), [0.0, 700.0])
 
 
-def _task(**more: float) -> MissionTask:
+def _task(**more):
     settings = MissionSettings(depth=300.0, **more)
     return mission_task(
         FLOW,
-        MissionRequest(
-            place(FLOW, -1e3, 0.0, 0.0), (place(FLOW, 3e3, 2e3, 0.0),), GLIDER, settings
-        ),
+        request_between(FLOW, (-1e3, 0.0), (3e3, 2e3), vehicle=GLIDER, settings=settings),
     )
 
 
-def test_a_guide_s_weight_goes_by_the_time_of_each_step_and_its_limit_stops_short_of_what_is_checked() -> (
-    None
-):
+def test_a_guide_s_weight_goes_by_the_time_of_each_step_and_its_limit_stops_short_of_what_is_checked():
     task = replace(
         _task(surface_time=900.0), reference_path=near_place(np.zeros(2), 2e3, 4.0 * HOUR, False)
     )
@@ -203,7 +198,7 @@ def test_a_guide_s_weight_goes_by_the_time_of_each_step_and_its_limit_stops_shor
     assert _reference(replace(problem, task=_task()), angles, 2.0, 1) is None
 
 
-def test_half_planes_are_first_laid_along_the_route_and_then_straight_from_leg_to_leg() -> None:
+def test_half_planes_are_first_laid_along_the_route_and_then_straight_from_leg_to_leg():
     task = _task()
     yo_depths = task.yo_depths(2)
     guess = MissionGuess(np.array([[1e3, 0.0], [3e3, 2e3]]), np.zeros(2), np.full(2, 0.3))
@@ -230,7 +225,7 @@ def test_half_planes_are_first_laid_along_the_route_and_then_straight_from_leg_t
     )
 
 
-def test_goals_are_met_at_the_end_of_a_leg_or_after_so_many_of_its_steps() -> None:
+def test_goals_are_met_at_the_end_of_a_leg_or_after_so_many_of_its_steps():
     flight = Flight(
         np.arange(61.0),
         np.zeros(61),

@@ -1,31 +1,29 @@
 """Virtual moorings and lines: in a uniform current, in still water, in eddies, and what cannot be asked for."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from planners import (
     Line,
-    MissionPlan,
     MissionRequest,
     MissionSettings,
     Mooring,
-    NoGo,
-    Weights,
     plan_line,
     plan_mission,
     plan_mooring,
 )
-from planners.mission.solve.attempt import ranking_key
-from planners.mission.solve.legs import _weights
-from planners.mission.task import MissionTask, mission_task
-from planners.shooting.program import ReferencePath, along_line, near_place
-from planners.vehicle import Glider
+from planners.shooting.program import along_line, near_place
 from replay_kit.core.errors import PlanError
-from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
+from tests.planners.flow_samples import (
+    eddying_flow,
+    forbidden,
+    place,
+    request_between,
+    still_flow,
+    uniform_flow,
+)
 from tests.reference.reference_path import distance_from_line, distance_from_place
 
 SETTINGS = MissionSettings(depth=300.0)
@@ -60,47 +58,9 @@ def test_distances_from_a_place_and_a_line_are_those_point_by_point():
     )
 
 
-def _task(reference: ReferencePath | None, weights: Weights) -> MissionTask:
-    flow = still_flow()
-    settings = replace(SETTINGS, surface_time=900.0, margin=100.0, objective=weights)
-    request = MissionRequest(
-        place(flow, 0.0, 0.0, 0.0), (place(flow, 5e3, 0.0, 0.0),), Glider(hotel=2.0), settings
-    )
-    return replace(mission_task(flow, request), reference_path=reference)
-
-
-def test_of_the_weights_the_largest_is_one():
-    # two watts are 7.2 kJ in an hour
-    assert _weights(_task(None, Weights(time=0.1, energy=0.05))) == (pytest.approx(1.0), None, 0.0)
-    assert _weights(_task(None, Weights(time=0.1, closest=0.4))) == pytest.approx((0.25, 1.0, 0.0))
-    assert _weights(
-        _task(along_line(np.zeros(2), np.array([1e3, 0.0]), 5.0, 1e3), Weights(time=2.0))
-    ) == (0.4, None, 1.0)
-
-
-def test_being_off_a_guide_costs_by_the_hour_and_the_squared_kilometre():
-    task = _task(along_line(np.zeros(2), np.array([1e3, 0.0]), 5.0, 1e3), Weights(time=2.0))
-    legs = SimpleNamespace(headings=np.zeros(2), angles=np.zeros(2))
-    attempt = SimpleNamespace(
-        legs=legs,
-        yo_depths=(),
-        flight=SimpleNamespace(time=np.array([0.0, 3.0 * HOURS])),
-        miss=np.zeros(1),
-        violation=None,
-    )
-    # three hours at two, and three times five a squared kilometre
-    assert ranking_key(
-        task, SimpleNamespace(**vars(attempt), deviation=(800.0, 200.0))
-    ) == pytest.approx((False, 0.0, 6.0 + 15.0 * 0.04))
-    # 400 m beyond the width
-    assert ranking_key(
-        task, SimpleNamespace(**vars(attempt), deviation=(1400.0, 1000.0))
-    ) == pytest.approx((True, 400.0, 21.0))
-
-
 def test_a_mooring_heads_against_a_uniform_current_at_the_angle_that_makes_no_way():
     flow, bearing = uniform_flow(0.27 * np.sin(0.7), 0.27 * np.cos(0.7)), np.rad2deg(0.7)
-    here = place(flow, 0.0, 0.0, 0.0)
+    here = place(flow, 0.0, 0.0)
     result = plan_mooring(
         flow, MissionRequest(here, (here,), settings=SETTINGS), Mooring(1000.0, 10.0 * HOURS)
     )
@@ -116,7 +76,7 @@ def test_a_mooring_heads_against_a_uniform_current_at_the_angle_that_makes_no_wa
 
 def test_in_still_water_a_glider_cannot_stand_but_surfaces_to_either_side():
     flow = still_flow()
-    here = place(flow, 0.0, 0.0, 0.0)
+    here = place(flow, 0.0, 0.0)
     result = plan_mooring(
         flow,
         MissionRequest(here, (here,), settings=SETTINGS),
@@ -131,7 +91,7 @@ def test_in_still_water_a_glider_cannot_stand_but_surfaces_to_either_side():
 
 def test_a_current_that_is_too_strong_carries_out_of_the_mooring_and_that_is_said():
     flow = uniform_flow(0.4, 0.0)
-    here = place(flow, -5e3, 0.0, 0.0)
+    here = place(flow, -5e3, 0.0)
     result = plan_mooring(
         flow, MissionRequest(here, (here,), settings=SETTINGS), Mooring(1000.0, 6.0 * HOURS)
     )
@@ -144,9 +104,7 @@ def test_a_line_is_held_by_a_crab_angle():
     flow = uniform_flow(0.0, 0.12)
     result = plan_line(
         flow,
-        MissionRequest(
-            place(flow, -6e3, 0.0, 0.0), (place(flow, 5e3, 0.0, 0.0),), settings=SETTINGS
-        ),
+        request_between(flow, (-6e3, 0.0), (5e3, 0.0), settings=SETTINGS),
     )
     crab = np.rad2deg(np.arcsin(0.12 / 0.3 / np.cos(np.deg2rad(result.glide_angles_deg))))
     assert result.status == "reached"
@@ -156,7 +114,7 @@ def test_a_line_is_held_by_a_crab_angle():
 
 def test_a_line_costs_time_and_the_more_it_weighs_the_nearer_it_is():
     flow = eddying_flow(7, speed=0.3)
-    begin, end = place(flow, -8e3, -4e3, 0.0), place(flow, 6e3, 6e3, 0.0)
+    begin, end = place(flow, -8e3, -4e3), place(flow, 6e3, 6e3)
     settings = replace(SETTINGS, legs=6)
     free = plan_mission(flow, MissionRequest(begin, (end,), settings=settings))
     loose, tight = (
@@ -176,9 +134,7 @@ def test_a_line_costs_time_and_the_more_it_weighs_the_nearer_it_is():
 
 def test_a_track_that_leaves_a_line_by_more_than_two_kilometres_has_not_reached_its_end():
     flow, settings = eddying_flow(4, speed=0.4), replace(SETTINGS, legs=12)
-    request = MissionRequest(
-        place(flow, -8e3, -4e3, 0.0), (place(flow, 6e3, 6e3, 0.0),), settings=settings
-    )
+    request = request_between(flow, (-8e3, -4e3), (6e3, 6e3), settings=settings)
     narrow, wide = plan_line(flow, request), plan_line(flow, request, Line(width=20e3))
     # the current carries it off
     assert (narrow.status, wide.status) == ("unreachable", "reached")
@@ -190,9 +146,7 @@ def test_a_track_that_leaves_a_line_by_more_than_two_kilometres_has_not_reached_
 @pytest.mark.full
 def test_the_end_of_a_line_is_met_also_where_the_way_leads_far_from_it():
     flow = eddying_flow(4, speed=0.4)
-    request = MissionRequest(
-        place(flow, -8e3, -4e3, 0.0), (place(flow, 10e3, 5e3, 0.0),), settings=SETTINGS
-    )
+    request = request_between(flow, (-8e3, -4e3), (10e3, 5e3), settings=SETTINGS)
     result = plan_line(flow, request, Line(width=20e3))
     assert result.status == "reached", result.message
     # the current carries it off, and no line is worth missing the end for
@@ -202,12 +156,8 @@ def test_the_end_of_a_line_is_met_also_where_the_way_leads_far_from_it():
 @pytest.mark.full
 def test_a_line_that_an_area_lies_on_is_left_rather_than_followed_into_it():
     flow = still_flow()
-    corners = [
-        place(flow, *corner, 0.0)
-        for corner in ((-1e3, -2e3), (1e3, -2e3), (1e3, 1.5e3), (-1e3, 1.5e3))
-    ]
-    area = NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), "range")
-    ends = place(flow, -5e3, 0.0, 0.0), (place(flow, 5e3, 0.0, 0.0),)
+    area = forbidden(flow, -1e3, -2e3, 1e3, 1.5e3)
+    ends = place(flow, -5e3, 0.0), (place(flow, 5e3, 0.0),)
     result = plan_line(
         flow,
         MissionRequest(*ends, settings=replace(SETTINGS, legs=6), no_go=(area,)),
@@ -220,24 +170,20 @@ def test_a_line_that_an_area_lies_on_is_left_rather_than_followed_into_it():
     assert result.closest_approach[0] < 5.0
 
 
-def _mooring(radius: float = 1e3, duration: float = 10.0 * HOURS, east: float = 0.0) -> MissionPlan:
+def _mooring(radius=1e3, duration=10.0 * HOURS, east=0.0):
     flow = still_flow()
     return plan_mooring(
         flow,
-        MissionRequest(
-            place(flow, east, 0.0, 0.0), (place(flow, 0.0, 0.0, 0.0),), settings=SETTINGS
-        ),
+        request_between(flow, (east, 0.0), (0.0, 0.0), settings=SETTINGS),
         Mooring(radius, duration),
     )
 
 
-def _line(east: float = 5e3, weight: float = 1.0) -> MissionPlan:
+def _line(east=5e3, weight=1.0):
     flow = still_flow()
     return plan_line(
         flow,
-        MissionRequest(
-            place(flow, 0.0, 0.0, 0.0), (place(flow, east, 0.0, 0.0),), settings=SETTINGS
-        ),
+        request_between(flow, (0.0, 0.0), (east, 0.0), settings=SETTINGS),
         Line(weight=weight),
     )
 
@@ -255,6 +201,6 @@ def _line(east: float = 5e3, weight: float = 1.0) -> MissionPlan:
         (lambda: _line(weight=-1.0), "a number of 0 or more"),
     ],
 )
-def test_what_cannot_be_asked_for(ask: Callable[[], MissionPlan], words: str):
+def test_what_cannot_be_asked_for(ask, words):
     with pytest.raises(PlanError, match=words):
         ask()

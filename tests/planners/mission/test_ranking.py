@@ -9,7 +9,6 @@ from planners import Glider, MissionRequest, MissionSettings, Weights
 from planners.mission.result import to_plan
 from planners.mission.search.search import solve_attempts
 from planners.mission.solve.attempt import (
-    Attempt,
     best_of,
     energy_of,
     excess_deviation,
@@ -17,10 +16,10 @@ from planners.mission.solve.attempt import (
     ranking_key,
 )
 from planners.mission.solve.check import Violation
-from planners.mission.solve.legs import _weights
-from planners.mission.task import MissionTask, mission_task
+from planners.mission.solve.optimum import _weights
+from planners.mission.task import mission_task
 from planners.mission.timing import best_departure
-from planners.mission.values import OBJECTIVES, Found, Objective
+from planners.mission.values import OBJECTIVES, Objective
 from planners.shooting.program import near_place
 from planners.vehicle import SteadyFlight
 from replay_kit.core.errors import PlanError
@@ -32,10 +31,10 @@ GLIDER = Glider(flight=SteadyFlight(), min_angle=20.0, max_angle=40.0, hotel=0.5
 
 
 @pytest.fixture(scope="module")
-def solved() -> tuple[MissionTask, Attempt, Attempt]:
+def solved():
     """A task in still water, and its way of six kilometres in five legs and in seven."""
     flow, tasks = still_flow(), []
-    ask = (place(flow, -3e3, 0.0, 0.0), (place(flow, 3e3, 0.0, 0.0),))
+    ask = (place(flow, -3e3, 0.0), (place(flow, 3e3, 0.0),))
     for legs in (5, 7):
         task = mission_task(
             flow, MissionRequest(*ask, GLIDER, MissionSettings(depth=DEPTH, legs=legs))
@@ -45,15 +44,15 @@ def solved() -> tuple[MissionTask, Attempt, Attempt]:
     return task, few, many
 
 
-def with_settings(task: MissionTask, **changed: object) -> MissionTask:
+def with_settings(task, **changed):
     return replace(task, request=replace(task.request, settings=replace(task.settings, **changed)))
 
 
-def weighed(task: MissionTask, **weights: float) -> MissionTask:
+def weighed(task, **weights):
     return with_settings(task, legs=None, objective=Weights(**weights))
 
 
-def test_energy_is_of_the_hotel_load_for_the_time_and_of_the_pump_at_each_apogee(solved) -> None:
+def test_energy_is_of_the_hotel_load_for_the_time_and_of_the_pump_at_each_apogee(solved):
     task, few, many = solved
     for attempt, dives in ((few, 5), (many, 7)):
         pump = dives * GLIDER.pump_work(DEPTH)
@@ -62,7 +61,7 @@ def test_energy_is_of_the_hotel_load_for_the_time_and_of_the_pump_at_each_apogee
         )
 
 
-def test_a_dive_s_apogee_is_counted_once_however_many_dives_a_leg_has(solved) -> None:
+def test_a_dive_s_apogee_is_counted_once_however_many_dives_a_leg_has(solved):
     task, few, _ = solved
     twice = with_settings(task, yos=2)
     below = replace(task, start=np.array([-3e3, 0.0, 100.0]), goals=np.array([[3e3, 0.0, 200.0]]))
@@ -76,7 +75,7 @@ def test_a_dive_s_apogee_is_counted_once_however_many_dives_a_leg_has(solved) ->
     )
 
 
-def test_time_prefers_steep_legs_and_energy_few(solved) -> None:
+def test_time_prefers_steep_legs_and_energy_few(solved):
     task, few, many = solved
     assert goals_met(task, few)
     assert goals_met(task, many)
@@ -97,9 +96,7 @@ def test_time_prefers_steep_legs_and_energy_few(solved) -> None:
             )
 
 
-def test_what_is_safe_and_at_the_goal_comes_first_and_the_others_by_how_far_they_miss(
-    solved,
-) -> None:
+def test_what_is_safe_and_at_the_goal_comes_first_and_the_others_by_how_far_they_miss(solved):
     task, few, many = solved
     within, beyond = (
         replace(few, miss=np.array([miss]))
@@ -132,7 +129,7 @@ def test_what_is_safe_and_at_the_goal_comes_first_and_the_others_by_how_far_they
     )
 
 
-def test_straying_from_a_mooring_is_a_failure_and_its_mean_square_costs(solved) -> None:
+def test_straying_from_a_mooring_is_a_failure_and_its_mean_square_costs(solved):
     task, few, _ = solved
     reference = replace(near_place(np.zeros(2), 1000.0, 5.0 * HOUR, False), weight=0.3)
     moored = replace(task, reference_path=reference)
@@ -153,7 +150,7 @@ def test_straying_from_a_mooring_is_a_failure_and_its_mean_square_costs(solved) 
     assert ranking_key(moored, far)[:2] == (True, 200.0)
 
 
-def test_the_solver_weighs_time_and_hotel_load_against_misses_and_straying(solved) -> None:
+def test_the_solver_weighs_time_and_hotel_load_against_misses_and_straying(solved):
     task, _, _ = solved
     # 0.5 W for an hour are 1.8 kJ; the largest weight is 1
     assert _weights(weighed(task, time=1.0, energy=0.1)) == (1.0, None, 0.0)
@@ -169,12 +166,10 @@ def test_the_solver_weighs_time_and_hotel_load_against_misses_and_straying(solve
     assert _weights(guided) == (pytest.approx(1.18 / 4.0), None, 1.0)
 
 
-def test_an_added_objective_ranks_the_missions_that_are_found(
-    solved, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_added_objective_ranks_the_missions_that_are_found(solved, monkeypatch):
     task, few, many = solved
 
-    def surfacings(found: Found) -> float:
+    def surfacings(found):
         assert found.glide_angles.shape == (len(found.yo_depths),)
         return float(len(found.yo_depths))
 

@@ -26,16 +26,15 @@ from planners.mission.solve.half_planes import SafetyMargin, tolerance_factor
 from planners.mission.task import mission_task, turns_of
 from planners.vehicle import Glider
 from replay_kit.core.errors import PlanError
-from tests.planners.flow_samples import eddying_flow, place, uniform_flow
-from tests.planners.mission.test_mission import _area
+from tests.planners.flow_samples import eddying_flow, forbidden, place, uniform_flow
 
 FLOW = uniform_flow(0.02, 0.0)
-START, GOAL = place(FLOW, -5e3, -3e3, 0.0), place(FLOW, 6e3, -3e3, 0.0)
+START, GOAL = place(FLOW, -5e3, -3e3), place(FLOW, 6e3, -3e3)
 SETTINGS = MissionSettings(depth=390.0, legs=5)
-AREA = _area(FLOW, -0.7e3, -6e3, 0.7e3, -1e3)
+AREA = forbidden(FLOW, -0.7e3, -6e3, 0.7e3, -1e3)
 
 
-def _drawn(n: int, seed: int) -> list:
+def _drawn(n, seed):
     rng = np.random.default_rng(seed)
     east, north = uniform_flow(0.1, 0.0).latent, uniform_flow(0.0, 0.1).latent
     return [
@@ -78,9 +77,9 @@ def test_a_risk_is_kept_on_the_way_to_a_goal_within_reach_and_not_by_flying_past
         )
         for _ in range(12)
     ]
-    ends = place(FLOW, -18e3, 0.0, 0.0), (place(FLOW, 18e3, 0.0, 0.0),)
+    ends = place(FLOW, -18e3, 0.0), (place(FLOW, 18e3, 0.0),)
     asked = MissionRequest(
-        *ends, settings=replace(SETTINGS, legs=None), no_go=(_area(FLOW, -3e3, -8e3, 3e3, 8e3),)
+        *ends, settings=replace(SETTINGS, legs=None), no_go=(forbidden(FLOW, -3e3, -8e3, 3e3, 8e3),)
     )
     plan, summary = plan_scenarios(FLOW, drawn, asked, pilot=Pilot())
     assert plan.status == "reached"
@@ -93,7 +92,7 @@ def test_a_risk_is_kept_on_the_way_to_a_goal_within_reach_and_not_by_flying_past
 
 def test_a_flight_is_clear_where_the_dense_check_finds_nothing():
     plan = plan_mission(FLOW, MissionRequest(START, (GOAL,), settings=SETTINGS, no_go=(AREA,)))
-    lane = replace(_area(FLOW, 2e3, -4e3, 5e3, -2e3), name="lane", surface_only=True)
+    lane = replace(forbidden(FLOW, 2e3, -4e3, 5e3, -2e3), name="lane", surface_only=True)
     task = mission_task(FLOW, MissionRequest(START, (GOAL,), plan.vehicle, SETTINGS, (AREA, lane)))
     flight = fly_legs(
         currents_of_samples(_drawn(40, 3)),
@@ -143,25 +142,6 @@ def test_a_path_bends_between_its_points_as_its_velocity_changes_from_step_to_st
     np.testing.assert_allclose(bends(circle), 2.0 * 1e3 * (1.0 - np.cos(0.005)), rtol=1e-3)
 
 
-def test_a_margin_of_few_samples_holds_its_share_nearly_always():
-    rng, normal = np.random.default_rng(4), np.tile([0.6, 0.8], (7, 1, 1))
-    held = []
-    for _ in range(400):
-        # along the normal the deviations have a standard deviation of 5 m
-        deviations = 5.0 * rng.standard_normal((20, 1, 1)) * np.array([0.6, 0.8]) + np.zeros(
-            (20, 3, 2)
-        )
-        margins = SafetyMargin(deviations, 0.9, 2.0).margins(normal)
-        np.testing.assert_allclose(margins, margins[0, 0], rtol=1e-12)
-        held.append(norm.cdf((margins[0, 0] - 2.0) / 5.0) >= 0.9)
-    assert 0.97 < np.mean(held) < 1.0
-    assert tolerance_factor(10**6, 0.9) == pytest.approx(norm.ppf(0.9), abs=0.01)
-    # a half-plane that holds nothing is not moved
-    np.testing.assert_array_equal(
-        SafetyMargin(np.ones((5, 3, 2)), 0.9, 2.0).margins(np.zeros((4, 2, 2))), 0.0
-    )
-
-
 def test_few_samples_that_trespass_tell_little():
     assert passes_binomial_test(0, 20, 0.1)
     assert not passes_binomial_test(1, 20, 0.1)
@@ -169,6 +149,9 @@ def test_few_samples_that_trespass_tell_little():
     assert passes_binomial_test(13, 200, 0.1)
     assert not passes_binomial_test(18, 200, 0.1)
     assert passes_binomial_test(0, 20, 0.0)
+    # nine times of ten one sample of this kind does not trespass
+    assert passes_binomial_test(0, 1, 0.1)
+    assert not passes_binomial_test(1, 1, 0.1)
 
 
 def test_a_leg_is_aimed_so_that_it_ends_where_it_should():
@@ -188,7 +171,7 @@ def test_a_leg_is_aimed_so_that_it_ends_where_it_should():
 
 def test_a_pilot_who_is_right_changes_nothing_and_one_who_errs_corrects():
     flow = eddying_flow(5, speed=0.1)
-    start, goal = place(flow, -7e3, -3e3, 0.0), place(flow, 6e3, 2e3, 0.0)
+    start, goal = place(flow, -7e3, -3e3), place(flow, 6e3, 2e3)
     plan = plan_mission(
         flow, MissionRequest(start, (goal,), settings=replace(SETTINGS, legs=6, surface_time=600.0))
     )
@@ -243,17 +226,11 @@ def test_as_many_may_trespass_as_are_few_enough():
     assert (most_violations_allowed(20, 0.1), most_violations_allowed(20, 0.0)) == (0, 0)
 
 
-def test_none_is_few_enough_also_of_so_few_samples_that_they_prove_nothing():
-    # nine times of ten one sample of this kind does not trespass
-    assert passes_binomial_test(0, 1, 0.1)
-    assert not passes_binomial_test(1, 1, 0.1)
-
-
 def test_chances_count_every_goal_and_the_last_goal_s_misses():
     settings = MissionSettings(depth=390.0, tolerance=100.0)
     task = mission_task(
         FLOW,
-        MissionRequest(START, (place(FLOW, -3e3, -3e3, 0.0), GOAL), Glider(), settings, (AREA,)),
+        MissionRequest(START, (place(FLOW, -3e3, -3e3), GOAL), Glider(), settings, (AREA,)),
     )
     # five flights of two points after the start: off the first goal and off the last one by so much, all south of the area
     off_first, off_last = (
@@ -290,9 +267,14 @@ def test_points_are_those_nearest_in_time():
     assert points_at(flight, np.array([0.0, 14.0, 16.0, 99.0])).tolist() == [0, 1, 2, 3]
 
 
-def test_a_way_cut_anew_has_legs_of_equal_time_on_the_same_path():
+@pytest.fixture(scope="module")
+def solved():
     task = mission_task(FLOW, MissionRequest(START, (GOAL,), Glider(), SETTINGS))
-    before = solve_attempts(task)[0]
+    return task, solve_attempts(task)[0]
+
+
+def test_a_way_cut_anew_has_legs_of_equal_time_on_the_same_path(solved):
+    task, before = solved
     same, more = (with_n_legs(task, before, n_legs) for n_legs in (5, 6))
     # five legs of a current that hardly changes last the same: cut in five they are what they were
     np.testing.assert_allclose(same.guess.places, before.guess.places, atol=150.0)
@@ -314,9 +296,8 @@ def test_a_way_cut_anew_has_legs_of_equal_time_on_the_same_path():
     assert (same.goals.legs, more.goals.legs) == ((5,), (6,))
 
 
-def test_headings_of_a_way_cut_anew_are_those_at_the_middle_of_each_leg_the_short_way_round():
-    task = mission_task(FLOW, MissionRequest(START, (GOAL,), Glider(), SETTINGS))
-    before = solve_attempts(task)[0]
+def test_headings_of_a_way_cut_anew_are_those_at_the_middle_of_each_leg_the_short_way_round(solved):
+    task, before = solved
     # five legs of an hour, known where each ends alone, from a little west of north to a little east of it
     hours, turning = 3600.0 * np.arange(6), np.array([-0.1, 0.1, 0.2, 0.3, 0.4])
     flight = Flight(
@@ -332,9 +313,8 @@ def test_headings_of_a_way_cut_anew_are_those_at_the_middle_of_each_leg_the_shor
     )
 
 
-def test_dives_of_a_way_cut_anew_turn_as_high_as_the_highest_that_they_replace():
-    task = mission_task(FLOW, MissionRequest(START, (GOAL,), Glider(), SETTINGS))
-    before = solve_attempts(task)[0]
+def test_dives_of_a_way_cut_anew_turn_as_high_as_the_highest_that_they_replace(solved):
+    task, before = solved
     hours = Flight(
         3600.0 * np.arange(6),
         np.zeros(6),
@@ -369,12 +349,15 @@ def test_margins_are_the_mean_deviation_towards_a_half_plane_and_so_many_standar
     away = SafetyMargin(-100.0 * np.ones((3, 2, 2)), 0.8, 7.0)
     np.testing.assert_allclose(away.margins(normals), 7.0)
     assert np.all(SafetyMargin(deviations, 0.8, 7.0).margins(-normals)[[0, 3]] >= 7.0)
+    # a half-plane that holds nothing is not moved
+    assert not SafetyMargin(deviations, 0.8, 7.0).margins(0.0 * normals).any()
 
 
 def test_one_sample_has_no_spread_and_two_have_little_to_tell():
     one = SafetyMargin(np.full((1, 2, 2), 12.0), 0.9, 1.0)
     np.testing.assert_allclose(one.margins(np.tile([0.0, 1.0], (2, 1, 1))), 13.0)
     assert tolerance_factor(1, 0.9) == pytest.approx(norm.ppf(0.9))
+    assert tolerance_factor(10**6, 0.9) == pytest.approx(norm.ppf(0.9), abs=0.01)
     # so many standard deviations above the mean of a sample, 99 in 100 are above the quantile of all
     rng = np.random.default_rng(9)
     for count in (2, 5, 20):

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from planners import MissionRequest, MissionSettings, Mooring, plan_mission, plan_mooring
 from planners.mission import waypoint_flight, waypoints
@@ -17,22 +15,15 @@ from planners.mission.flights import legs_of_plan
 from planners.mission.task import mission_task
 from planners.mission.waypoint_flight import dead_reckoned_current, heading_for
 from planners.mission.waypoints import _distance_to_legs, kept_surfacings, waypoints_of
-from planners.output.waypoints import _minutes, waypoint_json, waypoint_text
+from planners.output.waypoints import waypoint_json, waypoint_text
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
-from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
+from tests.planners.flow_samples import eddying_flow, place, plan_between, still_flow, uniform_flow
 from tests.reference.reference_path import farthest_left_out
 
 SETTINGS = MissionSettings(depth=300.0, surface_time=600.0)
 FLOW = eddying_flow(7)
-PLAN = plan_mission(
-    FLOW,
-    MissionRequest(
-        place(FLOW, -8e3, -6e3, 0.0),
-        (place(FLOW, -1e3, 4e3, 0.0), place(FLOW, 8e3, 1e3, 0.0)),
-        settings=replace(SETTINGS, legs=8),
-    ),
-)
+PLAN = plan_between(FLOW, (-8e3, -6e3), (-1e3, 4e3), (8e3, 1e3), settings=replace(SETTINGS, legs=8))
 PLACES = np.column_stack(
     to_local(
         FLOW.grid.projection,
@@ -55,14 +46,9 @@ def test_what_is_left_out_is_within_the_tolerance_and_goals_are_kept():
 
 
 @pytest.mark.parametrize("depth", [0.0, 120.0])
-def test_in_a_uniform_current_one_waypoint_loses_nothing(depth: float):
+def test_in_a_uniform_current_one_waypoint_loses_nothing(depth):
     flow = uniform_flow(0.1, 0.05)
-    plan = plan_mission(
-        flow,
-        MissionRequest(
-            place(flow, -6e3, -3e3, depth), (place(flow, 6e3, 3e3, 0.0),), settings=SETTINGS
-        ),
-    )
+    plan = plan_between(flow, (-6e3, -3e3, depth), (6e3, 3e3), settings=SETTINGS)
     one = waypoints_of(flow, plan)
     assert one.times.size == 1
     assert one.off_end < 20.0
@@ -114,33 +100,6 @@ def test_in_a_somewhat_stronger_current_a_wider_radius_is_better():
     assert np.all(np.isfinite(found.times))
 
 
-def test_a_heading_is_held_off_against_the_current_and_a_near_waypoint_ends_a_dive_early():
-    angle, plan = np.deg2rad(20.0), replace(PLAN, settings=replace(PLAN.settings, surface_time=0.0))
-    speed = 0.3 * np.cos(angle)
-    heading, share = heading_for(plan, np.array([5e4, 0.0]), angle, np.array([0.0, 0.1]))
-    assert heading == pytest.approx(np.pi / 2 + np.arcsin(0.1 / speed))
-    assert share == 1.0
-    lasts = 600.0 / 0.3 / np.sin(angle)
-    assert heading_for(
-        plan, np.array([0.0, 0.4 * speed * lasts]), angle, np.zeros(2)
-    ) == pytest.approx((0.0, 0.4))
-    # no dive is shallower than a tenth of the depth
-    assert heading_for(
-        plan, np.array([0.0, 0.02 * speed * lasts]), angle, np.zeros(2)
-    ) == pytest.approx((0.0, 0.1))
-
-
-def test_the_current_reckoned_of_a_leg_is_the_one_that_carried_it():
-    angle, heading, lasts, current = 0.4, 1.1, 9000.0, np.array([0.05, -0.12])
-    under = lasts - PLAN.settings.surface_time
-    way = (
-        0.3 * np.cos(angle) * under * np.array([np.sin(heading), np.cos(heading)]) + current * lasts
-    )
-    np.testing.assert_allclose(
-        dead_reckoned_current(PLAN, way, lasts, heading, angle), current, rtol=1e-12
-    )
-
-
 def test_in_still_water_no_leg_reckons_a_current(monkeypatch):
     flow, found = still_flow(), []
     asked = MissionRequest(
@@ -174,39 +133,13 @@ def test_files_hold_the_waypoints():
     }
     assert len(features) == 1 + len(rows)
     assert json.loads(waypoint_text(few, Path("a.json")))["off_end_m"] == few.off_end
-    slocum = waypoint_text(few, Path("goto_l10.ma"))
-    listed = slocum.split("<start:waypoints>\n")[1].split("<end")[0].splitlines()[1:]
-    assert f"num_waypoints(nodim) {len(listed)}" in slocum
-    np.testing.assert_allclose(
-        [_degrees(text) for text in listed[0].split()],
-        [few.longitude[0], few.latitude[0]],
-        atol=1e-6,
-    )
-    targets = waypoint_text(few, Path("targets")).splitlines()[1:]
-    words = dict(word.split("=") for word in targets[-1].split()[1:])
-    assert (_degrees(words["lat"]), words["goto"]) == (
-        pytest.approx(few.latitude[-1], abs=1e-6),
-        targets[-1].split()[0],
-    )
     with pytest.raises(PlanError, match=r"one of \.csv"):
         waypoint_text(few, Path("a.txt"))
 
 
-def _degrees(text: str) -> float:
-    value = abs(float(text))
-    return float(np.sign(float(text)) * (value // 100 + value % 100 / 60.0))
-
-
-@given(st.floats(-180.0, 180.0))
-def test_degrees_and_minutes_are_read_back(degrees: float):
-    text = _minutes(degrees)
-    assert _degrees(text) == pytest.approx(degrees, abs=1e-6)
-    assert float(text.split(".")[0][-2:]) < 60
-
-
 def test_a_mooring_and_a_mission_without_legs_have_no_waypoints():
     flow = still_flow()
-    here = place(flow, 0.0, 0.0, 0.0)
+    here = place(flow, 0.0, 0.0)
     with pytest.raises(PlanError, match="a mooring has no waypoints"):
         waypoints_of(
             flow,
@@ -274,7 +207,7 @@ def test_the_distance_to_legs_is_to_the_nearest_and_no_farther_than_their_ends()
 
 def test_a_dive_that_begins_below_the_surface_ends_at_it_and_the_last_drift_is_not_waited_for():
     flow = still_flow()
-    here, there = place(flow, 0.0, 0.0, 60.0), place(flow, 0.0, 3e3, 0.0)
+    here, there = place(flow, 0.0, 0.0, 60.0), place(flow, 0.0, 3e3)
     plan = plan_mission(flow, MissionRequest(here, (there,), settings=replace(SETTINGS, legs=2)))
     few = waypoints_of(flow, plan)
     assert few.times.size == 1

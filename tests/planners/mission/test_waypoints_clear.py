@@ -1,4 +1,4 @@
-"""Lists of waypoints keep out of areas and above the bottom: they are flown before they are written."""
+"""Waypoints that keep clear: of single areas and shallows, and in random missions among hazards, their files read back."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -7,30 +7,31 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planners import MissionRequest, MissionSettings, plan_mission, waypoints_of
+from planners import MissionSettings, plan_mission, waypoints_of
 from planners.mission.flights import legs_of_plan
 from planners.mission.task import mission_task
 from planners.mission.waypoint_flight import first_currents
 from planners.output.waypoints import waypoint_text
 from planners.route.hazards import no_go_rings
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local
-from tests.planners.flow_samples import place, still_flow, uniform_flow
+from tests.planners.flow_samples import forbidden, request_between, still_flow, uniform_flow
+from tests.planners.hazardous import harm_done, harm_of_files, random_mission
 from tests.planners.mission.test_bottom import bathymetry
-from tests.planners.mission.test_mission import _area
-from tests.reference.vehicle import Sea, follow_waypoints, planned_current, read_csv_waypoints
+from tests.reference.vehicle import (
+    Sea,
+    fly_commands,
+    follow_waypoints,
+    planned_current,
+    read_csv_waypoints,
+)
 
 FLOW = still_flow()
-REQUEST = MissionRequest(
-    place(FLOW, -7e3, 0.0, 0.0),
-    (place(FLOW, 7e3, 0.0, 0.0),),
-    settings=MissionSettings(depth=300.0),
-)
+REQUEST = request_between(FLOW, (-7e3, 0.0), (7e3, 0.0), settings=MissionSettings(depth=300.0))
 
 
 @pytest.mark.full
 def test_a_long_tolerance_does_not_lead_through_an_area():
-    area = _area(FLOW, -1e3, -9e3, 1e3, 2e3)
+    area = forbidden(FLOW, -1e3, -9e3, 1e3, 2e3)
     plan = plan_mission(FLOW, replace(REQUEST, no_go=(area,)))
     assert plan.status == "reached"
     blind, clear = (waypoints_of(FLOW, plan, 1e5, no_go=areas) for areas in ((), (area,)))
@@ -51,7 +52,7 @@ def test_a_long_tolerance_does_not_lead_through_an_area():
 
 def test_waypoints_that_cannot_be_headed_for_in_safety_say_so_first():
     plan = plan_mission(FLOW, REQUEST)
-    late = _area(FLOW, -1e3, -1e3, 1e3, 1e3)
+    late = forbidden(FLOW, -1e3, -1e3, 1e3, 1e3)
     found = waypoints_of(FLOW, plan, no_go=(late,))
     assert found.violation is not None
     assert found.violation.what == "range"
@@ -71,7 +72,7 @@ def test_dives_to_a_waypoint_are_as_deep_as_the_shallowest_planned_on_the_way():
 def test_waypoints_that_are_never_reached_are_not_called_safe_beside_an_area():
     # the plan's way is undone by a current of the vehicle's own speed
     plan, adverse = plan_mission(FLOW, REQUEST), uniform_flow(-0.3, 0.0)
-    far = _area(FLOW, 12e3, 10e3, 13e3, 11e3)
+    far = forbidden(FLOW, 12e3, 10e3, 13e3, 11e3)
     without, beside = (waypoints_of(adverse, plan, no_go=areas) for areas in ((), (far,)))
     assert (without.violation, without.arrives) == (None, False)
     assert without.message.startswith(
@@ -86,7 +87,7 @@ def test_waypoints_that_are_never_reached_are_not_called_safe_beside_an_area():
     )
 
 
-def with_errors(flow: FlowEstimate, std: float) -> FlowEstimate:
+def with_errors(flow, std):
     """Return a flow of the kernel of ``uniform_flow`` whose error is a uniform current of some standard deviation [m/s]."""
     modes = np.column_stack([uniform_flow(*one).latent[:, 0] for one in np.eye(2)])
     n_levels = flow.levels.size
@@ -97,7 +98,7 @@ def with_errors(flow: FlowEstimate, std: float) -> FlowEstimate:
 
 def test_a_list_that_leads_through_an_area_where_the_first_current_is_not_known_is_not_called_clear():
     # a glider that knows the current holds off against it; one that expects none is set two kilometres to the north by its first dive
-    northward, area = uniform_flow(0.0, 0.2), _area(FLOW, -6e3, 3e2, -2e3, 2.5e3)
+    northward, area = uniform_flow(0.0, 0.2), forbidden(FLOW, -6e3, 3e2, -2e3, 2.5e3)
     plan = plan_mission(northward, replace(REQUEST, no_go=(area,)))
     assert plan.status == "reached"
     few, sea = waypoints_of(northward, plan, no_go=(area,)), Sea([northward], 0)
@@ -120,7 +121,7 @@ def test_a_list_is_flown_with_the_first_currents_that_the_estimate_allows():
     sure = uniform_flow(0.0, 0.0)
     plan = plan_mission(sure, REQUEST)
     # a kilometre beside the first dive
-    area = _area(FLOW, -6e3, 8e2, -2e3, 2.5e3)
+    area = forbidden(FLOW, -6e3, 8e2, -2e3, 2.5e3)
     for std, clear in ((0.01, True), (0.1, False)):
         found = waypoints_of(with_errors(sure, std), plan, no_go=(area,))
         assert (found.violation is None) == clear
@@ -142,3 +143,35 @@ def test_first_currents_are_spread_over_those_of_samples():
     assert np.mean(held < away.max()) == pytest.approx(0.95, abs=0.015)
     assert np.histogram(away**2, 4, (0.0, -2.0 * np.log(0.05)))[0].tolist() == [6, 6, 6, 6]
     np.testing.assert_allclose(np.mean(others, axis=0), planned, atol=0.2 * std)
+
+
+# 39 goes by an island to a goal over a shoal
+@pytest.mark.parametrize(
+    "seed", [0, 39, *(pytest.param(seed, marks=pytest.mark.full) for seed in range(1, 14))]
+)
+def test_what_is_called_reached_crosses_nothing_when_it_is_flown(seed):
+    mission = random_mission(seed)
+    plan = plan_mission(mission.flow, mission.request)
+    assert plan.status == "reached"
+    assert harm_done(mission, plan.track) is None
+    assert harm_done(mission, fly_commands(mission.sea, plan)) is None
+    few = waypoints_of(
+        mission.flow, plan, no_go=mission.request.no_go, bathymetry=mission.request.bathymetry
+    )
+    harms = harm_of_files(mission, plan, few)
+    assert (
+        few.violation is not None
+        or not few.arrives
+        or all(harm == {None} for harm in harms.values())
+    )
+
+
+def test_dives_beside_an_island_are_as_deep_as_the_water_and_too_few_legs_end_short_of_the_goal():
+    mission = random_mission(39)
+    plan = plan_mission(mission.flow, mission.request)
+    # the limit is that of the goal, 250 m, for the last leg alone
+    assert len(plan.yo_depths) <= 8
+    short = replace(mission.request, settings=replace(mission.request.settings, max_legs=3))
+    ended = plan_mission(mission.flow, short)
+    assert ended.status == "unreachable"
+    assert harm_done(mission, ended.track) is None

@@ -1,17 +1,16 @@
-"""Missions flown in other currents, and their tables."""
+"""Missions flown in other currents, the ellipses of their surfacings, and their tables."""
 
 import csv
 import io
 import json
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, plan_mission
-from planners.mission.flights import MissionFlights, fly_mission, surfacing_ellipses
+from planners.mission.flights import MissionFlights, ellipse_factor, fly_mission, surfacing_ellipses
 from planners.output.mission import (
     as_glide,
     ellipse_outline,
@@ -23,7 +22,7 @@ from planners.output.mission import (
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
-from tests.planners.flow_samples import eddying_flow, place, still_flow
+from tests.planners.flow_samples import eddying_flow, plan_between, still_flow
 
 FLOW = eddying_flow(11)
 SETTINGS = MissionSettings(depth=390.0, surface_time=600.0)
@@ -31,12 +30,7 @@ SETTINGS = MissionSettings(depth=390.0, surface_time=600.0)
 
 @cache
 def planned():
-    return plan_mission(
-        FLOW,
-        MissionRequest(
-            place(FLOW, -6e3, -4e3, 0.0), (place(FLOW, 5e3, 4e3, 100.0),), settings=SETTINGS
-        ),
-    )
+    return plan_between(FLOW, (-6e3, -4e3), (5e3, 4e3, 100.0), settings=SETTINGS)
 
 
 @cache
@@ -139,6 +133,10 @@ def test_an_ellipse_is_drawn_by_its_axes_and_bearing():
     np.testing.assert_array_equal(outline[0], outline[-1])
     east, north = to_local(FLOW.grid.projection, *outline.T)
     np.testing.assert_allclose((east / 300.0) ** 2 + (north / 100.0) ** 2, 1.0, atol=1e-3)
+    # twice the signed area, by the shoelace formula: positive counter-clockwise
+    assert np.sum(east[:-1] * north[1:] - east[1:] * north[:-1]) > 0.0
+    kinds = [feature["geometry"]["type"] for feature in features]
+    assert kinds.count("Polygon") == len(planned().yo_depths)
 
 
 @pytest.mark.parametrize("bearing", [0.0, 30.0, 90.0, 200.0, 359.0])
@@ -152,20 +150,6 @@ def test_polygons_are_closed_and_run_counter_clockwise(bearing, longitude, latit
     east, north = to_local(frame, *ring.T)
     # twice the signed area, by the shoelace formula: positive counter-clockwise
     assert np.sum(east[:-1] * north[1:] - east[1:] * north[:-1]) > 0.0
-
-
-def test_the_rings_of_a_mission_s_geojson_run_counter_clockwise():
-    ellipses = np.tile([152.5, -40.0, 300.0, 100.0, 20.0], (len(planned().yo_depths), 1))
-    features = json.loads(to_geojson(planned(), FLOW.grid.projection, ellipses))["features"]
-    polygons = [
-        feature["geometry"]["coordinates"]
-        for feature in features
-        if feature["geometry"]["type"] == "Polygon"
-    ]
-    assert len(polygons) == len(planned().yo_depths)
-    for (ring,) in polygons:
-        assert ring[0] == ring[-1]
-        assert sum(a[0] * b[1] - b[0] * a[1] for a, b in pairwise(np.array(ring) - ring[0])) > 0.0
 
 
 def test_what_is_counted_is_written_as_an_integer():
@@ -202,3 +186,25 @@ def test_a_mission_is_also_a_plan_for_the_result_s_messages():
     assert (
         len(json.loads(to_geojson(failed(), still_flow().grid.projection, None))["features"]) == 2
     )
+
+
+@pytest.mark.parametrize("count", [3, 5, 10, 20, 50])
+def test_an_ellipse_of_few_points_holds_nine_of_ten_others(count):
+    rng, held = np.random.default_rng(count), []
+    # two directions of different size that are correlated
+    root = np.array([[300.0, 0.0], [120.0, 80.0]])
+    for _ in range(1000):
+        points, other = (
+            rng.standard_normal((count, 2)) @ root.T,
+            rng.standard_normal((40, 2)) @ root.T,
+        )
+        away = other - points.mean(axis=0)
+        scaled = np.sum(away * np.linalg.solve(np.cov(points.T), away.T).T, axis=1)
+        held.append(np.mean(scaled <= ellipse_factor(count) ** 2))
+    assert 0.87 < np.mean(held) < 0.93
+
+
+def test_the_factor_of_many_points_is_that_of_a_known_normal_distribution():
+    assert ellipse_factor(10**6) == pytest.approx(np.sqrt(-2.0 * np.log(0.1)), rel=1e-5)
+    # 2 (N - 1) (N + 1) F / (N (N - 2)) with F(2, 8) = 3.1131
+    assert ellipse_factor(10) == pytest.approx(np.sqrt(2.0 * 9.0 * 11.0 * 3.11312 / 80.0), rel=1e-5)

@@ -89,7 +89,7 @@ def test_a_seaglider_s_targets_lead_from_each_waypoint_to_the_next():
 @pytest.mark.parametrize(
     "degrees", [-179.9999999, -70.5, -0.00001, 0.0, 0.99999999, 7.05, 152.9876543, 180.0]
 )
-def test_minutes_are_read_as_they_were_written(degrees: float):
+def test_minutes_are_read_as_they_were_written(degrees):
     there = replace(
         FEW,
         longitude=FEW.longitude[:1] * 0.0 + degrees,

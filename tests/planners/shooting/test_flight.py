@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import Glider, MissionRequest, MissionSettings, plan_mission
-from planners.mission.flight.currents import Currents, currents_of
+from planners import Glider, MissionSettings, plan_mission
+from planners.mission.flight.currents import currents_of
 from planners.mission.flight.legs import Legs, fly_legs
 from planners.mission.solve.legs import fly_solution
 from planners.mission.task import leg_depths, refine_steps
 from planners.shooting.program import MissionGuess, MissionSolution
-from tests.planners.flow_samples import LEVELS, eddying_flow, place
+from tests.planners.flow_samples import LEVELS, eddying_flow, request_between
 
 GLIDER, START = Glider(), np.array([2e3, -5e3])
 
 
-def _legs(count: int, drift: float) -> Legs:
+def _legs(count, drift):
     rng = np.random.default_rng(3)
     depths = tuple(
         refine_steps(leg_depths((0.0, deepest, 0.0), np.array(LEVELS), 10), 2)
@@ -30,15 +30,13 @@ def _legs(count: int, drift: float) -> Legs:
     )
 
 
-def _currents(changing: bool) -> Currents:
+def _currents(changing):
     flows = [replace(eddying_flow(seed), time_ns=10**15 + seed * 10**13) for seed in (1, 2, 3)]
     return currents_of(flows if changing else flows[0])
 
 
 @pytest.mark.parametrize(("changing", "drift"), [(False, 0.0), (False, 900.0), (True, 900.0)])
-def test_legs_flown_at_once_are_those_flown_one_after_the_other(
-    changing: bool, drift: float
-) -> None:
+def test_legs_flown_at_once_are_those_flown_one_after_the_other(changing, drift):
     currents, legs = _currents(changing), _legs(5, drift)
     slowly = fly_legs(currents, GLIDER, START, legs, 500.0)
     # begins that are kilometres off, and no derivatives: only the commands are known
@@ -52,7 +50,7 @@ def test_legs_flown_at_once_are_those_flown_one_after_the_other(
     np.testing.assert_array_equal(at_once.ends, slowly.ends)
 
 
-def test_a_current_that_is_not_a_number_is_flown_without_end() -> None:
+def test_a_current_that_is_not_a_number_is_flown_without_end():
     currents, legs = _currents(False), _legs(3, 0.0)
     broken = replace(currents, latent=np.full(currents.latent.shape, np.nan))
     solution = MissionSolution(
@@ -61,13 +59,11 @@ def test_a_current_that_is_not_a_number_is_flown_without_end() -> None:
     assert np.isnan(fly_solution(broken, GLIDER, START, legs, 0.0, solution).place[0, -1]).all()
 
 
-def test_a_plan_is_the_same_whatever_was_planned_before_with_its_program() -> None:
+def test_a_plan_is_the_same_whatever_was_planned_before_with_its_program():
     flows = [eddying_flow(6), eddying_flow(7)]
     requests = [
-        MissionRequest(
-            place(flow, -6e3, -6e3, 0.0),
-            (place(flow, 2e3, 2e3, 0.0),),
-            settings=MissionSettings(depth=300.0, legs=6),
+        request_between(
+            flow, (-6e3, -6e3), (2e3, 2e3), settings=MissionSettings(depth=300.0, legs=6)
         )
         for flow in flows
     ]

@@ -78,9 +78,7 @@ def _functions(mission, case):
 @pytest.mark.parametrize(
     ("changing", "planes", "guided"), [(False, 2, False), (True, 0, True), (True, 1, False)]
 )
-def test_the_functions_and_their_derivatives_are_those_of_the_graph(
-    changing: bool, planes: int, guided: bool
-) -> None:
+def test_the_functions_and_their_derivatives_are_those_of_the_graph(changing, planes, guided):
     mission, case = _mission(changing, planes, guided)
     graph, numbers = program_graph(mission), parameters_of(mission, case)
     functions, layout, rng = _functions(mission, case), mission.layout, np.random.default_rng(6)
@@ -125,7 +123,7 @@ def test_the_functions_and_their_derivatives_are_those_of_the_graph(
     assert np.abs(found[: layout.n_equal]).max() * KM > 1.0
 
 
-def test_half_planes_that_follow_the_places_have_the_derivatives_of_their_distances() -> None:
+def test_half_planes_that_follow_the_places_have_the_derivatives_of_their_distances():
     mission, case = _mission(True, 3, False)
     square = np.array([[0.0, 0.0], [900.0, 0.0], [900.0, 900.0], [0.0, 900.0]])
     rings = (
@@ -166,7 +164,7 @@ def test_half_planes_that_follow_the_places_have_the_derivatives_of_their_distan
     multipliers = rng.standard_normal(found.size)
     multipliers[first + 4] = 0.0
 
-    def slope(x: np.ndarray) -> np.ndarray:
+    def slope(x):
         entries = _dense(functions.jacobian.sparsity, functions.jacobian_entries(x))
         return np.asarray(0.8 * functions.gradient(x) + multipliers @ entries)
 
@@ -186,5 +184,5 @@ def test_half_planes_that_follow_the_places_have_the_derivatives_of_their_distan
     np.testing.assert_allclose(upper, np.triu(bends), rtol=1e-5, atol=1e-5 * np.abs(bends).max())
 
 
-def _dense(sparsity: ca.Sparsity, entries: np.ndarray) -> np.ndarray:
+def _dense(sparsity, entries):
     return np.asarray(ca.DM(sparsity, entries.tolist()).full())

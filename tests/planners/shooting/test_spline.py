@@ -5,38 +5,34 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import MissionRequest, MissionSettings, plan_mission
+from planners import MissionSettings, plan_mission
 from planners.shooting.program import solve_mission
 from planners.shooting.spline import FlowSpline, spline_of
 from planners.shooting.stream import stream_of
-from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.lattice import lattice_over
-from tests.planners.flow_samples import eddying_flow, place
+from tests.planners.flow_samples import eddying_flow, request_between
 
 BOX = np.array([-3e4, -2.5e4]), np.array([2e4, 2.8e4])
 
 
-def _on_lattice(flow: FlowEstimate, seed: int) -> FlowEstimate:
+def _on_lattice(flow, seed):
     """Return a flow of random coefficients on a lattice."""
     lattice = lattice_over(flow.horizontal.kernel, flow.nodes)
     latent = 300.0 * np.random.default_rng(seed).standard_normal((lattice.size, flow.levels.size))
     return replace(flow, horizontal=lattice, latent=latent, modes=np.empty((lattice.size, 0)))
 
 
-def _flows() -> list[FlowEstimate]:
+def _flows():
     return [eddying_flow(3), _on_lattice(eddying_flow(3), 4)]
 
 
-def _velocities(derivatives: Array) -> Array:
+def _velocities(derivatives):
     return np.stack([derivatives[..., 0, 1], -derivatives[..., 1, 0]], axis=-1)
 
 
 @pytest.mark.parametrize("flow", _flows(), ids=["nodes", "lattice"])
-def test_stream_functions_have_the_velocity_of_their_flow_and_derivatives_as_differences_say(
-    flow: FlowEstimate,
-) -> None:
+def test_stream_functions_have_the_velocity_of_their_flow_and_derivatives_as_differences_say(flow):
     stream, rng = stream_of(flow, flow.latent), np.random.default_rng(1)
     at, columns, weights = (
         rng.uniform(*BOX, (6, 2)),
@@ -71,8 +67,8 @@ def test_stream_functions_have_the_velocity_of_their_flow_and_derivatives_as_dif
 
 
 @pytest.mark.parametrize("kind", ["hat", "gaussian"])
-def test_its_error_is_as_stated_and_falls_with_the_fifth_power(kind: str) -> None:
-    flow = eddying_flow(3, kind=kind)  # type: ignore[arg-type]
+def test_its_error_is_as_stated_and_falls_with_the_fifth_power(kind):
+    flow = eddying_flow(3, kind=kind)
     rng, exact, errors = np.random.default_rng(9), stream_of(flow, flow.latent), []
     at = rng.uniform(*BOX, (400, 2))
     weights = depth_weights(flow.depth_functions, rng.uniform(-10.0, 500.0, 400), flow.levels)[
@@ -93,7 +89,7 @@ def test_its_error_is_as_stated_and_falls_with_the_fifth_power(kind: str) -> Non
     assert 4.5 < np.log(errors[0] / errors[1]) / np.log(5 / 3) < 7.0
 
 
-def test_its_derivatives_are_those_of_differences_and_its_current_vanishes_far_outside() -> None:
+def test_its_derivatives_are_those_of_differences_and_its_current_vanishes_far_outside():
     flow = eddying_flow(3)
     spline, columns, weights = (
         spline_of(flow, flow.latent, 4, *BOX),
@@ -116,8 +112,8 @@ def test_its_derivatives_are_those_of_differences_and_its_current_vanishes_far_o
 
 
 @pytest.mark.parametrize("flow", _flows(), ids=["nodes", "lattice"])
-def test_a_mission_planned_in_it_is_the_mission_planned_in_the_flow(flow: FlowEstimate) -> None:
-    request = MissionRequest(place(flow, -6e3, -6e3, 0.0), (place(flow, 2e3, 2e3, 0.0),))
+def test_a_mission_planned_in_it_is_the_mission_planned_in_the_flow(flow):
+    request = request_between(flow, (-6e3, -6e3), (2e3, 2e3))
     settings = MissionSettings(depth=300.0, surface_time=600.0, legs=8)
     exact, splined = (
         plan_mission(flow, replace(request, settings=replace(settings, spline=points)))
@@ -133,17 +129,15 @@ def test_a_mission_planned_in_it_is_the_mission_planned_in_the_flow(flow: FlowEs
     assert 0.0 < splined.statistics["spline_rms_error"] < splined.statistics["spline_error"] < 1e-3
 
 
-def test_a_plan_that_a_coarse_spline_leads_astray_is_polished_in_the_flow_itself(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_plan_that_a_coarse_spline_leads_astray_is_polished_in_the_flow_itself(monkeypatch):
     flow, solved_in = eddying_flow(6), list[bool]()
 
     def solve(program, vehicle, case, guess, **options):
         solved_in.append(isinstance(case.stream, FlowSpline))
         return solve_mission(program, vehicle, case, guess, **options)
 
-    monkeypatch.setattr("planners.mission.solve.legs.solve_mission", solve)
-    request = MissionRequest(place(flow, -6e3, -6e3, 0.0), (place(flow, 2e3, 2e3, 0.0),))
+    monkeypatch.setattr("planners.mission.solve.optimum.solve_mission", solve)
+    request = request_between(flow, (-6e3, -6e3), (2e3, 2e3))
     exact, coarse = (
         plan_mission(
             flow, replace(request, settings=MissionSettings(depth=300.0, legs=8, spline=points))
@@ -155,13 +149,9 @@ def test_a_plan_that_a_coarse_spline_leads_astray_is_polished_in_the_flow_itself
     assert coarse.duration == pytest.approx(exact.duration, rel=1e-6)
 
 
-def test_a_flow_that_changes_is_planned_in_a_spline_too() -> None:
+def test_a_flow_that_changes_is_planned_in_a_spline_too():
     flows = [replace(eddying_flow(6 + k), time_ns=10**15 + k * 10**14) for k in range(2)]
-    request = MissionRequest(
-        place(flows[0], -6e3, -6e3, 0.0),
-        (place(flows[0], 2e3, 2e3, 0.0),),
-        start_time_ns=10**15 + 10**13,
-    )
+    request = request_between(flows[0], (-6e3, -6e3), (2e3, 2e3), start_time_ns=10**15 + 10**13)
     settings = MissionSettings(depth=300.0, legs=4)
     exact, splined = (
         plan_mission(flows, replace(request, settings=replace(settings, spline=points)))

@@ -8,19 +8,19 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+from replay_kit.core.grid import Seabed
 from replay_kit.core.plan import Area, Odds
-from replay_kit.core.seabed import Seabed
 from replay_kit.core.surfacing import Ellipse
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.contents import Contents
 from replay_kit.show import open_result
 from replay_kit.show.export import export
+from replay_kit.show.figures.map_layers import contour_step
+from replay_kit.show.figures.plan import profile_floor
 from replay_kit.show.plots import drawn
-from replay_kit.show.plots.current_map import draw_hazards
+from replay_kit.show.plots.current_map import draw_seabed
 from replay_kit.show.plots.panel import CONTOUR_LABEL
 from replay_kit.show.report import report_html
-from replay_kit.show.report.sections.last_plan import profile_floor
-from replay_kit.show.report.sections.map_hazards import contour_step
 from tests.results.result_samples import CONFIG, METADATA
 from tests.show.plots.test_plots import words
 from tests.show.report.html_of import figures, table, text_of, unpacked
@@ -184,7 +184,7 @@ def test_the_page_shows_them(contents):
     assert profile["tables"]["plan"]["bottom_m"] == [300.0, None, 130.0]
     assert profile["layout"]["yaxis"]["range"] == [1.05 * 250.0, 0.0]
     assert [trace.get("name") for trace in profile["traces"]] == [None, "bottom", "planned depth"]
-    assert "Where it is not seen it lies deeper than 262 m: it is 130 to 300 m deep." in text_of(
+    assert "Where it is not shown it is deeper than 262 m: it is 130 to 300 m deep." in text_of(
         page, "plan"
     )
     traces = {trace.get("name"): trace for trace in found["current-map"]["traces"]}
@@ -195,7 +195,7 @@ def test_the_page_shows_them(contents):
     assert len(traces["no-go area"]["x"]) == 2 * 5
     assert traces["no-go area"]["text"] == ["range"] * 4 + [""] + ["lane (surface only)"] * 4 + [""]
     assert len(traces["90 % of planned surfacings"]["x"]) == 38
-    assert "Labelled lines are depths of the bottom, of bottom.nc." in text_of(page, "map")
+    assert "Labelled lines: depth of the bottom, from bottom.nc." in text_of(page, "map")
 
 
 def test_the_figures_show_them(full, tmp_path):
@@ -219,7 +219,7 @@ def test_a_bottom_that_is_flat_or_out_of_sight_has_no_contours(plan, tmp_path):
     axes = drawn(contents, "map").axes[0]
     assert not contour_labels(axes)
     axes.set_xlim(100.0, 101.0)
-    draw_hazards(contents, axes)
+    draw_seabed(contents, axes)
     assert not contour_labels(axes)
     unknown = written(
         tmp_path / "unknown.mcap", plan, replace_depth(np.full(SEABED.depth.shape, np.nan))

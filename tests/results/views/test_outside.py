@@ -1,6 +1,7 @@
 """Cells off a turned grid are no land: they are told apart in what is taken out of a result, on its page and in its figures."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -8,10 +9,9 @@ import pytest
 from replay_kit.core.geodesy import inside_grid
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import on_grid, published_slices, slices_of
-from replay_kit.show import open_result
+from replay_kit.show.figures.map_layers import coastline
 from replay_kit.show.plots import drawn
 from replay_kit.show.report import report_html
-from replay_kit.show.report.sections.map_frame import coastline
 from tests.results.cases import turned, write
 from tests.show.report.html_of import figures, unpacked
 from tests.synthetic_flow import synthetic_flow
@@ -21,19 +21,13 @@ from tests.synthetic_flow import synthetic_flow
 def contents(tmp_path, innovation, plan):
     """Return a function that opens a result on a grid turned by 35 degrees, with or without an estimate, and an island."""
 
+    @cache
     def make(estimate: bool = True, land: bool = True) -> Contents:
         flow, path = turned(synthetic_flow(), 35.0), tmp_path / f"{estimate}-{land}.mcap"
         wet = np.ones_like(flow.grid.wet)
         wet[:, 2, 2] = not land
-        if not path.exists():
-            write(
-                path,
-                replace(flow, grid=replace(flow.grid, wet=wet)),
-                [innovation] * 2,
-                plan,
-                estimate=estimate,
-            )
-        return Contents(open_result(path))
+        island = replace(flow, grid=replace(flow.grid, wet=wet))
+        return write(path, island, [innovation] * 2, plan, estimate=estimate)
 
     return make
 
@@ -56,8 +50,8 @@ def test_what_was_published_of_another_grid_is_not_called_outside(contents) -> N
 
 def test_a_coast_lies_between_water_and_land_alone(contents) -> None:
     slices = contents().slices
-    assert coastline(contents(land=False).slices) == ([], [])
-    x, y = (1e3 * np.array(line, dtype=np.float64) for line in coastline(slices))
+    assert coastline(contents(land=False).slices)[0].size == 0
+    x, y = (1e3 * line for line in coastline(slices))
     half = 0.5 * (slices.east[1] - slices.east[0])
     wet = np.isfinite(slices.fields[0, -1, 0])
     dry = ~wet & ~slices.outside
@@ -104,12 +98,9 @@ def test_the_figures_hatch_them(contents) -> None:
 def test_a_plan_that_leads_out_of_the_forecast_says_so(plan, innovation, tmp_path) -> None:
     # the goal lies 3.4 km away, the edge of the grid 15 km or 1.5 km
     for spacing, beyond in ((5_000.0, False), (500.0, True)):
-        write(tmp_path / f"{beyond}.mcap", synthetic_flow(spacing=spacing), [innovation], plan)
-        said = " ".join(
-            drawn(Contents(open_result(tmp_path / f"{beyond}.mcap")), "plan")
-            .get_supxlabel()
-            .split()
-        )
+        flow = synthetic_flow(spacing=spacing)
+        contents = write(tmp_path / f"{beyond}.mcap", flow, [innovation], plan)
+        said = " ".join(drawn(contents, "plan").get_supxlabel().split())
         assert ("Hatched: outside the forecast." in said) == beyond
 
 

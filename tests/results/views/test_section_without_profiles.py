@@ -4,7 +4,7 @@ import numpy as np
 
 from replay_kit.results.views.along_track import estimate_along_track
 from replay_kit.results.views.track import Track
-from replay_kit.show.report.sections.sections_along_track import gridded
+from replay_kit.show.figures.along_track import gridded
 from tests.synthetic_flow import synthetic_flow
 
 HOUR = 3_600 * 10**9
@@ -52,7 +52,7 @@ def test_it_is_the_estimate_at_each_place_and_depth_once_there_is_one() -> None:
     assert np.isnan(bins.estimated[~known]).all()
     assert np.isfinite(bins.estimated[known]).all()
     assert np.isnan(bins.residual).all()
-    _, _, values = gridded(bins)
+    values = gridded(bins).values
     # measured, estimated, measured minus estimated, standard error
     assert [bool(np.isfinite(one).any()) for one in values] == [False, True, False, True]
 

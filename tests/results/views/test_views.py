@@ -13,21 +13,27 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.surfacing import Ellipse
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.along_track import (
-    EstimateHistory,
     bins_along_track,
     mean_current_topics,
     mean_currents,
 )
+from replay_kit.results.views.history import EstimateHistory
 from replay_kit.results.views.record import changed_settings, leaves
-from replay_kit.results.views.slices import published_slices, slices_of
+from replay_kit.results.views.slices import (
+    calibration,
+    error_through_time,
+    information_by_dive,
+    published_slices,
+    slices_of,
+)
 from replay_kit.results.views.track import thinned, track_of
-from replay_kit.results.views.trust import calibration, error_through_time, information_by_dive
 from replay_kit.show import open_result
-from replay_kit.show.report.sections.sections_along_track import (
+from replay_kit.show.figures.along_track import (
     QUANTITIES,
     limits_of,
     quantities_of,
 )
+from tests.results.cases import one_bin
 from tests.results.result_samples import CONFIG, METADATA
 from tests.synthetic_flow import TIME_NS
 
@@ -118,26 +124,9 @@ def test_the_measured_current_is_the_estimate_at_its_time_and_the_residual(
             writer.innovation(replace(innovation, time_ns=TIME_NS + k * SECOND))
             writer.estimate(TIME_NS + k * SECOND, scale * weights, flow.levels)
         for dive in (2, 3):
-            one = {
-                name: getattr(innovation, name)[:1]
-                for name in (
-                    "depth",
-                    "innovation",
-                    "innovation_std",
-                    "residual",
-                    "prior_innovation",
-                )
-            }
-            one |= {
-                "flags": innovation.flags[:1],
-                "reasons": innovation.reasons[:1],
-                "dof": 2,
-                "dive": dive,
-            }
             source = replace(innovation.source, topic="/dac")
-            writer.innovation(
-                replace(innovation, time_ns=TIME_NS + (dive + 1) * SECOND, source=source, **one)
-            )
+            time_ns = TIME_NS + (dive + 1) * SECOND
+            writer.innovation(one_bin(innovation, dive=dive, time_ns=time_ns, source=source))
         writer.finish(flow)
     result = open_result(tmp_path / "out.mcap")
     track = track_of(result.fixes, flow.grid.projection)
@@ -176,16 +165,6 @@ def test_mean_currents_are_those_that_the_log_states(
     flow: FlowEstimate, state, innovation, tmp_path: Path
 ) -> None:
     """Without an estimate too; the drift at the surface is no mean current of a dive, and profiles have none."""
-    names = (
-        "depth",
-        "innovation",
-        "innovation_std",
-        "residual",
-        "prior_innovation",
-        "flags",
-        "reasons",
-    )
-    one = {name: getattr(innovation, name)[:1] for name in names} | {"dof": 2}
     measured = np.array([0.015, 0.23])
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
@@ -193,15 +172,9 @@ def test_mean_currents_are_those_that_the_log_states(
         writer.innovation(innovation)
         for number, kind in enumerate(("dac", "drift", "dac")):
             source = replace(innovation.source, topic="/dac" if kind == "dac" else "/fix")
-            stated = {
-                "mean_current": measured + number,
-                "mean_kind": kind,
-                "dive": number + 1,
-                "source": source,
-            }
-            writer.innovation(
-                replace(innovation, time_ns=TIME_NS + (number + 1) * SECOND, **stated, **one)
-            )
+            stated = {"mean_current": measured + number, "mean_kind": kind, "dive": number + 1}
+            time_ns = TIME_NS + (number + 1) * SECOND
+            writer.innovation(one_bin(innovation, time_ns=time_ns, source=source, **stated))
     result = open_result(tmp_path / "out.mcap")
     table = result.observations
     assert table["mean_current_kind"].tolist()[1:] == ["dac", "drift", "dac"]

@@ -11,9 +11,6 @@ import xarray as xr
 
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.surfacing import Ellipse
-from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.series import series_of
-from replay_kit.show import open_result
 from replay_kit.show.export import export
 from replay_kit.show.export.features import features_of, kml_text
 from replay_kit.show.export.netcdf import _attributes
@@ -28,13 +25,8 @@ PLACES = [(5.0, 62.0, 10.0), (5.05, 62.01, 130.0)]
 
 @pytest.fixture
 def contents(tmp_path, innovation, plan):
-    write(
-        tmp_path / "r.mcap",
-        synthetic_flow(),
-        [replace(innovation, dive=k + 1) for k in range(3)],
-        plan,
-    )
-    return Contents(open_result(tmp_path / "r.mcap"))
+    innovations = [replace(innovation, dive=k + 1) for k in range(3)]
+    return write(tmp_path / "r.mcap", synthetic_flow(), innovations, plan)
 
 
 @pytest.mark.full
@@ -52,7 +44,7 @@ def test_netcdf_holds_every_table_and_is_compliant(contents, tmp_path, complaint
     assert complaints(tmp_path / "x.nc") == []
     with xr.open_dataset(tmp_path / "x.nc") as found:
         assert dict(found.sizes) == {name: count for name, count in rows.items() if count}
-        expected = series_of(contents, PLACES[1])
+        expected = contents.series(PLACES[1])
         np.testing.assert_array_equal(found["series_u"][3:], expected.u)
         np.testing.assert_array_equal(
             found["series_v_standard_error"][3:], expected.v_standard_error
@@ -97,10 +89,9 @@ def test_csv_holds_one_table(contents, tmp_path):
 
 
 def test_a_text_is_no_formula_in_csv(tmp_path, innovation, plan):
-    write(
+    contents = write(
         tmp_path / "r.mcap", synthetic_flow(), [innovation], replace(plan, status="=HYPERLINK(1)")
     )
-    contents = Contents(open_result(tmp_path / "r.mcap"))
     export(contents, tmp_path / "plans.csv", table="plans")
     assert pd.read_csv(tmp_path / "plans.csv")["status"].tolist() == ["'=HYPERLINK(1)"] * 3
     export(contents, tmp_path / "innovations.csv", table="innovations")
@@ -113,8 +104,7 @@ def test_a_text_is_no_formula_in_csv(tmp_path, innovation, plan):
 
 
 def test_without_an_estimate_the_track_has_positions_alone(tmp_path, innovation):
-    write(tmp_path / "r.mcap", synthetic_flow(), [innovation], None, estimate=False)
-    contents = Contents(open_result(tmp_path / "r.mcap"))
+    contents = write(tmp_path / "r.mcap", synthetic_flow(), [innovation], None, estimate=False)
     export(contents, tmp_path / "x.csv")
     assert (tmp_path / "x.csv").read_text().splitlines()[
         0
@@ -135,7 +125,7 @@ def test_geojson_and_kml_hold_track_places_and_plan(contents, tmp_path):
         "type": "LineString",
         "coordinates": [[5.0, 62.0], [5.01, 62.002], [5.02, 62.004]],
     }
-    last = series_of(contents, PLACES[1])
+    last = contents.series(PLACES[1])
     assert features[3]["properties"]["v_m_s"] == last.v[-1]
     assert features[3]["properties"]["depth_m"] == 130.0
     export(contents, tmp_path / "x.kml", PLACES)
@@ -190,8 +180,7 @@ def test_features_are_styled_for_maps_and_kml_has_the_same_colours_in_its_own_or
 def test_across_the_antimeridian_lines_are_continuous_in_geojson_and_within_180_in_kml(
     tmp_path, innovation
 ):
-    write(tmp_path / "r.mcap", moved(synthetic_flow(), 179.99), [innovation] * 3, None)
-    contents = Contents(open_result(tmp_path / "r.mcap"))
+    contents = write(tmp_path / "r.mcap", moved(synthetic_flow(), 179.99), [innovation] * 3, None)
     export(contents, tmp_path / "x.geojson", table="track")
     export(contents, tmp_path / "x.kml", table="track")
     (track,) = json.loads((tmp_path / "x.geojson").read_text())["features"]

@@ -14,7 +14,7 @@ from replay_kit.studies.accuracy.page import accuracy_page
 from replay_kit.studies.dives.page import dives_page
 from replay_kit.studies.missions.page import missions_page
 from replay_kit.studies.planning.page import planning_page
-from replay_kit.studies.reports.pictures import drawn
+from replay_kit.studies.reports.page import drawn
 from replay_kit.workflows.fleet.page import fleet_page
 from replay_kit.workflows.fleet.run import Outcome
 from tests import synthetic

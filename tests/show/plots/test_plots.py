@@ -11,12 +11,11 @@ from matplotlib.figure import Figure
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.series import series_at, series_of, typical_depth
+from replay_kit.results.views.history import series_at, typical_depth
 from replay_kit.results.views.slices import CurrentSlices
-from replay_kit.show import open_result
+from replay_kit.show.figures.in_print import date_axis
 from replay_kit.show.plots import ENDINGS, KINDS, drawn
 from replay_kit.show.plots.current_map import _degrees_text, _nice
-from replay_kit.show.plots.section import date_axis
 from replay_kit.show.plots.style import colormap, saved
 from tests.results.cases import moved, write
 from tests.synthetic_flow import synthetic_flow
@@ -35,8 +34,8 @@ def words(figure):
 @pytest.fixture
 def contents(tmp_path, innovation, plan):
     flow = synthetic_flow()
-    write(tmp_path / "whole.mcap", flow, [replace(innovation, dive=k + 1) for k in range(4)], plan)
-    return Contents(open_result(tmp_path / "whole.mcap"))
+    innovations = [replace(innovation, dive=k + 1) for k in range(4)]
+    return write(tmp_path / "whole.mcap", flow, innovations, plan)
 
 
 @pytest.mark.parametrize(
@@ -83,43 +82,33 @@ def test_the_same_result_gives_the_same_bytes(contents, kind, ending):
 
 
 def no_estimate(path, flow, innovation, plan):
-    write(path, flow, [innovation] * 3, plan, estimate=False)
+    return write(path, flow, [innovation] * 3, plan, estimate=False)
 
 
 def nothing_of_the_current(path, flow, innovation, plan):
-    write(path, flow, [innovation], None, grids=False, estimate=False)
+    return write(path, flow, [innovation], None, grids=False, estimate=False)
 
 
 def no_plan_and_one_ping(path, flow, innovation, plan):
-    write(path, flow, [innovation], None)
+    return write(path, flow, [innovation], None)
 
 
 def empty(path, flow, innovation, plan):
-    write(path, flow, [], None, estimate=False)
+    return write(path, flow, [], None, estimate=False)
 
 
-def failed_plan(path, flow, innovation, plan):
-    empty_track = np.empty((0, 3))
-    write(
-        path,
-        flow,
-        [innovation],
-        replace(
-            plan,
-            status="failed",
-            track=empty_track,
-            track_time=empty_track[:, 0],
-            message="no path",
-        ),
-    )
+def plan_failed(path, flow, innovation, plan):
+    track = np.empty((0, 3))
+    failed = {"status": "failed", "track": track, "track_time": track[:, 0], "message": "no path"}
+    return write(path, flow, [innovation], replace(plan, **failed))
 
 
 def across_the_antimeridian(path, flow, innovation, plan):
-    write(path, moved(flow, 179.98), [innovation] * 4, plan)
+    return write(path, moved(flow, 179.98), [innovation] * 4, plan)
 
 
 def far_north(path, flow, innovation, plan):
-    write(path, synthetic_flow(latitude=80.0), [innovation] * 4, plan)
+    return write(path, synthetic_flow(latitude=80.0), [innovation] * 4, plan)
 
 
 SAID = [
@@ -127,9 +116,9 @@ SAID = [
     (
         no_estimate,
         "section",
-        "The result holds no estimate: the section shows measured minus estimated alone",
+        "The result holds no estimate: the section shows only measured minus estimated",
     ),
-    (nothing_of_the_current, "map", "The result holds no current: the map shows positions alone."),
+    (nothing_of_the_current, "map", "The result holds no current: the map shows only positions."),
     (nothing_of_the_current, "series", "The result holds no published current."),
     (nothing_of_the_current, "trust", "Fewer than two grids with a standard error were published"),
     (
@@ -138,7 +127,7 @@ SAID = [
         "The result holds no plan: no goal was given, or none was due; replay-kit plan makes one",
     ),
     (no_plan_and_one_ping, "series", "The current was published once: there is no series."),
-    (no_plan_and_one_ping, "trust", "There are fewer than two dives to predict from each other."),
+    (no_plan_and_one_ping, "trust", "Fewer than two dives: none can be predicted from another."),
     (empty, "map", "The result holds neither a current nor a position."),
     (
         empty,
@@ -149,16 +138,16 @@ SAID = [
     (
         empty,
         "trust",
-        "The result holds no measurement: there is nothing to compare the estimate with.",
+        "The result holds no measurement to compare the estimate with.",
     ),
-    (failed_plan, "plan", "The last plan has no track: no path."),
+    (plan_failed, "plan", "The last plan has no track: no path."),
 ]
 
 
 @pytest.mark.parametrize(("case", "kind", "said"), SAID)
 def test_a_figure_says_what_there_is_not(tmp_path, flow, innovation, plan, case, kind, said):
-    case(tmp_path / "case.mcap", flow, innovation, plan)
-    assert said in words(drawn(Contents(open_result(tmp_path / "case.mcap")), kind))
+    contents = case(tmp_path / "case.mcap", flow, innovation, plan)
+    assert said in words(drawn(contents, kind))
 
 
 @pytest.mark.parametrize(
@@ -167,7 +156,7 @@ def test_a_figure_says_what_there_is_not(tmp_path, flow, innovation, plan, case,
         (no_estimate, ["section"]),
         (no_plan_and_one_ping, ["section", "map"]),
         (nothing_of_the_current, ["map"]),
-        (failed_plan, ["plan"]),
+        (plan_failed, ["plan"]),
         (across_the_antimeridian, ["plan"]),
         (far_north, ["map"]),
     ],
@@ -175,8 +164,7 @@ def test_a_figure_says_what_there_is_not(tmp_path, flow, innovation, plan, case,
 def test_the_figures_of_difficult_results_can_be_laid_out(
     tmp_path, flow, innovation, plan, case, kinds
 ):
-    case(tmp_path / "case.mcap", flow, innovation, plan)
-    contents = Contents(open_result(tmp_path / "case.mcap"))
+    contents = case(tmp_path / "case.mcap", flow, innovation, plan)
     for kind in kinds:
         figure = drawn(contents, kind, columns=1)
         figure.draw_without_rendering()
@@ -184,8 +172,8 @@ def test_the_figures_of_difficult_results_can_be_laid_out(
 
 
 def test_a_map_across_the_antimeridian_is_continuous(tmp_path, flow, innovation, plan):
-    across_the_antimeridian(tmp_path / "case.mcap", flow, innovation, plan)
-    axes = drawn(Contents(open_result(tmp_path / "case.mcap")), "map").axes[0]
+    contents = across_the_antimeridian(tmp_path / "case.mcap", flow, innovation, plan)
+    axes = drawn(contents, "map").axes[0]
     west, east = axes.get_xlim()
     assert 179.0 < west < 180.0 < east < 181.0
     assert axes.xaxis.get_major_formatter()(180.5) == "179.5°W"
@@ -196,7 +184,7 @@ def test_the_library_draws_a_panel_into_axes_of_its_own(contents):
     figure = contents.result.plot.trust(axes, panel=1)
     assert figure is axes.figure
     assert axes.get_title() == "normalised innovation squared"
-    assert axes.get_ylabel() == "NIS per degree of freedom"
+    assert axes.get_ylabel() == "NIS / dof"
     with pytest.raises(ConfigError, match="panel: expected 0 to 3, got 4; trust has 4 here"):
         contents.result.plot.trust(axes, panel=4)
     with pytest.raises(ConfigError, match="columns: expected 1 or 2, got 3"):
@@ -222,40 +210,30 @@ def test_the_depth_asked_for_is_that_of_the_map(contents):
     said = words(figure)
     assert "(a) eastward current, 5.0000 E, 62.0000 N, 77 m" in said
     assert (
-        "At 77 m the standard error of the last estimate alone is known; through time it was published at 0.5, 120 m."
+        "At 77 m only the last standard error is known; through time it was published at 0.5, 120 m."
         in said
     )
 
 
 def test_at_a_depth_that_was_not_published_the_series_is_that_of_the_weights(contents):
     place = (5.02, 62.01, 77.0)
-    found, at_depth = series_of(contents, place), contents.estimate.velocity_at(*place)
+    found, at_depth = contents.series(place), contents.estimate.velocity_at(*place)
     assert (found.depth, found.time_ns.tolist()) == (77.0, contents.slices.time_ns.tolist())
     # the weights of the small result are the same after each measurement
     np.testing.assert_allclose(found.u, at_depth.u, rtol=1e-12)
     np.testing.assert_allclose(found.v, at_depth.v, rtol=1e-12)
     assert np.isfinite(found.u_standard_error).tolist() == [False] * 3 + [True]
     assert np.isfinite(found.v_standard_error).tolist() == [False] * 3 + [True]
-    on_land = (
-        *(
-            float(degrees)
-            for degrees in (
-                contents.estimate.grid.longitude[0, 0],
-                contents.estimate.grid.latitude[0, 0],
-            )
-        ),
-        77.0,
-    )
-    assert np.isnan(series_of(contents, on_land).u).all()
+    grid = contents.estimate.grid
+    on_land = float(grid.longitude[0, 0]), float(grid.latitude[0, 0]), 77.0
+    assert np.isnan(contents.series(on_land).u).all()
 
 
 def test_at_a_published_depth_the_series_is_what_was_published(contents):
     for depth in (120.0, 120.4):
         place = (5.02, 62.01, depth)
-        found, published = (
-            series_of(contents, place),
-            series_at(contents.slices, contents.projection, place),
-        )
+        found = contents.series(place)
+        published = series_at(contents.slices, contents.projection, place)
         assert found.depth == 120.0
         np.testing.assert_array_equal(
             [found.u, found.v_standard_error], [published.u, published.v_standard_error]
@@ -265,10 +243,10 @@ def test_at_a_published_depth_the_series_is_what_was_published(contents):
 def test_without_an_estimate_the_series_is_that_of_the_nearest_depth_and_says_so(
     tmp_path, flow, innovation, plan
 ):
-    no_estimate(tmp_path / "case.mcap", flow, innovation, plan)
-    said = words(drawn(Contents(open_result(tmp_path / "case.mcap")), "series", (5.0, 62.0, 77.0)))
+    contents = no_estimate(tmp_path / "case.mcap", flow, innovation, plan)
+    said = words(drawn(contents, "series", (5.0, 62.0, 77.0)))
     assert "120 m" in said
-    assert "The depth asked for is 77 m; the nearest published one is 120 m." in said
+    assert "Requested depth: 77 m; nearest published depth: 120 m." in said
 
 
 def test_a_series_is_that_of_its_cell_towards_true_north():

@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from replay_kit.results.views.contents import Contents
-from replay_kit.show import open_result
 from replay_kit.show.plots import drawn
 from replay_kit.show.plots.style import saved
 from tests.results.cases import write
@@ -51,15 +49,18 @@ def pictures(tmp_path, innovation, plan):
     """Return a function that shrinks a figure of a small result, its innovations times a factor."""
 
     def shrink(kind: str, factor: float = 1.0) -> np.ndarray:
-        path = tmp_path / f"{factor:g}.mcap"
-        if not path.exists():
-            residuals = [factor * (k + 1) * innovation.residual for k in range(5)]
-            growing = [
-                replace(innovation, dive=k + 1, residual=each, nis=6.0 * k + 1.0)
-                for k, each in enumerate(residuals)
-            ]
-            write(path, synthetic_flow(), growing, plan)
-        return shrunk(drawn(Contents(open_result(path)), kind))
+        growing = [
+            replace(
+                innovation,
+                dive=k + 1,
+                residual=factor * (k + 1) * innovation.residual,
+                nis=6.0 * k + 1.0,
+            )
+            for k in range(5)
+        ]
+        return shrunk(
+            drawn(write(tmp_path / f"{factor:g}.mcap", synthetic_flow(), growing, plan), kind)
+        )
 
     return shrink
 

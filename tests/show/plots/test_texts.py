@@ -10,15 +10,14 @@ import pytest
 from matplotlib.figure import Figure
 
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.grid import Seabed
 from replay_kit.core.observation import Innovation
 from replay_kit.core.plan import Area, Odds, Plan
-from replay_kit.core.seabed import Seabed
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.contents import Contents
-from replay_kit.show import open_result
 from replay_kit.show.plots import KINDS, drawn
-from tests.results.cases import on, turned, write
+from tests.results.cases import on, one_bin, turned, write
 from tests.show.plots.texts import complaints
 from tests.synthetic_flow import synthetic_flow
 
@@ -47,26 +46,13 @@ def crowded(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) 
     centre, start = flow.grid.projection, flow.time_ns or 0
     size = max(float(np.ptp(flow.grid.longitude)), 1e-3)
     ellipse = {"ellipse_major_m": 3_000.0, "ellipse_minor_m": 1_500.0, "ellipse_bearing_deg": 30.0}
-    legs = {
-        f"leg_{k:03d}": json.dumps(
-            {
-                **{
-                    "leg": k,
-                    "heading_deg": 45.0,
-                    "glide_angle_deg": 15.0,
-                    "depth_m": 300.0,
-                    "surfacing_s": 1_800.0 * k,
-                },
-                **{"longitude": centre.longitude + 0.02 * size * k, "latitude": centre.latitude},
-                **{
-                    "ellipse_longitude": centre.longitude + 0.02 * size * k,
-                    "ellipse_latitude": centre.latitude,
-                    **ellipse,
-                },
-            }
-        )
-        for k in range(1, 6)
-    }
+    leg = {"heading_deg": 45.0, "glide_angle_deg": 15.0, "depth_m": 300.0, **ellipse}
+    legs = {}
+    for k in range(1, 6):
+        place = {"longitude": centre.longitude + 0.02 * size * k, "latitude": centre.latitude}
+        centred = {f"ellipse_{name}": value for name, value in place.items()}
+        when = {"leg": k, "surfacing_s": 1_800.0 * k}
+        legs[f"leg_{k:03d}"] = json.dumps({**leg, **when, **place, **centred})
     corners = tuple(
         (centre.longitude + size * x, centre.latitude + 0.1 * size * y)
         for x, y in ((0.1, 0.1), (0.2, 0.1), (0.2, 0.3))
@@ -117,26 +103,14 @@ def crowded(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) 
             )
 
     profiles = [replace(innovation, dive=k + 1) for k in range(5)]
-    one = {
-        name: getattr(innovation, name)[:1]
-        for name in ("depth", "innovation", "innovation_std", "residual", "prior_innovation")
-    }
-    current = {
-        "mean_current": np.array([0.1, -0.2]),
-        "mean_kind": "dac",
-        "source": replace(innovation.source, topic="/dac"),
-        "dof": 2,
-    }
-    of_dive = replace(
-        innovation, **one, flags=innovation.flags[:1], reasons=innovation.reasons[:1], **current
-    )
+    current = {"mean_current": np.array([0.1, -0.2]), "mean_kind": "dac"}
+    of_dive = one_bin(innovation, source=replace(innovation.source, topic="/dac"), **current)
     innovations = [
         each
         for k, profile in enumerate(profiles)
         for each in (profile, replace(of_dive, dive=k + 1))
     ]
-    write(path, flow, innovations, whole, more=more)
-    return Contents(open_result(path))
+    return write(path, flow, innovations, whole, more=more)
 
 
 @pytest.mark.parametrize(

@@ -184,7 +184,10 @@ def test_plans_that_failed_and_surfacings_with_and_without_ellipses(
     names = [trace.get("name") for trace in found["current-map"]["traces"]]
     assert names.count("90 % ellipse") == 1
     assert "last plan" not in names
-    assert found["surfacing-errors"]["tables"]["surfacing_errors"]["east_km"] == [0.87292, 0.87292]
+    assert found["surfacing-errors"]["tables"]["surfacing_errors"]["east_km"] == [
+        0.872923,
+        0.872923,
+    ]
 
 
 def test_a_million_positions_are_thinned_and_it_is_said(write: Write, state: VehicleState) -> None:

@@ -5,7 +5,7 @@ import json
 import numpy as np
 
 import replay_kit as rk
-from replay_kit.results.outcome.outcome import outcome_of
+from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.views.record import leaves
 from replay_kit.show.report import report_html
 from replay_kit.show.report.page import SECTIONS

@@ -9,12 +9,12 @@ import pytest
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.grid import Ensemble
-from replay_kit.studies.accuracy import METHODS, AccuracyJob, Alteration, run_accuracy, to_json
-from replay_kit.studies.accuracy.altered import altered_cases
+from replay_kit.studies.accuracy import METHODS, AccuracyJob, run_accuracy
 from replay_kit.studies.accuracy.methods import build_method
-from replay_kit.studies.scoring.scores import bound
+from replay_kit.studies.accuracy.page import to_json
+from replay_kit.studies.scoring import bound
+from replay_kit.studies.twins.adcp import IDEAL_ERROR_STD, random_observations
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.profiles import IDEAL_ERROR_STD, random_observations
 from replay_kit.studies.twins.truths import cases, leave_out, most_distant
 from replay_kit.workflows.replay.scoring import scored_points
 from tests import synthetic
@@ -92,33 +92,14 @@ def test_scores_on_the_way_are_those_of_a_shorter_run(result):
     )
 
 
-def test_altered_cases_are_anomalies_about_other_means():
-    mean = MEMBERS.velocity.mean(axis=0)
-    alteration = Alteration(every=2, mean_factors=(4.0, 2.0))
-    (case,) = altered_cases(MEMBERS, cases(MEMBERS, None, "2"), alteration)
-    np.testing.assert_allclose(case.truth.velocity[0], MEMBERS.velocity[2] + mean)
-    np.testing.assert_allclose(case.ensemble.velocity, MEMBERS.velocity[[0, 4]] + 3.0 * mean)
-    with pytest.raises(
-        ConfigError,
-        match="--every: expected a number that leaves at least 2 members, got 4: 1 is left",
-    ):
-        next(altered_cases(MEMBERS, cases(MEMBERS, None, "4"), Alteration(every=4)))
-    with pytest.raises(ConfigError, match="--every: expected at least 1, got 0"):
-        AccuracyJob(leave_out="0", alteration=Alteration(every=0)).check()
-
-
 def test_a_wrong_mean_is_found_by_an_estimator_that_expects_it():
     """The truth has half of what all members agree on; 90 % intervals are of use only where this is expected."""
     strong = replace(MEMBERS, velocity=MEMBERS.velocity + 2.0 * MEMBERS.velocity[0])
-    job = AccuracyJob(
-        leave_out="2",
-        pings=(8,),
-        seeds=1,
-        methods=("default",),
-        alteration=Alteration(mean_factors=(1.0, 0.5)),
-    )
+    case = leave_out(strong, 2)
+    truth = replace(case.truth, velocity=case.truth.velocity - 0.5 * strong.velocity.mean(axis=0))
+    job = AccuracyJob(pings=(8,), seeds=1, methods=("default",))
     certain, uncertain = (
-        final(run_accuracy(strong, None, config, job)).rows[0]
+        final(run_accuracy(case.ensemble, truth, config, job)).rows[0]
         for config in (CONFIG.model_copy(update={"mean_variance": 0.0}), CONFIG)
     )
     assert uncertain.rel_error < 0.8 * certain.rel_error

@@ -9,13 +9,12 @@ import pytest
 from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
-from replay_kit.studies.accuracy import AccuracyJob, Sources, read_sources, run_accuracy
-from replay_kit.studies.accuracy.made import made_cases
+from replay_kit.studies.accuracy import AccuracyJob, read_sources, run_accuracy
+from replay_kit.studies.accuracy.made import Sources, made_cases
 from replay_kit.studies.twins.truths import leave_out
 from tests import synthetic
-from tests.command import invoke
 from tests.forecast.test_series import DAY, with_leads
-from tests.studies.results import final
+from tests.studies.results import experiment, final
 
 MEMBERS = synthetic.ensemble(n_members=6)
 # members of leads to come are others than the ensemble's, so that none is mistaken for another
@@ -143,28 +142,13 @@ def test_a_row_for_each_kind_of_members_and_their_means():
 def test_on_the_command_line(tmp_path):
     forecast, run = with_leads(tmp_path / "forecast.nc"), tmp_path / "run.nc"
     synthetic.dataset(seed=3).to_netcdf(run, engine="h5netcdf")
-    options = [
-        "--lead",
-        "2",
-        "--leave-out",
-        "0,5",
-        "--methods",
-        "ensemble_mean",
-        "--pings",
-        "1",
-        "--seeds",
-        "1",
-        "--json",
-        "-",
-    ]
-    done = invoke(
-        ["experiment", "accuracy", "--ensemble", str(forecast), "--archive", str(run), *options]
-    )
+    options = "--lead 2 --leave-out 0,5 --methods ensemble_mean --pings 1 --seeds 1 --json -"
+    done = experiment(f"accuracy --ensemble {forecast} --archive {run} {options}")
     assert done.exit_code == 0
     rows = json.loads(done.stdout)["results"]
     assert [(row["truth"], row["members"]) for row in rows] == [
         (k, kind) for k in (0, 5, "mean") for kind in ("given", "lags", "times")
     ]
     assert "members" in done.stderr
-    without = invoke(["experiment", "accuracy", "--ensemble", str(forecast), *options])
+    without = experiment(f"accuracy --ensemble {forecast} {options}")
     assert all("members" not in row for row in json.loads(without.stdout)["results"])

@@ -21,22 +21,24 @@ from replay_kit.estimator.evolving.fit_log import (
     log_likelihoods,
     observed_subspace_estimator,
 )
-from replay_kit.studies.dives import read_dives, run_dives, to_json
+from replay_kit.studies.dives import read_dives, run_dives
 from replay_kit.studies.dives.forecasts import (
     after_dive,
     baseline_means,
     baseline_profiles,
     before_dives,
     column,
+    conditional,
+    expect,
 )
-from replay_kit.studies.dives.predict import conditional, expect
+from replay_kit.studies.dives.page import to_json
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.replay.inputs.forecast import read_forecasts
 from replay_kit.workflows.replay.inputs.scan import look_ahead
 from tests import synthetic
-from tests.command import invoke
 from tests.places import DATA
 from tests.reference import dives as slow
+from tests.studies.results import experiment
 
 MEMBERS = synthetic.ensemble(n_members=9, shape=(5, 6))
 TRUTH = Ensemble(MEMBERS.grid, MEMBERS.velocity[:1], None, "truth")
@@ -181,8 +183,6 @@ def test_dives_of_a_twin_have_their_parts(dives):
     assert (*down, *up) == first.profiles
     assert down[-1].time_ns < up[0].time_ns
     assert first.mean is not None
-    assert first.fixes is not None
-    assert first.fixes[0].time_ns < first.profiles[0].time_ns + _HOUR_NS
     predicted = baseline_profiles(dives[:2], DEPTH)
     np.testing.assert_array_equal(
         predicted["last_dac"], np.tile(dives[1].mean.velocity, (DEPTH.size, 1))
@@ -265,31 +265,21 @@ def test_the_command_says_what_it_found_and_refuses_other_estimators(log, tmp_pa
         tmp_path / "ensemble.nc", engine="h5netcdf"
     )
     (tmp_path / "paper.toml").write_text('[estimator]\npreset = "paper"\n')
-    command = [
-        "experiment",
-        "dives",
-        str(log),
-        "--ensemble",
-        str(tmp_path / "ensemble.nc"),
-        "--modes",
-        "6",
-    ]
+    command = f"dives {log} --ensemble {tmp_path}/ensemble.nc --modes 6"
     answer = tmp_path / "dives.json"
-    done = invoke(
-        [*command, "--time-scale", "86400", "--oscillators", "inertial,M2", "--json", str(answer)]
-    )
+    done = experiment(f"{command} --time-scale 86400 --oscillators inertial,M2 --json {answer}")
     assert done.exit_code == 0, done.output
     assert "Surfacings:" in done.output
     found = json.loads(answer.read_text())
     assert found["oscillators"] == ["inertial", "M2"]
     assert found["dives"][-1]["settings"]["scale"] == 86400.0
     assert found["rmse"]["profiles"]["estimate"] < found["rmse"]["profiles"]["zero"]
-    refused = invoke([*command, "--config", str(tmp_path / "paper.toml")])
+    refused = experiment(f"{command} --config {tmp_path}/paper.toml")
     assert isinstance(refused.exception, ConfigError)
     synthetic.dataset(n_members=9, shape=(5, 6), west=20.0).to_netcdf(
         tmp_path / "far.nc", engine="h5netcdf"
     )
-    elsewhere = invoke([*command[:3], "--ensemble", str(tmp_path / "far.nc"), "--modes", "6"])
+    elsewhere = experiment(f"dives {log} --ensemble {tmp_path}/far.nc --modes 6")
     assert isinstance(elsewhere.exception, MeasurementError)
     assert "--place-ensemble" in str(elsewhere.exception)
 

@@ -20,14 +20,18 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.studies.missions import STUDIES, MissionJob, run_missions, to_csv, to_json
-from replay_kit.studies.missions import bias as bias_module
-from replay_kit.studies.missions import coverage as coverage_module
+from replay_kit.studies.missions import STUDIES, MissionJob, estimates, instruments, run_missions
 from replay_kit.studies.missions.flights import fly_dives, fly_pings, measurements, staying
-from replay_kit.studies.missions.follow import evaluated_after, follow
-from replay_kit.studies.missions.given import _spread
-from replay_kit.studies.missions.rows import Figure, over_missions
+from replay_kit.studies.missions.follow import (
+    Figure,
+    MissionRow,
+    evaluated_after,
+    follow,
+    over_missions,
+)
+from replay_kit.studies.missions.page import to_json
 from replay_kit.studies.missions.scene import withhold
+from replay_kit.studies.reports.tables import rows_to_csv
 from replay_kit.studies.twins.adcp import Faults
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import GliderLimits
@@ -74,7 +78,7 @@ def flown():
 def result():
     with pytest.MonkeyPatch.context() as patch:
         # a ping in ten minutes of a mission is many for a test
-        patch.setattr(bias_module, "_EVERY_S", 3600.0)
+        patch.setattr(instruments, "_EVERY_S", 3600.0)
         return final(run_missions(series(), CONFIG, JOB))
 
 
@@ -205,7 +209,10 @@ def test_a_mission_that_is_lost_leaves_the_others_and_is_said():
     # nothing is known yet where the first mission is lost
     first = next(iter(run_missions(torrents, CONFIG, replace(job, leave_out="3,1"))))
     assert (first.rows, len(first.lost)) == ((), 1)
-    assert to_csv(first) == "study,method,figure,value,at_least,at_most,met,by_mission\n"
+    assert (
+        rows_to_csv(MissionRow, first.rows)
+        == "study,method,figure,value,at_least,at_most,met,by_mission\n"
+    )
     assert len(left.lost) == 1
     assert left.lost[0].startswith("member 3, seed 0, outliers: the current carried the glider")
     assert {len(row.by_mission) for row in left.rows} == {1}
@@ -264,11 +271,11 @@ def test_intervals_are_counted_apart_near_to_pings_and_far():
     std[0] = np.nan  # nothing is known there
     flow = SimpleNamespace(velocity=lambda *_: truth + 0.1, standard_error=lambda *_: std)
     pinged = withheld().at.points[:1] + np.array([0.0, 10_001.0])
-    near = coverage_module._near(withheld().at.points, pinged)
+    near = estimates._near(withheld().at.points, pinged)
     np.testing.assert_array_equal(near, np.hypot(*(withheld().at.points - pinged).T) <= 10e3)
     assert 0 < near.sum() < near.size
     assert not near[0]
-    hits = coverage_module._hits(
+    hits = estimates._hits(
         SimpleNamespace(case=withheld()), flow, int(withheld().times_ns[0]), near, "now"
     )
     observed, unobserved = 2 * int(near.sum()), 2 * int((~near).sum()) - 2
@@ -281,8 +288,8 @@ def test_intervals_are_counted_apart_near_to_pings_and_far():
 
 
 def test_some_of_the_dives_are_spread_over_the_mission():
-    assert _spread(tuple(range(10)), 5) == (1, 3, 5, 7, 9)
-    assert _spread(tuple(range(3)), 5) == (0, 1, 2)
+    assert instruments._spread(tuple(range(10)), 5) == (1, 3, 5, 7, 9)
+    assert instruments._spread(tuple(range(3)), 5) == (0, 1, 2)
 
 
 def test_every_study_has_figures_with_limits(result):
@@ -333,7 +340,7 @@ def test_rows_go_to_json_and_csv_as_they_are(result):
     assert answer["times"] == 3
     keys = {"study", "method", "figure", "value", "at_least", "at_most", "met", "by_mission"}
     assert all(set(row) == keys for row in answer["rows"])
-    table = list(csv.DictReader(io.StringIO(to_csv(result))))
+    table = list(csv.DictReader(io.StringIO(rows_to_csv(MissionRow, result.rows))))
     assert [row["figure"] for row in table] == [row.figure for row in result.rows]
     for written, row in zip(table, result.rows, strict=True):
         assert float(written["value"] or "nan") == pytest.approx(row.value, nan_ok=True)

@@ -25,37 +25,47 @@ from replay_kit.estimator import embed_member
 from replay_kit.estimator.basis.modes import build_basis
 from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.paper import (
-    FILES,
     PaperJob,
     figures,
     findings,
-    print_paper,
     run_paper,
-    to_json,
-    write_paper,
 )
-from replay_kit.studies.paper.diagnostics import coherence, depth_kernel, level_correlation
 from replay_kit.studies.paper.findings import sparse_logs
-from replay_kit.studies.paper.report import rows_to_csv, text_tables, to_markdown
-from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow, over_truths
+from replay_kit.studies.paper.page import (
+    FILES,
+    print_study,
+    text_tables,
+    to_json,
+    to_markdown,
+    write_study,
+)
+from replay_kit.studies.paper.rows import (
+    ErrorRow,
+    GlideRow,
+    SparseRow,
+    coherence,
+    depth_kernel,
+    level_correlation,
+    over_truths,
+)
 from replay_kit.studies.paper.tables import Survey, run_table, rungs
-from replay_kit.studies.reports.pictures import Drawn
-from replay_kit.studies.scoring.scores import bootstrap_median, bound, miss_figures
+from replay_kit.studies.reports.page import Drawn
+from replay_kit.studies.reports.tables import rows_to_csv
+from replay_kit.studies.scoring import bootstrap_median, bound, miss_figures
 from replay_kit.studies.twins import reachable
-from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.profiles import (
+from replay_kit.studies.twins.adcp import (
     IDEAL_ERROR_STD,
     grid_observations,
     random_observations,
 )
+from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.reachable import draw_pairs
 from replay_kit.studies.twins.truths import Case, leave_out
 from replay_kit.workflows.replay.scoring import scored_points
 from tests import synthetic
-from tests.command import invoke
 from tests.show.page.checks import check_figures
 from tests.show.report.html_of import elements, table
-from tests.studies.results import final
+from tests.studies.results import experiment, final
 
 MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
 CONFIG = EstimatorConfig()
@@ -80,7 +90,7 @@ def study():
 @pytest.fixture(scope="module")
 def folder(study, tmp_path_factory):
     out = tmp_path_factory.mktemp("paper")
-    write_paper(out, *study[:2])
+    write_study(out, study[:2])
     return out
 
 
@@ -221,7 +231,7 @@ def test_a_study_goes_on_around_land_and_without_a_method_that_fails(monkeypatch
         == {"paper"}
     )
     assert "cannot be built: Singular matrix" in to_markdown(tables)
-    assert to_json(tables)["sparse"][0]["rel_error"] is None
+    assert to_json((tables, shown))["sparse"][0]["rel_error"] is None
     assert [name for name, _ in islice(figures.draw(tables, shown), 2)] == [
         "singular_values",
         "modes_top",
@@ -475,7 +485,7 @@ def test_all_members_in_turn(tmp_path):
     assert len(partial[0][0].table2[0].rel_error_by_truth) == 1
     assert not tables.unfinished
     # of a study that is not finished the tables are written, and what is not known yet is not
-    write_paper(tmp_path, *partial[0])
+    write_study(tmp_path, partial[0])
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "paper.json",
         "sparse.csv",
@@ -483,7 +493,7 @@ def test_all_members_in_turn(tmp_path):
         "table2.csv",
     ]
     assert json.loads((tmp_path / "paper.json").read_text())["unfinished"] is True
-    assert "unfinished" not in to_json(tables)
+    assert "unfinished" not in to_json((tables, shown))
     assert (tables.truth, tables.truths) == ("all", 3)
     assert shown.case.member is not None
     assert tables.shown_truth == f"three#{shown.case.member}"
@@ -518,7 +528,7 @@ def test_files_say_the_same_numbers(study, folder):
     tables = study[0]
     assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
     answer = json.loads((folder / "paper.json").read_text())
-    assert answer == json.loads(json.dumps(to_json(tables), allow_nan=False))
+    assert answer == json.loads(json.dumps(to_json(study[:2]), allow_nan=False))
     assert {"replay-kit", "numpy", "matplotlib"} <= set(answer["versions"])
     assert answer["seed"] == 0
     for name, kind in (
@@ -535,7 +545,9 @@ def test_files_say_the_same_numbers(study, folder):
                 if isinstance(cell, float):
                     assert float(row[key]) == in_json[key] == cell
     assert (
-        rows_to_csv([replace(tables.table1[0], rel_error=math.nan)]).splitlines()[1].split(",")[4]
+        rows_to_csv(ErrorRow, [replace(tables.table1[0], rel_error=math.nan)])
+        .splitlines()[1]
+        .split(",")[4]
         == ""
     )
 
@@ -543,7 +555,7 @@ def test_files_say_the_same_numbers(study, folder):
 def test_console_and_report_show_the_rows(study, folder):
     tables = study[0]
     words = io.StringIO()
-    print_paper(tables, Console(file=words, width=200))
+    print_study(study[:2], Console(file=words, width=200))
     written = (folder / "report.md").read_text()
     for row in (*tables.table1, *tables.table2):
         for text in (words.getvalue(), written):
@@ -652,41 +664,33 @@ def ocean(tmp_path_factory):
     return place
 
 
-def paper(ocean, *arguments):
-    return invoke(
-        ["experiment", "paper", "--ensemble", str(ocean / "ensemble.nc"), *map(str, arguments)]
-    )
-
-
-def refused(ocean, *arguments):
-    done = paper(ocean, *arguments)
-    assert done.exit_code != 0
-    return done.exception
+def paper(ocean, words):
+    return experiment(f"paper --ensemble {ocean}/ensemble.nc {words}")
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["-o", "new"], "--truth and --leave-out"),
-        (["-o", "new", "--leave-out", "0", "--truth", "ensemble.nc"], "--truth and --leave-out"),
-        (["-o", "new", "--leave-out", "some"], "all or most-distant"),
-        (["-o", "new", "--leave-out", "9"], "expected 0 to 5"),
-        (["-o", "full", "--leave-out", "0"], "--overwrite"),
-        (["-o", "file", "--leave-out", "0"], "is a file"),
-        (["-o", "absent/new", "--leave-out", "0"], "there is no folder"),
-        (["-o", "new", "--leave-out", "0", "--modes", "none"], "modes"),
+        ("-o new", "--truth and --leave-out"),
+        ("-o new --leave-out 0 --truth ensemble.nc", "--truth and --leave-out"),
+        ("-o new --leave-out some", "all or most-distant"),
+        ("-o new --leave-out 9", "expected 0 to 5"),
+        ("-o full --leave-out 0", "--overwrite"),
+        ("-o file --leave-out 0", "is a file"),
+        ("-o absent/new --leave-out 0", "there is no folder"),
+        ("-o new --leave-out 0 --modes none", "modes"),
         (
-            ["-o", "new", "--truth", "t.json", "--json", "t.json", "--overwrite"],
+            "-o new --truth t.json --json t.json --overwrite",
             "an input is never overwritten",
         ),
     ],
 )
 def test_wrong_options_end_with_code_2(ocean, monkeypatch, arguments, said):
     monkeypatch.chdir(ocean)
-    error = refused(ocean, *arguments)
-    assert isinstance(error, ConfigError)
-    assert error.exit_code == 2
-    assert said in str(error)
+    done = paper(ocean, arguments)
+    assert isinstance(done.exception, ConfigError)
+    assert done.exit_code == 2
+    assert said in str(done.exception)
     assert (ocean / "full" / "table1.csv").read_text() == "precious"
 
 
@@ -696,20 +700,8 @@ def test_the_command_writes_a_folder_and_replaces_it_when_told(ocean, monkeypatc
     monkeypatch.setattr(
         figures, "draw", lambda tables, shown: iter([("sparse", Drawn({"png": b"drawn"}, {}))])
     )
-    options = [
-        "--leave-out",
-        "most-distant",
-        "--modes",
-        "4",
-        "--pairs",
-        "1",
-        "-o",
-        ocean / "full",
-        "--overwrite",
-        "--json",
-        ocean / "a.json",
-    ]
-    done = paper(ocean, *options)
+    options = f"--leave-out most-distant --modes 4 --pairs 1 -o {ocean}/full --overwrite --json {ocean}/a.json"
+    done = paper(ocean, options)
     assert done.exit_code == 0, done.exception
     assert "Table III" in done.stdout
     kept = json.loads((ocean / "full" / "paper.json").read_text())

@@ -17,15 +17,14 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.plan import Place
-from replay_kit.studies.jobs.progress import Advance
+from replay_kit.studies.jobs import Advance
 from replay_kit.studies.planning import STUDIES, PlanningJob
 from replay_kit.studies.planning.arrival_tables import Arrival, order_of, place_of_average
-from replay_kit.studies.planning.flights import draw_missions
 from replay_kit.studies.planning.odds import as_sample, odds
-from replay_kit.studies.planning.world import build_world
-from replay_kit.studies.scoring.scores import bootstrap_ratio
+from replay_kit.studies.planning.world import build_world, draw_missions
+from replay_kit.studies.scoring import bootstrap_ratio
 from tests import synthetic
-from tests.command import invoke
+from tests.studies.results import experiment
 
 MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
 CONFIG = EstimatorConfig(modes=8)
@@ -53,17 +52,7 @@ def answer(tmp_path_factory):
     synthetic.dataset(n_members=6, shape=(8, 9)).to_netcdf(
         folder / "ensemble.nc", engine="h5netcdf"
     )
-    command = [
-        "experiment",
-        "planning",
-        "--ensemble",
-        str(folder / "ensemble.nc"),
-        "-o",
-        str(folder / "out"),
-        "--modes",
-        "8",
-    ]
-    command += ["--leave-out", "1,4", "--pairs", "1", "--pings", "6", "--legs", "2"]
+    command = f"planning --ensemble {folder}/ensemble.nc -o {folder}/out --modes 8 --leave-out 1,4 --pairs 1 --pings 6 --legs 2"
     # one start, coarse steps and few legs: plans are tested elsewhere
     plan, settings = planners.plan, planners.MissionSettings
     with pytest.MonkeyPatch.context() as patch:
@@ -71,9 +60,9 @@ def answer(tmp_path_factory):
             planners, "plan", partial(plan, settings=planners.GlideSettings(starts=1, n_steps=8))
         )
         patch.setattr(planners, "MissionSettings", lambda **how: settings(**{**how, "max_legs": 3}))
-        done = invoke([*command, "--study", ",".join(DRAWN), "--json", str(folder / "answer.json")])
+        done = experiment(f"{command} --study {','.join(DRAWN)} --json {folder}/answer.json")
     assert done.exit_code == 0, done.output
-    again = invoke([*command, "--study", "glides"])
+    again = experiment(f"{command} --study glides")
     return folder / "out", json.loads((folder / "answer.json").read_text()), done.output, again
 
 
@@ -133,7 +122,7 @@ def test_odds_are_of_samples_and_of_a_truth_on_the_nodes_of_the_estimate(monkeyp
         None,
         CONFIG,
         replace(JOB, studies=("odds",), pairs=2, fresh=5),
-        lambda what, steps=1: None,
+        Advance(),
     )
     monkeypatch.setattr("replay_kit.studies.planning.odds.JUDGING", 4)
     monkeypatch.setattr("replay_kit.studies.planning.odds.ARRIVING", 0.0)
@@ -158,7 +147,10 @@ def test_odds_are_of_samples_and_of_a_truth_on_the_nodes_of_the_estimate(monkeyp
     np.testing.assert_allclose(same.velocity(*at), truth.velocity(*at), rtol=1e-9, atol=1e-12)
     monkeypatch.setattr("replay_kit.studies.planning.odds.ARRIVING", 1.1)
     none = odds(small)
-    assert (none.criteria, "None of 2 missions is called reached" in none.findings[0]) == ((), True)
+    assert (none.criteria, "None of 2 missions is reported as reached" in none.findings[0]) == (
+        (),
+        True,
+    )
 
 
 def test_the_order_is_as_asked_or_not():
@@ -212,26 +204,17 @@ def test_what_is_refused(changed, words):
 
 
 def test_a_wrong_option_makes_no_folder(tmp_path):
-    command = [
-        "experiment",
-        "planning",
-        "--ensemble",
-        str(tmp_path / "none.nc"),
-        "-o",
-        str(tmp_path / "out"),
-        "--study",
-        "glide",
-    ]
-    assert "expected some of glides" in str(invoke(command).exception)
+    done = experiment(f"planning --ensemble {tmp_path}/none.nc -o {tmp_path}/out --study glide")
+    assert "expected some of glides" in str(done.exception)
     assert not (tmp_path / "out").exists()
 
 
 def test_a_truth_of_its_own_leaves_no_member_out():
     truth = synthetic.ensemble(5, n_members=1, shape=(8, 9))
     with pytest.raises(ConfigError, match="--truth and --leave-out"):
-        build_world(MEMBERS, truth, CONFIG, JOB, lambda what, steps=1: None)
+        build_world(MEMBERS, truth, CONFIG, JOB, Advance())
     (withheld,) = build_world(
-        MEMBERS, truth, CONFIG, replace(JOB, leave_out=None), lambda what, steps=1: None
+        MEMBERS, truth, CONFIG, replace(JOB, leave_out=None), Advance()
     ).truths
     assert (withheld.case.ensemble.n_members, withheld.member) == (6, 6)
     assert withheld.case.truth is truth

@@ -8,16 +8,16 @@ import pytest
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, EstimatorError, PlanError
-from replay_kit.studies.accuracy import AccuracyJob, run_accuracy, to_json
+from replay_kit.studies.accuracy import AccuracyJob, run_accuracy
 from replay_kit.studies.accuracy import run as accuracy
+from replay_kit.studies.accuracy.page import to_json
 from replay_kit.studies.planning import PlanningJob, run_planning
 from replay_kit.studies.planning import run as planning_run
 from replay_kit.studies.planning.job import StudyReport
 from replay_kit.studies.planning.run import Study
 from replay_kit.studies.reports.tables import Table
 from tests import synthetic
-from tests.command import invoke
-from tests.studies.results import final
+from tests.studies.results import experiment, final
 
 MEMBERS = synthetic.ensemble(n_members=5, shape=(5, 6))
 CONFIG = EstimatorConfig(modes=6)
@@ -113,25 +113,15 @@ def test_a_mean_over_truths_says_on_how_many_a_method_failed(failing):
     assert np.isfinite(by_key["etkf", 1].rmse)
 
 
+def accuracy_of(ensemble, words):
+    return experiment(f"accuracy --ensemble {ensemble} --leave-out 2 --seeds 1 --modes 6 {words}")
+
+
 def test_a_run_that_is_killed_leaves_the_methods_that_were_done(failing, ensemble, tmp_path):
     failing(Killed(), 0)
     answer = tmp_path / "answer.json"
-    command = [
-        "experiment",
-        "accuracy",
-        "--ensemble",
-        str(ensemble),
-        "--leave-out",
-        "2",
-        "--pings",
-        "1,3",
-        "--seeds",
-        "1",
-        "--modes",
-        "6",
-    ]
     with pytest.raises(Killed):
-        invoke([*command, "--methods", "nearest,etkf,ensemble_mean", "--json", str(answer)])
+        accuracy_of(ensemble, f"--pings 1,3 --methods nearest,etkf,ensemble_mean --json {answer}")
     said = json.loads(answer.read_text())
     assert said["unfinished"] is True
     assert [(row["method"], row["pings"]) for row in said["results"]] == [
@@ -144,21 +134,7 @@ def test_a_run_that_is_killed_leaves_the_methods_that_were_done(failing, ensembl
 def test_a_command_whose_methods_all_fail_writes_why_and_is_no_success(failing, ensemble, tmp_path):
     failing(np.linalg.LinAlgError("singular"))
     answer = tmp_path / "answer.json"
-    command = [
-        "experiment",
-        "accuracy",
-        "--ensemble",
-        str(ensemble),
-        "--leave-out",
-        "2",
-        "--pings",
-        "1",
-        "--seeds",
-        "1",
-        "--modes",
-        "6",
-    ]
-    done = invoke([*command, "--methods", "etkf", "--json", str(answer)])
+    done = accuracy_of(ensemble, f"--pings 1 --methods etkf --json {answer}")
     assert isinstance(done.exception, EstimatorError)
     assert "etkf after 1 pings: LinAlgError: singular" in done.output
     said = json.loads(answer.read_text())
@@ -214,20 +190,8 @@ def test_a_study_with_a_fault_of_the_program_ends_the_run(studies, error):
         final(run_planning(MEMBERS, None, CONFIG, studies(glides=1, missions=error)))
 
 
-def planning(ensemble, out, *more):
-    return invoke(
-        [
-            "experiment",
-            "planning",
-            "--ensemble",
-            str(ensemble),
-            "-o",
-            str(out),
-            "--modes",
-            "6",
-            *more,
-        ]
-    )
+def planning(ensemble, out, words):
+    return experiment(f"planning --ensemble {ensemble} -o {out} --modes 6 {words}")
 
 
 def test_a_planning_run_that_is_killed_leaves_the_studies_that_were_done(
@@ -235,7 +199,7 @@ def test_a_planning_run_that_is_killed_leaves_the_studies_that_were_done(
 ):
     studies(glides=1, missions=PlanError("no way"), odds=Killed())
     with pytest.raises(Killed):
-        planning(ensemble, tmp_path / "out", "--leave-out", "1", "--study", "glides,missions,odds")
+        planning(ensemble, tmp_path / "out", "--leave-out 1 --study glides,missions,odds")
     said = json.loads((tmp_path / "out" / "planning.json").read_text())
     assert list(said["studies"]) == ["glides", "missions"]
     assert said["studies"]["glides"]["tables"] == {"glides-rows": [{"n": 1}]}
@@ -254,7 +218,7 @@ def test_a_planning_run_that_is_killed_leaves_the_studies_that_were_done(
 
 def test_a_planning_run_whose_studies_all_fail_is_no_success(studies, ensemble, tmp_path):
     studies(glides=PlanError("no way"))
-    done = planning(ensemble, tmp_path / "out", "--leave-out", "1", "--study", "glides")
+    done = planning(ensemble, tmp_path / "out", "--leave-out 1 --study glides")
     assert isinstance(done.exception, EstimatorError)
     assert (
         json.loads((tmp_path / "out" / "planning.json").read_text())["studies"]["glides"]["failed"]
@@ -263,7 +227,7 @@ def test_a_planning_run_whose_studies_all_fail_is_no_success(studies, ensemble, 
 
 
 def test_a_member_that_is_not_there_makes_no_folder(ensemble, tmp_path):
-    done = planning(ensemble, tmp_path / "out", "--leave-out", "77", "--study", "glides")
+    done = planning(ensemble, tmp_path / "out", "--leave-out 77 --study glides")
     assert isinstance(done.exception, ConfigError)
     assert "--leave-out: expected 0 to 4, got 77" in str(done.exception)
     assert not (tmp_path / "out").exists()

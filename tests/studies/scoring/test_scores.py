@@ -1,13 +1,16 @@
 """Scores against brute force."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import MeasurementError
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.gaussian import coverage, crps_gaussian
 from replay_kit.core.grid import Ensemble
-from replay_kit.studies.scoring.scores import score
+from replay_kit.estimator import embed_member
+from replay_kit.studies.scoring import score
 from replay_kit.workflows.replay.scoring import rms_length, scored_points
 from tests import synthetic
 from tests.reference import baselines as slow
@@ -41,13 +44,9 @@ def test_coverage_of_gaussian_errors_is_their_share(share):
 
 
 def test_a_flow_that_is_zero_has_relative_error_one():
-    grid = MEMBERS.grid
-    size = 2 * len(grid.nodes)
-    functions, hats = _functions_and_hats(grid.nodes)
-    nothing = FlowEstimate(
-        grid, functions, hats, np.zeros((size, 2)), np.empty((size, 0)), np.empty((0, 0)), None
-    )
-    scores = score(nothing, scored_points(grid, TRUTH))
+    still = replace(TRUTH, velocity=np.zeros_like(TRUTH.velocity))
+    nothing = embed_member(still, 0, EstimatorConfig(speed=1.0))
+    scores = score(nothing, scored_points(MEMBERS.grid, TRUTH))
     assert scores.rel_error == pytest.approx(1.0)
     assert scores.rmse == pytest.approx(np.sqrt(np.mean(np.sum(TRUTH.velocity[0] ** 2, axis=0))))
     assert scores.crps == pytest.approx(np.mean(np.abs(TRUTH.velocity)))
@@ -57,14 +56,8 @@ def test_a_flow_that_is_zero_has_relative_error_one():
 def test_only_wet_points_inside_region_and_levels_are_scored():
     wet = TRUTH.grid.wet.copy()
     wet[1, 2, 3] = False
-    grid = type(TRUTH.grid)(
-        **{
-            name: getattr(TRUTH.grid, name)
-            for name in ("projection", "longitude", "latitude", "east", "north", "levels")
-        },
-        wet=wet,
-    )
-    at = scored_points(MEMBERS.grid, Ensemble(grid, TRUTH.velocity, None, "holed"))
+    holed = replace(TRUTH, grid=replace(TRUTH.grid, wet=wet))
+    at = scored_points(MEMBERS.grid, holed)
     assert at.depth.size == wet.sum()
     assert rms_length(np.array([[3.0, 4.0]])) == 5.0
     elsewhere = synthetic.ensemble(
@@ -74,10 +67,3 @@ def test_only_wet_points_inside_region_and_levels_are_scored():
         scored_points(
             MEMBERS.grid, Ensemble(elsewhere.grid, elsewhere.velocity[:1], None, "elsewhere")
         )
-
-
-def _functions_and_hats(nodes):
-    from replay_kit.core.flow.depth import DepthFunctions
-    from replay_kit.core.flow.horizontal import HorizontalKernel, NodeKernel
-
-    return NodeKernel(HorizontalKernel(1e4, 1e4, 1.0), nodes), DepthFunctions("hat", 1.0)

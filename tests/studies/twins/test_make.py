@@ -1,3 +1,5 @@
+"""Logs of twins: their bytes and messages, other references, faults, mean currents alone, a sea that changes."""
+
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -7,12 +9,17 @@ import pytest
 from mcap.reader import make_reader
 from pymavlink import mavutil
 
-from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.errors import ConfigError
-from replay_kit.core.observation import Observation
+from replay_kit.config.run import ForecastConfig, MeasurementConfig
+from replay_kit.core.errors import ConfigError, ForecastError
+from replay_kit.core.geodesy import rotate_to_local, to_local
+from replay_kit.core.observation import Observation, PathMean
+from replay_kit.forecast import read_changing_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.measurements import observations
-from replay_kit.studies.twins import Twin, make_twin
+from replay_kit.studies.twins import EPOCH, Faults, Twin, make_twin
+from replay_kit.studies.twins.field import build_field
+from replay_kit.studies.twins.vehicle import EPOCH_NS
+from tests import synthetic
 from tests.studies.twins.truths import LEVELS, make_truth
 
 _PING_KEYS = [
@@ -45,8 +52,11 @@ _PING_KEYS = [
 ]
 
 
-def _observed(path: Path) -> list[Observation]:
-    found = observations(merge([open_log(path)], 1.0), MeasurementConfig())
+def observed(log: Path) -> list[Observation | PathMean]:
+    return list(observations(merge([open_log(log)], 1.0), MeasurementConfig()))
+
+
+def profiles(found) -> list[Observation]:
     return [each for each in found if isinstance(each, Observation)]
 
 
@@ -124,7 +134,8 @@ def test_both_carriers_give_the_same_observations(tmp_path: Path, vehicle: str) 
     truth = make_truth()
     for name in ("a.mcap", "a.tlog"):
         make_twin(truth, Twin(vehicle, 60, 0.09, 3), tmp_path / name)  # type: ignore[arg-type]
-    pairs = list(zip(_observed(tmp_path / "a.mcap"), _observed(tmp_path / "a.tlog"), strict=True))
+    ours_all, theirs_all = (profiles(observed(tmp_path / f"a.{kind}")) for kind in ("mcap", "tlog"))
+    pairs = list(zip(ours_all, theirs_all, strict=True))
     assert len(pairs) == 60
     for ours, theirs in pairs:
         assert ours.time_ns == theirs.time_ns
@@ -164,3 +175,178 @@ def test_bad_arguments_are_refused(tmp_path: Path, change: dict[str, object], sa
     with pytest.raises(ConfigError, match=said):
         make_twin(make_truth(), replace(Twin("vessel", 3, 0.1, 0), **change), out)  # type: ignore[arg-type]
     assert (tmp_path / "there.mcap").read_bytes() == b"mine"
+
+
+DAY_NS = 86_400 * 10**9
+PLAIN = Twin("glider", 18, 0.05, 3)
+
+
+def made(folder: Path, truth=None, **options) -> list[Observation | PathMean]:
+    make_twin(truth or make_truth(), replace(PLAIN, **options), folder / "a.mcap", True)
+    return observed(folder / "a.mcap")
+
+
+def test_relative_pings_with_the_platforms_velocity_give_the_absolute_ones_back(
+    tmp_path: Path,
+) -> None:
+    absolute = profiles(made(tmp_path))
+    relative = profiles(made(tmp_path, faults=Faults("platform")))
+    stated = profiles(made(tmp_path, faults=Faults("platform", platform_std=0.02)))
+    assert {each.reference for each in relative} == {"platform"}
+    assert {each.common_std for each in stated} == {0.02}
+    errors = []
+    for ours, theirs, known in zip(absolute, relative, stated, strict=True):
+        # one velocity for all bins
+        platform = ours.velocity - theirs.velocity
+        assert np.nanmax(np.abs(platform - np.nanmean(platform, axis=0))) < 1.1e-4
+        error = known.velocity - ours.velocity
+        assert np.nanmax(np.abs(error - np.nanmean(error, axis=0))) < 2e-4
+        errors.append(np.nanmean(error, axis=0))
+    assert np.std(errors) == pytest.approx(0.02, rel=0.25)
+
+
+def test_the_platform_moves_through_the_water_and_with_it(tmp_path: Path) -> None:
+    still = make_truth(
+        lambda east, north, depth: (0.1 + 0.0 * (east + depth), -0.05 + 0.0 * (north + depth))
+    )
+    diving = [
+        each
+        for each in profiles(made(tmp_path, still, faults=Faults("platform")))
+        if each.depth[0] > 30.0
+    ]
+    assert len(diving) > 10
+    for each in diving:
+        current = np.column_stack(
+            rotate_to_local(still.grid.projection, each.longitude, each.latitude, *each.velocity.T)
+        )
+        speed = np.hypot(*np.nanmean(current, axis=0))
+        # what a glider sees of a sea that carries it is its own way through the water alone
+        assert speed == pytest.approx(0.3 * np.cos(np.deg2rad(20.0)), abs=0.05)
+
+
+def test_compass_and_scale_act_on_what_is_measured_relative_to_the_platform(tmp_path: Path) -> None:
+    relative = profiles(made(tmp_path, faults=Faults("platform")))
+    faulty = profiles(
+        made(tmp_path, faults=Faults("platform", heading_bias_deg=5.0, scale_error=0.03))
+    )
+    back = profiles(made(tmp_path, faults=Faults("earth", heading_bias_deg=5.0, scale_error=0.03)))
+    absolute = profiles(made(tmp_path))
+    for right, wrong, ours, theirs in zip(relative, faulty, absolute, back, strict=True):
+        turned = (
+            np.array([complex(north, east) for east, north in right.velocity])
+            * 1.03
+            * np.exp(1j * np.deg2rad(5.0))
+        )
+        np.testing.assert_allclose(
+            wrong.velocity, np.column_stack([turned.imag, turned.real]), atol=2e-4
+        )
+        np.testing.assert_allclose(
+            theirs.velocity - ours.velocity, wrong.velocity - right.velocity, atol=3e-4
+        )
+
+
+def test_a_share_of_the_pings_is_off_by_a_metre_a_second(tmp_path: Path) -> None:
+    clean, spoiled = (
+        profiles(made(tmp_path, faults=Faults(outliers=share))) for share in (0.0, 0.2)
+    )
+    offsets = [theirs.velocity - ours.velocity for ours, theirs in zip(clean, spoiled, strict=True)]
+    off = [float(np.hypot(*np.nanmean(offset, axis=0))) for offset in offsets]
+    assert sorted(np.round(off, 3).tolist()) == [0.0] * 14 + [1.0] * 4
+    assert all(np.nanmax(np.abs(offset - np.nanmean(offset, axis=0))) < 2e-4 for offset in offsets)
+
+
+def test_mean_currents_alone_are_the_means_along_their_paths(tmp_path: Path) -> None:
+    truth, found = make_truth(), made(tmp_path, dac_only=True, pings=40)
+    assert len(found) == 3
+    field = build_field(truth)
+    for mean in found:
+        assert isinstance(mean, PathMean)
+        east, north = to_local(truth.grid.projection, mean.longitude, mean.latitude)
+        local = mean.weight @ field.velocity(east, north, mean.depth)
+        stated = rotate_to_local(
+            truth.grid.projection, mean.longitude.mean(), mean.latitude.mean(), *mean.velocity
+        )
+        # the path between fixes is dead-reckoned with one current, and a position comes every ten minutes
+        np.testing.assert_allclose(local, stated, atol=0.01)
+        assert mean.weight @ mean.depth == pytest.approx(250.0, abs=8.0)
+
+
+def test_a_sea_that_changes_is_linear_between_its_times() -> None:
+    early = replace(make_truth(), time_ns=EPOCH_NS)
+    late = replace(early, velocity=-2.0 * early.velocity, time_ns=EPOCH_NS + DAY_NS)
+    field, place = (
+        build_field(early, late),
+        (np.array([5e3, -2e4]), np.array([1e4, 3e3]), np.array([20.0, 400.0])),
+    )
+    at_first = build_field(early).velocity(*place)
+    # two places at two times
+    np.testing.assert_allclose(
+        field.velocity(*place, EPOCH_NS + np.array([0, DAY_NS // 2])),
+        at_first * [[1.0], [-0.5]],
+        atol=1e-12,
+    )
+    np.testing.assert_allclose(
+        field.velocity(*place, EPOCH_NS + DAY_NS), -2.0 * at_first, atol=1e-12
+    )
+    with pytest.raises(ForecastError, match="goes beyond"):
+        field.velocity(*place, EPOCH_NS + DAY_NS + 1)
+    with pytest.raises(ForecastError, match="times that grow"):
+        build_field(late, early)
+
+
+@pytest.mark.full
+def test_a_mission_through_a_sea_that_changes_measures_it(tmp_path: Path) -> None:
+    early = replace(make_truth(), time_ns=EPOCH_NS)
+    late = replace(early, velocity=0.0 * early.velocity, time_ns=EPOCH_NS + DAY_NS)
+    make_twin([early, late], Twin("glider", 14, 0.0, 3, interval_s=3600.0), tmp_path / "a.mcap")
+    field = build_field(early)
+    found = profiles(observed(tmp_path / "a.mcap"))
+    assert [each.time_ns for each in found] == [EPOCH_NS + k * 3600 * 10**9 for k in range(14)]
+    for k, each in enumerate(found):
+        if each.dive == 0:
+            east, north = to_local(early.grid.projection, each.longitude, each.latitude)
+            expected = (1.0 - k / 24.0) * field.velocity(east, north, each.depth)
+            measured = np.column_stack(
+                rotate_to_local(
+                    early.grid.projection, each.longitude, each.latitude, *each.velocity.T
+                )
+            )
+            np.testing.assert_allclose(measured, expected, atol=2e-3)
+    assert {each.dive for each in found} > {0}
+    with pytest.raises(ForecastError, match="goes beyond"):
+        make_twin([early, late], Twin("glider", 25, 0.0, 3, interval_s=3600.0), tmp_path / "b.mcap")
+
+
+def test_a_truth_is_read_at_all_its_leads(tmp_path: Path) -> None:
+    members = synthetic.dataset(n_members=2)
+    leads = members.expand_dims(lead=[0.0, 12.0]).copy(deep=True)
+    leads["lead"].attrs["units"] = "hours"
+    leads["uo"][1] *= 2.0
+    leads.to_netcdf(tmp_path / "leads.nc", engine="h5netcdf")
+    first, second = read_changing_truth(f"{tmp_path / 'leads.nc'}#1", ForecastConfig(), EPOCH)
+    assert (first.time_ns, second.time_ns) == (EPOCH_NS, EPOCH_NS + DAY_NS // 2)
+    assert np.nanmax(np.abs(second.velocity[0, 0])) > 1.5 * np.nanmax(np.abs(first.velocity[0, 0]))
+    with pytest.raises(ForecastError, match="choose none"):
+        read_changing_truth(f"{tmp_path / 'leads.nc'}#1", ForecastConfig(lead=0.0), EPOCH)
+    leads.isel(lead=0).to_netcdf(tmp_path / "one.nc", engine="h5netcdf")
+    with pytest.raises(ForecastError, match="neither as a dimension"):
+        read_changing_truth(f"{tmp_path / 'one.nc'}#1", ForecastConfig(), EPOCH)
+
+
+@pytest.mark.parametrize(
+    ("options", "name", "said"),
+    [
+        ({"interval_s": 601.0}, "a.mcap", "whole number"),
+        ({"interval_s": 0.0}, "a.mcap", "whole number"),
+        ({"dac_only": True, "vehicle": "vessel"}, "a.mcap", "a glider's"),
+        ({"interval_s": 1200.0, "vehicle": "vessel"}, "a.mcap", "a glider's"),
+        ({"dac_only": True}, "a.tlog", "choose .mcap"),
+        ({"faults": Faults(outliers=1.5)}, "a.mcap", "outliers of 0 to 1"),
+        ({"faults": Faults(platform_std=0.1)}, "a.mcap", "reference platform"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(
+    tmp_path: Path, options: dict[str, object], name: str, said: str
+) -> None:
+    with pytest.raises(ConfigError, match=said):
+        make_twin(make_truth(), replace(PLAIN, **options), tmp_path / name)  # type: ignore[arg-type]

@@ -48,9 +48,7 @@ ONE = '[[mission]]\nlogs = "twin00.mcap"\n'
 def test_a_table_that_cannot_be_run_is_refused(table, tmp_path, text, code, said):
     bad = table.parent / "bad.toml"
     bad.write_text(text)
-    done = invoke(
-        ["fleet", str(bad), "-o", str(tmp_path / "out"), "--scheduler", "tcp://127.0.0.1:1"]
-    )
+    done = invoke(f"fleet {bad} -o {tmp_path}/out --scheduler tcp://127.0.0.1:1")
     assert said in done.stderr, done.output
     assert done.exit_code == code
     assert not (tmp_path / "out").exists()
@@ -59,7 +57,7 @@ def test_a_table_that_cannot_be_run_is_refused(table, tmp_path, text, code, said
 def test_missions_of_which_some_cannot_begin_are_all_named(table, tmp_path):
     bad = table.parent / "bad.toml"
     bad.write_text(GOOD + ONE + "".join(f'[[mission]]\nlogs = "none{k}.mcap"\n' for k in range(12)))
-    done = invoke(["fleet", str(bad), "-o", str(tmp_path / "out")])
+    done = invoke(f"fleet {bad} -o {tmp_path}/out")
     assert "12 of 13 missions cannot begin: none0: " in done.stderr
     assert "none9.mcap: there is no such file; correct its name; and 2 more" in done.stderr
 

@@ -212,6 +212,6 @@ def test_names_in_the_page_are_text():
 
 @pytest.mark.full
 def test_one_process_of_its_own(table, alone, tmp_path: Path):
-    done = invoke(["fleet", str(table), "-o", str(tmp_path / "out"), "--workers", "1"])
+    done = invoke(f"fleet {table} -o {tmp_path}/out --workers 1")
     assert done.exit_code == 0, done.output
     assert contents(tmp_path / "out") == alone

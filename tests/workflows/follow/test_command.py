@@ -48,5 +48,5 @@ def test_a_folder_in_which_no_log_comes_ends_with_exit_code_3_and_what_was_there
     )
     assert done.exit_code == 3
     assert "notes.txt not used" in done.stdout
-    assert "no log that can be replayed has come" in done.stderr
+    assert "no log that can be replayed has arrived" in done.stderr
     assert not out.exists()

@@ -11,13 +11,13 @@ import pytest
 import xarray as xr
 
 from replay_kit.config.run import load_config
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.message import Message
 from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.measurements.consistency.speeds import ensemble_speeds
+from replay_kit.measurements.consistency.summary import ensemble_speeds
 from replay_kit.measurements.consistency.usual_faults import (
     declination_of,
     depth_faults,

@@ -11,7 +11,7 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from tests import synthetic
 from tests.command import invoke
 from tests.forecast import forms
-from tests.forecast.test_forms import save
+from tests.forecast.forms import save
 from tests.places import DATA
 
 MODELS = DATA / "models"
@@ -93,7 +93,7 @@ def test_members_and_their_origin_are_shown(tmp_path):
     ds = forms.standard(*forms.regular(longitude, latitude), longitude, latitude)
     for k in range(3):
         save(ds.isel(member=k), tmp_path / f"mem{k:03d}.nc")
-    done = invoke(["info", "--ensemble", str(tmp_path / "mem*.nc")], columns=200)
+    done = invoke(f"info --ensemble {tmp_path}/mem*.nc", columns=200)
     assert done.exit_code == 0
     assert "3 by --members files" in done.stdout
     assert "mem001.nc" in done.stdout
@@ -105,7 +105,7 @@ def test_members_and_their_origin_are_shown(tmp_path):
     assert found["members_rule"] == "files"
     many, _ = described(save(synthetic.dataset(), tmp_path / "many.nc"))
     assert many["members_rule"] == "dim:member"
-    shown = invoke(["info", "--ensemble", str(tmp_path / "many.nc")], columns=200).stdout
+    shown = invoke(f"info --ensemble {tmp_path}/many.nc", columns=200).stdout
     assert "... 2 more ..." in shown
     assert "many.nc member 7" in shown
     assert "many.nc member 3" not in shown
@@ -115,6 +115,6 @@ def test_info_needs_a_log_or_a_forecast(tmp_path):
     done = invoke(["info"])
     assert done.exit_code == 2
     assert "expected a log, or a forecast with --ensemble" in done.output
-    done = invoke(["info", "--ensemble", str(tmp_path / "none*.nc")])
+    done = invoke(f"info --ensemble {tmp_path}/none*.nc")
     assert done.exit_code == 3
     assert "no file matches this pattern" in done.output

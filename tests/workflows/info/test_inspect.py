@@ -56,7 +56,7 @@ def test_a_suggested_mapping_is_printed_alone(log):
     assert 'topic = "/vendor/nav"' in said.stdout
     assert "/adcp" not in said.stdout
     assert "mavlink" not in said.stdout
-    assert "Use: replay" in said.stderr
+    assert "Use: ready for replay" in said.stderr
 
 
 def test_a_suggested_mapping_makes_the_topic_usable(log, tmp_path):
@@ -83,7 +83,7 @@ def test_a_depth_averaged_current_is_no_position(tmp_path):
     )
     found = inspect_logs([tmp_path / "dac.mcap"], load_config(None))[0]
     assert found.unknown == {}
-    assert found.not_used == {"/dac": {"depth-averaged current: it is not a number": 1}}
+    assert found.not_used == {"/dac": {"depth-averaged current: not a number": 1}}
 
 
 def test_every_note_of_the_reader_and_what_is_damaged_or_unchecked_is_printed(log):

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from replay_kit.config.run import load_config
-from replay_kit.logs.mcap import overview
+from replay_kit.logs.mcap import survey
 from replay_kit.workflows.info.inspect import inspect_logs
 from tests.command import invoke
 from tests.measurements.carriers import json_mcap
@@ -17,7 +17,7 @@ TOO_MANY = {"profiles", "bins", "mean_currents", "positions", "dives", "box", "d
 @pytest.fixture
 def log(tmp_path, monkeypatch):
     """A log of 400 fixes, 2 pings and 400 messages of an unknown type, which counts as large; the last of which is late."""
-    monkeypatch.setattr(overview, "FEW_MESSAGES", 10)
+    monkeypatch.setattr(survey, "FEW_MESSAGES", 10)
     known = [
         (k, message.topic, message.schema, message.payload)
         for k, message in enumerate((fix(0), ping(1), fix(2), ping(3)))
@@ -48,7 +48,7 @@ def test_a_large_log_is_described_by_its_index(log):
         None,
     )
     assert found.report.read["/vendor/text"] == 400
-    assert found.use == "replay: it has positions and profiles of the current"
+    assert found.use == "ready for replay: positions and current profiles found"
 
 
 def test_what_the_index_does_not_know_is_said_to_need_full(log):
@@ -56,7 +56,7 @@ def test_what_the_index_does_not_know_is_said_to_need_full(log):
     assert done.exit_code == 0
     assert "Read: the index, and 202 messages" in done.stdout
     assert "late messages, gaps and damage: with --full" in done.stdout
-    assert "Use, by the messages read: replay" in done.stdout
+    assert "Use, by the messages read: ready for replay" in done.stdout
     assert "usable bins," not in done.stdout
     (answer,) = json.loads(log.with_suffix(".json").read_text())["logs"]
     assert answer["read"] == {"whole": False, "messages": 202}
@@ -65,7 +65,7 @@ def test_what_the_index_does_not_know_is_said_to_need_full(log):
 
 
 def test_full_counts_everything_and_decodes_what_can_be_used(log):
-    done = invoke(["info", str(log), "--full", "--json", "-"])
+    done = invoke(f"info {log} --full --json -")
     (answer,) = json.loads(done.stdout)["logs"]
     assert answer["read"] == {"whole": True, "messages": 802}
     assert (answer["profiles"], answer["positions"]) == (2, 400)
@@ -95,7 +95,7 @@ def test_a_log_that_was_cut_is_read_whole_and_that_is_said(log):
     assert "400 positions" in done.stdout
     assert "--full" not in done.stdout
     # asked for, it needs no explanation
-    assert "all of it was read" not in invoke(["info", str(log), "--full"]).stdout
+    assert "all of it was read" not in invoke(f"info {log} --full").stdout
 
 
 def test_progress_grows_with_what_is_read(log):

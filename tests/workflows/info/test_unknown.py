@@ -52,9 +52,9 @@ def test_topics_of_unknown_types_are_named_with_what_to_type(tmp_path):
 
 def test_the_mapping_suggested_makes_the_cells_usable(tmp_path):
     log, mapping = _cells(tmp_path / "a.mcap"), tmp_path / "map.toml"
-    assert invoke(["info", str(log), "--suggest", str(mapping)]).exit_code == 0
+    assert invoke(f"info {log} --suggest {mapping}").exit_code == 0
     answer = tmp_path / "i.json"
-    arguments = ["info", str(log), "--config", str(mapping), "--json", str(answer), "--overwrite"]
+    arguments = f"info {log} --config {mapping} --json {answer} --overwrite"
     assert invoke(arguments).exit_code == 0
     assert json.loads(answer.read_text())["logs"][0]["profiles"] == 0
     mapping.write_text(mapping.read_text().replace('"unknown"', '"earth"'))
@@ -86,14 +86,11 @@ def test_a_netcdf_file_of_no_known_dialect(tmp_path):
     assert "each row over t is a message on netcdf/t, with lat, lon, u, v" in said
     assert "Unknown type: netcdf/t looks like a velocity" in said
     mapping = tmp_path / "map.toml"
-    assert invoke(["info", str(log), "--suggest", str(mapping)]).exit_code == 0
+    assert invoke(f"info {log} --suggest {mapping}").exit_code == 0
     text = mapping.read_text()
     assert 'reference = "unknown"' in text
     mapping.write_text(text.replace('"unknown"', '"earth"'))
-    assert (
-        "10 profiles with 10 usable bins"
-        in invoke(["info", str(log), "--config", str(mapping)]).stdout
-    )
+    assert "10 profiles with 10 usable bins" in invoke(f"info {log} --config {mapping}").stdout
 
 
 def test_a_netcdf_file_without_rows_is_no_log(tmp_path):
@@ -113,7 +110,7 @@ def test_the_next_command_has_the_ensemble_that_was_given(tmp_path):
     log = made.bodc(tmp_path / "a.nc")
     forecast = tmp_path / "e.nc"
     synthetic.dataset(west=-30.3, south=39.8).to_netcdf(forecast, engine="h5netcdf")
-    said = invoke(["info", str(log), "--ensemble", str(forecast)]).stdout
+    said = invoke(f"info {log} --ensemble {forecast}").stdout
     assert said.rstrip().endswith(
         f"Next: replay-kit replay {log} --ensemble {forecast} -o RESULT.mcap"
     )
@@ -144,9 +141,9 @@ def test_the_next_command_has_the_ensemble_that_was_given(tmp_path):
 def test_notes_of_several_logs_are_printed_once_and_whole_lists_on_request(tmp_path):
     logs = [str(made.bodc(tmp_path / name)) for name in ("a.nc", "b.nc")]
     said = invoke(["info", *logs]).stdout
-    assert said.count("counts upwards; not used") == 1
-    assert "Note, of 2 of the 2 logs: DEPTH_Z: bears" in said
-    assert invoke(["info", *logs, "-v"]).stdout.count("Note: DEPTH_Z: bears") == 2
+    assert said.count("is positive up; not used") == 1
+    assert "Note, of 2 of the 2 logs: DEPTH_Z: has" in said
+    assert invoke(["info", *logs, "-v"]).stdout.count("Note: DEPTH_Z: has") == 2
     assert said.rstrip().endswith("-o RESULT.mcap")
 
 
@@ -168,12 +165,7 @@ def test_the_command_printed_runs(tmp_path, monkeypatch):
     assert invoke(shlex.split(first.removeprefix("Next: replay-kit "))).exit_code == 0
     mapping.write_text(mapping.read_text().replace('"unknown"', '"earth"'))
     done = invoke(shlex.split(then.removeprefix("Correct map.toml, then: replay-kit ")))
-    assert (
-        invoke(
-            ["synthesize", "--ensemble", "FORECAST.nc", "--truth", "T.nc", "--members", "3"]
-        ).exit_code
-        == 0
-    )
+    assert invoke("synthesize --ensemble FORECAST.nc --truth T.nc --members 3").exit_code == 0
     command = shlex.split(done.stdout.splitlines()[-1].removeprefix("Next: replay-kit "))
     assert invoke([*command, "--place-ensemble", "--modes", "5"]).exit_code in (0, 6)
     assert (tmp_path / "RESULT.mcap").exists()
@@ -187,7 +179,7 @@ def test_a_gliders_log_is_ready_for_a_replay(tmp_path, write, ending):
     said = invoke(["info", str(write(tmp_path / "a b.nc"))]).stdout
     assert f"Next: replay-kit replay '{tmp_path / 'a b.nc'}'" in said
     assert said.rstrip().endswith(ending)
-    assert "Use: replay: it has" in said
+    assert "Use: ready for replay: " in said
 
 
 def test_a_log_without_currents_says_what_to_add(tmp_path):

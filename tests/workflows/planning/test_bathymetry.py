@@ -14,8 +14,12 @@ from replay_kit.core.errors import ForecastError, PlanError
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.workflows.planning import GlidePlanner, MissionPlanner, planner_of
-from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
-from replay_kit.workflows.planning.seabed import depth_along, seabed_of
+from replay_kit.workflows.planning.bathymetry import (
+    bathymetry_notes,
+    depth_along,
+    read_bathymetry,
+    seabed_of,
+)
 from tests.planners.flow_samples import place, still_flow
 
 LONGITUDE, LATITUDE = np.linspace(151.9, 153.1, 25), np.linspace(-40.5, -39.5, 11)

@@ -24,9 +24,8 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evolution import Evolution, constant, sample_through
+from replay_kit.core.flow.evolution import Evolution, ProcessModel, constant, sample_through
 from replay_kit.core.flow.load import load
-from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.geodesy import distance
 from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.text import time_text
@@ -194,7 +193,7 @@ def test_odds_of_departures_and_the_result_name_them(saved, tmp_path):
         ]
     said = [json.loads(row) for row in rows.values()]
     assert [0.0 <= row["reached"] <= 1.0 for row in said] == [True, True]
-    done = invoke(["report", str(tmp_path / "plan.mcap"), "-o", str(tmp_path / "plan.html")])
+    done = invoke(f"report {tmp_path}/plan.mcap -o {tmp_path}/plan.html")
     assert done.exit_code == 0, done.output
     page = (tmp_path / "plan.html").read_text()
     assert "Departures compared" in page

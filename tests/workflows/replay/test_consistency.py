@@ -10,8 +10,13 @@ import xarray as xr
 
 from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import RunConfig
-from replay_kit.core.errors import ForecastError, MeasurementError
-from replay_kit.core.finding import Finding, finding_json, finding_line
+from replay_kit.core.errors import (
+    Finding,
+    ForecastError,
+    MeasurementError,
+    finding_json,
+    finding_line,
+)
 from replay_kit.core.message import Loss
 from replay_kit.core.observation import PathMean, Source
 from replay_kit.estimator import build_estimator
@@ -21,7 +26,7 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.findings import CONTRADICTION, PLACES
 from replay_kit.measurements.consistency.monitor import ConsistencyState, Instrument
-from replay_kit.results.outcome.outcome import failed, outcome_of
+from replay_kit.results.outcome.from_run import failed, outcome_of
 from replay_kit.results.views.contents import Contents
 from replay_kit.show import Result, open_result
 from replay_kit.show.report.sections.warnings import what_looks_wrong

@@ -8,10 +8,10 @@ import xarray as xr
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.as_flown import AsFlown
-from replay_kit.core.dive_forecast import ellipse_of
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, PathMean, Source
+from replay_kit.core.surfacing import ellipse_of
 from replay_kit.logs import merge, open_logs
 from replay_kit.measurements import events_of
 from replay_kit.workflows.replay.surfacings.forecasts import (

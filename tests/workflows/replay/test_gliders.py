@@ -81,7 +81,7 @@ def test_absolute_profiles_are_used_directly_by_every_command(ocean, tmp_path):
     assert (answer["observations"]["used"], answer["observations"]["bins_used"]) == (2, 19)
     done = invoke(["qc", str(path)])
     assert done.exit_code == 0, done.output
-    done = invoke(["convert", str(path), "-o", str(tmp_path / "a.mcap")])
+    done = invoke(f"convert {path} -o {tmp_path}/a.mcap")
     assert done.exit_code == 0, done.output
     again, _ = replay(ocean, tmp_path / "a.mcap")
     assert again["rms_innovation"] == answer["rms_innovation"]

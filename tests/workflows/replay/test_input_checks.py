@@ -89,16 +89,7 @@ def refused(ocean, job, config=CONFIG):
 def test_a_log_an_ocean_away_from_the_ensemble_is_refused_by_all(ocean, tmp_path, log):
     words = refused(ocean, ReplayJob((ocean / log,), ocean / "ensemble.nc"))
     assert "the log lies outside the ensemble's region" in words
-    done = invoke(
-        [
-            "info",
-            str(ocean / log),
-            "--ensemble",
-            str(ocean / "ensemble.nc"),
-            "--json",
-            str(tmp_path / "info.json"),
-        ]
-    )
+    done = invoke(f"info {ocean}/{log} --ensemble {ocean}/ensemble.nc --json {tmp_path}/info.json")
     assert done.exit_code == 3
     assert "the log lies outside the ensemble's region" in done.stderr
     assert "Use: an ensemble of 12 members" in done.stdout
@@ -114,7 +105,7 @@ def test_a_large_forecast_elsewhere_is_described_before_it_is_refused(ocean, tmp
     )
     words = refused(ocean, ReplayJob((ocean / "glider.mcap",), tmp_path / "large.nc"))
     assert "no position of the log lies there" in words
-    done = invoke(["info", str(ocean / "glider.mcap"), "--ensemble", str(tmp_path / "large.nc")])
+    done = invoke(f"info {ocean}/glider.mcap --ensemble {tmp_path}/large.nc")
     assert (
         done.exit_code,
         words in done.stderr,
@@ -124,7 +115,7 @@ def test_a_large_forecast_elsewhere_is_described_before_it_is_refused(ocean, tmp
 
 def test_a_file_without_members_is_no_ensemble_for_info_either(ocean):
     words = refused(ocean, ReplayJob((ocean / "glider.mcap",), ocean / "truth.nc"))
-    done = invoke(["info", str(ocean / "glider.mcap"), "--ensemble", str(ocean / "truth.nc")])
+    done = invoke(f"info {ocean}/glider.mcap --ensemble {ocean}/truth.nc")
     assert (done.exit_code, words in done.stderr, "Next:" in done.stdout) == (3, True, False)
 
 
@@ -137,7 +128,7 @@ def test_dry_runs_check_the_goal_and_count_as_the_replay_does(ocean):
     away = ReplayJob(job.logs, job.ensemble, goal=Place(10.0, 0.0, 100.0))
     assert "goal" in expected_of(Mission("one", away, CONFIG)).failed
     assert expected_of(Mission("one", job, CONFIG)).profiles == 30
-    fitting = invoke(["info", str(ocean / "glider.mcap"), "--ensemble", str(ocean / "ensemble.nc")])
+    fitting = invoke(f"info {ocean}/glider.mcap --ensemble {ocean}/ensemble.nc")
     assert (fitting.exit_code, "Next: replay-kit replay" in fitting.stdout) == (0, True)
 
 

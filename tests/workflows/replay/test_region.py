@@ -21,7 +21,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.core.region import DEGREE, inside
 from replay_kit.estimator.windows.filter import WindowedEstimator
-from replay_kit.forecast.extent import open_extent
+from replay_kit.forecast.describe import open_extent
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.result import ResultFile
 from replay_kit.results.topics import WINDOWS_RECORD

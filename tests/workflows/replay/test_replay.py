@@ -297,7 +297,7 @@ def empty_file(folder):
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [
-        (lambda folder: None, LogError, "no such file"),
+        (lambda folder: None, LogError, "file not found"),
         (no_log, LogError, "expected an MCAP file"),
         (empty_file, LogError, "empty"),
         (empty_mcap, MeasurementError, "no messages at all"),
@@ -402,18 +402,10 @@ def test_the_command_line_answers_in_words_and_in_json(ocean, tmp_path):
 
 
 def test_info_says_what_a_log_is_good_for(ocean, tmp_path):
-    done = invoke(
-        [
-            "info",
-            str(ocean / "glider.mcap"),
-            str(ocean / "glider.tlog"),
-            "--json",
-            str(tmp_path / "i.json"),
-        ]
-    )
+    done = invoke(f"info {ocean}/glider.mcap {ocean}/glider.tlog --json {tmp_path}/i.json")
     assert done.exit_code == 0, done.output
     one, other = json.loads((tmp_path / "i.json").read_text())["logs"]
-    assert one["use"].startswith("replay")
+    assert one["use"].startswith("ready for replay")
     assert one["profiles"] == other["profiles"] == 40
     assert (one["format"], other["format"]) == ("mcap", "tlog")
 
@@ -450,16 +442,8 @@ def test_a_dry_run_says_what_would_be_used_and_writes_nothing(ocean, tmp_path, m
 
     monkeypatch.setattr(dry_run, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
     monkeypatch.setattr(ReducedBasisEstimator, "weights", slow)
-    arguments = [
-        "replay",
-        str(ocean / "survey.mcap"),
-        "--ensemble",
-        str(ocean / "ensemble.nc"),
-        "--modes",
-        "20",
-        "--dry-run",
-    ]
-    done = invoke([*arguments, "-o", str(tmp_path / "o.mcap"), "--json", str(tmp_path / "d.json")])
+    arguments = f"replay {ocean}/survey.mcap --ensemble {ocean}/ensemble.nc --modes 20 --dry-run"
+    done = invoke(f"{arguments} -o {tmp_path}/o.mcap --json {tmp_path}/d.json")
     assert done.exit_code == 0, done.output
     answer = json.loads((tmp_path / "d.json").read_text())
     assert (answer["profiles_used"], answer["members"], answer["modes"], answer["state_size"]) == (
@@ -570,14 +554,8 @@ def test_nothing_is_claimed_to_be_known_outside_the_region(ocean):
 
 
 def test_a_dry_run_of_a_baseline_is_refused(ocean, tmp_path):
-    arguments = [
-        "replay",
-        str(ocean / "survey.mcap"),
-        "--ensemble",
-        str(ocean / "ensemble.nc"),
-        "--dry-run",
-        "--estimator",
-        "etkf",
-    ]
-    done = invoke([*arguments, "-o", str(tmp_path / "o.mcap")])
+    arguments = (
+        f"replay {ocean}/survey.mcap --ensemble {ocean}/ensemble.nc --dry-run --estimator etkf"
+    )
+    done = invoke(f"{arguments} -o {tmp_path}/o.mcap")
     assert isinstance(done.exception, ConfigError)

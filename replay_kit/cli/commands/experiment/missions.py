@@ -1,31 +1,26 @@
 """``experiment missions``: gliders through members left out."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
-from replay_kit.cli.commands.experiment.truths import (
+from replay_kit.cli.commands.experiment.study import (
     ESTIMATOR,
-    FOLDER,
-    existing,
-    folder,
-    name_page,
+    Outputs,
+    check_outputs,
     parts,
+    run_study,
 )
-from replay_kit.cli.console import console_beside, keep_json, progress, write_json
 from replay_kit.cli.options import (
     PART_OF_FORECAST,
     TO_INPUTS,
     TO_OPTIONS,
     TO_OUTPUTS,
-    Answer,
     Ensemble,
     Noise,
     Processes,
     option,
 )
 from replay_kit.cli.settings import Settings, takes_settings
-from replay_kit.core.paths import check_folder, check_paths
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,13 +62,6 @@ class Missions:
     seeds: Annotated[int, option("--seeds", "Number of missions for each truth.", least=1)] = 1
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outputs(Answer):
-    """What is written."""
-
-    out: Annotated[Path | None, folder("a page, CSV and JSON"), FOLDER] = None
-
-
 @takes_settings(*PART_OF_FORECAST, "estimator", "time", "gating", without=ESTIMATOR)
 def missions(
     *,
@@ -84,25 +72,13 @@ def missions(
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
 ) -> int:
     """Return 0."""
-    read, out = [*truths.ensemble, settings.file], outputs.out
-    if out is not None:
-        check_folder(out)
-    check_paths(read, [outputs.json_file], outputs.overwrite)
+    read = [*truths.ensemble, settings.file]
     config = settings.load()
 
     from replay_kit.forecast import read_series
-    from replay_kit.studies.missions import (
-        FILES,
-        STUDIES,
-        MissionJob,
-        print_missions,
-        run_missions,
-        to_json,
-        write_missions,
-    )
-    from replay_kit.workflows.fleet.workers import calls_made_by
+    from replay_kit.studies.missions import STUDIES, MissionJob, page, run_missions
 
-    check_paths(read, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
+    check_outputs(read, outputs, page.FILES)
     series = read_series(truths.ensemble, config.forecast)
     # the study of time needs a truth that changes
     usual = tuple(name for name in STUDIES if name != "time" or len(series) > 1)
@@ -110,17 +86,11 @@ def missions(
     job = MissionJob(
         truths.leave_out, studies, flown.pings, flown.days, flown.dives, flown.noise, flown.seeds
     )
-    with (
-        calls_made_by(processes.scheduler, processes.workers),
-        progress(config.output.threads) as advance,
-    ):
-        for result in run_missions(series, config, job, advance):
-            if out is not None:
-                out.mkdir(exist_ok=True)
-                write_missions(out, result)
-            keep_json(outputs.json_file, to_json(result))
-    console = console_beside(outputs.json_file)
-    print_missions(result, console)
-    name_page(console, out)
-    write_json(outputs.json_file, to_json(result))
+    run_study(
+        page,
+        lambda advance: run_missions(series, config, job, advance),
+        outputs,
+        config,
+        processes,
+    )
     return 0

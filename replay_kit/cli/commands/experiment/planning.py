@@ -1,34 +1,27 @@
 """``experiment planning``: plans made on estimates, flown in truths that the estimates do not know."""
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-from replay_kit.cli.commands.experiment.truths import (
+from replay_kit.cli.commands.experiment.study import (
     ESTIMATOR,
-    FOLDER,
     OneTruth,
-    folder,
-    name_page,
+    Report,
+    check_outputs,
     parts,
+    run_study,
 )
-from replay_kit.cli.console import console_beside, progress, write_json
 from replay_kit.cli.options import (
     PART_OF_FORECAST,
     TO_INPUTS,
     TO_OPTIONS,
     TO_OUTPUTS,
-    Answer,
     Noise,
     Processes,
     option,
 )
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.paths import check_folder, check_paths
-
-if TYPE_CHECKING:
-    from replay_kit.studies.planning import PlanningJob
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +44,7 @@ class Sizes:
 
     study: Annotated[
         str | None,
-        parts("glides, missions, odds; if named, changing, for a forecast through time"),
+        parts("glides, missions, odds"),
     ] = None
     pairs: Annotated[
         int,
@@ -66,25 +59,15 @@ class Sizes:
     fresh: Annotated[
         int, option("--fresh", "Number of fresh samples that odds are compared with.", least=1)
     ] = 500
-    crossings: Annotated[
-        int, option("--crossings", "Number of missions of days in a sea that changes.", least=1)
-    ] = 40
     noise: Noise = 0.09
     seed: Annotated[int, option("--seed", "Seed of everything that is drawn.", least=0)] = 0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outputs(Answer):
-    """What is written."""
-
-    out: Annotated[Path, folder("a page, report, tables and pictures"), FOLDER]
 
 
 @takes_settings(*PART_OF_FORECAST, "estimator", without=ESTIMATOR)
 def planning(
     *,
     truths: Annotated[Truths, TO_INPUTS],
-    outputs: Annotated[Outputs, TO_OUTPUTS],
+    outputs: Annotated[Report, TO_OUTPUTS],
     sizes: Annotated[Sizes, TO_OPTIONS] = Sizes(),
     settings: Settings,
     processes: Annotated[Processes, TO_OPTIONS] = Processes(),
@@ -94,69 +77,35 @@ def planning(
     Raises:
         EstimatorError: Every part of the study failed.
     """
-    read, out = [*truths.files, settings.file], outputs.out
-    check_folder(out)
-    check_paths(read, [outputs.json_file], outputs.overwrite)
+    read = [*truths.files, settings.file]
     config = settings.load()
 
-    from replay_kit.forecast import read_series
-    from replay_kit.studies import planning as study
-    from replay_kit.workflows.fleet.workers import calls_made_by
+    from replay_kit.studies.planning import STUDIES, PlanningJob, page, run_planning
 
-    chosen = _chosen(sizes.study)
-    check_paths(read, [*study.replaced_files(out, chosen), outputs.json_file], outputs.overwrite)
-    job = _job(chosen, truths, sizes)
-    # before anything is read or made
-    job.check(study.STUDIES)
-    members, withheld = truths.read(config.forecast)
-    series = read_series(truths.ensemble, config.forecast) if study.THROUGH_TIME in chosen else ()
-
-    with (
-        calls_made_by(processes.scheduler, processes.workers),
-        progress(config.output.threads) as advance,
-    ):
-        for result in study.run_planning(members, withheld, config.estimator, job, advance, series):
-            # made before the first study, so that a folder that cannot be made is reported at once
-            out.mkdir(exist_ok=True)
-            if result.reports:
-                study.write_planning(out, result)
-    console = console_beside(outputs.json_file)
-    study.print_planning(result, console)
-    console.print(
-        f"{out}: report.md, planning.json, tables as CSV, pictures as PNG", soft_wrap=True
-    )
-    name_page(console, out)
-    write_json(outputs.json_file, study.to_json(result))
-    if all(report.failed for report in result.reports):
-        raise EstimatorError(
-            f"experiment planning: every study failed, the first with {result.reports[0].failed}"
-        )
-    return 0
-
-
-def _chosen(named: str | None) -> tuple[str, ...]:
-    """Return the names of the studies asked for; without any, those that need not be named."""
-    from replay_kit.studies import planning as study
-
-    return (
-        tuple(named.split(","))
-        if named is not None
-        else tuple(name for name in study.STUDIES if name != study.THROUGH_TIME)
-    )
-
-
-def _job(chosen: tuple[str, ...], truths: Truths, sizes: Sizes) -> "PlanningJob":
-    """Return the job of some studies."""
-    from replay_kit.studies import planning as study
-
-    return study.PlanningJob(
-        chosen,
+    job = PlanningJob(
+        tuple(STUDIES if sizes.study is None else sizes.study.split(",")),
         truths.leave_out,
         sizes.pairs,
         sizes.pings,
         sizes.noise,
         sizes.legs,
         fresh=sizes.fresh,
-        crossings=sizes.crossings,
         seed=sizes.seed,
     )
+    check_outputs(read, outputs, page.files_of(job.studies))
+    # before anything is read or made
+    job.check(STUDIES)
+    members, withheld = truths.read(config.forecast)
+    result = run_study(
+        page,
+        lambda advance: run_planning(members, withheld, config.estimator, job, advance),
+        outputs,
+        config,
+        processes,
+        beside="report.md, planning.json, tables as CSV, pictures as PNG",
+    )
+    if all(report.failed for report in result.reports):
+        raise EstimatorError(
+            f"experiment planning: every study failed, the first with {result.reports[0].failed}"
+        )
+    return 0

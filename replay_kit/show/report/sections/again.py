@@ -1,4 +1,4 @@
-"""How to make the result again: versions, inputs with their hashes, settings, command; and every number of the summary."""
+"""How to reproduce the result: versions, inputs with their hashes, settings, command; and every number of the summary."""
 
 import json
 import shlex
@@ -10,20 +10,18 @@ from replay_kit.show.page.section import Section, number, table_html
 
 
 def again_section(contents: Contents) -> Section:
-    """Return what it takes to make the result again, and the summary as a table."""
+    """Return what it takes to reproduce the result, and the summary as a table."""
     record, missing = contents.record, []
     inputs = record.metadata.get("replay_kit.inputs", {})
     html = ""
     if any(name.startswith("log") for name in inputs):
         html += (
-            f"<p>The command, with the configuration that the result holds as "
-            f"<code>config.toml</code>:</p><pre>{escape(_command(contents))}</pre>"
+            f"<p>The command; <code>config.toml</code> is attached "
+            f"to the result:</p><pre>{escape(_command(contents))}</pre>"
         )
     elif inputs:
-        made = "; replay-kit verify makes it again" if "replay_kit.plan" in record.metadata else ""
-        missing.append(
-            f"The result is of replay-kit plan: the options of its command are below{made}."
-        )
+        made = "; replay-kit verify reproduces it" if "replay_kit.plan" in record.metadata else ""
+        missing.append(f"This result was made by replay-kit plan; its options are below{made}.")
     else:
         missing.append("The result does not name its inputs.")
     if inputs:
@@ -53,7 +51,7 @@ def again_section(contents: Contents) -> Section:
     ]
     html += table_html(["what", "value"], rows, "Region, basis and options") if rows else ""
     html += _numbers(contents)
-    return Section("again", "Make it again", html, missing=missing)
+    return Section("again", "Reproduce this result", html, missing=missing)
 
 
 def _command(contents: Contents) -> str:
@@ -114,5 +112,5 @@ def _numbers(contents: Contents) -> str:
         )
         rows.append([f"<code>{escape(path)}</code>", shown])
     return table_html(
-        ["path in the summary", "value"], rows, "Every number of the summary, as --json has it"
+        ["path in the summary", "value"], rows, "All numbers of the summary, as in --json"
     )

@@ -4,35 +4,38 @@ from html import escape
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.core.geodesy import to_geographic, to_local
+from replay_kit.core.grid import Seabed
 from replay_kit.core.text import time_text
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import bathymetry_name
 from replay_kit.results.views.slices import CurrentSlices
-from replay_kit.show.page.colors import scale
+from replay_kit.show.colors import ON_FIELD, scale
+from replay_kit.show.figures.map_layers import (
+    POSITIONS,
+    coast_layer,
+    contour_step,
+    contrast,
+    dry_text,
+    hazard_layer,
+    plan_layer,
+    position_layer,
+    surfacing_layer,
+    track_layer,
+)
+from replay_kit.show.figures.on_page import color_of, tables_of, traces_of
 from replay_kit.show.page.section import Control, Figure, Section, column, pack, times
 from replay_kit.show.report.sections.map_frame import (
     Extent,
-    coastline,
-    dry_text,
+    arrows,
     graticule,
     hatching,
-)
-from replay_kit.show.report.sections.map_hazards import area_marks, seabed_contours
-from replay_kit.show.report.sections.map_marks import (
-    DARK,
-    POSITIONS,
-    plan_marks,
-    surfacing_marks,
-    track_marks,
+    map_layout,
 )
 
-#: Arrows along a side.
-_ARROWS = 24
-#: Of one step of the packed current [m/s].
-_STEP = 5e-4
+#: Of one step of the packed current [m/s] and of the packed depth of the bottom [m].
+_STEP, _DEPTH_STEP = 5e-4, 0.5
 
 
 def map_section(contents: Contents) -> Section:
@@ -40,82 +43,45 @@ def map_section(contents: Contents) -> Section:
     slices, track = contents.slices, contents.track
     missing = []
     if slices is None:
-        missing.append("The result holds no current: the map shows positions and plans alone.")
+        missing.append("The result holds no current: the map shows only positions and plans.")
     if track.time_ns.size == 0:
         missing.append("The result holds no position of the vehicle.")
-    tracks = contents.result.plan_tracks
-    if slices is None and track.time_ns.size == 0 and not len(tracks):
+    if slices is None and track.time_ns.size == 0 and not len(contents.result.plan_tracks):
         return Section("map", "Map", missing=missing)
-    tables, traces = _field_traces(contents, slices)
+    tables, traces, packed = ({}, [], {}) if slices is None else _field(contents, slices)
     extent = _extent(contents, slices)
-    bottom_table, contours, bottom = seabed_contours(contents)
-    tables |= bottom_table
-    traces += contours
-    for more_tables, more_traces in (
-        area_marks(contents),
-        track_marks(contents),
-        surfacing_marks(contents),
-        plan_marks(contents),
-    ):
-        tables |= more_tables
-        traces += more_traces
     lines, labels = graticule(contents.projection, extent)
-    traces[1:1] = lines if slices is not None else []
-    traces += [labels] if slices is not None else [*lines, labels]
-    controls = [] if slices is None else _controls(slices, track.time_ns.size > 0)
-    east, north = _ranges(contents, extent, slices)
-    packed = {**_packed(slices), **bottom}
-    layout = {
-        "height": 800,
-        "xaxis": {
-            "title": {"text": "local east [km]"},
-            "constrain": "domain",
-            "range": east,
-            "showgrid": False,
-            "zeroline": False,
-        },
-        "yaxis": {
-            "title": {"text": "local north [km]"},
-            "scaleanchor": "x",
-            "constrain": "domain",
-            "range": north,
-            "showgrid": False,
-            "zeroline": False,
-        },
-        "shapes": [] if _outside(slices) is None else [hatching(extent)],
-    }
+    traces[1:1] = lines
+    if contents.seabed is not None:
+        traces.append(_seabed_contours(contents, contents.seabed, tables, packed))
+    track_marks = track_layer(contents)
+    for layer in (
+        hazard_layer(contents),
+        track_marks,
+        position_layer(track_marks),
+        surfacing_layer(contents),
+        plan_layer(contents),
+    ):
+        tables |= tables_of(layer.tables)
+        traces += [trace for mark in layer.marks for trace in traces_of(mark)]
+    shapes = [hatching(extent)] if "outside" in packed else []
     figure = Figure(
         "current-map",
         "The current, the track and the plans",
         _caption(contents, slices),
         _alternative(contents),
         tables,
-        traces,
-        layout,
-        controls,
+        [*traces, labels],
+        {**map_layout(*_ranges(contents, extent, slices)), "height": 800, "shapes": shapes},
+        [] if slices is None else _controls(slices, track.time_ns.size > 0),
         packed,
     )
     return Section("map", "Map", figures=(figure,), missing=missing)
 
 
-def _packed(slices: CurrentSlices | None) -> dict[str, Any]:
-    """Return the current, and where the map leaves the forecast's grid."""
-    if slices is None:
-        return {}
-    outside = _outside(slices)
-    return {
-        "current": pack(slices.fields, _STEP),
-        **({} if outside is None else {"outside": pack(np.where(outside, 1.0, np.nan), 1.0)}),
-    }
-
-
-def _outside(slices: CurrentSlices | None) -> NDArray[np.bool_] | None:
-    """Return the cells that are known to lie off the forecast's grid; None where there is none."""
-    return (
-        None
-        if slices is None or slices.outside is None or not slices.outside.any()
-        else slices.outside
-    )
+def _leaves_forecast(slices: CurrentSlices) -> bool:
+    """Return whether cells are known to lie off the forecast's grid."""
+    return slices.outside is not None and bool(slices.outside.any())
 
 
 def _controls(slices: CurrentSlices, has_track: bool) -> list[Control]:
@@ -159,22 +125,13 @@ def _extent(contents: Contents, slices: CurrentSlices | None) -> Extent:
     return Extent.around(np.concatenate(east) / 1e3, np.concatenate(north) / 1e3)
 
 
-def _field_traces(
-    contents: Contents, slices: CurrentSlices | None
-) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return the coloured field, land, coastline and arrows."""
-    if slices is None:
-        return {}, []
-    shore = coastline(slices)
-    coast = {
-        "type": "scatter",
-        "mode": "lines",
-        "name": "coast" if slices.outside is not None else "coast, or edge of the forecast",
-        "x": shore[0],
-        "y": shore[1],
-        "line": {"color": DARK, "width": 1.5},
-        "hoverinfo": "skip",
-    }
+def _field(
+    contents: Contents, slices: CurrentSlices
+) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Any]]:
+    """Return the tables, traces and packed arrays of the coloured field, land, coastline and arrows."""
+    packed = {"current": pack(slices.fields, _STEP)}
+    if slices.outside is not None and slices.outside.any():
+        packed["outside"] = pack(np.where(slices.outside, 1.0, np.nan), 1.0)
     longitude, latitude = to_geographic(
         contents.projection, *np.meshgrid(slices.east, slices.north)
     )
@@ -185,11 +142,17 @@ def _field_traces(
         "names": ["u_m_s", "v_m_s", "u_standard_error_m_s", "v_standard_error_m_s"],
     }
     x, y = column(slices.east / 1e3), column(slices.north / 1e3)
-    return {"current": table}, [
+    traces = [
         *_heatmaps(slices, x, y),
-        *([coast] if shore[0] else []),
-        *_arrows(slices, x, y),
+        *(trace for mark in coast_layer(slices).marks for trace in traces_of(mark)),
+        # dark on a light halo, to be seen on both ends of the colour scale
+        *(
+            arrows("current", (slices.east, slices.north), 1.4 / _limits(slices)[0], "c1", "c2")
+            | {"line": {"color": color, "width": width}}
+            for color, width in (("rgba(255,255,255,0.7)", 3.4), (ON_FIELD, 1.3))
+        ),
     ]
+    return {"current": table}, traces, packed
 
 
 def _heatmaps(
@@ -222,7 +185,7 @@ def _heatmaps(
         "zsmooth": {"$choose": 0, "of": ["best" if known else False for known in whole]},
     }
     outside = {"$field": "outside", "at": []}
-    leaves = _outside(slices) is not None
+    leaves = _leaves_forecast(slices)
     kinds: list[tuple[dict[str, Any], Any, str]] = [
         (
             {"$op": "dry", "of": [u, outside] if leaves else [u]},
@@ -247,31 +210,6 @@ def _heatmaps(
     ]
 
 
-def _arrows(
-    slices: CurrentSlices, x: list[float | None], y: list[float | None]
-) -> list[dict[str, Any]]:
-    """Return the arrows of the current, dark on a light halo, to be seen on both ends of the colour scale."""
-    u, v = ({"$field": "current", "at": ["c1", "c2", k]} for k in range(2))
-    step = -(-max(slices.east.size, slices.north.size) // _ARROWS)
-    cell = (
-        step * float(min(slices.east[1] - slices.east[0], slices.north[1] - slices.north[0])) / 1e3
-    )
-    arrows = {
-        "type": "arrows",
-        "x": x,
-        "y": y,
-        "u": u,
-        "v": v,
-        "step": step,
-        "length": 1.4 * cell / _limits(slices)[0],
-        "showlegend": False,
-    }
-    return [
-        {**arrows, "line": {"color": "rgba(255,255,255,0.7)", "width": 3.4}},
-        {**arrows, "line": {"color": DARK, "width": 1.3}},
-    ]
-
-
 def _limits(slices: CurrentSlices) -> tuple[float, float]:
     """Return the ends of the colour scales of speed and standard error [m/s], the same for all depths and times."""
     out = []
@@ -282,33 +220,70 @@ def _limits(slices: CurrentSlices) -> tuple[float, float]:
     return out[0], float(f"{out[1] / np.sqrt(2.0):.2g}")
 
 
+def _seabed_contours(
+    contents: Contents, seabed: Seabed, tables: dict[str, Any], packed: dict[str, Any]
+) -> dict[str, Any]:
+    """Return the contours of the depth of the bottom, and add it to the tables and the packed arrays."""
+    color = color_of(contrast(contents))
+    longitude, latitude = to_geographic(
+        contents.projection, *np.meshgrid(seabed.east, seabed.north)
+    )
+    tables["seabed"] = {
+        "field": "seabed",
+        "axes": {"quantity": ["bottom"], "unit": ["m"]},
+        "cells": {"longitude": column(longitude, 8), "latitude": column(latitude, 8)},
+        "names": ["depth_m"],
+    }
+    known = seabed.depth[np.isfinite(seabed.depth)]
+    step = contour_step(float(known.max()) if known.size else 0.0)
+    packed["seabed"] = pack(seabed.depth[None, None], _DEPTH_STEP)
+    return {
+        "type": "contour",
+        "name": "depth of the bottom [m]",
+        "x": column(seabed.east / 1e3),
+        "y": column(seabed.north / 1e3),
+        "z": {"$field": "seabed", "at": [0, 0]},
+        "contours": {
+            "coloring": "none",
+            "start": step,
+            "end": float(known.max()) if known.size else step,
+            "size": step,
+            "showlabels": True,
+            "labelfont": {"size": 10, "color": color},
+        },
+        "line": {"color": color, "width": 0.8},
+        "showscale": False,
+        "showlegend": True,
+        "hoverinfo": "skip",
+    }
+
+
 def _caption(contents: Contents, slices: CurrentSlices | None) -> str:
     texts = []
     if slices is not None:
         texts.append(
-            "Colours give the speed, or the standard error of a velocity component; arrows give the current, all drawn "
-            "to one scale. Move the "
-            f"sliders to another depth and time: the error shrinks along the track as measurements come in. Grey: {dry_text(slices)}."
+            "Colours: speed, or standard error of a velocity component. Arrows: current, all to one scale. The sliders choose depth "
+            f"and time; the error decreases along the track as measurements come in. Grey: {dry_text(slices)}."
         )
-        if _outside(slices) is not None:
+        if _leaves_forecast(slices):
             texts.append("Hatched: outside the forecast.")
         if slices.left_out:
             texts.append(
-                f"{slices.left_out} of {slices.left_out + slices.time_ns.size} published times are left out, evenly spread."
+                f"{slices.left_out} of {slices.left_out + slices.time_ns.size} published times are omitted, evenly spread."
             )
     count = contents.track.time_ns.size
     if count:
         texts.append(
-            "The track goes from dark (begin) to light (end); circles are fixes, the rest is dead reckoned."
+            "Positions go from dark (begin) to light (end); circles are fixes, the others are dead-reckoned."
         )
     if count > POSITIONS:
         texts.append(f"Of {count:,} positions {POSITIONS:,} are drawn, evenly spread.")
     if contents.seabed is not None:
         texts.append(
-            f"Labelled lines are depths of the bottom, of {escape(bathymetry_name(contents.record))}."
+            f"Labelled lines: depth of the bottom, from {escape(bathymetry_name(contents.record))}."
         )
     texts.append(
-        "Axes are kilometres along the local frame of the result; thin lines are meridians and parallels."
+        "Axes: kilometres in the local frame of the result; dotted lines: meridians and parallels."
     )
     return " ".join(texts)
 

@@ -32,7 +32,7 @@ def words_section(contents: Contents) -> Section:
         + (
             f'<div class="wrong">{items_html(wrong)}</div>'
             if wrong
-            else "<p>Nothing that the tests of this page look for.</p>"
+            else "<p>No problems detected.</p>"
         )
         + f"<h3>What to do next</h3>{items_html(next_steps(contents))}"
         + _current_here(contents)

@@ -1,4 +1,4 @@
-"""A plan that learns: what the next profile is worth by its place, the error before and after, the candidates."""
+"""Adaptive sampling: the value of the next profile by its place, the error before and after, the candidates."""
 
 import json
 from collections.abc import Mapping
@@ -6,13 +6,18 @@ from html import escape
 from math import cos, radians
 from typing import Any
 
+import numpy as np
+
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.page.colors import scale
-from replay_kit.show.page.section import Figure, column, table_html
+from replay_kit.show.colors import ON_FIELD
+from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
+from replay_kit.show.page.section import table_html
+
+_PLACE = ("longitude", "latitude")
 
 
 def learning_html(contents: Contents) -> str:
-    """Return the predicted error before and after the plan, and the candidates; nothing for a plan that does not learn."""
+    """Return the predicted error before and after the plan, and the candidates; nothing for other plans."""
     record = _record(contents)
     if not record:
         return ""
@@ -36,7 +41,7 @@ def _before_and_after(record: Mapping[str, Any]) -> str:
     what = (
         "the current in the box, a component"
         if record["objective"] == "map"
-        else "where the stretch without fixes ends"
+        else "the position at the end of the dead-reckoned leg"
     )
     return (
         f"<p>Predicted error of {what} (root mean square): {_number(before)} {unit} before the "
@@ -62,15 +67,15 @@ def _number(value: float | None) -> str:
 
 
 def _record(contents: Contents) -> dict[str, Any]:
-    """Return what the result says of a plan that learns; empty for others."""
+    """Return what the result holds of adaptive sampling; empty for other plans."""
     return {
         name: json.loads(text)
         for name, text in contents.record.metadata.get("learning", {}).items()
     }
 
 
-def value_figure(contents: Contents) -> Figure | None:
-    """Return the map of what the next profile is worth; None for a plan that does not learn."""
+def value_chart(contents: Contents) -> Chart | None:
+    """Return the map of the value of the next profile; None for other plans."""
     record = _record(contents)
     if not record or not record["value"]["value"]:
         return None
@@ -82,88 +87,41 @@ def value_figure(contents: Contents) -> Figure | None:
     fixes = [leg for leg in legs if not leg["blind"]]
     blind = ([fixes[-1]] if fixes else []) + [leg for leg in legs if leg["blind"]]
     start = record["start"]
-    data = {
-        "value": {
-            "longitude": column(value["longitude"]),
-            "latitude": column(value["latitude"]),
-            "value": column(value["value"]),
-        },
-        "surfacings": _line([{"longitude": start[0], "latitude": start[1]}, *fixes]),
-    }
-    traces: list[dict[str, Any]] = [_field(unit), *_trace("surfacings", "surfacings", "solid")]
-    if len(blind) > 1:
-        data["without_fixes"] = _line(blind)
-        traces += _trace("without_fixes", "without fixes", "dot")
-    layout = {
-        "height": 520,
-        "xaxis": {"title": {"text": "longitude [° east]"}, "constrain": "domain"},
-        "yaxis": {
-            "title": {"text": "latitude [° north]"},
-            "scaleanchor": "x",
-            "scaleratio": 1.0 / max(_narrowed(start[1]), 0.1),
-        },
-        "legend": {"orientation": "h", "y": 1.08},
-    }
-    caption = (
-        f"By how much one more profile reduces the predicted error [{unit}], by its place, taken half way through the plan. The line joins "
-        "its surfacings; where it is dotted the vehicle has no fixes."
+    data: dict[str, Any] = {"value": {name: np.array(value[name]) for name in (*_PLACE, "value")}}
+    field = Mark(
+        "points",
+        "value.longitude",
+        "value.latitude",
+        symbol="square",
+        size=11.0,
+        shade=("value.value", "amp", f"[{unit}]"),
+        hover=f"%{{x:.3f}}, %{{y:.3f}}: %{{text:.3g}} {unit}<extra></extra>",
+        text="value.value",
     )
-    return Figure(
+    marks = [field]
+    lines = {"surfacings": [dict(zip(_PLACE, start, strict=False)), *fixes], "dead-reckoned": blind}
+    for (name, places), dash in zip(lines.items(), ("solid", "dot"), strict=True):
+        if len(places) > 1:
+            table = name.replace("-", "_")
+            data[table] = {axis: np.array([place[axis] for place in places]) for axis in _PLACE}
+            marks.append(_way(table, name, dash))
+    panel = Panel("value", Axis("latitude", "° north"), marks)
+    return Chart(
         "next-profile",
         "Value of the next profile",
-        caption,
-        f"Map of what one profile is worth in {unit}, with the plan's surfacings.",
+        Axis("longitude", "° east"),
+        [panel],
+        f"Reduction of the predicted error [{unit}] by one more profile, against its place, taken half way through the plan. The line "
+        "joins the surfacings; where it is dotted the vehicle is dead-reckoned.",
+        f"Map of the value of one profile in {unit}, with the plan's surfacings.",
         data,
-        traces,
-        layout,
+        520,
+        1.0 / max(cos(radians(start[1])), 0.1),
     )
 
 
-def _field(unit: str) -> dict[str, Any]:
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "x": "$value.longitude",
-        "y": "$value.latitude",
-        "showlegend": False,
-        "marker": {
-            "size": 11,
-            "symbol": "square",
-            "color": "$value.value",
-            "colorscale": scale("amp"),
-            "showscale": True,
-            "colorbar": {"title": {"text": f"[{unit}]"}},
-        },
-        "text": "$value.value",
-        "hovertemplate": f"%{{x:.3f}}, %{{y:.3f}}: %{{text:.3g}} {unit}<extra></extra>",
-    }
-
-
-def _trace(table: str, name: str, dash: str) -> list[dict[str, Any]]:
+def _way(table: str, name: str, dash: str) -> Mark:
     """Return a line over a light one, to be seen on both ends of the colour scale."""
-    where = {"type": "scatter", "x": f"${table}.longitude", "y": f"${table}.latitude"}
-    halo = {
-        **where,
-        "mode": "lines",
-        "line": {"color": "#ffffff", "width": 5},
-        "showlegend": False,
-        "hoverinfo": "skip",
-    }
-    line = {
-        **where,
-        "mode": "lines+markers",
-        "name": name,
-        "line": {"color": "#1b2733", "width": 1.8, "dash": dash},
-        "marker": {"size": 6, "color": "#1b2733", "line": {"color": "#ffffff", "width": 1}},
-        "hovertemplate": f"{name}: %{{x:.4f}}, %{{y:.4f}}<extra></extra>",
-    }
-    return [halo, line]
-
-
-def _line(places: list[dict[str, Any]]) -> dict[str, Any]:
-    return {name: column([place[name] for place in places]) for name in ("longitude", "latitude")}
-
-
-def _narrowed(latitude: float) -> float:
-    """Return the length of a degree of longitude over that of latitude."""
-    return cos(radians(latitude))
+    look: Any = {"color": ON_FIELD, "dash": dash, "width": 1.8, "edge": "#ffffff", "halo": True}
+    hover = f"{name}: %{{x:.4f}}, %{{y:.4f}}<extra></extra>"
+    return Mark("joined", f"{table}.longitude", f"{table}.latitude", name, hover=hover, **look)

@@ -8,12 +8,13 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.show.page.section import column
 
 #: Steps between lines of longitude or latitude [degrees].
 _STEPS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0)
 _LINES = 4
+#: Arrows along the longer side of a map.
+_ARROWS = 24
 #: Lines of the hatching along a map's longer side.
 _STROKES = 60
 #: The least width of a map [km]: one position alone has none.
@@ -40,37 +41,42 @@ class Extent:
         return cls(*(float(f"{end:.5g}") for end in ends))
 
 
-def coastline(slices: CurrentSlices) -> tuple[list[float | None], list[float | None]]:
-    """Return the edges between wet and dry cells of the shallowest slice as a line with gaps: east and north [km].
+def map_layout(east: Any, north: Any) -> dict[str, Any]:
+    """Return plotly's layout of a map that shows ranges [km] in the local frame."""
+    bare = {"constrain": "domain", "showgrid": False, "zeroline": False}
+    return {
+        "xaxis": {"title": {"text": "local east [km]"}, "range": east, **bare},
+        "yaxis": {
+            "title": {"text": "local north [km]"},
+            "range": north,
+            "scaleanchor": "x",
+            **bare,
+        },
+    }
 
-    Cells that are known to lie off the forecast's grid are neither.
+
+def arrows(
+    packed: str,
+    axes: tuple[Array, Array],
+    length: float,
+    first: int | str = 0,
+    second: int | str = 0,
+) -> dict[str, Any]:
+    """Return arrows along a packed current, which the page's script draws; their line is not stated.
+
+    Args:
+        packed: Name of the packed array.
+        axes: Cell centres in east and in north [m].
+        length: Of an arrow, in steps between arrows per m/s.
+        first: Index of the array's first axis, or the control that chooses it.
+        second: Of its second axis.
     """
-    wet = np.isfinite(slices.fields[0, -1, 0])
-    dry = ~wet if slices.outside is None else ~wet & ~slices.outside
-    half = 0.5 * np.array([slices.east[1] - slices.east[0], slices.north[1] - slices.north[0]])
-    x: list[Array] = []
-    y: list[Array] = []
-    gap = np.array([np.nan])
-    for j, i in zip(
-        *np.nonzero((wet[:, 1:] & dry[:, :-1]) | (dry[:, 1:] & wet[:, :-1])), strict=True
-    ):
-        edge = 0.5 * (slices.east[i] + slices.east[i + 1])
-        x += [np.array([edge, edge]), gap]
-        y += [slices.north[j] + half[1] * np.array([-1.0, 1.0]), gap]
-    for j, i in zip(*np.nonzero((wet[1:] & dry[:-1]) | (dry[1:] & wet[:-1])), strict=True):
-        edge = 0.5 * (slices.north[j] + slices.north[j + 1])
-        x += [slices.east[i] + half[0] * np.array([-1.0, 1.0]), gap]
-        y += [np.array([edge, edge]), gap]
-    return (column(np.concatenate(x) / 1e3), column(np.concatenate(y) / 1e3)) if x else ([], [])
-
-
-def dry_text(slices: CurrentSlices) -> str:
-    """Return what cells without a current are, other than those that are known to lie off the forecast's grid."""
-    return (
-        "land, or below the bottom"
-        if slices.outside is not None
-        else "land, below the bottom, or outside the forecast"
-    )
+    step = -(-max(axis.size for axis in axes) // _ARROWS)
+    cell = step * float(min(axis[1] - axis[0] for axis in axes)) / 1e3
+    u, v = ({"$field": packed, "at": [first, second, k]} for k in (0, 1))
+    x, y = (column(axis / 1e3) for axis in axes)
+    shown = {"step": step, "length": length * cell, "showlegend": False}
+    return {"type": "arrows", "x": x, "y": y, "u": u, "v": v, **shown}
 
 
 def hatching(extent: Extent) -> dict[str, Any]:

@@ -8,14 +8,99 @@ import numpy as np
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.track import thinned
-from replay_kit.show.page.section import Figure, Section, column, number, table_html
-from replay_kit.show.report.sections.last_plan import (
-    last_plan_html,
-    profile_figure,
-    what_is_missing,
-)
-from replay_kit.show.report.sections.learning import learning_html, value_figure
+from replay_kit.show.figures.on_page import figure_of
+from replay_kit.show.figures.plan import profile_chart, surfacing_chart
+from replay_kit.show.page.section import Section, number, table_html
+from replay_kit.show.report.sections.learning import learning_html, value_chart
 from replay_kit.show.report.sections.waypoint import waypoint_figure
+
+_STATUS = {
+    "reached": "the predicted path passes the goal within the tolerance",
+    "uncertain": "the predicted path passes the goal, but fewer samples of the estimate than asked for arrive",
+    "partial": "the predicted path ends at the horizon that was asked for, before the goal",
+    "unsafe": "the predicted path, or more samples of the estimate than accepted, violates a constraint",
+    "unreachable": "the best path found does not pass the goal within the tolerance",
+    "failed": "no usable path was found",
+}
+
+
+def last_plan_html(contents: Contents, plan: LastPlan) -> str:
+    """Return the outcome of the last plan as a table."""
+    row = plan.row
+    rows = [
+        ["status", f"<strong>{escape(row['status'])}</strong>: {_STATUS.get(row['status'], '')}"],
+        ["message", escape(row["message"])],
+    ]
+    rows += [["energy", _energy(plan.energy, plan.battery)]] if plan.energy is not None else []
+    rows += [["odds of arriving", odds]] if (odds := _odds(plan)) else []
+    if plan.areas:
+        rows.append(
+            [
+                "no-go areas",
+                ", ".join(
+                    escape(area.name + (" (surface only)" if area.surface_only else ""))
+                    for area in plan.areas
+                ),
+            ]
+        )
+    if (
+        named := contents.record.metadata.get("replay_kit.inputs", {}).get("bathymetry")
+    ) is not None:
+        name, _, digest = named.partition(" sha256:")
+        rows.append(["bathymetry", f"{escape(name)}, SHA-256 <code>{escape(digest)}</code>"])
+    if (bottom := plan.bottom) is not None:
+        height = float(np.nanmin(bottom - plan.track["depth"].to_numpy(np.float64)))
+        rows.append(["least height above the bottom", f"{height:.0f} m"])
+    return table_html(["what", "of the last plan"], rows, "The last plan")
+
+
+def _energy(energy: float, battery: float | None) -> str:
+    text = number("plan.energy_j", energy, f"{energy / 1e3:,.0f} kJ")
+    if battery is None:
+        return f"{text}; the energy of the battery was not stated"
+    stated = number("plan.battery_j", battery, f"{battery / 1e6:g} MJ")
+    return f"{text}, {100.0 * energy / battery:.1f} % of {stated}" + (
+        ": more than the battery holds" if energy > battery else ""
+    )
+
+
+def _odds(plan: LastPlan) -> str:
+    odds = plan.odds
+    if odds is None:
+        return ""
+    said = {
+        name: number(f"plan.odds.{name}", odds[name], f"{100.0 * odds[name]:.0f} %")
+        for name in ("reached", "reached_held", "safe")
+    }
+    count = number("plan.odds.n_samples", odds["n_samples"], f"{odds['n_samples']:.0f}")
+    median, most = (
+        number(f"plan.odds.{name}", odds[name], f"{odds[name]:,.0f} m")
+        for name in ("miss_median", "miss_90_percent")
+    )
+    return (
+        f"{said['reached']} of {count} samples of the estimate arrive with headings corrected at each surfacing, "
+        f"{said['reached_held']} with headings held; "
+        f"{said['safe']} violate no constraint; median miss {median}, 90 % within {most}"
+    )
+
+
+def what_is_missing(plan: LastPlan) -> list[str]:
+    """Return what the result does not hold of its last plan, and what would give it."""
+    out = []
+    if plan.energy is None:
+        out.append(
+            "The result holds no energy of the plan: a single glide has none, a mission (--planner mission) has."
+        )
+    if plan.odds is None and plan.row["status"] != "failed":
+        out.append(
+            "The result holds no odds of arriving: [planner] samples = 40 flies each mission through 40 samples of the estimate."
+        )
+    if plan.bottom is None:
+        out.append(
+            "The result holds no depth of the bottom: --bathymetry keeps plans above it and shows it here."
+        )
+    return out
+
 
 _PLANS = 30
 
@@ -33,15 +118,13 @@ def plan_section(contents: Contents) -> Section:
         return Section(
             "plan", "Plan", missing=[f"{why}; replay-kit plan makes one on this estimate."]
         )
-    figures = [profile_figure(contents, plan)] if len(plan.track) else []
-    value = value_figure(contents)
-    if value is not None:
-        figures.append(value)
-    waypoint = waypoint_figure(contents)
-    if waypoint is not None:
+    figures = [figure_of(profile_chart(contents, plan))] if len(plan.track) else []
+    if (value := value_chart(contents)) is not None:
+        figures.append(figure_of(value))
+    if (waypoint := waypoint_figure(contents)) is not None:
         figures.append(waypoint)
     if len(contents.result.surfacings):
-        figures.append(_surfacings(contents))
+        figures.append(figure_of(surfacing_chart(contents)))
     html = (
         last_plan_html(contents, plan)
         + _departures_html(contents)
@@ -99,7 +182,7 @@ def _departures_html(contents: Contents) -> str:
         "departure (UTC)",
         "status",
         "arrival (UTC)",
-        "lasts [h]",
+        "duration [h]",
         "energy [kJ]",
         "samples that arrive",
         "",
@@ -130,11 +213,11 @@ def _plans_html(contents: Contents) -> str:
         "status",
         "heading [° true]",
         "glide angle [°]",
-        "lasts [h]",
+        "duration [h]",
         "misses the goal by [m]",
         "message",
     ]
-    return table_html(heads, rows, f"The plans, in the order in which they were made{thin}")
+    return table_html(heads, rows, f"All plans, oldest first{thin}")
 
 
 def _figures_of_surfacings(contents: Contents) -> str:
@@ -148,62 +231,10 @@ def _figures_of_surfacings(contents: Contents) -> str:
     )
     text = (
         f"{number('surfacings.count', figures['count'], str(figures['count']))} surfacings were predicted by the plan "
-        "before: in the median "
-        f"{number('surfacings.distance_median_m', median, f'{median:,.0f}')} m off, at "
+        "before: median distance "
+        f"{number('surfacings.distance_median_m', median, f'{median:,.0f}')} m, median delay "
         f"{number('surfacings.delay_median_s', delay, f'{delay / 60.0:+.0f}')} minutes"
     )
     if share is not None:
-        text += f"; {number('surfacings.inside_ellipse', share, f'{100.0 * share:.0f} %')} lie inside the ellipse of 90 %"
-    return f"<p>{text}. If the vehicle flew other plans than these, the distances include the difference of the two.</p>"
-
-
-def _surfacings(contents: Contents) -> Figure:
-    table = contents.result.surfacings
-    radians = np.deg2rad(table["direction_deg"].to_numpy(np.float64))
-    distance = table["distance"].to_numpy(np.float64) / 1e3
-    data = {
-        "time": [str(time)[:19] for time in table.index],
-        "east_km": column(distance * np.sin(radians)),
-        "north_km": column(distance * np.cos(radians)),
-        "delay_min": column(table["delay"].to_numpy(np.float64) / 60.0),
-        "inside_ellipse": table["inside_ellipse"].astype(int).tolist(),
-    }
-    points = {
-        "type": "scatter",
-        "mode": "markers",
-        "x": "$surfacing_errors.east_km",
-        "y": "$surfacing_errors.north_km",
-        "text": "$surfacing_errors.time",
-        "customdata": "$surfacing_errors.delay_min",
-        "marker": {"size": 9, "color": {"$color": "one"}},
-        "hovertemplate": "%{text}<br>%{x:.2f} km east, %{y:.2f} km north, %{customdata:+.0f} min<extra></extra>",
-    }
-    reach = float(f"{1.15 * max(distance.max(), 0.1):.3g}")
-    layout = {
-        "height": 420,
-        "xaxis": {
-            "title": {"text": "actual minus predicted, east [km]"},
-            "range": [-reach, reach],
-            "constrain": "domain",
-        },
-        "yaxis": {
-            "title": {"text": "north [km]"},
-            "scaleanchor": "x",
-            "range": [-reach, reach],
-            "constrain": "domain",
-        },
-        "showlegend": False,
-    }
-    caption = (
-        "Each point: where the vehicle surfaced, seen from where the plan before had predicted it. A cloud beside the "
-        "centre is a current that the estimate lacks, or another plan flown."
-    )
-    return Figure(
-        "surfacing-errors",
-        "Predicted and actual surfacings",
-        caption,
-        f"Error of {len(table)} predicted surfacings, east and north.",
-        {"surfacing_errors": data},
-        [points],
-        layout,
-    )
+        text += f"; {number('surfacings.inside_ellipse', share, f'{100.0 * share:.0f} %')} are inside the 90 % ellipse"
+    return f"<p>{text}. If the vehicle flew other plans, the distances include that difference.</p>"

@@ -6,7 +6,7 @@ import numpy as np
 
 from replay_kit.results.outcome.verdict import LEAST_NIS, MOST_NIS
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.trust import calibration
+from replay_kit.results.views.slices import calibration
 from replay_kit.show.page.section import number
 
 #: Notes of a run that only state what was read and chosen.

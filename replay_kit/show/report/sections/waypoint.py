@@ -8,8 +8,8 @@ import numpy as np
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown
-from replay_kit.core.geodesy import to_local
 from replay_kit.results.views.contents import Contents
+from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.steering import (
     LEAST_DIVE,
     STEPS,
@@ -20,7 +20,11 @@ from replay_kit.results.views.steering import (
     fly_to_waypoints,
     gridded_currents,
 )
+from replay_kit.results.views.track import thinned
+from replay_kit.show.figures.map_layers import plan_layer
+from replay_kit.show.figures.on_page import traces_of
 from replay_kit.show.page.section import Control, Figure, column, pack
+from replay_kit.show.report.sections.map_frame import arrows, map_layout
 
 _SAMPLES, _SEED = 16, 0
 #: Weights of the largest estimate that is sampled: the time grows with their cube.
@@ -33,28 +37,14 @@ _WAYPOINTS = 5
 
 def waypoint_figure(contents: Contents) -> Figure | None:
     """Return the last plan's way with waypoints to move; None without an estimate or a plan."""
-    flow, plans = contents.estimate, contents.result.plans
-    if flow is None or not len(plans):
+    flow, plan = contents.estimate, contents.last_plan
+    if flow is None or plan is None:
         return None
-    plan = plans.iloc[-1]
-    start, goal = (
-        np.array(
-            to_local(contents.projection, plan[f"{end}_longitude"], plan[f"{end}_latitude"]),
-            dtype=np.float64,
-        )
-        for end in ("start", "goal")
-    )
-    dives = _dives(contents)
-    levels = flow.levels[
-        np.unique(
-            np.rint(np.linspace(0, flow.levels.size - 1, min(_LEVELS, flow.levels.size))).astype(
-                int
-            )
-        )
-    ]
+    start, goal, dives = plan.start, plan.goal, _dives(contents)
+    levels = flow.levels[thinned(flow.levels.size, _LEVELS)]
     samples = _SAMPLES if 0 < flow.n_modes * flow.levels.size <= _SAMPLED else 0
     currents = gridded_currents(flow, levels, samples, _SEED)
-    waypoints = _waypoints(contents)
+    waypoints = _waypoints(plan)
     places = _places(currents, np.vstack([start, *waypoints, goal]))
     arrivals = [
         fly_to_waypoints(currents, k, dives, start, [*waypoints, goal])
@@ -75,7 +65,7 @@ def waypoint_figure(contents: Contents) -> Figure | None:
         "Map of the way from the plan's start over waypoints to its goal, flown in the estimate and in samples of it; "
         "two sliders move the waypoint chosen.",
         {"flights": _table(arrivals)},
-        _traces(currents, start, goal),
+        _traces(contents, currents),
         _layout(places),
         controls,
         {
@@ -108,7 +98,7 @@ def readout(arrivals: list[Arrival], tolerance: float) -> str:
     hours = [arrival.duration / 3600.0 for arrival in samples]
     misses = np.median([arrival.miss for arrival in samples])
     return (
-        f"{text} In {len(samples)} samples of it: after {min(hours):.1f} to {max(hours):.1f} h, {misses:.0f} m off in the median; "
+        f"{text} In {len(samples)} samples of it: after {min(hours):.1f} to {max(hours):.1f} h, median miss {misses:.0f} m; "
         f"{100.0 * near / len(samples):.0f} % arrive within {tolerance:.0f} m."
     )
 
@@ -136,25 +126,13 @@ def _dives(contents: Contents) -> Dives:
     )
 
 
-def _waypoints(contents: Contents) -> list[Array]:
-    """Return places on the last plan's way, evenly spread in time; without a way the middle between its start and goal."""
-    tracks, plans = contents.result.plan_tracks, contents.result.plans
-    last, plan = tracks[tracks["plan"] == len(plans) - 1], plans.iloc[-1]
-    if len(last) < _WAYPOINTS + 2:
-        ends = np.array(
-            [
-                to_local(contents.projection, plan[f"{end}_longitude"], plan[f"{end}_latitude"])
-                for end in ("start", "goal")
-            ]
-        )
-        return [ends.mean(axis=0)]
-    seconds = (last.index - last.index[0]).total_seconds().to_numpy()
+def _waypoints(plan: LastPlan) -> list[Array]:
+    """Return places on a plan's way, evenly spread in time; without a way the middle between its start and goal."""
+    if len(plan.track) < _WAYPOINTS + 2:
+        return [0.5 * (plan.start + plan.goal)]
+    seconds = (plan.track.index - plan.track.index[0]).total_seconds().to_numpy()
     at = np.linspace(0.0, seconds[-1], _WAYPOINTS + 2)[1:-1]
-    east, north = (
-        np.interp(at, seconds, values)
-        for values in to_local(contents.projection, last["longitude"], last["latitude"])
-    )
-    return list(np.column_stack([east, north]))
+    return list(np.column_stack([np.interp(at, seconds, way) for way in (plan.east, plan.north)]))
 
 
 def _places(currents: GriddedCurrents, way: Array) -> tuple[Array, Array]:
@@ -204,51 +182,20 @@ def _table(arrivals: list[Arrival]) -> dict[str, Any]:
     }
 
 
-def _traces(currents: GriddedCurrents, start: Array, goal: Array) -> list[dict[str, Any]]:
+def _traces(contents: Contents, currents: GriddedCurrents) -> list[dict[str, Any]]:
     """Return the mean current at the shallowest level, start and goal; the script adds the flights."""
-    u, v = ({"$field": "currents", "at": [0, 0, k]} for k in (0, 1))
-    step = -(-max(currents.east.size, currents.north.size) // 24)
     fastest = max(float(np.hypot(*currents.velocity[0, 0]).max()), 1e-3)
-    arrows = {
-        "type": "arrows",
-        "x": column(currents.east / 1e3),
-        "y": column(currents.north / 1e3),
-        "u": u,
-        "v": v,
-        "step": step,
-        "length": 1.2 * step * float(currents.east[1] - currents.east[0]) / 1e3 / fastest,
-        "showlegend": False,
-        "line": {"color": {"$color": "three"}, "width": 1},
-    }
-    ends = [
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "name": name,
-            "x": column(place[:1] / 1e3, 6),
-            "y": column(place[1:] / 1e3, 6),
-            "marker": {"symbol": symbol, "size": 14, "color": {"$color": "ink"}},
-            "hovertemplate": f"{name}<extra></extra>",
-        }
-        for name, place, symbol in (("start", start, "circle"), ("goal", goal, "star"))
+    ends = [mark for mark in plan_layer(contents).marks if mark.kind == "points"]
+    return [
+        arrows("currents", (currents.east, currents.north), 1.2 / fastest)
+        | {"line": {"color": {"$color": "three"}, "width": 1}},
+        *(trace for mark in ends for trace in traces_of(mark)),
     ]
-    return [arrows, *ends]
 
 
 def _layout(places: tuple[Array, Array]) -> dict[str, Any]:
-    east, north = ([float(axis[0]) / 1e3 - 2.0, float(axis[-1]) / 1e3 + 2.0] for axis in places)
-    bare = {"constrain": "domain", "showgrid": False, "zeroline": False}
-    return {
-        "height": 700,
-        "dragmode": False,
-        "xaxis": {"title": {"text": "local east [km]"}, "range": east, **bare},
-        "yaxis": {
-            "title": {"text": "local north [km]"},
-            "range": north,
-            "scaleanchor": "x",
-            **bare,
-        },
-    }
+    ends = ([float(axis[0]) / 1e3 - 2.0, float(axis[-1]) / 1e3 + 2.0] for axis in places)
+    return {**map_layout(*ends), "height": 700, "dragmode": False}
 
 
 def _caption(samples: int, dives: Dives) -> str:
@@ -256,7 +203,7 @@ def _caption(samples: int, dives: Dives) -> str:
         "Drag a diamond, or choose a waypoint and move the sliders: the glider steers from the plan's start over the "
         "waypoints to the goal, "
         "dive by dive, and at each surfacing "
-        "corrects for the mean current of its last dive. The thick line is its way in the estimate"
+        "corrects for the mean current of its last dive. The thick line is its path in the estimate"
         + (
             f", thin lines in {samples} samples of it: where they spread, the current is uncertain."
             if samples
@@ -264,7 +211,7 @@ def _caption(samples: int, dives: Dives) -> str:
         )
         + f" Dives to {dives.depth:.0f} m at {dives.speed:.2f} m/s and {dives.glide_angle_deg:.0f}° of glide; "
         "grey arrows are the current near the surface. "
-        "The current is that of the end of the log, and does not change; land and constraints of the plan are not looked at."
+        "The current is that of the end of the log and constant; land and the plan's constraints are ignored."
     )
     return (
         text

@@ -4,11 +4,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from replay_kit.core.paths import check_paths, truth_path
+from replay_kit.core.paths import Stamp, check_paths, stamps_of, truth_path
 from replay_kit.core.plan import Place
-from replay_kit.core.unchanged import Stamp, stamps_of
 from replay_kit.forecast import ensemble_files
-from replay_kit.logs.folders import logs_in
+from replay_kit.logs.registry import logs_in
 from replay_kit.workflows.replay.inputs.region import FoundRegion
 
 

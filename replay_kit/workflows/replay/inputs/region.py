@@ -16,7 +16,7 @@ from replay_kit.core.plan import Place
 from replay_kit.core.region import DEGREE, Region, around, centre, degree_of_longitude, inside, text
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.windows.geometry import moved_into
-from replay_kit.forecast.extent import Extent, open_extent
+from replay_kit.forecast.describe import Extent, open_extent
 from replay_kit.workflows.replay.inputs.scan import places_of
 
 #: Name of the metadata record of a result that holds it.

@@ -5,18 +5,17 @@ from dataclasses import dataclass, field, is_dataclass, replace
 from typing import Any
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.errors import ForecastError, MeasurementError
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding, ForecastError, MeasurementError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Measurement, PathMean, VehicleState
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
-from replay_kit.measurements.consistency.speeds import (
+from replay_kit.measurements.consistency.summary import (
     EnsembleSpeeds,
+    PingSummary,
     ensemble_speeds,
     odd_ensemble_speeds,
 )
-from replay_kit.measurements.consistency.summary import PingSummary
 from replay_kit.measurements.consistency.tracks import LogTracks
 from replay_kit.workflows.replay.stages.counts import ProfileCounts
 from replay_kit.workflows.replay.stages.estimation import EstimationState, Step, assimilate

@@ -7,9 +7,8 @@ from typing import Any, Protocol, runtime_checkable
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Grid
+from replay_kit.core.grid import Grid, Seabed
 from replay_kit.core.plan import Place, Plan
-from replay_kit.core.seabed import Seabed
 from replay_kit.core.surfacing import Surfacing
 
 

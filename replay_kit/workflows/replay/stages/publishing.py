@@ -7,14 +7,13 @@ import numpy as np
 
 from replay_kit.config.run import OutputConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.dive_forecast import DiveOutcome
-from replay_kit.core.finding import Finding
+from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
-from replay_kit.core.surfacing import SurfacingOutcome
+from replay_kit.core.surfacing import DiveOutcome, SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay.stages.estimation import Step
 

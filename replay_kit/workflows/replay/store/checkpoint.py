@@ -49,7 +49,7 @@ class Checkpoint:
         messages: Number of messages read before.
         journal_bytes: How much of the journal belongs to the result.
         writer_state: Of the result's writer.
-        begun_ns: Time of the first message [ns, UTC]; 0 where the journal has what precedes it in the result.
+        begun_ns: Time of the first message [ns, UTC]; None where the journal has what precedes it in the result.
     """
 
     state: ReplayState
@@ -57,7 +57,7 @@ class Checkpoint:
     messages: int
     journal_bytes: int
     writer_state: tuple[int, float | None]
-    begun_ns: int = 0
+    begun_ns: int | None = None
 
 
 def run_identity(metadata: Mapping[str, Mapping[str, str]], settings_toml: str) -> str:
@@ -163,7 +163,81 @@ def write_checkpoint(
         )
 
 
-class CheckpointFile:
+class StateStore:
+    """The states of one run on the disk, and the journal of its result."""
+
+    def __init__(self, journal: Path, identity: str, prior: object | None) -> None:
+        """Bind the store to a run.
+
+        Args:
+            journal: The file of the journal.
+            identity: Of the run; states of another are of no use.
+            prior: The estimator's prior, which is not stored; None when the estimator has none.
+        """
+        self._journal_path, self._identity, self._prior = journal, identity, prior
+        self._journal: Journal | None = None
+
+    def resume(
+        self, messages: Callable[[], Iterator[Message]]
+    ) -> tuple[Checkpoint | None, Iterator[Message]]:
+        """Return the state from which the run goes on, None when it begins, and the messages after it.
+
+        Args:
+            messages: Begins the messages of the logs anew.
+        """
+        raise NotImplementedError
+
+    def write_when_due(
+        self, session: Session, measurement: MeasurementState, messages: int
+    ) -> None:
+        """Write a state when it is time and no observation waits.
+
+        Args:
+            session: The replay.
+            measurement: State of the measurement step.
+            messages: Number of messages read.
+        """
+        raise NotImplementedError
+
+    def write_last(self) -> None:
+        """Write the last state, where the logs may grow."""
+
+    def open_journal(self, checkpoint: Checkpoint | None) -> Journal:
+        """Return the journal, cut to what belongs to the checkpoint."""
+        written = 0 if checkpoint is None else checkpoint.journal_bytes
+        self._journal = Journal(self._journal_path, written)
+        return self._journal
+
+    def restore_result(
+        self,
+        writer: ResultWriter,
+        checkpoint: Checkpoint,
+        copy_inputs: Callable[[], None],
+        begin: Callable[[int], None],
+    ) -> None:
+        """Write again what had been written up to a state.
+
+        Args:
+            writer: Of the result.
+            checkpoint: Where it goes on.
+            copy_inputs: Copies the inputs into the result, which the journal does not hold.
+            begin: Writes what precedes the messages of a result, whose first is of a time [ns, UTC], where the journal does not hold it.
+        """
+        if checkpoint.begun_ns is not None:
+            begin(checkpoint.begun_ns)
+        journal = read_journal(self._journal_path, checkpoint.journal_bytes)
+        writer.replay_journal(journal, checkpoint.writer_state, copy_inputs)
+
+    def close(self) -> None:
+        """Close the journal."""
+        if self._journal is not None:
+            self._journal.close()
+
+    def remove(self) -> None:
+        """Delete what no longer run goes on from: nothing, where the logs may grow."""
+
+
+class CheckpointFile(StateStore):
     """The checkpoint file of one run, and its journal."""
 
     def __init__(
@@ -183,13 +257,11 @@ class CheckpointFile:
             prior: The estimator's prior, which is not stored; None when the estimator has none.
             region: The part of the forecast that was found from the log; None where it was not.
         """
+        super().__init__(journal_path(path), identity, prior)
         self.path = path
-        self._identity = identity
         self._interval_ns = int(interval_s * 1e9)
-        self._prior = prior
         self._region = region
         self._next_ns: int | None = None
-        self._journal: Journal | None = None
 
     def read(self) -> Checkpoint | None:
         """Return the checkpoint; None when there is none yet.
@@ -207,10 +279,7 @@ class CheckpointFile:
     def resume(
         self, messages: Callable[[], Iterator[Message]]
     ) -> tuple[Checkpoint | None, Iterator[Message]]:
-        """Return the checkpoint, None when there is none yet, and the messages after it.
-
-        Args:
-            messages: Begins the messages of the logs; those before the checkpoint are passed over.
+        """Return the checkpoint, None when there is none yet, and the messages after it; those before it are passed over.
 
         Raises:
             ConfigError, LogError: As of ``read``.
@@ -220,45 +289,10 @@ class CheckpointFile:
             messages(), 0 if checkpoint is None else checkpoint.messages, None
         )
 
-    def open_journal(self, checkpoint: Checkpoint | None) -> Journal:
-        """Return the journal, cut to what belongs to the checkpoint."""
-        self._journal = Journal(
-            journal_path(self.path), 0 if checkpoint is None else checkpoint.journal_bytes
-        )
-        return self._journal
-
-    def restore_result(
-        self,
-        writer: ResultWriter,
-        checkpoint: Checkpoint,
-        copy_inputs: Callable[[], None],
-        begin: Callable[[int], None],
-    ) -> None:
-        """Write again what the interrupted run had written.
-
-        Args:
-            writer: Of the result.
-            checkpoint: Where it goes on.
-            copy_inputs: Copies the inputs into the result, which the journal does not hold.
-            begin: Without effect: the journal holds what precedes the messages too.
-        """
-        del begin
-        writer.replay_journal(
-            read_journal(journal_path(self.path), checkpoint.journal_bytes),
-            checkpoint.writer_state,
-            copy_inputs,
-        )
-
     def write_when_due(
         self, session: Session, measurement: MeasurementState, messages: int
     ) -> None:
-        """Write a checkpoint when it is time and no observation waits.
-
-        Args:
-            session: The replay.
-            measurement: State of the measurement step.
-            messages: Number of messages read.
-        """
+        """Write a checkpoint when it is time and no observation waits."""
         if session.writer is None or self._journal is None:
             return
         if self._next_ns is None:
@@ -273,12 +307,11 @@ class CheckpointFile:
 
     def close(self) -> None:
         """Close the journal; without a checkpoint no run can continue from it, and it is deleted."""
-        if self._journal is not None:
-            self._journal.close()
-            if not self.path.exists():
-                self._journal.path.unlink(missing_ok=True)
+        super().close()
+        if self._journal is not None and not self.path.exists():
+            self._journal_path.unlink(missing_ok=True)
 
     def remove(self) -> None:
         """Delete the checkpoint and its journal: the result is complete."""
         self.path.unlink(missing_ok=True)
-        journal_path(self.path).unlink(missing_ok=True)
+        self._journal_path.unlink(missing_ok=True)

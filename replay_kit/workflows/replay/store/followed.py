@@ -21,10 +21,10 @@ from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.message import Message
 from replay_kit.measurements import MeasurementState
-from replay_kit.results import Journal, ResultWriter, read_journal
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.store.checkpoint import (
     Checkpoint,
+    StateStore,
     read_checkpoint,
     write_checkpoint,
 )
@@ -65,7 +65,7 @@ def _plain(value: Any) -> Any:
     return value.hex() if isinstance(value, bytes | bytearray | memoryview) else repr(value)
 
 
-class FollowedStates:
+class FollowedStates(StateStore):
     """The states of one followed mission, in a folder of their own."""
 
     def __init__(self, folder: Path, identity: str, prior: object | None) -> None:
@@ -85,23 +85,18 @@ class FollowedStates:
             raise ConfigError(
                 f"{folder}: expected a folder for the states of a followed log: {error.strerror}; choose another"
             ) from error
+        super().__init__(folder / "journal", identity, prior)
         self.path = folder
-        self._identity, self._prior = identity, prior
         self._known = self._read_index()
         self._begun_ns, self._read = 0, 0
         self._digests = deque[Any](maxlen=_AHEAD)
         self._pending: tuple[_Known, Checkpoint] | None = None
         self._written_at = time.monotonic()
-        self._journal: Journal | None = None
 
     def resume(
         self, messages: Callable[[], Iterator[Message]]
     ) -> tuple[Checkpoint | None, Iterator[Message]]:
-        """Return the last state before which no message changed, None when there is none, and the messages after it.
-
-        Args:
-            messages: Begins the messages of the logs anew.
-        """
+        """Return the last state before which no message changed, None when there is none, and the messages after it."""
         fit, stream = self._longest_fit(messages())
         if fit is not None and fit is not self._known[-1]:
             # what was read beyond the state is read again
@@ -149,45 +144,10 @@ class FollowedStates:
         """Return the digest of so many messages, at most ``_AHEAD`` before the last one read: a block is read before its first is taken."""
         return str(self._digests[messages - self._read - 1].hexdigest())
 
-    def open_journal(self, checkpoint: Checkpoint | None) -> Journal:
-        """Return the journal, cut to what belongs to the state."""
-        self._journal = Journal(
-            self.path / "journal", 0 if checkpoint is None else checkpoint.journal_bytes
-        )
-        return self._journal
-
-    def restore_result(
-        self,
-        writer: ResultWriter,
-        checkpoint: Checkpoint,
-        copy_inputs: Callable[[], None],
-        begin: Callable[[int], None],
-    ) -> None:
-        """Write what earlier replays had written up to a state.
-
-        Args:
-            writer: Of the result.
-            checkpoint: The state.
-            copy_inputs: Without effect: what precedes the messages is written anew, the inputs among it.
-            begin: Writes what precedes the messages of a result, whose first is of a time [ns, UTC].
-        """
-        begin(checkpoint.begun_ns)
-        writer.replay_journal(
-            read_journal(self.path / "journal", checkpoint.journal_bytes),
-            checkpoint.writer_state,
-            copy_inputs,
-        )
-
     def write_when_due(
         self, session: Session, measurement: MeasurementState, messages: int
     ) -> None:
-        """Remember a state between two blocks of observations, and now and then write it.
-
-        Args:
-            session: The replay.
-            measurement: State of the measurement step.
-            messages: Number of messages read.
-        """
+        """Remember a state between two blocks of observations, and now and then write it."""
         if session.writer is None or self._journal is None or (state := session.state) is None:
             return
         known = _Known(messages, self._digest(messages), state.last_ns)
@@ -214,14 +174,6 @@ class FollowedStates:
         self._journal.flushed()
         write_checkpoint(self.path / known.name, (self._identity, None), self._prior, checkpoint)
         self._keep(thinned([*self._known, known]))
-
-    def close(self) -> None:
-        """Close the journal; the states stay."""
-        if self._journal is not None:
-            self._journal.close()
-
-    def remove(self) -> None:
-        """Keep all: the logs may grow."""
 
     def _read_index(self) -> list[_Known]:
         """Return the states on the disk; none of another run, nor where the index is missing or damaged."""

@@ -15,16 +15,16 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import FlownDive, flown_dive
-from replay_kit.core.dive_forecast import Basis, DiveForecast, DiveOutcome, forecast_place
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Observation, PathMean, VehicleState
+from replay_kit.core.surfacing import Basis, DiveForecast, DiveOutcome, forecast_place
 from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Persistence
 from replay_kit.estimator.next_dive.filter import FIXES_STD
 from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.measurements.current.dead_reckoning import Path, at_depth, begin, extend, path_mean
-from replay_kit.measurements.vehicle.surfacing import SurfacingState, detect_surfacing
+from replay_kit.measurements.vehicle.dead_reckoning import Path, at_depth, begin, extend, path_mean
+from replay_kit.measurements.vehicle.dives import SurfacingState, detect_surfacing
 from replay_kit.workflows.replay.surfacings.outcomes import Before
 
 _MODEL = DiveModel.over_ground(1)

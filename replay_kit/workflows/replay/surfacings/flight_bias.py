@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.flight_correction import FlightCorrection
+from replay_kit.core.as_flown import FlightCorrection
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator.next_dive.filter import DiveMean
 from replay_kit.estimator.next_dive.flight import FlightBias

@@ -11,11 +11,11 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown, FlownDive, flown_dive
-from replay_kit.core.dive_forecast import DiveForecast, DiveOutcome
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Observation, PathMean, usable
+from replay_kit.core.surfacing import DiveForecast, DiveOutcome
 from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Persistence
 from replay_kit.estimator.next_dive.filter import SURFACE_DEPTH
 from replay_kit.estimator.next_dive.flight import local_step

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replay_kit.core.dive_forecast import (
+from replay_kit.core.observation import Fix
+from replay_kit.core.surfacing import (
     SHARES,
     Basis,
     DiveForecast,
@@ -12,7 +13,6 @@ from replay_kit.core.dive_forecast import (
     ellipse_of,
     forecast_place,
 )
-from replay_kit.core.observation import Fix
 from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Mixture, Persistence
 
 

@@ -1,0 +1,189 @@
+"""A mission in words: its outcome with what binds, its odds, and where a horizon ends it."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from planners.mission.solve.attempt import Attempt, above_bound
+from planners.mission.task import MissionTask
+from planners.mission.values import MissionPlan
+from replay_kit.core.arrays import Array
+from replay_kit.core.text import place_text, time_text
+
+# A mission this close to the longest one considered is limited by it.
+_NEARLY = 0.95
+
+
+def attempt_text(attempt: Attempt) -> str:
+    """Return how an attempt turned out, for the statistics."""
+    safe = "" if attempt.violation is None else f", crosses {attempt.violation.what}"
+    hours = attempt.flight.time[-1] / 3600.0
+    return f"{len(attempt.legs.headings)} legs: {hours:.2f} h, {attempt.miss.max():.0f} m off{safe}, {attempt.return_status}"
+
+
+def outcome_text(task: MissionTask, attempt: Attempt, goal_times: Array, tried: int) -> str:
+    """Return the outcome of a mission in words, with the limit that binds when it does not reach its goals or violates a constraint.
+
+    Args:
+        task: The problem.
+        attempt: The best.
+        goal_times: shape (G,) [s].
+        tried: Largest number of legs that was tried.
+    """
+    settings, reference, miss, flight = (
+        task.settings,
+        task.reference_path,
+        attempt.miss,
+        attempt.flight,
+    )
+    if len(flight.ends) == 0:
+        return _already_there(task)
+    counts, (farthest, rms) = settings.weights.closest != 0.0, attempt.deviation
+    parts, short = list[str](), ""
+    if counts:
+        names = ["the goal"] if len(miss) == 1 else [f"goal {k + 1}" for k in range(len(miss))]
+        verbs = [
+            "meets {} at" if distance <= settings.tolerance else "misses {} by" for distance in miss
+        ]
+        parts += [
+            f"{verb.format(name)} {distance:.1f} m after {_hours(task, float(time))}"
+            for verb, name, distance, time in zip(verbs, names, miss, goal_times, strict=True)
+        ]
+        short = (
+            ""
+            if np.all(miss <= settings.tolerance)
+            else f", outside the tolerance of {settings.tolerance:g} m"
+        )
+    if reference is not None:
+        lasts = _hours(task, float(flight.time[-1]))
+        parts.append(
+            f"{farthest:.0f} m from {reference.name} at most, {rms:.0f} m in the root mean square, for {lasts}"
+        )
+        short += "" if farthest <= reference.limit else f", farther than {reference.limit:g} m"
+    above = above_bound(task, attempt)
+    if above is not None and counts:
+        parts.append(
+            f"{above:.1f} % above the earliest arrival that any vehicle of this speed could make"
+        )
+    n_legs = len(flight.ends)
+    text = f"{n_legs} leg{'s' * (n_legs != 1)}; {', '.join(parts)}"
+    if attempt.violation is not None:
+        at = attempt.violation
+        text += f"; not safe: crosses {at.what} at {at.longitude:.4f}, {at.latitude:.4f} in leg {at.leg} after {_hours(task, at.time)}"
+    if task.is_late:
+        text += f"; the time limit of {settings.time_limit:g} s ended the search: other numbers of legs and other ways are untried"
+    return (
+        f"{text}{short}{_out_of_reach(task, attempt)}; {_binding(task, attempt, tried)}"
+        if short
+        else text
+    )
+
+
+def _already_there(task: MissionTask) -> str:
+    """Return why a mission takes no legs."""
+    name, below = (
+        "the goal" if len(task.goals) == 1 else "all goals",
+        float(np.max(task.goals[:, 2] - task.start[2])),
+    )
+    deep = (
+        "" if below <= 0.0 else f"; only the depth of a goal is left, {below:g} m below the start"
+    )
+    within = f"within {np.max(task.from_start):.1f} m of {name}, inside the tolerance of {task.settings.tolerance:g} m"
+    return f"already there: the start is {within}; 0 legs{deep}"
+
+
+def _out_of_reach(task: MissionTask, attempt: Attempt) -> str:
+    """Return which goals are out of reach, and how near one can come to them; empty where none is known to be."""
+    text = ""
+    for bound in attempt.beyond:
+        text += f"; {'the goal' if len(task.goals) == 1 else f'goal {bound.goal + 1}'} is out of reach: "
+        if bound.limit == "legs":
+            text += f"it needs more than {task.settings.legs or task.settings.max_legs} legs"
+            continue
+        who = "no vehicle of this speed comes" if bound.is_tight else "no way was found that comes"
+        nearest, when = f"about {bound.nearest / 1e3:.1f} km", _hours(task, bound.when)
+        text += f"within {_hours(task, bound.most)} {who} nearer than {nearest}, after {when}"
+    return text
+
+
+def _hours(task: MissionTask, seconds: float) -> str:
+    """Return a time since the start in hours and, where the mission has a date, as a date."""
+    begins = task.request.start_time_ns
+    return f"{seconds / 3600.0:.1f} h" + (
+        f" ({time_text(begins + round(seconds * 1e9))})" if begins else ""
+    )
+
+
+def _binding(task: MissionTask, attempt: Attempt, tried: int) -> str:
+    """Return the limits that bind."""
+    settings, flight, limits, parts = (
+        task.settings,
+        attempt.flight,
+        {bound.limit for bound in attempt.beyond},
+        list[str](),
+    )
+    if settings.weights.closest:
+        return "limit: the weights, by which to come closer costs more than it gains, or what can be reached at all"
+    if settings.legs is not None and task.reference_path is None:
+        return f"limit: {settings.legs} legs at glide angles from {task.vehicle.min_angle:g} to {task.vehicle.max_angle:g} degrees"
+    if "legs" in limits or (not limits and tried >= settings.most_legs):
+        parts.append(f"limit: max_legs = {settings.max_legs} (--max-legs)")
+    if "duration" in limits or (not limits and flight.time[-1] >= _NEARLY * settings.max_duration):
+        parts.append(f"limit: max_duration = {settings.max_duration:g} s (--max-duration)")
+    if "ways" in limits:
+        parts.append(
+            "a constraint closes every way: land, an area, water too shallow for a dive or the edge of the region"
+        )
+    if parts and "current" not in limits:
+        return "; ".join(parts)
+    ground = float(np.linalg.norm(flight.place[0, -1] - flight.place[0, 0])) / max(
+        float(flight.time[-1]), 1.0
+    )
+    through = float(task.vehicle.speeds(np, task.vehicle.angles[0])[0])
+    what = "the current" if "current" in limits else "the current or a constraint"
+    return "; ".join(
+        [
+            *parts,
+            f"{what} keeps a glider of {through:.2f} m/s from it: it makes good {ground:.2f} m/s",
+        ]
+    )
+
+
+def odds_text(plan: MissionPlan, count: int, corrected: float, held: float) -> str:
+    """Return the shares of some samples of the estimate in which a mission arrives, with headings corrected and held, in words."""
+    verb = "stay within the radius" if plan.settings.weights.closest == 0.0 else "arrive"
+    if plan.status == "partial":
+        verb = "surface last within the tolerance of where the plan ends"
+    return (
+        f"{100.0 * corrected:.0f} % of {count} samples of the estimate {verb} with headings corrected at each surfacing, "
+        f"{100.0 * held:.0f} % with headings held"
+    )
+
+
+def violations_text(violating: float, violations: Mapping[str, float]) -> str:
+    """Return the share of samples that violate a constraint, and by which, to be added; empty where none does."""
+    if not violations:
+        return ""
+    named = ", ".join(
+        f"{name} {100.0 * part:.0f} %"
+        for name, part in sorted(violations.items(), key=lambda one: -one[1])
+    )
+    return f"; {100.0 * violating:.0f} % violate a constraint ({named})"
+
+
+def horizon_text(plan: MissionPlan, cut: MissionPlan, seconds: float, unmet: int) -> str:
+    """Return how far a mission leads that is cut at a horizon, and what is left.
+
+    Args:
+        plan: The whole mission.
+        cut: Its legs that end by then.
+        seconds: The horizon [s].
+        unmet: Number of the first goal that is left, from 0.
+    """
+    name = "the goal" if len(plan.goals) == 1 else f"goal {unmet + 1}"
+    left, hours = float(cut.closest_approach[unmet]), (plan.duration - cut.duration) / 3600.0
+    return (
+        f"as far as the horizon of {seconds / 3600.0:.1f} h: {len(cut.headings_deg)} of {len(plan.headings_deg)} legs, after "
+        f"{cut.duration / 3600.0:.1f} h at {place_text(*cut.surfacings[-1].tolist())}; left to {name}: {left / 1e3:.1f} km, and "
+        f"{hours:.1f} h to the end if the current stays as it is known last"
+    )

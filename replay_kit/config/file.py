@@ -1,0 +1,138 @@
+"""A TOML file as tables, whatever its bytes are, and what is wrong with a configuration, in words."""
+
+import re
+import reprlib
+import tomllib
+from collections import defaultdict
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from replay_kit.core.errors import ConfigError
+
+# A configuration has some kB; tomllib takes a hundred times the memory of its file.
+_LARGEST = 1 << 18
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the tables of a file.
+
+    Raises:
+        ConfigError: The file is missing, too large, or no TOML.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(_LARGEST + 1)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}") from error
+    if len(data) > _LARGEST:
+        raise ConfigError(
+            f"{path}: expected a configuration of at most {_LARGEST} bytes, it has more; is it the right file?"
+        )
+    # tomllib lets through what Python says of numbers and nesting that are too long
+    try:
+        return tomllib.loads(data.decode("utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: {_no_toml(error, data)}") from error
+
+
+def _no_toml(error: ValueError | RecursionError, data: bytes) -> str:
+    """Return why bytes are not TOML; of a key or a table that stands twice its name and line."""
+    if place := re.fullmatch(
+        r"Cannot (?:overwrite a value|declare .* twice) \(at line (\d+), column \d+\)", str(error)
+    ):
+        line = data.decode("utf-8").splitlines()[int(place[1]) - 1].strip()
+        what = (
+            f"the table {line}"
+            if line.startswith("[")
+            else f"the key '{line.partition('=')[0].strip()}'"
+        )
+        return f"line {place[1]}: {what} stands twice; keep one"
+    if isinstance(error, RecursionError):
+        return "not TOML: its values are nested too deeply"
+    return f"not TOML: {str(error)[:200]}"
+
+
+# Errors that are named one by one, and a value in them: a file may hold millions, or one that is nested a thousand deep.
+_MOST = 20
+_SHORT = reprlib.Repr()
+(
+    _SHORT.maxlevel,
+    _SHORT.maxlist,
+    _SHORT.maxdict,
+    _SHORT.maxstring,
+    _SHORT.maxother,
+    _SHORT.maxlong,
+) = 4, 20, 20, 200, 200, 200
+
+
+def explain(
+    error: ValidationError, model: type[BaseModel], path: Path | None, options: Mapping[str, Any]
+) -> str:
+    """Return what is wrong with a configuration: each key with its value, and the known keys where one is unknown.
+
+    Args:
+        error: Of the validation.
+        model: What was validated.
+        path: The file; None without one.
+        options: Tables of the values that options gave, which are laid over the file's; None is not given.
+    """
+    found: dict[str, list[str]] = defaultdict(list)
+    errors = error.errors()
+    for item in errors[:_MOST]:
+        key = ".".join(str(part)[: _SHORT.maxstring] for part in item["loc"])
+        if item["type"] == "extra_forbidden":
+            known = sorted(_known_keys(model, item["loc"][:-1]))
+            line = f"unknown key '{key}'; known here: {', '.join(known)}"
+        else:
+            said, got = item["msg"].removeprefix("Value error, "), _SHORT.repr(item["input"])
+            line = f"'{key}': {said}" if said.startswith(got) else f"'{key}': {said}, got {got}"
+        found["options" if path is None or _is_given(options, item["loc"]) else str(path)].append(
+            line
+        )
+    more = [f"and {len(errors) - _MOST} more"] if len(errors) > _MOST else []
+    return "; ".join([*(f"{origin}: {'; '.join(lines)}" for origin, lines in found.items()), *more])
+
+
+def _is_given(options: Mapping[str, Any], location: tuple[int | str, ...]) -> bool:
+    """Return whether the value at a place, or a value below it, was given as an option."""
+    value: Any = options
+    for part in location:
+        if not isinstance(value, Mapping):
+            break
+        value = value.get(str(part))
+    return (
+        any(part is not None for part in value.values())
+        if isinstance(value, Mapping)
+        else value is not None
+    )
+
+
+def _known_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
+    """Return the keys known at a place: of a section, or of an entry of a list whose kind is stated."""
+    for part in location:
+        if isinstance(part, int) or part not in model.model_fields:
+            continue
+        found = [
+            kind
+            for kind in _models_in(model.model_fields[part].annotation)
+            if _is_kind(kind, location)
+        ]
+        if not found:
+            break
+        model = found[0]
+    return list(model.model_fields)
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for argument in get_args(annotation) for model in _models_in(argument)]
+
+
+def _is_kind(model: type[BaseModel], location: tuple[int | str, ...]) -> bool:
+    """Return whether a model is what a place in the configuration says: pydantic names an entry's kind in the place."""
+    kinds = get_args(model.model_fields["kind"].annotation) if "kind" in model.model_fields else ()
+    return len(kinds) != 1 or kinds[0] in location

@@ -1,1 +1,0 @@
-"""Mean currents between fixes."""

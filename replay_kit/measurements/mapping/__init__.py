@@ -1,1 +1,0 @@
-"""Messages of unknown types, read as the configuration says."""

@@ -1,0 +1,339 @@
+"""A first ``[[measurements.map]]`` entry for a topic that no known kind covers, guessed from names and values.
+
+Each line says why it was guessed. What velocities are relative to cannot be known from one message and is left open: they are not
+used until a person states it.
+"""
+
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from replay_kit.measurements.messages.suggest_profile import (
+    NO_REFERENCE,
+    Leaf,
+    beside,
+    geometry_lines,
+    leaves,
+    line,
+    named,
+    profile_lines,
+    speed_lines,
+    velocity_lines,
+)
+
+# of a name: what stands before the component, the component, the number of the cell
+_EAST = re.compile(
+    r"(?P<before>(?:.*_)?(?:cur|vel|adcp|v|c)?)(?P<east>east|e)(?P<cell>_?\d*)|(?P<other>(?:.*_)?)u(?P<number>_?\d*)",
+    re.IGNORECASE,
+)
+# s; components of one measurement are sent one after the other, a few milliseconds apart
+_WITHIN = 0.05
+_NO_SCHEMA = "message without a schema"
+_AT_VEHICLE = line(
+    "distance", 0.0, "NOT KNOWN: of the cell from the vehicle, in m; 0 measures at the vehicle"
+)
+#: Key to schema and payload, as of ``suggestions``.
+Samples = Mapping[str, tuple[str, Mapping[str, Any]]]
+
+
+def component_pairs(samples: Samples, carries_names: Mapping[str, bool]) -> list[tuple[str, str]]:
+    """Return the keys of the eastward and the northward component of each velocity that comes as two messages.
+
+    Args:
+        samples: Messages by key.
+        carries_names: By key, whether its message carries a number or an array under a name.
+    """
+    named = {key.lower(): key for key in samples if carries_names[key] and _values(samples[key][1])}
+    pairs = []
+    for lower, key in named.items():
+        topic, _, name = lower.partition("\n")
+        match = _EAST.fullmatch(name)
+        if match is None:
+            continue
+        if match["east"] is not None:
+            partner = (
+                f"{match['before']}{'north' if match['east'] == 'east' else 'n'}{match['cell']}"
+            )
+        else:
+            partner = f"{match['other']}v{match['number']}"
+        other = named.get(f"{topic}\n{partner}")
+        if other is not None and len(_values(samples[key][1])) == len(_values(samples[other][1])):
+            pairs.append((key, other))
+    return pairs
+
+
+def joined_entry(east: str, north: str, samples: Samples) -> str:
+    """Return the TOML of an entry for two components, with a comment on each guess."""
+    topic, _, east_name = east.partition("\n")
+    schema, payload = samples[east]
+    values = [*_values(payload), *_values(samples[north][1])]
+    profile = len(values) > 2
+    of_profile = [line("frame", "enu", "by its names"), *geometry_lines([], len(values) // 2)]
+    lines = [
+        line("reference", "unknown", NO_REFERENCE),
+        line("east", east_name, "the name of its messages; vx of NED axes is north"),
+        line("north", north.partition("\n")[2], "the name of its messages"),
+        line("join_within", _WITHIN, "s between the stamps of the two"),
+        *speed_lines(values),
+        *(of_profile if profile else [_AT_VEHICLE]),
+    ]
+    head = f"one component in each {schema or _NO_SCHEMA}"
+    return _entry(topic, head, [], "profile" if profile else "velocity", lines)
+
+
+def _entry(topic: str, head: str, select: list[str], kind: str, lines: list[str]) -> str:
+    """Return an entry; one all of whose fields are doubtful is doubtful as a whole."""
+    quoted = json.dumps(topic, ensure_ascii=False)
+    entry = ["[[measurements.map]]", f"topic = {quoted}", *select, f'kind = "{kind}"']
+    if all(each.startswith("#") for each in lines):
+        entry = [f"# {each}" for each in entry]
+    return "\n".join([f"# {quoted}: {head}", *entry, *lines, ""])
+
+
+def _values(payload: Mapping[str, Any]) -> tuple[float, ...]:
+    """Return the number or the array that a message carries under its name; nothing of other messages."""
+    return next((leaf.values for leaf in leaves(payload) if leaf.path in ("value", "data")), ())
+
+
+_LATITUDE = re.compile(r"(.*_)?lat(itude)?(_?(deg|rad|e7|int|wgs84))?")
+_LONGITUDE = re.compile(r"(.*_)?(lon|lng|long|longitude)(_?(deg|rad|e7|int|wgs84))?")
+_DEPTH = re.compile(r"(.*_)?depth(_?m)?")
+_PRESSURE = re.compile(r"(.*_)?(fluid_|water_|sea_)?press(ure)?(_?(pa|hpa|kpa|bar|mbar|dbar))?")
+_HEIGHT = re.compile(r"(.*_)?(alt|altitude|height|z)(_?m)?")
+# where something began, ended or should go, not where the vehicle is
+_ELSEWHERE = re.compile(
+    r"(?<![A-Za-z])(?i:start|end|goal|home|target|waypoint|destination)(?![a-z])"
+)
+# of other vectors, a field or a rate, z is no height
+_PLACE = re.compile(r"|(.*_)?(pos|position|location|point|place|translation|pose|ned|enu)")
+#: MAVLink messages that carry numbers under names of the sender's own.
+NAMED = ("NAMED_VALUE_FLOAT", "NAMED_VALUE_INT", "DEBUG_VECT", "DEBUG_FLOAT_ARRAY")
+# of topics and names of arrays and vectors: these may be currents
+_CURRENT = re.compile(r"adcp|vel|cur|profil|water|flow|speed", re.IGNORECASE)
+_UNIT_IN_NAME = (
+    ("dbar", "dbar"),
+    ("mbar", "hPa"),
+    ("hpa", "hPa"),
+    ("kpa", "kPa"),
+    ("bar", "bar"),
+    ("pa", "Pa"),
+)
+# an absolute pressure near the surface is one atmosphere
+_ATMOSPHERE = (("Pa", 101_325.0), ("hPa", 1013.25), ("kPa", 101.325), ("bar", 1.01325))
+
+
+def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | None:
+    """Return the TOML of an entry for a topic, with a comment on each guess; None when nothing in the message looks usable.
+
+    Args:
+        topic: The topic.
+        schema: Its schema's name, for the comment.
+        payload: One of its messages.
+    """
+    found, name = leaves(payload), payload.get("name")
+    named_by_sender = isinstance(name, str) and _carries_names(topic)
+    label = f"{topic} {name if named_by_sender else ''}"
+    found = [
+        _by_name(leaf, label, str(name).lower()) if named_by_sender or leaf.name == "data" else leaf
+        for leaf in found
+    ]
+    select = [f"name = {json.dumps(name, ensure_ascii=False)}"] if named_by_sender else []
+    scalars = [leaf for leaf in found if leaf.shape == ()]
+    profile = profile_lines(found)
+    guesses = {
+        "profile": [*profile, *_place(scalars)] if profile else [],
+        "velocity": _velocity(scalars),
+        "position": _position(scalars),
+        "depth": _depth_lines(scalars),
+    }
+    head = f"{len(found)} numbers in a {schema or _NO_SCHEMA}"
+    return next(
+        (_entry(topic, head, select, kind, lines) for kind, lines in guesses.items() if lines), None
+    )
+
+
+def _by_name(leaf: Leaf, label: str, name: str) -> Leaf:
+    """Return a number under the name that its message carries, and an array of a topic of currents under that of a velocity."""
+    if leaf.path == "value":
+        return replace(leaf, name=name)
+    # an array of floats that is no ping of ours has no other use than a profile, whatever its name
+    of_current = _CURRENT.search(label) is not None or label.partition(" ")[0].endswith(
+        "/DEBUG_FLOAT_ARRAY"
+    )
+    if leaf.path == "data" and of_current:
+        return replace(leaf, name="velocity")
+    return (
+        replace(leaf, name={"x": "east", "y": "north"}[leaf.path])
+        if leaf.path in ("x", "y") and of_current
+        else leaf
+    )
+
+
+def sample_key(topic: str, payload: Mapping[str, Any]) -> str:
+    """Return what a message is a sample of: its topic, and on topics that carry several things under names its name."""
+    return (
+        f"{topic}\n{payload['name']}"
+        if _carries_names(topic) and isinstance(payload.get("name"), str)
+        else topic
+    )
+
+
+def _carries_names(topic: str) -> bool:
+    return topic.rpartition("/")[2] in NAMED
+
+
+def suggested_entries(samples: Samples) -> dict[str, str]:
+    """Return the TOML of each entry that can be guessed, by the key of its messages; joined ones have the keys of both.
+
+    Args:
+        samples: As of ``suggestions``.
+    """
+    carried = {key: _carries_names(key.partition("\n")[0]) for key in samples}
+    found = {}
+    joined = set()
+    for east, north in component_pairs(samples, carried):
+        joined |= {east, north}
+        found[f"{east} and {north.partition(chr(10))[2]}"] = joined_entry(east, north, samples)
+    for key, (schema, payload) in samples.items():
+        entry = None if key in joined else suggestion(key.partition("\n")[0], schema, payload)
+        found |= {} if entry is None else {key: entry}
+    return dict(sorted(found.items()))
+
+
+def suggestions(samples: Samples) -> str:
+    """Return a TOML file of entries for topics that no known kind covers.
+
+    Args:
+        samples: Key, as of ``sample_key``, to its schema's name and one of its messages.
+    """
+    entries = list(suggested_entries(samples).values())
+    head = (
+        "# A first mapping, guessed by names and values from one message of each topic that no known kind covers.\n"
+        "# Check every line, above all reference, frame and units, before you use it: replay-kit replay --config THIS.toml\n"
+    )
+    return (
+        "\n".join([head, *entries])
+        if entries
+        else head
+        + "# Nothing in the log looks like a position, a depth, a velocity or a profile.\n"
+    )
+
+
+def _velocity(scalars: Sequence[Leaf]) -> list[str]:
+    """Return the lines of one velocity at one depth, with its place where the message has one."""
+    lines = velocity_lines(scalars)
+    if not lines:
+        return []
+    place, depth = _place(scalars), named(scalars, _DEPTH)
+    where = [_AT_VEHICLE]
+    if depth is not None:
+        where = _as_depth(depth)
+    elif place and not place[0].startswith("#"):
+        unknown = "NOT FOUND in the message: state the depth of the measurement, in m"
+        where = [line("at_depth", 0.0, unknown)]
+    return [*lines, *place, *where]
+
+
+def _position(scalars: Sequence[Leaf]) -> list[str]:
+    place = _place(scalars)
+    # a position must have its place
+    depth = [] if any(text.startswith("#") for text in place) else _depth_lines(scalars)
+    return [*place, *depth] if place else []
+
+
+def _place(scalars: Sequence[Leaf]) -> list[str]:
+    """Return the lines of a position, commented out when there is none but of another time or purpose."""
+    here = [leaf for leaf in scalars if not _ELSEWHERE.search(leaf.path)]
+    return _pair(here) or [
+        f"# {text}: by its name not where the vehicle is" for text in _pair(scalars)
+    ]
+
+
+def _pair(scalars: Sequence[Leaf]) -> list[str]:
+    for latitude in scalars:
+        if _LATITUDE.fullmatch(latitude.name) and (
+            longitude := beside(latitude, scalars, _LONGITUDE)
+        ):
+            return [
+                line("longitude", longitude.path, "by its name"),
+                line("latitude", latitude.path, "by its name"),
+                _angle_unit(longitude, latitude),
+            ]
+    return []
+
+
+def _angle_unit(longitude: Leaf, latitude: Leaf) -> str:
+    x, y = abs(longitude.values[0]), abs(latitude.values[0])
+    if y > 90.0 or x > 360.0:
+        return line("angle_unit", "degE7", f"{longitude.values[0]:g} is more than a turn")
+    if "rad" in latitude.name or (y <= math.pi / 2.0 and 0.0 < x <= math.pi):
+        return line(
+            "angle_unit",
+            "rad",
+            f"the latitude is {latitude.values[0]:g}; write deg if these are degrees",
+        )
+    return line("angle_unit", "deg", f"the latitude is {latitude.values[0]:g}")
+
+
+def _depth_lines(scalars: Sequence[Leaf]) -> list[str]:
+    """Return the lines of a depth: a depth if there is one, else a pressure, else a height, which only a person can place."""
+    of_place = [leaf for leaf in scalars if _is_of_place(leaf)]
+    for pattern, lines in ((_DEPTH, _as_depth), (_PRESSURE, _as_pressure), (_HEIGHT, _as_height)):
+        if (leaf := named(of_place, pattern)) is not None:
+            return lines(leaf)
+    return []
+
+
+def _is_of_place(leaf: Leaf) -> bool:
+    return leaf.name != "z" or _PLACE.fullmatch(leaf.parent.rpartition(".")[2].lower()) is not None
+
+
+def _as_depth(leaf: Leaf) -> list[str]:
+    up = leaf.values[0] < 0.0
+    why = f"{leaf.values[0]:g}: " + (
+        "negative below the surface" if up else "positive below the surface"
+    )
+    return [
+        line("depth", leaf.path, "by its name"),
+        line("depth_unit", "m", "the usual one"),
+        line("depth_positive", "up" if up else "down", why),
+    ]
+
+
+def _as_pressure(leaf: Leaf) -> list[str]:
+    value = leaf.values[0]
+    lines = [line("depth", leaf.path, "a pressure by its name")]
+    stated = next(
+        (unit for word, unit in _UNIT_IN_NAME if re.search(rf"_?{word}$", leaf.name)), None
+    )
+    near = next(
+        (
+            unit
+            for unit, one in _ATMOSPHERE
+            if stated in (None, unit) and 0.8 * one < value < 1.2 * one
+        ),
+        None,
+    )
+    unit = stated or near or ("Pa" if value > 1e5 else "dbar")
+    why = "in its name" if stated else "by its size; check it"
+    absolute = near is not None or (unit == "Pa" and value > 1e5)
+    lines.append(line("depth_unit", unit, f"{why}: {value:g}"))
+    return [
+        *lines,
+        line(
+            "depth_absolute",
+            absolute,
+            "whether the atmosphere is in it: check a value at the surface",
+        ),
+    ]
+
+
+def _as_height(leaf: Leaf) -> list[str]:
+    why = f"{leaf.values[0]:g}: use it if it is counted from the sea surface, not from the sea floor or the ellipsoid"
+    return [
+        "# " + line("depth", leaf.path, why),
+        "# " + line("depth_positive", "up", "z and heights grow upwards"),
+    ]

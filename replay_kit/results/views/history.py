@@ -1,0 +1,175 @@
+"""The estimate through time: after each measurement, from the weights that a replay published, and at a place."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.evolution import Evolution
+from replay_kit.core.geodesy import rotate_to_geographic, to_local
+from replay_kit.core.grid import Projection
+from replay_kit.results.schemas import decode
+from replay_kit.results.topics import read_messages
+from replay_kit.results.views.slices import CurrentSlices
+
+# Share of a depth within which a published one is the same.
+_SAME_DEPTH = 0.01
+
+
+class EstimateHistory:
+    """The mean of the estimate just after each measurement, from the weights that a replay published."""
+
+    def __init__(self, path: Path, estimate: FlowEstimate | None) -> None:
+        """Read the weights of a result MCAP; without an estimate there is no basis, and every mean is None."""
+        self._path, self.estimate = path, estimate
+
+    @cached_property
+    def _weights(self) -> tuple[NDArray[np.int64], Array]:
+        """Times [ns, UTC], shape (n,), and weights, shape (n, rZ)."""
+        read = [
+            (time_ns, decode("FlowEstimate", data))
+            for time_ns, data in read_messages(self._path, "/flow/estimate")
+        ]
+        return np.array([time for time, _ in read], dtype=np.int64), np.array(
+            [value.weights for _, value in read]
+        )
+
+    def after(self, time_ns: int) -> FlowEstimate | None:
+        """Return the mean of the estimate after the measurements up to a time [ns, UTC]; None when it is not known."""
+        estimate = self.estimate
+        if estimate is None:
+            return None
+        times, weights = self._weights
+        last = int(np.searchsorted(times, time_ns, side="right")) - 1
+        if last < 0 or weights.shape[1:] != (estimate.n_modes * estimate.levels.size,):
+            return None
+        latent = self._offset + self._change(weights[last])
+        return replace(estimate.mean_flow(), latent=latent, time_ns=int(times[last]))
+
+    @cached_property
+    def _offset(self) -> Array:
+        """Latent velocities of the flow whose weights are 0."""
+        estimate = self.estimate
+        assert estimate is not None
+        if isinstance(estimate.later, Evolution):
+            return estimate.later.offset
+        return estimate.latent - self._change(self._weights[1][-1])
+
+    def _change(self, weights: Array) -> Array:
+        assert self.estimate is not None
+        return self.estimate.modes @ weights.reshape(self.estimate.levels.size, -1).T
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """The current at a place through time; all arrays but the place have the shape (T,).
+
+    Attributes:
+        place: Longitude, latitude [degrees] and depth [m] that were asked for.
+        depth: Of the current [m]: the place's, or that of the published slice that is nearest to it.
+        time_ns: [ns, UTC].
+        u: Towards true east [m/s]; NaN where the place is dry or outside the region.
+        v: Towards true north [m/s].
+        u_standard_error: Of the component along the local east axis [m/s]; NaN where it is not known.
+        v_standard_error: Of the component along the local north axis [m/s].
+    """
+
+    place: tuple[float, float, float]
+    depth: float
+    time_ns: NDArray[np.int64]
+    u: Array
+    v: Array
+    u_standard_error: Array
+    v_standard_error: Array
+
+
+def series_of(
+    slices: CurrentSlices,
+    projection: Projection,
+    history: EstimateHistory,
+    place: tuple[float, float, float],
+) -> Series:
+    """Return the current at a place through time.
+
+    At a depth that was not published it is made of the weights after each measurement, at the published times; the standard error is then
+    known of the last estimate alone. Without weights or an estimate it is that of the nearest published depth.
+
+    Args:
+        slices: The published current.
+        projection: Its local frame.
+        history: Of the estimate.
+        place: Longitude, latitude [degrees] and depth [m].
+    """
+    published, estimate = series_at(slices, projection, place), history.estimate
+    if estimate is None or abs(published.depth - place[2]) <= _SAME_DEPTH * place[2]:
+        return published
+    return _series_of_weights(history, estimate, slices.time_ns, place) or published
+
+
+def _series_of_weights(
+    history: EstimateHistory,
+    estimate: FlowEstimate,
+    time_ns: NDArray[np.int64],
+    place: tuple[float, float, float],
+) -> Series | None:
+    """Return the current at a place at some times from the weights before them, that of the last estimate at the last; None without any."""
+    u, v, u_error, v_error = np.full((4, time_ns.size), np.nan)
+    last = estimate.velocity_at(*place)
+    if np.isfinite(last.u):
+        east, north = to_local(estimate.grid.projection, place[0], place[1])
+        for k, time in enumerate(time_ns[:-1].tolist()):
+            if (flow := history.after(time)) is not None:
+                u[k], v[k] = flow.velocity(east, north, place[2], true_axes=True)
+        u[-1], v[-1] = last.u, last.v
+        if estimate.n_modes:
+            u_error[-1], v_error[-1] = estimate.standard_error(east, north, place[2])
+        if time_ns.size > 1 and not np.isfinite(u[:-1]).any():
+            return None
+    return Series(place, place[2], time_ns, u, v, u_error, v_error)
+
+
+def series_at(
+    slices: CurrentSlices, projection: Projection, place: tuple[float, float, float]
+) -> Series:
+    """Return the current at a place through time, of the grid cell that holds it at the nearest published depth.
+
+    Args:
+        slices: The published current.
+        projection: Its local frame.
+        place: Longitude, latitude [degrees] and depth [m].
+    """
+    longitude, latitude, depth = place
+    east, north = (float(value) for value in to_local(projection, longitude, latitude))
+    level = int(np.argmin(np.abs(slices.depths - depth)))
+    i, j = (
+        int(np.argmin(np.abs(axis - value)))
+        for axis, value in ((slices.east, east), (slices.north, north))
+    )
+    values = slices.fields[level, :, :, j, i].copy()
+    cell = (slices.east[1] - slices.east[0], slices.north[1] - slices.north[0])
+    if abs(slices.east[i] - east) > 0.5 * cell[0] or abs(slices.north[j] - north) > 0.5 * cell[1]:
+        values[:] = np.nan
+    u, v = rotate_to_geographic(projection, longitude, latitude, values[:, 0], values[:, 1])
+    return Series(
+        place, float(slices.depths[level]), slices.time_ns, u, v, values[:, 2], values[:, 3]
+    )
+
+
+def typical_depth(slices: CurrentSlices | None, depths: Array) -> float:
+    """Return the deepest published depth above the median depth of measurements [m]; the shallowest where there is none.
+
+    Args:
+        slices: The published current; None gives the median itself, or 0.
+        depths: shape (n,) [m]; NaN are left out.
+    """
+    known = depths[np.isfinite(depths)]
+    middle = float(np.median(known)) if known.size else 0.0
+    if slices is None:
+        return middle
+    return float(
+        slices.depths[max(int(np.searchsorted(slices.depths, middle, side="right")) - 1, 0)]
+    )

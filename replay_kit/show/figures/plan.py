@@ -1,0 +1,142 @@
+"""Charts of plans: the depth of the last one over the bottom, and how predicted surfacings turned out."""
+
+from typing import Any
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
+from replay_kit.results.views.contents import Contents
+from replay_kit.results.views.last_plan import LastPlan
+from replay_kit.results.views.track import thinned
+from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
+
+_POINTS = 3000
+#: A bottom farther below the plan than this share of its depth is not drawn: dives would be flat.
+_BELOW = 2.5
+
+
+def plan_table(plan: LastPlan) -> dict[str, Any]:
+    """Return the track of a plan that has one as columns, thinned to what can be shown."""
+    kept = thinned(len(plan.track), _POINTS)
+    track = plan.track.iloc[kept]
+    return {
+        "time": track.index.to_numpy(),
+        "hours": (track.index - track.index[0]).total_seconds().to_numpy() / 3600.0,
+        "longitude": track["longitude"].to_numpy(np.float64),
+        "latitude": track["latitude"].to_numpy(np.float64),
+        "depth_m": track["depth"].to_numpy(np.float64),
+        "distance_km": plan.along[kept] / 1e3,
+        "east_km": plan.east[kept] / 1e3,
+        "north_km": plan.north[kept] / 1e3,
+    }
+
+
+def profile_chart(contents: Contents, plan: LastPlan) -> Chart:
+    """Return the depth of the last plan along its way, over the bottom."""
+    table, kept = plan_table(plan), thinned(len(plan.track), _POINTS)
+    along, depth, hours = (table[name] for name in ("distance_km", "depth_m", "hours"))
+    ground = None if plan.bottom is None else plan.bottom[kept]
+    floor, x, marks, below = profile_floor(depth, ground), "plan.distance_km", [], ""
+    if ground is not None:
+        table["bottom_m"], below = ground, _over(ground, floor)
+        hover, end = "%{x:.1f} km: bottom at %{y:.0f} m<extra></extra>", np.full(along.size, floor)
+        marks = [
+            Mark("line", x, "plan.bottom_m", "bottom", "ink", width=1.5, base=end, hover=hover)
+        ]
+    elif (level := _deepest_wet(contents, plan.east[kept], plan.north[kept])) is not None:
+        table["deepest_wet_level_m"], below = level, _below(level)
+        floor = max(floor, 1.05 * float(level.max()))
+        y = "plan.deepest_wet_level_m"
+        marks = [Mark("line", x, y, "deepest wet level", "ink", width=1.5, step=True)]
+    hover = "%{text}<br>%{x:.1f} km, %{y:.0f} m<extra></extra>"
+    marks.append(Mark("line", x, "plan.depth_m", "planned depth", hover=hover, text="plan.time"))
+    over = "" if ground is None else ", over the bottom"
+    return Chart(
+        "plan-profile",
+        "Depth profile of the last plan",
+        Axis("distance along the plan", "km"),
+        [Panel("depth along the plan", Axis("depth", "m", (floor, 0.0)), marks)],
+        f"Depth of the last plan along its predicted track, {along[-1]:.1f} km in {hours[-1]:.1f} hours. {below}",
+        f"Depth against distance along the last plan, {along[-1]:.0f} km long{over}.",
+        {"plan": table},
+        400,
+    )
+
+
+def profile_floor(depth: Array, ground: Array | None) -> float:
+    """Return the depth [m] at which a profile ends below: somewhat below the bottom, unless that lies far below the plan.
+
+    Args:
+        depth: shape (n,) [m], of the plan.
+        ground: shape (n,) [m], of the bottom, NaN where unknown; None without.
+    """
+    deepest = max(float(depth.max()), 1.0)
+    return 1.05 * (
+        deepest if ground is None else max(deepest, min(float(np.nanmax(ground)), _BELOW * deepest))
+    )
+
+
+def _over(ground: Array, floor: float) -> str:
+    text = "Filled: the bottom of the bathymetry, interpolated linearly; plans keep above the shallowest of the four points around."
+    if (ground > floor).any():
+        text += f" Where it is not shown it is deeper than {floor:.0f} m: it is {np.nanmin(ground):.0f} to {np.nanmax(ground):.0f} m deep."
+    return text
+
+
+def _below(level: Array) -> str:
+    """Return what is known of the bottom along a plan without a bathymetry."""
+    if level.min() < level.max():
+        return "The line below is the deepest wet level of the forecast; the bottom lies between it and the next level."
+    return "The forecast is wet down to its last level all along the plan."
+
+
+def _deepest_wet(contents: Contents, east: Array, north: Array) -> Any:
+    """Return the deepest wet level at the nearest grid points [m]; None without an estimate."""
+    if contents.estimate is None:
+        return None
+    grid = contents.estimate.grid
+    nearest = [
+        int(np.argmin((grid.east - e) ** 2 + (grid.north - n) ** 2))
+        for e, n in zip(east, north, strict=True)
+    ]
+    wet = grid.wet.reshape(grid.levels.size, -1)
+    deepest = np.where(
+        wet.any(axis=0), grid.levels[grid.levels.size - 1 - np.argmax(wet[::-1], axis=0)], 0.0
+    )
+    return deepest[nearest]
+
+
+def surfacing_chart(contents: Contents) -> Chart:
+    """Return where the vehicle surfaced, seen from where the plan before had predicted it."""
+    table = contents.result.surfacings
+    radians = np.deg2rad(table["direction_deg"].to_numpy(np.float64))
+    distance = table["distance"].to_numpy(np.float64) / 1e3
+    data = {
+        "time": table.index.to_numpy(),
+        "east_km": distance * np.sin(radians),
+        "north_km": distance * np.cos(radians),
+        "delay_min": table["delay"].to_numpy(np.float64) / 60.0,
+        "inside_ellipse": table["inside_ellipse"].to_numpy(bool),
+    }
+    reach = float(f"{1.15 * max(distance.max(), 0.1):.3g}")
+    points = Mark(
+        "points",
+        "surfacing_errors.east_km",
+        "surfacing_errors.north_km",
+        size=9.0,
+        hover="%{text}<br>%{x:.2f} km east, %{y:.2f} km north, %{customdata:+.0f} min<extra></extra>",
+        text="surfacing_errors.time",
+        detail="surfacing_errors.delay_min",
+    )
+    return Chart(
+        "surfacing-errors",
+        "Predicted and actual surfacings",
+        Axis("actual minus predicted, east", "km", (-reach, reach)),
+        [Panel("surfacings", Axis("north", "km", (-reach, reach)), [points])],
+        "Each point is an actual surfacing relative to the one that the plan before predicted. A cloud beside the "
+        "centre means a current that the estimate lacks, or that another plan was flown.",
+        f"Error of {len(table)} predicted surfacings, east and north.",
+        {"surfacing_errors": data},
+        420,
+        1.0,
+    )

@@ -1,1 +1,0 @@
-"""What the studies share of running: options checked, progress counted, failures kept as results."""

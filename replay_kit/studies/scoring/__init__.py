@@ -1,1 +1,0 @@
-"""How estimates compare with a truth: errors, calibration, bounds, intervals of medians."""

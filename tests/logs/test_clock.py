@@ -1,0 +1,111 @@
+"""A vehicle's clock fitted to UTC: right although stamps are late or wrong, and honest about what is left."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from replay_kit.logs.shared.clock import fit_clock, gps_to_utc, leap_seconds, without_spikes
+from tests.reference.clock import slow_fit
+
+UTC = 1_700_000_000_000_000_000
+SECOND = 1_000_000_000
+
+
+def ns(iso):
+    return int(np.datetime64(iso, "ns").astype(np.int64))
+
+
+def test_an_exact_clock():
+    boot = np.arange(0, 100) * SECOND + 123
+    fit = fit_clock(boot, boot + UTC)
+    assert fit.utc(boot).tolist() == (boot + UTC).tolist()
+    assert (fit.drift, fit.residual_std, fit.pairs, fit.outliers) == (0.0, 0.0, 100, 0)
+
+
+def test_one_pair():
+    fit = fit_clock(np.array([5]), np.array([UTC]))
+    assert fit.utc(np.array([4, 5, 6])).tolist() == [UTC - 1, UTC, UTC + 1]
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(
+    drift_ppm=st.floats(-200.0, 200.0),
+    wrong=st.lists(st.integers(0, 299), max_size=60),
+    seed=st.integers(0, 99),
+)
+def test_drift_and_offset_although_a_fifth_is_wrong(drift_ppm, wrong, seed):
+    rng = np.random.default_rng(seed)
+    boot = np.sort(rng.integers(0, 3600 * SECOND, 300))
+    true = UTC + boot + np.rint(1e-6 * drift_ppm * boot).astype(np.int64)
+    stated = true + rng.normal(0.0, 1e6, 300).astype(np.int64)
+    stated[wrong] = rng.integers(0, 2 * UTC, len(wrong))
+    fit = fit_clock(boot, stated)
+    # a fifth of gross errors moves a median of 1 ms noise by a third of that at most; the ends of the hour are half of it from its middle
+    assert np.abs(fit.utc(boot) - true).max() < 2_000_000
+    assert fit.outliers >= len(set(wrong))
+    assert fit.residual_std < 2e-3
+
+
+def test_as_the_slow_twin():
+    rng = np.random.default_rng(3)
+    boot = np.sort(rng.integers(0, 1200 * SECOND, 151))
+    stated = UTC + boot + rng.integers(-5_000_000, 5_000_000, 151) + boot // 20_000
+    fit = fit_clock(boot, stated)
+    drift, offset = slow_fit(boot.tolist(), stated.tolist(), True)
+    assert fit.drift == pytest.approx(drift, rel=1e-10)
+    assert fit.utc(boot[70:71])[0] == pytest.approx(
+        offset + drift * boot[70] + boot[70], abs=300
+    )  # floats of 1.7e18 ns are 256 apart
+
+
+def test_a_short_log_takes_no_drift():
+    boot = np.arange(0, 60) * SECOND
+    fit = fit_clock(boot, UTC + boot + boot // 20_000)
+    assert fit.drift == 0.0
+    # a ramp of 2.95 ms
+    assert fit.residual_std == pytest.approx(2.95e-3 / np.sqrt(12.0), rel=0.02)
+
+
+def test_what_is_no_clock_has_a_residual_that_says_so():
+    boot = np.arange(0, 1000) * SECOND
+    fit = fit_clock(boot, UTC + 3 * boot)
+    assert fit.drift == 0.0
+    assert fit.residual_std > 100.0
+
+
+@pytest.mark.parametrize(
+    ("week", "week_ms", "utc"),
+    [
+        (2300, 300_018_000, "2024-02-07T11:20:00"),
+        (1930, 18_000, "2017-01-01T00:00:00"),
+        (1929, 604_800_000 + 16_000, "2016-12-31T23:59:59"),
+        (1512, 14_000, "2008-12-28T00:00:00"),
+        (0, 0, "1980-01-06T00:00:00"),
+    ],
+)
+def test_gps_time(week, week_ms, utc):
+    assert gps_to_utc(np.array([week]), np.array([week_ms])).tolist() == [ns(utc)]
+
+
+def test_leap_seconds_now():
+    assert leap_seconds(np.array([ns("2026-01-01"), ns("1981-06-30")])).tolist() == [18, 0]
+
+
+@pytest.mark.parametrize(
+    ("stamps", "before", "expected"),
+    [
+        ([0, 1, 2, 3], None, [0, 1, 2, 3]),
+        ([0, 1, 2**40, 3], 0, [0, 1, 3, 3]),
+        ([2**40, 1, 2, 3], None, [1, 1, 2, 3]),
+        ([5, 2**40, 2**40 + 1, 2**40 + 2], 4, [5, 2**40, 2**40 + 1, 2**40 + 2]),
+        ([2**40, 2**40 + 1, 3, 2**40 + 2], 2**40, [2**40, 2**40 + 1, 2**40 + 2, 2**40 + 2]),
+        ([0, 9_000_000, 1], 0, [0, 9_000_000, 1]),
+        ([0, 60_000_000, 120_000_000, 180_000_000], 0, [0, 60_000_000, 120_000_000, 180_000_000]),
+        ([0, 2**40], 0, [0, 2**40]),
+    ],
+)
+def test_a_stamp_alone_far_from_its_neighbours(stamps, before, expected):
+    steady, spikes = without_spikes(np.array(stamps), before)
+    assert steady.tolist() == expected
+    assert spikes == sum(a != b for a, b in zip(stamps, expected, strict=True))

@@ -1,0 +1,221 @@
+"""Mean currents between fixes: their paths, exactly weighted, and where they come from."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.geodesy import to_geographic, to_local
+from replay_kit.core.grid import Projection
+from replay_kit.core.message import Message
+from replay_kit.core.observation import PathMean, Source, VehicleState
+from replay_kit.measurements.vehicle.dead_reckoning import begin, extend, path_mean
+from tests.measurements.samples import CONFIG, ODD, SECOND, counted, fix, only, reasons, run, the
+from tests.reference import path as slow
+
+HERE = Projection(152.0, -40.0)
+SOURCE = Source(0, "/dac", 0, 0)
+THROUGH_WATER = MeasurementConfig(dead_reckoning="through_water")
+
+
+def position(time_s, east, north, depth, dead_reckoned=True):
+    longitude, latitude = to_geographic(HERE, east, north)
+    return VehicleState(
+        int(time_s * SECOND), float(longitude), float(latitude), float(depth), dead_reckoned, SOURCE
+    )
+
+
+def dac(time_s, start_s=0, end_s=None, **changes):
+    end_s = time_s if end_s is None else end_s
+    ends = {
+        name: {"time": {"sec": s, "nsec": 0}, "lon": 152.0, "lat": -40.0}
+        for name, s in (("start_fix", start_s), ("end_fix", end_s))
+    }
+    payload = {
+        "dive": 3,
+        "dac_eastward": 0.1,
+        "dac_northward": -0.2,
+        "error": 0.03,
+        **ends,
+    } | changes
+    return Message(
+        int(time_s * SECOND), "/dac", "replay_kit.DepthAveragedCurrent", payload, 0, int(time_s)
+    )
+
+
+def dive(current=(0.0, 0.0), reckons=(0.0, 0.0), start_s=0):
+    """A dive to 200 m and back at 0.25 m/s eastwards through water, ten minutes each way: what it logs, and the fixes."""
+    messages = []
+    for k in range(21):
+        after = 60.0 * k
+        depth = 200.0 - abs(k - 10) * 20.0
+        drift = current if k in (0, 20) else reckons
+        longitude, latitude = to_geographic(HERE, (0.25 + drift[0]) * after, drift[1] * after)
+        reckoned = {"dead_reckoned": "true" if 0 < k < 20 else "false", "depth": str(depth)}
+        metadata = [{"key": key, "value": value} for key, value in reckoned.items()]
+        messages.append(fix(start_s + after, float(longitude), float(latitude), metadata=metadata))
+    # the last dead-reckoned position is at the surface, where the fix comes too
+    return messages
+
+
+steps = st.tuples(st.floats(0.5, 2000.0), st.floats(-500.0, 500.0), st.floats(0.0, 1000.0))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(steps, min_size=1, max_size=8), st.integers(1, 60))
+def test_weights_sum_to_one_and_give_the_time_mean_of_the_polyline(walk, repeats):
+    times, easts, depths = np.array([(0.0, 0.0, 0.0), *walk * repeats]).T
+    times = np.cumsum(np.round(times, 3))
+    path = begin(position(0, 0.0, 0.0, 0.0, False))
+    for time, east, depth in zip(times[1:], easts[1:], depths[1:], strict=True):
+        path = extend(path, position(time, east, 0.0, depth))
+    end = position(times[-1], easts[-1], 0.0, depths[-1], False)
+    mean = path_mean(path, end, (0.1, 0.2), 0.02, "dac", 1)
+    assert mean.weight.sum() == pytest.approx(1.0, abs=1e-12)
+    assert (mean.weight > 0.0).all()
+    assert mean.weight.size <= 256
+    assert (np.diff(mean.path_time_ns) > 0).all()
+    assert mean.weight @ mean.depth == pytest.approx(
+        slow.time_mean(times, depths), rel=1e-9, abs=1e-9
+    )
+    east, _ = to_local(HERE, mean.longitude, mean.latitude)
+    assert mean.weight @ east == pytest.approx(slow.time_mean(times, easts), rel=1e-6, abs=1e-3)
+
+
+def test_a_stated_current_takes_the_dead_reckoned_path_moved_to_end_at_the_fix():
+    mean = the(PathMean, [*dive(current=(0.1, -0.2)), dac(1200)])
+    assert (mean.velocity, mean.error_std, mean.kind, mean.dive, mean.time_ns) == (
+        (0.1, -0.2),
+        0.03,
+        "dac",
+        3,
+        1200 * SECOND,
+    )
+    seconds = mean.path_time_ns / SECOND
+    east, north = to_local(HERE, mean.longitude, mean.latitude)
+    # the last dead-reckoned position, 285 m on, is a minute before the fix, 420 m on: the rest is spread over the whole time
+    under_way = seconds < 1140.0
+    assert_allclose(
+        east[under_way], (0.25 + (420.0 - 285.0) / 1200.0) * seconds[under_way], atol=0.1
+    )
+    assert_allclose(north, -0.2 * seconds, atol=0.01)
+    assert mean.weight @ mean.depth == pytest.approx(100.0, abs=1.0)
+    refused = run(
+        [*dive(), dac(1200)], MeasurementConfig(without=("dac",), dead_reckoning="through_water")
+    )
+    assert not only(PathMean, refused)
+    assert "dac" in reasons(refused)[0]
+
+
+@pytest.mark.parametrize("order", ["fix first", "current first", "much later"])
+def test_the_path_is_found_whenever_the_current_comes(order):
+    messages = dive()
+    longitude, _ = to_geographic(HERE, 300.0, 0.0)
+    stated = dac(
+        1200,
+        error=None,
+        end_fix={"time": {"sec": 1200, "nsec": 0}, "lon": float(longitude), "lat": -40.0},
+    )
+    after = [fix(1260, depth=0.0), fix(1500, depth=0.0)]
+    given_ = {
+        "fix first": [*messages, stated, *after],
+        "current first": [*messages[:-1], stated, messages[-1], *after],
+        "much later": [*messages, *after, stated._replace(time_ns=1500 * SECOND)],
+    }[order]
+    mean = the(PathMean, given_)
+    east, _ = to_local(HERE, mean.longitude, mean.latitude)
+    assert east.max() == pytest.approx(295.0, abs=10.0)
+    assert mean.weight @ mean.depth == pytest.approx(100.0, abs=1.0)
+    assert mean.error_std == pytest.approx(np.hypot(0.02, np.sqrt(2.0) * 20.0 / 1200.0))
+
+
+def test_without_a_path_it_is_straight_down_and_up():
+    depths = [
+        Message(k * SECOND, "/p", "sensor_msgs/FluidPressure", {"fluid_pressure": p}, 0, k)
+        for k, p in ((300, 2.1e6), (900, 4.0e5))
+    ]
+    ends = {"end_fix": {"time": {"sec": 1200, "nsec": 0}, "lon": 152.01, "lat": -40.0}}
+    mean = the(
+        PathMean, [fix(0, depth=0.0), *depths, fix(1200, 152.01, depth=0.0), dac(1200, **ends)]
+    )
+    deepest = mean.depth.max()
+    assert deepest == pytest.approx(198.0, abs=4.0)
+    assert mean.weight @ mean.depth == pytest.approx(deepest / 2.0, rel=0.01)
+    assert_allclose(mean.longitude, 152.0 + 0.01 * mean.path_time_ns / (1200 * SECOND), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"dac_eastward": None}, "not a number"),
+        ({"dac_northward": 60.0}, "faster than measurements.max_speed"),
+        ({"start_fix": None}, "no path, and no fixes"),
+        (
+            {"start_fix": {"time": {"sec": "x"}, "lon": 1.0, "lat": 2.0}},
+            "no path, and no fixes",
+        ),
+        ({}, "no path, and no fixes"),
+    ],
+)
+def test_currents_without_what_they_need_are_skipped_with_the_reason(changes, reason):
+    events = run([fix(0), dac(1200, **changes)])
+    assert not only(PathMean, events)
+    assert reason in reasons(events)[0]
+
+
+def test_dead_reckoning_through_water_gives_the_current_of_dives_without_one():
+    current = (0.1, -0.2)
+    messages = dive(current)
+    assert not only(PathMean, run(messages, CONFIG))
+    # a minute's way more, for the last dead-reckoned position is a minute before the fix
+    mean = the(PathMean, messages, THROUGH_WATER)
+    assert_allclose(mean.velocity, (current[0] + 0.25 * 60.0 / 1200.0, current[1]), atol=1e-5)
+    assert (mean.kind, mean.dive) == ("dac", 1)
+    # the log's own comes too late for the first dive, and is taken from then on
+    events = run(
+        [*messages, dac(1200), *dive(current, start_s=1300)[1:], dac(2500, 1300)], THROUGH_WATER
+    )
+    assert [mean.velocity[1] for mean in only(PathMean, events)] == [
+        pytest.approx(-0.2, abs=1e-5),
+        -0.2,
+    ]
+    assert "computed" in reasons(events)[0]
+
+
+def test_a_drift_at_the_surface_counts_where_it_is_asked_for():
+    longitude, latitude = to_geographic(HERE, 60.0, -30.0)
+    surface = [
+        fix(0, depth=0.0),
+        fix(60, depth=0.0),
+        fix(300, float(longitude), float(latitude), depth=0.0),
+    ]
+    assert not only(PathMean, run(surface))
+    mean = the(PathMean, surface, MeasurementConfig(use_drift=True))
+    assert_allclose(mean.velocity, (0.2, -0.1), atol=1e-6)
+    assert (mean.kind, mean.weight.sum(), set(mean.depth)) == ("drift", 1.0, {0.5})
+    assert mean.error_std == pytest.approx(np.hypot(0.07, np.sqrt(2.0) * 20.0 / 300.0))
+    # a dive between is no drift, nor is a long silence
+    between = [*dive(), fix(8000, depth=0.0)]
+    assert not [
+        mean
+        for mean in only(PathMean, run(between, MeasurementConfig(use_drift=True)))
+        if mean.kind == "drift"
+    ]
+
+
+def test_junk_in_any_field_of_a_current_is_used_or_skipped_once():
+    there = [*dive()[:-1], fix(1200, depth=1e308), fix(1201, depth=0.0)]
+    fixes = ({"time": {"sec": 1e308, "nsec": 0}, "lon": 1e308, "lat": 0.0}, {"time": 3})
+    for messages, field in itertools.product((dive(), there), dac(1200).payload):
+        for value in (*ODD, *fixes):
+            events = run([*messages, dac(1202, **{field: value})], THROUGH_WATER)
+            assert counted(events, "/dac") == 1, (field, value)
+            for mean in only(PathMean, events):
+                places = np.concatenate([mean.longitude, mean.latitude, mean.depth, mean.weight])
+                assert np.isfinite(places).all(), (field, value)
+                assert np.isfinite([*mean.velocity, mean.error_std]).all(), (field, value)
+                assert mean.error_std > 0.0
