@@ -4,6 +4,7 @@ import contextlib
 import json
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from mcap.reader import make_reader
@@ -20,7 +21,7 @@ from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.verify import verify
+from replay_kit.workflows.verify import _job, verify
 from tests import synthetic
 from tests.command import invoke
 
@@ -311,3 +312,10 @@ def test_a_result_of_contract_version_2_is_verified_by_its_bytes_with_a_note(run
         message=(index_of(old, "/flow/innovation"), lambda schema, data: data + b"\x08\x01"),
     )
     assert not verify(damaged, [run], planner_of).same
+
+
+def test_other_forecasts_of_several_files_are_verified_as_they_were_given():
+    names = ("against1_1", "against1_2", "against2", "against10")
+    recorded = SimpleNamespace(metadata={})
+    job = _job(recorded, {name: Path(name) for name in reversed(names)}, Path("out.mcap"))
+    assert job.against == ((Path(names[0]), Path(names[1])), (Path(names[2]),), (Path(names[3]),))

@@ -13,7 +13,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.surfacing import Ellipse
 from replay_kit.show.export import export
 from replay_kit.show.export.features import features_of, kml_text
-from replay_kit.show.export.netcdf import _attributes
+from replay_kit.show.export.netcdf import ATTRIBUTES, _attributes
 from tests.results.cases import moved, write
 from tests.results.test_cf import complaints
 from tests.synthetic_flow import synthetic_flow
@@ -252,3 +252,11 @@ def test_what_cannot_be_exported_is_refused(contents, tmp_path, name, table, mes
     with pytest.raises(ConfigError, match=message):
         export(contents, tmp_path / name, table=table)
     assert not (tmp_path / name).exists()
+
+
+@pytest.mark.parametrize("column", sorted(ATTRIBUTES.keys() - {"estimate_time"}))
+def test_columns_that_other_files_hold_too_have_their_attributes(column):
+    found, expected = _attributes("fixes", column), ATTRIBUTES[column]
+    assert {key: found[key] for key in expected if key != "long_name"} == {
+        key: value for key, value in expected.items() if key != "long_name"
+    }

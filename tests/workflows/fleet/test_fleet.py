@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from replay_kit.core.errors import ForecastError
 from replay_kit.workflows.fleet.page import fleet_page
-from replay_kit.workflows.fleet.run import Outcome, run_fleet, run_mission
+from replay_kit.workflows.fleet.run import Outcome, failure, run_fleet, run_mission
 from replay_kit.workflows.fleet.table import exit_code, print_fleet, row_of
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.replay import replay
@@ -215,3 +216,9 @@ def test_one_process_of_its_own(table, alone, tmp_path: Path):
     done = invoke(f"fleet {table} -o {tmp_path}/out --workers 1")
     assert done.exit_code == 0, done.output
     assert contents(tmp_path / "out") == alone
+
+
+def test_a_mission_that_ends_with_an_unforeseen_error_has_its_name_and_exit_code_1():
+    assert failure("m", ValueError("no number")).failed == "ValueError: no number"
+    assert failure("m", ValueError("no number")).exit_code == 1
+    assert failure("m", ForecastError("no forecast")).exit_code == ForecastError("").exit_code
