@@ -147,6 +147,10 @@ def test_the_map_has_the_plan_and_its_goal(
     assert axes.bbox.contains(
         *axes.transData.transform((row["goal_longitude"], row["goal_latitude"]))
     )
+    longitude, latitude = contents.track.longitude[-1], contents.track.latitude[-1]
+    figure = drawn(contents, "map", (longitude, latitude, 0.0))
+    (place,) = (line for line in figure.axes[0].lines if line.get_label() == "requested place")
+    np.testing.assert_allclose([*place.get_xdata(), *place.get_ydata()], [longitude, latitude])
 
 
 def test_texts_that_overlap_or_leave_a_figure_are_found() -> None:
