@@ -113,13 +113,13 @@ def test_no_command_obeys_a_name(folder, monkeypatch, arguments, code):
 
 def test_names_of_topics_are_shown_whole(folder, monkeypatch):
     monkeypatch.chdir(folder)
-    said = check(invoke(f"info {EVIL}.mcap -v", columns=400), 0)
+    said = check(invoke(["info", f"{EVIL}.mcap", "-v"], columns=400), 0)
     assert f"/other{SHOWN}" in said
 
 
 def test_what_commands_answer_as_json_holds_names_as_they_are(folder, monkeypatch):
     monkeypatch.chdir(folder)
-    outcome = invoke(f"info {EVIL}.mcap --json -")
+    outcome = invoke(["info", f"{EVIL}.mcap", "--json", "-"])
     assert "\x1b" not in outcome.stdout
     assert any(EVIL in text for text in _texts(json.loads(outcome.stdout)))
 
@@ -135,7 +135,7 @@ def _texts(value: object) -> list[str]:
 def test_the_log_of_a_command_holds_no_controls(folder, monkeypatch):
     monkeypatch.chdir(folder)
     (folder / "kept.log").unlink(missing_ok=True)
-    invoke(f"info missing{EVIL}.mcap --log kept.log")
+    invoke(["info", f"missing{EVIL}.mcap", "--log", "kept.log"])
     # what later tests print must not go there
     reporting.begin(reporting.Reporting())
     kept = (folder / "kept.log").read_text()
