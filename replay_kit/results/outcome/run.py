@@ -40,7 +40,7 @@ class DiveRow:
         profiles: Profiles used.
         bins: Bins used.
         rms_innovation_predicted: RMS component of measured minus predicted from all dives before [m/s].
-        rms_innovation_prior: RMS component of measured minus predicted from the ensemble alone [m/s].
+        rms_innovation_prior: RMS component of measured minus predicted from the prior forecast [m/s].
         nis_per_dof: Normalised innovation squared per degree of freedom, as updated profile by profile.
     """
 
@@ -100,7 +100,7 @@ class ReplaySummary:
         bins_rejected: Number of bins not used, by reason; a bin can have several.
         rms_before: RMS component of the innovations [m/s].
         rms_after: RMS component of the residuals after each update [m/s].
-        rms_prior: RMS component of measured minus predicted from the ensemble alone [m/s].
+        rms_prior: RMS component of measured minus predicted from the prior forecast [m/s].
         nis_per_dof: Mean normalised innovation squared per degree of freedom.
         by_dive: One row for each dive; empty for a surface vessel.
         seconds: Wall time of each stage.

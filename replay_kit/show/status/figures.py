@@ -61,7 +61,7 @@ class DiveCurrent:
         dive: Its number.
         measured: Mean current of the dive, as the log states it; None where neither the log nor the result holds one.
         corrected: The same without the flight model's error; None where there is no correction.
-        predicted: What the estimate had said; None where the log states none.
+        predicted: By the estimate before it; None where the log states none.
         difference: Length of what was used, corrected or measured, minus predicted; of profiles their RMS component [m/s].
         expected: One standard deviation of a component of the difference, as the estimate expects it [m/s].
     """
@@ -127,7 +127,7 @@ def far(fix: Fix, goal: tuple[float, float, float]) -> float:
 
 
 def dive_current(held: Held) -> DiveCurrent | None:
-    """Return the current of the last dive beside what the estimate had said; None without a measurement."""
+    """Return the current of the last dive beside the predicted one; None without a measurement."""
     if not held.dive:
         return None
     means = [

@@ -215,7 +215,7 @@ def _bins(estimator: EvolvingEstimator, profile: Observation, found: Expected) -
 
 
 def _of_mean(estimator: EvolvingEstimator, state: EvolvingState, mean: PathMean) -> Array:
-    """Return what the ensemble alone and the filter say of a mean current, shape (2, 2) [m/s], true east and north."""
+    """Return what the prior forecast and the filter say of a mean current, shape (2, 2) [m/s], true east and north."""
     errors = [estimator.innovation(each, mean) for each in (estimator.initial(), state)]
     return backgrounds_of(mean, local_mean(mean, estimator.basis.grid.projection)[0], errors)
 

@@ -76,7 +76,7 @@ class DivesResult:
     """All dives of logs, predicted.
 
     Attributes:
-        dives: In order; the first is predicted by the ensemble alone.
+        dives: In order; the first is predicted by the prior forecast.
         ensemble: Its file.
         fitted: Whether settings were fitted to the dives before each.
         oscillators: What oscillated.

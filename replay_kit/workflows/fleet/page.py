@@ -14,12 +14,12 @@ from replay_kit.workflows.fleet.table import row_of
 # Okabe and Ito's colours, which colour-blind readers can tell apart too.
 _COLOURS, _SYMBOLS = ("#8C8C8C", "#0072B2", "#009E73"), ("diamond", "circle", "square")
 _ERRORS = {
-    "ensemble alone": "rms_ensemble_m_s",
+    "prior forecast": "rms_ensemble_m_s",
     "before each update": "rms_before_m_s",
     "after each update": "rms_after_m_s",
 }
 _CAPTIONS = {
-    "errors": "Lower is better: where the estimate before each update lies below the ensemble alone, it predicts what comes next.",
+    "errors": "Lower is better: where the estimate before each update lies below the prior forecast, it predicts what comes next.",
     "truth": "Lower is better: where the estimate lies below the ensemble mean, the measurements helped.",
     "nis": "Near 1 the stated errors fit; above it they are too small.",
 }
@@ -84,7 +84,7 @@ def _sentences(rows: Sequence[Mapping[str, Any]], done: Sequence[Mapping[str, An
         *(f"{row['mission']}: {row['plan_alarm']}." for row in rows if row["plan_alarm"]),
         f"{len(done)} of {len(rows)} missions were replayed, {sum(row['dives'] for row in done)} dives and "
         f"{sum(row['profiles_used'] for row in done)} profiles.",
-        f"In {len(helped)} of {len(known)} missions the estimate predicts the next measurement better than the ensemble alone.",
+        f"In {len(helped)} of {len(known)} missions the estimate predicts the next measurement better than the prior forecast.",
     ]
     if odd:
         lines.append(

@@ -94,7 +94,7 @@ def print_fleet(outcomes: Sequence[Outcome], console: Console) -> None:
         "plan",
         "profiles",
         "dives",
-        "ensemble alone",
+        "prior forecast",
         "before",
         "after [cm/s]",
         "NIS/dof",

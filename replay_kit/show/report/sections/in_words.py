@@ -141,7 +141,7 @@ def _found(contents: Contents) -> list[str]:
         out.append(
             f"The estimate, before it used a measurement, differed from it by {cm('rms_innovation.before', before)} "
             "(RMS of a component), the "
-            f"ensemble forecast alone by {cm('rms_innovation.prior', prior)}: the estimate is {verdict}. "
+            f"prior forecast by {cm('rms_innovation.prior', prior)}: the estimate is {verdict}. "
             f"After the update {cm('rms_innovation.after', rms['after'])} remain, which include the instrument's own noise."
         )
     truth = contents.outcome.truth

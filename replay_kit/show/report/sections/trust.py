@@ -109,7 +109,7 @@ def _dives_html(contents: Contents, dives: Sequence[Mapping[str, Any]]) -> str:
         "profiles",
         "bins",
         "missed by the estimate before it",
-        "missed by the ensemble alone",
+        "missed by the prior forecast",
         "NIS/dof",
         "independent values determined",
     ]

@@ -77,11 +77,13 @@ def next_steps(contents: Contents) -> list[str]:
         verb = _VERBS.get(
             plan["status"], "The goal is not reached; the closest way found is to steer"
         )
+        # the alarm above has it
+        message = "" if outcome.plan_alarm else f": {escape(plan['message'])}"
         out.append(
             f"{verb} {number('plan.heading_deg', plan['heading_deg'], format(plan['heading_deg'], '.0f'))}° true "
             "through water, glide angle "
             f"{number('plan.glide_angle_deg', plan['glide_angle_deg'], format(plan['glide_angle_deg'], '.1f'))}°, at "
-            f"{number('plan.speed', plan['speed'], format(plan['speed'], '.2f'))} m/s: {escape(plan['message'])}."
+            f"{number('plan.speed', plan['speed'], format(plan['speed'], '.2f'))} m/s{message}."
         )
     elif plan:
         why = "Nothing to steer" if plan["status"] == "reached" else "No plan was found"
@@ -173,7 +175,7 @@ def _improvement(contents: Contents) -> str:
     rms = contents.outcome.rms_innovation
     if not rms["before"] or not rms["prior"] or rms["before"] <= rms["prior"]:
         return ""
-    return "The estimate predicts the measurements worse than the ensemble alone: earlier measurements misled it."
+    return "The estimate predicts the measurements worse than the prior forecast: earlier measurements misled it."
 
 
 def _rejections(contents: Contents) -> str:

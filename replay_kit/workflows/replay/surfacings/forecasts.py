@@ -135,7 +135,7 @@ def forecast_mean(
     Args:
         state: Before it.
         mean: The mean current.
-        backgrounds: shape (2, 2) [m/s], true east and north, what the ensemble alone and the estimate before the dive say of it; NaN
+        backgrounds: shape (2, 2) [m/s], true east and north, what the prior forecast and the estimate before the dive say of it; NaN
             where they say nothing, None where neither does.
     """
     if mean.kind != "dac" or mean.fixes is None:
@@ -266,7 +266,7 @@ def _beside_estimate(
 
 
 def _backgrounds(mean: PathMean, assimilation: Assimilation) -> Array:
-    """Return the mean current by the ensemble alone and by the estimate before the dive, shape (2, 2); NaN where they are not known."""
+    """Return the mean current by the prior forecast and by the estimate before the dive, shape (2, 2); NaN where they are not known."""
     found = assimilation.innovation
     if found.used_current is None:
         return _UNKNOWN
