@@ -8,7 +8,7 @@ from cyclopts import App, ArgumentCollection, Group, Parameter
 from cyclopts.validators import Number
 
 from replay_kit.cli.reporting import Reporting, begin
-from replay_kit.config.section import PLACE, Numbers, numbers
+from replay_kit.config.option import PLACE, Numbers, numbers
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import is_stream
 

@@ -12,8 +12,8 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from replay_kit.cli.options import CHOICES, INPUTS, OUTPUTS, ConfigFile
+from replay_kit.config.option import Numbers, Option
 from replay_kit.config.run import RunConfig, load_config
-from replay_kit.config.section import Numbers, Option
 from replay_kit.core.errors import ConfigError
 
 _Mark = TypeVar("_Mark")

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, get_args
 
 from pydantic import ConfigDict, Field
 
-from replay_kit.config.section import PLACE, Numbers, Option, Section, numbers
+from replay_kit.config.option import PLACE, Numbers, Option, numbers
+from replay_kit.config.section import Section
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.objective import ObjectiveName
 from replay_kit.core.time import parse_duration, parse_time

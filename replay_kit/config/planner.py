@@ -7,7 +7,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from replay_kit.config.section import Option, Section
+from replay_kit.config.option import Option
+from replay_kit.config.section import Section
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.objective import ObjectiveName
 

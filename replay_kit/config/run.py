@@ -22,10 +22,11 @@ from replay_kit.config.earlier import refuse_earlier
 from replay_kit.config.file import explain, read_toml
 from replay_kit.config.gating import ConsistencyConfig, GatingConfig
 from replay_kit.config.mapping import TopicMap
+from replay_kit.config.option import Option
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.quality import QualityConfig
-from replay_kit.config.section import Option, Section
+from replay_kit.config.section import Section
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.time import parse_time

@@ -1,12 +1,6 @@
-"""What settings share: the model of a table, the names of their options, and texts that hold several numbers."""
-
-import math
-import re
-from dataclasses import dataclass
+"""The model of a table of settings."""
 
 from pydantic import BaseModel, ConfigDict
-
-from replay_kit.core.errors import ConfigError
 
 
 class Section(BaseModel):
@@ -14,83 +8,3 @@ class Section(BaseModel):
 
     # built when first used: a command's help needs the fields alone
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
-
-
-@dataclass(frozen=True, slots=True)
-class Option:
-    """Mark of a setting in its annotation, ``Annotated[type, Option(...)]``; the command line reads it, pydantic does not.
-
-    Attributes:
-        name: Short name of the option, such as ``--modes``.
-        metavar: Form of its value in the help, such as ``W,S,E,N``; None for the type's own.
-        heading: Over it in the help.
-        repeats: Whether the option may be repeated, a value each time.
-    """
-
-    name: str
-    metavar: str | None = None
-    heading: str = "Settings"
-    repeats: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Numbers:
-    """Mark of an annotation: the names of the numbers in a text, which commas divide, such as ``LON,LAT,DEPTH``."""
-
-    form: str
-
-    def check(self, name: str, text: str) -> None:
-        """Raise ConfigError when a value does not hold these numbers, or no place on the Earth."""
-        values = numbers(text, name, self.form)
-        if self.form.startswith("LON,LAT,") and abs(values[1]) > 90.0:
-            swapped = ",".join(f"{value:g}" for value in (values[1], values[0], *values[2:]))
-            meant = (
-                f"did you mean {name}={swapped}?"
-                if abs(values[0]) <= 90.0
-                else "give a place on the Earth"
-            )
-            raise ConfigError(
-                f"{name}: expected {self.form}, got '{text}': the latitude {values[1]:g} is outside -90..90; {meant}"
-            )
-
-
-PLACE = Numbers("LON,LAT,DEPTH")
-
-
-def numbers(text: str, name: str, form: str | None = None) -> tuple[float, ...]:
-    """Return the finite numbers of an option, with commas between them.
-
-    Args:
-        text: The option's value.
-        name: Of the option.
-        form: Names of the numbers, with commas between them; None for any count.
-
-    Raises:
-        ConfigError: They are not numbers, or not as many as are expected.
-    """
-    parts, labels = text.split(","), [] if form is None else form.split(",")
-    expected = f"{name}: expected {form or 'numbers with commas between them'}, got '{text}'"
-    if labels and len(parts) < len(labels):
-        missing = labels[len(parts) :]
-        raise ConfigError(
-            f"{expected}: {' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
-        )
-    if labels and len(parts) > len(labels):
-        raise ConfigError(f"{expected}: {len(parts)} numbers instead of {len(labels)}")
-    return tuple(_number(part.strip(), expected) for part in parts)
-
-
-def _number(part: str, expected: str) -> float:
-    """Return a finite number; ``expected`` begins the error where it is none."""
-    if hemisphere := re.fullmatch(r"([\d.]+)\s*°?\s*([NSEWnsew])", part):
-        sign = "-" if hemisphere[2] in "SWsw" else ""
-        raise ConfigError(
-            f"{expected}: write {sign}{hemisphere[1]} for {part}; west and south are negative"
-        )
-    try:
-        value = float(part)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise ConfigError(f"{expected}: '{part}' is no finite number")
-    return value

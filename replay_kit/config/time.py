@@ -4,7 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from replay_kit.config.section import Option, Section
+from replay_kit.config.option import Option
+from replay_kit.config.section import Section
 
 Oscillation = Literal["steady", "inertial", "M2", "S2", "K1", "O1"]
 Bias = Literal["heading", "scale", "shear"]

@@ -16,7 +16,7 @@ from replay_kit.cli.options import (
     option,
 )
 from replay_kit.cli.settings import Settings, takes_settings
-from replay_kit.config.section import Numbers, numbers
+from replay_kit.config.option import Numbers, numbers
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import check_inputs, check_paths
 

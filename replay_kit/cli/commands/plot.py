@@ -14,7 +14,7 @@ from replay_kit.cli.options import (
     argument,
     option,
 )
-from replay_kit.config.section import PLACE, numbers
+from replay_kit.config.option import PLACE, numbers
 from replay_kit.core.paths import check_paths
 
 _ENDINGS = Ending((".png", ".svg", ".pdf"))

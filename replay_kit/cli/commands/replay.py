@@ -21,7 +21,7 @@ from replay_kit.cli.options import (
     place,
 )
 from replay_kit.cli.settings import Settings, takes_settings
-from replay_kit.config.section import PLACE
+from replay_kit.config.option import PLACE
 from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError
 from replay_kit.core.paths import check_paths, truth_path
 

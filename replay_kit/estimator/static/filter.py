@@ -33,7 +33,13 @@ from replay_kit.estimator.prior.hybrid import (
     hybrid_prior,
     with_mean_amplitude,
 )
-from replay_kit.estimator.static.group import column_rows, fitting_step, group_column, profiles_of
+from replay_kit.estimator.static.group import (
+    StaticEstimator,
+    column_rows,
+    fitting_step,
+    group_column,
+    profiles_of,
+)
 from replay_kit.estimator.static.state import FilterState, SpreadFit, with_mean_averaged
 from replay_kit.estimator.update.biases import NAMES, significant_bias_notes
 from replay_kit.estimator.update.evaluation import PredictedObservation
@@ -67,7 +73,7 @@ from replay_kit.estimator.update.screening import (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ReducedBasisEstimator(GroupedEstimator[FilterState]):
+class ReducedBasisEstimator(StaticEstimator):
     """The paper's 2.5D estimator, in both presets.
 
     Attributes:

@@ -1,15 +1,18 @@
 """Groups of profiles in the static estimator, and the fit of the prior's amplitude while it goes on."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.observation import Measurement, Observation
+from replay_kit.core.observation import Innovation, Measurement, Observation
+from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.interface import Stepped
+from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.static.state import FilterState, SpreadFit
 from replay_kit.estimator.update.evaluation import PredictedObservation
 from replay_kit.estimator.update.group_step import (
@@ -23,18 +26,48 @@ from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.posterior import Posterior, PriorCrossCovariance
 from replay_kit.estimator.update.profile_stack import ProfileStack
 from replay_kit.estimator.update.rows import BinNoise, PathRows, ProfileRows
+from replay_kit.estimator.update.screening import Screened
 from replay_kit.estimator.update.superobservation import (
     Column,
     CombinedRows,
     combined,
 )
 
-if TYPE_CHECKING:
-    from replay_kit.estimator.static.filter import ReducedBasisEstimator
+
+class StaticEstimator(GroupedEstimator[FilterState], Protocol):
+    """What a static estimator gives to its groups: see ``ReducedBasisEstimator``, which has them."""
+
+    basis: Basis
+    prior: Prior
+
+    @property
+    def prior_weights(self) -> Array:
+        """Mean of the prior, shape (Z, r)."""
+        ...
+
+    def initial_with(self, spread: SpreadFit | None) -> FilterState:
+        """Return the prior of an amplitude as a state."""
+        ...
+
+    def alone(
+        self, state: FilterState, measurements: Iterable[Measurement]
+    ) -> Iterator[tuple[FilterState, Innovation]]:
+        """Yield the state after each observation, and its innovation."""
+        ...
+
+    def linearised(
+        self, observation: Measurement
+    ) -> tuple[Screened, ProfileRows | PathRows | None]:
+        """Return a measurement after screening, and its rows."""
+        ...
+
+    def noise(self, observation: Observation, used: NDArray[np.intp]) -> BinNoise:
+        """Return the noise of a profile's usable bins."""
+        ...
 
 
 def fitting_step(
-    estimator: "ReducedBasisEstimator", state: FilterState, item: Measurement | ProfileGroup
+    estimator: StaticEstimator, state: FilterState, item: Measurement | ProfileGroup
 ) -> list[Stepped[FilterState]]:
     """Return the outcome of a measurement or group, with the amplitude fitted if it is time, and the innovations before that."""
     stepped = _stepped(estimator, state, item)
@@ -56,7 +89,7 @@ def fitting_step(
 
 
 def _again(
-    estimator: "ReducedBasisEstimator", state: FilterState, before: SpreadFit, fitted: SpreadFit
+    estimator: StaticEstimator, state: FilterState, before: SpreadFit, fitted: SpreadFit
 ) -> FilterState:
     """Return the state after all measurements so far under another amplitude."""
     assert before.past is not None, "a fit is due"
@@ -74,7 +107,7 @@ def _again(
 
 
 def _stepped(
-    estimator: "ReducedBasisEstimator", state: FilterState, item: Measurement | ProfileGroup
+    estimator: StaticEstimator, state: FilterState, item: Measurement | ProfileGroup
 ) -> list[Stepped[FilterState]]:
     if isinstance(item, ProfileGroup):
         return GroupedEstimator.step_group(estimator, state, item)
@@ -83,7 +116,7 @@ def _stepped(
 
 
 def group_column(
-    estimator: "ReducedBasisEstimator", state: FilterState, screened: ScreenedGroup
+    estimator: StaticEstimator, state: FilterState, screened: ScreenedGroup
 ) -> GroupColumn[FilterState]:
     """Return the estimate of the column that the usable profiles of a group see: of the current at the levels."""
     basis, stack = profiles_of(estimator, screened)
@@ -101,7 +134,7 @@ def group_column(
 
 
 def _rows_of(
-    estimator: "ReducedBasisEstimator", item: Measurement | ProfileGroup
+    estimator: StaticEstimator, item: Measurement | ProfileGroup
 ) -> ProfileRows | PathRows | None:
     """Return the rows of a measurement, or those of the profiles of a group as one, with their stated errors."""
     if not isinstance(item, ProfileGroup):
@@ -111,9 +144,7 @@ def _rows_of(
     return column_rows(basis, whole.r, whole)
 
 
-def profiles_of(
-    estimator: "ReducedBasisEstimator", screened: ScreenedGroup
-) -> tuple[Array, ProfileStack]:
+def profiles_of(estimator: StaticEstimator, screened: ScreenedGroup) -> tuple[Array, ProfileStack]:
     """Return the modes' velocity at the middle of the usable profiles, shape (2, r), and these as arrays."""
     basis, middle = estimator.basis, screened.usable
     east, north = to_local(basis.grid.projection, middle.longitude, middle.latitude)

@@ -21,7 +21,7 @@ from replay_kit.cli.options import (
     option,
 )
 from replay_kit.cli.settings import Settings, takes_settings
-from replay_kit.config.section import numbers
+from replay_kit.config.option import numbers
 from replay_kit.core.errors import EstimatorError
 
 
