@@ -10,7 +10,7 @@ from replay_kit.show.page.section import Section
 
 # Module and function of each section, from top to bottom.
 _LISTED = (
-    "in_words:words_section",
+    "answer:words_section",
     "current_map:map_section",
     "sections_along_track:along_track_section",
     "trust:trust_section",

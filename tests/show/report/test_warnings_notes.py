@@ -8,7 +8,7 @@ import pytest
 
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.verdict import nis_sentence
-from replay_kit.show.report.sections.in_words import _depths, _values
+from replay_kit.show.report.sections.answer import _depths, _values
 from replay_kit.show.report.sections.warnings import next_steps, what_was_chosen
 
 
