@@ -81,8 +81,14 @@ ADDITIONS = (
     ("replay_kit/measurements/consistency/repeated_times.py", "", CHECK),
     (
         "replay_kit/measurements/consistency/checks.py",
-        "_OF_PINGS = (\n",
-        '_OF_PINGS = (\n    "repeated_times:RepeatedTimes",\n',
+        "from replay_kit.measurements.consistency.summary",
+        "from replay_kit.measurements.consistency.repeated_times import RepeatedTimes\n"
+        "from replay_kit.measurements.consistency.summary",
+    ),
+    (
+        "replay_kit/measurements/consistency/checks.py",
+        "= (DepthCounts(), ",
+        "= (RepeatedTimes(), DepthCounts(), ",
     ),
     ("replay_kit/show/report/sections/depths.py", "", SECTION),
     (
