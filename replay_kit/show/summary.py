@@ -11,7 +11,6 @@ from replay_kit.results.losses import lost_text
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.show.text import folded, not_used_lines, print_lines, print_table
 from replay_kit.show.words import (
-    decision_sentence,
     evidence_sentence,
     flight_correction_sentence,
     outcomes_sentence,
@@ -44,7 +43,7 @@ def print_summary(outcome: Outcome, console: Console, verbose: bool = False) -> 
     print_lines(console, [f"ALARM: {bad_plan.text}"] if bad_plan else [])
     decision = outcome.decision
     basis = [text for text in outcome.verdict if text not in decision.reasons]
-    lines = [f"Verdict: {decision_sentence(decision)}", f"Basis: {'; '.join(basis)}"]
+    lines = [f"Verdict: {decision!s}", f"Basis: {'; '.join(basis)}"]
     print_lines(console, [*lines, *map(finding_line, outcome.consistency)])
     rows = [
         (row["topic"], *(str(row[name]) for name in ("read", "used", "skipped"))) for row in topics

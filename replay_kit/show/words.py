@@ -5,12 +5,6 @@ from statistics import median
 from typing import Any
 
 from replay_kit.core.text import place_text
-from replay_kit.results.outcome.verdict import Decision
-
-
-def decision_sentence(decision: Decision) -> str:
-    """Return how far to trust a run, and why not further."""
-    return ": ".join([decision.word, *filter(None, ["; ".join(decision.reasons)])])
 
 
 def plan_sentence(plan: Mapping[str, Any]) -> str:

@@ -85,8 +85,7 @@ class Outcome:
 
     def __repr__(self) -> str:
         """Return how far to trust it, and the sentences of its verdict, each a line."""
-        word, reasons = self.decision
-        return "\n".join((f"{word}: {'; '.join(reasons)}" if reasons else word, *self.verdict))
+        return "\n".join((str(self.decision), *self.verdict))
 
     @property
     def exit_code(self) -> int:

@@ -24,6 +24,10 @@ class Decision(NamedTuple):
     word: Word
     reasons: tuple[str, ...]
 
+    def __str__(self) -> str:
+        """Return it as a sentence."""
+        return ": ".join([self.word, *filter(None, ["; ".join(self.reasons)])])
+
 
 class RunAlarm(NamedTuple):
     """What should wake a person.

@@ -13,7 +13,7 @@ from replay_kit.show.status import figures
 from replay_kit.show.status.alarms import Alarm, alarms_of
 from replay_kit.show.status.change import change_of, command_text
 from replay_kit.show.status.held import Held
-from replay_kit.show.words import decision_sentence, past_sentences, place_of_next
+from replay_kit.show.words import past_sentences, place_of_next
 
 _SECOND = 1_000_000_000
 
@@ -389,7 +389,7 @@ def _fit(held: Held) -> _Answer:
             "nis_per_dof": None,
         }
     text = [
-        decision_sentence(outcome.decision),
+        str(outcome.decision),
         *(
             f"{severity_word(one['severity'])}: {one['name']}, {one['evidence']}; {one['set']}"
             for one in outcome.consistency

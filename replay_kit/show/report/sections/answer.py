@@ -16,7 +16,7 @@ from replay_kit.show.report.sections.warnings import (
     what_looks_wrong,
     what_was_chosen,
 )
-from replay_kit.show.words import decision_sentence, flight_correction_sentence
+from replay_kit.show.words import flight_correction_sentence
 
 
 def words_section(contents: Contents) -> Section:
@@ -54,7 +54,7 @@ def _part(title: str, paragraphs: list[str]) -> str:
 def _decision(contents: Contents) -> str:
     if not contents.outcome.complete:
         return "No verdict: the run did not finish, or an earlier version made the result."
-    return f"{escape(decision_sentence(contents.outcome.decision).capitalize())}."
+    return f"{escape(str(contents.outcome.decision).capitalize())}."
 
 
 def _measured(contents: Contents) -> str:
