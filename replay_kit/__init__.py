@@ -23,8 +23,9 @@ if TYPE_CHECKING:
     from replay_kit.core.plan import Place, Plan
     from replay_kit.logs import open_log
     from replay_kit.measurements import observations
-    from replay_kit.show import Result, open_result
+    from replay_kit.show import Result
     from replay_kit.workflows.library import open_ensemble, plan, replay
+    from replay_kit.workflows.sound import open_result
 
 __all__ = [
     "Ensemble",
@@ -60,7 +61,7 @@ __getattr__ = on_demand(
         "open_ensemble": "workflows.library",
         "open_estimate": "core.flow.load:load",
         "open_log": "logs",
-        "open_result": "show.opened",
+        "open_result": "workflows.sound",
         "plan": "workflows.library",
         "replay": "workflows.library",
     },

@@ -1,5 +1,6 @@
-"""The check that a result file is complete, made before it gets its name."""
+"""The checks of a result file: that it is complete, before it gets its name; that its checksums fit, before it is read."""
 
+import os
 import struct
 import zlib
 from collections import Counter
@@ -23,6 +24,11 @@ _HEAD = 9
 # the summary's checksum and the closing magic bytes
 _TAIL = 12
 _MESSAGE = int(Opcode.MESSAGE)
+_MAGIC = b"\x89MCAP0\r\n"
+# Opcode, length and checksum of the data. Of the footer: place of the summary, of its offsets, the summary's checksum.
+_DATA_END, _FOOTER = struct.Struct("<BQI"), struct.Struct("<BQQQI")
+# Bytes read at once.
+_PIECE = 1 << 20
 
 
 def check_written(path: Path, messages: Mapping[str, int], attachments: int) -> None:
@@ -65,6 +71,43 @@ def check_written(path: Path, messages: Mapping[str, int], attachments: int) -> 
             f"{path}: wrote {sum(messages.values())} messages and {attachments} attachments, but read back {read.total()} and "
             f"{found.attachments}, and its summary says {summary.total()}; is the disk full?"
         )
+
+
+def checksums_fit(path: Path) -> bool | None:
+    """Return whether a file states checksums of its data and of its summary, and both fit; nothing is unpacked.
+
+    None for a file that cannot be opened or does not begin as an MCAP file: its readers say so.
+    """
+    try:
+        with path.open("rb") as file:
+            if file.read(len(_MAGIC)) != _MAGIC:
+                return None
+            size = os.fstat(file.fileno()).st_size
+            at = size - len(_MAGIC) - _FOOTER.size
+            file.seek(max(at, 0))
+            opcode, _, summary, _, summary_crc = _FOOTER.unpack(file.read(_FOOTER.size))
+            end = summary - _DATA_END.size
+            if opcode != Opcode.FOOTER or file.read() != _MAGIC or not len(_MAGIC) <= end < at:
+                return False
+            file.seek(end)
+            opcode, _, crc = _DATA_END.unpack(file.read(_DATA_END.size))
+            # the summary's checksum covers the footer up to itself
+            if opcode != Opcode.DATA_END or _crc(file, size - _TAIL - summary) != summary_crc:
+                return False
+            file.seek(0)
+            return bool(_crc(file, end) == crc)
+    except OSError:
+        return None
+    except struct.error:
+        return False
+
+
+def _crc(file: BinaryIO, length: int) -> int:
+    """Return the CRC-32 of the next bytes, read in pieces."""
+    crc = 0
+    for start in range(0, length, _PIECE):
+        crc = zlib.crc32(file.read(min(_PIECE, length - start)), crc)
+    return crc
 
 
 class _Records(StreamReader):

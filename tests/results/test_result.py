@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from replay_kit import open_result as open_any_result
 from replay_kit.core.errors import ForecastError, LogError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic
@@ -209,6 +210,8 @@ def test_other_files_are_refused(run: Run, tmp_path: Path) -> None:
         LogError, match=r"expected a complete result of replay-kit replay.*convert recovers"
     ):
         open_result(cut)
+    with pytest.warns(UserWarning, match=r"LOST: cut\.mcap: cut inside a record"):
+        assert len(open_any_result(cut).fixes) == len(open_result(path).fixes)
     with ResultWriter(tmp_path / "bare.mcap") as writer:
         writer.log(1, "info", "a log of somebody")
     with pytest.raises(LogError, match=r"no metadata record 'contract'.*open a log with open_log"):

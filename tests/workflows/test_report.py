@@ -80,8 +80,8 @@ def test_a_result_that_is_cut_short_shows_what_is_left(result_path: Path, tmp_pa
     report(cut, tmp_path / "cut.html")
     made = (tmp_path / "cut.html").read_text()
     words = text_of(made, "answer")
-    assert "The result is cut short: " in words
-    assert "This page shows what could be recovered." in words
+    assert "LOST: cut.mcap.part: " in words
+    assert "The result is damaged or cut short: this shows what could be recovered." in words
     assert "carries no estimate.nc" in words
     assert len(elements(made, "figure")) >= 4
     assert "replay_kit_" not in made.split("<script")[0]

@@ -57,20 +57,19 @@ def export(
     ] = None,
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
-    """Return 0."""
+    """Return 0, or 4 when part of the result was lost."""
     check_paths([result], [out], replacing.overwrite)
     places = [numbers(text, "--at", PLACE.form) for text in at or ()]
 
     from replay_kit.show.export import export as write
+    from replay_kit.show.text import print_lines
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:
         rows = write(contents, out, [(place[0], place[1], place[2]) for place in places], table)
-    console = console_beside(None)
-    for note in contents.notes:
-        console.print(note, soft_wrap=True)
+    print_lines(console := console_beside(None), contents.notes)
     console.print(
         f"{out}: " + ", ".join(f"{name} {count} rows" for name, count in rows.items()),
         soft_wrap=True,
     )
-    return 0
+    return contents.exit_code

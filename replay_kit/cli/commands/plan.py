@@ -111,7 +111,7 @@ def plan(
     settings: Settings,
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
 ) -> int:
-    """Return 0, or 7 when the risk asked for cannot be kept or waypoints are not safe; a plan that cannot reach its goal is a result."""
+    """Return 0, also where no goal is reached; 4 after a damaged result; 7 where a risk cannot be kept or waypoints are not safe."""
     streams = outputs.geojson, outputs.csv, outputs.json_file
     if sum(str(path) == "-" for path in streams) > 1:
         raise ConfigError(
@@ -165,7 +165,7 @@ def _mission(config: "RunConfig", outputs: Outputs) -> int:
         print_mission(planned, console, config.plan.battery)
     if withheld:
         console.print(f"{unsafe}; no other file is written without --write-unsafe", soft_wrap=True)
-    return 0 if unsafe is None else _UNSAFE
+    return planned.on.exit_code if unsafe is None else _UNSAFE
 
 
 def _write(planned: "PlannedMission", outputs: Outputs) -> None:
@@ -181,7 +181,7 @@ def _write(planned: "PlannedMission", outputs: Outputs) -> None:
 
 
 def _learning(config: "RunConfig", outputs: Outputs) -> int:
-    """Plan what to measure and write it; return 0, for a plan that is of no use is a result."""
+    """Plan what to measure and write it; return 0 also for a plan that is of no use, or 4 when part of the result was lost."""
     from replay_kit.workflows.planning.learning import make_learning
 
     with progress():
@@ -205,4 +205,4 @@ def _learning(config: "RunConfig", outputs: Outputs) -> int:
             write_learning(outputs.out, outputs.overwrite, learnt, config)
     finally:
         print_learning(learnt, console_beside(outputs.geojson, outputs.csv, outputs.json_file))
-    return 0
+    return learnt.on.exit_code

@@ -66,7 +66,7 @@ def plot(
     look: Annotated[Look, TO_OPTIONS] = Look(),
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
-    """Return 0."""
+    """Return 0, or 4 when part of the result was lost."""
     check_paths([result], [out], replacing.overwrite)
     longitude, latitude, depth = numbers(look.at or "0,0,0", "--at", PLACE.form)
     at = None if look.at is None else (longitude, latitude, depth)
@@ -74,11 +74,13 @@ def plot(
     from replay_kit.core.atomic import atomic_file
     from replay_kit.show.plots import drawn
     from replay_kit.show.plots.style import saved
+    from replay_kit.show.text import print_lines
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:
         content = saved(drawn(contents, figure, at, look.columns), out.suffix.lower())
     with atomic_file(out) as file:
         file.write(content)
-    console_beside(None).print(f"Figure: {out}", soft_wrap=True)
-    return 0
+    print_lines(console := console_beside(None), contents.notes)
+    console.print(f"Figure: {out}", soft_wrap=True)
+    return contents.exit_code

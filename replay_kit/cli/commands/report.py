@@ -28,13 +28,13 @@ def report(
     ] = None,
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
-    """Return 0."""
+    """Return 0, or 4 when part of the result was lost."""
+    from replay_kit.show.text import print_lines
     from replay_kit.workflows.report import page_of
     from replay_kit.workflows.report import report as write_report
 
     page = out or page_of(result)
-    size = write_report(result, page, replacing.overwrite)
-    console_beside().print(
-        f"Report: {page} ({size / 1e6:.1f} MB); open it in a browser.", soft_wrap=True
-    )
-    return 0
+    size, contents = write_report(result, page, replacing.overwrite)
+    print_lines(console := console_beside(), contents.notes)
+    console.print(f"Report: {page} ({size / 1e6:.1f} MB); open it in a browser.", soft_wrap=True)
+    return contents.exit_code

@@ -42,13 +42,13 @@ def status(
     ] = None,
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
 ) -> int:
-    """Return 0; alarms are shown, and are no failure."""
+    """Return 0, or 4 when part of the result was lost; alarms are shown, and are no failure."""
     check_paths([result], [html, answer.json_file], answer.overwrite or html is not None)
     moment = _moment(now)
 
     from replay_kit.workflows.status import read_status, write_page
 
-    found = read_status(result, moment)
+    found, sound = read_status(result, moment)
     if not reporting.current().quiet and str(answer.json_file) != "-":
         from replay_kit.show.status.text import status_text
 
@@ -57,13 +57,13 @@ def status(
             if sys.stdout.isatty()
             else _WIDTH
         )
-        text = status_text(found, width)
+        text = "".join(f"{line}\n" for line in sound.lines) + status_text(found, width)
         reporting.keep(text)
         sys.stdout.write(text)
     if html is not None:
         write_page(found, html)
-    write_json(answer.json_file, found.figures)
-    return 0
+    write_json(answer.json_file, {**found.figures, "losses": list(sound.lines)})
+    return sound.exit_code
 
 
 def _moment(text: str | None) -> int | None:

@@ -1,5 +1,6 @@
 """``verify``: a result made again and compared."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -23,16 +24,19 @@ def verify(
     ] = None,
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
 ) -> int:
-    """Return 0, or 5 when the result could not be made again."""
+    """Return 0, 4 when part of the result was lost, or 5 when it could not be made again."""
     check_paths([result], [answer.json_file], answer.overwrite)
 
     from replay_kit.workflows.planning import planner_of
     from replay_kit.workflows.planning.again import plan_again
+    from replay_kit.workflows.sound import sound_result
     from replay_kit.workflows.verify import print_verdict, verdict_json
     from replay_kit.workflows.verify import verify as verify_result
 
-    with progress() as advance:
-        verdict = verify_result(result, inputs or [], planner_of, advance, plan_again)
+    with progress() as advance, sound_result(result) as sound:
+        folders = [*(inputs or ()), result.parent]
+        verdict = verify_result(sound.path, folders, planner_of, advance, plan_again)
+    verdict = replace(verdict, result=result, notes=(*sound.lines, *verdict.notes))
     print_verdict(verdict, console_beside(answer.json_file))
     write_json(answer.json_file, verdict_json(verdict))
-    return 0 if verdict.same else 5
+    return sound.exit_code or (0 if verdict.same else 5)

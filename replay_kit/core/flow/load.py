@@ -1,6 +1,7 @@
 """Flows from the files that ``FlowEstimate.save`` writes, and from the attachment ``estimate.nc`` of a result MCAP."""
 
 import io
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -19,23 +20,44 @@ from replay_kit.core.flow.factors import CovarianceFactors, half_size, whole_of
 from replay_kit.core.flow.horizontal import HorizontalFunctions, HorizontalKernel, NodeKernel
 from replay_kit.core.flow.lattice import StreamFunctionLattice
 from replay_kit.core.flow.local import LocalCurrent, Oscillation
-from replay_kit.core.flow.lossless import EXACT_TIME, FORMAT, LATTICE, NODE_KERNEL, READ_VERSIONS
+from replay_kit.core.flow.lossless import (
+    EXACT_TIME,
+    FORMAT,
+    LATTICE,
+    NODE_KERNEL,
+    READ_VERSIONS,
+    SEALED_VERSION,
+)
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.paths import as_path
+from replay_kit.core.sealed import unsealed
 
 
 def load(path: str | Path) -> FlowEstimate:
-    """Return the flow that ``save`` wrote.
+    """Return the flow that ``save`` wrote; a file of an earlier version without a checksum gives a warning.
 
     Raises:
         ForecastError: The file is missing, damaged, not such a file, or of another format version.
     """
-    path = as_path(path, "estimate")
+    flow, note = load_noted(as_path(path, "estimate"))
+    if note:
+        warnings.warn(note, stacklevel=2)
+    return flow
+
+
+def load_noted(path: Path) -> tuple[FlowEstimate, str]:
+    """Return the flow that ``save`` wrote, and what should be known of its file, empty where there is nothing.
+
+    Raises:
+        ForecastError: As for ``load``.
+    """
     try:
         data = path.read_bytes()
     except OSError as error:
         raise ForecastError(f"{path}: cannot read the flow: {error.strerror}") from error
-    return load_bytes(data, str(path))
+    flow, checked = _load(data, str(path))
+    note = f"{path}: has no checksum, as files of version 0.2.0, so that damage cannot be detected"
+    return flow, "" if checked else note
 
 
 def load_bytes(data: bytes, name: str) -> FlowEstimate:
@@ -48,19 +70,34 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
     Raises:
         ForecastError: As for ``load``.
     """
+    return _load(data, name)[0]
+
+
+def _load(data: bytes, name: str) -> tuple[FlowEstimate, bool]:
+    """Return the flow of a saved file's bytes, and whether their checksum was compared."""
     try:
+        content = unsealed(data)
         with xr.open_dataset(
-            io.BytesIO(data), engine="h5netcdf", decode_cf=False, phony_dims="access"
+            io.BytesIO(data if content is None else content),
+            engine="h5netcdf",
+            decode_cf=False,
+            phony_dims="access",
         ) as dataset:
             kind, version = (
                 dataset.attrs.get("replay_kit_format"),
                 dataset.attrs.get("replay_kit_format_version"),
             )
             if kind == FORMAT and version in READ_VERSIONS:
-                return from_lossless(dataset.load())
-    except (OSError, ValueError, KeyError, RuntimeError) as error:
+                if content is None and version >= SEALED_VERSION:
+                    raise ValueError(
+                        "its checksum is missing: it was cut, or written by another program"
+                    )
+                return from_lossless(dataset.load()), content is not None
+    # what the HDF5 library and the values of a damaged file without a checksum lead to has no end
+    except Exception as error:
         raise ForecastError(
-            f"{name}: expected a file of --save-estimate (NetCDF-4), but it is not one, or is damaged: {error}"
+            f"{name}: expected a file of --save-estimate (NetCDF-4), but it is not one, or is damaged: {error}; "
+            "copy it again from where it was written, or save it again"
         ) from error
     if kind != FORMAT:
         raise ForecastError(

@@ -6,6 +6,8 @@ in float64 seconds, for any reader, and its attribute ``nanoseconds_since_1970``
 An estimate that changes with time is saved as the process model and the unknowns in it, from which any later estimate is made; the
 covariance of its weights follows from theirs, which is smaller, and is not in the file.
 
+The file ends with the SHA-256 of all bytes before it (``sealed.py``), which other readers of NetCDF pass over.
+
 Of symmetric matrices the file has the lower half, row by row. The covariance of the weights is in it as its factors where these are fewer
 numbers (``factors.py``).
 """
@@ -27,15 +29,19 @@ from replay_kit.core.flow.field import FlowField
 from replay_kit.core.flow.horizontal import HorizontalFunctions, NodeKernel
 from replay_kit.core.flow.lattice import StreamFunctionLattice
 from replay_kit.core.flow.local import LocalCurrent
+from replay_kit.core.sealed import sealed
 from replay_kit.core.version import __version__
 
 FORMAT = "replay_kit.FlowEstimate"
+# since version 6 the file ends with its checksum
 # since version 5 covariances are halves, or factors; since version 4 the file says which horizontal functions the flow has, and a node
 # kernel's nodes; before, all were kernels of the grid's nodes; since version 3 it says how the flow changes with time; since version 2 time
 # is in seconds, with its nanoseconds in an attribute, and wet has the depth last; in version 1 time was an integer of nanoseconds, and the
 # depth came first
-FORMAT_VERSION = 5
-READ_VERSIONS = (1, 2, 3, 4, 5)
+FORMAT_VERSION = 6
+READ_VERSIONS = (1, 2, 3, 4, 5, 6)
+#: Since which version the file ends with its checksum.
+SEALED_VERSION = 6
 
 #: What ``horizontal_functions`` may be.
 NODE_KERNEL, LATTICE = "node kernel", "stream function lattice"
@@ -293,13 +299,15 @@ def save(flow: FlowField, path: Path) -> None:
     Raises:
         ConfigError: The file cannot be written.
     """
-    dataset, encoding = _exact(flow)
-    write_dataset(dataset, Path(path), encoding)
+    data = save_bytes(flow)
+    with atomic_file(Path(path)) as file:
+        file.write(data)
 
 
 def save_bytes(flow: FlowField) -> bytes:
-    """Return the bytes of the file that ``save`` writes; the same flow and libraries give the same bytes."""
-    return _bytes(*_exact(flow))
+    """Return the bytes of the file that ``save`` writes, with their seal; the same flow and libraries give the same bytes."""
+    dataset = to_lossless(flow)
+    return sealed(_bytes(dataset, {str(name): {"_FillValue": None} for name in dataset.variables}))
 
 
 def write_dataset(dataset: xr.Dataset, path: Path, encoding: Encoding) -> None:
@@ -313,11 +321,6 @@ def write_dataset(dataset: xr.Dataset, path: Path, encoding: Encoding) -> None:
     data = _bytes(dataset, encoding)
     with atomic_file(path) as file:
         file.write(data)
-
-
-def _exact(flow: FlowField) -> tuple[xr.Dataset, Encoding]:
-    dataset = to_lossless(flow)
-    return dataset, {str(name): {"_FillValue": None} for name in dataset.variables}
 
 
 def _bytes(dataset: xr.Dataset, encoding: Encoding) -> bytes:

@@ -33,11 +33,13 @@ class Contents:
 
     Attributes:
         result: The result.
-        notes: What the reader of the report should know of how it was opened, such as that the file was cut short.
+        notes: What the reader of the report should know of how it was opened, such as what of the file was lost.
+        exit_code: Of the command that shows it: 4 where something was lost, else 0.
     """
 
     result: ResultFile
     notes: tuple[str, ...] = ()
+    exit_code: int = 0
 
     @cached_property
     def record(self) -> RunRecord:

@@ -9,14 +9,15 @@ from planners import Bathymetry, NoGo
 from replay_kit.config.plan import PlanRequest
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.load import load
+from replay_kit.core.flow.load import load_noted
 from replay_kit.core.grid import Grid
 from replay_kit.core.progress import announce
 from replay_kit.results import read_estimate
-from replay_kit.show.status.held import read_held
+from replay_kit.show.status.held import Held, read_held
 from replay_kit.workflows.planning.areas import area_notes, read_areas
 from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
 from replay_kit.workflows.planning.currents import KnownCurrent, known_current
+from replay_kit.workflows.sound import sound_result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +29,8 @@ class PlannedOn:
         flown: How the vehicle flew; None where that is not known.
         no_go: Areas that it keeps out of.
         bathymetry: Bottom that it stays above; None without.
-        notes: What about the files of areas and of the bottom should be known.
+        notes: What about the files should be known.
+        exit_code: 4 where part of a file was lost, else 0.
     """
 
     known: KnownCurrent
@@ -36,6 +38,7 @@ class PlannedOn:
     no_go: tuple[NoGo, ...]
     bathymetry: Bathymetry | None
     notes: tuple[str, ...]
+    exit_code: int = 0
 
     @property
     def region(self) -> Grid:
@@ -54,47 +57,73 @@ def planned_on(request: PlanRequest, flow_step: float) -> PlannedOn:
         ReplayKitError: A file cannot be read, or the files of the current do not follow each other.
     """
     announce("reading the estimate")
-    known, flown = read_known(request.flows, flow_step)
+    files = [(path, read_flow(path)) for path in request.flows]
+    known, flown = read_known(files, flow_step)
     region, bottom = known.first.grid, None
     areas: tuple[NoGo, ...] = ()
-    notes: tuple[str, ...] = ()
+    notes = tuple(note for _, file in files for note in file.notes)
     if request.no_go is not None:
-        areas, notes = read_areas(request.no_go), area_notes(request.no_go, region)
+        areas, notes = read_areas(request.no_go), notes + area_notes(request.no_go, region)
     if request.bathymetry is not None:
         bottom = read_bathymetry(request.bathymetry, region)
         notes += bathymetry_notes(bottom, region)
-    return PlannedOn(known, flown, areas, bottom, notes)
+    exit_code = max(file.exit_code for _, file in files)
+    return PlannedOn(known, flown, areas, bottom, notes, exit_code)
 
 
-def read_known(paths: Sequence[Path], flow_step: float) -> tuple[KnownCurrent, AsFlown | None]:
+@dataclass(frozen=True, slots=True, eq=False)
+class FlowFile:
+    """A file with an estimate, read.
+
+    Attributes:
+        flow: The estimate.
+        held: What else a result holds; None for an estimate alone.
+        notes: What was lost of the file, or that it has no checksum.
+        exit_code: Of a command that uses it: 4 where something was lost, else 0.
+    """
+
+    flow: FlowEstimate
+    held: Held | None
+    notes: tuple[str, ...]
+    exit_code: int = 0
+
+
+def read_known(
+    files: Sequence[tuple[Path, FlowFile]], flow_step: float
+) -> tuple[KnownCurrent, AsFlown | None]:
     """Return what some files, one at least, know of the current, and how the vehicle flew by the last result among them, None without.
 
     The time of the vehicle's last fix is known where there is one file, a result.
 
     Args:
-        paths: Each with an estimate; several hold for increasing times.
+        files: Each with what was read of it; several hold for increasing times.
         flow_step: Between the flows that an estimate which changes is planned on [s].
 
     Raises:
-        ReplayKitError: A file cannot be read, or the files do not follow each other.
+        ReplayKitError: The files do not follow each other.
     """
-    known = known_current([(path, read_flow(path)) for path in paths], flow_step)
-    results = [read_held(path) for path in paths if _is_result(path)]
+    known = known_current([(path, file.flow) for path, file in files], flow_step)
+    results = [file.held for _, file in files if file.held is not None]
     if not results:
         return known, None
     last = results[-1]
-    if len(paths) == 1 and last.fixes:
+    if len(files) == 1 and last.fixes:
         known = replace(known, last_fix_ns=last.fixes[-1].time_ns)
     return known, AsFlown.in_metadata(last.metadata)
 
 
-def read_flow(path: Path) -> FlowEstimate:
+def read_flow(path: Path) -> FlowFile:
     """Return the estimate in a file: NetCDF of ``--save-estimate``, or a result MCAP, which its first bytes tell.
 
     Raises:
         ReplayKitError: The reader's error, when there is no such file or it holds no estimate.
     """
-    return read_estimate(path) if _is_result(path) else load(path)
+    if _is_result(path):
+        with sound_result(path) as sound:
+            flow, held = read_estimate(sound.path), read_held(sound.path)
+        return FlowFile(flow, held, sound.lines, sound.exit_code)
+    flow, note = load_noted(path)
+    return FlowFile(flow, None, (note,) if note else ())
 
 
 def _is_result(path: Path) -> bool:

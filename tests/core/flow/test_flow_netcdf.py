@@ -18,6 +18,7 @@ from replay_kit.core.flow.load import load, load_bytes
 from replay_kit.core.flow.lossless import save, save_bytes
 from replay_kit.core.flow.netcdf import to_dataset, wet_at, write_grid
 from replay_kit.core.geodesy import grid_bearing_of_true_north, rotate_to_geographic, to_local
+from replay_kit.core.sealed import sealed
 from replay_kit.results.slices import depth_slice
 
 
@@ -124,7 +125,8 @@ def version_1(flow, path):
 def test_files_of_version_1_still_open(make_flow, tmp_path, n_modes, time_ns):
     flow = replace(make_flow(n_modes=n_modes), time_ns=time_ns)
     version_1(flow, tmp_path / "flow.nc")
-    assert_same_flow(flow, load(tmp_path / "flow.nc"))
+    with pytest.warns(UserWarning, match="no checksum"):
+        assert_same_flow(flow, load(tmp_path / "flow.nc"))
 
 
 @pytest.mark.parametrize("n_modes", [0, 4])
@@ -156,6 +158,9 @@ def test_functions_that_nobody_knows_are_refused(flow, tmp_path):
     save(flow, tmp_path / "flow.nc")
     with h5netcdf.File(tmp_path / "flow.nc", "a") as file:
         file.attrs["horizontal_functions"] = "splines"
+    with pytest.raises(ForecastError, match="its checksum is missing"):
+        load(tmp_path / "flow.nc")
+    (tmp_path / "flow.nc").write_bytes(sealed((tmp_path / "flow.nc").read_bytes()))
     with pytest.raises(ForecastError, match="expected 'node kernel' or 'stream function lattice'"):
         load(tmp_path / "flow.nc")
 
@@ -195,6 +200,17 @@ def test_load_refuses_other_versions_and_damage(flow, tmp_path):
         load_bytes(
             save_bytes(replace(flow, latent=flow.latent[:-2], modes=flow.modes[:-2])), "mismatch"
         )
+
+
+@pytest.mark.parametrize("bit", range(0, 8))
+def test_a_saved_estimate_with_one_flipped_bit_is_refused_wherever_it_is(flow, tmp_path, bit):
+    data = save_bytes(flow)
+    for place in np.linspace(0, len(data) - 1, 40).astype(int):
+        damaged = bytearray(data)
+        damaged[place] ^= 1 << bit
+        (tmp_path / "flow.nc").write_bytes(damaged)
+        with pytest.raises(ForecastError, match=r"flow\.nc: .*checksum.*copy it again"):
+            load(tmp_path / "flow.nc")
 
 
 def test_a_failed_write_leaves_nothing(flow, tmp_path):

@@ -33,7 +33,7 @@ from replay_kit.core.time import parse_duration
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.planning.currents import KnownCurrent, known_current
-from replay_kit.workflows.planning.inputs import read_known
+from replay_kit.workflows.planning.inputs import read_flow, read_known
 from tests import synthetic
 from tests.command import invoke
 from tests.planners.flow_samples import eddying_flow, fitted_flow, place, still_flow, uniform_flow
@@ -401,10 +401,12 @@ def test_a_mission_on_a_result_begins_when_the_vehicle_was_fixed_last(tmp_path):
     other = answer(result, *asked, "--start-time", time_text(NOON + 12 * HOUR))
     assert (other["notes"], other["duration_s"] > said["duration_s"]) == ([], True)
     # as long as no fix is in it, it is an estimate alone
-    begin_ns, (note,) = read_known([result_of(CHANGING, tmp_path / "none.mcap")], 43200.0)[0].begin(
-        None
-    )
+    begin_ns, (note,) = _known_in(result_of(CHANGING, tmp_path / "none.mcap")).begin(None)
     assert (begin_ns, "the time of the estimate" in note) == (NOON, True)
+
+
+def _known_in(path):
+    return read_known([(path, read_flow(path))], 43200.0)[0]
 
 
 def test_a_mission_may_begin_at_a_last_fix_before_the_time_of_the_estimate(tmp_path):
