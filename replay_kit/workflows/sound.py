@@ -25,7 +25,7 @@ from replay_kit.show import Result
 from replay_kit.show import open_result as open_whole
 
 # What readers raise on what could be recovered of a result, beside what they raise on any damaged file.
-_INCOMPLETE = (*DAMAGED, TypeError, AttributeError, AssertionError, StopIteration, RuntimeError)
+_INCOMPLETE = (*DAMAGED, TypeError, AttributeError, RuntimeError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ def sound_result(path: Path) -> Iterator[Sound]:
         try:
             yield sound
         except (ReplayKitError, *_INCOMPLETE) as error:
-            if not sound.losses:
+            if not sound.losses or getattr(error, "exit_code", 3) != LogError.exit_code:
                 raise
             raise _too_little(sound, error) from error
 

@@ -86,7 +86,7 @@ CASES: list[tuple[Case, str, set[str]]] = [
         {"plans", "section", "track"},
     ),
     (without_estimate, "carries no estimate.nc", {"plans", "section", "track"}),
-    (cut_short, "The result is cut short: ", {"section", "track"}),
+    (cut_short, "The result is damaged or cut short: ", {"section", "track"}),
     (without_plan, "The result holds no plan", {"section", "track"}),
     (of_one_ping, "gave 1 measurement of the current that was used", {"section", "track"}),
     (
