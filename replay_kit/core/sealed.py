@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from replay_kit.core.atomic import atomic_file
-from replay_kit.core.errors import ConfigError, LogError
+from replay_kit.core.errors import LogError
 
 _SEAL = b"\nreplay-kit sha256 "
 _SEAL_BYTES = len(_SEAL) + 65
@@ -109,8 +109,7 @@ def read_store(path: Path, kind: Kind) -> tuple[dict[str, Any], tuple[memoryview
     """Return the head and the parts of a store file, which are mapped into memory, after its checksum was compared.
 
     Raises:
-        ConfigError: The file is none of this program's.
-        LogError: It cannot be read, is damaged, or is of another kind or version.
+        LogError: The file cannot be read, is damaged, none of this program's, or of another kind or version.
     """
     try:
         with path.open("rb") as file:
@@ -124,7 +123,7 @@ def read_store(path: Path, kind: Kind) -> tuple[dict[str, Any], tuple[memoryview
     try:
         content = unsealed(mapped)
         if content is None and not bytes(mapped[:10]) == kind.line[:10]:
-            raise ConfigError(f"{path}: exists and is no {kind.name}; choose another name")
+            raise LogError(f"{path}: exists and is no {kind.name}; choose another name")
         if bytes(mapped[: len(kind.line)]) != kind.line:
             raise ValueError("it is of another kind or version, or damaged")
         if content is None:
@@ -133,7 +132,14 @@ def read_store(path: Path, kind: Kind) -> tuple[dict[str, Any], tuple[memoryview
         head = json.loads(text)
         return head, tuple(_parts(content, head["bytes"], len(kind.line) + len(text) + 1))
     except (ValueError, LookupError, TypeError) as error:
-        raise LogError(f"{path}: the {kind.name} cannot be used: {error}; {kind.remedy}") from error
+        raise unusable(path, kind, str(error)) from error
+
+
+def unusable(path: Path, kind: Kind, error: Exception | str) -> LogError:
+    """Return the error that names a store file, what is wrong with it and what to do."""
+    what = error if isinstance(error, str) else f"{type(error).__name__}: {error}"
+    words = " ".join(what.split())[:200]
+    return LogError(f"{path}: the {kind.name} cannot be used: {words}; {kind.remedy}")
 
 
 def _parts(content: memoryview, sizes: Sequence[int], end: int) -> Iterator[memoryview]:

@@ -1,7 +1,7 @@
 """The journal of a result: from it the result of an interrupted run is written again, byte for byte.
 
 The library that writes results cannot continue an unfinished file, but the same calls in the same order give the same bytes; the journal
-records these calls. An entry is the lengths and CRC-32 of its head (JSON) and its data, then both.
+records these calls. An entry is the lengths of its head (JSON) and its data, the CRC-32 of all heads and data so far, then both.
 """
 
 import os
@@ -17,25 +17,30 @@ import orjson
 from replay_kit.core.atomic import stored
 from replay_kit.core.errors import ConfigError, LogError
 
-_MAGIC = b"replay-kit journal 1\n"
+_MAGIC = b"replay-kit journal 2\n"
 _ENTRY = struct.Struct("<III")
+
+#: A place between two entries: bytes before it, CRC-32 of all heads and data before it.
+Place = tuple[int, int]
+#: Where a run begins.
+BEGIN: Place = (0, 0)
 
 
 class Journal:
     """An append-only file of heads and data."""
 
-    def __init__(self, path: Path, length: int = 0) -> None:
+    def __init__(self, path: Path, place: Place = BEGIN) -> None:
         """Open the file and cut off what follows its first bytes, which the interrupted run had not confirmed.
 
         Args:
             path: The file; it is created when it does not exist.
-            length: Bytes kept.
+            place: Up to where it is kept.
 
         Raises:
             ConfigError: It cannot be opened or written, or is another kind of file.
             LogError: It holds fewer bytes.
         """
-        self.path = path
+        self.path, (length, self._crc) = path, place
         try:
             if path.exists():
                 with path.open("rb") as file:
@@ -53,8 +58,7 @@ class Journal:
             self._file.seek(length)
             if not length:
                 self._file.write(_MAGIC)
-            #: Bytes of all entries so far.
-            self.length = length or len(_MAGIC)
+            self._length = length or len(_MAGIC)
         except OSError as error:
             raise ConfigError(
                 f"{path}: cannot be written: {error.strerror}; choose another place for the checkpoint"
@@ -63,17 +67,23 @@ class Journal:
     def append(self, head: dict[str, Any], data: bytes) -> None:
         """Append an entry; it is safe on the disk after ``flushed``."""
         text = orjson.dumps(head)
+        self._crc = zlib.crc32(data, zlib.crc32(text, self._crc))
         with stored(self.path):
-            self.length += self._file.write(
-                _ENTRY.pack(len(text), len(data), zlib.crc32(data, zlib.crc32(text))) + text + data
+            self._length += self._file.write(
+                _ENTRY.pack(len(text), len(data), self._crc) + text + data
             )
 
-    def flushed(self) -> int:
-        """Force everything to the disk and return the file's length [bytes]."""
+    @property
+    def place(self) -> Place:
+        """Where the last entry ends."""
+        return self._length, self._crc
+
+    def flushed(self) -> Place:
+        """Force everything to the disk and return where it ends."""
         with stored(self.path):
             self._file.flush()
             os.fsync(self._file.fileno())
-        return self._file.tell()
+        return self.place
 
     def close(self) -> None:
         """Close the file; it stays. What was not confirmed by ``flushed`` may be missing, as on a full disk."""
@@ -81,23 +91,27 @@ class Journal:
             self._file.close()
 
 
-def read_journal(path: Path, length: int) -> Iterator[tuple[dict[str, Any], bytes]]:
-    """Yield the entries in the first bytes of a journal.
+def read_journal(path: Path, end: Place) -> Iterator[tuple[dict[str, Any], bytes]]:
+    """Yield the entries of a journal before a place.
 
     Raises:
         LogError: It is shorter, or damaged.
     """
+    (length, last), crc = end, 0
     try:
         with path.open("rb") as file:
             file.seek(len(_MAGIC))
             while (start := file.tell()) < length:
-                head_size, data_size, crc = _ENTRY.unpack(file.read(_ENTRY.size))
+                head_size, data_size, stated = _ENTRY.unpack(file.read(_ENTRY.size))
                 if start + _ENTRY.size + head_size + data_size > length:
                     raise ValueError("an entry is longer than the journal")
                 text, data = file.read(head_size), file.read(data_size)
-                if zlib.crc32(data, zlib.crc32(text)) != crc:
+                crc = zlib.crc32(data, zlib.crc32(text, crc))
+                if crc != stated:
                     raise ValueError("a checksum does not match")
                 yield orjson.loads(text), data
+        if crc != last:
+            raise ValueError("it is of another run than the checkpoint")
     except (OSError, struct.error, ValueError) as error:
         raise LogError(
             f"{path}: the journal of the interrupted run is damaged: {error}; delete the checkpoint to begin anew"

@@ -1,7 +1,6 @@
 """What is fuzzed: each parser that is ours takes any bytes, and ends with values or an error of its own kind."""
 
 import contextlib
-import hashlib
 import struct
 import tempfile
 from collections.abc import Callable
@@ -10,6 +9,7 @@ from pathlib import Path
 
 from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError, LogError
+from replay_kit.core.sealed import write_store
 from replay_kit.forecast import read_ensemble
 from replay_kit.logs import open_log
 from replay_kit.logs.dataflash.reader import DataflashReader
@@ -17,7 +17,8 @@ from replay_kit.logs.decode.decoders import decode_json
 from replay_kit.logs.decode.ros2idl import ros2msg_from_idl
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.reader import McapReader
-from replay_kit.workflows.replay.store.checkpoint import CheckpointFile
+from replay_kit.workflows.replay.inputs.region import CHECKPOINT
+from replay_kit.workflows.replay.store.checkpoint import StateStore
 
 IDENTITY = "0" * 64
 CORPUS = Path(__file__).parent / "corpus"
@@ -138,14 +139,9 @@ def toml(data: bytes) -> None:
 
 def checkpoint(data: bytes) -> None:
     """What a checkpoint holds, with the right version, run and checksum before it."""
-    _file().write_bytes(
-        b"replay-kit checkpoint 8\nnull\n"
-        + IDENTITY.encode()
-        + hashlib.sha256(data).digest()
-        + data
-    )
+    write_store(_file(), CHECKPOINT, {"run": IDENTITY}, [data])
     with contextlib.suppress(LogError):
-        CheckpointFile(_file(), IDENTITY, 3600.0, None).read()
+        StateStore(_file(), IDENTITY, None).read_state(_file())
 
 
 PARSERS: dict[str, Callable[[bytes], None]] = {

@@ -80,7 +80,7 @@ class Following:
 
     def goes_on(self, out: Path) -> bool:
         """Return whether a mission is followed that was followed before, whose outputs are written again."""
-        return self.follow and (self.states(out) / "follow.json").is_file()
+        return self.follow and (self.states(out) / "mission").is_file()
 
     @staticmethod
     def page(out: Path) -> Path:

@@ -6,11 +6,12 @@ from pathlib import Path
 
 from pydantic import TypeAdapter
 
-from replay_kit.core.atomic import atomic_file
 from replay_kit.core.plan import Place
+from replay_kit.core.sealed import Kind, read_store, unusable, write_store
 from replay_kit.workflows.follow.sources import Source
 
-_NAME = "follow.json"
+_NAME = "mission"
+_KIND = Kind("memory of a followed mission", 1, "delete its folder to begin anew")
 # Sentences kept for the record.
 _SAID = 500
 
@@ -48,15 +49,21 @@ _FORM = TypeAdapter(Memory)
 
 
 def read_memory(folder: Path) -> Memory:
-    """Return what is remembered in a folder; nothing where nothing, or nothing that can be read, is there."""
-    try:
-        return _FORM.validate_json((folder / _NAME).read_bytes())
-    except (OSError, ValueError):
+    """Return what is remembered in a folder; nothing where nothing is there.
+
+    Raises:
+        LogError: It cannot be used: without the goals and the forecast so far the result would be another.
+    """
+    if not (folder / _NAME).exists():
         return Memory()
+    _, (body,) = read_store(folder / _NAME, _KIND)
+    try:
+        return _FORM.validate_json(bytes(body))
+    except ValueError as error:
+        raise unusable(folder / _NAME, _KIND, error) from error
 
 
 def write_memory(folder: Path, memory: Memory) -> None:
     """Write what is to be remembered, whole or not at all."""
     held = replace(memory, said=memory.said[-_SAID:])
-    with atomic_file(folder / _NAME) as file:
-        file.write(_FORM.dump_json(held, indent=1))
+    write_store(folder / _NAME, _KIND, {}, [_FORM.dump_json(held)])

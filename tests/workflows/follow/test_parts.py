@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from replay_kit.config.run import LogConfig, RunConfig
-from replay_kit.core.errors import ConfigError
+from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.logs.mcap.writer import write_mcap_log
@@ -207,10 +207,14 @@ def test_what_is_remembered_is_read_back_and_damage_is_nothing_remembered(tmp_pa
     )
     write_memory(tmp_path, memory)
     assert read_memory(tmp_path) == memory
-    file = tmp_path / "follow.json"
-    for text in (file.read_text()[:-20], "[]", '{"sources": [{}]}'):
-        file.write_text(text)
-        assert read_memory(tmp_path) == Memory()
+    file = tmp_path / "mission"
+    data = file.read_bytes()
+    for damaged in (data[:-20], b"[]", data.replace(b'"said"', b'"sadi"')):
+        file.write_bytes(damaged)
+        with pytest.raises(LogError, match=f"{file}: .*memory of a followed mission"):
+            read_memory(tmp_path)
+    file.unlink()
+    assert read_memory(tmp_path) == Memory()
 
 
 def test_an_alarm_is_given_once_for_what_it_is_about_and_again_when_it_comes_back():
@@ -235,7 +239,7 @@ def test_a_command_gets_its_line_and_its_failure_is_told(tmp_path):
 def test_states_that_are_kept_are_the_latest_and_older_ones_ever_farther_apart():
     states: list[_Known] = []
     for count in range(1, 200):
-        states = thinned([*states, _Known(count, "", 0)])
+        states = thinned([*states, _Known(count, "")])
         assert [state.messages for state in states][-3:] == list(
             range(max(1, count - 2), count + 1)
         )
@@ -262,7 +266,7 @@ def test_a_message_s_digest_tells_every_part_of_it_whatever_it_holds():
     )
 
 
-def test_states_of_another_run_or_with_a_damaged_index_are_not_used(tmp_path):
+def test_states_of_another_run_or_with_a_damaged_head_are_not_used(tmp_path):
     def stream():
         return (Message(k, "/a", "s", {}, 0, k) for k in range(10))
 
@@ -270,8 +274,10 @@ def test_states_of_another_run_or_with_a_damaged_index_are_not_used(tmp_path):
     checkpoint, messages = states.resume(stream)
     assert checkpoint is None
     assert len(list(messages)) == 10
-    (tmp_path / "states" / "states.json").write_text("{")
-    assert FollowedStates(tmp_path / "states", "one", None).resume(stream)[0] is None
+    for head in (b"", b"replay-kit checkpoint 9\n{", b"replay-kit checkpoint 8\nnull\n"):
+        (tmp_path / "states" / "state-000000000003").write_bytes(head)
+        assert FollowedStates(tmp_path / "states", "one", None).resume(stream)[0] is None
+        assert not list((tmp_path / "states").glob("state-*"))
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="expected a folder"):
         FollowedStates(tmp_path / "file", "one", None)

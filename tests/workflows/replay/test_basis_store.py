@@ -9,6 +9,7 @@ import pytest
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
+from replay_kit.core.sealed import sealed
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.forecast import read_forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob
@@ -94,10 +95,16 @@ def test_other_settings_parts_and_versions_have_estimators_of_their_own(
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda data: b"replay-kit basis 0\n" + data[19:], "it is of another version"),
-        (lambda data: data[: len(data) // 2], "its index says at least"),
-        (lambda data: data[:19] + bytes(8) + data[27:], "cannot be used"),
-        (lambda data: data.replace(b"replay_kit.core.grid", b"replay_kit.core.gnid"), "gnid"),
+        (lambda data: sealed(b"replay-kit basis 1\n" + data[19:-84]), "of another kind or version"),
+        (lambda data: data[: len(data) // 2], "its checksum is missing"),
+        (lambda data: data[:19] + bytes(8) + data[27:], "its checksum does not match"),
+        (lambda data: data[:-9000] + bytes([data[-9000] ^ 1]) + data[-8999:], "checksum"),
+        (
+            lambda data: sealed(
+                data[:-84].replace(b"replay_kit.core.grid", b"replay_kit.core.gnid")
+            ),
+            "gnid",
+        ),
     ],
 )
 def test_a_damaged_file_is_named_and_not_used(ocean, tmp_path, change, said):
@@ -110,18 +117,18 @@ def test_a_damaged_file_is_named_and_not_used(ocean, tmp_path, change, said):
     path.unlink()
     path.write_bytes(data)
     with pytest.raises(
-        LogError, match=f"{path}: the basis kept there cannot be used: .*{said}|{said}"
+        LogError, match=f"{path}: the basis cannot be used: .*{said}.*; delete the file"
     ):
         built(forecasts, config, job_in(ocean, tmp_path))
 
 
 def test_nothing_is_left_of_a_file_that_cannot_be_written(ocean, tmp_path, monkeypatch):
     config = load_config(None, SETTINGS)
-    monkeypatch.setattr(
-        basis_store,
-        "_pad",
-        lambda file: (_ for _ in ()).throw(OSError(28, "No space left on device")),
-    )
+
+    def full(path):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("replay_kit.core.atomic.os.fsync", full)
     with pytest.raises(Exception, match="is the disk full"):
         built(forecasts_in(ocean, config), config, job_in(ocean, tmp_path))
     assert not [path for path in tmp_path.iterdir() if path.suffix != ".lock"]

@@ -1,6 +1,5 @@
 """Runs that are killed and go on give the bytes of an uninterrupted run; a checkpoint that does not fit is refused."""
 
-import hashlib
 import os
 import pickle
 import shutil
@@ -19,12 +18,14 @@ from replay_kit.config.run import OutputConfig, RunConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.plan import Place
+from replay_kit.core.sealed import read_store, write_store
 from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.results.journal import Journal, read_journal
 from replay_kit.results.mcap_file import ResultFile
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.region import CHECKPOINT
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.store.checkpoint import journal_path
 from replay_kit.workflows.replay.store.pickling import dump
@@ -288,8 +289,8 @@ def test_a_checkpoint_that_would_act_is_not_loaded(ocean, stopped, what):
         "dotted": b"\x80\x04\x8c\x26replay_kit.estimator.baselines.columns\x8c\x18np.f2py.subprocess.Popen\x93.",
         "file": pickle.dumps(ResultFile),
     }[what]
-    head = checkpoint.read_bytes()[: len(b"replay-kit checkpoint 8\nnull\n") + 64]
-    checkpoint.write_bytes(head + hashlib.sha256(body).digest() + body)
+    head, _ = read_store(checkpoint, CHECKPOINT)
+    write_store(checkpoint, CHECKPOINT, head, [body])
     with pytest.raises(LogError, match="which no value of this program does"):
         run(ocean, out, checkpoint)
 
@@ -302,7 +303,9 @@ def test_a_checkpoint_harms_no_other_file(ocean, tmp_path, name):
     (tmp_path / "new.journal").write_text("precious")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     for checkpoint in (tmp_path / name, tmp_path / "new"):
-        with pytest.raises(ConfigError, match=r"out\.mcap|input|no checkpoint|no journal"):
+        with pytest.raises(
+            (ConfigError, LogError), match=r"out\.mcap|input|no checkpoint|no journal"
+        ):
             run(tmp_path, tmp_path / "out.mcap", checkpoint)
         assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
@@ -315,14 +318,34 @@ def test_a_journal_gives_back_what_it_was_told_and_forgets_what_was_not_confirme
     ]
     for entry in entries[:3]:
         journal.append(*entry)
-    length = journal.flushed()
+    place = journal.flushed()
     journal.append({"kind": "lost"}, b"x")
     journal.close()
-    assert list(read_journal(path, length)) == entries[:3]
-    again = Journal(path, length)
+    assert list(read_journal(path, place)) == entries[:3]
+    again = Journal(path, place)
     for entry in entries[3:]:
         again.append(*entry)
     assert list(read_journal(path, again.flushed())) == entries
     again.close()
     with pytest.raises(LogError, match="expected at least"):
-        Journal(path, 10**6)
+        Journal(path, (10**6, 0))
+
+
+def test_entries_of_a_journal_that_were_swapped_left_out_or_are_of_another_run_are_refused(
+    tmp_path,
+):
+    path, ends = tmp_path / "journal", []
+    journal = Journal(path)
+    for n in range(3):
+        journal.append({"kind": "message", "n": n}, b"data")
+        ends.append(journal.flushed())
+    journal.close()
+    data = path.read_bytes()
+    (a, _), (b, _), (c, crc) = ends
+    for damaged in (data[:a] + data[b:c] + data[a:b], data[:b] + data[a:b]):
+        path.write_bytes(damaged)
+        with pytest.raises(LogError, match=r"journal: .*checksum does not match"):
+            list(read_journal(path, (c, crc)))
+    path.write_bytes(data)
+    with pytest.raises(LogError, match="of another run than the checkpoint"):
+        list(read_journal(path, (c, crc ^ 1)))

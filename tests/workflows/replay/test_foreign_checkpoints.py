@@ -1,6 +1,5 @@
 """Checkpoints whose checksum is right and whose contents no run has left."""
 
-import hashlib
 import pickle
 import struct
 from dataclasses import replace
@@ -10,19 +9,25 @@ import pytest
 
 from replay_kit.config.run import EstimatorConfig, OutputConfig, RunConfig
 from replay_kit.core.errors import ConfigError, LogError
+from replay_kit.core.sealed import read_store, write_store
 from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.region import CHECKPOINT
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.replay.store.checkpoint import Checkpoint, CheckpointFile, resuming
+from replay_kit.workflows.replay.store.checkpoint import Checkpoint, StateStore, resuming
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
 
-MAGIC, IDENTITY = b"replay-kit checkpoint 8\nnull\n", "0" * 64
+IDENTITY = "0" * 64
 CONFIG = RunConfig(
     output=OutputConfig(checkpoint_interval=600.0), estimator=EstimatorConfig(modes=2)
 )
 
 
-def sealed(body: bytes, identity: bytes = IDENTITY.encode()) -> bytes:
-    return MAGIC + identity + hashlib.sha256(body).digest() + body
+def write(path: Path, body: bytes, identity: str = IDENTITY) -> None:
+    write_store(path, CHECKPOINT, {"run": identity, "region": None}, [body])
+
+
+def read(path: Path, identity: str = IDENTITY) -> Checkpoint:
+    return StateStore(path, identity, None).read_state(path)
 
 
 @pytest.mark.parametrize(
@@ -38,18 +43,18 @@ def sealed(body: bytes, identity: bytes = IDENTITY.encode()) -> bytes:
         (b"\x80\x05\x96" + struct.pack("<Q", 2**40) + b".", "expected 1099511627776 bytes"),
         (b"cos\nsystem\n(S'true'\ntR.", "it holds GLOBAL, which no checkpoint does"),
         (pickle.dumps([1, 2], 5), "expected a checkpoint, got list"),
-        (pickle.dumps(Checkpoint(None, None, 0, 0, (0, None)), 5), "AttributeError"),
-        (pickle.dumps(Checkpoint("state", 3, None, 0, (0, None)), 5), "AttributeError"),
+        (pickle.dumps(Checkpoint(None, None, 0, (0, 0), (0, None)), 5), "AttributeError"),
+        (pickle.dumps(Checkpoint("state", 3, None, (0, 0), (0, None)), 5), "AttributeError"),
     ],
 )
 def test_contents_that_are_no_checkpoint_are_refused(
     tmp_path: Path, body: bytes, words: str
 ) -> None:
-    (tmp_path / "run.ck").write_bytes(sealed(body))
+    write(tmp_path / "run.ck", body)
     with pytest.raises(
         LogError, match=f"the checkpoint cannot be used: .*{words}.*; delete it to begin anew"
     ):
-        CheckpointFile(tmp_path / "run.ck", IDENTITY, 600.0, None).read()
+        read(tmp_path / "run.ck")
 
 
 def test_a_checkpoint_with_parts_of_other_kinds_ends_the_run_with_its_name(tmp_path: Path) -> None:
@@ -63,10 +68,8 @@ def test_a_checkpoint_with_parts_of_other_kinds_ends_the_run_with_its_name(tmp_p
     )
     with pytest.raises(Killed):
         run_until(job, CONFIG, 40)
-    data = (tmp_path / "run.ck").read_bytes()
-    identity = data[len(MAGIC) : len(MAGIC) + 64]
-    checkpoint = CheckpointFile(tmp_path / "run.ck", identity.decode(), 600.0, None).read()
-    assert checkpoint is not None
+    identity = read_store(tmp_path / "run.ck", CHECKPOINT)[0]["run"]
+    checkpoint = read(tmp_path / "run.ck", identity)
     estimation = replace(checkpoint.state.estimation, current=None)
     for wrong in (
         replace(checkpoint, messages="many"),
@@ -74,8 +77,7 @@ def test_a_checkpoint_with_parts_of_other_kinds_ends_the_run_with_its_name(tmp_p
         replace(checkpoint, state=replace(checkpoint.state, estimation=estimation)),
         replace(checkpoint, state=replace(checkpoint.state, statistics=None)),
     ):
-        body = pickle.dumps(wrong, 5)
-        (tmp_path / "run.ck").write_bytes(sealed(body, identity))
+        write(tmp_path / "run.ck", pickle.dumps(wrong, 5), identity)
         with pytest.raises(
             LogError,
             match=r"run\.ck: the checkpoint cannot be used: \w+Error: .*; delete it to begin anew",

@@ -20,6 +20,7 @@ from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.core.region import DEGREE, inside
+from replay_kit.core.sealed import write_store
 from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.forecast.describe import open_extent
 from replay_kit.results.mcap_writer import ResultWriter
@@ -30,9 +31,9 @@ from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.opened import forecasts_of
 from replay_kit.workflows.replay.inputs.region import (
+    CHECKPOINT,
     _first_window,
     from_record,
-    head,
     recorded_region,
     window_points,
 )
@@ -212,9 +213,9 @@ def test_a_continued_run_takes_the_region_of_its_checkpoint(strip, tmp_path):
     found = forecasts_of(job(strip), CONFIG).region
     assert found is not None
     other = replace(found, region=(-12.5, 40.0, -10.5, 41.0))
-    (tmp_path / "run.ck").write_bytes(head(other))
+    write_store(tmp_path / "run.ck", CHECKPOINT, {"region": other.to_record()}, [])
     assert forecasts_of(job(strip, checkpoint=tmp_path / "run.ck"), CONFIG).region == other
-    (tmp_path / "run.ck").write_bytes(head(other)[:60])
+    (tmp_path / "run.ck").write_bytes((tmp_path / "run.ck").read_bytes()[:60])
     assert recorded_region(tmp_path / "run.ck") is None
     assert from_record(found.to_record()) == found
 

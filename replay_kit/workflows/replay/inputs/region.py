@@ -1,6 +1,5 @@
 """The part of a forecast that a log needs: found before its currents are read."""
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.paths import Paths
 from replay_kit.core.plan import Place
 from replay_kit.core.region import DEGREE, Region, around, centre, degree_of_longitude, inside, text
+from replay_kit.core.sealed import Kind, read_head
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.windows.geometry import moved_into
 from replay_kit.forecast.describe import Extent, open_extent
@@ -23,10 +23,8 @@ from replay_kit.workflows.replay.inputs.scan import places_of
 REGION_RECORD = "replay_kit.found_region"
 #: Correlation lengths between the log's positions and the side of the region found from them.
 MARGIN_LENGTHS = 4.0
-#: Begins a checkpoint; then a line with the part of the forecast that was found, the run's identity, the SHA-256 of the rest, and the rest.
-MAGIC = b"replay-kit checkpoint 8\n"
-# A line is no longer.
-_LONGEST = 1 << 16
+#: The states of a run; the head has the part of the forecast that was found, so that the continued run reads the same.
+CHECKPOINT = Kind("checkpoint", 9, "delete it to begin anew")
 # Points a level of a forecast that is taken whole, and the share of a larger one from which on it is.
 _SMALL, _MOST = 1200, 2.0 / 3.0
 # Side of a window in correlation lengths, and its points at least, where the settings state none.
@@ -81,25 +79,15 @@ def _numbers(text: str) -> Region:
     return west, south, east, north
 
 
-def head(region: FoundRegion | None) -> bytes:
-    """Return the first bytes of a checkpoint, before the run's identity."""
-    return MAGIC + json.dumps(None if region is None else region.to_record()).encode() + b"\n"
-
-
 def recorded_region(path: Path | None) -> FoundRegion | None:
     """Return the part of the forecast that a checkpoint's run found; None without a checkpoint, or where it found none.
 
     What cannot be read is None too: the checkpoint's own reading says what is wrong with it.
     """
     try:
-        if path is None:
-            return None
-        with path.open("rb") as file:
-            if file.read(len(MAGIC)) != MAGIC:
-                return None
-            record = json.loads(file.readline(_LONGEST))
+        record = None if path is None else (read_head(path, CHECKPOINT) or {}).get("region")
         return None if record is None else from_record(record)
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
+    except (ValueError, LookupError, TypeError, AttributeError):
         return None
 
 

@@ -7,18 +7,17 @@ share. It is written under another name and renamed, so that two replays that ma
 import hashlib
 import io
 import json
-import mmap
 import os
 import pickle
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.atomic import atomic_file
-from replay_kit.core.errors import LogError
+from replay_kit.core.atomic import part_of
+from replay_kit.core.sealed import Kind, read_store, unusable, write_store
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import ensemble_files
 from replay_kit.workflows.replay.inputs.estimator import build
@@ -27,9 +26,7 @@ from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.provenance import file_hash, package_versions
 from replay_kit.workflows.replay.store.pickling import dump, load
 
-_MAGIC = b"replay-kit basis 1\n"
-# Bytes of the length of the index, and of the boundary at which arrays begin, as numpy's own routines like it.
-_LENGTH, _BOUNDARY = 8, 64
+_KIND = Kind("basis", 2, "delete the file, and run again")
 # Sections of the settings that an estimator is built from.
 _SECTIONS = {"forecast", "estimator", "time", "gating"}
 
@@ -84,53 +81,24 @@ def _write(path: Path, estimator: Estimator[Any]) -> None:
     arrays: list[pickle.PickleBuffer] = []
     body = io.BytesIO()
     dump(estimator, body, on_array=arrays.append)
-    parts = [memoryview(body.getvalue()), *(array.raw() for array in arrays)]
-    index = json.dumps([part.nbytes for part in parts]).encode()
     unique = path.with_name(f"{path.stem}-{uuid.uuid4().hex}.new")
     try:
-        with atomic_file(unique) as file:
-            file.write(_MAGIC + len(index).to_bytes(_LENGTH, "little") + index)
-            for part in parts:
-                _pad(file)
-                file.write(part)
+        write_store(unique, _KIND, {}, [body.getvalue(), *(array.raw() for array in arrays)])
         os.replace(unique, path)
     finally:
-        for left in (unique, unique.with_name(unique.name + ".part")):
+        for left in (unique, part_of(unique)):
             left.unlink(missing_ok=True)
-
-
-def _pad(file: BinaryIO) -> None:
-    file.write(bytes(-file.tell() % _BOUNDARY))
 
 
 def _read(path: Path) -> Estimator[Any]:
     """Return the estimator of a file; its arrays are mapped and cannot be written to."""
-    with path.open("rb") as file:
-        data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
-    start = len(_MAGIC) + _LENGTH
+    _, (body, *arrays) = read_store(path, _KIND)
     try:
-        if bytes(data[: len(_MAGIC)]) != _MAGIC:
-            raise ValueError("it is of another version")
-        end = start + int.from_bytes(data[len(_MAGIC) : start], "little")
-        body, *arrays = _parts(data, json.loads(bytes(data[start:end])), end)
         estimator: Estimator[Any] = load(io.BytesIO(body), arrays=arrays)
     # pickle states no end to what it raises on bytes that are not its own
     except Exception as error:
-        words = " ".join(str(error).split())[:200]
-        raise LogError(
-            f"{path}: the basis kept there cannot be used: {type(error).__name__}: {words}; delete the file"
-        ) from error
+        raise unusable(path, _KIND, error) from error
     return estimator
-
-
-def _parts(data: memoryview, sizes: Sequence[int], end: int) -> Iterator[memoryview]:
-    """Yield the parts of a file behind its index."""
-    for size in sizes:
-        start = end + -end % _BOUNDARY
-        end = start + size
-        if end > data.nbytes:
-            raise ValueError(f"it has {data.nbytes} bytes, and its index says at least {end}")
-        yield data[start:end]
 
 
 @contextmanager

@@ -1,9 +1,9 @@
-"""Checkpoints: a replay that was killed continues where it was, to the same bytes.
+"""States of a run from which it continues to the same bytes: in one file until its end, or several of a mission that is followed.
 
 A checkpoint holds the states of all stages after a message, without the prior, which the ensemble and the configuration give again, and
-the length of the result's journal at that time. It is made between two blocks of observations only, so that a run with checkpoints and one
-without assimilate the same blocks. The messages before it are read again and passed over. Before the states stands the part of
-the forecast that the run found, so that the continued one reads the same.
+the place in the result's journal at that time. It is made between two blocks of observations only, so that a run with checkpoints and one
+without assimilate the same blocks. Its file is a store file (``core/sealed.py``), whose head names the run and the part of the forecast
+that it found, so that the continued one reads the same.
 """
 
 import hashlib
@@ -14,19 +14,19 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
-from replay_kit.core.atomic import atomic_file
-from replay_kit.core.errors import ConfigError, LogError
+from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import Message
+from replay_kit.core.sealed import read_store, unusable, write_store
 from replay_kit.measurements import MeasurementState
 from replay_kit.results import Journal, ResultWriter, read_journal
+from replay_kit.results.journal import BEGIN, Place
 from replay_kit.workflows.replay.inputs.job import checkpoint_files
-from replay_kit.workflows.replay.inputs.region import MAGIC, FoundRegion, head
+from replay_kit.workflows.replay.inputs.region import CHECKPOINT, FoundRegion
 from replay_kit.workflows.replay.session import ReplayState, Session
 from replay_kit.workflows.replay.store.pickling import check_opcodes, dump, load
 
-# Bytes of the run's identity, and of the SHA-256 of what follows it.
-_IDENTITY, _DIGEST = 64, 32
 # What stages raise on a state whose parts are of other kinds or sizes.
 _FOREIGN_STATE = (
     TypeError,
@@ -47,7 +47,7 @@ class Checkpoint:
         state: Of all stages.
         measurement: Of the measurement step.
         messages: Number of messages read before.
-        journal_bytes: How much of the journal belongs to the result.
+        journal: Where the part of the journal ends that belongs to the result.
         writer_state: Of the result's writer.
         begun_ns: Time of the first message [ns, UTC]; None where the journal has what precedes it in the result.
     """
@@ -55,7 +55,7 @@ class Checkpoint:
     state: ReplayState
     measurement: MeasurementState
     messages: int
-    journal_bytes: int
+    journal: Place
     writer_state: tuple[int, float | None]
     begun_ns: int | None = None
 
@@ -85,82 +85,7 @@ def resuming(path: Path | None) -> Iterator[None]:
     except _FOREIGN_STATE as error:
         if path is None or not resumed:
             raise
-        raise _unusable(path, error) from error
-
-
-def _unusable(path: Path, error: Exception) -> LogError:
-    words = " ".join(str(error).split())[:200]
-    return LogError(
-        f"{path}: the checkpoint cannot be used: {type(error).__name__}: {words}; delete it to begin anew"
-    )
-
-
-def read_checkpoint(path: Path, identity: str, prior: object | None) -> Checkpoint:
-    """Return the checkpoint in a file.
-
-    Args:
-        path: The file.
-        identity: Of the run.
-        prior: The estimator's prior, which is not stored; None when the estimator has none.
-
-    Raises:
-        ConfigError: The file is no checkpoint, or of another run, or of another version of its inputs or settings.
-        LogError: It cannot be read, or is damaged.
-    """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise LogError(f"{path}: the checkpoint cannot be read: {error.strerror}") from error
-    if not data.startswith(MAGIC):
-        raise ConfigError(
-            f"{path}: exists and is no checkpoint of this version; choose another name for the checkpoint"
-        )
-    rest = data[len(MAGIC) :].partition(b"\n")[2]
-    stored, digest, body = (
-        rest[:_IDENTITY],
-        rest[_IDENTITY : _IDENTITY + _DIGEST],
-        rest[_IDENTITY + _DIGEST :],
-    )
-    if hashlib.sha256(body).digest() != digest:
-        raise LogError(
-            f"{path}: the checkpoint is damaged: its checksum does not match; delete it to begin anew"
-        )
-    if stored != identity.encode():
-        raise ConfigError(
-            f"{path}: the checkpoint of another run: inputs, options, versions or settings differ; delete it, or name another"
-        )
-    # pickle states no end to what it raises on bytes that are not its own
-    try:
-        check_opcodes(body)
-        checkpoint = load(io.BytesIO(body), prior)
-        if not isinstance(checkpoint, Checkpoint):
-            raise TypeError(f"expected a checkpoint, got {type(checkpoint).__name__}")
-        int(checkpoint.state.last_ns)
-    except Exception as error:
-        raise _unusable(path, error) from error
-    return checkpoint
-
-
-def write_checkpoint(
-    path: Path, run: tuple[str, FoundRegion | None], prior: object | None, checkpoint: Checkpoint
-) -> None:
-    """Write a checkpoint to a file, whole or not at all.
-
-    Args:
-        path: The file.
-        run: Its identity, and the part of the forecast that it found.
-        prior: As of ``read_checkpoint``.
-        checkpoint: What is written.
-    """
-    body, (identity, region) = io.BytesIO(), run
-    dump(checkpoint, body, prior)
-    with atomic_file(path) as file:
-        file.write(
-            head(region)
-            + identity.encode()
-            + hashlib.sha256(body.getvalue()).digest()
-            + body.getvalue()
-        )
+        raise unusable(path, CHECKPOINT, error) from error
 
 
 class StateStore:
@@ -176,6 +101,41 @@ class StateStore:
         """
         self._journal_path, self._identity, self._prior = journal, identity, prior
         self._journal: Journal | None = None
+
+    def read_state(self, path: Path) -> Checkpoint:
+        """Return the state in a file.
+
+        Raises:
+            ConfigError: The file is of another run.
+            LogError: It cannot be used; as of ``read_store``.
+        """
+        head, (body,) = read_store(path, CHECKPOINT)
+        if head.get("run") != self._identity:
+            raise ConfigError(
+                f"{path}: the checkpoint of another run: inputs, options, versions or settings differ; delete it, or name another"
+            )
+        # pickle states no end to what it raises on bytes that are not its own
+        try:
+            check_opcodes(data := bytes(body))
+            checkpoint = load(io.BytesIO(data), self._prior)
+            if not isinstance(checkpoint, Checkpoint):
+                raise TypeError(f"expected a checkpoint, got {type(checkpoint).__name__}")
+            int(checkpoint.state.last_ns)
+        except Exception as error:
+            raise unusable(path, CHECKPOINT, error) from error
+        return checkpoint
+
+    def write_state(self, path: Path, checkpoint: Checkpoint, head: Mapping[str, Any]) -> None:
+        """Write a state to a file, whole or not at all.
+
+        Args:
+            path: The file.
+            checkpoint: The state.
+            head: What is looked at before the state is read.
+        """
+        body = io.BytesIO()
+        dump(checkpoint, body, self._prior)
+        write_store(path, CHECKPOINT, {"run": self._identity, **head}, [body.getbuffer()])
 
     def resume(
         self, messages: Callable[[], Iterator[Message]]
@@ -204,8 +164,9 @@ class StateStore:
 
     def open_journal(self, checkpoint: Checkpoint | None) -> Journal:
         """Return the journal, cut to what belongs to the checkpoint."""
-        written = 0 if checkpoint is None else checkpoint.journal_bytes
-        self._journal = Journal(self._journal_path, written)
+        self._journal = Journal(
+            self._journal_path, BEGIN if checkpoint is None else checkpoint.journal
+        )
         return self._journal
 
     def restore_result(
@@ -225,7 +186,7 @@ class StateStore:
         """
         if checkpoint.begun_ns is not None:
             begin(checkpoint.begun_ns)
-        journal = read_journal(self._journal_path, checkpoint.journal_bytes)
+        journal = read_journal(self._journal_path, checkpoint.journal)
         writer.replay_journal(journal, checkpoint.writer_state, copy_inputs)
 
     def close(self) -> None:
@@ -263,31 +224,19 @@ class CheckpointFile(StateStore):
         self._region = region
         self._next_ns: int | None = None
 
-    def read(self) -> Checkpoint | None:
-        """Return the checkpoint; None when there is none yet.
-
-        Raises:
-            ConfigError: The file is no checkpoint, or of another run, or of another version of its inputs or settings.
-            LogError: It cannot be read, or is damaged.
-        """
-        if not self.path.exists():
-            return None
-        checkpoint = read_checkpoint(self.path, self._identity, self._prior)
-        self._next_ns = int(checkpoint.state.last_ns) + self._interval_ns
-        return checkpoint
-
     def resume(
         self, messages: Callable[[], Iterator[Message]]
     ) -> tuple[Checkpoint | None, Iterator[Message]]:
         """Return the checkpoint, None when there is none yet, and the messages after it; those before it are passed over.
 
         Raises:
-            ConfigError, LogError: As of ``read``.
+            ConfigError, LogError: As of ``read_state``.
         """
-        checkpoint = self.read()
-        return checkpoint, islice(
-            messages(), 0 if checkpoint is None else checkpoint.messages, None
-        )
+        if not self.path.exists():
+            return None, messages()
+        checkpoint = self.read_state(self.path)
+        self._next_ns = int(checkpoint.state.last_ns) + self._interval_ns
+        return checkpoint, islice(messages(), checkpoint.messages, None)
 
     def write_when_due(
         self, session: Session, measurement: MeasurementState, messages: int
@@ -303,7 +252,8 @@ class CheckpointFile(StateStore):
         checkpoint = Checkpoint(
             state, measurement, messages, self._journal.flushed(), session.writer.state
         )
-        write_checkpoint(self.path, (self._identity, self._region), self._prior, checkpoint)
+        region = None if self._region is None else self._region.to_record()
+        self.write_state(self.path, checkpoint, {"region": region})
 
     def close(self) -> None:
         """Close the journal; without a checkpoint no run can continue from it, and it is deleted."""

@@ -7,7 +7,6 @@ beginning, which names the inputs and is written anew.
 """
 
 import hashlib
-import json
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -17,17 +16,13 @@ from typing import Any
 
 import orjson
 
-from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.message import Message
+from replay_kit.core.sealed import read_head
 from replay_kit.measurements import MeasurementState
+from replay_kit.workflows.replay.inputs.region import CHECKPOINT
 from replay_kit.workflows.replay.session import Session
-from replay_kit.workflows.replay.store.checkpoint import (
-    Checkpoint,
-    StateStore,
-    read_checkpoint,
-    write_checkpoint,
-)
+from replay_kit.workflows.replay.store.checkpoint import Checkpoint, StateStore
 
 #: States kept at most, and how many of them are the latest.
 _KEPT, _LATEST = 6, 3
@@ -39,11 +34,10 @@ _AHEAD = 1024
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """A state on the disk: number of messages before it, their digest, the time of the last of them [ns, UTC]."""
+    """A state on the disk, as its head says: number of messages before it and their digest."""
 
     messages: int
     digest: str
-    last_ns: int
 
     @property
     def name(self) -> str:
@@ -87,7 +81,7 @@ class FollowedStates(StateStore):
             ) from error
         super().__init__(folder / "journal", identity, prior)
         self.path = folder
-        self._known = self._read_index()
+        self._known = self._on_disk()
         self._begun_ns, self._read = 0, 0
         self._digests = deque[Any](maxlen=_AHEAD)
         self._pending: tuple[_Known, Checkpoint] | None = None
@@ -105,13 +99,12 @@ class FollowedStates(StateStore):
                 next(stream)
         elif fit is None:
             stream = self._counted(messages())
-        dropped = [state for state in self._known if fit is None or state.messages > fit.messages]
-        if dropped:
-            self._keep([state for state in self._known if state not in dropped])
+        # what is of other messages or another run would name places in a journal that is no more
+        self._keep([state for state in self._known if fit and state.messages <= fit.messages])
         if fit is None:
             return None, stream
         try:
-            return read_checkpoint(self.path / fit.name, self._identity, self._prior), stream
+            return self.read_state(self.path / fit.name), stream
         except (ConfigError, LogError):
             # a damaged state costs time alone
             self._keep([state for state in self._known if state is not fit])
@@ -150,14 +143,14 @@ class FollowedStates(StateStore):
         """Remember a state between two blocks of observations, and now and then write it."""
         if session.writer is None or self._journal is None or (state := session.state) is None:
             return
-        known = _Known(messages, self._digest(messages), state.last_ns)
+        known = _Known(messages, self._digest(messages))
         self._pending = (
             known,
             Checkpoint(
                 state,
                 measurement,
                 messages,
-                self._journal.length,
+                self._journal.place,
                 session.writer.state,
                 self._begun_ns,
             ),
@@ -172,29 +165,24 @@ class FollowedStates(StateStore):
             return
         (known, checkpoint), self._pending = self._pending, None
         self._journal.flushed()
-        write_checkpoint(self.path / known.name, (self._identity, None), self._prior, checkpoint)
+        head = {"messages": known.messages, "sha256": known.digest}
+        self.write_state(self.path / known.name, checkpoint, head)
         self._keep(thinned([*self._known, known]))
 
-    def _read_index(self) -> list[_Known]:
-        """Return the states on the disk; none of another run, nor where the index is missing or damaged."""
-        try:
-            index = json.loads((self.path / "states.json").read_text(encoding="utf-8"))
-            known = [
-                _Known(int(one["messages"]), str(one["sha256"]), int(one["last_ns"]))
-                for one in index["states"]
-            ]
-            return known if index["identity"] == self._identity else []
-        except (OSError, ValueError, KeyError, TypeError):
-            return []
+    def _on_disk(self) -> list[_Known]:
+        """Return the states on the disk, sorted; none of another run, nor those whose head cannot be read."""
+        heads = [read_head(path, CHECKPOINT) or {} for path in self.path.glob("state-*")]
+        return sorted(
+            (
+                _Known(head["messages"], str(head.get("sha256")))
+                for head in heads
+                if head.get("run") == self._identity and isinstance(head.get("messages"), int)
+            ),
+            key=lambda state: state.messages,
+        )
 
     def _keep(self, states: list[_Known]) -> None:
-        """Make some states those that are kept: the index first, so that it never names one that is gone."""
-        rows = [
-            {"messages": state.messages, "sha256": state.digest, "last_ns": state.last_ns}
-            for state in states
-        ]
-        with atomic_file(self.path / "states.json") as file:
-            file.write(json.dumps({"identity": self._identity, "states": rows}, indent=1).encode())
+        """Make some states those that are kept, and delete the others."""
         names = {state.name for state in states}
         for path in self.path.glob("state-*"):
             if path.name not in names:
