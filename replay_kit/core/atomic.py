@@ -1,5 +1,7 @@
 """Files written completely or not at all."""
 
+import errno
+import fcntl
 import os
 import stat
 from collections.abc import Callable, Iterator
@@ -27,11 +29,12 @@ def atomic_file(path: Path, check: Callable[[Path], None] | None = None) -> Iter
         yield file
         file.flush()
         os.fsync(file.fileno())
-    if check is not None:
-        check(part)
-    with stored(path):
-        os.replace(part, path)
-        sync(path.parent)
+        if check is not None:
+            check(part)
+        # before the file is closed, which lets another writer have the part
+        with stored(path):
+            os.replace(part, path)
+            sync(path.parent)
 
 
 @contextmanager
@@ -59,13 +62,51 @@ def part_of(path: Path) -> Path:
     return path.with_name(path.name + ".part")
 
 
+def claim(file: BinaryIO, path: Path) -> None:
+    """Take the lock of an open file, which is free again once the file is closed or the process has ended.
+
+    On a file system without locks nothing is locked.
+
+    Args:
+        file: Open for writing.
+        path: What is written, for the error.
+
+    Raises:
+        ConfigError: Another process has it.
+    """
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise ConfigError(
+            f"{path}: another process is writing it; wait for its end, or choose another name"
+        ) from error
+    except OSError:
+        return
+
+
+@contextmanager
+def claimed(lock: Path, path: Path) -> Iterator[None]:
+    """Hold the lock of what one process at a time may write.
+
+    Args:
+        lock: A file for this alone.
+        path: What is written, for the error.
+
+    Raises:
+        ConfigError: As of ``claim``.
+    """
+    with lock.open("wb") as file:
+        claim(file, path)
+        yield
+
+
 def open_part(path: Path) -> BinaryIO:
-    """Return the part of an output, a new file that is open for writing; one left over by an interrupted run is replaced.
+    """Return the part of an output, a new file that is open for writing and locked; one left over by an interrupted run is replaced.
 
     Links are not followed, and what is no file is not written to: who may write in the folder may not choose what else is overwritten.
 
     Raises:
-        ConfigError: The output, or its part, exists and is no file, or the part cannot be created.
+        ConfigError: The output, or its part, exists and is no file, the part cannot be created, or another process is writing it.
     """
     part = part_of(path)
     if path.exists() and not path.is_file():
@@ -78,13 +119,16 @@ def open_part(path: Path) -> BinaryIO:
                 raise ConfigError(
                     f"{part}: is a link, folder or device, not a file; remove it, or choose another name for {path.name}"
                 )
-            part.unlink()
-        return os.fdopen(
-            os.open(
-                part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666
-            ),
-            "wb",
-        )
+            with part.open("rb") as left:
+                claim(left, path)
+                part.unlink()
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+        file = os.fdopen(os.open(part, flags, 0o666), "wb")
+        claim(file, path)
+        # one that began at the same time may have taken it for a part left over
+        if not os.path.samestat(os.fstat(file.fileno()), part.stat()):
+            raise FileNotFoundError(errno.ENOENT, f"another process took {part}")
+        return file
     except OSError as error:
         raise ConfigError(
             f"{path}: cannot be written: {error.strerror}; choose another place"

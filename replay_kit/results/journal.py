@@ -8,16 +8,18 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import orjson
 
-from replay_kit.core.atomic import stored
+from replay_kit.core.atomic import claim, stored
 from replay_kit.core.errors import ConfigError, LogError
 
 _MAGIC = b"replay-kit journal 2\n"
+# One of an earlier version is of no use, and is replaced.
+_ANY_MAGIC = _MAGIC[:-2]
 _ENTRY = struct.Struct("<III")
 
 #: A place between two entries: bytes before it, CRC-32 of all heads and data before it.
@@ -42,20 +44,20 @@ class Journal:
         """
         self.path, (length, self._crc) = path, place
         try:
-            if path.exists():
-                with path.open("rb") as file:
-                    if file.read(len(_MAGIC)) not in (_MAGIC, b""):
-                        raise ConfigError(
-                            f"{path}: exists and is no journal of a checkpoint; choose another name for the checkpoint"
-                        )
-            size = path.stat().st_size if length else 0
-            if size < length:
-                raise LogError(
-                    f"{path}: expected at least {length} bytes, got {size}; delete the checkpoint to begin anew"
-                )
-            self._file: BinaryIO = path.open("r+b" if length else "wb")
+            with ExitStack() as stack:
+                self._file: BinaryIO = stack.enter_context(path.open("a+b"))
+                claim(self._file, path)
+                self._file.seek(0)
+                if (head := self._file.read(len(_MAGIC))) and not head.startswith(_ANY_MAGIC):
+                    raise ConfigError(
+                        f"{path}: exists and is no journal of a checkpoint; choose another name for the checkpoint"
+                    )
+                if (size := os.fstat(self._file.fileno()).st_size) < length:
+                    raise LogError(
+                        f"{path}: expected at least {length} bytes, got {size}; delete the checkpoint to begin anew"
+                    )
+                stack.pop_all()
             self._file.truncate(length)
-            self._file.seek(length)
             if not length:
                 self._file.write(_MAGIC)
             self._length = length or len(_MAGIC)

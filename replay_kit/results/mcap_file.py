@@ -60,6 +60,8 @@ class ResultFile:
         self._overwrite = overwrite
         self._check_target()
         self._file = open_part(self.path)
+        # keeps its lock until it has its name
+        self._lock = os.dup(self._file.fileno())
         self._writer = Writer(
             self._file, compression=CompressionType.ZSTD, enable_crcs=True, enable_data_crcs=True
         )
@@ -212,17 +214,21 @@ class ResultFile:
         """
         if not self._open:
             return
-        self._end()
-        check_written(self.part, self._counts, self._attachments)
-        self._check_target()
-        os.replace(self.part, self.path)
-        sync(self.path.parent)
+        try:
+            self._end()
+            check_written(self.part, self._counts, self._attachments)
+            self._check_target()
+            os.replace(self.part, self.path)
+            sync(self.path.parent)
+        finally:
+            os.close(self._lock)
 
     def abandon(self) -> None:
         """Stop: what was written so far stays as ``.part``; on a closed result this does nothing."""
         # The caller is already handling the error that stopped the run; a second one would hide it.
         with suppress(ReplayKitError):
             if self._open:
+                os.close(self._lock)
                 self._end()
 
     def discard(self) -> None:

@@ -1,7 +1,10 @@
 """Outputs replace files alone: no device, socket or folder, and nothing that a link at OUT.part names."""
 
 import os
+import signal
 import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -119,3 +122,27 @@ def test_overwrite_refuses_devices(tmp_path, name, command):
     )
     assert outcome.exit_code == 2
     assert Path(name).is_char_device()
+
+
+@WRITERS
+def test_of_two_writers_of_one_output_the_later_says_so_and_changes_nothing(tmp_path, write):
+    out = tmp_path / "out"
+    with atomic_file(out) as first:
+        first.write(b"first")
+        with pytest.raises(ConfigError, match=r"out: another process is writing it; wait for its"):
+            write(out)
+    assert out.read_bytes() == b"first"
+    write(out)
+    assert out.read_bytes() != b"first"
+
+
+def test_a_part_whose_writer_was_killed_is_replaced(tmp_path):
+    out = tmp_path / "out"
+    code = (
+        "import os, pathlib; from replay_kit.core.atomic import open_part; "
+        f"open_part(pathlib.Path({str(out)!r})); os.kill(os.getpid(), 9)"
+    )
+    assert subprocess.run([sys.executable, "-c", code]).returncode == -signal.SIGKILL
+    assert out.with_name("out.part").exists()
+    text(out)
+    assert out.read_bytes() == b"new"

@@ -157,16 +157,18 @@ def _run(
     each: "tuple[Mission, ...]", cluster: "Cluster", outputs: Outputs
 ) -> "tuple[Outcome, ...]":
     """Return the outcomes; the table is written after each mission, so that it is there whatever ends the command."""
+    from replay_kit.core.atomic import claimed
     from replay_kit.core.progress import announce
     from replay_kit.workflows.fleet.run import run_fleet
     from replay_kit.workflows.fleet.table import TABLE, fleet_json, write_table
 
     outcomes: tuple[Outcome, ...] = ()
-    for outcomes in run_fleet(
-        each, cluster, outputs.overwrite, lambda done, total, what: announce(what, done, total)
-    ):
-        write_table(outcomes, outputs.out / TABLE)
-        keep_json(outputs.json_file, fleet_json(outcomes))
+    with claimed(outputs.out / ".lock", outputs.out):
+        for outcomes in run_fleet(
+            each, cluster, outputs.overwrite, lambda done, total, what: announce(what, done, total)
+        ):
+            write_table(outcomes, outputs.out / TABLE)
+            keep_json(outputs.json_file, fleet_json(outcomes))
     return outcomes
 
 

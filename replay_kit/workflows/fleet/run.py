@@ -118,6 +118,7 @@ def _run(mission: Mission, made: Path, identity: str) -> Outcome:
         "replay_kit": __version__,
         **answer,
     }
+    record["record_sha256"] = _digest(record)
     with atomic_file(made.with_suffix(".json")) as file:
         file.write((json.dumps(record, indent=1, allow_nan=False) + "\n").encode())
     # after the result: a record says that the result is complete
@@ -136,14 +137,22 @@ def _identity(mission: Mission) -> str:
         run_settings_toml(mission.config),
         package_versions(),
     ]
-    return hashlib.sha256(json.dumps(text).encode()).hexdigest()
+    return _digest(text)
+
+
+def _digest(value: object) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
 def _kept(mission: Mission, identity: str) -> Outcome | None:
     """Return the outcome of a result that is there, made of the same inputs and as it was written; None without one."""
     try:
         record = json.loads(mission.record.read_bytes())
-        same = record["inputs_sha256"] == identity and record["sha256"] == file_hash(mission.result)
+        same = (
+            record.pop("record_sha256") == _digest(record)
+            and record["inputs_sha256"] == identity
+            and record["sha256"] == file_hash(mission.result)
+        )
         return (
             Outcome(mission.name, record, record["sha256"], True, exit_code=record["exit_code"])
             if same

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.atomic import part_of
+from replay_kit.core.atomic import claimed, part_of
 from replay_kit.core.errors import (
     ConfigError,
     LogError,
@@ -72,11 +72,12 @@ def follow(
 
     Raises:
         ForecastError: The forecast cannot be used for the first replay.
-        ConfigError: An output cannot be written, or the goal's file cannot be read at the beginning.
+        ConfigError: An output cannot be written, another process follows into it, or the goal's file cannot be read at the beginning.
     """
     follower = Follower(job, _planned_at_surfacings(config), planner_of, options, clock or Clock())
     try:
-        return follower.run()
+        with claimed(options.states / "lock", follower.out):
+            return follower.run()
     except KeyboardInterrupt:
         # the result of the replay before is whole
         if job.out is not None:
@@ -130,6 +131,11 @@ class Follower:
         self._shown: Status | None = None
         self._due = False
         self._set_goal(job.goal if options.goal_file is None else read_goal(options.goal_file))
+
+    @property
+    def out(self) -> Path:
+        """The result."""
+        return self._out
 
     def run(self) -> ReplaySummary | None:
         """Look and replay until nothing new has come for long enough."""
