@@ -199,8 +199,9 @@ def _metres(file: NetcdfFile, name: str) -> float:
 _APART = 5
 _BIN = 5.0  # m of depth in which shears are compared
 _LEAST = 3  # shears in a bin
-# of the variances within the bins; five dives of a glider whose ADCP looks up have 1.03 to 1.31
-_CLEAR = 1.02
+# Parts of a dive, one at a time left out, for the standard error of the logarithm of the ratio of variances; it must be this many times as
+# large. Five dives of a glider whose ADCP looks up have ratios of 1.03 to 1.31, which are .7 to 1.2 standard errors: no evidence.
+_PARTS, _ERRORS = 10, 2.0
 
 
 def agreement(velocity: Array, depth: Array, distance: Array) -> float:
@@ -223,7 +224,7 @@ def agreement(velocity: Array, depth: Array, distance: Array) -> float:
 
 
 def orientation(velocity: Array, depth: Array, distance: Array, notes: list[str]) -> str:
-    """Return ``up`` or ``down``, by the agreement of the shears; up where it does not tell.
+    """Return ``up`` or ``down``, by the agreement of the shears; up where that is no evidence.
 
     Args:
         velocity: As of ``agreement``, as are the next two.
@@ -232,8 +233,15 @@ def orientation(velocity: Array, depth: Array, distance: Array, notes: list[str]
         notes: What was found is added here.
     """
     ratio = agreement(velocity, depth, distance)
-    found = "down" if ratio < 1.0 / _CLEAR else "up"
-    if 1.0 / _CLEAR <= ratio <= _CLEAR or np.isnan(ratio):
+    part = np.arange(len(depth)) * _PARTS // max(len(depth), 1)
+    without = np.log(
+        [agreement(velocity[part != k], depth[part != k], distance) for k in range(_PARTS)]
+    )
+    error = np.sqrt((_PARTS - 1) * np.var(without))  # of the jackknife
+    # False too where any of them is not known
+    decided = abs(np.log(ratio)) > _ERRORS * error
+    found = "down" if decided and ratio < 1.0 else "up"
+    if not decided:
         notes.append(
             "ADCP: assumed to look up; neither the file nor its shears show its orientation"
         )

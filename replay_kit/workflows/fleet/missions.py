@@ -3,6 +3,7 @@
 import glob
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from replay_kit.config.fleet import FleetTable, MissionEntry
@@ -72,30 +73,31 @@ def missions_of(
         out: Folder of the results.
 
     Raises:
-        ConfigError: A setting is wrong; two results have one name; a mission has no ensemble.
-        LogError: A pattern stands for no log.
+        ConfigError: A setting is wrong; two results have one name; a mission has no ensemble; all that is wrong is said at once.
+        LogError: The first of these is a pattern that stands for no log.
     """
     out = out.absolute()
     missions: list[Mission] = []
     names: dict[str, Mission] = {}
-    for entry in table.mission:
-        entry = _completed(entry, table.all)
+    wrong: list[ReplayKitError] = []
+    for entry in (_completed(entry, table.all) for entry in table.mission):
         try:
             settings = _config(entry, folder, config)
-        except ConfigError as error:
-            raise ConfigError(
-                f"mission {entry.name or (entry.logs or entry.each or ('',))[0]}: {error}"
-            ) from error
-        for name, logs in _logs(entry, folder):
-            mission = Mission(name, _job(entry, name, logs, folder, out), settings)
-            # file systems that ignore case would have one file for both
-            if (other := names.get(name.casefold())) is not None:
-                first, second = (str(each.job.logs[0]) for each in (other, mission))
-                raise ConfigError(
-                    f"{name}: two missions have this name, those of {first} and {second}; give one of them another name"
-                )
-            names[name.casefold()] = mission
-            missions.append(mission)
+            for name, logs in _logs(entry, folder):
+                mission = Mission(name, _job(entry, name, logs, folder, out), settings)
+                missions.append(mission)
+                # file systems that ignore case would have one file for both
+                if (other := names.setdefault(name.casefold(), mission)) is not mission:
+                    first, second = (str(each.job.logs[0]) for each in (other, mission))
+                    wrong.append(
+                        ConfigError(
+                            f"{name}: two missions have this name, those of {first} and {second}; give one of them another name"
+                        )
+                    )
+        except ReplayKitError as error:
+            wrong.append(error)
+    if wrong:
+        raise type(wrong[0])("; ".join(map(str, wrong)))
     return tuple(missions)
 
 
@@ -110,7 +112,7 @@ def check_missions(missions: Sequence[Mission], overwrite: bool, resume: bool) -
     Raises:
         ConfigError: As stated.
     """
-    wrong = []
+    wrong: dict[str, list[str]] = {}
     for mission in missions:
         try:
             for path in mission.files:
@@ -118,11 +120,15 @@ def check_missions(missions: Sequence[Mission], overwrite: bool, resume: bool) -
                     raise LogError(f"{path}: there is no such file; correct its name")
             check_paths(mission.files, (mission.result, mission.record), overwrite or resume)
         except ReplayKitError as error:
-            wrong.append(f"{mission.name}: {error}")
+            wrong.setdefault(str(error), []).append(mission.name)
     if wrong:
-        more = f"; and {len(wrong) - 10} more" if len(wrong) > 10 else ""
+        said = [
+            f"{names[0]}{f' and {len(names) - 1} others' if names[1:] else ''}: {error}"
+            for error, names in wrong.items()
+        ]
+        more = f"; and {len(said) - 10} more" if len(said) > 10 else ""
         raise ConfigError(
-            f"{len(wrong)} of {len(missions)} missions cannot begin: {'; '.join(wrong[:10])}{more}"
+            f"{sum(map(len, wrong.values()))} of {len(missions)} missions cannot begin: {'; '.join(said[:10])}{more}"
         )
 
 
@@ -139,9 +145,14 @@ def _completed(entry: MissionEntry, common: MissionEntry) -> MissionEntry:
 
 
 def _config(entry: MissionEntry, folder: Path, config: Path | None) -> RunConfig:
-    settings = load_config(
-        config if entry.config is None else folder / entry.config, entry.settings
-    )
+    try:
+        settings = load_config(
+            config if entry.config is None else folder / entry.config, entry.settings
+        )
+    except ConfigError as error:
+        raise ConfigError(
+            f"mission {entry.name or (entry.logs or entry.each or ('',))[0]}: {error}"
+        ) from error
     bathymetry = settings.planner.bathymetry_path
     # workers may be in another folder
     return settings if bathymetry is None else with_bathymetry(settings, bathymetry.absolute())
@@ -152,14 +163,16 @@ def _logs(entry: MissionEntry, folder: Path) -> Iterator[tuple[str, tuple[Path, 
     if entry.logs is not None:
         logs = tuple((folder / log).absolute() for log in entry.logs)
         yield entry.name or logs[0].stem, logs
-    for pattern in entry.each or ():
-        found = sorted(glob.glob(str((folder / pattern).absolute())))
-        if not found:
-            raise LogError(
-                f"{pattern}: no log has such a name in {folder.absolute()}; correct the pattern"
-            )
-        for path in map(Path, found):
-            yield path.stem, (path,)
+    found = {
+        pattern: sorted(glob.glob(str((folder / pattern).absolute())))
+        for pattern in entry.each or ()
+    }
+    for path in map(Path, chain.from_iterable(found.values())):
+        yield path.stem, (path,)
+    if without := [pattern for pattern, paths in found.items() if not paths]:
+        raise LogError(
+            f"{', '.join(without)}: no log has such a name in {folder.absolute()}; correct the pattern"
+        )
 
 
 def _job(

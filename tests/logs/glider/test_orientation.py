@@ -52,3 +52,16 @@ def test_where_shears_do_not_tell_up_is_taken(cells):
     assert notes == [
         "ADCP: assumed to look up; neither the file nor its shears show its orientation"
     ]
+
+
+def test_a_ratio_near_one_by_chance_decides_nothing():
+    """Shears that are noise alone have ratios off 1 by chance; of 40 dives at most 4, twice what two standard errors let through."""
+    decided = 0
+    for seed in range(40):
+        depth = np.concatenate([np.linspace(20.0, 400.0, 30), np.linspace(400.0, 20.0, 30)])
+        velocity = np.random.default_rng(seed).normal(0.0, 0.05, (depth.size, DISTANCE.size, 2))
+        notes: list[str] = []
+        orientation(velocity, depth, DISTANCE, notes)
+        decided += "looks" in notes[0]
+        assert agreement(velocity, depth, DISTANCE) != 1.0
+    assert decided <= 4

@@ -150,13 +150,13 @@ def test_velocities_on_other_axes_than_the_earths_are_not_read(tmp_path):
 
 
 @real
-def test_the_adcp_of_real_dives_looks_up():
+def test_the_adcp_of_real_dives_is_assumed_to_look_up_as_single_dives_do_not_tell():
     for path in WITH_ADCP:
         log = open_log(path)
         assert {ping.payload["orientation"] for ping in _topic(list(log.messages()), "/adcp")} == {
             "up"
         }
-        assert any(note.startswith("ADCP: looks up by its shears") for note in log.report().notes)
+        assert any(note.startswith("ADCP: assumed to look up") for note in log.report().notes)
 
 
 @real

@@ -29,6 +29,21 @@ ONE = '[[mission]]\nlogs = "twin00.mcap"\n'
         (GOOD + ONE + 'name = "../up"\n', 2, "'mission.0.name'"),
         (GOOD + '[[mission]]\nlogs = "none.mcap"\n', 2, "none.mcap: there is no such file"),
         (GOOD + '[[mission]]\neach = "none*.mcap"\n', 3, "none*.mcap: no log has such a name"),
+        (
+            GOOD + '[[mission]]\neach = ["a*.no", "twin00.mcap", "b*.no"]\n' + ONE,
+            3,
+            "a*.no, b*.no: no log has such a name",
+        ),
+        (
+            GOOD + ONE + ONE + '[[mission]]\neach = "none*.mcap"\n',
+            2,
+            "give one of them another name; none*.mcap: no log has such a name",
+        ),
+        (
+            '[all]\nensemble = "none.nc"\n' + ONE + ONE.replace("00", "01"),
+            2,
+            "twin00 and 1 others: ",
+        ),
         (GOOD + ONE + 'truth = "none.nc"\n', 2, "none.nc: there is no such file"),
         ('[all]\nensemble = "none*.nc"\n' + ONE, 2, "none*.nc"),
         (ONE, 2, "twin00: no ensemble is given"),
