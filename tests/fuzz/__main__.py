@@ -1,6 +1,7 @@
 """``python -m tests.fuzz``: every sample and conformance log damaged in many ways.
 
-``... atheris NAME``: guided; ``... kill``: SIGKILL; ``... hostile [WORDS]``: inputs made to take time or memory.
+``... atheris NAME``: guided; ``... kill``: SIGKILL; ``... hostile [WORDS]``: inputs made to take time or memory;
+``... own [KINDS]``: the files of this program.
 """
 
 import argparse
@@ -19,7 +20,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run, print what is wrong, return the number of logs with something wrong."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument(
-        "kind", nargs="?", choices=["damage", "atheris", "kill", "hostile"], default="damage"
+        "kind", nargs="?", choices=["damage", "atheris", "kill", "hostile", "own"], default="damage"
     )
     parser.add_argument(
         "name", nargs="?", help="the parser, for atheris; words in the names of hostile inputs"
@@ -47,6 +48,10 @@ def main(arguments: list[str] | None = None) -> int:
         from tests.fuzz.hostile import run_all
 
         return run_all(options.name or "")
+    if options.kind == "own":
+        from tests.fuzz.own import run_all as run_own
+
+        return run_own(options.count or 2000, options.seed, tuple((options.name or "").split()))
     if options.count:
         return _sweep(options.count, options.seed)
     from tests.fuzz import damage, damage_vehicle

@@ -1,0 +1,305 @@
+"""Our own files damaged at random, through each command that reads them: no traceback, and no other answer without a word.
+
+Six kinds of damage: a bit flipped, the end cut off, bytes put in, a block of zeros, two blocks exchanged, a part twice. A damaged file is
+refused by name with exit code 3, or read with what was lost named and exit code 4, or its answer is that of the sound file.
+"""
+
+import pickle
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+import pytest
+
+from replay_kit import open_estimate, open_result
+from replay_kit.config.run import EstimatorConfig, OutputConfig, RunConfig
+from replay_kit.core.errors import ReplayKitError
+from replay_kit.core.sealed import read_store
+from replay_kit.logs import open_log
+from replay_kit.results import read_journal
+from replay_kit.workflows.follow.memory import Memory, read_memory, write_memory
+from replay_kit.workflows.replay.inputs.forecast import read_forecasts
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.region import CHECKPOINT
+from replay_kit.workflows.replay.store.basis import built
+from replay_kit.workflows.replay.store.checkpoint import StateStore
+from tests.command import invoke
+from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
+
+_CONFIG = RunConfig(
+    output=OutputConfig(checkpoint_interval=600.0), estimator=EstimatorConfig(modes=4)
+)
+_PLACES = "--start 152.2,-39.9,0 --goal 152.3,-39.8,100"
+#: No hostile input takes longer [s].
+MOST_S = 10.0
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What reading a file gave: its exit code, whether a loss or a missing checksum was named, what was said, and the content."""
+
+    code: int
+    told: bool
+    said: str
+    content: object
+
+
+#: Reads a file at a path.
+Reader = Callable[[Path], Answer]
+
+
+@dataclass(frozen=True)
+class Own:
+    """One of our own kinds of files: its bytes, the name that its readers want, and the commands or functions that read it."""
+
+    name: str
+    data: bytes
+    path: Path
+    readers: dict[str, Reader]
+
+
+def harm(data: bytes, number: int, seed: int) -> tuple[str, bytes]:
+    """Return a damage in words, and the damaged bytes; the kinds take turns, places and sizes are by chance."""
+    rng = np.random.default_rng((seed, number))
+    size = int(min(len(data) // 3, 2.0 ** rng.uniform(0.0, 14.0)))
+    a, b = sorted(rng.integers(0, len(data) - size, 2).tolist())
+    kind = ("flip", "cut", "insert", "zero", "swap", "twice")[number % 6]
+    block = data[a : a + size]
+    if kind == "flip":
+        damaged = bytearray(data)
+        damaged[a] ^= 1 << int(rng.integers(8))
+        return f"bit of byte {a}", bytes(damaged)
+    if kind == "cut":
+        return f"cut at {a}", data[:a]
+    if kind == "insert":
+        return f"{size} bytes put in at {a}", data[:a] + rng.bytes(size) + data[a:]
+    if kind == "zero":
+        return f"{size} zeros at {a}", data[:a] + bytes(len(block)) + data[a + size :]
+    if kind == "swap":
+        b = max(b, a + size)
+        other = data[b : b + size]
+        return f"{size} bytes of {a} and {b} exchanged", (
+            data[:a] + other + data[a + size : b] + block + data[b + size :]
+        )
+    return f"{size} bytes of {a} twice", data[: a + size] + data[a:]
+
+
+def check(own: Own, reader: str, sound: Answer, damage: tuple[str, bytes]) -> tuple[str, str]:
+    """Return how reading a damaged file ended (refused, told, same, silent, traceback, slow), and what is wrong, empty for nothing."""
+    what, data = damage
+    if data == own.data:
+        return "same", ""
+    # a new file: arrays of the one before may be mapped
+    own.path.unlink()
+    own.path.write_bytes(data)
+    name, began = f"{own.name}, {reader}, {what}", time.process_time()
+    try:
+        found = own.readers[reader](own.path)
+    except ReplayKitError as error:
+        # its own name or that of a copy; and what a user can do
+        named = own.path.stem in str(error) or own.path.parent.name in str(error)
+        fine = error.exit_code == 3 and named
+        return ("refused", "") if fine else ("silent", f"{name}: refused by {error}")
+    except Exception as error:
+        return "traceback", f"{name}: {type(error).__name__}: {error}"
+    if (seconds := time.process_time() - began) > MOST_S:
+        return "slow", f"{name}: {seconds:.0f} s"
+    if found.told and found.code in (0, 4):
+        return "told", ""
+    if found.code == 3:
+        return "refused", ""
+    same = (found.code, found.content) == (sound.code, sound.content)
+    return ("same", "") if same else ("silent", f"{name}: exit {found.code}: {found.said[-300:]}")
+
+
+def sweep(
+    count: int, seed: int, folder: Path, slow: int = 1, names: tuple[str, ...] = ()
+) -> Iterator[tuple[str, str, str]]:
+    """Yield kind of file, how it ended, and what is wrong, for that many damages of each kind of file.
+
+    Args:
+        count: Of damages of each kind; its readers take turns.
+        seed: Of places and sizes.
+        folder: Where files are made.
+        slow: Readers that take seconds take their turn this many times more rarely.
+        names: Kinds of files; all when empty.
+    """
+    for own in own_files(folder):
+        if names and own.name not in names:
+            continue
+        own.path.write_bytes(own.data)
+        sound = {name: read(own.path) for name, read in own.readers.items()}
+        quick = [name for name in own.readers if name not in _SLOW]
+        rare = [name for name in own.readers if name in _SLOW]
+        for number in range(count):
+            turn = number // 6
+            reader = quick[turn % len(quick)]
+            if rare and turn % (slow * len(quick)) == 0:
+                reader = rare[turn // (slow * len(quick)) % len(rare)]
+            yield (own.name, *check(own, reader, sound[reader], harm(own.data, number, seed)))
+        own.path.write_bytes(own.data)
+
+
+# A second and more each.
+_SLOW = ("report", "plot", "plan", "plan --json", "verify")
+
+
+def own_files(folder: Path) -> list[Own]:
+    """Return a sound file of each of our own kinds, made in a folder."""
+    ocean = folder / "ocean"
+    ocean.mkdir()
+    make_ocean(ocean, _CONFIG, 30)
+    out, place = ocean / "out.mcap", ocean / "kept"
+    place.mkdir()
+    run = f"{ocean}/glider.mcap --ensemble {ocean}/ensemble.nc --estimator.modes 4 -q"
+    _done(f"replay {run} --goal 152.3,-39.8,100 --save-estimate {place}/flow.nc -o {out}")
+    _done(f"plan {out} {_PLACES} --planner.samples 3 -o {ocean}/plan.mcap -q")
+    job = ReplayJob(
+        (ocean / "glider.mcap",),
+        ocean / "ensemble.nc",
+        ocean / "again.mcap",
+        checkpoint=place / "run.ck",
+        basis_store=place,
+    )
+    with pytest.raises(Killed):
+        run_until(job, _CONFIG, 60)
+    forecasts = read_forecasts((ocean / "ensemble.nc",), _CONFIG, None, None)
+    built(forecasts, _CONFIG, job)
+    write_memory(place, Memory(said=("a log",) * 40, forecast="ensemble.nc sha256:0"))
+    files = {path.name: path for path in place.iterdir() if path.is_file()}
+    head, _ = read_store(files["run.ck"], CHECKPOINT)
+    store = StateStore(
+        files["run.ck.journal"], head["run"], built(forecasts, _CONFIG, job).common_part
+    )
+    state = store.read_state(files["run.ck"])
+    (basis,) = (path for path in files.values() if path.suffix == ".basis")
+    commands = _result_commands(folder)
+
+    def journal(path: Path) -> Answer:
+        return Answer(0, False, "", list(read_journal(path, state.journal)))
+
+    def estimator(path: Path) -> Answer:
+        fresh = read_forecasts((ocean / "ensemble.nc",), _CONFIG, None, None)
+        with mock.patch(
+            "replay_kit.workflows.replay.store.basis._identity", return_value=path.stem
+        ):
+            return Answer(0, False, "", pickle.dumps(built(fresh, _CONFIG, job).common_part))
+
+    return [
+        Own("estimate", files["flow.nc"].read_bytes(), files["flow.nc"], _ESTIMATE),
+        Own("result", out.read_bytes(), out, commands),
+        Own(
+            "plan",
+            (ocean / "plan.mcap").read_bytes(),
+            ocean / "plan.mcap",
+            {name: commands[name] for name in ("report", "export", "convert", "info")},
+        ),
+        Own("basis", basis.read_bytes(), basis, {"fleet": estimator}),
+        Own(
+            "state",
+            files["run.ck"].read_bytes(),
+            files["run.ck"],
+            {"replay": lambda path: Answer(0, False, "", pickle.dumps(store.read_state(path)))},
+        ),
+        Own(
+            "journal",
+            files["run.ck.journal"].read_bytes(),
+            files["run.ck.journal"],
+            {"replay": journal},
+        ),
+        Own(
+            "memory",
+            files["mission"].read_bytes(),
+            files["mission"],
+            {"follow": lambda path: Answer(0, False, "", read_memory(path.parent))},
+        ),
+    ]
+
+
+def _done(line: str) -> None:
+    done = invoke(line)
+    assert done.exit_code in (0, 6), done.output
+
+
+def _ran(line: str, made: Path | None = None) -> Answer:
+    done = invoke(line)
+    if done.exit_code == 3 and isinstance(done.exception, ReplayKitError):
+        raise done.exception
+    words = ("LOST: ", "has no checksum", "Without a checksum", "Cannot be decoded")
+    content = done.stdout if made is None else _content(made)
+    return Answer(done.exit_code, any(word in done.output for word in words), done.output, content)
+
+
+def _content(path: Path) -> object:
+    if path.suffix != ".mcap":
+        return path.read_bytes()
+    with open_log(path) as log:
+        return [(m.topic, m.log_ns, m.data) for m in log.raw_messages()]
+
+
+def _opened(path: Path) -> Answer:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        result = open_result(path)
+        tables = [getattr(result, name).to_csv() for name in ("fixes", "observations", "plans")]
+        velocity = result.velocity_at(152.2, -39.9, 50.0)
+    said = " ".join(str(one.message) for one in caught)
+    return Answer(0, bool(said), said, (tables, repr(velocity)))
+
+
+def _flow(path: Path) -> Answer:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        flow = open_estimate(path)
+        content = repr(flow.velocity_at(152.2, -39.9, 50.0))
+    return Answer(0, bool(caught), "", content)
+
+
+_ESTIMATE: dict[str, Reader] = {
+    "open_estimate": _flow,
+    "plan": lambda path: _ran(f"plan {path} {_PLACES} --planner.samples 3 --json -"),
+}
+
+
+def _result_commands(folder: Path) -> dict[str, Reader]:
+    """Return the commands that read a result, with what of their answer is compared."""
+    made = {kind: folder / f"made.{kind}" for kind in ("csv", "nc", "html", "svg", "mcap")}
+    o = {kind: f"--overwrite -o {path}" for kind, path in made.items()}
+    return {
+        "open_result": _opened,
+        "status": lambda path: _ran(f"status {path} --json -"),
+        "export": lambda path: _ran(f"export {path} {o['csv']}", made["csv"]),
+        "convert": lambda path: _ran(f"convert {path} {o['mcap']}", made["mcap"]),
+        "info": lambda path: _ran(f"info {path} --json -"),
+        "report": lambda path: _ran(f"report {path} {o['html']}", made["html"]),
+        "plot": lambda path: _ran(f"plot {path} map {o['svg']}"),
+        "plan": lambda path: _ran(f"plan {path} {_PLACES} --planner.samples 3 --json -"),
+        "verify": lambda path: _ran(f"verify {path} --inputs {path.parent} --json -"),
+    }
+
+
+def run_all(count: int, seed: int, names: tuple[str, ...] = ()) -> int:
+    """Print the table of a sweep and what is wrong, and return the number of what is wrong."""
+    import tempfile
+
+    table: dict[str, Counter[str]] = {}
+    wrong = 0
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.perf_counter()
+        for name, ended, words in sweep(count, seed, Path(folder), 10, names):
+            table.setdefault(name, Counter())[ended] += 1
+            if words:
+                wrong += 1
+                print(words, flush=True)
+    kinds = ("refused", "told", "same", "silent", "traceback", "slow")
+    print("| file | damages | " + " | ".join(kinds) + " |\n|---|---|" + "---|" * len(kinds))
+    for name, ends in table.items():
+        cells = " | ".join(str(ends[kind]) for kind in kinds)
+        print(f"| {name} | {ends.total():,} | {cells} |")
+    print(f"seed {seed}, {time.perf_counter() - began:.0f} s: {wrong} bad")
+    return wrong
