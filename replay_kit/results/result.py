@@ -1,6 +1,5 @@
 """A result MCAP as a notebook wants it: the estimate, and tables of all else."""
 
-import struct
 import tomllib
 from array import array
 from collections.abc import Iterator, Mapping
@@ -10,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from mcap.exceptions import McapError
 from mcap.reader import McapReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +25,7 @@ from replay_kit.results.flight_correction import named_by_contract
 from replay_kit.results.mcap_reader import read_estimate, read_windows
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.schemas import decode
-from replay_kit.results.topics import CONFIG_NAME, ESTIMATE_NAME, read_messages
+from replay_kit.results.topics import CONFIG_NAME, ESTIMATE_NAME, complete, read_messages
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -283,18 +281,9 @@ def result_path(path: str | Path) -> Path:
         ConfigError: The path is neither text nor a ``Path``.
     """
     path = as_path(path, "result")
-    try:
-        with path.open("rb") as file:
-            reader: McapReader = make_reader(file)
-            names = {record.name for record in reader.iter_metadata()}
-    except OSError as error:
-        raise LogError(
-            f"{path}: cannot read the result: {error.strerror}; check the path"
-        ) from error
-    except (McapError, ValueError, struct.error) as error:
-        raise LogError(
-            f"{path}: expected a complete result of replay-kit replay: {error!r}; replay-kit convert recovers the messages of a partial one"
-        ) from error
+    with complete(path), path.open("rb") as file:
+        reader: McapReader = make_reader(file)
+        names = {record.name for record in reader.iter_metadata()}
     if "contract" not in names:
         raise LogError(
             f"{path}: an MCAP file, but no result of replay-kit (no metadata record 'contract'); open a log with open_log"

@@ -5,6 +5,7 @@ It needs none of the libraries that read estimates.
 
 import struct
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,23 +48,33 @@ class Digest:
     sha256: str
 
 
-def topics_of(path: Path) -> tuple[str, ...]:
-    """Return the topics of a result.
+@contextmanager
+def complete(path: Path) -> Iterator[None]:
+    """Turn what reading a result raises into an error that names it.
 
     Raises:
-        LogError: The file is missing, or is no complete MCAP file.
+        LogError: The file is missing, or is no complete result.
     """
     try:
-        with path.open("rb") as file:
-            summary = make_reader(file).get_summary()
+        yield
     except OSError as error:
         raise LogError(
             f"{path}: cannot read the result: {error.strerror}; check the path"
         ) from error
     except (McapError, ValueError, struct.error) as error:
         raise LogError(
-            f"{path}: expected a complete result of replay-kit replay: {error!r}; the run may not have finished"
+            f"{path}: expected a complete result of replay-kit replay: {error!r}; replay-kit convert recovers the messages of a partial one"
         ) from error
+
+
+def topics_of(path: Path) -> tuple[str, ...]:
+    """Return the topics of a result.
+
+    Raises:
+        LogError: The file is missing, or is no complete MCAP file.
+    """
+    with complete(path), path.open("rb") as file:
+        summary = make_reader(file).get_summary()
     return () if summary is None else tuple(channel.topic for channel in summary.channels.values())
 
 

@@ -35,6 +35,8 @@ _CONFIG = RunConfig(
     output=OutputConfig(checkpoint_interval=600.0), estimator=EstimatorConfig(modes=4)
 )
 _PLACES = "--start 152.2,-39.9,0 --goal 152.3,-39.8,100"
+#: Kinds of our own files.
+KINDS = ("estimate", "result", "plan", "basis", "state", "journal", "memory")
 #: No hostile input takes longer [s].
 MOST_S = 10.0
 
@@ -126,16 +128,16 @@ def sweep(
         count: Of damages of each kind; its readers take turns.
         seed: Of places and sizes.
         folder: Where files are made.
-        slow: Readers that take seconds take their turn this many times more rarely.
+        slow: Readers that take seconds take their turn this many times more rarely; with 0 they are left out.
         names: Kinds of files; all when empty.
     """
     for own in own_files(folder):
         if names and own.name not in names:
             continue
         own.path.write_bytes(own.data)
-        sound = {name: read(own.path) for name, read in own.readers.items()}
         quick = [name for name in own.readers if name not in _SLOW]
-        rare = [name for name in own.readers if name in _SLOW]
+        rare = [name for name in own.readers if name in _SLOW and slow]
+        sound = {name: own.readers[name](own.path) for name in (*quick, *rare)}
         for number in range(count):
             turn = number // 6
             reader = quick[turn % len(quick)]

@@ -1,14 +1,12 @@
 """What the status of a result is made of, read from the file: only the messages that it needs are decoded."""
 
 import json
-import struct
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
@@ -16,7 +14,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.grid import Projection
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.schemas import decode
-from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME, read_messages
+from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME, complete, read_messages
 
 # Two plans tell what changed; their surfacings and the measurements between them tell why.
 _PLANS, _OUTCOMES = 2, 50
@@ -78,7 +76,7 @@ def read_held(path: Path) -> Held:
     Raises:
         LogError: The file is missing, or is no complete result.
     """
-    try:
+    with complete(path):
         with path.open("rb") as file:
             reader = make_reader(file)
             metadata = {
@@ -108,14 +106,6 @@ def read_held(path: Path) -> Held:
         fixes, reckoned = _positions(path, schemas.get("/vehicle/fix"))
         plans, outcomes = (_last(path, topic, name, most) for topic, name, most in _OF_PLANS)
         dive = _last_dive(path)
-    except OSError as error:
-        raise LogError(
-            f"{path}: cannot read the result: {error.strerror}; check the path"
-        ) from error
-    except (McapError, ValueError, struct.error) as error:
-        raise LogError(
-            f"{path}: expected a complete result of replay-kit replay: {error!r}; the run may not have finished"
-        ) from error
     frame = metadata["frame map"]
     known = [
         *(fix.time_ns for fix in fixes),

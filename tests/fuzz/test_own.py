@@ -1,0 +1,42 @@
+"""A share of ``python -m tests.fuzz own``: our own files damaged, through each command that reads them."""
+
+import pytest
+
+from tests.fuzz.own import KINDS, Answer, Own, check, harm, sweep
+
+
+@pytest.mark.parametrize("number", range(12))
+def test_a_damage_differs_from_the_sound_file_and_is_the_same_for_one_seed(number):
+    data = bytes(range(1, 251)) * 4
+    assert harm(data, number, 1) == harm(data, number, 1)
+    assert harm(data, number, 1)[1] != data
+
+
+def test_another_answer_without_a_word_a_traceback_and_an_error_without_the_file_are_found(
+    tmp_path,
+):
+    answers = {
+        "silent": lambda path: Answer(0, False, "", path.read_bytes()),
+        "told": lambda path: Answer(4, True, "LOST", path.read_bytes()),
+        "same": lambda path: Answer(0, False, "", b"sound"),
+        "traceback": lambda path: 1 / 0,
+    }
+    own = Own("file", b"sound", tmp_path / "file", answers)
+    own.path.write_bytes(own.data)
+    for name in answers:
+        ended, words = check(own, name, Answer(0, False, "", b"sound"), ("cut", b"sou"))
+        assert ended == name
+        assert bool(words) == (name in ("silent", "traceback"))
+
+
+@pytest.mark.filterwarnings("default")
+def test_damages_of_each_of_our_own_files(tmp_path):
+    """24 of each through the quick readers; 2,000 of each through all are marked full."""
+    assert [words for *_, words in sweep(24, 3, tmp_path, 0) if words] == []
+
+
+@pytest.mark.full
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("kind", KINDS)
+def test_two_thousand_damages_of_each_of_our_own_files(tmp_path, kind):
+    assert [words for *_, words in sweep(2000, 1, tmp_path, 10, (kind,)) if words] == []
