@@ -2,25 +2,27 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from replay_kit.results.outcome.from_run import surfacings_json
 from replay_kit.show.page import Section
 from replay_kit.show.words import surfacings_sentences
 from replay_kit.studies.dives.run import DivePrediction, DivesResult
 from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure, series_by
-from replay_kit.studies.reports.page import PAGE, list_html, study_page, tables_html, words_html
+from replay_kit.studies.reports.page import (
+    PAGE,
+    StudyReport,
+    list_html,
+    study_page,
+    tables_html,
+    words_html,
+)
 from replay_kit.studies.reports.tables import (
     Table,
     answer_of,
-    json_text,
     number,
-    print_tables,
-    write_files,
 )
 from replay_kit.studies.reports.tables import to_csv as table_to_csv
 from replay_kit.workflows.replay.scoring import rms_length
@@ -29,13 +31,6 @@ TITLES = {
     "profiles": "RMS length of the error of profiles",
     "mean": "RMS length of the error of depth-averaged currents",
 }
-
-
-def print_study(result: DivesResult, console: Console) -> None:
-    """Print what a person reads: errors by dive and method, calibration, surfacings."""
-    print_tables(console, [dive_table(result, kind) for kind in TITLES if result.rmse(kind)])
-    for sentence in sentences_of(result):
-        console.print(sentence, soft_wrap=True)
 
 
 def sentences_of(result: DivesResult) -> list[str]:
@@ -136,11 +131,15 @@ _DIVES = Axis("dive [number]")
 _NAMES = {"profiles": "profiles of the current", "mean": "depth-averaged currents"}
 
 
-def write_study(out: Path, result: DivesResult) -> None:
-    """Write ``FILES`` into a folder that exists, each whole or not at all; of unfinished predictions all but the page."""
-    page = {} if result.unfinished else {PAGE: dives_page(result)}
-    write_files(
-        out, {"dives.csv": to_csv(result), "dives.json": json_text(to_json(result)), **page}
+def report_of(result: DivesResult) -> StudyReport:
+    """Return what the predictions say so far: errors by dive and method, calibration, surfacings."""
+    return StudyReport(
+        "dives",
+        to_json(result),
+        [dive_table(result, kind) for kind in TITLES if result.rmse(kind)],
+        sentences_of(result),
+        {"dives.csv": to_csv(result)},
+        None if result.unfinished else lambda: {PAGE: dives_page(result)},
     )
 
 

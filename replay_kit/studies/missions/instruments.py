@@ -1,4 +1,4 @@
-"""Studies of what is measured: relative profiles, outliers, mean currents alone, and biases of compass and scale."""
+"""Studies of what is measured: outliers, and biases of compass and scale."""
 
 import math
 from collections.abc import Sequence
@@ -8,49 +8,22 @@ import numpy as np
 
 from replay_kit.core.observation import Measurement, Observation
 from replay_kit.estimator.evolving import EvolvingEstimator, build_evolving
-from replay_kit.studies.missions.flights import (
-    fly_dives,
+from replay_kit.studies.missions.follow import RMSE, Figure, Followed, error_figures
+from replay_kit.studies.missions.scene import (
+    Scene,
     fly_pings,
     measurements,
+    own_estimator,
     pinging_seconds,
     staying,
 )
-from replay_kit.studies.missions.follow import RMSE, Figure, Followed, error_figures
-from replay_kit.studies.missions.scene import Scene, own_estimator
 from replay_kit.studies.twins.adcp import OUTLIER, Faults
-from replay_kit.studies.twins.glider import GliderLimits
 from replay_kit.studies.twins.messages import Flight
 
 KNOWN_STD = 0.02  # m/s
-_OVER_ABSOLUTE, _OVER_ABSOLUTE_KNOWN = 1.25, 1.08
 SHARE = 0.1
 _OVER_CLEAN = 1.05
 _GATES = ("reject", "soften", "off")
-_OVER_MEAN = 0.7
-DEPTHS = (500.0, 1000.0)  # m; a glider's dives as the twin has them, and as deep as gliders go
-
-
-def relative(scene: Scene) -> list[Figure]:
-    """Return the figures of one mission, whose course and noise are the same each time."""
-    known = Faults("platform", KNOWN_STD)
-    absolute = scene.errors("absolute", scene.own, measurements(scene.flight))
-    with_means = scene.errors("absolute", scene.own, measurements(scene.flight, mean_currents=True))
-    figures = [
-        Figure("absolute", RMSE, absolute.mean()),
-        Figure("absolute, with mean currents", RMSE, with_means.mean()),
-    ]
-    for method, faults, mean_currents, most in (
-        ("unknown platform velocity", Faults("platform"), False, _OVER_ABSOLUTE),
-        ("unknown platform velocity, with mean currents", Faults("platform"), True, _OVER_ABSOLUTE),
-        ("platform velocity to 2 cm/s", known, False, _OVER_ABSOLUTE_KNOWN),
-    ):
-        followed = scene.errors(
-            method, scene.own, measurements(scene.flight, faults, mean_currents=mean_currents)
-        )
-        figures += error_figures(
-            method, followed.mean(), "that of absolute profiles", absolute.mean(), most
-        ) + followed.nis(method)
-    return figures
 
 
 def outliers(scene: Scene) -> list[Figure]:
@@ -106,44 +79,6 @@ def _moved(sound: Sequence[Measurement], spoilt: Sequence[Measurement]) -> froze
     )
 
 
-def mean_currents_alone(scene: Scene) -> list[Figure]:
-    """Return the figures of some dives of the mission, and of a mission of dives only for each depth; the error is that after the last."""
-    dives = scene.job.dives
-    missions = {
-        f"{dives} dives spread over the mission": _spread(
-            measurements(scene.flight, pings=False, mean_currents=True), dives
-        )
-    }
-    for depth in DEPTHS:
-        fly = partial(
-            fly_dives, scene.flight.field, dives, scene.job.noise, GliderLimits(max_depth=depth)
-        )
-        flight = staying(fly, scene.flight.seed)
-        missions[f"{dives} dives to {depth:g} m, one after the other"] = measurements(
-            flight, pings=False, mean_currents=True
-        )[:dives]
-    figures = []
-    for method, given in missions.items():
-        followed = scene.errors(method, scene.own, given, evaluations=1)
-        (error,), mean = followed.values, scene.case.mean_rmse([given[-1].time_ns])
-        figures += [
-            *error_figures(method, error, "the ensemble mean's", mean, _OVER_MEAN),
-            Figure(method, "mean currents", float(len(given))),
-            *followed.nis(method),
-        ]
-    return figures
-
-
-def _spread(given: Sequence[Measurement], count: int) -> tuple[Measurement, ...]:
-    """Return some of the mean currents, evenly spread, the last among them; all where there are fewer."""
-    wanted = (
-        np.round(np.linspace(len(given) / count, len(given), count)).astype(int) - 1
-        if count < len(given)
-        else range(len(given))
-    )
-    return tuple(given[k] for k in wanted)
-
-
 HEADING_DEG, SCALE = 5.0, 0.03
 PLANTED = {"heading": math.radians(HEADING_DEG), "scale": SCALE}
 _OVER_SOUND = 1.1
@@ -194,7 +129,7 @@ def _dense(scene: Scene) -> Flight:
     return staying(partial(fly_pings, field, pings, days, scene.job.noise), scene.flight.seed)
 
 
-def _named(method: str, followed: Followed[float], planted: bool) -> list[Figure]:
+def _named(method: str, followed: Followed, planted: bool) -> list[Figure]:
     """Return which errors a run that estimates none of them names as significant."""
     significant = followed.state.bias_score.significant()
     figures = []
@@ -217,7 +152,7 @@ def _named(method: str, followed: Followed[float], planted: bool) -> list[Figure
 
 
 def _found(
-    method: str, estimator: EvolvingEstimator, followed: Followed[float], planted: bool
+    method: str, estimator: EvolvingEstimator, followed: Followed, planted: bool
 ) -> list[Figure]:
     """Return each estimated bias, in standard deviations from zero, and its error."""
     figures = []

@@ -5,26 +5,24 @@ from dataclasses import dataclass
 from functools import partial
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.errors import ConfigError, ForecastError
+from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.progress import Progress, silent
 from replay_kit.studies.jobs import Advance, each_counted
-from replay_kit.studies.missions.estimates import coverage, through_time
-from replay_kit.studies.missions.flights import fly_pings, staying
 from replay_kit.studies.missions.follow import Figure, MissionRow, over_missions
-from replay_kit.studies.missions.instruments import biases, mean_currents_alone, outliers, relative
-from replay_kit.studies.missions.scene import MissionJob, Scene, own_estimator, withhold
+from replay_kit.studies.missions.instruments import biases, outliers
+from replay_kit.studies.missions.scene import (
+    MissionJob,
+    Scene,
+    fly_pings,
+    own_estimator,
+    staying,
+    withhold,
+)
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.messages import Flight
 
-_STUDIES: dict[str, Callable[[Scene], list[Figure]]] = {
-    "time": through_time,
-    "relative": relative,
-    "dac": mean_currents_alone,
-    "outliers": outliers,
-    "bias": biases,
-    "coverage": coverage,
-}
+_STUDIES: dict[str, Callable[[Scene], list[Figure]]] = {"outliers": outliers, "bias": biases}
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +64,6 @@ def run_missions(
         ForecastError: The current carried every glider out of the truth's water.
     """
     job.check()
-    if "time" in job.studies and len(series) < 2:
-        raise ConfigError(
-            "--study time: the forecast has one dated time, and the truth would not change; leave --lead out, give --reference-time to a "
-            "file of leads, or choose other studies"
-        )
     members = job.members(series[0].n_members)
     advance = Advance(len(members) * job.seeds * len(job.studies), progress)
     by_study: dict[str, list[list[Figure]]] = {study: [] for study in job.studies}

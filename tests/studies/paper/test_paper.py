@@ -33,11 +33,10 @@ from replay_kit.studies.paper import (
 from replay_kit.studies.paper.findings import sparse_logs
 from replay_kit.studies.paper.page import (
     FILES,
-    print_study,
+    report_of,
     text_tables,
     to_json,
     to_markdown,
-    write_study,
 )
 from replay_kit.studies.paper.rows import (
     ErrorRow,
@@ -90,7 +89,7 @@ def study():
 @pytest.fixture(scope="module")
 def folder(study, tmp_path_factory):
     out = tmp_path_factory.mktemp("paper")
-    write_study(out, study[:2])
+    report_of(study[:2]).write(out)
     return out
 
 
@@ -485,7 +484,7 @@ def test_all_members_in_turn(tmp_path):
     assert len(partial[0][0].table2[0].rel_error_by_truth) == 1
     assert not tables.unfinished
     # of a study that is not finished the tables are written, and what is not known yet is not
-    write_study(tmp_path, partial[0])
+    report_of(partial[0]).write(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "paper.json",
         "sparse.csv",
@@ -555,7 +554,7 @@ def test_files_say_the_same_numbers(study, folder):
 def test_console_and_report_show_the_rows(study, folder):
     tables = study[0]
     words = io.StringIO()
-    print_study(study[:2], Console(file=words, width=200))
+    report_of(study[:2]).print(Console(file=words, width=200))
     written = (folder / "report.md").read_text()
     for row in (*tables.table1, *tables.table2):
         for text in (words.getvalue(), written):

@@ -1,7 +1,6 @@
 """``experiment accuracy``: estimators compared on twin surveys."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 from replay_kit.cli.commands.experiment.study import (
@@ -45,15 +44,6 @@ class Survey:
             metavar="M1,M2,...",
         ),
     ] = None
-    archive: Annotated[
-        Path | None,
-        option(
-            "--archive",
-            "Fields of a long run, as members. Lagged forecasts made of the ensemble's leads (--lead), and an archive window made of these "
-            "fields, are compared with the ensemble.",
-            metavar="FILE",
-        ),
-    ] = None
 
 
 @takes_settings(*PART_OF_FORECAST, "estimator", without=ESTIMATOR)
@@ -71,24 +61,19 @@ def accuracy(
         EstimatorError: Every method failed.
     """
     truths.check("accuracy")
-    read = [*truths.files, survey.archive, settings.file]
+    read = [*truths.files, settings.file]
     config = settings.load()
 
-    from replay_kit.studies.accuracy import METHODS, AccuracyJob, page, read_sources, run_accuracy
+    from replay_kit.studies.accuracy import METHODS, AccuracyJob, page, run_accuracy
 
     check_outputs(read, outputs, page.FILES)
     counts = tuple(int(n) for n in numbers(survey.pings, "--pings"))
     methods = METHODS if survey.methods is None else tuple(survey.methods.split(","))
     job = AccuracyJob(truths.leave_out, counts, survey.noise, survey.seeds, methods)
     members, withheld = truths.read(config.forecast)
-    sources = (
-        None
-        if survey.archive is None
-        else read_sources(truths.ensemble, survey.archive, config.forecast)
-    )
     result = run_study(
-        page,
-        lambda advance: run_accuracy(members, withheld, config.estimator, job, advance, sources),
+        page.report_of,
+        lambda advance: run_accuracy(members, withheld, config.estimator, job, advance),
         outputs,
         config,
         processes,

@@ -56,5 +56,5 @@ def dives(
         source = " ".join(map(str, ensemble))
         yield from run_dives(estimator, found, config, fit, source, advance)
 
-    run_study(page, results, outputs, config, processes, forecasts.notes)
+    run_study(page.report_of, results, outputs, config, processes, forecasts.notes)
     return 0

@@ -40,7 +40,7 @@ class Truths:
 class Missions:
     """What is flown."""
 
-    study: Annotated[str | None, parts("time, relative, dac, outliers, bias, coverage")] = None
+    study: Annotated[str | None, parts("outliers, bias")] = None
     pings: Annotated[int, option("--pings", "Number of pings of a mission.", least=1)] = 160
     days: Annotated[
         float,
@@ -50,14 +50,6 @@ class Missions:
             metavar="DAYS",
         ),
     ] = 20.0
-    dives: Annotated[
-        int,
-        option(
-            "--dives",
-            "Number of dives of the missions that have depth-averaged currents alone.",
-            least=1,
-        ),
-    ] = 30
     noise: Noise = 0.09
     seeds: Annotated[int, option("--seeds", "Number of missions for each truth.", least=1)] = 1
 
@@ -80,14 +72,10 @@ def missions(
 
     check_outputs(read, outputs, page.FILES)
     series = read_series(truths.ensemble, config.forecast)
-    # the study of time needs a truth that changes
-    usual = tuple(name for name in STUDIES if name != "time" or len(series) > 1)
-    studies = usual if flown.study is None else tuple(flown.study.split(","))
-    job = MissionJob(
-        truths.leave_out, studies, flown.pings, flown.days, flown.dives, flown.noise, flown.seeds
-    )
+    studies = STUDIES if flown.study is None else tuple(flown.study.split(","))
+    job = MissionJob(truths.leave_out, studies, flown.pings, flown.days, flown.noise, flown.seeds)
     run_study(
-        page,
+        page.report_of,
         lambda advance: run_missions(series, config, job, advance),
         outputs,
         config,

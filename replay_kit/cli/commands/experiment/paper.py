@@ -63,11 +63,10 @@ def paper(
     # at once, so that a folder that cannot be made is reported before the work
     outputs.out.mkdir(exist_ok=True)
     run_study(
-        page,
+        page.report_of,
         lambda advance: run_paper(members, withheld, config.estimator, job, advance),
         outputs,
         config,
         processes,
-        beside="report.md, paper.json, tables as CSV, figures as PNG and SVG",
     )
     return 0

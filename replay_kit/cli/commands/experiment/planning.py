@@ -1,4 +1,4 @@
-"""``experiment planning``: plans made on estimates, flown in truths that the estimates do not know."""
+"""``experiment planning``: missions planned on estimates, flown in truths that the estimates do not know."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -8,7 +8,6 @@ from replay_kit.cli.commands.experiment.study import (
     OneTruth,
     Report,
     check_outputs,
-    parts,
     run_study,
 )
 from replay_kit.cli.options import (
@@ -21,7 +20,6 @@ from replay_kit.cli.options import (
     option,
 )
 from replay_kit.cli.settings import Settings, takes_settings
-from replay_kit.core.errors import EstimatorError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,22 +38,20 @@ class Truths(OneTruth):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sizes:
-    """What is planned, and how many of each."""
+    """How much is planned."""
 
-    study: Annotated[
-        str | None,
-        parts("glides, missions, odds"),
-    ] = None
     pairs: Annotated[
         int,
         option(
             "--pairs",
-            "Number of starts and goals of glides, missions and odds, over all truths.",
+            "Number of missions, over all truths.",
             least=1,
         ),
     ] = 100
     pings: Annotated[int, option("--pings", "Number of pings of each estimate.", least=1)] = 450
-    legs: Annotated[int, option("--legs", "Number of dives of a mission.", least=1)] = 10
+    legs: Annotated[
+        int, option("--legs", "Number of dives of the missions that goals are drawn with.", least=1)
+    ] = 10
     fresh: Annotated[
         int, option("--fresh", "Number of fresh samples that odds are compared with.", least=1)
     ] = 500
@@ -72,18 +68,13 @@ def planning(
     settings: Settings,
     processes: Annotated[Processes, TO_OPTIONS] = Processes(),
 ) -> int:
-    """Return 0.
-
-    Raises:
-        EstimatorError: Every part of the study failed.
-    """
+    """Return 0."""
     read = [*truths.files, settings.file]
     config = settings.load()
 
-    from replay_kit.studies.planning import STUDIES, PlanningJob, page, run_planning
+    from replay_kit.studies.planning import PlanningJob, page, run_planning
 
     job = PlanningJob(
-        tuple(STUDIES if sizes.study is None else sizes.study.split(",")),
         truths.leave_out,
         sizes.pairs,
         sizes.pings,
@@ -92,20 +83,15 @@ def planning(
         fresh=sizes.fresh,
         seed=sizes.seed,
     )
-    check_outputs(read, outputs, page.files_of(job.studies))
+    check_outputs(read, outputs, page.FILES)
     # before anything is read or made
-    job.check(STUDIES)
+    job.check()
     members, withheld = truths.read(config.forecast)
-    result = run_study(
-        page,
+    run_study(
+        page.report_of,
         lambda advance: run_planning(members, withheld, config.estimator, job, advance),
         outputs,
         config,
         processes,
-        beside="report.md, planning.json, tables as CSV, pictures as PNG",
     )
-    if all(report.failed for report in result.reports):
-        raise EstimatorError(
-            f"experiment planning: every study failed, the first with {result.reports[0].failed}"
-        )
     return 0
