@@ -172,8 +172,14 @@ def _run(
 
 def _answer(outcomes: "tuple[Outcome, ...]", outputs: Outputs, console: "Console") -> int:
     """Print the table, write the page and the JSON, and return the exit code."""
-    from replay_kit.workflows.fleet.page import write_page
-    from replay_kit.workflows.fleet.table import PAGE, TABLE, exit_code, fleet_json, print_fleet
+    from replay_kit.workflows.fleet.table import (
+        PAGE,
+        TABLE,
+        exit_code,
+        fleet_json,
+        print_fleet,
+        write_page,
+    )
 
     write_page(outcomes, outputs.out / PAGE)
     print_fleet(outcomes, console)

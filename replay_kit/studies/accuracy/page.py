@@ -7,8 +7,7 @@ from typing import Any
 
 from replay_kit.show.page import Section
 from replay_kit.studies.accuracy.run import FIGURES, AccuracyResult, AccuracyRow
-from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure, series_by
-from replay_kit.studies.reports.flows import LABELS
+from replay_kit.studies.reports.charts import LABELS, Axis, Chart, Series, chart_figure, series_by
 from replay_kit.studies.reports.page import (
     PAGE,
     StudyReport,

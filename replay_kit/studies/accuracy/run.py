@@ -16,7 +16,6 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
 from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import Estimator
-from replay_kit.studies.accuracy.methods import METHODS, build_method
 from replay_kit.studies.jobs import (
     EXPECTED_FAILURES,
     Advance,
@@ -28,7 +27,7 @@ from replay_kit.studies.jobs import (
     reason_of,
 )
 from replay_kit.studies.reports.tables import grouped
-from replay_kit.studies.scoring import Score, bound, score
+from replay_kit.studies.scoring import METHODS, Score, bound, build_method, score
 from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.truths import Case, cases

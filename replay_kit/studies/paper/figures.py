@@ -10,14 +10,14 @@ from matplotlib.figure import Figure
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.estimator.basis.modes import Basis, build_basis
-from replay_kit.studies.accuracy.methods import preset_config
 from replay_kit.studies.paper.figures_flow import glides_3d, glides_top, truth_3d, truth_top
 from replay_kit.studies.paper.run import PaperTables, Shown
 from replay_kit.studies.paper.tables import methods_with_modes
 from replay_kit.studies.paper.views import from_above, in_3d, metres, shape_of, slice_3d
-from replay_kit.studies.reports.flows import EAST, FLOW_STYLES, LABELS, NORTH
+from replay_kit.studies.reports.charts import EAST, FLOW_STYLES, LABELS, NORTH
 from replay_kit.studies.reports.page import Drawn, saved
 from replay_kit.studies.reports.tables import grouped
+from replay_kit.studies.scoring import preset_config
 
 _MODES_SHOWN = (1, 2, 10, 30)
 # What is smaller than this over the largest is rounding, no property of the slices.

@@ -25,7 +25,7 @@ from replay_kit.studies.paper.views import (
     velocity_at,
     velocity_on_grid,
 )
-from replay_kit.studies.reports.flows import (
+from replay_kit.studies.reports.charts import (
     BLUE,
     DEPTH,
     EAST,

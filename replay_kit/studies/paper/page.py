@@ -8,8 +8,14 @@ from replay_kit.show.page import Section
 from replay_kit.studies.paper import findings
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
 from replay_kit.studies.paper.run import PaperResult, PaperTables
-from replay_kit.studies.reports.charts import Axis, Chart, chart_figure, misses_chart, series_by
-from replay_kit.studies.reports.flows import LABELS
+from replay_kit.studies.reports.charts import (
+    LABELS,
+    Axis,
+    Chart,
+    chart_figure,
+    misses_chart,
+    series_by,
+)
 from replay_kit.studies.reports.page import (
     PAGE,
     Drawn,

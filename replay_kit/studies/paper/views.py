@@ -15,7 +15,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid
 from replay_kit.core.grid import Grid
-from replay_kit.studies.reports.flows import DEPTH, EAST, NORTH
+from replay_kit.studies.reports.charts import DEPTH, EAST, NORTH
 
 # Arrows across the longer side of a view.
 _ARROWS, _ARROWS_3D = 18, 15

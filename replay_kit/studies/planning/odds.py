@@ -15,13 +15,20 @@ from replay_kit.core.flow.horizontal import NodeKernel
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import embed_member
-from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.jobs import Advance, check_not_negative, check_positive, each_counted
 from replay_kit.studies.reports.tables import NAN
+from replay_kit.studies.scoring import build_method
 from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import Field, build_field
-from replay_kit.studies.twins.reachable import SPEED, Pair, draw_reachable, fly_dives
-from replay_kit.studies.twins.truths import Case, leave_out, members_named
+from replay_kit.studies.twins.truths import (
+    SPEED,
+    Case,
+    Pair,
+    draw_reachable,
+    fly_dives,
+    leave_out,
+    members_named,
+)
 from replay_kit.studies.twins.vehicle import random_places
 from replay_kit.workflows.planning.adapters import JUDGING
 

@@ -7,8 +7,7 @@ import numpy as np
 from replay_kit.config.plan import ARRIVING
 from replay_kit.show.page import Section
 from replay_kit.studies.planning.odds import JudgedMission, PlanningResult
-from replay_kit.studies.reports.charts import chart_figure, misses_chart
-from replay_kit.studies.reports.flows import LABELS
+from replay_kit.studies.reports.charts import LABELS, chart_figure, misses_chart
 from replay_kit.studies.reports.page import (
     PAGE,
     StudyReport,

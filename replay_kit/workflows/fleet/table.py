@@ -3,6 +3,7 @@
 import csv
 import io
 from collections.abc import Mapping, Sequence
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ from rich.console import Console
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.text import csv_cell
 from replay_kit.results.outcome.outcome import outcome_from
+from replay_kit.show.page import Figure, Section, page_html
+from replay_kit.show.page.section import column, items_html, table_html
 from replay_kit.show.text import print_lines, print_table
 from replay_kit.workflows.fleet.run import Outcome
 
@@ -134,3 +137,145 @@ def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _number(value: float | None, factor: float = 1.0, digits: int = 1) -> str:
     return "" if value is None else f"{factor * value:.{digits}f}"
+
+
+# Okabe and Ito's colours, which colour-blind readers can tell apart too.
+_COLOURS, _SYMBOLS = ("#8C8C8C", "#0072B2", "#009E73"), ("diamond", "circle", "square")
+_ERRORS = {
+    "prior forecast": "rms_ensemble_m_s",
+    "before each update": "rms_before_m_s",
+    "after each update": "rms_after_m_s",
+}
+_CAPTIONS = {
+    "errors": "Lower is better: where the estimate before each update lies below the prior forecast, it predicts what comes next.",
+    "truth": "Lower is better: where the estimate lies below the ensemble mean, the measurements helped.",
+    "nis": "Near 1 the stated errors fit; above it they are too small.",
+}
+_TRUTH = {"ensemble mean": "truth_ensemble_mean_rmse_m_s", "estimate": "truth_rmse_m_s"}
+# Normalised innovations squared per degree of freedom between which stated errors are taken for right, as in the verdict of a replay.
+_SOUND = (0.5, 2.0)
+
+
+def write_page(outcomes: Sequence[Outcome], path: Path) -> None:
+    """Write the page, whole or not at all."""
+    with atomic_file(path) as file:
+        file.write(fleet_page(outcomes).encode())
+
+
+def fleet_page(outcomes: Sequence[Outcome]) -> str:
+    """Return the page."""
+    rows = [row_of(outcome) for outcome in outcomes]
+    done = [row for row in rows if not row["failed"]]
+    figures = [
+        _figure(
+            "errors",
+            "Difference to the measurements, mission by mission",
+            "RMS difference [cm/s]",
+            done,
+            _ERRORS,
+        ),
+        _figure("truth", "Error against the known truth", "RMSE [cm/s]", done, _TRUTH),
+        _figure(
+            "nis",
+            "Errors of predictions over their stated size",
+            "NIS per degree of freedom [1]",
+            done,
+            {"NIS": "nis_per_dof"},
+        ),
+    ]
+    sections = [
+        Section(
+            "answer", "In words", items_html([escape(text) for text in _sentences(rows, done)])
+        ),
+        Section(
+            "consistency",
+            "Errors and consistency",
+            figures=[figure for figure in figures if figure is not None],
+        ),
+        Section("table", "Every mission", _table(rows)),
+    ]
+    return page_html(f"A fleet of {len(rows)} missions", sections)
+
+
+def _sentences(rows: Sequence[Mapping[str, Any]], done: Sequence[Mapping[str, Any]]) -> list[str]:
+    known = [row for row in done if row["rms_ensemble_m_s"] is not None]
+    helped = [row for row in known if row["rms_before_m_s"] < row["rms_ensemble_m_s"]]
+    odd = [
+        row["mission"]
+        for row in done
+        if row["nis_per_dof"] is not None and not _SOUND[0] <= row["nis_per_dof"] <= _SOUND[1]
+    ]
+    contradicted = [
+        f"{row['mission']} ({row['contradictions']})" for row in done if row["contradictions"]
+    ]
+    lines = [
+        *(f"{row['mission']}: {row['plan_alarm']}." for row in rows if row["plan_alarm"]),
+        f"{len(done)} of {len(rows)} missions were replayed, {sum(row['dives'] for row in done)} dives and "
+        f"{sum(row['profiles_used'] for row in done)} profiles.",
+        f"In {len(helped)} of {len(known)} missions the estimate predicts the next measurement better than the prior forecast.",
+    ]
+    if odd:
+        lines.append(
+            f"Stated errors do not fit (NIS outside {_SOUND[0]:g} to {_SOUND[1]:g}) in: {', '.join(odd)}."
+        )
+    if contradicted:
+        lines.append(f"Inputs contradict themselves or each other in: {', '.join(contradicted)}.")
+    return [*lines, *(f"{row['mission']} failed: {row['failed']}" for row in rows if row["failed"])]
+
+
+def _figure(
+    key: str, title: str, axis: str, rows: Sequence[Mapping[str, Any]], series: Mapping[str, str]
+) -> Figure | None:
+    """Return series over the missions as a figure; None where no mission has them."""
+    factor = 100.0 if "cm/s" in axis else 1.0
+    known = [row for row in rows if all(row[name] is not None for name in series.values())]
+    if not known:
+        return None
+    names = [row["mission"] for row in known]
+    values = {
+        label: column([factor * row[name] for row in known]) for label, name in series.items()
+    }
+    traces = [
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "name": label,
+            "x": "$values.mission",
+            "y": f"$values.{label}",
+            "marker": {"color": _COLOURS[k % 3], "symbol": _SYMBOLS[k % 3], "size": 8},
+        }
+        for k, label in enumerate(values)
+    ]
+    finite = {
+        label: [value for value in each if value is not None] for label, each in values.items()
+    }
+    spans = "; ".join(
+        f"{label} {min(each):.4g} to {max(each):.4g}" for label, each in finite.items() if each
+    )
+    layout = {
+        "height": 420,
+        "xaxis": {"title": {"text": "mission"}, "type": "category"},
+        "yaxis": {"title": {"text": axis}},
+    }
+    words = f"{title}: {axis} of {len(known)} missions; {spans}."
+    return Figure(
+        key, title, _CAPTIONS[key], words, {"values": {"mission": names, **values}}, traces, layout
+    )
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> str:
+    heads = [name for name in rows[0] if name not in ("sha256", "failed")]
+    return table_html(
+        [name.replace("_", " ") for name in heads],
+        [[_cell(row, name) for name in heads] for row in rows],
+        "Missions",
+    )
+
+
+def _cell(row: Mapping[str, Any], name: str) -> str:
+    value = row[name]
+    if name == "mission" and not row["failed"]:
+        return f'<a href="{escape(value)}.mcap">{escape(value)}</a>'
+    return (
+        "-" if value is None else escape(f"{value:.4g}" if isinstance(value, float) else str(value))
+    )

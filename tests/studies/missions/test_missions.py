@@ -17,7 +17,8 @@ from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
 from replay_kit.estimator import build_estimator
-from replay_kit.studies.missions import STUDIES, MissionJob, instruments, run_missions
+from replay_kit.studies.missions import STUDIES, MissionJob, run_missions
+from replay_kit.studies.missions import run as missions
 from replay_kit.studies.missions.follow import (
     Figure,
     MissionRow,
@@ -73,7 +74,7 @@ def flown():
 def result():
     with pytest.MonkeyPatch.context() as patch:
         # a ping in ten minutes of a mission is many for a test
-        patch.setattr(instruments, "_EVERY_S", 3600.0)
+        patch.setattr(missions, "_EVERY_S", 3600.0)
         return final(run_missions(series(), CONFIG, JOB))
 
 

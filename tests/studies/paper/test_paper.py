@@ -23,7 +23,6 @@ from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.basis.modes import build_basis
-from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.paper import (
     PaperJob,
     figures,
@@ -50,16 +49,15 @@ from replay_kit.studies.paper.rows import (
 from replay_kit.studies.paper.tables import Survey, run_table, rungs
 from replay_kit.studies.reports.page import Drawn
 from replay_kit.studies.reports.tables import rows_to_csv
-from replay_kit.studies.scoring import bootstrap_median, bound, miss_figures
-from replay_kit.studies.twins import reachable
+from replay_kit.studies.scoring import bootstrap_median, bound, build_method, miss_figures
+from replay_kit.studies.twins import truths
 from replay_kit.studies.twins.adcp import (
     IDEAL_ERROR_STD,
     grid_observations,
     random_observations,
 )
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.reachable import draw_pairs
-from replay_kit.studies.twins.truths import Case, leave_out
+from replay_kit.studies.twins.truths import Case, draw_pairs, leave_out
 from replay_kit.workflows.replay.scoring import scored_points
 from tests import synthetic
 from tests.show.page.checks import check_figures
@@ -416,7 +414,7 @@ def test_pairs_stay_in_the_water_of_both_grids(monkeypatch):
     assert not pinged & {round(pair.start.longitude, 6) for pair in pairs}
     # the deepest level is shallower than the paper's targets
     assert all((pair.start.depth, pair.target.depth) == (0.0, 300.0) for pair in pairs)
-    monkeypatch.setattr(reachable, "_MAX_DRAWS", 1)
+    monkeypatch.setattr(truths, "_MAX_DRAWS", 1)
     dry = replace(MEMBERS.grid, wet=np.zeros_like(MEMBERS.grid.wet))
     with pytest.raises(ForecastError, match="larger region"):
         draw_pairs(field, flow, dry, 1, 7)
