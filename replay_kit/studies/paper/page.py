@@ -20,7 +20,7 @@ from replay_kit.studies.reports.page import (
     PAGE,
     Drawn,
     StudyReport,
-    picture_figures,
+    picture_figure,
     study_page,
     tables_html,
     words_html,
@@ -38,12 +38,10 @@ _RUNGS = {"full": "full rank", "members": "one a member"}
 FIGURES = {
     "singular_values": "Singular values of the depth slices, over the largest",
     "modes_top": "Basis flows from above, each over its largest speed",
-    "modes_3d": "One basis flow in 3D: how far it reaches above and below its level",
-    "truth_3d": "The truth, and one ping",
+    "ping": "The bins of one ping, and the truth",
     "truth_top": "The truth from above, and the pings of Table II",
     "sparse": "Relative error against the number of pings",
-    "glides_3d": "Glides planned on each flow and flown in the truth",
-    "glides_top": "The same glides from above",
+    "glides_top": "Glides planned on each flow and flown in the truth, from above",
 }
 
 
@@ -161,7 +159,7 @@ def report_of(result: PaperResult) -> StudyReport:
         # matplotlib takes half a second to load, and nothing but this needs it
         from replay_kit.studies.paper.figures import draw
 
-        pictures = dict(draw(tables, shown))
+        pictures = dict(draw(shown, tables.target_depth, _sparse(tables)))
         files: dict[str, str | bytes] = {
             f"{name}.{ending}": content
             for name, picture in pictures.items()
@@ -181,13 +179,11 @@ def paper_page(result: PaperResult, pictures: dict[str, Drawn]) -> str:
     tables, _ = result
     table1, table2, sparse, table3 = text_tables(tables)
     where, *why = findings.sparse_logs(tables)
-    shown = picture_figures(
-        [
-            (name, caption, pictures[name])
-            for name, caption in FIGURES.items()
-            if name != "sparse" and name in pictures
-        ]
-    )
+    shown = [
+        picture_figure(name, caption, pictures[name])
+        for name, caption in FIGURES.items()
+        if name != "sparse" and name in pictures
+    ]
     misses = {
         LABELS[row.flow]: row.closest_approach for row in tables.table3 if row.closest_approach
     }

@@ -16,7 +16,6 @@ from replay_kit.studies.reports.tables import Cell, grouped, to_text
 # Okabe and Ito's colours, which colour-blind readers can tell apart too.
 BLACK, GREY, ORANGE, SKY = "#000000", "#8C8C8C", "#E69F00", "#56B4E9"
 GREEN, BLUE, VERMILION, PURPLE = "#009E73", "#0072B2", "#D55E00", "#CC79A7"
-EAST, NORTH, DEPTH = "east [km]", "north [km]", "depth [m]"
 TRUTH, AVERAGED = "truth", "depth_averaged_truth"
 
 
@@ -212,13 +211,7 @@ def _axis(chart: Chart, number: int) -> dict[str, Any]:
         }
     out: dict[str, Any] = {"title": {"text": axis.title}}
     if axis.log:
-        values = [
-            value
-            for series in chart.series
-            for value in (series.x, series.y)[number]
-            if 0.0 < value < math.inf
-        ]
-        ticks = _log_ticks(min(values, default=1.0), max(values, default=1.0))
+        ticks = ticks_of(chart, number)
         out |= {
             "type": "log",
             "tickmode": "array",
@@ -226,6 +219,17 @@ def _axis(chart: Chart, number: int) -> dict[str, Any]:
             "ticktext": [f"{tick:.10g}" for tick in ticks],
         }
     return out
+
+
+def ticks_of(chart: Chart, number: int) -> list[float]:
+    """Return the ticks of a logarithmic axis of a chart: 0 the horizontal one, 1 the vertical one."""
+    values = [
+        value
+        for series in chart.series
+        for value in (series.x, series.y)[number]
+        if 0.0 < value < math.inf
+    ]
+    return _log_ticks(min(values, default=1.0), max(values, default=1.0))
 
 
 def _log_ticks(least: float, largest: float) -> list[float]:

@@ -74,7 +74,7 @@ class StudyReport:
 
 
 #: Of what is drawn: where, under which name, coordinates along the axes, and what colours or arrows show.
-_COLUMNS = ("panel", "series", "x", "y", "z", "value", "u", "v")
+_COLUMNS = ("panel", "series", "x", "y", "value", "u", "v")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +83,7 @@ class Drawn:
 
     Attributes:
         files: The picture by file ending, ``png`` or ``svg``.
-        data: Columns of equal length: panel, series, coordinates, values; without rows where only surfaces in 3D are drawn.
+        data: Columns of equal length: panel, series, coordinates, values.
     """
 
     files: Mapping[str, bytes]
@@ -130,16 +130,16 @@ def _rows(axes: Any) -> Iterator[tuple[Any, ...]]:
         series: str, place: ArrayLike, value: ArrayLike = (), arrow: ArrayLike = ()
     ) -> tuple[Any, ...]:
         cells: list[Any] = [panel, series]
-        for values, width in ((place, 3), (value, 1), (arrow, 2)):
+        for values, width in ((place, 2), (value, 1), (arrow, 2)):
             known = column(values)
             cells += [*known, *[None] * (width - len(known))]
         return tuple(cells)
 
     for line in axes.lines:
         label = "" if line.get_label().startswith("_") else line.get_label()
-        # those in 3D have a third coordinate
-        points = line.get_data_3d() if hasattr(line, "get_data_3d") else line.get_data()
-        for point in np.column_stack([np.asarray(each, dtype=np.float64) for each in points]):
+        for point in np.column_stack(
+            [np.asarray(each, dtype=np.float64) for each in line.get_data()]
+        ):
             yield row(label, point)
     for each in axes.collections:
         label = "" if each.get_label().startswith("_") else each.get_label()
@@ -194,20 +194,8 @@ def _cell(text: str) -> str:
     return f"<strong>{escape(text)}</strong>" if text == "NOT MET" else escape(text)
 
 
-def picture_figures(pictures: Sequence[tuple[str, str, Drawn]]) -> tuple[Figure, ...]:
-    """Return finished pictures as figures of a page; those with surfaces in 3D alone, of which no data can be listed, stay files.
-
-    Args:
-        pictures: Of each the name of its file, its caption, and itself.
-    """
-    return tuple(
-        _picture_figure(name, caption, picture)
-        for name, caption, picture in pictures
-        if picture.data
-    )
-
-
-def _picture_figure(name: str, caption: str, picture: Drawn) -> Figure:
+def picture_figure(name: str, caption: str, picture: Drawn) -> Figure:
+    """Return a finished picture as a figure of a page, by the name of its file."""
     title = re.split(r"[,:;]", caption, maxsplit=1)[0]
     image = f"data:image/png;base64,{b64encode(picture.files['png']).decode()}"
     return Figure(

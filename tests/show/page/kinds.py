@@ -14,8 +14,8 @@ from replay_kit.studies.accuracy.page import accuracy_page
 from replay_kit.studies.dives.page import dives_page
 from replay_kit.studies.missions.page import missions_page
 from replay_kit.studies.planning.page import report_of as planning_report
+from replay_kit.workflows.fleet.page import fleet_page
 from replay_kit.workflows.fleet.run import Outcome
-from replay_kit.workflows.fleet.table import fleet_page
 from tests import synthetic
 from tests.command import invoke
 from tests.planners.learning.scenes import static

@@ -47,6 +47,7 @@ from replay_kit.studies.paper.rows import (
     over_truths,
 )
 from replay_kit.studies.paper.tables import Survey, run_table, rungs
+from replay_kit.studies.reports.charts import Axis, Chart
 from replay_kit.studies.reports.page import Drawn
 from replay_kit.studies.reports.tables import rows_to_csv
 from replay_kit.studies.scoring import bootstrap_median, bound, build_method, miss_figures
@@ -65,6 +66,7 @@ from tests.show.report.html_of import elements, table
 from tests.studies.results import experiment, final
 
 MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
+AXES = Axis("pings", log=True), Axis("error [1]", log=True)
 CONFIG = EstimatorConfig()
 # one start with coarse steps: plans are tested elsewhere
 PLAN = partial(planners.plan, settings=planners.GlideSettings(n_steps=8, starts=1))
@@ -229,7 +231,8 @@ def test_a_study_goes_on_around_land_and_without_a_method_that_fails(monkeypatch
     )
     assert "cannot be built: Singular matrix" in to_markdown(tables)
     assert to_json((tables, shown))["sparse"][0]["rel_error"] is None
-    assert [name for name, _ in islice(figures.draw(tables, shown), 2)] == [
+    chart = Chart("", "", "", AXES, ())
+    assert [name for name, _ in islice(figures.draw(shown, 150.0, chart), 2)] == [
         "singular_values",
         "modes_top",
     ]
@@ -567,13 +570,11 @@ def test_console_and_report_show_the_rows(study, folder):
 
 
 LABELS = {
-    "singular_values": ("mode", "singular value / largest"),
+    "singular_values": ("mode [number]", "singular value / largest [1]"),
     "modes_top": ("east [km]", "north [km]", "speed / largest of the mode"),
-    "modes_3d": ("east [km]", "north [km]", "depth [m]"),
-    "truth_3d": ("east [km]", "north [km]", "depth [m]", "speed [m/s]", "velocity [m/s]"),
+    "ping": ("depth [m]", "velocity [m/s]", "east, measured"),
     "truth_top": ("east [km]", "north [km]", "speed [m/s]", "10 pings"),
-    "sparse": ("pings", "RMSE / RMS speed of the truth"),
-    "glides_3d": ("east [km]", "north [km]", "depth [m]", "target"),
+    "sparse": ("pings", "RMSE / RMS speed of the truth [1]"),
     "glides_top": ("east [km]", "north [km]", "target"),
 }
 
@@ -594,7 +595,9 @@ def test_figures_are_drawn_and_labelled(folder, name):
 
 
 def test_the_same_study_gives_the_same_figures(study, folder):
-    ((name, picture),) = islice(figures.draw(*study[:2]), 1)
+    ((name, picture),) = islice(
+        figures.draw(study[1], study[0].target_depth, Chart("", "", "", AXES, ())), 1
+    )
     assert list(picture.files) == ["png", "svg"]
     for ending, content in picture.files.items():
         assert (folder / f"{name}.{ending}").read_bytes() == content, name
@@ -604,8 +607,7 @@ def test_the_page_has_the_tables_the_findings_and_the_figures(study, folder):
     tables = study[0]
     page = (folder / "index.html").read_text()
     found = check_figures(page)
-    # surfaces in 3D alone have no data to list
-    pictures = ["singular-values", "truth-3d", "truth-top", "glides-3d", "glides-top", "modes-top"]
+    pictures = ["singular-values", "ping", "truth-top", "glides-top", "modes-top"]
     assert sorted(found) == sorted(["sparse", "glides", *pictures])
     assert [text for _, text in elements(page, "h2")] == [
         "In words",

@@ -244,19 +244,6 @@ def test_what_is_drawn_is_listed() -> None:
     ]
 
 
-def test_a_line_in_3d_has_three_coordinates() -> None:
-    from matplotlib.figure import Figure
-
-    def make():
-        figure = Figure()
-        figure.add_subplot(projection="3d").plot([1.0], [2.0], [3.0], label="path")
-        return figure
-
-    picture = saved(make, "png", "svg")
-    assert list(picture.files) == ["png", "svg"]
-    assert picture.data == {"series": ["path"], "x": [1.0], "y": [2.0], "z": [3.0]}
-
-
 def test_misses_of_no_plan_are_no_line() -> None:
     (series,) = misses_chart("k", "t", {"flow": [5.0]}).series
     assert (series.x, series.y) == ([5.0, 5.0], [0.0, 1.0])

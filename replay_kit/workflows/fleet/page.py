@@ -1,4 +1,4 @@
-"""The outcomes of a fleet as one table: CSV, JSON and the console."""
+"""The outcomes of a fleet as one table, for CSV, JSON and the console, and as a page."""
 
 import csv
 import io
