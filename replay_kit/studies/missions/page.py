@@ -67,7 +67,7 @@ def report_of(result: MissionResult) -> StudyReport:
         "missions",
         to_json(result),
         [study_table(result, study) for study in result.job.studies],
-        [f"left out: {why}" for why in result.lost],
+        [f"excluded: {why}" for why in result.lost],
         {"missions.csv": rows_to_csv(MissionRow, result.rows)},
         None if result.unfinished else lambda: {PAGE: missions_page(result)},
     )
@@ -80,7 +80,7 @@ def missions_page(result: MissionResult) -> str:
             "answer",
             "In words",
             _answer(result),
-            missing=[f"Left out: {why}." for why in result.lost],
+            missing=[f"Excluded: {why}." for why in result.lost],
         )
     ]
     sections += [_section(result, study) for study in result.job.studies]

@@ -128,7 +128,7 @@ def test_missions_say_what_does_not_keep_to_its_limit(tmp_path: Path) -> None:
     words = text_of(page, "answer")
     assert "1 of 2 criteria are met; these are not:" in words
     assert "outliers, gate soften, RMSE over that without outliers: 1.2, required <= 1.05" in words
-    assert "Left out: member 5, seed 0, bias: carried away." in words
+    assert "Excluded: member 5, seed 0, bias: carried away." in words
     assert text_of(page, "outliers").count("NOT MET") == 1
     values = check_figures(page)["bias-1"]["tables"]["values"]
     assert values["limit: value [1]"] == [3.0, 9.0]
