@@ -6,7 +6,6 @@ import numpy as np
 
 from replay_kit.core.observation import Fix
 from replay_kit.core.surfacing import DiveForecast, DiveOutcome, Ellipse
-from replay_kit.estimator.evolving.fit_log import LogSettings
 from replay_kit.studies.accuracy import AccuracyResult
 from replay_kit.studies.accuracy.run import AccuracyRow
 from replay_kit.studies.dives import DivesResult
@@ -64,11 +63,9 @@ def dives_result() -> DivesResult:
             number, number - 1, start, fix.time_ns, 152.0, -40.0, inner, outer, NAN
         )
         found = DiveOutcome(expected, fix, 2.0, NAN, NAN) if number < 3 else None
-        settings = LogSettings(1.0, 0.0, 50.0, 0.01, 1e5, 0.1, 50.0, 1e5)
         errors: dict[str, Any] = {"profiles": profiles, "mean": mean}
         return DivePrediction(
             number,
-            settings,
             errors,
             np.full((4, 2), 0.1),
             8.0,
@@ -81,7 +78,6 @@ def dives_result() -> DivesResult:
     return DivesResult(
         (dive(1, 0.1), dive(2, 0.1), dive(3, 0.2)),
         "ensemble.nc",
-        fitted=False,
         oscillators=("steady",),
     )
 

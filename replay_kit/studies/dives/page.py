@@ -1,7 +1,6 @@
 """The predictions of dives on the console, as CSV and JSON, and as a page: how far the estimate helped to predict the next dive."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -34,7 +33,7 @@ TITLES = {
 
 
 def sentences_of(result: DivesResult) -> list[str]:
-    """Return calibration, surfacings and fitted settings in words; nothing of what the log does not have."""
+    """Return calibration and surfacings in words; nothing of what the log does not have."""
     out = []
     if np.isfinite(result.nis_per_dof):
         covered = result.coverages().values()
@@ -49,11 +48,6 @@ def sentences_of(result: DivesResult) -> list[str]:
     surfacings = surfacings_of(result)
     if surfacings is not None:
         out.append(f"Surfacings: {'; '.join(surfacings_sentences(surfacings))}")
-    if result.fitted:
-        words = ", ".join(
-            f"{name} {value:g}" for name, value in asdict(result.dives[-1].settings).items()
-        )
-        out.append(f"Fitted to the dives before the last: {words}")
     return out
 
 
@@ -109,7 +103,6 @@ def to_json(result: DivesResult) -> dict[str, Any]:
         "surfacings": surfacings_of(result),
         "dives": [_dive_json(dive) for dive in result.dives],
         "ensemble": result.ensemble,
-        "fitted": result.fitted,
         "oscillators": result.oscillators,
         "unfinished": result.unfinished,
     }
@@ -122,7 +115,6 @@ def _dive_json(dive: DivePrediction) -> dict[str, Any]:
         "bins": len(dive.std),
         **{f"rmse_{kind}": rmse_of(dive, kind) for kind in TITLES},
         "nis_per_dof": dive.nis / dive.dof if dive.dof else None,
-        "settings": asdict(dive.settings),
     }
 
 
@@ -175,7 +167,7 @@ def dives_page(result: DivesResult) -> str:
         ),
     ]
     answer = to_json(result)
-    options = {name: answer[name] for name in ("ensemble", "fitted", "oscillators", "versions")}
+    options = {name: answer[name] for name in ("ensemble", "oscillators", "versions")}
     return study_page("Each dive predicted from those before it", sections, options)
 
 

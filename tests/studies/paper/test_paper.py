@@ -697,7 +697,9 @@ def test_wrong_options_end_with_code_2(ocean, monkeypatch, arguments, said):
 @pytest.mark.full
 def test_the_command_writes_a_folder_and_replaces_it_when_told(ocean, monkeypatch):
     monkeypatch.setattr(
-        figures, "draw", lambda tables, shown: iter([("sparse", Drawn({"png": b"drawn"}, {}))])
+        figures,
+        "draw",
+        lambda shown, depth, sparse: iter([("sparse", Drawn({"png": b"drawn"}, {}))]),
     )
     options = f"--leave-out most-distant --modes 4 --pairs 1 -o {ocean}/full --overwrite --json {ocean}/a.json"
     done = paper(ocean, options)

@@ -80,7 +80,7 @@ def test_dives(cluster, tmp_path):
     )
     here, there = both(
         cluster,
-        lambda: to_json(final(run_dives(estimator, found, RunConfig(), False, "ensemble.nc"))),
+        lambda: to_json(final(run_dives(estimator, found, RunConfig(), "ensemble.nc"))),
     )
     assert here == there
 

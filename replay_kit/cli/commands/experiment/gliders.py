@@ -22,7 +22,6 @@ from replay_kit.cli.options import (
     Log,
     Noise,
     Processes,
-    flag,
     option,
 )
 from replay_kit.cli.settings import Settings, takes_settings
@@ -97,12 +96,6 @@ def missions(
 def dives(
     *logs: Log,
     ensemble: Ensemble,
-    fit: Annotated[
-        bool,
-        flag(
-            "--fit", "Fit errors and oscillations to the dives before; observations are not gated."
-        ),
-    ] = False,
     settings: Settings,
     processes: Annotated[Processes, TO_OPTIONS] = Processes(),
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
@@ -130,7 +123,7 @@ def dives(
     def results(advance: Progress) -> Iterator[DivesResult]:
         estimator = build_evolving(forecasts.series, config.estimator, config.time, config.gating)
         source = " ".join(map(str, ensemble))
-        yield from run_dives(estimator, found, config, fit, source, advance)
+        yield from run_dives(estimator, found, config, source, advance)
 
     run_study(page.report_of, results, outputs, config, processes, forecasts.notes)
     return 0
