@@ -20,8 +20,9 @@ _LENGTHS = ((1.0, -0.5), (1.6, 0.0), (2.5, -0.5))
 _RATIOS = 10.0 ** np.arange(-1.5, 3.6, 0.5)
 _TIDE_PERIOD, _TIDE_DECAY = 12.42 * 3600.0, 72.0 * 3600.0
 _WHITE = 0.1
-# The signal's time is this many times its length over the speed of the region, between a day and twenty [s].
-_TURNOVER, _SHORTEST, _LONGEST = 3.5, 86_400.0, 20.0 * 86_400.0
+# The signal's time is this many times its length over the speed of the region, between a day and twenty [s]: geopotential of
+# quasi-geostrophic forecasts changes by 0.4 of its size in two days where currents have 0.21 m/s and lengths of 40 km.
+_TURNOVER, _SHORTEST, _LONGEST = 2.5, 86_400.0, 20.0 * 86_400.0
 # Prior counts of the waves' variance, its size over Garrett and Munk's, and counts of the modes' covariance.
 _COUNTS, _OVER_GM, _MODE_COUNTS = 2.2, 2.5, 60.0
 # Median speed of all modes [m/s], and the spread of its logarithm.
@@ -120,7 +121,7 @@ def fit(
         waves: shape (Z, Z) [m4/s4], prior covariance of the internal waves.
         coriolis: [1/s].
         rossby_radius: [m].
-        speed: Rms speed of the region's currents [m/s].
+        speed: Rms speed of the region's currents [m/s], over the levels.
     """
     n = along.size
     modes = _vertical_modes(geopotential, along, waves)
@@ -133,7 +134,8 @@ def fit(
             noise + ratio * kernel.covariance(along, time), trend, values, prior
         )
         flow = np.sqrt(ratio * variance) / (abs(coriolis) * kernel.length)
-        usual = _SPEED * np.sqrt(prior / prior.sum())
+        # modes are orthonormal over the levels: their squares sum up over these
+        usual = _SPEED * np.sqrt(prior / prior.sum() * geopotential.shape[1])
         logs.append(log_evidence + log_weight - 0.5 * (np.log(flow / usual) / _SPEED_SPREAD) ** 2)
         noises.append((noise, variance))
         parts.append((kernel, ratio * variance))

@@ -66,7 +66,7 @@ def geostrophic_shear(
 
     Args:
         section: The line.
-        speed: Rms speed of the region's currents [m/s], such as of an ensemble or of the dives' mean currents.
+        speed: Rms speed of the region's currents over the levels [m/s], such as of an ensemble.
         bottom: Depth of the water [m]; None for 4000 m.
 
     Raises:
@@ -168,7 +168,8 @@ def _shear(
     at, now = place_of(along, weights), float(time.mean())
     velocity = weights @ values[part] / f
     variance = np.einsum("i,kij,j->k", weights, of_modes, weights)
-    variance = variance + _curvature(fitted, section, along, time - now, weights, at, speed)
+    velocities = _rms(velocity), speed
+    variance = variance + _curvature(fitted, section, along, time - now, weights, at, velocities)
     modes = fitted.modes / f
     beside = (
         max(_AGEOSTROPHIC, float(np.hypot(_rms(velocity), speed)) / (abs(f) * 1.6 * radius))
@@ -203,24 +204,27 @@ def _curvature(
     time: Array,
     weights: Array,
     at: float,
-    speed: float,
+    velocities: tuple[float, float],
 ) -> Array:
     """Return by mode the variance of the slope seen by the weights minus the slope at their place and time, shape (k,) [1/s4].
 
-    One line knows its own slope alone: the size of the signal is blended with that of the region.
+    One line knows its own slope alone: the size of the signal is blended from the shear found on it and the speed of the region, both in
+    ``velocities`` [m/s].
     """
     f, amplitudes = section.coriolis, np.array([kernel.amplitude for kernel in fitted.kernels])
     lengths = np.array([kernel.length for kernel in fitted.kernels])
-    own = float((amplitudes / lengths[:, None] ** 2).sum()) / f**2
+    # modes are orthonormal over the levels: of a level it is the mean
+    fitted_size = float((amplitudes / lengths[:, None] ** 2).sum()) / f**2 / section.levels.size
     line = float(section.along.max() - section.along.min())
     known = max(0.5, line / (_LINE * float(lengths.mean())))
-    blended = (known * own + (_REGIONAL * speed) ** 2) / (known + 1.0)
+    found, speed = velocities
+    blended = (known * found**2 + (_REGIONAL * speed) ** 2) / (known + 1.0)
     total = np.zeros(amplitudes.shape[1])
     for kernel, amplitude in zip(fitted.kernels, amplitudes, strict=True):
         seen = weights @ kernel.covariance(along, time) @ weights
         both = weights @ kernel.with_slope(along, time, at)
         total += amplitude * (seen - 2.0 * both + 1.0 / kernel.length**2)
-    return total * (blended / own)
+    return total * (blended / fitted_size)
 
 
 def _rms(values: Array) -> float:
