@@ -8,7 +8,6 @@ their one-step predictions and by their stated uncertainty. An estimator restric
 in less time.
 """
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -19,12 +18,11 @@ import scipy.linalg
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.evolution import ProcessModel
-from replay_kit.core.geodesy import to_local
-from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean
+from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.estimator.evolving.build import mixture_scale, state_space
 from replay_kit.estimator.evolving.dive_error import by_dive, new_dive, with_dive_error
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
-from replay_kit.estimator.evolving.observation_operator import ObservationOperator, oscillations
+from replay_kit.estimator.evolving.observation_operator import oscillations
 from replay_kit.estimator.evolving.state_space import StateSpace
 
 # Share of the largest singular value below which a direction is not observed.
@@ -53,7 +51,7 @@ def log_likelihoods(
             candidate.before,
             means=ungated.with_scale_jacobian(means, cov, stated.scale_jacobian),
             cov=cov,
-            last=observation,
+            last=candidate.screened.observation,
         )
 
 
@@ -66,7 +64,7 @@ def observed_subspace_estimator(
     The result is meaningless except at the observations.
     """
     operator, process = estimator.operator, estimator.operator.process
-    columns = [_observed(operator, observation) for observation in observations]
+    columns = list(_observed(estimator, observations))
     parts = [np.concatenate([column[k] for column in columns], axis=1) for k in range(2)]
     subspaces = [_span(part) for part in parts]
     small = replace(
@@ -93,23 +91,16 @@ def _with_process(space: StateSpace, size: int, process: ProcessModel) -> StateS
     )
 
 
-def _observed(operator: ObservationOperator, observation: Measurement) -> tuple[Array, Array]:
-    """Return the effect of each trajectory and each local direction on an observation, one column for each value: (F, m), (B, m)."""
-    process, basis = operator.process, operator.basis
+def _observed(
+    estimator: EvolvingEstimator, observations: Sequence[Measurement]
+) -> Iterator[tuple[Array, Array]]:
+    """Yield the effect of each trajectory and each local direction on each observation, one column for each row: (F, m), (B, m)."""
+    process = estimator.operator.process
     n_trajectories = process.trajectories.shape[1]
-    if isinstance(observation, PathMean):
-        rows = operator.path(observation).design[:, : process.size].T
-        return rows[:n_trajectories], rows[n_trajectories:]
-    place = np.array(
-        to_local(basis.grid.projection, observation.longitude, observation.latitude),
-        dtype=np.float64,
-    )
-    modes = basis.at_place(place)[1]
-    trajectories = np.concatenate(
-        [(of_time @ modes.T).reshape(n_trajectories, -1) for of_time in process.trajectories],
-        axis=1,
-    )
-    return trajectories, (process.local @ modes.T).reshape(len(process.local), -1)
+    for observation in observations:
+        rows = estimator.linearised(observation)[1]
+        design = np.empty((0, process.size)) if rows is None else rows.design[:, : process.size]
+        yield design.T[:n_trajectories], design.T[n_trajectories:]
 
 
 def _span(columns: Array) -> Array:
@@ -206,12 +197,11 @@ def fitted_estimator(
 
 
 def with_errors(observation: Measurement, settings: LogSettings) -> Measurement:
-    """Return an observation with the errors of settings."""
-    if isinstance(observation, Observation):
-        return replace(observation, error_std=settings.error_factor * observation.error_std)
-    return replace(
-        observation, error_std=math.hypot(observation.error_std, settings.mean_error_std)
-    )
+    """Return an observation with the errors of settings: those of one place are profiles, others means along a path."""
+    linear = observation.linear
+    if linear.at_one_place:
+        return replace(linear, error_std=settings.error_factor * linear.error_std)
+    return replace(linear, error_std=np.hypot(linear.error_std, settings.mean_error_std))
 
 
 def fit_to_log(
@@ -234,11 +224,10 @@ def fit_to_log(
         errors = [with_errors(observation, settings) for observation in observations]
         return sum(log_likelihoods(fitted_estimator(estimator, time, settings), errors))
 
-    has_profiles = any(isinstance(observation, Observation) for observation in observations)
-    has_means = any(isinstance(observation, PathMean) for observation in observations)
+    at_one_place = [observation.linear.at_one_place for observation in observations]
     groups = (
-        (_OF_PROFILES, has_profiles),
-        (_OF_MEANS, has_means),
+        (_OF_PROFILES, any(at_one_place)),
+        (_OF_MEANS, not all(at_one_place)),
         (_OF_THE_PROCESS, True),
         (_OF_OSCILLATORS, bool(time.oscillators)),
     )

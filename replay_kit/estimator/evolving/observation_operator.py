@@ -21,17 +21,16 @@ from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.evolution import ProcessModel
 from replay_kit.core.flow.local import Oscillation
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.observation import Observation, PathMean
+from replay_kit.core.observation import LinearMeasurement, Measurement
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.update.biases import Biases
 from replay_kit.estimator.update.group_step import (
     ScreenedGroup,
     stack_of,
 )
-from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.profile_stack import ProfileStack
-from replay_kit.estimator.update.rows import BinNoise, Bins, depth_means, mean_noise, profile_noise
-from replay_kit.estimator.update.screening import local_mean, local_velocity, relative_velocities
+from replay_kit.estimator.update.rows import BinNoise, Bins, measurement_noise, places_of
+from replay_kit.estimator.update.screening import local_values, relative_velocities
 
 # rad/s; the Earth's rotation, and the tides of Doodson (1921) as the IHO's list of constituents gives them, degrees an hour
 EARTH_ROTATION = 7.292115e-5
@@ -203,24 +202,24 @@ class ObservationOperator:
     representation_std: Array
     dive_error: Oscillations = NO_OSCILLATIONS
 
-    def current(self, east: float, north: float, time_ns: int) -> tuple[Array, Array]:
+    def current(self, place: Array, time_ns: int) -> tuple[Array, Array]:
         """Return the current at a place level by level: without the unknowns, shape (Z, 2), and of each of them, (F + B, Z, 2) [m/s]."""
-        offset, modes = self.basis.at_place(np.array([east, north]))
+        offset, modes = self.basis.at_place(place)
         known = offset.T + self.process.mean_at(time_ns) @ modes.T
         return known, self.process.project(modes, time_ns)
 
-    def column(self, at: Observation | ProfileGroup, relative: Array | None) -> tuple[Array, Array]:
+    def column(self, place: Array, time_ns: int, relative: Array | None) -> tuple[Array, Array]:
         """Return the column of water at a place and time, and what its unknowns are of the state's.
 
         Args:
-            at: Has the place and the time.
+            place: shape (2,) [m], local east and north.
+            time_ns: [ns, UTC].
             relative: shape (2,) [m/s], mean velocity relative to the platform; None where it is not stated.
 
         Returns:
             The current of unknowns that are all zero, shape (Z, 2) [m/s], and F, shape (2, q, n), see the module.
         """
-        east, north = to_local(self.basis.grid.projection, at.longitude, at.latitude)
-        known, unknown = self.current(float(east), float(north), at.time_ns)
+        known, unknown = self.current(place, time_ns)
         blocks = (
             unknown.transpose(2, 1, 0),
             np.stack([self.oscillations.factor(c) for c in range(2)]),
@@ -246,51 +245,66 @@ class ObservationOperator:
             ]
         )
 
-    def profile(self, observation: Observation, used: NDArray[np.intp]) -> LinearObservation:
-        """Return the rows of a profile's usable bins."""
-        depth, grid = observation.depth[used], self.basis.grid
-        is_used = np.zeros(observation.depth.size, np.bool_)
+    def profile(self, observation: Measurement, used: NDArray[np.intp]) -> LinearObservation:
+        """Return the rows of a measurement's usable values, all of which lie at one place."""
+        linear, grid = observation.linear, self.basis.grid
+        (place,) = places = places_of(linear, grid.projection)
+        is_used = np.zeros(len(linear.value), np.bool_)
         is_used[used] = True
-        relative = relative_velocities([observation], is_used[None], grid)
-        known, design = self.column(observation, None if relative is None else relative[0])
-        velocity = local_velocity(observation, used, grid)
-        noise = profile_noise(observation, used, self.basis, self.representation_std)
-        joint = self.joint(depth)
+        relative = relative_velocities([linear], is_used[None], grid)
+        known, design = self.column(
+            place, linear.time_ns, None if relative is None else relative[0]
+        )
+        values, components = local_values(linear, used, grid.projection)
+        noise = measurement_noise(linear, used, self.basis, self.representation_std, places)
+        joint = self.joint(linear.depth)
+        joint = joint[used] if linear.weights is None else linear.weights[used] @ joint
         q, r = np.linalg.qr(noise.whiten @ joint)
-        values = velocity - joint[:, : len(known)] @ known
-        return LinearObservation(q, noise, values, np.vstack([r @ each for each in design]))
+        about = values - joint[:, : len(known)] @ known @ components.T
+        rows = np.matmul(r, np.tensordot(components, design, axes=1))
+        return LinearObservation(q, noise, about, components, rows.reshape(-1, rows.shape[2]))
 
-    def path(self, mean: PathMean) -> LinearObservation:
-        """Return the rows of a mean along a path: the time-weighted sum over its points, each at its own time.
+    def path(self, observation: Measurement) -> LinearObservation:
+        """Return the rows of sums over several places: each point counts at its own time.
 
-        The unknowns are those at the path's end. Pairs are rotated back to each point's time; process noise within a dive is neglected.
+        The unknowns are those at the measurement's time. Pairs are rotated back to each point's; process noise in between is neglected.
         """
-        grid = self.basis.grid
-        east, north = to_local(grid.projection, mean.longitude, mean.latitude)
-        weights = depth_means(mean, self.basis)
-        knots = mean.weight[:, None] * self.oscillations.weights(mean.depth)
-        known, design, oscillating = (
-            np.zeros(2),
-            np.zeros((self.process.size, 2)),
-            np.zeros((2, self.oscillations.size)),
+        mean, grid = observation.linear, self.basis.grid
+        used, places = np.arange(len(mean.value)), places_of(mean, grid.projection)
+        assert mean.weights is not None, "each value is a sum over places"
+        at_levels, at_knots = (
+            self.basis.depth_weights(mean.depth),
+            self.oscillations.weights(mean.depth),
         )
-        for k in np.flatnonzero(mean.weight > 0.0):
-            of_known, unknown = self.current(
-                float(east[k]), float(north[k]), int(mean.path_time_ns[k])
+        n, factors = used.size, [self.oscillations.factor(c) for c in range(2)]
+        known = np.zeros((n, 2))
+        design, oscillating = (
+            np.zeros((n, 2, self.process.size)),
+            np.zeros((n, 2, self.oscillations.size)),
+        )
+        times_ns = np.broadcast_to(mean.point_time_ns, len(places))
+        for k in np.flatnonzero(mean.weights.any(axis=0)):
+            of_known, unknown = self.current(places[k], int(times_ns[k]))
+            levels, knots = (
+                mean.weights[:, k, None] * of_point[k] for of_point in (at_levels, at_knots)
             )
-            known += weights[k] @ of_known
-            design += np.einsum("z,nzc->nc", weights[k], unknown)
-            back = (int(mean.path_time_ns[k]) - mean.time_ns) / _NS
-            for c in range(2):
-                oscillating[c] += self.oscillations.at(knots[k] @ self.oscillations.factor(c), back)
-        noise = mean_noise(
-            mean, self.basis, np.column_stack([east, north]), self.representation_std
-        )
+            known += levels @ of_known
+            design += np.einsum("iz,nzc->icn", levels, unknown)
+            back = (int(times_ns[k]) - mean.time_ns) / _NS
+            for i, c in np.ndindex(n, 2):
+                oscillating[i, c] += self.oscillations.at(knots[i] @ factors[c], back)
+        noise = measurement_noise(mean, used, self.basis, self.representation_std, places)
+        values, components = local_values(mean, used, grid.projection)
         # an instrument's biases and the error of an inversion are not in it
-        others = np.zeros((2, self.biases.size + self.dive_error.size))
-        rows = np.hstack([design.T, oscillating, others]) / noise.std[0]
+        others = np.zeros((n, 2, self.biases.size + self.dive_error.size))
+        whole = np.concatenate([design, oscillating, others], axis=2)
+        rows = np.einsum("ki,cd,idn->ckn", noise.whiten, components, whole, optimize=True)
         return LinearObservation(
-            np.ones((1, 1)), noise, local_mean(mean, grid.projection) - known, rows
+            np.eye(len(noise.whiten)),
+            noise,
+            values - known @ components.T,
+            components,
+            rows.reshape(-1, rows.shape[2]),
         )
 
 
@@ -315,11 +329,14 @@ def column_operator(operator: ObservationOperator, screened: ScreenedGroup) -> C
     Errors of the instrument that are part of the state act through the profiles' mean motion relative to the platform.
     """
     basis, middle = operator.basis, screened.usable
+    place = np.array(to_local(basis.grid.projection, middle.longitude, middle.latitude))
     relative = screened.relative(basis.grid)
-    known, design = operator.column(middle, None if relative is None else relative.mean(axis=0))
+    known, design = operator.column(
+        place, middle.time_ns, None if relative is None else relative.mean(axis=0)
+    )
 
-    def factors(profile: Observation, used: NDArray[np.intp]) -> tuple[Array, BinNoise]:
-        noise = profile_noise(profile, used, basis, operator.representation_std, middle)
+    def factors(profile: LinearMeasurement, used: NDArray[np.intp]) -> tuple[Array, BinNoise]:
+        noise = measurement_noise(profile, used, basis, operator.representation_std, place[None])
         return operator.joint(profile.depth[used]), noise
 
     stack = stack_of(screened, basis, known, factors)

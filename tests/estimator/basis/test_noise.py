@@ -48,8 +48,8 @@ def test_whitening_makes_the_covariance_one(n, common, length, seed):
         rng.uniform(0.02, 0.2, n),
         rng.uniform(0.001, 0.1, n),
     )
-    noise = bin_noise(depth, own, extra, common, length)
     cov = covariance(depth, own, extra, common, length)
+    noise = bin_noise(cov, relative=False)
     np.testing.assert_allclose(noise.whiten @ cov @ noise.whiten.T, np.eye(n), atol=1e-9)
     np.testing.assert_allclose(noise.unwhiten @ noise.unwhiten.T, cov, atol=1e-12)
     np.testing.assert_allclose(noise.std, np.sqrt(np.diag(cov)), rtol=1e-9)
