@@ -29,7 +29,7 @@ from replay_kit.estimator.update.group_step import (
     stack_of,
 )
 from replay_kit.estimator.update.profile_stack import ProfileStack
-from replay_kit.estimator.update.rows import BinNoise, Bins, measurement_noise, places_of
+from replay_kit.estimator.update.rows import BinNoise, Bins, compress, measurement_noise, places_of
 from replay_kit.estimator.update.screening import local_values, relative_velocities
 
 # rad/s; the Earth's rotation, and the tides of Doodson (1921) as the IHO's list of constituents gives them, degrees an hour
@@ -259,7 +259,7 @@ class ObservationOperator:
         noise = measurement_noise(linear, used, self.basis, self.representation_std, places)
         joint = self.joint(linear.depth)
         joint = joint[used] if linear.weights is None else linear.weights[used] @ joint
-        q, r = np.linalg.qr(noise.whiten @ joint)
+        q, r = compress(noise, joint)
         about = values - joint[:, : len(known)] @ known @ components.T
         rows = np.matmul(r, np.tensordot(components, design, axes=1))
         return LinearObservation(q, noise, about, components, rows.reshape(-1, rows.shape[2]))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import LinearMeasurement
 from replay_kit.estimator.update.biases import bias_rows, scale_error_std
-from replay_kit.estimator.update.rows import BinNoise
+from replay_kit.estimator.update.rows import BinNoise, compress
 
 #: Joint factor and noise of a profile's used bins: shapes (m, q) and of m bins.
 Factors = Callable[[LinearMeasurement, NDArray[np.intp]], tuple[Array, BinNoise]]
@@ -48,7 +48,7 @@ class Layout:
 def layout_of(observation: LinearMeasurement, used: NDArray[np.intp], factors: Factors) -> Layout:
     """Return the layout of a profile's used bins."""
     joint, noise = factors(observation, used)
-    q, r = np.linalg.qr(noise.whiten @ joint)
+    q, r = compress(noise, joint)
     n, (known, k), width = observation.depth.size, q.shape, joint.shape[1]
     whiten, unwhiten, wide, square = (
         np.zeros((n, n)),

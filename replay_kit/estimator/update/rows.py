@@ -34,6 +34,8 @@ from replay_kit.estimator.update.screening import local_values
 
 # Between levels the representation error is linear; above and below them that of the nearest holds.
 _LINEAR = DepthFunctions("hat", 0.0)
+# Share of the largest row of R below which a row is rounding.
+_ROUNDING = 1e-10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,6 +116,22 @@ def _orthogonal_complement(vector: Array) -> Array:
     return np.eye(vector.size)[:, 1:] - np.outer(reflector, reflector[1:]) * (
         2.0 / (reflector @ reflector)
     )
+
+
+def compress(noise: BinNoise, functions: Array) -> tuple[Array, Array]:
+    """Return orthonormal columns Q, shape (m, k), and R, shape (k, q), with Q R the whitened functions.
+
+    Differences between values do not determine all functions of depth: what is left of a constant is rounding, and makes no row.
+
+    Args:
+        noise: Of n values, of which m combinations are known.
+        functions: shape (n, q), at the values.
+    """
+    q, r = np.linalg.qr(noise.whiten @ functions)
+    known, bins = noise.whiten.shape
+    size = np.abs(r).max(axis=1)
+    kept = size > _ROUNDING * size.max() if known < bins else np.ones(len(r), np.bool_)
+    return (q, r) if kept.all() or not kept.any() else (q[:, kept], r[kept])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -276,7 +294,7 @@ def measurement_rows(
     if observation.at_one_place:
         at_values = at_points[used] if weights is None else weights[used] @ at_points
         offset, modes = basis.at_place(places_of(observation, projection)[0])
-        q, r = np.linalg.qr(noise.whiten @ at_values)
+        q, r = compress(noise, at_values)
         about = values - at_values @ offset.T @ components.T
         return ProfileRows(q, noise, about, components, r, components @ modes)
     assert weights is not None, "each value is a sum over places"
