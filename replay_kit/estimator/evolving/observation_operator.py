@@ -112,15 +112,15 @@ class Oscillations:
         )
         return Oscillation(self.omega[turning], cosine[turning], sine[turning], scale, time_ns)
 
-    def at(self, rows: Array, seconds: float) -> Array:
-        """Return rows, shape (size,), for unknowns given at another time, ``seconds`` later when negative."""
-        pairs = rows.reshape(self.omega.size, 2, self.knots.size)
-        cosine, sine = np.cos(self.omega * seconds)[:, None], np.sin(self.omega * seconds)[:, None]
+    def at(self, rows: Array, seconds: Array) -> Array:
+        """Return rows, shape (P, size), for unknowns given at other times, ``seconds``, shape (P,), later when negative."""
+        pairs = rows.reshape(len(rows), self.omega.size, 2, self.knots.size)
+        angle = np.multiply.outer(seconds, self.omega)[..., None]
+        cosine, sine = np.cos(angle), np.sin(angle)
         # x(t + s) = R(s) x(t), so h x(t + s) = (R(s)' h) x(t)
-        return np.stack(
-            [cosine * pairs[:, 0] - sine * pairs[:, 1], sine * pairs[:, 0] + cosine * pairs[:, 1]],
-            axis=1,
-        ).ravel()
+        first, second = pairs[:, :, 0], pairs[:, :, 1]
+        turned = [cosine * first - sine * second, sine * first + cosine * second]
+        return np.stack(turned, axis=2).reshape(rows.shape)
 
 
 NO_OSCILLATIONS = Oscillations(np.empty(0), np.empty((0, 0)), np.empty(0), (), ())
@@ -269,42 +269,45 @@ class ObservationOperator:
 
         The unknowns are those at the measurement's time. Pairs are rotated back to each point's; process noise in between is neglected.
         """
-        mean, grid = observation.linear, self.basis.grid
+        mean, grid, process = observation.linear, self.basis.grid, self.process
         used, places = np.arange(len(mean.value)), places_of(mean, grid.projection)
         assert mean.weights is not None, "each value is a sum over places"
+        velocity = self.basis.horizontal.velocity
+        modes, offset = velocity(places, self.basis.modes), velocity(places, self.basis.offset)
+        times_ns = np.broadcast_to(mean.point_time_ns, len(places))
+        shares = process.shares(times_ns)
+        back = (times_ns - mean.time_ns) / _NS
         at_levels, at_knots = (
             self.basis.depth_weights(mean.depth),
             self.oscillations.weights(mean.depth),
         )
-        n, factors = used.size, [self.oscillations.factor(c) for c in range(2)]
-        known = np.zeros((n, 2))
-        design, oscillating = (
-            np.zeros((n, 2, self.process.size)),
-            np.zeros((n, 2, self.oscillations.size)),
-        )
-        times_ns = np.broadcast_to(mean.point_time_ns, len(places))
-        for k in np.flatnonzero(mean.weights.any(axis=0)):
-            of_known, unknown = self.current(places[k], int(times_ns[k]))
-            levels, knots = (
-                mean.weights[:, k, None] * of_point[k] for of_point in (at_levels, at_knots)
-            )
-            known += levels @ of_known
-            design += np.einsum("iz,nzc->icn", levels, unknown)
-            back = (int(times_ns[k]) - mean.time_ns) / _NS
-            for i, c in np.ndindex(n, 2):
-                oscillating[i, c] += self.oscillations.at(knots[i] @ factors[c], back)
+        known, rows = [], []
+        for weights in mean.weights:
+            levels, knots = weights[:, None] * at_levels, weights[:, None] * at_knots
+            of_known, of_process = process.project_sum(levels, modes, shares)
+            known.append(of_known + np.einsum("pz,cpz->c", levels, offset))
+            turned = [
+                self.oscillations.at(knots @ self.oscillations.factor(c), back).sum(axis=0)
+                for c in range(2)
+            ]
+            rows.append(np.hstack([of_process.T, turned]))
         noise = measurement_noise(mean, used, self.basis, self.representation_std, places)
         values, components = local_values(mean, used, grid.projection)
         # an instrument's biases and the error of an inversion are not in it
-        others = np.zeros((n, 2, self.biases.size + self.dive_error.size))
-        whole = np.concatenate([design, oscillating, others], axis=2)
-        rows = np.einsum("ki,cd,idn->ckn", noise.whiten, components, whole, optimize=True)
+        others = np.zeros((used.size, 2, self.biases.size + self.dive_error.size))
+        design = np.einsum(
+            "ki,cd,idn->ckn",
+            noise.whiten,
+            components,
+            np.concatenate([rows, others], axis=2),
+            optimize=True,
+        )
         return LinearObservation(
             np.eye(len(noise.whiten)),
             noise,
-            values - known @ components.T,
+            values - np.array(known) @ components.T,
             components,
-            rows.reshape(-1, rows.shape[2]),
+            design.reshape(-1, design.shape[2]),
         )
 
 
