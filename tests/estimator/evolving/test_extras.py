@@ -57,7 +57,7 @@ def test_what_a_row_sees_at_another_time_is_what_the_turned_state_shows_now():
     )
     for seconds in (-7200.0, 0.0, 3600.0):
         later = estimator.state_space.rotated(state, seconds)
-        assert swinging.at(rows, seconds) @ state[part] == pytest.approx(
+        assert swinging.at(rows[None], np.array([seconds]))[0] @ state[part] == pytest.approx(
             rows @ later[part], rel=1e-10
         )
 
