@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from replay_kit.config.run import LogConfig
-from replay_kit.core.message import Message
+from replay_kit.core.message import Loss, Message
 from replay_kit.core.observation import Fix
 from replay_kit.logs.glider.adcp import FROM_SURFACE, INVERTED, earth_ping
 from replay_kit.logs.glider.columns import Columns, joined, read_columns
@@ -16,6 +16,7 @@ from replay_kit.logs.glider.currents import DiveMean, mean_currents
 from replay_kit.logs.glider.dialects import Dialect
 from replay_kit.logs.glider.files import GliderFile, open_glider_file
 from replay_kit.logs.glider.fixes import fixes_of
+from replay_kit.logs.glider.instruments import instrument_entries
 from replay_kit.logs.glider.missions import mission_of
 from replay_kit.logs.glider.rows import NetcdfRows
 from replay_kit.logs.reader import Entry, LogFile
@@ -40,10 +41,15 @@ _DAC = "replay_kit.DepthAveragedCurrent"
 class GliderReader(LogFile):
     """The files of one dialect that are one log, read whole: a mission has some ten thousand samples."""
 
-    without_checksum = "values of NetCDF or text files"
+    without_checksum = "values of NetCDF, text or Slocum files"
 
     def __init__(
-        self, files: Sequence[GliderFile], input: int = 0, config: LogConfig | None = None
+        self,
+        files: Sequence[GliderFile],
+        input: int = 0,
+        config: LogConfig | None = None,
+        losses: Sequence[Loss] = (),
+        notes: Sequence[str] = (),
     ) -> None:
         """Read the files.
 
@@ -51,6 +57,8 @@ class GliderReader(LogFile):
             files: The log's files, all of one dialect, in order of time; the log is named after the first.
             input: Position of the log among the run's inputs.
             config: How logs are read.
+            losses: Damage found while the files were opened.
+            notes: What was assumed then.
 
         Raises:
             LogError: A variable has a unit that is not understood.
@@ -58,10 +66,12 @@ class GliderReader(LogFile):
         super().__init__(files[0].content.path, input, config)
         self._dialect = files[0].dialect
         self.format = self._dialect.name
-        notes: list[str] = (
-            [f"{self._dialect.title}: {len(files)} files are one log"] if len(files) > 1 else []
+        self._losses = tuple(losses)
+        self.files = tuple(
+            path for part in files for path in part.content.sources or (part.content.path,)
         )
-        self.files = tuple(part.content.path for part in files)
+        one = f"{self._dialect.title}: {len(self.files)} files are one log"
+        notes = [*([one] if len(self.files) > 1 else []), *notes]
         self.mission = _one_mission(files, notes)
         self._columns = joined([read_columns(part.content, self._dialect, notes) for part in files])
         self._fixes, self._lost_fixes = fixes_of(self._columns, notes)
@@ -80,11 +90,14 @@ class GliderReader(LogFile):
         """Yield the log's messages in order of time.
 
         ``/vehicle/fix``: GPS. ``/vehicle/position``: dead-reckoned or interpolated, with the depth, once a minute. ``/adcp``: velocity
-        relative to the glider. ``/adcp/inverted``, ``/adcp/absolute``: absolute profiles. ``/dac``: the mean current of each dive, at the
+        relative to the glider. ``/ctd``, ``/vehicle/altimeter``, ``/vehicle/battery``, ``/vehicle/waypoint``: as
+        ``instrument_entries``. ``/adcp/inverted``, ``/adcp/absolute``: absolute profiles. ``/dac``: the mean current of each dive, at the
         fix after it.
         """
         self.statistics = ReadStatistics()
         self.statistics.notes = self._notes
+        for loss in self._losses:
+            self.statistics.lose(loss.what, loss.offset, loss.bytes)
         for topic, reason, count in self._columns.skipped:
             self._skip(topic, reason, count)
         self._skip(
@@ -96,7 +109,13 @@ class GliderReader(LogFile):
             self._skip("/dac", reason, count)
         # at one time a position comes before the velocities measured there
         yield from self._by_time(
-            [*self._fixes.entries(), *self._positions(), *self._dacs(), *self._adcp]
+            [
+                *self._fixes.entries(),
+                *self._positions(),
+                *instrument_entries(self._columns.samples),
+                *self._dacs(),
+                *self._adcp,
+            ]
         )
 
     def is_gliders(self) -> bool:
