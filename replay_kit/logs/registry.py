@@ -82,6 +82,7 @@ _DATAFLASH_MAGIC = b"\xa3\x95"
 # as they are, or in the first block of a compressed file
 _SLOCUM = re.compile(rb"(.{3,5})?dbd_label:", re.DOTALL)
 _HEAD = 1 << 16
+_TEXT = re.compile(rb"[ -~]{3,40}")
 
 
 #: Makes the reader of a log: path, input, configuration and what is wanted, as of ``open_log``.
@@ -163,6 +164,10 @@ _FOREIGN = (
         "a ROS 1 bag; convert it with the MCAP command line: mcap convert IN.bag OUT.mcap",
     ),
     (
+        b"s: ",
+        "a list of sensors of a Slocum's files; give the files, which find it in their folder or in cac beside them",
+    ),
+    (
         b"SQLite format 3",
         "an SQLite file, perhaps a ROS 2 bag; convert it with: ros2 bag convert, storage mcap",
     ),
@@ -206,14 +211,21 @@ def open_log(
             return log
     foreign = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
     raise LogError(
-        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a DataFlash log (.BIN), a glider NetCDF or "
-        "SeaExplorer file, or a raw ADCP file (PD0, AD2CP); "
+        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a DataFlash log (.BIN), a glider file (NetCDF, "
+        "SeaExplorer, Slocum), or a raw ADCP file (PD0, AD2CP); "
         + (
             f"this is {foreign}"
             if foreign
-            else f"its first bytes are {head[:16].hex(' ')}; give a log of one of these formats"
+            else f"{_beginning(head)}; give a log of one of these formats"
         )
     )
+
+
+def _beginning(head: bytes) -> str:
+    """Return the first bytes of a file in words: the first text in them, which often names the format, else the bytes."""
+    text = _TEXT.search(head[:64])
+    first = f"its first bytes are {head[:16].hex(' ')}"
+    return f"it begins with {text[0].decode('ascii')!r}" if text else first
 
 
 def open_logs(

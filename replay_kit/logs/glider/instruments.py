@@ -22,26 +22,37 @@ _INSTRUMENTS = MappingProxyType(
         ),
     }
 )
+_MINUTE_NS = 60 * 10**9
 
 
-def instrument_entries(samples: Table) -> Iterator[Entry]:
-    """Yield the messages of the instruments that a glider has: SI units, degrees, degrees Celsius, V and A h; null where unknown.
-
-    A waypoint is written when it changes.
+def instrument_entries(samples: Table) -> list[Iterator[Entry]]:
+    """Return the messages of each instrument that a glider has, in order of time: SI units, degrees, degrees Celsius, V, A h; null unknown.
 
     Args:
         samples: Along the track.
     """
-    for topic, (schema, beside, own) in _INSTRUMENTS.items():
-        held = [name for name in own if name in samples]
-        if not held:
-            continue
-        values = np.column_stack([samples[name] for name in held])
-        known = np.flatnonzero(np.isfinite(values).any(axis=1))
-        if topic == "/vehicle/waypoint" and known.size:
-            known = known[np.r_[True, (np.diff(values[known], axis=0) != 0.0).any(axis=1)]]
-        names = [*(name for name in beside if name in samples), *held]
-        columns = [samples[name][known].tolist() for name in names]
-        for time_ns, *row in zip(samples["time"][known].tolist(), *columns, strict=True):
-            payload = dict(zip(names, map(number, row), strict=True))
-            yield time_ns, topic, schema, {"stamp": stamp(time_ns), **payload}
+    return [
+        _entries(topic, samples)
+        for topic, (_, _, own) in _INSTRUMENTS.items()
+        if any(name in samples for name in own)
+    ]
+
+
+def _entries(topic: str, samples: Table) -> Iterator[Entry]:
+    """Yield an instrument's messages: each of the CTD, a waypoint when it changes, others once a minute."""
+    schema, beside, own = _INSTRUMENTS[topic]
+    held = [name for name in own if name in samples]
+    values = np.column_stack([samples[name] for name in held])
+    known = np.flatnonzero(np.isfinite(values).any(axis=1))
+    if topic == "/vehicle/waypoint":
+        known = known[
+            np.r_[True, (np.diff(values[known], axis=0) != 0.0).any(axis=1)][: known.size]
+        ]
+    elif topic != "/ctd":
+        minute = samples["time"][known] // _MINUTE_NS
+        known = known[np.r_[True, np.diff(minute) > 0][: known.size]]
+    names = [*(name for name in beside if name in samples), *held]
+    for k in known.tolist():
+        time_ns = int(samples["time"][k])
+        payload = {name: number(float(samples[name][k])) for name in names}
+        yield time_ns, topic, schema, {"stamp": stamp(time_ns), **payload}

@@ -109,13 +109,8 @@ class GliderReader(LogFile):
             self._skip("/dac", reason, count)
         # at one time a position comes before the velocities measured there
         yield from self._by_time(
-            [
-                *self._fixes.entries(),
-                *self._positions(),
-                *instrument_entries(self._columns.samples),
-                *self._dacs(),
-                *self._adcp,
-            ]
+            [*self._fixes.entries(), *self._positions(), *self._dacs(), *self._adcp],
+            *instrument_entries(self._columns.samples),
         )
 
     def is_gliders(self) -> bool:

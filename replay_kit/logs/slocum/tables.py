@@ -241,7 +241,7 @@ def _currents(rows: Rows, units: Mapping[str, str]) -> dict[str, Stored]:
     a file was begun is written there as unchanged, so that what differs from the one before is new.
     """
     reports = [
-        _changes(np.column_stack([rows.time, rows.held[x], rows.held[y]])[rows.any_written((x, y))])
+        np.column_stack([rows.time, rows.held[x], rows.held[y]])[_is_new(rows, (x, y))]
         for x, y in _CURRENTS
         if rows.has((x, y))
     ]
@@ -262,7 +262,11 @@ def _currents(rows: Rows, units: Mapping[str, str]) -> dict[str, Stored]:
     }
 
 
-def _changes(table: Array) -> Array:
-    """Return the rows that differ from the one before in what follows the first column."""
-    same = (table[1:, 1:] == table[:-1, 1:]).all(axis=1)
-    return table[np.r_[True, ~same][: len(table)]]
+def _is_new(rows: Rows, names: Sequence[str]) -> NDArray[np.bool_]:
+    """Return the cycles that write a new value of a sensor, or one that differs from the last one written."""
+    written = rows.any_written(names)
+    table = np.column_stack([rows.held[name] for name in names])[written]
+    differs = np.r_[True, (table[1:] != table[:-1]).any(axis=1)][: len(table)]
+    new = rows.any_written(names, 2)
+    new[written] |= differs
+    return new
