@@ -3,12 +3,12 @@
 import re
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import NamedTuple
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
+from replay_kit.core.extensions import additions
 from replay_kit.core.paths import as_path
 from replay_kit.logs.adcp.records import AD2CP_MAGICS, PD0_MAGIC
 from replay_kit.logs.reader import LogFile, unreadable
@@ -154,9 +154,6 @@ FORMATS = (
     LogFormat("tlog", _is_tlog, _reader("mavlink.reader", "TlogReader")),
     LogFormat("dataflash", _is_dataflash, _reader("dataflash.reader", "DataflashReader")),
 )
-#: Group of entry points of other packages' readers, such as one of a Slocum's binary files; each is the function
-#: ``open(path, input, config, wanted)`` that returns a ``LogFile``, or None for a file that is not its own.
-PLUGINS = "replay_kit.logs"
 #: Logs that are recognised only to say what to do with them.
 _FOREIGN = (
     (
@@ -205,8 +202,8 @@ def open_log(
     for form in FORMATS:
         if form.recognises(head):
             return form.load()(path, input, config, wanted)
-    for plugin in entry_points(group=PLUGINS):
-        log: LogFile | None = plugin.load()(path, input, config, wanted)
+    for open_other in additions("logs", callable, "a function").values():
+        log: LogFile | None = open_other(path, input, config, wanted)
         if log is not None:
             return log
     foreign = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)

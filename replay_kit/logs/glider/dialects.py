@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
+from replay_kit.core.extensions import additions
 from replay_kit.logs.glider.adcp import midas_pings, seaexplorer_pings, seaglider_pings
 from replay_kit.logs.glider.netcdf import NetcdfFile
 from replay_kit.logs.glider.units import (
@@ -413,4 +414,6 @@ DIALECTS: tuple[Dialect, ...] = (
 
 def dialect_of(names: Collection[str], attributes: Mapping[str, Any]) -> Dialect | None:
     """Return the dialect of a file with these variables and attributes; None for a file of no known dialect."""
-    return next((dialect for dialect in DIALECTS if dialect.recognises(names, attributes)), None)
+    added = additions("dialects", lambda value: isinstance(value, Dialect), "a Dialect").values()
+    dialects = (*DIALECTS, *added)
+    return next((dialect for dialect in dialects if dialect.recognises(names, attributes)), None)
