@@ -77,8 +77,8 @@ class LogConfig(Section):
     )
     caches: str | None = Field(
         default=None,
-        description="Folder with the sensor lists (.cac) of a Slocum's files. Default: that of the files, and cac and cache in it and in the "
-        "three folders above.",
+        description="Folder with the sensor lists (.cac) of a Slocum's files. Default: that of the files, and cac and cache in it and in "
+        "the three folders above.",
     )
 
     @model_validator(mode="after")
