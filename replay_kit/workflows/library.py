@@ -3,12 +3,16 @@
 # keeps the signatures in help() short: the names of types, not what they stand for
 from __future__ import annotations
 
+import builtins
+import html
 import shutil
 import tempfile
 import warnings
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic
 from typing import Any, TypedDict, Unpack
 
 from replay_kit.config.run import RunConfig, load_config
@@ -19,6 +23,7 @@ from replay_kit.core.message import LogReader
 from replay_kit.core.observation import Measurement
 from replay_kit.core.paths import Paths, as_groups, as_path, check_paths
 from replay_kit.core.plan import Place, Plan
+from replay_kit.core.progress import Progress, silent
 from replay_kit.core.time import to_time_ns
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import read_ensemble
@@ -43,6 +48,8 @@ Settings = Mapping[str, Any] | str | Path | RunConfig | None
 Logs = Any | str | Path | LogReader | Measurement | Sequence[str | Path | LogReader | Measurement]
 #: Paths of an ensemble, or what holds its values.
 Forecast = Paths | Ensemble | Any
+# s between two updates of a bar
+_REDRAWN = 0.2
 _PARTS = ("estimator", "prior", "planner")
 #: A place, or longitude, latitude [degrees] and depth [m].
 At = Place | tuple[float, float, float]
@@ -114,7 +121,10 @@ def replay(
             estimator=None if estimator is None and prior is None else given(estimator, prior),
             provided=tuple(name for name in _PARTS if options.get(name) is not None),
         )
-        summary, flow = replay_job(job, config, planner_factory(options.get("planner")))
+        with _notebook_progress() as progress:
+            summary, flow = replay_job(
+                job, config, planner_factory(options.get("planner")), progress
+            )
     except BaseException:
         if folder is not None:
             shutil.rmtree(folder)
@@ -130,6 +140,31 @@ def replay(
     if folder is not None:
         weakref.finalize(result, shutil.rmtree, folder, ignore_errors=True)
     return result
+
+
+@contextmanager
+def _notebook_progress() -> Iterator[Progress]:
+    """Show progress in the cell of a notebook until the work is done; nothing elsewhere."""
+    shell = getattr(builtins, "get_ipython", lambda: None)()
+    if type(shell).__name__ != "ZMQInteractiveShell":
+        yield silent
+        return
+    from IPython.display import HTML, display
+
+    bar: Any = display(HTML("<progress></progress>"), display_id=True)
+    due = 0.0
+
+    def show(done: float, total: float, what: str) -> None:
+        nonlocal due
+        if (now := monotonic()) >= due:
+            due = now + _REDRAWN
+            share = f"value={done / total:.3f}" if total else ""
+            bar.update(HTML(f"<progress {share}></progress> {html.escape(what)}"))
+
+    try:
+        yield show
+    finally:
+        bar.update(HTML(""))
 
 
 def _log_paths(logs: Logs, out: Path, overwrite: bool) -> tuple[Path, ...]:
