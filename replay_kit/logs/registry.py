@@ -244,31 +244,20 @@ def open_logs(
     """
     files = [file for path in paths for file in logs_in(Path(path))]
     groups: dict[tuple[str, ...], list[Path]] = {}
-    in_parts = [file for file in files if len(files) > 1 and _may_be_part(file)]
     for place, file in enumerate(files):
-        mission = _mission(file) if len(in_parts) > 1 and file in in_parts else ()
+        mission = _mission(file) if len(files) > 1 else ()
         groups.setdefault(mission or (str(place),), []).append(file)
-    if unreadable_parts := groups.get(_NO_HEADER):
+    whole = next((key for key in groups if key[:-1] == _NO_HEADER), _NO_HEADER)
+    if whole != _NO_HEADER:
         # one more damaged file of the mission that the folder holds
-        whole = next((key for key in groups if key[0] == "slocum" and key != _NO_HEADER), None)
-        if whole is not None:
-            groups[whole] += unreadable_parts
-            del groups[_NO_HEADER]
+        groups[whole] += groups.pop(_NO_HEADER, [])
     logs = [_opened(group, number, config, wanted) for number, group in enumerate(groups.values())]
-    if len(in_parts) > 1 and not several_missions:
+    if len(logs) > 1 and not several_missions:
         from replay_kit.logs.glider.missions import require_one_mission
 
         for folder in filter(Path.is_dir, map(Path, paths)):
             require_one_mission(folder, logs)
     return logs
-
-
-def _may_be_part(path: Path) -> bool:
-    """Return whether a file may be one of several that are one log."""
-    if _SLOCUM_NAME.fullmatch(path.name):
-        return True
-    head = _first_bytes(path)
-    return _is_glider(head) or _is_slocum(head)
 
 
 # of a Slocum's file whose header cannot be read
@@ -277,13 +266,21 @@ _NO_HEADER = ("slocum",)
 
 def _mission(path: Path) -> tuple[str, ...]:
     """Return what the files of one log have in common; nothing where the log is one file."""
-    if _SLOCUM_NAME.fullmatch(path.name) or _is_slocum(_first_bytes(path)):
+    if _is_slocum_file(path):
         from replay_kit.logs.slocum.reader import glider_of
 
         return *_NO_HEADER, *glider_of(path)
+    if not _is_glider(_first_bytes(path)):
+        return ()
     from replay_kit.logs.glider.files import mission_key
 
     return mission_key(path)
+
+
+def _is_slocum_file(path: Path) -> bool:
+    # one that is empty or damaged is told by its name
+    named = _SLOCUM_NAME.fullmatch(path.name) is not None
+    return named or _is_slocum(_first_bytes(path))
 
 
 def _opened(
@@ -291,7 +288,7 @@ def _opened(
 ) -> LogFile:
     if len(group) == 1:
         return open_log(group[0], number, config, wanted)
-    if _SLOCUM_NAME.fullmatch(group[0].name) or _is_slocum(_first_bytes(group[0])):
+    if _is_slocum_file(group[0]):
         from replay_kit.logs.slocum.reader import open_slocum
 
         return open_slocum(group[0], number, config, wanted, group[1:])

@@ -10,19 +10,18 @@ import numpy as np
 from replay_kit.config.run import LogConfig
 from replay_kit.core.message import Loss, Message
 from replay_kit.core.observation import Fix
-from replay_kit.logs.glider.adcp import FROM_SURFACE, INVERTED, earth_ping
+from replay_kit.logs.glider.adcp import INVERTED
 from replay_kit.logs.glider.columns import Columns, joined, read_columns
 from replay_kit.logs.glider.currents import DiveMean, mean_currents
 from replay_kit.logs.glider.dialects import Dialect
 from replay_kit.logs.glider.files import GliderFile, open_glider_file
 from replay_kit.logs.glider.fixes import fixes_of
-from replay_kit.logs.glider.instruments import instrument_entries
+from replay_kit.logs.glider.instruments import PROFILES, absolute_profiles, instrument_entries
 from replay_kit.logs.glider.missions import mission_of
 from replay_kit.logs.glider.rows import NetcdfRows
 from replay_kit.logs.reader import Entry, LogFile
 from replay_kit.logs.shared.payloads import (
     FIX,
-    PING,
     by_variable,
     gather,
     location_fix,
@@ -70,8 +69,9 @@ class GliderReader(LogFile):
         self.files = tuple(
             path for part in files for path in part.content.sources or (part.content.path,)
         )
-        one = f"{self._dialect.title}: {len(self.files)} files are one log"
-        notes = [*([one] if len(self.files) > 1 else []), *notes]
+        notes = list(notes)
+        if len(self.files) > 1:
+            notes.insert(0, f"{self._dialect.title}: {len(self.files)} files are one log")
         self.mission = _one_mission(files, notes)
         self._columns = joined([read_columns(part.content, self._dialect, notes) for part in files])
         self._fixes, self._lost_fixes = fixes_of(self._columns, notes)
@@ -263,44 +263,3 @@ def open_glider(
     """
     files = [file for part in (path, *more) if (file := open_glider_file(part)) is not None]
     return GliderReader(files, input, config) if files else NetcdfRows(path, input, config, wanted)
-
-
-#: Topic of the profiles.
-PROFILES = "/adcp/absolute"
-
-
-def absolute_profiles(
-    columns: Columns, means: Sequence[DiveMean], notes: list[str]
-) -> Iterator[Entry]:
-    """Yield the absolute profiles of a mission as pings at the middle of their dives, where the file states it.
-
-    They were referenced to the mean currents: ``computed_from`` and, in the mean currents, ``also_in`` keep them from counting twice.
-    """
-    profile, samples = columns.profile, columns.samples
-    if not profile:
-        return
-    depth = profile["depth"]
-    steps = np.diff(depth)
-    even = bool(steps.size and np.allclose(steps, steps[0]) and steps[0] > 0.0)
-    placed = {mean.middle.time_ns for mean in means if mean.middle is not None}
-    notes.append(
-        "absolute profiles: taken as east and north relative to the earth, each at the middle of its dive"
-    )
-    for k in range(len(profile["east"])):
-        velocity = np.column_stack([profile["east"][k], profile["north"][k]])
-        if not np.isfinite(velocity).all(axis=1).any():
-            continue
-        middle_ns = int(samples["dac_time"][k]) if "dac_time" in samples else 0
-        time_ns = middle_ns if middle_ns in placed else int(samples["time"][k])
-        payload = earth_ping(
-            time_ns,
-            k,
-            int(samples["dive"][k]),
-            velocity,
-            (float(steps[0]) if even else 1.0, float(depth[0])),
-        )
-        payload |= FROM_SURFACE | {
-            "computed_from": ["/dac"],
-            **({} if even else {"cell_distances": depth.tolist()}),
-        }
-        yield time_ns, PROFILES, PING, payload
