@@ -1,8 +1,10 @@
 """A Slocum's binary files: values as the glider wrote them, segments joined, fixes once, mean currents of the dive before."""
 
+import contextlib
 import json
 from pathlib import Path
 
+import lz4.block
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,6 +15,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log, open_logs
 from replay_kit.logs.slocum.cycles import read_cycles
 from replay_kit.logs.slocum.header import SensorLists, read_header, read_sensors, unpacked
+from tests.fuzz.mishap import mishap
 from tests.logs.glider import glider_samples as made
 from tests.logs.slocum import slocum_samples as slocum
 from tests.places import DATA
@@ -278,3 +281,34 @@ def test_a_list_of_more_sensors_than_there_are_is_refused_before_memory_is_taken
     header = read_header(Path("a.sbd"), data)
     with pytest.raises(LogError, match="got 9000 in"):
         read_sensors(header, data[header.size :], "a.sbd")
+
+
+@pytest.mark.parametrize("count", [100, pytest.param(5000, marks=pytest.mark.full)])
+def test_a_mission_with_a_damaged_file_or_cache_is_read_or_refused(tmp_path, count):
+    """Nothing else is raised, and what is not refused tells of the loss or reads to its end."""
+    slocum.mission(tmp_path, crc=True)
+    files = {path: path.read_bytes() for path in sorted(tmp_path.rglob("*.*")) if path.is_file()}
+    assert len(files) == 6
+    for number in range(count):
+        path, data = list(files.items())[number % len(files)]
+        path.write_bytes(mishap(data, number, 7).data)
+        with contextlib.suppress(LogError):
+            (log,) = open_logs([tmp_path])
+            assert sum(1 for _ in log.messages()) > 0
+        path.write_bytes(data)
+
+
+def test_a_hostile_file_of_tags_alone_ends():
+    data = slocum.file_bytes(slocum.FLIGHT, [])[:-1] + b"d" * (1 << 20)
+    header = read_header(Path("a.sbd"), data)
+    sensors, length = read_sensors(header, data[header.size :], "a.sbd")
+    found = read_cycles(data, header.size + length, sensors, {"m_depth"})
+    assert found.lost
+
+
+def test_a_block_that_claims_to_unpack_to_more_than_it_may_is_cut_there():
+    bomb = lz4.block.compress(bytes(1 << 24), store_size=False)
+    packed = slocum.compressed(b"dbd_label:    DBD(dinkum_binary_data)file\n")
+    found = unpacked(packed + (60_000).to_bytes(2, "big") + bomb[:60_000])
+    assert found.lost_at == len(packed)
+    assert len(found.data) == 42
