@@ -20,7 +20,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
-from replay_kit.core.observation import Measurement
+from replay_kit.core.observation import Observation, PathMean
 from replay_kit.core.paths import Paths, as_groups, as_path, check_paths
 from replay_kit.core.plan import Place, Plan
 from replay_kit.core.progress import Progress, silent
@@ -45,7 +45,15 @@ from replay_kit.workflows.replay.stages.planner import Planner, PlannerFactory
 #: Settings of a run: tables of keys as in TOML, a TOML file, or a whole configuration; None for the defaults.
 Settings = Mapping[str, Any] | str | Path | RunConfig | None
 #: A path, an open log, or several; measurements or a pandas table of them.
-Logs = Any | str | Path | LogReader | Measurement | Sequence[str | Path | LogReader | Measurement]
+Logs = (
+    Any
+    | str
+    | Path
+    | LogReader
+    | Observation
+    | PathMean
+    | Sequence[str | Path | LogReader | Observation | PathMean]
+)
 #: Paths of an ensemble, or what holds its values.
 Forecast = Paths | Ensemble | Any
 # s between two updates of a bar

@@ -9,7 +9,7 @@ import numpy as np
 
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import Message
-from replay_kit.core.observation import Fix, Measurement, Observation, PathMean, usable
+from replay_kit.core.observation import Fix, Observation, PathMean, usable
 from replay_kit.core.time import to_time_ns
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.logs.shared.payloads import PING, number, numbers, stamp
@@ -34,7 +34,7 @@ _TABLE = "expected a table with the columns time, lon, lat, depth [m], u, v and 
 def is_observed(value: object) -> bool:
     """Return whether a value is a measurement, a table, or a sequence of measurements."""
     first = value[0] if isinstance(value, list | tuple) and value else value
-    return isinstance(first, Measurement) or _is_table(first)
+    return isinstance(first, Observation | PathMean) or _is_table(first)
 
 
 def write_observed(path: Path, value: Any) -> None:
@@ -47,11 +47,11 @@ def write_observed(path: Path, value: Any) -> None:
     Raises:
         ConfigError: A measurement is relative to its platform, or a table lacks a column.
     """
-    held: list[Measurement] = []
+    held: list[Observation | PathMean] = []
     for each in value if isinstance(value, list | tuple) else [value]:
         held += _of_table(each) if _is_table(each) else [each]
     for each in held:
-        if not isinstance(each, Measurement):
+        if not isinstance(each, Observation | PathMean):
             raise ConfigError(
                 f"observations: expected Observation values or tables, got {type(each).__name__} among them"
             )
@@ -102,7 +102,7 @@ def _of_table(table: "pd.DataFrame") -> Iterator[Observation]:
         )
 
 
-def _message(each: Measurement, position: int) -> Message:
+def _message(each: Observation | PathMean, position: int) -> Message:
     payload = _mean(each) if isinstance(each, PathMean) else _ping(each, position)
     topic, schema = ("/dac", _MEAN) if isinstance(each, PathMean) else ("/observations", PING)
     return Message(each.time_ns, topic, schema, payload, 0, position)
