@@ -1,7 +1,7 @@
 """``[planner]``: what a replay plans, and when."""
 
-from dataclasses import dataclass
-from math import inf
+from dataclasses import dataclass, replace
+from math import inf, sqrt
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -26,6 +26,9 @@ class DiveSettings:
         depth: Of a mission's dives [m].
         min_angle: Shallowest glide [degrees].
         max_angle: Steepest glide [degrees].
+        surface_time: Drift at each surfacing [s].
+        speed_spread: Of the speed from dive to dive, as a share of it; 0 where it is stated or not known.
+        speed_error: Standard error of the speed, as a share of it.
         origin: Which of these no setting states, and whether they are as flown or assumed, in words; empty where all are stated.
     """
 
@@ -33,6 +36,9 @@ class DiveSettings:
     depth: float
     min_angle: float
     max_angle: float
+    surface_time: float
+    speed_spread: float
+    speed_error: float
     origin: str
 
 
@@ -82,8 +88,10 @@ class PlannerConfig(Section):
         ge=1,
         description="Number of a mission's dives between surfacings; heading and glide angle are held.",
     )
-    surface_time: float = Field(
-        default=0.0, ge=0.0, description="Time that a mission drifts at each surfacing [s]."
+    surface_time: float | None = Field(
+        default=None,
+        ge=0.0,
+        description="Time that a mission drifts at each surfacing [s]. Default: as flown, else 0.",
     )
     legs: int | None = Field(
         default=None,
@@ -165,27 +173,48 @@ class PlannerConfig(Section):
             goal_depth: [m].
             deepest: Level of the forecast [m].
         """
-        angle = _MIN_ANGLE if flown is None or self.speed is not None else flown.glide_angle_deg
+        # a speed that no glider has says nothing of its glide either, while a depth is measured
+        gliding = flown if self.speed is None and flown is not None and flown.is_plausible else None
+        angle = _MIN_ANGLE if gliding is None else gliding.glide_angle_deg
         most = self.max_angle or max(_MAX_ANGLE, angle)
         usual = max(_DEPTH if flown is None else flown.depth, goal_depth)
-        speed = self.speed or (_SPEED if flown is None else flown.speed)
         depth = self.depth or min(usual, deepest, self.depth_limit)
-        least = self.min_angle or min(angle, most)
-        return DiveSettings(speed, depth, least, most, self._origin(flown, speed, depth, least))
+        spread = 0.0 if gliding is None else (gliding.speed_std or 0.0) / gliding.speed
+        drift = None if flown is None or self.kind == "glide" else flown.surface_time
+        dives = DiveSettings(
+            speed=self.speed or (_SPEED if gliding is None else gliding.speed),
+            depth=depth,
+            min_angle=self.min_angle or min(angle, most),
+            max_angle=most,
+            surface_time=(drift or 0.0) if self.surface_time is None else self.surface_time,
+            speed_spread=spread,
+            speed_error=spread / sqrt(1 if gliding is None else gliding.dives),
+            origin="",
+        )
+        return replace(dives, origin=self._origin(flown, dives))
 
-    def _origin(self, flown: AsFlown | None, speed: float, depth: float, angle: float) -> str:
+    def _origin(self, flown: AsFlown | None, dives: DiveSettings) -> str:
         """Return what of some dives no setting states."""
-        parts = [] if self.speed else [f"{speed:.2f} m/s"]
-        if self.depth is None and self.kind != "glide":
-            went = (
+        asked = [] if self.speed else [f"{dives.speed:.2f} m/s"]
+        shape = list[str]()
+        if self.kind != "glide" and self.depth is None:
+            other = (
                 ""
-                if flown is None or depth == flown.depth
-                else f" (dives went to {flown.depth:.0f} m)"
+                if flown is None or dives.depth == flown.depth
+                else f" (flown to {flown.depth:.0f} m)"
             )
-            parts.append(f"{depth:.0f} m{went}")
-        if flown is not None and not (self.speed or self.min_angle) and self.kind != "glide":
-            parts.append(f"{angle:.0f} degrees")
-        return f"{'assumed' if flown is None else 'as flown'}: {', '.join(parts)}" if parts else ""
+            shape.append(f"dives to {dives.depth:.0f} m{other}")
+        if flown is None:
+            return f"assumed: {', '.join(asked + shape)}" if asked + shape else ""
+        of = "as flown" if flown.dives > 1 else "as flown in a single dive"
+        if asked and not flown.is_plausible:
+            wrong = f"assumed: {asked[0]}, as the log's dives show {flown.speed:.2f} m/s, which no glider flies (set --speed)"
+            return "; ".join([wrong, *(f"{of}: {part}" for part in shape)])
+        if self.kind != "glide" and asked:
+            if shape and dives.depth == flown.depth:
+                shape.append(f"{flown.duration / 3600.0:.1f} h")
+            shape += [] if self.min_angle else [f"{dives.min_angle:.0f} degrees"]
+        return f"{of}: {', '.join(asked + shape)}" if asked + shape else ""
 
     def resolved(self, of_glider: bool) -> Self:
         """Return the settings with a kind for ``auto``: a mission for a glider's log, a glide for others."""

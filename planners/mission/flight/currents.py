@@ -69,12 +69,14 @@ class Currents:
         latent: shape (K, M, Z T).
         times: shape (T,) [s]; None for flows that do not change.
         beside: The current beside each flow; None without.
+        pace: shape (K,), speed through water in each over the vehicle's; None for that itself.
     """
 
     flow: FlowEstimate
     latent: Array
     times: Array | None
     beside: Courses | None = None
+    pace: Array | None = None
 
     def clock(self, time_ns: int) -> float:
         """Return a time [ns, UTC] on the clock of ``times`` [s]; 0 for currents that do not change, and for no time."""

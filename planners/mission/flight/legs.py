@@ -220,6 +220,8 @@ def leg_frame(
         duration: Under water, one or shape (K,) [s].
     """
     count = len(begin)
+    if currents.pace is not None:
+        through = currents.pace[:, None] * through
     given = begin.T, np.broadcast_to(through, (count, 2)).T, np.broadcast_to(duration, (1, count))
     rate, turn, stretch = (
         np.asarray(value) for value in frame_function(currents.flow.grid.projection)(*given)

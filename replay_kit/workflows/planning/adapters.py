@@ -173,7 +173,7 @@ class MissionPlanner:
         settings = planners.MissionSettings(
             depth=dives.depth,
             yos=config.dives,
-            surface_time=config.surface_time,
+            surface_time=dives.surface_time,
             objective=config.objective,
             tolerance=config.tolerance,
             legs=config.legs,
@@ -199,11 +199,15 @@ class MissionPlanner:
             float(flow.grid.levels[-1]),
         )
         vehicle = replace(
-            self.vehicle, speed=dives.speed, min_angle=dives.min_angle, max_angle=dives.max_angle
+            self.vehicle,
+            speed=dives.speed,
+            min_angle=dives.min_angle,
+            max_angle=dives.max_angle,
+            speed_spread=dives.speed_spread,
+            speed_error=dives.speed_error,
         )
-        return replace(
-            self, vehicle=vehicle, settings=replace(self.settings, depth=dives.depth)
-        ), dives.origin
+        settings = replace(self.settings, depth=dives.depth, surface_time=dives.surface_time)
+        return replace(self, vehicle=vehicle, settings=settings), dives.origin
 
     def request(
         self,

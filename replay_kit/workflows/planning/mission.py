@@ -125,6 +125,8 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
     bound, origin = mission_planner(job, config, on.flown).bound(known.first, job.goals)
     request, notes = _request(job, replace(bound, bathymetry=on.bathymetry), on)
     notes += on.notes
+    if origin and on.flown is not None:
+        notes += on.flown.notes()
     begin_ns, seconds = request.start_time_ns, _seconds(job, bound)
     flow, drawn = (
         known.flow(begin_ns, seconds),
