@@ -70,6 +70,7 @@ class Glider:
         volume: Pumped at each apogee [m^3].
         pump_efficiency: Work done on the water for each joule taken.
         hotel: Power of everything else [W].
+        thrust: Power of a propeller at 1 m/s [W], which grows with the cube of the speed; 0 without one.
         max_depth: Greatest depth that it may go to [m].
         speed_spread: Standard deviation of the speed of a leg, as a share of it: of legs that do not know of each other.
         speed_error: The same of the speed of all legs alike.
@@ -82,6 +83,7 @@ class Glider:
     volume: float = 4.6e-4
     pump_efficiency: float = 0.5
     hotel: float = 1.0
+    thrust: float = 0.0
     max_depth: float = inf
     # of what its flight is made of they change nothing
     speed_spread: float = field(default=0.0, compare=False)
@@ -95,11 +97,15 @@ class Glider:
                 f"glide angles from {self.min_angle:g} to {self.max_angle:g} degrees: expected more than {shallowest:.1f}, increasing, "
                 "less than 90"
             )
-        for name in ("speed", "volume", "pump_efficiency", "hotel", "max_depth"):
+        for name in ("speed", "pump_efficiency", "hotel", "max_depth"):
             if not getattr(self, name) > 0.0:
                 raise PlanError(
                     f"a glider's {name} is {getattr(self, name)!r}; expected a number above 0"
                 )
+        if not (self.volume >= 0.0 and self.thrust >= 0.0 and self.volume + self.thrust > 0.0):
+            raise PlanError(
+                f"a glider's volume is {self.volume!r} and its thrust {self.thrust!r}; expected 0 or more, and one of them above 0"
+            )
 
     @property
     def angles(self) -> tuple[float, float]:
@@ -130,6 +136,11 @@ class Glider:
         """Return the energy [J] that one apogee at a depth [m] takes: the volume pushed out against the pressure there."""
         return DENSITY * GRAVITY * depth * self.volume / self.pump_efficiency
 
+    @property
+    def power(self) -> float:
+        """Power of all but the pump [W]: the drag of a propelled hull grows with the square of its speed, its power with the cube."""
+        return self.hotel + self.thrust * self.speed**3
+
     def energy(self, duration: Any, apogees: Any) -> Any:
         """Return the energy [J] of a flight.
 
@@ -137,7 +148,7 @@ class Glider:
             duration: [s].
             apogees: Sum of the depths of its apogees [m].
         """
-        return self.hotel * duration + self.pump_work(apogees)
+        return self.power * duration + self.pump_work(apogees)
 
 
 def fit_flight(first: SteadyFlight, pitch: Array, depth_rate: Array) -> SteadyFlight:

@@ -5,7 +5,7 @@ from math import inf, sqrt
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from replay_kit.config.option import Option
 from replay_kit.config.section import Section
@@ -26,6 +26,8 @@ class DiveSettings:
         depth: Of a mission's dives [m].
         min_angle: Shallowest glide [degrees].
         max_angle: Steepest glide [degrees].
+        depths: Least and greatest depth where a range is stated [m]; None without.
+        speeds: Lowest and highest speed where a range is stated [m/s]; None without.
         surface_time: Drift at each surfacing [s].
         speed_spread: Of the speed from dive to dive, as a share of it; 0 where it is stated or not known.
         speed_error: Standard error of the speed, as a share of it.
@@ -36,10 +38,18 @@ class DiveSettings:
     depth: float
     min_angle: float
     max_angle: float
+    depths: tuple[float, float] | None
+    speeds: tuple[float, float] | None
     surface_time: float
     speed_spread: float
     speed_error: float
     origin: str
+
+
+def _ends(text: str) -> tuple[float, float]:
+    """Return the ends of a range such as 100:700."""
+    least, _, most = text.partition(":")
+    return float(least), float(most)
 
 
 class PlannerConfig(Section):
@@ -55,10 +65,10 @@ class PlannerConfig(Section):
         description="When a plan is made: at intervals, a mission at the first surfacing after each; or at each surfacing, and after an "
         "interval without one.",
     )
-    speed: float | None = Field(
+    speed: Annotated[float | str | None, Option("--speed", "M/S|MIN:MAX")] = Field(
         default=None,
-        gt=0.0,
-        description="Speed through water [m/s]. Default: as flown, the median of the log's dives, else 0.3.",
+        description="Speed through water [m/s]; of a vehicle with --thrust a range too, as 0.5:1.5, in which it is chosen. Default: as "
+        "flown, the median of the log's dives, else 0.3.",
     )
     tolerance: float = Field(
         default=250.0, gt=0.0, description="Distance from the goal within which it is reached [m]."
@@ -73,10 +83,10 @@ class PlannerConfig(Section):
         gt=0.0,
         description="Longest glide or mission considered [s] (plan: 1200000).",
     )
-    depth: float | None = Field(
+    depth: Annotated[float | str | None, Option("--depth", "METRES|MIN:MAX")] = Field(
         default=None,
-        gt=0.0,
-        description="Depth of a mission's dives [m]. Default: as flown, the median of the log's dives, else 500.",
+        description="Depth of a mission's dives [m], or a range, as 100:700, in which it is chosen leg by leg. Default: as flown, the "
+        "median of the log's dives, else 500.",
     )
     max_depth: float | None = Field(
         default=None,
@@ -116,6 +126,14 @@ class PlannerConfig(Section):
         lt=90.0,
         description="Steepest glide angle of a mission [degrees]. Default: 35, or as flown where that is more.",
     )
+    hotel: float = Field(
+        default=1.0, gt=0.0, description="Power of all but pump and propeller [W]."
+    )
+    thrust: float = Field(
+        default=0.0,
+        ge=0.0,
+        description="Power of a propeller at 1 m/s [W], which grows with the cube of the speed; above 0 the vehicle has no pump.",
+    )
     margin: float = Field(
         default=50.0,
         ge=0.0,
@@ -141,11 +159,29 @@ class PlannerConfig(Section):
     )
     seed: int = Field(default=0, ge=0, description="Seed of the samples.")
 
+    @field_validator("speed", "depth", mode="before")
+    @classmethod
+    def _number_or_range(cls, value: object) -> object:
+        if value is None:
+            return None
+        if not isinstance(value, str) or ":" not in value:
+            value = float(value)  # type: ignore[arg-type]
+            least = most = value
+        else:
+            least, most = _ends(value)
+        if not 0.0 < least <= most < inf:
+            raise ValueError(f"expected a number above 0, or a range as 100:700, got {value!r}")
+        return value
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         least, most = self.min_angle or _MIN_ANGLE, self.max_angle or _MAX_ANGLE
         if least > most:
             raise ValueError(f"min_angle {least:g} is above max_angle {most:g}; give them in order")
+        if isinstance(self.speed, str) and not self.thrust:
+            raise ValueError(
+                "a range of speeds needs thrust: a glider's speed follows from its glide"
+            )
         if self.samples in (1, 2):
             raise ValueError(f"samples: an ellipse needs three or more, got {self.samples}")
         return self
@@ -178,14 +214,22 @@ class PlannerConfig(Section):
         angle = _MIN_ANGLE if gliding is None else gliding.glide_angle_deg
         most = self.max_angle or max(_MAX_ANGLE, angle)
         usual = max(_DEPTH if flown is None else flown.depth, goal_depth)
-        depth = self.depth or min(usual, deepest, self.depth_limit)
+        (speeds, speed), (depths, stated) = (
+            ((_ends(value), _ends(value)[1]) if isinstance(value, str) else (None, value))
+            for value in (self.speed, self.depth)
+        )
+        depth = stated or min(usual, deepest, self.depth_limit)
+        if depths is not None:
+            depth = min(depth, deepest, self.depth_limit)
         spread = 0.0 if gliding is None else (gliding.speed_std or 0.0) / gliding.speed
         drift = None if flown is None or self.kind == "glide" else flown.surface_time
         dives = DiveSettings(
-            speed=self.speed or (_SPEED if gliding is None else gliding.speed),
+            speed=speed or (_SPEED if gliding is None else gliding.speed),
             depth=depth,
             min_angle=self.min_angle or min(angle, most),
             max_angle=most,
+            depths=depths,
+            speeds=speeds,
             surface_time=(drift or 0.0) if self.surface_time is None else self.surface_time,
             speed_spread=spread,
             speed_error=spread / sqrt(1 if gliding is None else gliding.dives),

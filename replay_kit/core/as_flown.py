@@ -129,7 +129,11 @@ class AsFlown:
     def notes(self) -> tuple[str, ...]:
         """Return what of the dives a user of a plan should know: their number and spread, and what the log does not show."""
         if self.speed_std is None or self.depth_std is None or self.duration_std is None:
-            return ("the vehicle is known from a single dive: its spread is not known",)
+            return (
+                ("the vehicle is known from a single dive: its spread is not known",)
+                if self.dives == 1
+                else ()
+            )
         drift = (
             "is not in the log"
             if self.surface_time is None

@@ -289,3 +289,20 @@ def test_what_no_setting_states_of_the_dives_is_as_flown_or_else_assumed(
         for key in ("speed", "depth", "min_angle", "max_angle", "max_depth")
         if key in recorded
     } == {key: value for key, value in stated.items() if key != "kind"}
+
+
+@pytest.mark.parametrize(
+    ("stated", "depth", "depths"),
+    [("100:700", 700.0, (100.0, 700.0)), ("450", 450.0, None), (450.0, 450.0, None)],
+)
+def test_a_depth_is_a_number_or_a_range(stated, depth, depths):
+    found = PlannerConfig(depth=stated).diving(FLOWN)
+    assert (found.depth, found.depths) == (depth, depths)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"depth": "700:100"}, {"depth": "a:b"}, {"depth": -5}, {"speed": "0.3:0.4"}]
+)
+def test_what_is_no_range_is_refused(wrong):
+    with pytest.raises(ValueError, match=r"expected a number above 0|convert|thrust"):
+        PlannerConfig(**wrong)

@@ -183,7 +183,15 @@ class MissionPlanner:
             clearance=config.clearance,
         )
         glider = planners.Glider(
-            dives.speed, None, dives.min_angle, dives.max_angle, max_depth=config.depth_limit
+            dives.speed,
+            None,
+            dives.min_angle,
+            dives.max_angle,
+            # a propeller needs no pump
+            volume=0.0 if config.thrust else planners.Glider().volume,
+            hotel=config.hotel,
+            thrust=config.thrust,
+            max_depth=config.depth_limit,
         )
         return cls(glider, settings, config)
 
@@ -206,7 +214,13 @@ class MissionPlanner:
             speed_spread=dives.speed_spread,
             speed_error=dives.speed_error,
         )
-        settings = replace(self.settings, depth=dives.depth, surface_time=dives.surface_time)
+        settings = replace(
+            self.settings,
+            depth=dives.depth,
+            depths=dives.depths,
+            speeds=dives.speeds,
+            surface_time=dives.surface_time,
+        )
         return replace(self, vehicle=vehicle, settings=settings), dives.origin
 
     def request(

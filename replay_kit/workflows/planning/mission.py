@@ -197,6 +197,12 @@ def _planned(
     job: PlanRequest, request: MissionRequest, flow: Flow, drawn: Sequence[Sample]
 ) -> tuple[MissionPlan, tuple[MissionPlan, ...]]:
     """Return the mission, and the plans of all departures where several are compared."""
+    ranges = request.settings.depths, request.settings.speeds
+    if any(ranges) and (job.departures_ns or job.risk is not None):
+        # depth and speed of the mission that neither compares departures nor keeps a margin
+        best = plan_mission(flow, request)
+        settings = replace(best.settings, depths=None, speeds=None)
+        request = replace(request, vehicle=best.vehicle, settings=settings)
     if job.departures_ns:
         plans = plan_departures(flow, request, job.departures_ns)
         return plans[best_departure(plans)], plans
@@ -281,5 +287,6 @@ def mission_planner(
         if "max_duration" in config.model_fields_set
         else MissionSettings().max_duration,
         time_limit=inf if job.time_limit is None else job.time_limit,
+        battery=inf if job.battery is None else job.battery * 1e6,
     )
     return replace(planner, settings=settings, flown=flown)
