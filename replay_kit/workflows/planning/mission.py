@@ -140,7 +140,12 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
         notes += ("no waypoints are written: the plan has no legs",)
     elif job.waypoints:
         few = waypoints_of(
-            flow, made, job.waypoint_tolerance, no_go=request.no_go, bathymetry=request.bathymetry
+            flow,
+            made,
+            job.waypoint_tolerance,
+            no_go=request.no_go,
+            bathymetry=request.bathymetry,
+            samples=drawn,
         )
     notes += known.notes(
         made.start_time_ns, made.start_time_ns + round(made.duration * 1e9)
