@@ -32,6 +32,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import heading_deg, rotate_to_geographic, to_geographic, to_local
 from replay_kit.core.grid import Projection
+from replay_kit.core.plan import Area
 
 # Radii of a waypoint that are tried, in tolerances of the plan.
 _RADII = np.array([1.0, 2.0, 4.0, 8.0])
@@ -88,6 +89,7 @@ class Waypoints:
         arrives: Whether it reaches all of them and ends within the plan's tolerance of the plan's end.
         message: The outcome in words.
         risk: In samples of the estimate; None without.
+        areas: That it keeps out of, and fences.
     """
 
     longitude: Array
@@ -106,6 +108,7 @@ class Waypoints:
     arrives: bool
     message: str
     risk: ListRisk | None = None
+    areas: tuple[Area, ...] = ()
 
 
 def waypoints_of(
@@ -156,8 +159,9 @@ def waypoints_of(
     best = tried[-1]
     if not _serves(plan, best):
         best = min(tried, key=lambda flown: _lost(plan, flown[0]))
+    areas = tuple(area.area for area in no_go)
     if not samples:
-        return _waypoints(task, plan, best, places)
+        return replace(_waypoints(task, plan, best, places), areas=areas)
     currents = with_paces(currents_of_estimate(flow, samples), plan.vehicle, 1)
     risk = _risk(task, plan, best[0].few, firsts, currents)
     first = first_legs(plan, 1, task.region.grid.projection)
@@ -171,7 +175,7 @@ def waypoints_of(
         ):
             best, risk = wider, then
     found = _waypoints(task, plan, best, places)
-    return replace(found, risk=risk, message=f"{found.message}; {risk.text()}")
+    return replace(found, areas=areas, risk=risk, message=f"{found.message}; {risk.text()}")
 
 
 def _lost(plan: MissionPlan, one: Followed) -> tuple[bool, int, bool, float]:

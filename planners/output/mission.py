@@ -9,7 +9,7 @@ from planners.mission.odds import MissionOdds
 from planners.mission.values import MissionPlan
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
-from replay_kit.core.geojson import collection_text, feature, positions
+from replay_kit.core.geojson import collection_text, cut_at_antimeridian, feature, positions
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Odds, Plan, leg_statistics
 from replay_kit.core.surfacing import Ellipse
@@ -131,7 +131,7 @@ def to_geojson(
             {} if samples is None else {"samples": samples}
         )
         features.append(feature("Polygon", [around], about))
-    return collection_text(features)
+    return collection_text([cut_at_antimeridian(one) for one in features])
 
 
 def ellipse_outline(ellipse: Array, projection: Projection) -> Array:

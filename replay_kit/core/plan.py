@@ -32,17 +32,21 @@ PlanStatus = Literal["reached", "uncertain", "partial", "unreachable", "unsafe",
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """An area that a plan keeps out of.
+    """An area that a plan keeps out of, or a fence that it does not leave.
 
     Attributes:
         name: Its name.
         surface_only: Whether only surfacing is forbidden in it.
         corners: Longitude and latitude [degrees] of each, the first not repeated.
+        holes: Those of its holes.
+        fence: Whether it is a fence.
     """
 
     name: str
     surface_only: bool
     corners: tuple[tuple[float, float], ...]
+    holes: tuple[tuple[tuple[float, float], ...], ...] = ()
+    fence: bool = False
 
 
 @dataclass(frozen=True, slots=True)

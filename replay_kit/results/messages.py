@@ -278,9 +278,10 @@ def plan_geojson(plan: Plan, projection: Projection) -> fox.GeoJson:
             feature("Polygon", [ring], {"name": f"90 % of surfacings {number}", "kind": "ellipse"})
         )
     for area in plan.areas:
-        corners = np.array([*area.corners, area.corners[0]])
-        about = {"name": area.name, "kind": "no_go", "surface_only": area.surface_only}
-        features.append(feature("Polygon", [line(*corners.T)], about))
+        rings = [np.array([*ring, ring[0]]) for ring in (area.corners, *area.holes)]
+        kind = "fence" if area.fence else "no_go"
+        about = {"name": area.name, "kind": kind, "surface_only": area.surface_only}
+        features.append(feature("Polygon", [line(*ring.T) for ring in rings], about))
     # A line of fewer than two positions is not GeoJSON; a failed plan may have none.
     if len(plan.track) > 1:
         track = line(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]))

@@ -43,6 +43,9 @@ from replay_kit.workflows.planning.inputs import PlannedOn, planned_on
 from replay_kit.workflows.planning.local import local_notes
 from replay_kit.workflows.planning.request import check_samples, line_of, mooring_of, objective_of
 
+# An area counts that holds within so many times the duration of a mission, as samples of it may last longer.
+_LATE = 1.2
+
 
 @dataclass(frozen=True, slots=True)
 class Departure:
@@ -132,7 +135,7 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
         known.flow(begin_ns, seconds),
         known.samples(begin_ns, seconds, count, config.seed),
     )
-    made, compared = _planned(job, request, flow, drawn)
+    request, made, compared = _within_times(job, request, flow, drawn)
     if compared:
         request = replace(request, start_time_ns=made.start_time_ns)
     few = None
@@ -196,6 +199,28 @@ def _seconds(job: PlanRequest, bound: MissionPlanner) -> float:
     between = (job.departures_ns[-1] - job.departures_ns[0]) / 1e9 if job.departures_ns else 0.0
     span = between + bound.span(job.start_place, job.goals)
     return span if job.horizon_s is None else min(span, job.horizon_s)
+
+
+def _within_times(
+    job: PlanRequest, request: MissionRequest, flow: Flow, drawn: Sequence[Sample]
+) -> tuple[MissionRequest, MissionPlan, tuple[MissionPlan, ...]]:
+    """Return the mission that keeps out of areas whose time it lasts into, throughout; its request, and the plans of all departures."""
+    areas, counted = request.no_go, tuple(area for area in request.no_go if not area.is_timed)
+    while True:
+        request = replace(request, no_go=counted)
+        made, compared = _planned(job, request, flow, drawn)
+        late = (
+            area
+            for area in areas
+            if area not in counted
+            and any(
+                area.holds(one.start_time_ns, one.start_time_ns + round(_LATE * one.duration * 1e9))
+                for one in compared or (made,)
+            )
+        )
+        if (further := next(late, None)) is None:
+            return request, made, compared
+        counted = (*counted, further)
 
 
 def _planned(
