@@ -26,6 +26,8 @@ _LEAST_CORNERS = 3
 
 # Bytes of the envelope of a GeoPackage's geometry, by the code in its flags.
 _ENVELOPES = {0: 0, 1: 32, 2: 48, 3: 48, 4: 64}
+# Of KML, in which all values are words.
+_WORDS = {"true": True, "True": True, "1": True, "false": False, "False": False, "0": False}
 _SQLITE = b"SQLite format 3"
 # Codes of geographic coordinates in a GeoPackage: unknown ones, WGS 84, CRS 84.
 _GEOGRAPHIC = (0, 4326, 84)
@@ -187,8 +189,8 @@ def _of_kml(content: bytes) -> Iterator[Mapping[str, Any]]:
             for polygon in place.iterfind(".//{*}Polygon")
         ]
         lines = [ring(line) for line in place.iterfind(".//{*}LineString")]
-        about = {
-            str(data.get("name")): data.findtext("{*}value") or data.text
+        about: dict[str, Any] = {
+            str(data.get("name")): _WORDS.get(text := data.findtext("{*}value") or data.text, text)
             for kind in ("Data", "SimpleData")
             for data in place.iterfind(f".//{{*}}{kind}")
         } | {"name": place.findtext("{*}name")}
@@ -286,10 +288,8 @@ def _of_feature(feature: Mapping[str, Any], number: int) -> Iterator[_Outline]:
 
 
 def _flag(properties: Mapping[str, Any], key: str, name: str) -> bool:
-    """Return a property that is true or false; KML and GeoPackage write it as a word or as a number."""
+    """Return a property that is true or false."""
     value = properties.get(key) or False
-    words = {"true": True, "1": True, "false": False, "0": False}
-    value = words.get(str(value).lower(), value)
     if value not in (True, False):
         raise _NoAreaError(f"{name} with {key} {value!r:.100}, neither true nor false")
     return bool(value)
