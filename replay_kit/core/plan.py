@@ -90,7 +90,8 @@ class Plan:
         track_time: shape (n,) [s] since the start.
         track: shape (n, 3) [m], predicted local east, north, depth.
         message: Words for a person, with the limit that binds if any.
-        statistics: What the solver did: iterations, starts, return status; of a mission its legs too (``plan_legs``).
+        statistics: What the solver did: iterations, starts, return status.
+        legs: Of a mission, each by name: commands, times, place of the surfacing and its ellipse; none of a glide.
         energy: [J]; NaN when it is not known.
         battery: Energy that the vehicle has [J]; NaN when it is not stated.
         odds: Of arriving; None without samples.
@@ -112,6 +113,7 @@ class Plan:
     track: Array
     message: str
     statistics: Mapping[str, float | int | str] = field(default_factory=dict)
+    legs: tuple[Mapping[str, Any], ...] = ()
     energy: float = float("nan")
     battery: float = float("nan")
     odds: Odds | None = None
@@ -135,10 +137,10 @@ class Plan:
 
 
 def leg_statistics(legs: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """Return the legs of a mission as the statistics of its plan hold them: JSON by number."""
+    """Return the legs of a mission as a result holds them among the statistics of its plan: JSON by number."""
     return {f"leg_{leg['leg']:03d}": json.dumps(leg) for leg in legs}
 
 
 def plan_legs(statistics: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the legs of a mission from the statistics of its plan, in order; none of a glide."""
+    """Return the legs of a mission from the statistics of its plan in a result, in order; none of a glide."""
     return [json.loads(statistics[name]) for name in sorted(statistics) if name.startswith("leg_")]

@@ -27,7 +27,14 @@ _LEAST_CORNERS = 3
 # Bytes of the envelope of a GeoPackage's geometry, by the code in its flags.
 _ENVELOPES = {0: 0, 1: 32, 2: 48, 3: 48, 4: 64}
 # Of KML, in which all values are words.
-_WORDS = {"true": True, "True": True, "1": True, "false": False, "False": False, "0": False}
+_WORDS: dict[Any, Any] = {
+    "true": True,
+    "True": True,
+    "1": True,
+    "false": False,
+    "False": False,
+    "0": False,
+}
 _SQLITE = b"SQLite format 3"
 # Codes of geographic coordinates in a GeoPackage: unknown ones, WGS 84, CRS 84.
 _GEOGRAPHIC = (0, 4326, 84)
