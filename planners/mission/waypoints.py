@@ -90,6 +90,7 @@ class Waypoints:
         message: The outcome in words.
         risk: In samples of the estimate; None without.
         areas: That it keeps out of, and fences.
+        clearance: Least height of the dives above the bottom [m].
     """
 
     longitude: Array
@@ -109,6 +110,7 @@ class Waypoints:
     message: str
     risk: ListRisk | None = None
     areas: tuple[Area, ...] = ()
+    clearance: float = 20.0
 
 
 def waypoints_of(
@@ -161,7 +163,9 @@ def waypoints_of(
         best = min(tried, key=lambda flown: _lost(plan, flown[0]))
     areas = tuple(area.area for area in no_go)
     if not samples:
-        return replace(_waypoints(task, plan, best, places), areas=areas)
+        return replace(
+            _waypoints(task, plan, best, places), areas=areas, clearance=plan.settings.clearance
+        )
     currents = with_paces(currents_of_estimate(flow, samples), plan.vehicle, 1)
     risk = _risk(task, plan, best[0].few, firsts, currents)
     first = first_legs(plan, 1, task.region.grid.projection)
@@ -175,7 +179,13 @@ def waypoints_of(
         ):
             best, risk = wider, then
     found = _waypoints(task, plan, best, places)
-    return replace(found, areas=areas, risk=risk, message=f"{found.message}; {risk.text()}")
+    return replace(
+        found,
+        areas=areas,
+        clearance=plan.settings.clearance,
+        risk=risk,
+        message=f"{found.message}; {risk.text()}",
+    )
 
 
 def _lost(plan: MissionPlan, one: Followed) -> tuple[bool, int, bool, float]:

@@ -155,6 +155,7 @@ def _slocum_yo(waypoints: Waypoints) -> str:
         "    b_arg: start_when(enum) 2  # pitch idle",
         f"    b_arg: num_half_cycles_to_do(nodim) {2 * waypoints.yos}",
         f"    b_arg: d_target_depth(m) {float(np.min(waypoints.depths)):g}",
+        f"    b_arg: d_target_altitude(m) {waypoints.clearance:g}  # by the altimeter",
         "    b_arg: d_use_pitch(enum) 3  # servo, radians",
         f"    b_arg: d_pitch_value(X) {-pitch:.4f}",
         "    b_arg: c_use_pitch(enum) 3  # servo, radians",

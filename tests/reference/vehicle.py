@@ -170,8 +170,8 @@ def steer(
 ) -> tuple[float, float]:
     """Return the heading from local north [rad] that leads straight to a place, and the share of the full depth that is enough, by trial.
 
-    Of the headings that lead ahead the one is taken whose way over ground is nearest to the direction; on the way the drift after the dive counts, in the
-    last dive it does not.
+    Of the headings that lead ahead the one is taken whose way over ground is nearest to the direction; on the way the drift after the dive
+    counts, in the last dive it does not.
 
     Args:
         way: shape (2,), to the place [m].

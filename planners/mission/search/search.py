@@ -118,7 +118,21 @@ def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[A
         return [_without(task, water, bound)]
     attempts += _solve_anew(task, water, bound)
     attempts += _from_habit(task, water, attempts)
-    return [replace(attempt, bound=bound) for attempt in attempts]
+    attempts = [replace(attempt, bound=bound) for attempt in attempts]
+    return _without_spoilers(task, attempts)
+
+
+def _without_spoilers(task: MissionTask, attempts: list[Attempt]) -> list[Attempt]:
+    """Return the mission to fewer goals where it meets more of them than one to all; else the attempts to all."""
+    best = best_of(task, attempts)
+    met = best.miss <= task.settings.tolerance
+    if met.all() or len(met) == 1 or task.settings.weighs_distance or task.is_late:
+        return attempts
+    # the goal missed by most takes the time that others need
+    kept = tuple(k for k in range(len(met)) if k != int(np.argmax(best.miss)))
+    fewer = _to_some(task, kept)
+    more = int(np.sum(fewer.miss <= task.settings.tolerance)) > int(np.sum(met))
+    return [fewer] if more and fewer.violation is None else attempts
 
 
 def _to_some(task: MissionTask, kept: tuple[int, ...], warm: MissionPlan | None = None) -> Attempt:

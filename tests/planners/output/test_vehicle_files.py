@@ -87,6 +87,7 @@ def test_a_slocum_s_yo_has_the_dives():
     assert arguments["d_pitch_value(X)"] == pytest.approx(
         -np.deg2rad(FEW.pitches_deg.mean()), abs=5e-5
     )
+    assert arguments["d_target_altitude(m)"] == PLAN.settings.clearance
     assert arguments["c_pitch_value(X)"] == -arguments["d_pitch_value(X)"]
 
 
