@@ -119,7 +119,7 @@ def initial_state(system: int | None = None) -> MeasurementState:
 
 def observations(
     messages: Iterable[Message], config: MeasurementConfig | None = None
-) -> "Iterator[Measurement]":
+) -> Iterator[Measurement]:
     """Yield the profiles and mean currents in a stream of messages: what a post-mission script loops over.
 
     A mean current beside profiles that were computed from it is left out: without the flight model's bias it would count twice.
