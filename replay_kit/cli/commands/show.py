@@ -63,11 +63,12 @@ _WIDTH, _WIDEST = 80, 120
 
 
 def status(
-    result: Annotated[
-        Path, argument("RESULT.mcap", "A result of replay, also of a running --follow.")
+    *results: Annotated[
+        Path,
+        argument(
+            "RESULT.mcap", "Results of replay, also of a running --follow; one after the other."
+        ),
     ],
-    /,
-    *,
     html: Annotated[
         Path | None,
         option(
@@ -88,13 +89,15 @@ def status(
     ] = None,
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
 ) -> int:
-    """Return 0, or 4 when part of the result was lost; alarms are shown, and are no failure."""
-    check_paths([result], [html, answer.json_file], answer.overwrite or html is not None)
+    """Return 0, or 4 when part of a result was lost; alarms are shown, and are no failure."""
+    if len(results) > 1 and html is not None:
+        raise ConfigError("--html: expected one result, got several; write a page for each")
+    check_paths(results, [html, answer.json_file], answer.overwrite or html is not None)
     moment = _moment(now)
 
     from replay_kit.workflows.status import read_status, write_page
 
-    found, sound = read_status(result, moment)
+    each = [read_status(path, moment) for path in results]
     if not reporting.current().quiet and str(answer.json_file) != "-":
         from replay_kit.show.status.text import status_text
 
@@ -103,13 +106,17 @@ def status(
             if sys.stdout.isatty()
             else _WIDTH
         )
-        text = "".join(f"{line}\n" for line in sound.lines) + status_text(found, width)
+        text = "\n".join(
+            "".join(f"{line}\n" for line in sound.lines) + status_text(found, width)
+            for found, sound in each
+        )
         reporting.keep(text)
         sys.stdout.write(text)
     if html is not None:
-        write_page(found, html)
-    write_json(answer.json_file, {**found.figures, "losses": list(sound.lines)})
-    return sound.exit_code
+        write_page(each[0][0], html)
+    figures = [{**found.figures, "losses": list(sound.lines)} for found, sound in each]
+    write_json(answer.json_file, {"results": figures} if len(results) > 1 else figures[0])
+    return max(sound.exit_code for _, sound in each)
 
 
 def _moment(text: str | None) -> int | None:

@@ -130,7 +130,7 @@ def compress(noise: BinNoise, functions: Array) -> tuple[Array, Array]:
     q, r = np.linalg.qr(noise.whiten @ functions)
     known, bins = noise.whiten.shape
     size = np.abs(r).max(axis=1)
-    kept = size > _ROUNDING * size.max() if known < bins else np.ones(len(r), np.bool_)
+    kept = size > _ROUNDING * size.max(initial=0.0) if known < bins else np.ones(len(r), np.bool_)
     return (q, r) if kept.all() or not kept.any() else (q[:, kept], r[kept])
 
 
