@@ -9,6 +9,7 @@ from replay_kit.cli.commands.experiment.study import (
     check_outputs,
     run_study,
 )
+from replay_kit.cli.commands.fetch import local_ensemble
 from replay_kit.cli.options import TO_OPTIONS, TO_OUTPUTS, Ensemble, Log, Processes, flag
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
@@ -48,6 +49,7 @@ def dives(
         )
     place_at, first_ns = look_ahead(logs, config)
     found = read_dives(list(logs), config)
+    ensemble = local_ensemble(ensemble, logs, config)
     region = find_region(logs, ensemble, config, first_ns, None, may_follow=False)
     forecasts = read_forecasts(ensemble, config, first_ns, place_at, region)
 
