@@ -130,7 +130,9 @@ class Client:
                     break
                 continue
             data = None if not found else bytes(body.data)
-            if sum(len(each or b"") for each in self._held.values()) < self._REMEMBERED:
+            # what is not there may only be lost for a moment, unless it was to find out what there is
+            small = sum(len(each or b"") for each in self._held.values()) < self._REMEMBERED
+            if small and (probing or data is not None):
                 self._held[url, span] = data
             return data
         raise ForecastError(

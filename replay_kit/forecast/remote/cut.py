@@ -32,15 +32,15 @@ from replay_kit.forecast.remote.record import RECORD
 from replay_kit.forecast.s_levels import find_s_coordinate
 from replay_kit.forecast.times import dated_leads
 
-# Cells beyond the box on each side, for faces and for interpolation.
+# Cells beyond the box on each side of staggered grids, and of members that are interpolated to the grid of the first.
 _MARGIN = 2
 # Values received at once [bytes].
 _PIECE = 1 << 25
 _DAY_NS = 86_400 * 10**9
 # Values of an axis, whatever it is of.
 _SMALL = 100_000
-# A field is received a second time, to see whether the data changed, where that costs at most this share.
-_PROBE = 0.05
+# A field is received a second time, to see whether the data changed, where that costs at most this share, or so many bytes.
+_PROBE, _CHEAP = 0.05, 1e6
 
 #: Parts of each dimension that are taken, in order.
 Parts = Mapping[str, tuple[slice, ...]]
@@ -167,10 +167,11 @@ def plan_cuts(
     """
     blocks = (*found.blocks, *([] if found.background is None else [found.background]))
     parts = [part for block in blocks for part in block.parts]
+    kind, alone = kind_of(found.rule), len({part.paths for part in parts}) == 1
     taken: dict[Address, dict[str, tuple[slice, ...]]] = {}
     currents: dict[Address, list[str]] = {}
     for part in parts:
-        of_part = _parts_of(part, wanted, config, kind_of(found.rule))
+        of_part = _parts_of(part, wanted, config, kind, alone)
         for path in part.paths:
             if isinstance(path, Address):
                 taken.setdefault(path, {}).update(of_part)
@@ -179,7 +180,7 @@ def plan_cuts(
                 )
     for grid in found.grids:
         if isinstance(grid, Address):
-            taken[grid] = _parts_of(parts[0], wanted, config, kind_of(found.rule))
+            taken[grid] = _parts_of(parts[0], wanted, config, kind, alone)
     cuts = []
     for address, of_dims in taken.items():
         served = session.served(address)
@@ -210,7 +211,7 @@ def _names(served: Served, parts: Parts, current: Sequence[str]) -> tuple[str, .
 
 
 def _parts_of(
-    part: Part, wanted: Wanted, config: ForecastConfig, kind: str
+    part: Part, wanted: Wanted, config: ForecastConfig, kind: str, alone: bool
 ) -> dict[str, tuple[slice, ...]]:
     where, ds = str(part.paths[0]), part.ds
     taken = _of_times(ds, wanted, config, kind, where)
@@ -218,7 +219,7 @@ def _parts_of(
     for dims in (layout.centre_dims, layout.u_dims, layout.v_dims):
         taken |= {dim: (slice(0, ds.sizes[dim]),) for dim in dims}
     if wanted.region is not None:
-        taken |= _of_region(layout, ds, wanted.region, where)
+        taken |= _of_region(layout, ds, wanted.region, alone, where)
     depths = tuple(find_depth(ds, ds[name].dims) for name in (U, V))
     if depths[0] is not None and find_s_coordinate(ds, depths[0], where) is None:
         everything = config.model_copy(update={"levels": None})
@@ -240,7 +241,9 @@ def _of_depths(depth: np.ndarray, deepest: float | None, levels: tuple[float, ..
     return slice(0, max(int(np.searchsorted(depth, deepest)) + 1, 2))
 
 
-def _of_region(layout: Layout, ds: Any, region: Region, where: str) -> dict[str, tuple[slice, ...]]:
+def _of_region(
+    layout: Layout, ds: Any, region: Region, alone: bool, where: str
+) -> dict[str, tuple[slice, ...]]:
     """Return the rows and columns that hold a region and a margin, of each of the staggered dimensions."""
     x, y = layout.places
     block = region_block(x, y, region)
@@ -251,13 +254,14 @@ def _of_region(layout: Layout, ds: Any, region: Region, where: str) -> dict[str,
             f"{y.min():.3f}..{y.max():.3f} N; nothing of its currents was received"
         )
     rows, columns = block
+    margin = 0 if alone and layout.first_face is None else _MARGIN
     taken: dict[str, tuple[slice, ...]] = {}
     ends = (rows.start, rows.stop), (columns[0].start, columns[-1].stop)
     for axis, (first, last) in enumerate(ends):
         centre = layout.centre_dims[axis]
         dims, size = {centre, layout.u_dims[axis], layout.v_dims[axis]}, ds.sizes[centre]
         offset, period = (layout.rows, layout.columns)[axis].start, layout.period if axis else None
-        low, high = first + offset - _MARGIN, last + offset + _MARGIN
+        low, high = first + offset - margin, last + offset + margin
         seam = last <= first
         if period is not None and all(ds.sizes[dim] == size for dim in dims):
             parts = _round(low, high + period * seam, period)
@@ -425,7 +429,7 @@ def _same_field(cut: Cut, served: Served, file: Path) -> bool:
     share = math.prod(
         chunk / max(chunk, n) for n, chunk in zip(shape[:-2], chunks[:-2], strict=True)
     )
-    if share > _PROBE:
+    if share > _PROBE and share * cut.values > _CHEAP:
         return True
     again = served.ds.variables[name][tuple(part)].values
     with h5netcdf.File(file, "r") as held:

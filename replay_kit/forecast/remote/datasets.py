@@ -255,7 +255,9 @@ def _key(group: zarr.Group, name: str, position: tuple[int, ...]) -> str:
 
 
 def _opendap(client: Client, address: Address) -> Served | None:
-    url = dataset_address(address.url)
+    url = dataset_address(address.url).rstrip("/")
+    if not urlsplit(url).path:
+        return None
     ds = open_opendap(client, url)
     form = "ERDDAP griddap" if "/griddap/" in url else "OPeNDAP"
     return None if ds is None else Served(address, ds, form, url=url + ".dds")

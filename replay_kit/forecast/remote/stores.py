@@ -118,7 +118,8 @@ def folder_store(client: Client, url: str) -> ServedStore:
     """Return the store whose objects lie below an address; metadata must be consolidated, as a server lists no folder."""
 
     def read(key: str, span: Span, most: float) -> bytes | None:
-        data = client.get(under(url, key), most, span)
+        # a chunk that is absent is a missing value, so that the server is asked twice
+        data = client.get(under(url, key), most, span) or client.get(under(url, key), most, span)
         if data is not None and is_page(data):
             raise ForecastError(
                 f"{public(under(url, key))}: expected data, got a page of the web, as of a login; open the address in a browser"

@@ -4,6 +4,7 @@ import hashlib
 import re
 import threading
 import time
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -12,6 +13,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
+import numpy as np
 import xarray as xr
 
 
@@ -50,10 +52,10 @@ class _Handler(BaseHTTPRequestHandler):
     def log_message(self, *_: Any) -> None:
         pass
 
-    def do_HEAD(self) -> None:  # noqa: N802
+    def do_HEAD(self) -> None:
         self._answer(False)
 
-    def do_GET(self) -> None:  # noqa: N802
+    def do_GET(self) -> None:
         self._answer(True)
 
     def _answer(self, whole: bool) -> None:
@@ -71,6 +73,9 @@ class _Handler(BaseHTTPRequestHandler):
             return
         if fault in ("500", "503", "403"):
             self._send(int(fault), b'Error {\n code=500;\n message="out of order";\n};', whole)
+            return
+        if fault == "absent":
+            self._send(404, b"", whole)
             return
         if fault == "html":
             self._send(200, b"<!DOCTYPE html><html><body>Please log in</body></html>", whole)
@@ -109,7 +114,7 @@ class _Handler(BaseHTTPRequestHandler):
         status: int,
         body: bytes,
         whole: bool,
-        more: Mapping[str, str] = {},  # noqa: B006
+        more: Mapping[str, str] = {},
         cut: bool = False,
     ) -> None:
         self._head(status, len(body), more)
@@ -163,9 +168,11 @@ class _Quiet(WSGIRequestHandler):
 @contextmanager
 def opendap(ds: xr.Dataset) -> Iterator[str]:
     """Serve a dataset by pydap, as grids with their axes; give the address."""
-    import numpy as np
-    from pydap.handlers.lib import BaseHandler
-    from pydap.model import BaseType, DatasetType, GridType
+    with warnings.catch_warnings():
+        # its own dependency imports a module that Python 3.13 has no more
+        warnings.simplefilter("ignore")
+        from pydap.handlers.lib import BaseHandler
+        from pydap.model import BaseType, DatasetType, GridType
 
     dataset = DatasetType("forecast", NC_GLOBAL=dict(ds.attrs))
     for name in ds.dims:
@@ -189,9 +196,11 @@ def opendap(ds: xr.Dataset) -> Iterator[str]:
 @contextmanager
 def griddap(ds: xr.Dataset) -> Iterator[str]:
     """Serve a dataset by xpublish-erddap; give the address."""
-    import uvicorn
-    import xpublish
-    from xpublish_erddap import ErddapPlugin
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import uvicorn
+        import xpublish
+        from xpublish_erddap import ErddapPlugin
 
     rest = xpublish.Rest({"forecast": ds}, plugins={"erddap": ErddapPlugin()})
     server = uvicorn.Server(
