@@ -76,6 +76,7 @@ def test_the_outputs_of_every_command_are_known() -> None:
             ("fit",),
             ("fleet",),
             ("layout",),
+            ("fetch",),
         ),
         *(("experiment", name) for name in ("accuracy", "dives", "paper", "missions", "planning")),
     }

@@ -21,16 +21,17 @@ from replay_kit.core.text import time_text
 from replay_kit.core.time import parse_time
 from replay_kit.forecast.blocks import Collection
 from replay_kit.forecast.depths import choose_levels
+from replay_kit.forecast.files import with_dates
 from replay_kit.forecast.grid import region_block
 from replay_kit.forecast.layout import Layout, U, V, lay_out
 from replay_kit.forecast.members import MADE, kind_of
 from replay_kit.forecast.names import SEA_LEVEL, find_depth, find_lead, find_time
 from replay_kit.forecast.pairs import Part
 from replay_kit.forecast.remote.client import Client
-from replay_kit.forecast.remote.datasets import Served, Session, fingerprint
+from replay_kit.forecast.remote.datasets import Served, Session, fingerprint, open_address
 from replay_kit.forecast.remote.record import RECORD
 from replay_kit.forecast.s_levels import find_s_coordinate
-from replay_kit.forecast.times import dated_leads
+from replay_kit.forecast.times import dated_leads, valid_times
 
 # Cells beyond the box on each side of staggered grids, and of members that are interpolated to the grid of the first.
 _MARGIN = 2
@@ -214,7 +215,10 @@ def _parts_of(
     part: Part, wanted: Wanted, config: ForecastConfig, kind: str, alone: bool
 ) -> dict[str, tuple[slice, ...]]:
     where, ds = str(part.paths[0]), part.ds
-    taken = _of_times(ds, wanted, config, kind, where)
+    # as the server has it, where a part is one of its runs
+    whole = with_dates(open_address(part.paths[0])) if isinstance(part.paths[0], Address) else ds
+    current = part.current.u if whole is not ds else U
+    taken = _of_times(whole, whole[current].dims, wanted, config, kind, where)
     layout = lay_out(ds, part.current, where)
     for dims in (layout.centre_dims, layout.u_dims, layout.v_dims):
         taken |= {dim: (slice(0, ds.sizes[dim]),) for dim in dims}
@@ -284,14 +288,13 @@ def _round(low: int, high: int, period: int) -> tuple[slice, ...]:
 
 
 def _of_times(
-    ds: Any, wanted: Wanted, config: ForecastConfig, kind: str, where: str
+    ds: Any, dims: tuple[Any, ...], wanted: Wanted, config: ForecastConfig, kind: str, where: str
 ) -> dict[str, tuple[slice, ...]]:
     """Return the times, or leads, from the last before the first time needed to the first after the last one.
 
     Raises:
         ForecastError: The forecast is of other times.
     """
-    dims = ds[U].dims
     lead, time = find_lead(ds, dims), find_time(ds, dims)
     if time is not None and (time not in ds.coords or ds[time].dtype.kind != "M"):
         return {}
@@ -301,8 +304,10 @@ def _of_times(
     if lead is not None and config.lead is not None:
         nearest = int(np.argmin(np.abs(ds[lead].values.astype(float) - config.lead)))
         return {lead: (slice(nearest, nearest + 1),)}
+    if (runs := valid_times(ds, dims)) is not None:
+        return _of_runs(*runs, wanted)
     dim = time or lead
-    if dim is None or (time is not None and lead is not None):
+    if dim is None:
         return {}
     if time is not None:
         times = ds[time].values.astype("M8[ns]").astype(np.int64)
@@ -325,6 +330,23 @@ def _of_times(
     if low == high and times.size > 1 and not chosen:
         low, high = (low, high + 1) if high + 1 < times.size else (low - 1, high)
     return {str(dim): (slice(low, high + 1),)}
+
+
+def _of_runs(
+    valid: np.ndarray, dims: tuple[str, str], wanted: Wanted
+) -> dict[str, tuple[slice, ...]]:
+    """Return the starts and leads of which a time valid then is needed, or is the nearest to one that is."""
+    if wanted.first_ns is None or wanted.last_ns is None:
+        return {}
+    step = np.diff(valid, axis=1).max(initial=0)
+    needed = (valid > wanted.first_ns - step) & (valid < wanted.last_ns + step)
+    kept = [np.flatnonzero(needed.any(axis=axis)) for axis in (1, 0)]
+    if not kept[0].size:
+        return {}
+    return {
+        dim: (slice(int(found[0]), int(found[-1]) + 1),)
+        for dim, found in zip(dims, kept, strict=True)
+    }
 
 
 def write_cut(
