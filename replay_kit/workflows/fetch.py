@@ -21,7 +21,6 @@ from replay_kit.forecast.remote.cut import Wanted
 from replay_kit.forecast.remote.datasets import Session, asking
 from replay_kit.forecast.remote.fetch import (
     addresses_in,
-    answer_of,
     cache_of,
     cost,
     covers,
@@ -230,7 +229,7 @@ def fetch(request: Request) -> Fetched:
         cuts = cuts_of(request.ensemble, wanted, config, session)
         files, prints = receive(cuts, wanted, config, session, kept)
     records = [None if region is None else region.to_record() for region in regions]
-    answer = answer_of(files, prints, wanted, records)
+    answer = Answer(files, prints, asdict(wanted), tuple(records))
     kept.remember(request.key, answer)
     return replace(_of_answer(request, answer), asked=True)
 

@@ -129,7 +129,7 @@ def with_local_forecast(job: "ReplayJob", config: "RunConfig") -> "ReplayJob":
 
 def local_ensemble(
     ensemble: tuple[Path, ...], logs: tuple[Path, ...], config: "RunConfig"
-) -> tuple[Path | tuple[Path, ...], ...]:
+) -> tuple[Path, ...]:
     """Return an ensemble as files: what is at an address is fetched."""
     if not has_address(ensemble):
         return ensemble
@@ -139,7 +139,8 @@ def local_ensemble(
 
     jobs = [ReplayJob(logs, ensemble)] if logs else []
     with progress():
-        return fetch_request(request_of(ensemble, jobs, config)).ensemble
+        groups = fetch_request(request_of(ensemble, jobs, config)).ensemble
+    return tuple(path for group in groups for path in group)
 
 
 def has_address(given: Any) -> bool:

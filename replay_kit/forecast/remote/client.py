@@ -139,28 +139,20 @@ class Client:
             f"{public(url)}: the server gave no whole answer in {attempt + 1} attempts: {broken}; check the connection, or try again later"
         )
 
-    def validator(self, url: str) -> str:
-        """Return what says whether the data at an address changed; empty where the server states nothing."""
-        try:
-            response = self._ask("HEAD", url, {})
-        except (ForecastError, _BrokenError, self._http.exceptions.HTTPError, OSError):
-            return ""
-        response.release_conn()
-        return _tag(response) or str(response.headers.get("Last-Modified", ""))
-
-    def size(self, url: str) -> int | None:
-        """Return the bytes at an address; None where the server does not state them.
+    def head(self, url: str) -> tuple[int | None, str]:
+        """Return the bytes at an address, and what says whether they changed; None and empty where the server states nothing.
 
         Raises:
-            ForecastError: As in ``get``.
+            ForecastError: It leads to where it may not.
         """
         try:
             response = self._ask("HEAD", url, {})
-        except (_BrokenError, self._http.exceptions.HTTPError, OSError):
-            return None
+        except (self._http.exceptions.HTTPError, OSError):
+            return None, ""
         response.release_conn()
-        length = response.headers.get("Content-Length")
-        return int(length) if response.status == 200 and length and length.isdigit() else None
+        length = str(response.headers.get("Content-Length", ""))
+        size = int(length) if response.status == 200 and length.isdigit() else None
+        return size, _tag(response) or str(response.headers.get("Last-Modified", ""))
 
     def _receive(self, url: str, body: "_Body", most: float, probing: bool) -> bool:
         """Add to a body what is still missing; return whether there is something at the address."""

@@ -27,7 +27,6 @@ from replay_kit.forecast.layout import Layout, U, V, lay_out
 from replay_kit.forecast.members import MADE, kind_of
 from replay_kit.forecast.names import SEA_LEVEL, find_depth, find_lead, find_time
 from replay_kit.forecast.pairs import Part
-from replay_kit.forecast.remote.client import Client
 from replay_kit.forecast.remote.datasets import Served, Session, fingerprint, open_address
 from replay_kit.forecast.remote.record import RECORD
 from replay_kit.forecast.s_levels import find_s_coordinate
@@ -105,12 +104,12 @@ class Cut:
         )
         return self.served.object_url(name, position)
 
-    def fingerprint(self, served: Served, client: Client) -> str:
+    def fingerprint(self, served: Served, session: Session) -> str:
         """Return what shows that a data set, opened now, was changed; see ``datasets.fingerprint``."""
         urls = [self.first_object(name) for name in self.current] if served.url else []
-        return fingerprint(served, client, urls)
+        return fingerprint(served, session, urls)
 
-    def received(self, client: Client) -> float:
+    def received(self, session: Session) -> float:
         """Return the bytes that the server is expected to send, from the size of one chunk of each large variable."""
         total, variables = 0.0, self.served.ds.variables
         for name in self.names:
@@ -132,7 +131,7 @@ class Cut:
                 each = math.prod(chunks) * variables[name].dtype.itemsize
                 packed = self.served.key is not None and not variables[name].encoding.get("shards")
                 if packed and count * each > 1e5:
-                    each = client.size(self.first_object(name)) or each
+                    each = session.client.head(self.first_object(name))[0] or each
                 size = count * each
             total += size
         return total
@@ -430,7 +429,7 @@ def check_same(cut: Cut, file: Path, session: Session, before: str) -> None:
     again = session.again()
     try:
         served = again.served(cut.served.address)
-        same = cut.fingerprint(served, again.client) == before
+        same = cut.fingerprint(served, again) == before
         if same and cut.current and served.url:
             same = _same_field(cut, served, file)
     finally:

@@ -57,10 +57,7 @@ class Served:
 
     def object_url(self, name: str, position: tuple[int, ...]) -> str:
         """Return the address of a chunk of a variable, or of the file that holds all."""
-        if self.key is None or not self.url:
-            return self.url
-        parts = urlsplit(self.url)
-        return parts._replace(path=f"{parts.path.rstrip('/')}/{self.key(name, position)}").geturl()
+        return self.url if self.key is None else under(self.url, self.key(name, position))
 
     def chunks(self, name: str) -> tuple[int, ...] | None:
         """Return the shape of the parts that a variable is received in; None where any part can be asked for."""
@@ -142,12 +139,12 @@ def open_address(address: Address) -> xr.Dataset:
     return xr.decode_cf(session.served(address).ds, decode_times=False, decode_timedelta=False)
 
 
-def fingerprint(served: Served, client: Client, urls: Sequence[str]) -> str:
+def fingerprint(served: Served, session: Session, urls: Sequence[str]) -> str:
     """Return a hash of what shows that a data set was changed: description, small coordinates, and the state of some chunks.
 
     Args:
         served: The data set.
-        client: Asks for the state of chunks.
+        session: Asks for the state of chunks.
         urls: Addresses of these chunks.
     """
     ds, digest = served.ds, hashlib.sha256()
@@ -159,7 +156,7 @@ def fingerprint(served: Served, client: Client, urls: Sequence[str]) -> str:
         if variable.ndim <= 1 and variable.size <= _SMALL and variable.dtype.kind in "iufM":
             digest.update(np.ascontiguousarray(variable.values).tobytes())
     for url in urls:
-        digest.update(client.validator(url).encode())
+        digest.update(session.client.head(url)[1].encode())
     return digest.hexdigest()
 
 

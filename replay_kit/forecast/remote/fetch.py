@@ -21,7 +21,7 @@ from replay_kit.forecast.names import find_time
 from replay_kit.forecast.remote.client import Limits
 from replay_kit.forecast.remote.cut import Cut, Wanted, check_same, plan_cuts, write_cut
 from replay_kit.forecast.remote.datasets import Session
-from replay_kit.forecast.remote.kept import Answer, Kept, key_of
+from replay_kit.forecast.remote.kept import Kept, key_of
 from replay_kit.forecast.remote.record import CACHE
 
 _LOG = logging.getLogger(__name__)
@@ -70,7 +70,7 @@ def cuts_of(
 
 def prints_of(cuts: Sequence[Cut], session: Session) -> tuple[str, ...]:
     """Return the fingerprints of the data sets of cuts."""
-    return tuple(cut.fingerprint(cut.served, session.client) for cut in cuts)
+    return tuple(cut.fingerprint(cut.served, session) for cut in cuts)
 
 
 def cost(cuts: Sequence[Cut], session: Session) -> tuple[list[dict[str, Any]], float]:
@@ -83,7 +83,7 @@ def cost(cuts: Sequence[Cut], session: Session) -> tuple[list[dict[str, Any]], f
     for cut in cuts:
         name = (cut.current or cut.names)[0]
         dims = cut.served.ds.variables[name].dims
-        received = cut.received(session.client) if cut.served.url else float(cut.values)
+        received = cut.received(session)
         rows.append(
             {
                 "address": str(cut.served.address),
@@ -137,7 +137,7 @@ def receive(
     files, done, size = [], 0.0, float(values)
     for cut, before in zip(cuts, prints, strict=True):
         first = session.received
-        record = {**_record(cut, wanted, config)}
+        record = _record(cut, wanted, config)
 
         def write(part: Path, cut: Cut = cut, before: str = before, record: Any = record) -> None:
             nonlocal done
@@ -163,13 +163,6 @@ def receive(
         more = f", {absent} absent chunks read as missing values" if absent else ""
         _LOG.warning("received %.4g MB%s: %s", (session.received - first) / 1e6, more, files[-1])
     return tuple(files), prints
-
-
-def answer_of(
-    files: tuple[Path, ...], prints: tuple[str, ...], wanted: Wanted, regions: Sequence[Any]
-) -> Answer:
-    """Return what is kept of a request."""
-    return Answer(files, prints, asdict(wanted), tuple(regions))
 
 
 def covers(

@@ -9,7 +9,7 @@ import os
 import re
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -61,12 +61,7 @@ class Kept:
 
     def remember(self, request: Mapping[str, Any], answer: Answer) -> None:
         """Keep what a request was answered with."""
-        held = {
-            "files": [path.name for path in answer.files],
-            "prints": answer.prints,
-            "wanted": answer.wanted,
-            "regions": answer.regions,
-        }
+        held = {**asdict(answer), "files": [path.name for path in answer.files]}
         self._whole(self._name(request), lambda part: part.write_text(json.dumps(held), "utf-8"))
 
     def copies(self, address: Address) -> list[tuple[Path, dict[str, Any]]]:

@@ -207,7 +207,7 @@ class ServedFile(io.RawIOBase):
     """
 
     def __init__(self, client: Client, url: str) -> None:
-        size = client.size(url)
+        size = client.head(url)[0]
         if size is None:
             raise ForecastError(
                 f"{public(url)}: the server does not state the size of the file, so no part of it can be read; download it"

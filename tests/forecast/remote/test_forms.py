@@ -90,6 +90,26 @@ def test_references_into_other_files_are_followed(asker):
             asker(files.url + "/f/away.json")
 
 
+def test_icechunk_is_asked_through_its_own_client(asker, tmp_path):
+    needs("icechunk")
+    import icechunk
+
+    storage = icechunk.local_filesystem_storage(str(tmp_path / "bucket" / "repository"))
+    session = icechunk.Repository.create(storage).writable_session("main")
+    sea().to_zarr(session.store, consolidated=False, zarr_format=3)
+    session.commit("a forecast")
+    held = {
+        str(path.relative_to(tmp_path)): path.read_bytes()
+        for path in (tmp_path / "bucket").rglob("*")
+        if path.is_file()
+    }
+    with serving(Files(lambda path: held.get(path.partition("?")[0]))) as files:
+        url = f"icechunk::{files.url}/bucket/repository"
+        assert_same(asker(url, logs=SPAN, levels=(5.0, 60.0)))
+        with pytest.raises(Exception, match="cannot be opened as an Icechunk repository"):
+            asker(url.replace("repository", "nothing"))
+
+
 def test_a_netcdf_file_is_received_in_parts(asker, tmp_path):
     sea().to_netcdf(tmp_path / "e.nc", engine="h5netcdf")
     with serving(Files({"e.nc": (tmp_path / "e.nc").read_bytes()})) as files:
