@@ -173,6 +173,12 @@ def as_groups(value: object, what: str) -> tuple[tuple[Path, ...], ...]:
     return tuple(as_paths(one, what) for one in each)
 
 
+def addresses_in(given: Paths) -> tuple[Address, ...]:
+    """Return the addresses among paths, also in groups."""
+    groups = as_groups(given, "ensemble")
+    return tuple(path for group in groups for path in group if isinstance(path, Address))
+
+
 def check_folder(out: Path) -> None:
     """Raise ConfigError when a folder for results cannot be made."""
     if out.exists() and not out.is_dir():

@@ -11,7 +11,7 @@ import numpy as np
 from replay_kit.config.run import EVERYWHERE, RunConfig
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.paths import Address, Paths
+from replay_kit.core.paths import Address, Paths, addresses_in
 from replay_kit.core.plan import Place
 from replay_kit.core.region import Region, around, degree_of_longitude, width
 from replay_kit.core.region import text as region_text
@@ -20,7 +20,6 @@ from replay_kit.forecast.describe import open_extent
 from replay_kit.forecast.remote.cut import Wanted
 from replay_kit.forecast.remote.datasets import Session, asking
 from replay_kit.forecast.remote.fetch import (
-    addresses_in,
     cache_of,
     cost,
     covers,
@@ -31,7 +30,7 @@ from replay_kit.forecast.remote.fetch import (
     with_files,
 )
 from replay_kit.forecast.remote.kept import Answer, Kept, key_of
-from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.job import Against, ReplayJob
 from replay_kit.workflows.replay.inputs.region import (
     FoundRegion,
     find_region,
@@ -43,21 +42,22 @@ from replay_kit.workflows.replay.inputs.scan import Reach, reach_of
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Request:
-    """What several logs need of one forecast.
+    """What several missions need of one forecast.
 
     Attributes:
-        ensemble: Its files and addresses.
-        logs: The logs of each mission.
-        goals: Where each goes next.
+        jobs: The missions; one without logs stands for what the settings state.
         config: Their settings.
         reaches: Where and when each is.
     """
 
-    ensemble: Paths
-    logs: tuple[tuple[Path, ...], ...]
-    goals: tuple[Place | None, ...]
+    jobs: tuple[ReplayJob, ...]
     config: RunConfig
     reaches: tuple[Reach, ...]
+
+    @property
+    def ensemble(self) -> Paths:
+        """The files and addresses of the forecast."""
+        return self.jobs[0].ensemble
 
     @property
     def addresses(self) -> tuple[Address, ...]:
@@ -65,15 +65,20 @@ class Request:
         return addresses_in(self.ensemble)
 
     @property
+    def goals(self) -> list[Place]:
+        """Where the missions go."""
+        return [job.goal for job in self.jobs if job.goal is not None]
+
+    @property
     def key(self) -> dict[str, Any]:
         """What decides which part is fetched."""
-        estimator, time = self.config.estimator, self.config.time
+        config = self.config
         return {
             "addresses": [key_of(address) for address in self.addresses],
-            "forecast": self.config.forecast.model_dump(mode="json"),
-            "time": time.model_dump(mode="json"),
-            "estimator": [estimator.name, estimator.preset],
-            "goals": [None if goal is None else asdict(goal) for goal in self.goals],
+            "forecast": config.forecast.model_dump(mode="json"),
+            "time": config.time.model_dump(mode="json"),
+            "estimator": [config.estimator.name, config.estimator.preset],
+            "goals": [repr(job.goal) for job in self.jobs],
             "reaches": [
                 [reach.places.tolist(), reach.deepest, reach.first_ns, reach.last_ns]
                 for reach in self.reaches
@@ -83,14 +88,12 @@ class Request:
     @property
     def deepest(self) -> float | None:
         """Depth below which nothing is needed [m]; None where that is not known."""
-        depths = [reach.deepest for reach in self.reaches]
-        if not depths or None in depths:
+        depths = [reach.deepest for reach in self.reaches if reach.deepest is not None]
+        if len(depths) < len(self.reaches):
             return None
-        planner = self.config.planner
-        goals = [goal for goal in self.goals if goal is not None]
-        more = [goal.depth for goal in goals]
-        more += [depth for depth in (planner.depth, planner.max_depth) if goals and depth]
-        return max([depth for depth in depths if depth is not None] + more)
+        planner, goals = self.config.planner, self.goals
+        planned = [depth for depth in (planner.depth, planner.max_depth) if goals and depth]
+        return max(depths + [goal.depth for goal in goals] + planned)
 
     @property
     def span(self) -> tuple[int | None, int | None]:
@@ -134,10 +137,9 @@ def with_local_forecasts(jobs: Sequence[tuple[ReplayJob, RunConfig]]) -> list[Re
             shared = job.ensemble, config.forecast, config.time, config.estimator, config.logs
             groups.setdefault(repr(shared), []).append(number)
     for members in groups.values():
-        requests = [request_of(jobs[k][0].ensemble, [jobs[k][0]], jobs[k][1]) for k in members]
+        requests = [request_of(*jobs[k]) for k in members]
         for together in _sharing(requests):
-            joined = _joined([requests[k] for k in together])
-            found = fetch(joined)
+            found = fetch(_joined([requests[k] for k in together]))
             for k, region in zip(together, found.regions, strict=True):
                 job = done[members[k]]
                 done[members[k]] = replace(
@@ -149,31 +151,27 @@ def with_local_forecasts(jobs: Sequence[tuple[ReplayJob, RunConfig]]) -> list[Re
     ]
 
 
-def _rival(job: ReplayJob, each: Any, config: RunConfig) -> Any:
+def _rival(job: ReplayJob, each: Against, config: RunConfig) -> Against:
     """Return another forecast as files."""
     if not addresses_in((each,)):
         return each
-    return fetch(request_of((each,), [job], config)).ensemble[0]
+    return fetch(request_of(replace(job, ensemble=(each,)), config)).ensemble[0]
 
 
-def request_of(ensemble: Paths, jobs: Sequence[ReplayJob], config: RunConfig) -> Request:
-    """Return what jobs need of a forecast; without a job what the settings state.
+def request_of(job: ReplayJob, config: RunConfig) -> Request:
+    """Return what a job needs of its forecast; without logs what the settings state.
 
     Raises:
         LogError: A log cannot be opened.
     """
-    reaches = [reach_of(job.logs, config) for job in jobs] or [
-        Reach(np.zeros((0, 2)), None, config.logs.start_ns, config.logs.end_ns)
-    ]
-    logs, goals = tuple(job.logs for job in jobs), tuple(job.goal for job in jobs)
-    return Request(ensemble, logs or ((),), goals or (None,), config, tuple(reaches))
+    return Request((job,), config, (reach_of(job.logs, config),))
 
 
 def _joined(requests: Sequence[Request]) -> Request:
-    logs, goals, reaches = (
-        sum((getattr(one, name) for one in requests), ()) for name in ("logs", "goals", "reaches")
-    )
-    return replace(requests[0], logs=logs, goals=goals, reaches=reaches)
+    """Return what several missions with the same settings need together."""
+    jobs = tuple(job for request in requests for job in request.jobs)
+    reaches = tuple(reach for request in requests for reach in request.reaches)
+    return Request(jobs, requests[0].config, reaches)
 
 
 def _sharing(requests: Sequence[Request]) -> list[list[int]]:
@@ -282,15 +280,15 @@ def wanted_of(request: Request, session: Session) -> tuple[Wanted, tuple[FoundRe
     stated, span = config.forecast.region, request.span
     if stated is not None or config.forecast.place:
         region = None if stated in (None, EVERYWHERE) else stated
-        return Wanted(region, request.deepest, *span), (None,) * len(request.logs)
+        return Wanted(region, request.deepest, *span), (None,) * len(request.jobs)
     found, boxes = list[FoundRegion | None](), list[Region | None]()
-    for logs, goal, reach in zip(request.logs, request.goals, request.reaches, strict=True):
+    for job, reach in zip(request.jobs, request.reaches, strict=True):
         one = None
         if len(reach.places):
             with open_extent(request.ensemble, config.forecast, reach.first_ns) as extent:
                 if extent is not None:
                     inside_extent(extent, reach.places)
-            one = find_region(logs, request.ensemble, config, reach.first_ns, goal)
+            one = find_region(job.logs, request.ensemble, config, reach.first_ns, job.goal)
         found.append(one)
         boxes.append(None if one is None else _reached(one, reach))
     whole = None
@@ -336,4 +334,4 @@ def _covering(request: Request, kept: Kept) -> Fetched:
             )
         files[address] = chosen
     everything = with_files(request.ensemble, files)
-    return Fetched(everything, (None,) * len(request.logs), tuple(files.values()), asked=False)
+    return Fetched(everything, (None,) * len(request.jobs), tuple(files.values()), asked=False)

@@ -16,7 +16,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
-from replay_kit.core.paths import Address, Paths, as_groups, as_path
+from replay_kit.core.paths import Paths, addresses_in, as_groups, as_path
 from replay_kit.core.plan import Place, Plan
 from replay_kit.core.time import to_time_ns
 from replay_kit.forecast import read_ensemble
@@ -72,7 +72,7 @@ def replay(
         overwrite=overwrite,
     )
     try:
-        if any(isinstance(each, Address) for group in forecast for each in group):
+        if addresses_in(forecast):
             # loads a client of servers
             from replay_kit.workflows.fetch import with_local_forecasts
 

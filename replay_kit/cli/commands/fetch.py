@@ -17,7 +17,7 @@ from replay_kit.cli.options import (
 )
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.paths import Address, check_paths
+from replay_kit.core.paths import addresses_in, as_groups, check_paths
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -59,7 +59,7 @@ def fetch(
     ] = False,
 ) -> int:
     """Return 0."""
-    addresses = [path for path in inputs.ensemble if isinstance(path, Address)]
+    addresses = addresses_in(inputs.ensemble)
     if not addresses:
         raise ConfigError(
             "--ensemble: expected an address, such as https://...; files need no fetching"
@@ -76,9 +76,8 @@ def fetch(
     from replay_kit.workflows.fetch import fetch as fetch_request
     from replay_kit.workflows.replay.inputs.job import ReplayJob
 
-    jobs = [ReplayJob(logs, inputs.ensemble)] if logs else []
     with progress():
-        request = request_of(inputs.ensemble, jobs, config)
+        request = request_of(ReplayJob(logs, inputs.ensemble), config)
         if dry_run:
             write_json(outputs.json_file, _price(request, console))
             return 0
@@ -109,16 +108,14 @@ def _price(request: Any, console: "Console") -> dict[str, Any]:
 def print_price(ensemble: tuple[Path, ...], config: "RunConfig", console: "Console") -> Any:
     """Print what addresses hold in the region that the settings state, and return it for JSON."""
     from replay_kit.workflows.fetch import request_of
+    from replay_kit.workflows.replay.inputs.job import ReplayJob
 
-    return _price(request_of(ensemble, [], config), console)
+    return _price(request_of(ReplayJob((), ensemble), config), console)
 
 
 def with_local_forecast(job: "ReplayJob", config: "RunConfig") -> "ReplayJob":
     """Return a job whose forecasts are files: what is at an address is fetched."""
-    against = [
-        path for each in job.against for path in (each if isinstance(each, tuple) else [each])
-    ]
-    if not has_address((job.ensemble, *against)):
+    if not addresses_in(job.ensemble) and not any(addresses_in((each,)) for each in job.against):
         return job
     # loads a client of servers
     from replay_kit.workflows.fetch import with_local_forecasts
@@ -131,20 +128,9 @@ def local_ensemble(
     ensemble: tuple[Path, ...], logs: tuple[Path, ...], config: "RunConfig"
 ) -> tuple[Path, ...]:
     """Return an ensemble as files: what is at an address is fetched."""
-    if not has_address(ensemble):
+    if not addresses_in(ensemble):
         return ensemble
-    from replay_kit.workflows.fetch import fetch as fetch_request
-    from replay_kit.workflows.fetch import request_of
     from replay_kit.workflows.replay.inputs.job import ReplayJob
 
-    jobs = [ReplayJob(logs, ensemble)] if logs else []
-    with progress():
-        groups = fetch_request(request_of(ensemble, jobs, config)).ensemble
-    return tuple(path for group in groups for path in group)
-
-
-def has_address(given: Any) -> bool:
-    """Return whether an address is among paths, also in groups."""
-    return isinstance(given, Address) or (
-        isinstance(given, tuple) and any(has_address(each) for each in given)
-    )
+    found = with_local_forecast(ReplayJob(logs, ensemble), config).ensemble
+    return tuple(path for group in as_groups(found, "ensemble") for path in group)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from replay_kit.cli.commands.fetch import has_address, local_ensemble, print_price
+from replay_kit.cli.commands.fetch import local_ensemble, print_price
 from replay_kit.cli.console import console_beside, progress, write_json, write_text
 from replay_kit.cli.options import (
     ENSEMBLE_HELP,
@@ -19,7 +19,7 @@ from replay_kit.cli.options import (
 )
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.paths import check_paths
+from replay_kit.core.paths import addresses_in, check_paths
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +101,7 @@ def info(
             from replay_kit.workflows.replay.inputs.scan import look_ahead
 
             advance(0, 1, "checking against the ensemble" if logs else "reading the forecast")
-            if not logs and config.forecast.region is None and has_address(ensemble):
+            if not logs and config.forecast.region is None and addresses_in(ensemble):
                 write_json(json_file, print_price(ensemble, config, console_beside(json_file)))
                 return 0
             files = local_ensemble(ensemble, logs, config)

@@ -12,7 +12,7 @@ import zarr
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.paths import Address, Paths, as_groups
+from replay_kit.core.paths import Address, Paths, addresses_in, as_groups
 from replay_kit.core.region import inside
 from replay_kit.forecast.blocks import open_collection
 from replay_kit.forecast.files import with_dates
@@ -39,12 +39,6 @@ def limits_of(config: ForecastConfig) -> Limits:
 def cache_of(config: ForecastConfig) -> Kept:
     """Return where fetched forecasts are kept."""
     return Kept(CACHE if config.cache is None else Path(config.cache))
-
-
-def addresses_in(given: Paths) -> tuple[Address, ...]:
-    """Return the addresses among the arguments of ``--ensemble``."""
-    groups = as_groups(given, "ensemble")
-    return tuple(path for group in groups for path in group if isinstance(path, Address))
 
 
 def with_files(given: Paths, files: dict[Address, Path]) -> tuple[tuple[Path, ...], ...]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from replay_kit.config.fleet import FleetTable, MissionEntry
 from replay_kit.config.run import RunConfig, laid_over, load_config
 from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
-from replay_kit.core.paths import Address, check_paths, path_of, truth_path
+from replay_kit.core.paths import Address, addresses_in, check_paths, path_of, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.registry import logs_in
@@ -169,9 +169,7 @@ def with_local_forecasts(missions: Sequence[Mission]) -> tuple[Mission, ...]:
         ForecastError: A forecast cannot be fetched.
     """
     jobs = [(mission.job, mission.config) for mission in missions]
-    if not any(
-        isinstance(path, Address) for job, _ in jobs for path in ensemble_files(job.ensemble)
-    ):
+    if not any(addresses_in(job.ensemble) for job, _ in jobs):
         return tuple(missions)
     # loads a client of servers
     from replay_kit.workflows.fetch import with_local_forecasts as fetched

@@ -13,6 +13,7 @@ from replay_kit.core.paths import path_of
 from replay_kit.core.region import Region
 from replay_kit.forecast.remote.client import Limits
 from replay_kit.workflows import fetch
+from replay_kit.workflows.replay.inputs.job import ReplayJob
 from tests import synthetic
 
 pytest.importorskip("urllib3", reason="the extra 'remote' is not installed")
@@ -55,7 +56,7 @@ def asker(tmp_path, monkeypatch):
             region = tuple(map(float, region.split(",")))
         forecast = {"cache": str(tmp_path / "cache"), "region": region, **settings}
         config = load_config(None, {"forecast": forecast, "logs": logs or {}})
-        state.fetched = fetch.fetch(fetch.request_of((path_of(url),), [], config))
+        state.fetched = fetch.fetch(fetch.request_of(ReplayJob((), (path_of(url),)), config))
         with xr.open_dataset(state.fetched.files[0], decode_timedelta=False) as ds:
             return ds.load()
 
