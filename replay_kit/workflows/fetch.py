@@ -17,7 +17,6 @@ from replay_kit.core.region import Region, around, degree_of_longitude, width
 from replay_kit.core.region import text as region_text
 from replay_kit.core.text import time_text
 from replay_kit.forecast.describe import open_extent
-from replay_kit.forecast.remote.cut import Wanted
 from replay_kit.forecast.remote.datasets import Session, asking
 from replay_kit.forecast.remote.fetch import (
     cache_of,
@@ -30,6 +29,7 @@ from replay_kit.forecast.remote.fetch import (
     with_files,
 )
 from replay_kit.forecast.remote.kept import Answer, Kept, key_of
+from replay_kit.forecast.remote.parts import Wanted
 from replay_kit.workflows.replay.inputs.job import Against, ReplayJob
 from replay_kit.workflows.replay.inputs.region import (
     FoundRegion,

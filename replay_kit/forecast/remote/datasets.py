@@ -4,7 +4,6 @@ import hashlib
 import io
 import json
 import math
-import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -19,8 +18,10 @@ import zarr
 
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.paths import Address
-from replay_kit.forecast.remote.client import METADATA, Client, Limits, is_page
+from replay_kit.forecast.remote.answers import is_page
+from replay_kit.forecast.remote.client import METADATA, Client, Limits
 from replay_kit.forecast.remote.opendap import dataset_address, open_opendap
+from replay_kit.forecast.remote.providers import icechunk_store, open_cmems
 from replay_kit.forecast.remote.stores import (
     ServedFile,
     ServedStore,
@@ -184,9 +185,10 @@ def _limit_chunks(served: Served, limits: Limits) -> None:
 def _opened(session: Session, address: Address) -> Served:
     url = address.url
     if url.lower().startswith(_CMEMS):
-        return _cmems(address, url[len(_CMEMS) :])
+        return Served(address, open_cmems(address, url[len(_CMEMS) :]), "Copernicus Marine")
     if url.lower().startswith(_ICECHUNK):
-        return _icechunk(address, url[len(_ICECHUNK) :])
+        store = icechunk_store(address, url[len(_ICECHUNK) :])
+        return _with_store(address, store, "Icechunk")
     client = session.client
     path = urlsplit(url).path.lower()
     ways: list[Callable[[Client, Address], Served | None]] = [_zarr, _opendap, _file]
@@ -287,59 +289,3 @@ def _file(client: Client, address: Address) -> Served | None:
             f"{address}: a NetCDF-3 file, of which no part can be received; download it, and give the file"
         )
     return None
-
-
-def _cmems(address: Address, name: str) -> Served:
-    """Return a data set of Copernicus Marine, by the provider's own client, which keeps the login."""
-    try:
-        import copernicusmarine
-    except ImportError as error:
-        raise ForecastError(
-            f"{address}: needs the client of Copernicus Marine (EUPL licence): pip install 'replay-kit[cmems]'; then copernicusmarine login"
-        ) from error
-    try:
-        ds = copernicusmarine.open_dataset(dataset_id=name)
-    except Exception as error:
-        raise ForecastError(
-            f"{address}: Copernicus Marine's client answers: {_clean(error)}; is the name right, and copernicusmarine login done?"
-        ) from error
-    ds = ds.drop_encoding()
-    # times as numbers, as in a file
-    dated = {
-        name: xr.conventions.encode_cf_variable(variable, name=name)
-        for name, variable in ds.variables.items()
-        if variable.dtype.kind in "mM"
-    }
-    return Served(address, ds.assign(dated), "Copernicus Marine")
-
-
-def _icechunk(address: Address, url: str) -> Served:
-    """Return the main branch of an Icechunk repository, by its own client."""
-    try:
-        import icechunk
-    except ImportError as error:
-        raise ForecastError(f"{address}: needs Icechunk: pip install icechunk") from error
-    try:
-        host, _, path = url.partition("://")[2].partition("/")
-        bucket, _, prefix = path.partition("/")
-        storage = icechunk.s3_storage(
-            bucket=bucket,
-            prefix=prefix.rstrip("/"),
-            endpoint_url=f"{url.partition('://')[0]}://{host}",
-            region="us-east-1",
-            allow_http=url.startswith("http:"),
-            anonymous=True,
-            force_path_style=True,
-        )
-        store = icechunk.Repository.open(storage).readonly_session("main").store
-    except Exception as error:
-        raise ForecastError(
-            f"{address}: cannot be opened as an Icechunk repository: {_clean(error)}"
-        ) from error
-    return _with_store(address, store, "Icechunk")
-
-
-def _clean(error: Exception) -> str:
-    """Return the first line of a foreign error that says something, without addresses, which may hold a login."""
-    text = re.sub(r"\S+://\S+", "(an address)", " ".join(str(error).split()))
-    return text[:200] or type(error).__name__

@@ -19,9 +19,10 @@ from replay_kit.forecast.files import with_dates
 from replay_kit.forecast.members import parse_rule
 from replay_kit.forecast.names import find_time
 from replay_kit.forecast.remote.client import Limits
-from replay_kit.forecast.remote.cut import Cut, Wanted, check_same, plan_cuts, write_cut
+from replay_kit.forecast.remote.cut import Cut, check_same, plan_cuts, write_cut
 from replay_kit.forecast.remote.datasets import Session
 from replay_kit.forecast.remote.kept import Kept, key_of
+from replay_kit.forecast.remote.parts import Wanted
 from replay_kit.forecast.remote.record import CACHE
 
 _LOG = logging.getLogger(__name__)

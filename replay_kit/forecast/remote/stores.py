@@ -22,7 +22,8 @@ from zarr.core.buffer import Buffer, BufferPrototype
 
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.paths import public
-from replay_kit.forecast.remote.client import METADATA, Client, Span, is_page
+from replay_kit.forecast.remote.answers import Span, is_page
+from replay_kit.forecast.remote.client import METADATA, Client
 
 _WHOLE: Span = (0, None)
 #: Bytes of the object of a key, or of a part of it; None where there is none.

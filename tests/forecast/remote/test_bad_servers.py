@@ -10,7 +10,8 @@ import pytest
 
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.paths import Address, path_of
-from replay_kit.forecast.remote.client import Client, Limits, check_leads
+from replay_kit.forecast.remote.answers import check_leads
+from replay_kit.forecast.remote.client import Client, Limits
 from tests.forecast.remote.conftest import left_over, refused, sea
 from tests.forecast.remote.servers import Files, opendap, serving, zarr_objects
 from tests.forecast.remote.test_forms import needs
