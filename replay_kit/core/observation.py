@@ -1,7 +1,7 @@
 """Observations of the current, vehicle states, and the innovations of the estimator."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
 from typing import Literal, NamedTuple
 
@@ -129,6 +129,115 @@ class RawValues:
 NO_RAW_VALUES = RawValues()
 
 
+@dataclass(frozen=True, slots=True)
+class Label:
+    """What statistics say of a measurement; no estimate depends on it.
+
+    Attributes:
+        dive: Number of the dive; as in ``Observation``.
+        source: The message that completed it.
+        mean: The mean along a path that it was made of; None for others.
+    """
+
+    dive: int
+    source: Source
+    mean: "PathMean | None" = None
+
+
+#: Of a sensor that measures both components of the current: true east, true north.
+BOTH_COMPONENTS = np.eye(2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearMeasurement:
+    """Sums of the current's components at points: what every measurement is to an estimator.
+
+    Value i of component c is the sum over the points p of ``weights[i, p]`` times the current at p along ``components[c]``. The values of
+    a component err with the covariance s_i s_j exp(-|z_i - z_j| / L) + c^2, those of two components independently.
+
+    Attributes:
+        time_ns: When it was known [ns, UTC].
+        point_time_ns: shape (P,) [ns, UTC], or (1,) for all points.
+        longitude: shape (P,) [degrees east], or (1,) for points at one place.
+        latitude: shape (P,) [degrees north], or (1,).
+        depth: shape (P,) [m], positive down.
+        weights: shape (n, P); None for one point a value.
+        value: shape (n, c) [m/s]; NaN where missing.
+        error_std: shape (n,) [m/s], s: each value's own error.
+        common_std: Error that all values share [m/s], c; inf where the values are relative to an unknown velocity.
+        correlation_depth: L [m]; 0 for independent errors.
+        flags: shape (n,), QARTOD flags.
+        reasons: shape (n,), bit mask of ``Reason``.
+        label: For statistics.
+        platform_velocity: As in ``Observation``: of an instrument whose systematic errors act along its motion.
+        components: shape (c, 2), unit vectors along true east and true north; two of them are orthogonal.
+    """
+
+    time_ns: int
+    point_time_ns: NDArray[np.int64]
+    longitude: Array
+    latitude: Array
+    depth: Array
+    weights: Array | None
+    value: Array
+    error_std: Array
+    flags: NDArray[np.int8]
+    reasons: NDArray[np.int32]
+    label: Label
+    common_std: float = 0.0
+    correlation_depth: float = 0.0
+    platform_velocity: tuple[float, float] | None = None
+    components: Array = field(default_factory=lambda: BOTH_COMPONENTS)
+
+    @property
+    def linear(self) -> "LinearMeasurement":
+        """Itself."""
+        return self
+
+    @property
+    def dive(self) -> int:
+        """Number of the dive."""
+        return self.label.dive
+
+    @property
+    def source(self) -> Source:
+        """The message that completed it."""
+        return self.label.source
+
+    @property
+    def reference(self) -> Literal["absolute", "relative"]:
+        """What the values are: of the current itself, or of it beside an unknown velocity."""
+        return "absolute" if np.isfinite(self.common_std) else "relative"
+
+    @property
+    def at_one_place(self) -> bool:
+        """Whether all points have one longitude and latitude."""
+        return self.longitude.size == 1
+
+    @property
+    def value_depth(self) -> Array:
+        """Depth of each value, shape (n,) [m]: the mean over its points."""
+        return self.depth if self.weights is None else np.asarray(self.weights @ self.depth)
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Longitude and latitude [degrees] of the point up to which half of the weight lies."""
+        at = 0
+        if self.weights is not None and not self.at_one_place:
+            share = np.cumsum(self.weights.mean(axis=0))
+            at = min(int(np.searchsorted(share, 0.5)), share.size - 1)
+        return float(self.longitude[at]), float(self.latitude[at])
+
+    def covariance(self, used: NDArray[np.intp]) -> Array:
+        """Return the error covariance of some values of a component [m^2/s^2], without the shared error where that is infinite."""
+        own, depth = self.error_std[used], self.value_depth[used]
+        cov = np.diag(own**2)
+        if self.correlation_depth > 0.0:
+            distance = np.abs(depth[:, None] - depth) / self.correlation_depth
+            cov = np.outer(own, own) * np.exp(-distance)
+        return cov + self.common_std**2 if 0.0 < self.common_std < np.inf else cov
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Observation:
     """One profile of the horizontal current: n bins under one position.
@@ -173,9 +282,24 @@ class Observation:
     position_std: float = 0.0
 
     @property
-    def as_profile(self) -> "Observation":
-        """Itself; see ``PathMean.as_profile``."""
-        return self
+    def linear(self) -> LinearMeasurement:
+        """The same as sums of components: each bin is the current at a point, all points lie at one place."""
+        return LinearMeasurement(
+            self.time_ns,
+            np.array([self.time_ns]),
+            np.array([self.longitude]),
+            np.array([self.latitude]),
+            self.depth,
+            None,
+            self.velocity,
+            self.error_std,
+            self.flags,
+            self.reasons,
+            Label(self.dive, self.source),
+            self.common_std,
+            self.correlation_depth,
+            self.platform_velocity,
+        )
 
     def __repr__(self) -> str:
         """Return where and when it was made, and what it holds."""
@@ -249,21 +373,20 @@ class PathMean:
         return math.hypot(self.error_std, self.flight_std) if self.flight_std else self.error_std
 
     @property
-    def as_profile(self) -> Observation:
-        """A profile of one bin at the path's mean depth, and at its position at half of its time."""
-        middle = min(int(np.searchsorted(np.cumsum(self.weight), 0.5)), self.weight.size - 1)
-        return Observation(
+    def linear(self) -> LinearMeasurement:
+        """The same as sums of components: one value, the weighted sum over the path's points."""
+        return LinearMeasurement(
             self.time_ns,
-            float(self.longitude[middle]),
-            float(self.latitude[middle]),
-            np.array([float(self.weight @ self.depth)]),
+            self.path_time_ns,
+            self.longitude,
+            self.latitude,
+            self.depth,
+            self.weight[None],
             np.array([self.used]),
             np.array([self.used_std]),
-            "earth",
             np.array([Flag.GOOD], np.int8),
             np.zeros(1, np.int32),
-            self.dive,
-            self.source,
+            Label(self.dive, self.source, self),
         )
 
     def __repr__(self) -> str:
@@ -283,7 +406,7 @@ class PathMean:
 
 
 #: What an estimator may be given.
-Measurement = Observation | PathMean
+Measurement = Observation | PathMean | LinearMeasurement
 
 
 Decision = Literal["accepted", "softened", "rejected", "unusable"]
