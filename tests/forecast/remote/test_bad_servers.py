@@ -56,8 +56,7 @@ def test_a_faulty_server_is_an_error_in_words(asker, objects, fault, words):
     assert not list(asker.folder.glob("*.nc"))
 
 
-@pytest.mark.parametrize("fault", ["cut", "close", "503"])
-@pytest.mark.parametrize("tags", [True, False])
+@pytest.mark.parametrize(("fault", "tags"), [("cut", True), ("close", False)])
 def test_what_fails_every_third_time_is_asked_again(asker, objects, fault, tags):
     asker.state.limits = Limits(attempts=12, pause=0.001)
     files = Files(objects, lambda path, number: fault if number % 3 == 0 else "", tags)
@@ -260,8 +259,8 @@ def _random_runs(asker, objects, url_of, runs):
 
 
 def test_random_failures_give_the_sound_forecast_or_an_error(asker, objects):
-    good = _random_runs(asker, objects, lambda files: files.url, 6)
-    assert 2 < good <= 6
+    good = _random_runs(asker, objects, lambda files: files.url, 4)
+    assert 1 < good <= 4
 
 
 @pytest.mark.full
