@@ -54,6 +54,8 @@ class Mark:
         text: Column or texts that the template calls ``text``.
         detail: Column that the template calls ``customdata``.
         shown: Whether it is drawn before its entry of the legend is chosen.
+        label: Beside the last point of a map.
+        when: Times of the points: a map with a time draws none that is later; None for what holds at all times.
     """
 
     kind: Literal["line", "points", "joined", "bars", "area", "ring"]
@@ -75,6 +77,8 @@ class Mark:
     text: Values | None = None
     detail: Values | None = None
     shown: bool = True
+    label: str = ""
+    when: Values | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -45,7 +45,7 @@ _NO_DATES: dict[str, dict[str, None]] = {
 
 
 def colormap(name: str) -> LinearSegmentedColormap:
-    """Return one of cmocean's colour maps: ``speed``, ``balance``, ``amp`` or ``thermal``."""
+    """Return one of cmocean's colour maps: ``speed``, ``balance`` or ``amp``."""
     return LinearSegmentedColormap.from_list(name, scale(name))
 
 

@@ -51,7 +51,11 @@ def again_section(contents: Contents) -> Section:
     ]
     html += table_html(["what", "value"], rows, "Region, basis and options") if rows else ""
     html += _numbers(contents)
-    return Section("again", "Reproduce this result", html, missing=missing)
+    title, answer = (
+        "How was it made?",
+        "Files, versions, settings, and every number of the summary.",
+    )
+    return Section("again", title, html, missing=missing, menu="Files", answer=answer)
 
 
 def _command(contents: Contents) -> str:
@@ -106,9 +110,9 @@ def _numbers(contents: Contents) -> str:
     for path, value in leaves(contents.outcome.to_json()):
         exact = isinstance(value, int | float) and not isinstance(value, bool)
         shown = (
-            number(path, value, repr(value))
+            number(path, value, f"{value:,}" if isinstance(value, int) else f"{value:.6g}")
             if exact
-            else escape("undefined" if value is None else str(value))
+            else escape("unknown" if value is None else str(value))
         )
         rows.append([f"<code>{escape(path)}</code>", shown])
     return table_html(

@@ -49,7 +49,15 @@ def along_track_section(contents: Contents) -> Section:
         figures.append(figure_of(mean_current_chart(means)))
     else:
         missing.append("The result holds no mean current of a dive that was used.")
-    return Section("section", "Section along the track", figures=figures, missing=missing)
+    dives, profiles = means.time_ns.size, contents.bins.profiles
+    return Section(
+        "section",
+        "How does it change along the track, with depth and time?",
+        figures=figures,
+        missing=missing,
+        menu="Section",
+        answer=f"{profiles:,} profiles and {dives:,} mean currents of dives beside the estimate.",
+    )
 
 
 def _profiles(bins: BinsAlongTrack) -> Figure:
