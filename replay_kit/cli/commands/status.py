@@ -50,6 +50,7 @@ def status(
 
     found = read_status(result, moment)
     if not reporting.current().quiet and str(answer.json_file) != "-":
+        from replay_kit.show.status.brief import brief_text
         from replay_kit.show.status.text import status_text
 
         width = (
@@ -57,7 +58,8 @@ def status(
             if sys.stdout.isatty()
             else _WIDTH
         )
-        text = status_text(found, width)
+        show = status_text if reporting.current().verbose else brief_text
+        text = show(found, width)
         reporting.keep(text)
         sys.stdout.write(text)
     if html is not None:

@@ -14,8 +14,9 @@ from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.history import mean_to_depth
 from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.steering import Arrival
+from replay_kit.show.numbers import clock_text, fixed, hours_text, minutes_text
 from replay_kit.show.page.section import number
-from replay_kit.show.text import clock_text, fixed, hours_text, minutes_text
+from replay_kit.show.svg import compass
 
 _CLASSES = {"trust": "good", "with care": "care", "do not use": "stop"}
 _WORDS = {"trust": "Trust", "with care": "Use with care", "do not use": "Do not use"}
@@ -65,19 +66,6 @@ def _chip(contents: Contents) -> str:
     return f'<p class="chip {_CLASSES[decision.word]}"><a href="#trust">{text}</a></p>'
 
 
-def arrow(bearing: float, what: str) -> str:
-    """Return a compass with an arrow as SVG.
-
-    Args:
-        bearing: Clockwise from north [degrees].
-        what: It shows, in words.
-    """
-    return (
-        f'<svg class="compass" viewBox="-33 -33 66 66" role="img" aria-label="{escape(what)}"><circle r="31"/><text y="-20">N</text>'
-        f'<path transform="rotate({bearing:.1f})" d="M0-25 L8 12 L0 6 L-8 12Z"/></svg>'
-    )
-
-
 def _steer(plan: LastPlan) -> str:
     """Return heading, place to steer for and dive."""
     row, leg = plan.row, plan.legs[0] if plan.legs else {}
@@ -92,7 +80,7 @@ def _steer(plan: LastPlan) -> str:
     origin = plan.statistics.get(ORIGIN, "").partition(":")[0]
     shown = number("plan.heading_deg", heading, f"{round(heading) % 360:03d}")
     return (
-        f'<div class="steer">{arrow(heading, f"Steer {heading:.0f} degrees true")}<div><p class="big">{shown}°</p>'
+        f'<div class="steer">{compass(heading, f"Steer {heading:.0f} degrees true")}<div><p class="big">{shown}°</p>'
         f"<p>{f'for {place}, ' if place else ''}{dive}glide angle {angle}°, "
         f"{number('plan.speed', speed, fixed(speed, 2))} m/s through water{f' ({escape(origin)})' if origin else ''}</p></div></div>"
     )
@@ -193,7 +181,7 @@ def _water(contents: Contents) -> str:
             error = float(np.hypot(*here[2:]) / np.sqrt(2.0))
             said = f"± {fixed(error, 2)} m/s at most" if np.isfinite(error) else "error unknown"
             parts = (
-                f'<div class="steer">{arrow(bearing, f"The water goes toward {bearing:.0f} degrees")}<div>'
+                f'<div class="steer">{compass(bearing, f"The water goes toward {bearing:.0f} degrees")}<div>'
                 f'<p class="big">{fixed(speed, 2)}<small> m/s</small></p><p>the water goes toward {round(bearing) % 360:03d}°, '
                 f"{said}; mean to {depth:.0f} m at the vehicle</p></div></div>"
             )
