@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from html import escape
 
-from replay_kit.show.colors import SYMBOLS
+from replay_kit.core.colors import SYMBOLS
 
 _WIDE, _HIGH, _EDGE = 360.0, 240.0, 22.0
 Points = Sequence[tuple[float, float]]

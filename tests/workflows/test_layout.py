@@ -34,7 +34,7 @@ SHOWN = {
         "foxglove.FrameTransform",
     },
     "RosOut": {"foxglove.Log"},
-    "Plot": {"replay_kit.Innovation", "replay_kit.AtVehicle"},
+    "Plot": {"replay_kit.Innovation", "replay_kit.AtVehicle", "replay_kit.PlanOutcome"},
     "Table": {"replay_kit.Consistency"},
 }
 

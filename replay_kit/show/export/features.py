@@ -7,12 +7,12 @@ from xml.sax.saxutils import escape
 import numpy as np
 import pandas as pd
 
+from replay_kit.core.colors import LIGHT
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.geojson import Feature, collection_text, feature, positions
 from replay_kit.core.grid import Projection
 from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.track import outlines_of, thinned
-from replay_kit.show.colors import LIGHT
 
 #: Tables that have places on a map.
 FEATURES = ("series", "track", "surfacings", "plans")

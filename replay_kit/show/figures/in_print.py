@@ -17,7 +17,7 @@ from matplotlib.dates import (
 )
 
 from replay_kit.core.arrays import Array
-from replay_kit.show.colors import PRINT
+from replay_kit.core.colors import PRINT
 from replay_kit.show.figures.values import Axis, Chart, Mark, Panel, Tables, values_of
 
 #: Where a point of a map lies in its axes: of east and north [km].

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.colors import ON_FIELD, SYMBOLS
 from replay_kit.core.geodesy import to_local
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.results.views.track import outlines_of, thinned
-from replay_kit.show.colors import ON_FIELD, SYMBOLS
 from replay_kit.show.figures.plan import plan_table
 from replay_kit.show.figures.values import Layer, Mark
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.colors import scale
 from replay_kit.core.geodesy import to_geographic, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.show.colors import scale
 from replay_kit.show.figures.coast import coast_near
 from replay_kit.show.figures.values import Layer, Mark, Tables, Values, values_of
 from replay_kit.show.page.section import column

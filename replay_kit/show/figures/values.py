@@ -32,7 +32,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mark:
-    """Values drawn in one look. Colours are roles of ``show.colors`` or ``#rrggbb``, sizes and widths pixels of a page.
+    """Values drawn in one look. Colours are roles of ``core.colors`` or ``#rrggbb``, sizes and widths pixels of a page.
 
     Attributes:
         kind: ``line``; ``points``; ``joined``, points on a line; ``bars``; ``area`` between y and ``base``; ``ring``, a filled closed line.

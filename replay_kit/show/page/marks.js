@@ -50,7 +50,7 @@ function drawPoints(map, context, mark, color, labels) {
   });
 }
 
-// The symbols of all media, see show/colors.py.
+// The symbols of all media, see core/colors.py.
 function symbol(context, { symbol: kind, size, edge, width = 2 }, px, py, color) {
   const r = size / 2;
   Object.assign(context, { fillStyle: color, strokeStyle: color, lineWidth: 2 });

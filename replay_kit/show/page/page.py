@@ -8,8 +8,8 @@ from html import escape
 from importlib.resources import files
 from typing import Any
 
+from replay_kit.core.colors import palette_css
 from replay_kit.core.version import __version__
-from replay_kit.show.colors import palette_css
 from replay_kit.show.page.section import Control, Figure, Section
 
 _SCRIPTS = ("flight", "page", "map", "marks", "particles", "explore", "waypoint")

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from replay_kit.show.colors import scale
+from replay_kit.core.colors import scale
 
 #: Width of a figure over one and over two columns of a page [inches].
 WIDTHS = {1: 3.35, 2: 6.9}

@@ -5,9 +5,9 @@ from hashlib import sha256
 from html import escape
 from importlib.resources import files
 
+from replay_kit.core.colors import palette_css
 from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.text import time_text
-from replay_kit.show.colors import palette_css
 from replay_kit.show.status.brief import brief_lines
 from replay_kit.show.status.status import Line, Status
 from replay_kit.show.status.text import line_age

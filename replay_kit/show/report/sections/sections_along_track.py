@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from replay_kit.core.colors import scale
 from replay_kit.results.views.along_track import BinsAlongTrack
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.colors import scale
 from replay_kit.show.figures.along_track import (
     COMPONENTS,
     SectionGrid,
