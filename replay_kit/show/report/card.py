@@ -96,7 +96,7 @@ def _arrival(contents: Contents, plan: LastPlan, arrivals: Sequence[Arrival]) ->
     status, miss = str(plan.row["status"]), float(plan.row["closest_approach"])
     arrives = status in ("reached", "uncertain")
     title = "Arrives (UTC)" if arrives else "Nearest to the goal (UTC)"
-    off = number("plan.closest_approach_m", miss, f"{miss:,.0f} m")
+    off = number("plan.closest_approach_m", miss, f"{miss:.0f} m" if miss < 2e3 else f"{miss / 1e3:.1f} km")
     below = _range(begin, duration, arrivals) if arrives else f"{off} from it"
     first = _fact(title, number("plan.duration_s", duration, end), below)
     odds = plan.odds

@@ -21,6 +21,13 @@ from replay_kit.show.words import (
 )
 
 
+_ITSELF = {
+    "good": "log fits itself",
+    "care": "log raises doubts",
+    "stop": "log contradicts itself",
+}
+
+
 class Light(NamedTuple):
     """The answer to a question of trust.
 
@@ -45,7 +52,7 @@ def lights(contents: Contents) -> tuple[Light, Light, Light]:
     worst = "stop" if "contradiction" in words else "care" if clashes else "good"
     said = "; ".join(f"{one['name']}: {one['evidence']}" for one in clashes)
     itself = Light(
-        "log fits itself" if worst == "good" else "log contradicts itself",
+        _ITSELF[worst],
         worst if outcome.complete else "none",
         said or "No contradiction was found in the log.",
         ("innovations",),
