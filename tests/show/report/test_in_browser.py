@@ -45,6 +45,12 @@ FLIGHTS = """() => {
     const { flight, tables } = state.map.figure;
     return { waypoints: flight.waypoints, ...tables.flights };
 }"""
+LANDED = """(key) => {
+    const part = document.getElementById(key);
+    const off = part.getBoundingClientRect().top - document.querySelector("header").offsetHeight;
+    const end = scrollY + innerHeight >= document.documentElement.scrollHeight - 2;
+    return !part.querySelector("details.main:not([open])") && (end || Math.abs(off) < 40);
+}"""
 PLACES = """() => state.map.figure.flight.waypoints.map(([x, y]) => toScreen(state.map, x / 1e3, y / 1e3))"""
 
 
@@ -175,12 +181,7 @@ def _check_links(tab: Any) -> None:
         link.click()
         key = (link.get_attribute("href") or "")[1:]
         tab.wait_for_function(
-            """(key) => {
-                const part = document.getElementById(key);
-                const { top } = part.getBoundingClientRect();
-                const end = scrollY + innerHeight >= document.documentElement.scrollHeight - 2;
-                return part.querySelector("details.main:not([open])") === null && (end || Math.abs(top - document.querySelector("header").offsetHeight) < 40);
-            }""",
+            LANDED,
             arg=key,
         )
 
