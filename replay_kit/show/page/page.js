@@ -22,7 +22,16 @@ const state = { figures: [], choices: {}, arrays: {} };
 function packedArray(figure, name) {
   const key = `${figure.key}.${name}`;
   if (!state.arrays[key]) {
-    state.arrays[key] = new Int16Array(bytesOf(figure.packed[name].data).buffer);
+    const { data, shape, along } = figure.packed[name];
+    const bytes = bytesOf(data);
+    const values = new Int16Array(bytes.length / 2);
+    const stride = shape.slice(along + 1).reduce((product, size) => product * size, 1);
+    // low bytes, then high ones, of differences along an axis; the array wraps as the packing did
+    for (let i = 0; i < values.length; i += 1) {
+      const step = bytes[i] | (bytes[values.length + i] << 8);
+      values[i] = Math.floor(i / stride) % shape[along] ? step + values[i - stride] : step;
+    }
+    state.arrays[key] = values;
   }
   return state.arrays[key];
 }

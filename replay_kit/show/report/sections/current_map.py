@@ -125,7 +125,7 @@ def _field(
     """Return the table, the packed arrays and the axes of the coloured field: of the mean over a dive, then of each depth."""
     mean = mean_to_depth(slices, contents.history, dive_depth(contents))
     fields = np.concatenate([mean[None], slices.fields])
-    packed = {"current": pack(fields, _STEP)}
+    packed = {"current": pack(fields, _STEP, 1)}
     if slices.outside is not None and slices.outside.any():
         packed["outside"] = pack(np.where(slices.outside, 1.0, np.nan), 1.0)
     longitude, latitude = to_geographic(

@@ -116,7 +116,7 @@ def _profiles(bins: BinsAlongTrack) -> Figure:
         layout,
         (Control("Component", "select", COMPONENTS),),
         # the script reads a table's fields by three indices, a panel and a component being two
-        {"section": pack(grid.values, _STEP)},
+        {"section": pack(grid.values, _STEP, 3)},
     )
 
 

@@ -79,7 +79,7 @@ def editing(contents: Contents) -> Editing:
         "rule": _rule(dives),
         "untouched": f"The plan: {hours:.1f} h{known}. Drag a numbered waypoint, or state its place.",
     }
-    packed = {"currents": pack(currents.velocity, step)}
+    packed = {"currents": pack(currents.velocity, step, 4)}
     said = f"{readout(arrivals)} {_rule(dives)}"
     return Editing({"flights": _table(arrivals)}, packed, flight, said, arrivals)
 
