@@ -13,6 +13,13 @@ def fixed(value: float, digits: int, signed: bool = False) -> str:
     return f"{rounded:{'+' if signed and rounded else ''},.{digits}f}"
 
 
+def error_text(value: float) -> str:
+    """Return a standard error [m/s] to a millimetre a second where it is that small, else to a centimetre."""
+    if value < 0.0005:
+        return "0.001 or less"
+    return fixed(value, 2 if value >= 0.01 else 3)
+
+
 def clock_text(time_ns: int) -> str:
     """Return a time [ns, UTC] as day and minute, such as ``18 Nov 19:16``."""
     text = datetime.fromtimestamp(time_ns // 10**9, UTC)

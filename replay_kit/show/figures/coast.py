@@ -37,7 +37,16 @@ def coast_near(projection: Projection, longitude: Array, latitude: Array) -> lis
             cut = _cut(ring + np.array([turn, 0.0]), wanted)
             if len(cut) > 2:
                 found.append(_thinned(cut, least))
-    return [np.column_stack(to_local(projection, *ring.T)) for ring in found if len(ring) > 2]
+    # what of a ring beside the box is cut to a line has no area
+    return [
+        np.column_stack(to_local(projection, *ring.T)) for ring in found if _area(ring) > least**2
+    ]
+
+
+def _area(ring: Array) -> float:
+    """Return the area within a closed ring, in the square of its unit."""
+    x, y = ring.T
+    return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
 
 
 def _rings() -> list[Array]:

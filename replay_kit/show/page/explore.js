@@ -100,7 +100,7 @@ function describe(map, px, py) {
   lines.push(placeText(degreesOf(map, x, y)));
   if (kind === "known") {
     const [speed, error] = [Math.hypot(out[0], out[1]), Math.hypot(out[2], out[3]) / Math.SQRT2];
-    const about = Number.isFinite(error) ? ` ± ${error.toFixed(2)}` : "";
+    const about = Number.isFinite(error) ? ` ± ${error.toFixed(error < 0.01 ? 3 : 2)}` : "";
     const [, depth, time] = state.choices[map.figure.key];
     lines.push(`<b>${speed.toFixed(2)}${about} m/s</b> toward ${String(Math.round(bearingOf(map, x, y, out[0], out[1])) % 360).padStart(3, "0")}°`);
     lines.push(`${map.figure.choices[1][depth]}, ${map.figure.choices[2][time]}`);

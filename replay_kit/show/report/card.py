@@ -14,7 +14,7 @@ from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.history import mean_to_depth
 from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.steering import Arrival
-from replay_kit.show.numbers import clock_text, fixed, hours_text, minutes_text
+from replay_kit.show.numbers import clock_text, error_text, fixed, hours_text, minutes_text
 from replay_kit.show.page.section import number
 from replay_kit.show.svg import compass
 
@@ -96,7 +96,9 @@ def _arrival(contents: Contents, plan: LastPlan, arrivals: Sequence[Arrival]) ->
     status, miss = str(plan.row["status"]), float(plan.row["closest_approach"])
     arrives = status in ("reached", "uncertain")
     title = "Arrives (UTC)" if arrives else "Nearest to the goal (UTC)"
-    off = number("plan.closest_approach_m", miss, f"{miss:.0f} m" if miss < 2e3 else f"{miss / 1e3:.1f} km")
+    off = number(
+        "plan.closest_approach_m", miss, f"{miss:.0f} m" if miss < 2e3 else f"{miss / 1e3:.1f} km"
+    )
     below = _range(begin, duration, arrivals) if arrives else f"{off} from it"
     first = _fact(title, number("plan.duration_s", duration, end), below)
     odds = plan.odds
@@ -179,7 +181,7 @@ def _water(contents: Contents) -> str:
         if np.isfinite(here[0]):
             bearing, speed = float(heading_deg(here[0], here[1])), float(np.hypot(*here[:2]))
             error = float(np.hypot(*here[2:]) / np.sqrt(2.0))
-            said = f"± {fixed(error, 2)} m/s at most" if np.isfinite(error) else "error unknown"
+            said = f"± {error_text(error)} m/s at most" if np.isfinite(error) else "error unknown"
             parts = (
                 f'<div class="steer">{compass(bearing, f"The water goes toward {bearing:.0f} degrees")}<div>'
                 f'<p class="big">{fixed(speed, 2)}<small> m/s</small></p><p>the water goes toward {round(bearing) % 360:03d}°, '
@@ -223,7 +225,9 @@ def _least_known(contents: Contents, mean: Array) -> str:
         away = float(distance(track.longitude[-1], track.latitude[-1], *place)) / 1e3
         far = f", {fixed(away, 0)} km away"
     return _fact(
-        "Measure next at", minutes_text(*place), f"± {fixed(error[j, i], 2)} m/s, least known{far}"
+        "Measure next at",
+        minutes_text(*place),
+        f"± {error_text(error[j, i])} m/s, least known{far}",
     )
 
 

@@ -20,7 +20,6 @@ from replay_kit.show.words import (
     surfacings_sentences,
 )
 
-
 _ITSELF = {
     "good": "log fits itself",
     "care": "log raises doubts",
