@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pkgutil import resolve_name
 
+from replay_kit.core.extensions import additions
 from replay_kit.core.text import count_text, time_text
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.contents import Contents
@@ -32,7 +33,8 @@ def report_html(result: ResultFile, notes: tuple[str, ...] = ()) -> str:
         notes: What the reader should know of how it was opened.
     """
     contents = Contents(result, notes)
-    sections = [section(contents) for section in SECTIONS]
+    added = additions("sections", callable, "a function").values()
+    sections = [section(contents) for section in (*SECTIONS, *added)]
     return page_html(f"Report on {result.path.name}", sections, _subtitle(contents))
 
 
