@@ -99,7 +99,7 @@ def brief_lines(status: Status) -> Iterator[Brief]:
 
 def _steer(values: Mapping[str, Any]) -> Iterator[Brief]:
     if values["heading_deg"] is None:
-        yield Brief("Steer", ("no command",))
+        yield Brief("Steer", (f"no command: {values['message']}",))
         return
     heading, angle = values["heading_deg"], values["glide_angle_deg"]
     parts: list[str | Shown] = [

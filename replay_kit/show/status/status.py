@@ -331,6 +331,7 @@ def _command(held: Held) -> _Answer:
         "glide_angle_deg": _finite(leg.get("glide_angle_deg", plan.glide_angle_deg)),
         "depth_m": leg.get("depth_m"),
         "speed": _finite(plan.speed),
+        "message": plan.message,
         "dives": figures.statistics_of(plan).get(ORIGIN, ""),
         "longitude": leg.get("longitude"),
         "latitude": leg.get("latitude"),
