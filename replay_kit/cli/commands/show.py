@@ -99,14 +99,16 @@ def status(
 
     each = [read_status(path, moment) for path in results]
     if not reporting.current().quiet and str(answer.json_file) != "-":
+        from replay_kit.show.status.brief import brief_text
         from replay_kit.show.status.text import status_text
 
+        show = status_text if reporting.current().verbose else brief_text
         width = (
             min(shutil.get_terminal_size((_WIDTH, 24)).columns, _WIDEST)
             if sys.stdout.isatty()
             else _WIDTH
         )
-        text = "\n".join(status_text(found, width) for found in each)
+        text = "\n".join(show(found, width) for found in each)
         reporting.keep(text)
         sys.stdout.write(text)
     if html is not None:
