@@ -1,5 +1,7 @@
 """replay-kit: what was the water doing, and where should the vehicle go next?
 
+::
+
     import replay_kit as rk
 
     result = rk.replay("glider.mcap", "ensemble.nc")

@@ -16,7 +16,7 @@ from typing import Any
 
 from rich.console import Console
 
-from replay_kit.config.earlier import with_current_keys
+from replay_kit.config.file import with_current_keys
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place

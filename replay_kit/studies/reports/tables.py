@@ -89,23 +89,6 @@ class Criterion:
         return is_within(self.value, self.at_least, self.at_most)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Picture:
-    """A picture to be drawn.
-
-    Attributes:
-        name: Of its file.
-        caption: What it shows.
-        size: Width and height [inches].
-        draw: Draws it on a matplotlib figure.
-    """
-
-    name: str
-    caption: str
-    size: tuple[float, float]
-    draw: Callable[[Any], None]
-
-
 def plain(value: Any) -> Any:
     """Return a value for JSON: mappings and sequences all through, undefined and infinite numbers as None."""
     if isinstance(value, Mapping):

@@ -1,13 +1,13 @@
-"""``experiment accuracy``: estimators compared on twin surveys."""
+"""``experiment accuracy`` and ``paper``: estimators compared on twin surveys."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 from replay_kit.cli.commands.experiment.study import (
     ESTIMATOR,
     OneTruth,
     Outputs,
+    Report,
     check_outputs,
     run_study,
 )
@@ -45,15 +45,6 @@ class Survey:
             metavar="M1,M2,...",
         ),
     ] = None
-    archive: Annotated[
-        Path | None,
-        option(
-            "--archive",
-            "Fields of a long run, as members. Lagged forecasts made of the ensemble's leads (--lead), and an archive window made of these "
-            "fields, are compared with the ensemble.",
-            metavar="FILE",
-        ),
-    ] = None
 
 
 @takes_settings(*PART_OF_FORECAST, "estimator", without=ESTIMATOR)
@@ -71,24 +62,19 @@ def accuracy(
         EstimatorError: Every method failed.
     """
     truths.check("accuracy")
-    read = [*truths.files, survey.archive, settings.file]
+    read = [*truths.files, settings.file]
     config = settings.load()
 
-    from replay_kit.studies.accuracy import METHODS, AccuracyJob, page, read_sources, run_accuracy
+    from replay_kit.studies.accuracy import METHODS, AccuracyJob, page, run_accuracy
 
     check_outputs(read, outputs, page.FILES)
     counts = tuple(int(n) for n in numbers(survey.pings, "--pings"))
     methods = METHODS if survey.methods is None else tuple(survey.methods.split(","))
     job = AccuracyJob(truths.leave_out, counts, survey.noise, survey.seeds, methods)
     members, withheld = truths.read(config.forecast)
-    sources = (
-        None
-        if survey.archive is None
-        else read_sources(truths.ensemble, survey.archive, config.forecast)
-    )
     result = run_study(
-        page,
-        lambda advance: run_accuracy(members, withheld, config.estimator, job, advance, sources),
+        page.report_of,
+        lambda advance: run_accuracy(members, withheld, config.estimator, job, advance),
         outputs,
         config,
         processes,
@@ -97,4 +83,61 @@ def accuracy(
         raise EstimatorError(
             f"experiment accuracy: every method failed, the first with {result.rows[0].failed}"
         )
+    return 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PaperSizes:
+    """How much is computed."""
+
+    modes: Annotated[
+        str | None,
+        option(
+            "--modes",
+            "Most modes per level anywhere. Default: tables to the full rank, plans on 300; all: plans on it too.",
+            metavar="N|all",
+        ),
+    ] = None
+    pairs: Annotated[
+        int, option("--pairs", "Number of starts and targets of the glides.", least=1)
+    ] = 100
+    seed: Annotated[
+        int, option("--seed", "Seed of places, noise, starts and targets.", least=0)
+    ] = 0
+
+
+@takes_settings(*PART_OF_FORECAST, file=False)
+def paper(
+    *,
+    truths: Annotated[OneTruth, TO_INPUTS],
+    outputs: Annotated[Report, TO_OUTPUTS],
+    settings: Settings,
+    processes: Annotated[Processes, TO_OPTIONS] = Processes(),
+    sizes: Annotated[PaperSizes, TO_OPTIONS] = PaperSizes(),
+) -> int:
+    """Return 0."""
+    truths.check("paper")
+    config = settings.load(estimator={"modes": sizes.modes})
+
+    from replay_kit.studies.paper import PaperJob, page, run_paper
+
+    check_outputs(truths.files, outputs, page.FILES)
+    most = None if sizes.modes is None else config.estimator.modes
+    job = PaperJob(
+        leave_out=truths.leave_out,
+        most_modes=most,
+        plan_modes=config.estimator.modes,
+        pairs=sizes.pairs,
+        seed=sizes.seed,
+    )
+    members, withheld = truths.read(config.forecast)
+    # at once, so that a folder that cannot be made is reported before the work
+    outputs.out.mkdir(exist_ok=True)
+    run_study(
+        page.report_of,
+        lambda advance: run_paper(members, withheld, config.estimator, job, advance),
+        outputs,
+        config,
+        processes,
+    )
     return 0

@@ -1,4 +1,4 @@
-"""``info``: what is in a log."""
+"""``info``, ``qc`` and ``convert``: what is in logs, their quality control, one log of several."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +12,7 @@ from replay_kit.cli.options import (
     TO_OUTPUTS,
     Answer,
     Ending,
+    Log,
     LogIfAny,
     option,
 )
@@ -131,3 +132,46 @@ def info(
     if refusal is not None:
         raise refusal
     return 4 if any(log.report.losses for log in found) else 0
+
+
+@takes_settings("logs", "measurements")
+def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = Answer()) -> int:
+    """Return the exit code of the report."""
+    check_paths([*logs, settings.file], [answer.json_file], answer.overwrite)
+    config = settings.load()
+
+    from replay_kit.workflows.qc.check import check_quality
+    from replay_kit.workflows.qc.report import print_quality, quality_json
+
+    with progress() as advance:
+        report = check_quality(list(logs), config, lambda time_ns: advance(0, 0, "testing"))
+    print_quality(report, console_beside(answer.json_file))
+    write_json(answer.json_file, quality_json(report))
+    return report.exit_code
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Copy(Answer):
+    """What is written."""
+
+    out: Annotated[
+        Path,
+        option("--out -o", "One log; its ending chooses the format.", metavar="OUT.mcap|OUT.tlog"),
+        Ending((".mcap", ".tlog")),
+    ]
+
+
+@takes_settings("logs.remap", file=False)
+def convert(*logs: Log, outputs: Annotated[Copy, TO_OUTPUTS], settings: Settings) -> int:
+    """Return 0, or 4 when something was lost."""
+    check_paths(logs, [outputs.out, outputs.json_file], outputs.overwrite)
+    config = settings.load()
+
+    from replay_kit.workflows.convert import convert as convert_logs
+    from replay_kit.workflows.convert import convert_json, print_converted
+
+    with progress() as advance:
+        summary = convert_logs(list(logs), outputs.out, outputs.overwrite, config.logs, advance)
+    print_converted(summary, console_beside(outputs.json_file), outputs.verbose)
+    write_json(outputs.json_file, convert_json(summary))
+    return 4 if summary.losses else 0
