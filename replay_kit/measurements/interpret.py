@@ -3,6 +3,9 @@
 A ping waits until a position at or after its own time is known, then takes the position interpolated between its neighbours.
 """
 
+# keeps the signature in help() short
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import filterfalse
@@ -116,7 +119,7 @@ def initial_state(system: int | None = None) -> MeasurementState:
 
 def observations(
     messages: Iterable[Message], config: MeasurementConfig | None = None
-) -> Iterator[Measurement]:
+) -> "Iterator[Measurement]":
     """Yield the profiles and mean currents in a stream of messages: what a post-mission script loops over.
 
     A mean current beside profiles that were computed from it is left out: without the flight model's bias it would count twice.

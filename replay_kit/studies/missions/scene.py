@@ -22,7 +22,6 @@ from replay_kit.studies.twins.field import Field
 from replay_kit.studies.twins.glider import (
     STEP_S,
     SURFACE_STEPS,
-    GliderLimits,
     Schedule,
     dive_steps,
     mission,
@@ -184,7 +183,6 @@ def own_estimator(case: Withheld, config: RunConfig) -> Estimator[Any]:
     return build(Forecasts(case.forecasts, case.forecasts[0], through_time), config, None)
 
 
-_USUAL = GliderLimits()
 _DAY_S = 86_400.0
 # a course begins at one of four corners, so that more attempts meet all of them
 _ATTEMPTS = 10
@@ -238,7 +236,7 @@ def pinging_seconds(field: Field, days: float) -> float:
     if field.time_ns.size < 2:
         return days * _DAY_S
     end_s = float(field.time_ns[-1] - field.time_ns[0]) / NS_PER_S
-    last_dive_s = float(STEP_S * (dive_steps(field, _USUAL) + 3 * SURFACE_STEPS))
+    last_dive_s = float(STEP_S * (dive_steps(field) + 3 * SURFACE_STEPS))
     return min(days * _DAY_S, end_s - last_dive_s)
 
 

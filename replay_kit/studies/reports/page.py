@@ -46,7 +46,7 @@ class StudyReport:
     Attributes:
         name: Of its JSON file.
         answer: Its JSON object; undefined figures are null.
-        tables: Printed, those that are shown.
+        tables: Printed, those that have rows.
         words: Printed below the tables.
         csv: The text of its tables by the name of the file.
         pages: Makes the other files by name; None while the study is unfinished.
@@ -177,7 +177,7 @@ def _marked(text: str) -> str:
 
 
 def tables_html(tables: Sequence[Table]) -> str:
-    """Return those tables that are shown as HTML."""
+    """Return those tables that have rows as HTML."""
     return "".join(
         table_html(
             table.columns,
@@ -185,7 +185,7 @@ def tables_html(tables: Sequence[Table]) -> str:
             table.title,
         )
         for table in tables
-        if table.shown and table.rows
+        if table.rows
     )
 
 
