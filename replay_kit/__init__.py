@@ -70,4 +70,4 @@ __getattr__ = on_demand(
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

@@ -14,7 +14,8 @@ from planners.route.hazards import NoGo
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.objective import ObjectiveName
+from replay_kit.core.extensions import additions
+from replay_kit.core.objective import is_objective, objective_names
 from replay_kit.core.plan import Place, PlanStatus
 
 
@@ -96,12 +97,22 @@ class Objective:
         )
 
 
-OBJECTIVES: dict[ObjectiveName, Objective] = {
+OBJECTIVES: dict[str, Objective] = {
     "time": Objective(Weights(time=1.0), earliest_arrival=True),
     "energy": Objective(Weights(energy=1.0)),
     # of two missions that are equally close the quicker one
     "closest": Objective(Weights(time=1.0), distance_first=True),
 }
+
+
+def objective_named(name: str) -> Objective:
+    """Return an objective: the project's own, or one that an installed package adds."""
+    if name in OBJECTIVES:
+        return OBJECTIVES[name]
+    found: Objective = additions(
+        "objectives", lambda value: isinstance(value, Objective), "a planners.mission Objective"
+    )[name]
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +121,9 @@ class MissionSettings:
 
     Attributes:
         depth: Depth of the dives [m].
+        depths: Least and greatest depth [m] between which a mission to goals chooses the depth of each leg; None for ``depth``.
+        speeds: Lowest and highest speed [m/s] between which a vehicle with a propeller chooses; None for its own.
+        battery: Energy that it may take [J].
         yos: Dives between surfacings; heading and glide angle are held between surfacings.
         surface_time: Drift time at each surfacing [s].
         objective: ``time`` and ``energy`` are minimised on the way to the goals, ``closest`` minimises the miss distance alone; or weights
@@ -130,7 +144,7 @@ class MissionSettings:
     depth: float = 500.0
     yos: int = 1
     surface_time: float = 0.0
-    objective: ObjectiveName | Weights = "time"
+    objective: str | Weights = "time"
     tolerance: float = 250.0
     legs: int | None = None
     max_legs: int | None = None
@@ -140,12 +154,15 @@ class MissionSettings:
     steps: int = 1
     spline: int = 4
     time_limit: float = inf
+    depths: tuple[float, float] | None = None
+    speeds: tuple[float, float] | None = None
+    battery: float = inf
 
     def __post_init__(self) -> None:
         """Raise PlanError for settings outside their range."""
-        if not isinstance(self.objective, Weights) and self.objective not in OBJECTIVES:
+        if not isinstance(self.objective, Weights) and not is_objective(self.objective):
             raise PlanError(
-                f"a mission's objective is {self.objective!r}; expected one of {', '.join(OBJECTIVES)}, or weights"
+                f"a mission's objective is {self.objective!r}; expected one of {', '.join(objective_names())}, or weights"
             )
         names = (
             "depth",
@@ -156,6 +173,7 @@ class MissionSettings:
             "max_duration",
             "steps",
             "time_limit",
+            "battery",
         )
         for name, value in {name: getattr(self, name) for name in names}.items():
             if value is not None and not value > 0:
@@ -165,6 +183,10 @@ class MissionSettings:
                 raise PlanError(
                     f"a mission's {name} is {getattr(self, name)!r}; expected 0 or more"
                 )
+
+        for name, ends in (("depths", self.depths), ("speeds", self.speeds)):
+            if ends is not None and not 0.0 < ends[0] <= ends[1] < inf:
+                raise PlanError(f"a mission's {name} are {ends!r}; expected two increasing numbers")
 
     @property
     def most_legs(self) -> float:
@@ -177,7 +199,7 @@ class MissionSettings:
         return (
             Objective(self.objective)
             if isinstance(self.objective, Weights)
-            else OBJECTIVES[self.objective]
+            else objective_named(self.objective)
         )
 
     @property

@@ -73,6 +73,11 @@ class LogConfig(Section):
         default_factory=dict,
         description="New names of topics, by their old names; the option may be repeated.",
     )
+    caches: str | None = Field(
+        default=None,
+        description="Folder with the sensor lists (.cac) of a Slocum's files. Default: that of the files, and cac and cache in it and in "
+        "the three folders above.",
+    )
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:

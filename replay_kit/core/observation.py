@@ -3,13 +3,15 @@
 import math
 from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ConfigError
 from replay_kit.core.text import place_text, span_text, time_text
+from replay_kit.core.time import to_time_ns
 
 Reference = Literal["earth", "platform"]
 
@@ -157,7 +159,7 @@ class LinearMeasurement:
 
     Attributes:
         time_ns: When it was known [ns, UTC].
-        point_time_ns: shape (P,) [ns, UTC], or (1,) for all points.
+        point_time_ns: shape (P,) [ns, UTC]; None for that time at all points.
         longitude: shape (P,) [degrees east], or (1,) for points at one place.
         latitude: shape (P,) [degrees north], or (1,).
         depth: shape (P,) [m], positive down.
@@ -174,7 +176,7 @@ class LinearMeasurement:
     """
 
     time_ns: int
-    point_time_ns: NDArray[np.int64]
+    point_time_ns: NDArray[np.int64] | None
     longitude: Array
     latitude: Array
     depth: Array
@@ -286,7 +288,7 @@ class Observation:
         """The same as sums of components: each bin is the current at a point, all points lie at one place."""
         return LinearMeasurement(
             self.time_ns,
-            np.array([self.time_ns]),
+            None,
             np.array([self.longitude]),
             np.array([self.latitude]),
             self.depth,
@@ -299,6 +301,89 @@ class Observation:
             self.common_std,
             self.correlation_depth,
             self.platform_velocity,
+        )
+
+    @staticmethod
+    def profile(
+        time: Any, lon: float, lat: float, depth: Any, u: Any, v: Any, error: Any
+    ) -> "Observation":
+        """Return a profile of the current, or with one depth the current at one place.
+
+        Args:
+            time: ISO 8601 text, datetime64, datetime or integer nanoseconds (UTC).
+            lon: [degrees east].
+            lat: [degrees north].
+            depth: shape (n,) [m], positive down.
+            u: shape (n,) [m/s], towards true east; NaN where missing.
+            v: shape (n,) [m/s], towards true north.
+            error: Standard error of each component [m/s], one number or shape (n,).
+
+        Raises:
+            ConfigError: The lengths differ, an error is not above 0, or a place is none.
+        """
+        depths, east, north = (np.atleast_1d(np.asarray(x, np.float64)) for x in (depth, u, v))
+        errors = _stated_errors(error, depths.size)
+        if not depths.shape == east.shape == north.shape == errors.shape or depths.ndim != 1:
+            shapes = ", ".join(str(x.shape) for x in (depths, east, north, errors))
+            raise ConfigError(
+                f"profile: expected depth, u, v and error of one length, got {shapes}"
+            )
+        place = _stated_fix((time, lon, lat), "profile")
+        velocity = np.column_stack([east, north])
+        known = np.isfinite(velocity).all(axis=1) & np.isfinite(depths)
+        return Observation(
+            *(*place, depths, velocity, errors, "earth"),
+            flags=np.where(known, Flag.GOOD, Flag.MISSING).astype(np.int8),
+            reasons=np.where(known, Reason.NONE, Reason.MISSING).astype(np.int32),
+            dive=0,
+            source=Source(0, STATED, 0, place.time_ns),
+        )
+
+    @staticmethod
+    def mean(
+        start: tuple[Any, float, float],
+        end: tuple[Any, float, float],
+        depth: float,
+        u: float,
+        v: float,
+        error: float,
+    ) -> "PathMean":
+        """Return the mean current of a dive, straight down and up again between two fixes.
+
+        Args:
+            start: Time (as of ``profile``), longitude and latitude [degrees] of the fix before it.
+            end: Of the fix after it.
+            depth: Greatest depth [m].
+            u: Towards true east [m/s].
+            v: Towards true north [m/s].
+            error: Standard error of each component [m/s].
+
+        Raises:
+            ConfigError: The dive does not end after it began, its depth or error is not above 0, or a place is none.
+        """
+        before, after = _stated_fix(start, "start"), _stated_fix(end, "end")
+        if not (after.time_ns > before.time_ns and depth > 0.0 and math.isfinite(u + v)):
+            raise ConfigError(
+                f"mean: expected an end after the start, a depth above 0 and a finite current, got {before.time_ns}, {after.time_ns} ns, "
+                f"{depth} m, {u}, {v} m/s"
+            )
+        share = (np.arange(_PIECES) + 0.5) / _PIECES
+        east = (after.longitude - before.longitude + 180.0) % 360.0 - 180.0
+        return PathMean(
+            time_ns=after.time_ns,
+            path_time_ns=before.time_ns
+            + np.round(share * (after.time_ns - before.time_ns)).astype(np.int64),
+            longitude=before.longitude + share * east,
+            latitude=before.latitude + share * (after.latitude - before.latitude),
+            depth=depth * (1.0 - np.abs(2.0 * share - 1.0)),
+            weight=np.full(_PIECES, 1.0 / _PIECES),
+            velocity=(float(u), float(v)),
+            error_std=float(_stated_errors(error, 1)[0]),
+            kind="dac",
+            dive=0,
+            source=Source(0, STATED, 0, after.time_ns),
+            fixes=(before, after),
+            deepest=float(depth),
         )
 
     def __repr__(self) -> str:
@@ -403,6 +488,39 @@ class PathMean:
             f"PathMean ({self.kind}) {time_text(self.time_ns)}, dive {self.dive}: {path}\n"
             f"  u {u:.3f}, v {v:.3f} +- {self.error_std:.3f} m/s (true axes){corrected}"
         )
+
+
+#: Topic of measurements that a person states, not a log.
+STATED = "stated"
+# of the way down and up of a mean that is stated; an even number, so that none reaches over the deepest point
+_PIECES = 128
+
+
+def _stated_fix(stated: tuple[Any, float, float], what: str) -> Fix:
+    """Return a time and place that a person states.
+
+    Raises:
+        ConfigError: It is none.
+    """
+    time, longitude, latitude = stated
+    place = float(longitude), float(latitude)
+    if not (-180.0 <= place[0] <= 360.0 and abs(place[1]) <= 90.0):
+        raise ConfigError(f"{what}: expected longitude and latitude [degrees], got {place}")
+    return Fix(int(to_time_ns(time)), *place)
+
+
+def _stated_errors(error: Any, n: int) -> Array:
+    """Return standard errors that a person states, shape (n,) [m/s].
+
+    Raises:
+        ConfigError: One is missing or not above 0.
+    """
+    errors = np.asarray(np.nan if error is None else error, np.float64)
+    if not (errors > 0.0).all() or not np.isfinite(errors).all():
+        raise ConfigError(
+            f"error: expected the standard error of each component [m/s], above 0, got {error!r}; it is not guessed"
+        )
+    return np.full(n, float(errors)) if errors.ndim == 0 else errors
 
 
 #: What an estimator may be given.

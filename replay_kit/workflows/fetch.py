@@ -91,9 +91,10 @@ class Request:
         depths = [reach.deepest for reach in self.reaches if reach.deepest is not None]
         if len(depths) < len(self.reaches):
             return None
-        planner, goals = self.config.planner, self.goals
-        planned = [depth for depth in (planner.depth, planner.max_depth) if goals and depth]
-        return max(depths + [goal.depth for goal in goals] + planned)
+        planner = self.config.planner
+        stated = None if planner.depth is None else planner.diving().depth
+        planned = [depth for depth in (stated, planner.max_depth) if self.goals and depth]
+        return max(depths + [goal.depth for goal in self.goals] + planned)
 
     @property
     def span(self) -> tuple[int | None, int | None]:

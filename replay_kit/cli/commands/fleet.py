@@ -20,6 +20,7 @@ from replay_kit.cli.options import (
     flag,
     option,
 )
+from replay_kit.config.run import laid_over
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import Address, check_folder, check_paths
 
@@ -47,6 +48,10 @@ class Inputs:
         SOURCES,
     ] = ()
     config: ConfigFile = None
+    place: Annotated[
+        bool,
+        flag("--place-ensemble", "Move each mission's ensemble to its log, as in replay."),
+    ] = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,6 +103,10 @@ def fleet(
     from replay_kit.workflows.fleet.workers import check_workers
 
     table, folder = _table(missions, inputs)
+    if inputs.place:
+        settings = laid_over({"forecast": {"place": True}}, table.all.settings)
+        common = table.all.model_copy(update={"settings": settings})
+        table = table.model_copy(update={"all": common})
     each = missions_of(table, folder, inputs.config, out)
     console = console_beside(outputs.json_file)
     made = not out.exists()

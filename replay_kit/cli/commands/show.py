@@ -63,11 +63,12 @@ _WIDTH, _WIDEST = 80, 120
 
 
 def status(
-    result: Annotated[
-        Path, argument("RESULT.mcap", "A result of replay, also of a running --follow.")
+    *results: Annotated[
+        Path,
+        argument(
+            "RESULT.mcap", "Results of replay, also of a running --follow; one after the other."
+        ),
     ],
-    /,
-    *,
     html: Annotated[
         Path | None,
         option(
@@ -89,26 +90,31 @@ def status(
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
 ) -> int:
     """Return 0; alarms are shown, and are no failure."""
-    check_paths([result], [html, answer.json_file], answer.overwrite or html is not None)
+    if len(results) > 1 and html is not None:
+        raise ConfigError("--html: expected one result, got several; write a page for each")
+    check_paths(results, [html, answer.json_file], answer.overwrite or html is not None)
     moment = _moment(now)
 
     from replay_kit.workflows.status import read_status, write_page
 
-    found = read_status(result, moment)
+    each = [read_status(path, moment) for path in results]
     if not reporting.current().quiet and str(answer.json_file) != "-":
+        from replay_kit.show.status.brief import brief_text
         from replay_kit.show.status.text import status_text
 
+        show = status_text if reporting.current().verbose else brief_text
         width = (
             min(shutil.get_terminal_size((_WIDTH, 24)).columns, _WIDEST)
             if sys.stdout.isatty()
             else _WIDTH
         )
-        text = status_text(found, width)
+        text = "\n".join(show(found, width) for found in each)
         reporting.keep(text)
         sys.stdout.write(text)
     if html is not None:
-        write_page(found, html)
-    write_json(answer.json_file, found.figures)
+        write_page(each[0], html)
+    figures = [found.figures for found in each]
+    write_json(answer.json_file, {"results": figures} if len(results) > 1 else figures[0])
     return 0
 
 

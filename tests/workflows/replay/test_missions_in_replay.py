@@ -31,7 +31,7 @@ from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.views.contents import Contents
 from replay_kit.show import open_result
 from replay_kit.show.plots.plan import plan_panels
-from replay_kit.show.report.sections.waypoint import waypoint_figure
+from replay_kit.show.report.sections.waypoint import editing
 from replay_kit.show.status.figures import statistics_of
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.status import status_of
@@ -152,7 +152,8 @@ def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(
     path, words = stopped[0], "as flown: 0.30 m/s, 19 degrees"
     plans, held = decoded(path, "/plan/controls"), read_held(path)
     # the first one is made when the first dive has ended
-    assert all(plan.message.endswith(f"; {words}") for plan in plans)
+    assert plans[0].message.endswith("; as flown in a single dive: 0.30 m/s, 19 degrees")
+    assert all(plan.message.endswith(f"; {words}") for plan in plans[1:])
     legs = [leg for plan in plans for leg in plan_legs(statistics_of(plan))]
     assert min(leg["glide_angle_deg"] for leg in legs) >= 19.0 - 0.01
     flown = AsFlown.in_metadata(held.metadata)
@@ -164,7 +165,7 @@ def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(
     )
     assert words in " ".join(status_text(status_of(held)).split())
     contents = Contents(rk.open_result(path))
-    assert "m at 0.30 m/s and 19° of glide" in waypoint_figure(contents).caption
+    assert "m at 0.30 m/s and 19° of glide" in editing(contents).readout
     assert f"Dives {words}." in plan_panels(contents, None).notes
     last = held.fixes[-1]
     ask = [
@@ -191,7 +192,7 @@ def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(
         False,
     )
     # the dives went as deep, and so do those of a plan that states nothing
-    assert said()["message"].endswith("; as flown: 0.30 m/s, 290 m, 19 degrees")
+    assert said()["message"].endswith("; as flown: 0.30 m/s, dives to 290 m, 1.6 h, 19 degrees")
 
 
 @pytest.mark.full
