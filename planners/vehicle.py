@@ -8,12 +8,12 @@ so that the angle of attack is the small root of c_d1 a^2 - c_l tan(g) a + c_d0 
 g - a (Graver 2005; Merckelbach, Smeed, Griffiths 2010, J. Atmos. Oceanic Technol. 27, eqs. 8 to 11).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.special import ndtri
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -70,7 +70,10 @@ class Glider:
         volume: Pumped at each apogee [m^3].
         pump_efficiency: Work done on the water for each joule taken.
         hotel: Power of everything else [W].
+        thrust: Power of a propeller at 1 m/s [W], which grows with the cube of the speed; 0 without one.
         max_depth: Greatest depth that it may go to [m].
+        speed_spread: Standard deviation of the speed of a leg, as a share of it: of legs that do not know of each other.
+        speed_error: The same of the speed of all legs alike.
     """
 
     speed: float = 0.3
@@ -80,7 +83,11 @@ class Glider:
     volume: float = 4.6e-4
     pump_efficiency: float = 0.5
     hotel: float = 1.0
+    thrust: float = 0.0
     max_depth: float = inf
+    # of what its flight is made of they change nothing
+    speed_spread: float = field(default=0.0, compare=False)
+    speed_error: float = field(default=0.0, compare=False)
 
     def __post_init__(self) -> None:
         """Refuse limits that no glide can keep."""
@@ -90,11 +97,15 @@ class Glider:
                 f"glide angles from {self.min_angle:g} to {self.max_angle:g} degrees: expected more than {shallowest:.1f}, increasing, "
                 "less than 90"
             )
-        for name in ("speed", "volume", "pump_efficiency", "hotel", "max_depth"):
+        for name in ("speed", "pump_efficiency", "hotel", "max_depth"):
             if not getattr(self, name) > 0.0:
                 raise PlanError(
                     f"a glider's {name} is {getattr(self, name)!r}; expected a number above 0"
                 )
+        if not (self.volume >= 0.0 and self.thrust >= 0.0 and self.volume + self.thrust > 0.0):
+            raise PlanError(
+                f"a glider's volume is {self.volume!r} and its thrust {self.thrust!r}; expected 0 or more, and one of them above 0"
+            )
 
     @property
     def angles(self) -> tuple[float, float]:
@@ -105,6 +116,13 @@ class Glider:
         """Return the horizontal and the vertical speed through water [m/s] at a glide angle [rad], both positive."""
         speed = self.speed if self.flight is None else self.flight.speed(maths, glide_angle)
         return speed * maths.cos(glide_angle), speed * maths.sin(glide_angle)
+
+    def paces(self, count: int, n_legs: int) -> Array:
+        """Return the mean speed of legs over ``speed`` in each of ``count`` flights: quantiles of its errors in a fixed random order."""
+        quantiles = ndtri((np.arange(count) + 0.5) / count)
+        std = np.hypot(self.speed_error, self.speed_spread / np.sqrt(max(n_legs, 1)))
+        drawn = np.random.default_rng(count).permutation(quantiles)
+        return np.asarray(np.maximum(1.0 + std * drawn, 0.0))
 
     def pitch(self, glide_angle: Array) -> Array:
         """Return the pitch [rad] below the horizontal of a dive at a glide angle [rad]; the glide angle itself without a flight model."""
@@ -118,6 +136,11 @@ class Glider:
         """Return the energy [J] that one apogee at a depth [m] takes: the volume pushed out against the pressure there."""
         return DENSITY * GRAVITY * depth * self.volume / self.pump_efficiency
 
+    @property
+    def power(self) -> float:
+        """Power of all but the pump [W]: the drag of a propelled hull grows with the square of its speed, its power with the cube."""
+        return self.hotel + self.thrust * self.speed**3
+
     def energy(self, duration: Any, apogees: Any) -> Any:
         """Return the energy [J] of a flight.
 
@@ -125,7 +148,7 @@ class Glider:
             duration: [s].
             apogees: Sum of the depths of its apogees [m].
         """
-        return self.hotel * duration + self.pump_work(apogees)
+        return self.power * duration + self.pump_work(apogees)
 
 
 def fit_flight(first: SteadyFlight, pitch: Array, depth_rate: Array) -> SteadyFlight:
@@ -151,6 +174,8 @@ def fit_flight(first: SteadyFlight, pitch: Array, depth_rate: Array) -> SteadyFl
         raise PlanError(
             f"pitches from {np.rad2deg(pitch.min()):.2f} to {np.rad2deg(pitch.max()):.2f} degrees do not tell drag from lift"
         )
+
+    from scipy.optimize import least_squares  # loads slowly, and no plan fits a flight
 
     def model(unknowns: Array) -> SteadyFlight:
         return replace(first, drag=float(np.exp(unknowns[0])), lift=float(np.exp(unknowns[1])))

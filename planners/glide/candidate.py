@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize
 
 from planners.glide.transcription import Glide, GlideTask, approach, solve_glide
 from planners.route.region import locate, region_of
@@ -143,6 +142,8 @@ def _approached(task: GlideTask, guess: Glide, n_steps: int) -> Glide:
 
 def polish(task: GlideTask, seed: Candidate) -> Candidate:
     """Return a seed improved without derivatives (Nelder-Mead on the flown distance), for when IPOPT did worse than the seed."""
+    from scipy.optimize import minimize  # loads slowly, and is hardly ever needed
+
     limit = np.log(task.settings.max_duration)
     # of a goal that is missed by far, metres do not matter
     close = max(_POLISHED[0], _POLISHED[1] * seed.distance)

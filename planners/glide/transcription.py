@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import least_squares
 
 from planners.flow import graph_key
 from planners.route.bottom import Bathymetry, Bottom
@@ -174,6 +173,8 @@ def approach(task: GlideTask, guess: Glide, fractions: Array) -> Glide:
     From a rough seed the exact Hessian is often indefinite, and IPOPT spends dozens of iterations on it; the Gauss-Newton steps of
     least squares go straight down, at a third of the cost each. Arguments as for ``solve_glide``.
     """
+    from scipy.optimize import least_squares  # loads slowly, and missions need none
+
     program, parameters = (
         glide_program(task, fractions.size - 1, False),
         _parameters(task, fractions),

@@ -238,32 +238,15 @@ def _plan(
     """Return the plan with its message, its evidence and its track."""
     (mapping, survey, after), (mower, mower_error, is_mower) = chosen, peer
     before = mapping.before()
-    named: list[tuple[str, float, Survey | None]] = [
-        ("no profiles", before, None),
-        ("the best lawn-mower", mower_error, mower),
-    ]
-    named.append(("this plan", after, survey))
-    # samples are of the dives' mean: of other depths the prediction stands alone
-    sea = None
-    if mapping.which == (0,):
-        span = slices(scene.known, scene.begin, float(mapping.times[-1]))
-        sea = drawn_sea(scene.known, span, scene.settings.samples, scene.settings.seed)
-    else:
-        notes += (
-            "no errors in samples: these are of the mean current over the dives, and the box counts at depths",
-        )
-    noise = np.random.default_rng(scene.settings.seed + 1).standard_normal(
-        (scene.settings.samples, survey.times.size, 2)
+    candidates, count, more = _compared(
+        scene,
+        mapping,
+        {
+            "no profiles": (before, None),
+            "the best lawn-mower": (mower_error, mower),
+            "this plan": (after, survey),
+        },
     )
-    candidates = []
-    for name, predicted, one in named:
-        if np.isfinite(predicted):
-            figures = (
-                (np.nan,) * 3
-                if sea is None
-                else _interval(realised(sea, mapping, one, noise, scene.given))
-            )
-            candidates.append(Candidate(name, predicted, *figures, np.nan, name == "this plan"))
     legs, times, track = dives_of(scene, scene.start, survey.ends[0], mapping.times)
     words = f"{request.profiles} profiles reduce the error of the current in the box from {before:.3f} to {after:.3f} m/s"
     words += (
@@ -271,20 +254,16 @@ def _plan(
         if is_mower
         else f"; the best lawn-mower to {mower_error:.3f} m/s"
     )
-    last = scene.place(complex(survey.ends[0, -1]))
     sought = mapping.sought()
-    aim = Aim(
-        scene.known,
-        Combined(sought, np.eye(len(sought.now)) / np.sqrt(len(sought.now))),
-        mapping.variance,
-        mapping.given,
-    )
+    combined = Combined(sought, np.eye(len(sought.now)) / np.sqrt(len(sought.now)))
+    aim = Aim(scene.known, combined, mapping.variance, mapping.given)
+    box = mapping.box[:, 0] + 1j * mapping.box[:, 1]
     return LearnPlan(
         status="reached",
         message=words,
         objective="map",
         request=request,
-        goal=last,
+        goal=scene.place(complex(survey.ends[0, -1])),
         depth=scene.settings.depth,
         legs=legs,
         track_time=times,
@@ -292,19 +271,41 @@ def _plan(
         miss=0.0,
         before=before,
         after=after,
-        candidates=tuple(candidates),
-        value=value_map(
-            scene,
-            aim,
-            float(mapping.profile_times[0]),
-            mapping.box[:, 0] + 1j * mapping.box[:, 1],
-            "m/s",
-        ),
+        candidates=candidates,
+        value=value_map(scene, aim, float(mapping.profile_times[0]), box, "m/s"),
         found_name="error in the box",
         unit="m/s",
-        notes=notes,
-        figures={
-            "samples": 0 if sea is None else scene.settings.samples,
-            "surfacings": int(survey.times.size),
-        },
+        notes=(*notes, *more),
+        figures={"samples": count, "surfacings": int(survey.times.size)},
     )
+
+
+def _compared(
+    scene: Scene, mapping: Mapping, named: dict[str, tuple[float, Survey | None]]
+) -> tuple[tuple[Candidate, ...], int, tuple[str, ...]]:
+    """Return surveys with their errors in samples, how many these are, and a note where there are none.
+
+    Samples are of the dives' mean: of other depths the prediction stands alone.
+    """
+    settings, sea = scene.settings, None
+    if mapping.which == (0,):
+        span = slices(scene.known, scene.begin, float(mapping.times[-1]))
+        sea = drawn_sea(scene.known, span, settings.samples, settings.seed)
+    *_, (_, last) = named.values()
+    assert last is not None, "the last survey is the plan's"
+    rng = np.random.default_rng(settings.seed + 1)
+    noise = rng.standard_normal((settings.samples, last.times.size, 2))
+
+    def candidate(name: str, predicted: float, survey: Survey | None) -> Candidate:
+        figures = (
+            (np.nan,) * 3
+            if sea is None
+            else _interval(realised(sea, mapping, survey, noise, scene.given))
+        )
+        return Candidate(name, predicted, *figures, np.nan, name == "this plan")
+
+    found = (candidate(name, *one) for name, one in named.items() if np.isfinite(one[0]))
+    if sea is not None:
+        return tuple(found), settings.samples, ()
+    note = "no errors in samples: these are of the mean current over the dives, and the box counts at depths"
+    return tuple(found), 0, (note,)

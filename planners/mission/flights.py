@@ -32,6 +32,7 @@ from planners.mission.task import (
 from planners.mission.values import MissionPlan
 from planners.route.bottom import Bathymetry
 from planners.route.hazards import NoGo
+from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -95,6 +96,8 @@ def fly_mission(flows: FlowEstimate | Sequence[Sample], plan: MissionPlan) -> Mi
         PlanError: The mission has no legs, or the flows are not on the same nodes.
     """
     currents = currents_of_samples([flows] if isinstance(flows, FlowEstimate) else flows)
+    if len(currents.latent) > 1:
+        currents = with_paces(currents, plan.vehicle, len(plan.headings_deg))
     legs, projection = legs_of_plan(plan, currents.flow), currents.flow.grid.projection
     start = np.array(
         to_local(projection, plan.start.longitude, plan.start.latitude), dtype=np.float64
@@ -249,10 +252,18 @@ def fly_samples(
     task: MissionTask, currents: Currents, legs: Legs, predicted: Flight, pilot: Pilot | None
 ) -> Flight:
     """Return the flights of legs in K currents, by the midpoint method; a pilot leads them where the prediction goes."""
+    currents = with_paces(currents, task.vehicle, len(legs.headings))
     known, met = (one.since(task.request.start_time_ns) for one in (task.currents, currents))
     if pilot is None:
         return fly_legs(met, task.vehicle, task.start[:2], legs, 0.0, fly_midpoints)
     return fly_corrected(known, met, task.vehicle, predicted, legs, pilot).flight
+
+
+def with_paces(currents: Currents, vehicle: Glider, n_legs: int) -> Currents:
+    """Return samples of the current in which the vehicle's speed errs as well, by what its log's dives show."""
+    if not (vehicle.speed_spread or vehicle.speed_error):
+        return currents
+    return replace(currents, pace=vehicle.paces(len(currents.latent), n_legs))
 
 
 def currents_of_estimate(flow: Flow, samples: Sequence[Sample]) -> Currents:

@@ -7,6 +7,7 @@ import numpy as np
 from planners.front.route import Route
 from planners.mission.flight.currents import Flow
 from planners.mission.result import to_plan
+from planners.mission.search.depths import solve_in_ranges
 from planners.mission.search.search import solve_attempts
 from planners.mission.solve.attempt import GoalSteps
 from planners.mission.solve.legs import solve_legs
@@ -47,8 +48,7 @@ def plan_mission(
         PlanError: The start or a goal is outside of the region, on land or where the mission may not go, a depth does not fit, or
             the miss distance has no weight.
     """
-    task = mission_task(flow, request)
-    return to_plan(task, solve_attempts(task, warm))
+    return to_plan(*solve_in_ranges(mission_task(flow, request), warm))
 
 
 def plan_line(

@@ -121,6 +121,9 @@ class MissionSettings:
 
     Attributes:
         depth: Depth of the dives [m].
+        depths: Least and greatest depth [m] between which a mission to goals chooses the depth of each leg; None for ``depth``.
+        speeds: Lowest and highest speed [m/s] between which a vehicle with a propeller chooses; None for its own.
+        battery: Energy that it may take [J].
         yos: Dives between surfacings; heading and glide angle are held between surfacings.
         surface_time: Drift time at each surfacing [s].
         objective: ``time`` and ``energy`` are minimised on the way to the goals, ``closest`` minimises the miss distance alone; or weights
@@ -151,6 +154,9 @@ class MissionSettings:
     steps: int = 1
     spline: int = 4
     time_limit: float = inf
+    depths: tuple[float, float] | None = None
+    speeds: tuple[float, float] | None = None
+    battery: float = inf
 
     def __post_init__(self) -> None:
         """Raise PlanError for settings outside their range."""
@@ -167,6 +173,7 @@ class MissionSettings:
             "max_duration",
             "steps",
             "time_limit",
+            "battery",
         )
         for name, value in {name: getattr(self, name) for name in names}.items():
             if value is not None and not value > 0:
@@ -176,6 +183,10 @@ class MissionSettings:
                 raise PlanError(
                     f"a mission's {name} is {getattr(self, name)!r}; expected 0 or more"
                 )
+
+        for name, ends in (("depths", self.depths), ("speeds", self.speeds)):
+            if ends is not None and not 0.0 < ends[0] <= ends[1] < inf:
+                raise PlanError(f"a mission's {name} are {ends!r}; expected two increasing numbers")
 
     @property
     def most_legs(self) -> float:

@@ -4,13 +4,17 @@ What it expects in its first dive nobody knows: nothing where it was just put to
 waypoints is flown with several of these.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from planners.mission.flight.legs import Legs, fly_legs, fly_midpoints
-from planners.mission.solve.check import Violation, check
+from planners.mission.flight.currents import Currents
+from planners.mission.flight.legs import Flight, Legs
+from planners.mission.flight.pilot import HeldLeg
+from planners.mission.solve.check import Violation, check, clearances
 from planners.mission.task import MissionTask, leg_depths, steps_needed, turns_of
 from planners.mission.values import MissionPlan
 from replay_kit.core.arrays import Array
@@ -22,6 +26,8 @@ _LEGS_EACH, _LEGS_MORE = 2, 3
 _AS_FAR = 0.8
 # Share of the full depth that the shallowest dive to a near waypoint goes.
 _SHALLOWEST = 0.1
+# Parts of a full depth to which dives of many gliders are rounded.
+_SHARES = 0.05
 # Depths of a dive over which its mean current is taken.
 _DEPTHS = 20
 # Standard errors to the edge of an ellipse that holds 95 % of a normal distribution in the plane.
@@ -35,25 +41,54 @@ _DISC = np.sqrt((_NUMBERS + 0.5) / _NUMBERS.size)[:, None] * np.column_stack(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Followed:
-    """Waypoints headed for with one radius and one current expected in the first dive.
+class WaypointList:
+    """What a glider is given: W places, and the dives on the way to each.
 
     Attributes:
-        radius: Within which a waypoint counts as reached [m].
         kept: Numbers of the plan's legs, counted from 1, whose ends are the waypoints.
-        first_current: shape (2,), expected in the first dive [m/s].
+        radius: Within which a waypoint counts as reached [m].
+        places: shape (W, 2) [m].
         angles: shape (W,), glide angle on the way to each [rad].
         depths: shape (W,), depth of the dives on the way to each [m].
+    """
+
+    kept: tuple[int, ...]
+    radius: float
+    places: Array
+    angles: Array
+    depths: Array
+
+    @classmethod
+    def of(
+        cls, task: MissionTask, plan: MissionPlan, kept: tuple[int, ...], radius: float
+    ) -> "WaypointList":
+        """Return the list of some legs' ends, with their mean glide angle and the shallowest of their dives."""
+        ends = np.column_stack(to_local(task.region.grid.projection, *plan.surfacings.T))
+        angles, turns = np.deg2rad(plan.glide_angles_deg), np.array(turns_of(plan.yo_depths))
+        spans = list(pairwise([0, *kept]))
+        return cls(
+            kept,
+            radius,
+            ends[np.array(kept) - 1],
+            np.array([np.mean(angles[begin:end]) for begin, end in spans]),
+            np.array([np.min(turns[begin:end]) for begin, end in spans]),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Followed:
+    """Waypoints headed for with one current expected in the first dive.
+
+    Attributes:
+        few: The waypoints.
+        first_current: shape (2,), expected in the first dive [m/s].
         times: shape (W,), when each is reached [s]; NaN for those that are not.
         path: (place [m], time [s]) of the start and of each surfacing.
         violation: What it crosses first, or that it was not checked to the end; None when it keeps clear.
     """
 
-    radius: float
-    kept: tuple[int, ...]
+    few: WaypointList
     first_current: Array
-    angles: Array
-    depths: Array
     times: Array
     path: list[tuple[Array, float]]
     violation: Violation | None
@@ -91,76 +126,134 @@ def first_currents(task: MissionTask, plan: MissionPlan, legs: Legs) -> list[Arr
 def follow(
     task: MissionTask,
     plan: MissionPlan,
-    legs: Legs,
-    kept: tuple[int, ...],
-    radius: float,
-    first_current: Array,
-) -> Followed:
-    """Return the flight of a glider that heads for the ends of the legs kept, until the last is reached.
+    few: WaypointList,
+    first_currents: Sequence[Array],
+    currents: Currents | None = None,
+    corrects: bool = True,
+) -> list[Followed]:
+    """Return the flights of K gliders that head for waypoints, each until the last is reached.
 
     Args:
-        task: The current it is flown in, and what it must keep clear of.
+        task: The current of the estimate, and what they must keep clear of.
         plan: The mission.
-        legs: Its commands.
-        kept: Numbers of the legs, counted from 1, whose ends are the waypoints.
-        radius: [m], within which a waypoint counts as reached.
-        first_current: shape (2,), that it expects in its first dive [m/s], local east and north.
+        few: The waypoints.
+        first_currents: K of shape (2,), that each expects in its first dive [m/s], local east and north.
+        currents: K flows, that each meets; None for the estimate.
+        corrects: Whether it corrects for the current of its last dive; else it heads straight at the waypoint.
     """
-    settings, projection = plan.settings, task.region.grid.projection
-    ends = np.column_stack(to_local(projection, *plan.surfacings.T))
-    waypoints, drift, levels = (
-        ends[np.array(kept) - 1],
-        plan.settings.surface_time,
-        task.flow.levels,
-    )
-    margin = _margin(
-        task, settings.margin, np.vstack([task.start[None, :2], ends])[[0, *plan.goal_legs]]
-    )
-    angles = np.array([np.mean(legs.angles[begin:end]) for begin, end in pairwise([0, *kept])])
-    turns = np.array(turns_of(plan.yo_depths))
-    deep = np.array([np.min(turns[begin:end]) for begin, end in pairwise([0, *kept])])
-    times, path, target, violation = (
-        np.full(len(waypoints), np.nan),
-        [(task.start[:2], 0.0)],
-        0,
-        None,
-    )
-    current = first_current
-    for number in range(_LEGS_EACH * len(legs.headings) + _LEGS_MORE):
-        (at, now), angle, depth = path[-1], float(angles[target]), float(deep[target])
-        local, share = heading_for(
-            replace(plan, settings=replace(settings, depth=depth)),
-            waypoints[target] - at,
-            angle,
-            current,
-        )
-        heading = local - float(true_north_halfway(projection, at[None], at[None])[0])
-        begin = plan.yo_depths[0][0] if number == 0 else 0.0
-        yo_depths = (begin, *(max(share * depth, begin), 0.0) * settings.yos)
-        depths = leg_depths(yo_depths, levels, steps_needed(yo_depths, levels, settings.steps))
-        leg = Legs(np.array([heading]), np.array([angle]), (depths,), np.array([drift]))
-        flown = fly_legs(task.currents, plan.vehicle, at, leg, task.start_time + now, fly_midpoints)
-        violation = violation or check(task, flown, margin)
-        surfaced = depths.size - 1
-        arrived = bool(np.linalg.norm(flown.place[0, surfaced] - waypoints[target]) <= radius)
-        last = arrived and target == len(waypoints) - 1
-        # the last drift does not count
-        point = surfaced if last else -1
-        path.append((flown.place[0, point], now + float(flown.time[point])))
-        if arrived:
-            times[target] = now + float(flown.time[surfaced])
-            target += 1
-        if last:
+    settings, projection, count = plan.settings, task.region.grid.projection, len(first_currents)
+    goals = np.column_stack(to_local(projection, *plan.surfacings.T))[np.array(plan.goal_legs) - 1]
+    margin = _margin(task, settings.margin, np.vstack([task.start[None, :2], goals]))
+    at, now, target = np.tile(task.start[:2], (count, 1)), np.zeros(count), np.zeros(count, int)
+    current = np.array(first_currents) * float(corrects)
+    times, under_way = np.full((count, len(few.kept)), np.nan), np.arange(count)
+    paths = [[(task.start[:2], 0.0)] for _ in range(count)]
+    met = task.currents if currents is None else currents
+    clock, levels = met.clock(plan.start_time_ns), task.flow.levels
+    violations: list[Violation | None] = [None] * count
+    for number in range(_LEGS_EACH * len(plan.headings_deg) + _LEGS_MORE):
+        begin, left = plan.yo_depths[0][0] if number == 0 else 0.0, list[int]()
+        if under_way.size == 0:
             break
-        local = heading + float(true_north_halfway(projection, at[None], path[-1][0][None])[0])
-        current = dead_reckoned_current(plan, path[-1][0] - at, path[-1][1] - now, local, angle)
-    if violation is None and target < len(waypoints) and _has_hazards(task, float(deep.max())):
-        place, time = path[-1]
-        what = f"water that was not checked, as waypoint {target + 1} is not reached in {len(path) - 1} legs,"
-        violation = Violation(
-            what, time, len(path) - 1, *(float(part) for part in to_geographic(projection, *place))
-        )
-    return Followed(radius, kept, first_current, angles, deep, times, path, violation)
+        state = target[under_way], at[under_way], current[under_way]
+        headings, depths = _steered(task, plan, few, *state)
+        depths = np.maximum(depths, begin)
+        # dives to the same depth are flown together
+        for depth in np.unique(depths):
+            alike = depths == depth
+            these = under_way[alike]
+            turns = (begin, *(float(depth), 0.0) * settings.yos)
+            steps = leg_depths(turns, levels, steps_needed(turns, levels, settings.steps))
+            angles = few.angles[target[these]]
+            leg = HeldLeg(plan.vehicle, steps, settings.surface_time, headings[alike], angles)
+            flown = leg.fly(
+                met if currents is None else met.some(these), (at[these], clock + now[these])
+            )
+            found = _violations(task, steps, (at[these], flown), margin, currents is None)
+            surfaced, drifted = flown[steps.size - 2], flown[-1]
+            arrived = np.linalg.norm(surfaced[0] - few.places[target[these]], axis=1) <= few.radius
+            last = arrived & (target[these] == len(few.kept) - 1)
+            # the last drift does not count
+            ends, lasts = (np.where(last[:, None], surfaced[i], drifted[i]) for i in (0, 1))
+            if corrects:
+                current[these] = leg.mean_current(projection, at[these], ends, lasts)
+            times[these[arrived], target[these[arrived]]] = (now[these] + surfaced[1][:, 0])[
+                arrived
+            ]
+            for k, one, end, then in zip(these, found, ends, now[these] + lasts[:, 0], strict=True):
+                if one is not None and violations[k] is None:
+                    violations[k] = replace(one, time=one.time + now[k], leg=number + 1)
+                paths[k].append((end, float(then)))
+            at[these], now[these] = ends, now[these] + lasts[:, 0]
+            target[these] += arrived & ~last
+            left += these[~last].tolist()
+        under_way = np.array(sorted(left), dtype=int)
+    if _has_hazards(task, float(few.depths.max())):
+        for k in under_way:
+            violations[k] = violations[k] or _unchecked(task, int(target[k]), paths[k])
+    return [
+        Followed(few, *one) for one in zip(first_currents, times, paths, violations, strict=True)
+    ]
+
+
+def _steered(
+    task: MissionTask,
+    plan: MissionPlan,
+    few: WaypointList,
+    target: NDArray[np.intp],
+    at: Array,
+    current: Array,
+) -> tuple[Array, Array]:
+    """Return the headings [rad] and the depths [m], shape (K,) each, with which gliders at some places head for their waypoints."""
+    ways, angles, deep = few.places[target] - at, few.angles[target], few.depths[target]
+    dives = {depth: _to_depth(plan, float(depth)) for depth in np.unique(deep)}
+    steered = [
+        heading_for(dives[depth], way, float(angle), expected)
+        for depth, way, angle, expected in zip(deep, ways, angles, current, strict=True)
+    ]
+    local, share = np.array(steered).T
+    if len(at) > 1:
+        # many are flown together in few kinds of dives
+        share = np.maximum(np.round(share / _SHARES) * _SHARES, _SHALLOWEST)
+    return local - true_north_halfway(task.region.grid.projection, at, at), share * deep
+
+
+def _to_depth(plan: MissionPlan, depth: float) -> MissionPlan:
+    return replace(plan, settings=replace(plan.settings, depth=depth))
+
+
+def _violations(
+    task: MissionTask,
+    steps: Array,
+    flown: tuple[Array, list[tuple[Array, Array]]],
+    margin: float,
+    exactly: bool,
+) -> list[Violation | None]:
+    """Return what each of K gliders crosses in a leg; of samples, not exactly, without the margin and where it begins."""
+    begin, path = flown
+    places = np.stack([begin, *(place for place, _ in path)], axis=1)
+    time = np.append(0.0, [float(np.mean(at)) for _, at in path])
+    depth = np.append(steps, np.zeros(time.size - steps.size))
+    whole = Flight(time, depth, places, np.zeros(time.size, dtype=int), np.array([time.size - 1]))
+    if exactly:
+        return [check(task, replace(whole, place=one[None]), margin) for one in places]
+    clear = clearances(task, whole)
+    crossed = [
+        next((name for name in clear if clear[name][k] <= 0.0), None) for k in range(len(begin))
+    ]
+    where = to_geographic(task.region.grid.projection, *begin.T)
+    return [
+        None if what is None else Violation(what, 0.0, 1, float(x), float(y))
+        for what, x, y in zip(crossed, *where, strict=True)
+    ]
+
+
+def _unchecked(task: MissionTask, target: int, path: list[tuple[Array, float]]) -> Violation:
+    """Return that the way to a waypoint could not be checked, as it is never reached."""
+    place, time = path[-1]
+    what = f"water that was not checked, as waypoint {target + 1} is not reached in {len(path) - 1} legs,"
+    where = (float(part) for part in to_geographic(task.region.grid.projection, *place))
+    return Violation(what, time, len(path) - 1, *where)
 
 
 def _has_hazards(task: MissionTask, depth: float) -> bool:

@@ -7,27 +7,65 @@ eddies headings for each leg are clearly better.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 import shapely
 
-from planners.mission.flight.currents import Flow
-from planners.mission.flights import legs_of_plan
+from planners.mission.flight.currents import Currents, Flow, Sample
+from planners.mission.flights import (
+    currents_of_estimate,
+    fly_mission,
+    legs_of_plan,
+    surfacing_ellipses,
+    with_paces,
+)
 from planners.mission.solve.check import Violation
 from planners.mission.task import MissionTask, task_of_plan
+from planners.mission.timing import first_legs
 from planners.mission.values import MissionPlan
-from planners.mission.waypoint_flight import Followed, first_currents, follow
+from planners.mission.waypoint_flight import Followed, WaypointList, first_currents, follow
 from planners.route.bottom import Bathymetry
 from planners.route.hazards import NoGo, Ring, first_crossing
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import heading_deg, rotate_to_geographic, to_geographic, to_local
 from replay_kit.core.grid import Projection
+from replay_kit.core.plan import Area
 
 # Radii of a waypoint that are tried, in tolerances of the plan.
 _RADII = np.array([1.0, 2.0, 4.0, 8.0])
+# Where fewer samples reach the last waypoint another radius is tried.
+_MOST = 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class ListRisk:
+    """A list headed for in samples of the estimate, in each with another current expected in the first dive.
+
+    Attributes:
+        count: Number of samples.
+        reached: Share in which a glider that corrects for the current of its last dive reaches the last waypoint.
+        violating: Share in which it violates a constraint, or could not be checked to the end.
+        reached_straight: As ``reached``, of one that heads straight at each waypoint.
+        violating_straight: As ``violating``, of that.
+    """
+
+    count: int
+    reached: float
+    violating: float
+    reached_straight: float
+    violating_straight: float
+
+    def text(self) -> str:
+        """Return it in words."""
+        shares = self.reached, self.violating, self.reached_straight, self.violating_straight
+        reached, violating, straight, unsafe = (f"{100.0 * share:.0f} %" for share in shares)
+        return (
+            f"in {self.count} samples of the estimate {reached} reach the last and {violating} are not safe, without the glider's own "
+            f"correction for the current {straight} and {unsafe}"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +88,9 @@ class Waypoints:
         violation: What a glider that heads for them crosses first; None when it keeps clear.
         arrives: Whether it reaches all of them and ends within the plan's tolerance of the plan's end.
         message: The outcome in words.
+        risk: In samples of the estimate; None without.
+        areas: That it keeps out of, and fences.
+        clearance: Least height of the dives above the bottom [m].
     """
 
     longitude: Array
@@ -67,6 +108,9 @@ class Waypoints:
     violation: Violation | None
     arrives: bool
     message: str
+    risk: ListRisk | None = None
+    areas: tuple[Area, ...] = ()
+    clearance: float = 20.0
 
 
 def waypoints_of(
@@ -76,6 +120,7 @@ def waypoints_of(
     *,
     no_go: tuple[NoGo, ...] = (),
     bathymetry: Bathymetry | None = None,
+    samples: Sequence[Sample] = (),
 ) -> Waypoints:
     """Return the fewest of a plan's surfacings that describe its track, and the track of a glider that heads for them in a flow.
 
@@ -95,6 +140,8 @@ def waypoints_of(
         tolerance: A surfacing this close to steady progress between two others is left out [m]; None for the plan's tolerance.
         no_go: Areas that must not be entered.
         bathymetry: Bottom depth.
+        samples: As for ``plan_scenarios``, in which the list is judged. The semi-axis of the ellipse of a first surfacing is tried as its
+            radius too: within less a glider turns back for a waypoint that it has passed.
 
     Raises:
         PlanError: The mission has no legs, or it is a mooring, which is a single waypoint.
@@ -102,44 +149,90 @@ def waypoints_of(
     if plan.settings.weights.closest == 0.0:
         raise PlanError("a mooring has no waypoints: give the glider the place of the mooring")
     task = task_of_plan(flow, plan, no_go, bathymetry)
-    legs, projection, settings = (
-        legs_of_plan(plan, task.flow),
-        task.region.grid.projection,
-        plan.settings,
-    )
-    ends = np.column_stack(to_local(projection, *plan.surfacings.T))
-    places, tried = np.vstack([task.start[None, :2], ends]), list[list[Followed]]()
-    planned, *others = first_currents(task, plan, legs)
-    fewest = kept_surfacings(
-        plan, places, settings.tolerance if tolerance is None else tolerance, task.rings
-    )
-
-    def lost(one: Followed) -> tuple[bool, int, bool, float]:
-        off_end = float(np.linalg.norm(one.path[-1][0] - ends[-1]))
-        # the rest of the distance to the plan's end would take time as well
-        late = one.path[-1][1] + off_end / float(plan.vehicle.speeds(np, one.angles[-1])[0])
-        return (
-            one.violation is not None,
-            int(np.isnan(one.times).sum()),
-            off_end > settings.tolerance,
-            late,
+    ends = np.column_stack(to_local(task.region.grid.projection, *plan.surfacings.T))
+    places, wanted = np.vstack([task.start[None, :2], ends]), plan.settings.tolerance
+    firsts = first_currents(task, plan, legs_of_plan(plan, task.flow))
+    fewest = kept_surfacings(plan, places, wanted if tolerance is None else tolerance, task.rings)
+    radii = (wanted * _RADII).tolist()
+    tried = _tried(task, plan, firsts, [WaypointList.of(task, plan, fewest, r) for r in radii])
+    if not _serves(plan, tried[-1]):
+        whole = tuple(range(1, len(ends) + 1))
+        tried += _tried(task, plan, firsts, [WaypointList.of(task, plan, whole, r) for r in radii])
+    best = tried[-1]
+    if not _serves(plan, best):
+        best = min(tried, key=lambda flown: _lost(plan, flown[0]))
+    areas = tuple(area.area for area in no_go)
+    if not samples:
+        return replace(
+            _waypoints(task, plan, best, places), areas=areas, clearance=plan.settings.clearance
         )
+    currents = with_paces(currents_of_estimate(flow, samples), plan.vehicle, 1)
+    risk = _risk(task, plan, best[0].few, firsts, currents)
+    first = first_legs(plan, 1, task.region.grid.projection)
+    wide = float(np.ceil(surfacing_ellipses(fly_mission(samples, first), first)[0, 2]))
+    if _serves(plan, best) and risk.reached < _MOST and wide > best[0].few.radius:
+        wider = _tried(task, plan, firsts, [replace(best[0].few, radius=wide)])[-1]
+        then = _risk(task, plan, wider[0].few, firsts, currents)
+        if _serves(plan, wider) and (-then.violating, then.reached) > (
+            -risk.violating,
+            risk.reached,
+        ):
+            best, risk = wider, then
+    found = _waypoints(task, plan, best, places)
+    return replace(
+        found,
+        areas=areas,
+        clearance=plan.settings.clearance,
+        risk=risk,
+        message=f"{found.message}; {risk.text()}",
+    )
 
-    for kept in (fewest, tuple(range(1, len(ends) + 1))):
-        as_planned = [
-            follow(task, plan, legs, kept, float(radius), planned)
-            for radius in settings.tolerance * _RADII
+
+def _lost(plan: MissionPlan, one: Followed) -> tuple[bool, int, bool, float]:
+    """Return what a flight loses, the worst first: a constraint, waypoints, the end of the plan, time [s]."""
+    off_end = float(np.linalg.norm(one.path[-1][0] - one.few.places[-1]))
+    # the rest of the distance to the plan's end would take time as well
+    late = one.path[-1][1] + off_end / float(plan.vehicle.speeds(np, one.few.angles[-1])[0])
+    missed = int(np.isnan(one.times).sum())
+    return one.violation is not None, missed, off_end > plan.settings.tolerance, late
+
+
+def _serves(plan: MissionPlan, flown: Sequence[Followed]) -> bool:
+    """Return whether the worst flight of a list loses nothing but time."""
+    return not any(_lost(plan, flown[0])[:3])
+
+
+def _tried(
+    task: MissionTask, plan: MissionPlan, firsts: Sequence[Array], lists: Sequence[WaypointList]
+) -> list[list[Followed]]:
+    """Return the flights of each list with all first currents, the worst first, until one serves; the best in the plan's current first."""
+    tried = list[list[Followed]]()
+    as_planned = [follow(task, plan, few, firsts[:1])[0] for few in lists]
+    for one in sorted(as_planned, key=lambda one: _lost(plan, one)):
+        flown = [one, *follow(task, plan, one.few, firsts[1:])]
+        tried.append(sorted(flown, key=lambda one: _lost(plan, one), reverse=True))
+        if _serves(plan, tried[-1]):
+            break
+    return tried
+
+
+def _risk(
+    task: MissionTask,
+    plan: MissionPlan,
+    few: WaypointList,
+    firsts: Sequence[Array],
+    currents: Currents,
+) -> ListRisk:
+    """Return how a list fares in K currents, in each with a current expected in the first dive, with and without correction."""
+    count, figures = len(currents.latent), list[float]()
+    expected = [firsts[k % len(firsts)] for k in range(count)]
+    for corrects in (True, False):
+        flown = follow(task, plan, few, expected, currents, corrects)
+        figures += [
+            float(np.mean([np.isfinite(one.times[-1]) for one in flown])),
+            float(np.mean([one.violation is not None for one in flown])),
         ]
-        for one in sorted(as_planned, key=lost):
-            flown = [one]
-            for first in others:
-                if flown[-1].violation is not None:
-                    break
-                flown.append(follow(task, plan, legs, kept, one.radius, first))
-            tried.append(sorted(flown, key=lost, reverse=True))
-            if not any(lost(tried[-1][0])[:3]):
-                return _waypoints(task, plan, tried[-1], places)
-    return _waypoints(task, plan, min(tried, key=lambda flown: lost(flown[0])), places)
+    return ListRisk(count, *figures)
 
 
 def _waypoints(
@@ -153,13 +246,13 @@ def _waypoints(
     off_track = float(np.max(_distance_to_legs(np.vstack(surfacings), places)))
     n_reached = int(np.isfinite(worst.times).sum())
     message = (
-        f"{len(worst.kept)} waypoints for {len(places) - 1} surfacings; {n_reached} reached within {worst.radius:g} m; "
+        f"{len(worst.few.kept)} waypoints for {len(places) - 1} surfacings; {n_reached} reached within {worst.few.radius:g} m; "
         f"ends {off_end:.0f} m from the plan's end and {abs(delay) / 60.0:.0f} min {'later' if delay >= 0.0 else 'earlier'}; "
         f"surfaces at most {off_track:.0f} m off the plan's legs"
     )
     at, arrives = (
         worst.violation,
-        n_reached == len(worst.kept) and off_end <= plan.settings.tolerance,
+        n_reached == len(worst.few.kept) and off_end <= plan.settings.tolerance,
     )
     expecting = f"if the glider expects {_expected(plan, projection, worst)} in its first dive"
     if at is not None:
@@ -168,11 +261,11 @@ def _waypoints(
         message = f"not reliable: ends farther than {plan.settings.tolerance:g} m from the plan's end {expecting}; {message}"
     else:
         message += ", whatever current it expects in its first dive"
-    longitude, latitude = plan.surfacings[np.array(worst.kept) - 1].T
-    pitches = np.rad2deg(plan.vehicle.pitch(worst.angles))
+    longitude, latitude = plan.surfacings[np.array(worst.few.kept) - 1].T
+    pitches = np.rad2deg(plan.vehicle.pitch(worst.few.angles))
     surfaced = np.column_stack(to_geographic(projection, *surfacings[0].T))
-    dives = worst.depths, plan.settings.yos, worst.radius
-    angles = np.rad2deg(worst.angles)
+    dives = worst.few.depths, plan.settings.yos, worst.few.radius
+    angles = np.rad2deg(worst.few.angles)
     lost = off_end, delay, off_track
     return Waypoints(
         longitude,

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from planners.mission.solve.attempt import Attempt, above_bound
+from planners.mission.solve.attempt import Attempt, above_bound, lacking_energy
 from planners.mission.task import MissionTask
 from planners.mission.values import MissionPlan
 from replay_kit.core.arrays import Array
@@ -70,6 +70,9 @@ def outcome_text(task: MissionTask, attempt: Attempt, goal_times: Array, tried: 
     if attempt.violation is not None:
         at = attempt.violation
         text += f"; not safe: crosses {at.what} at {at.longitude:.4f}, {at.latitude:.4f} in leg {at.leg} after {_hours(task, at.time)}"
+    if (lacking := lacking_energy(task, attempt)) > 0.0:
+        needed, held = (lacking + settings.battery) / 1e6, settings.battery / 1e6
+        text += f"; limit: the battery: it takes {needed:.3g} MJ of {held:.3g} MJ (--battery)"
     if task.is_late:
         text += f"; the time limit of {settings.time_limit:g} s ended the search: other numbers of legs and other ways are untried"
     return (

@@ -9,9 +9,9 @@ from planners.mission.odds import MissionOdds
 from planners.mission.values import MissionPlan
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
-from replay_kit.core.geojson import collection_text, feature, positions
+from replay_kit.core.geojson import collection_text, cut_at_antimeridian, feature, positions
 from replay_kit.core.grid import Projection
-from replay_kit.core.plan import Odds, Plan, leg_statistics
+from replay_kit.core.plan import Odds, Plan
 from replay_kit.core.surfacing import Ellipse
 from replay_kit.core.text import csv_text
 
@@ -131,7 +131,7 @@ def to_geojson(
             {} if samples is None else {"samples": samples}
         )
         features.append(feature("Polygon", [around], about))
-    return collection_text(features)
+    return collection_text([cut_at_antimeridian(one) for one in features])
 
 
 def ellipse_outline(ellipse: Array, projection: Projection) -> Array:
@@ -147,7 +147,7 @@ def ellipse_outline(ellipse: Array, projection: Projection) -> Array:
 def as_glide(plan: MissionPlan, projection: Projection, odds: MissionOdds | None = None) -> Plan:
     """Return the mission as the plan of its first leg with the whole predicted track: what the result's messages hold of a plan.
 
-    Its statistics name the controls of every leg, with the ellipse of its surfacing where there are samples. A mission without legs has
+    Its legs name the controls of each, with the ellipse of its surfacing where there are samples. A mission without legs has
     nothing to steer: heading and glide angle are NaN.
 
     Args:
@@ -182,7 +182,8 @@ def as_glide(plan: MissionPlan, projection: Projection, odds: MissionOdds | None
         track_time=plan.track_time,
         track=plan.track,
         message=plan.message,
-        statistics={**plan.statistics, **leg_statistics(legs_table(plan, ellipses))},
+        statistics=plan.statistics,
+        legs=tuple(legs_table(plan, ellipses)),
         energy=plan.energy,
         odds=None if odds is None else _odds(odds),
     )

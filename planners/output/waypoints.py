@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
@@ -10,7 +11,7 @@ import numpy as np
 
 from planners.mission.waypoints import Waypoints
 from replay_kit.core.errors import PlanError
-from replay_kit.core.geojson import collection_text, feature, positions
+from replay_kit.core.geojson import collection_text, cut_at_antimeridian, feature, positions
 from replay_kit.core.text import csv_text
 
 
@@ -70,6 +71,7 @@ def waypoint_json(waypoints: Waypoints) -> dict[str, Any]:
         "off_end_m": waypoints.off_end,
         "delay_s": waypoints.delay,
         "off_track_m": waypoints.off_track,
+        "samples": None if waypoints.risk is None else asdict(waypoints.risk),
         "waypoints": waypoint_rows(waypoints),
     }
 
@@ -92,7 +94,7 @@ def _geojson(waypoints: Waypoints) -> str:
     at = positions(waypoints.longitude, waypoints.latitude, near)
     for place, row in zip(at, waypoint_rows(waypoints), strict=True):
         features.append(feature("Point", place, {"name": f"waypoint {row['waypoint']}", **row}))
-    return collection_text(features) + "\n"
+    return collection_text([cut_at_antimeridian(one) for one in features]) + "\n"
 
 
 def _slocum(waypoints: Waypoints) -> str:
@@ -153,6 +155,7 @@ def _slocum_yo(waypoints: Waypoints) -> str:
         "    b_arg: start_when(enum) 2  # pitch idle",
         f"    b_arg: num_half_cycles_to_do(nodim) {2 * waypoints.yos}",
         f"    b_arg: d_target_depth(m) {float(np.min(waypoints.depths)):g}",
+        f"    b_arg: d_target_altitude(m) {waypoints.clearance:g}  # by the altimeter",
         "    b_arg: d_use_pitch(enum) 3  # servo, radians",
         f"    b_arg: d_pitch_value(X) {-pitch:.4f}",
         "    b_arg: c_use_pitch(enum) 3  # servo, radians",
@@ -164,7 +167,9 @@ def _slocum_yo(waypoints: Waypoints) -> str:
 
 
 def _qgroundcontrol(waypoints: Waypoints) -> str:
-    """Return a plan of MAVLink waypoints at the surface, with the radius within which each counts as reached.
+    """Return a plan of MAVLink waypoints at the surface, with the radius within which each counts as reached, and its fence.
+
+    A fence holds at any depth, so that areas for no surfacing are not in it; areas are in it without their holes.
 
     References: QGroundControl developer guide, Plan File Format; MAVLink common messages, MAV_CMD_NAV_WAYPOINT (16),
     MAV_FRAME_GLOBAL_RELATIVE_ALT (3), MAV_TYPE_SUBMARINE (12), MAV_AUTOPILOT_GENERIC (0).
@@ -201,10 +206,23 @@ def _qgroundcontrol(waypoints: Waypoints) -> str:
         "groundStation": "QGroundControl",
         "version": 1,
         "mission": {**mission, "items": items, "plannedHomePosition": places[0]},
-        "geoFence": {"circles": [], "polygons": [], "version": 2},
+        "geoFence": {"circles": [], "polygons": _fence(waypoints), "version": 2},
         "rallyPoints": {"points": [], "version": 2},
     }
     return json.dumps(plan, indent=2, allow_nan=False) + "\n"
+
+
+def _fence(waypoints: Waypoints) -> list[dict[str, Any]]:
+    """Return the polygons of a fence, latitude first."""
+    return [
+        {
+            "inclusion": area.fence,
+            "polygon": [[round(y, 7), round(x, 7)] for x, y in area.corners],
+            "version": 1,
+        }
+        for area in waypoints.areas
+        if not area.surface_only or area.fence
+    ]
 
 
 def _kml(waypoints: Waypoints) -> str:

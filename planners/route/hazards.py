@@ -28,23 +28,43 @@ _ELLIPSOID = Geod(ellps="WGS84")
 
 @dataclass(frozen=True, slots=True)
 class NoGo:
-    """An area that must not be entered.
+    """An area that must not be entered, or a fence that must not be left.
 
     Attributes:
         polygon: Its corners, longitude and latitude [degrees].
         name: Its name in messages.
         surface_only: Whether only surfacing is forbidden in it; it may be passed under water.
+        holes: Corners of the holes, in which what holds in the area does not hold.
+        fence: Whether the vehicle must stay inside; it may not enter the holes.
+        begin_ns: From when it holds [ns, UTC]; None for ever.
+        end_ns: Until when; None for ever.
     """
 
     polygon: tuple[tuple[float, float], ...]
     name: str
     surface_only: bool = False
+    holes: tuple[tuple[tuple[float, float], ...], ...] = ()
+    fence: bool = False
+    begin_ns: int | None = None
+    end_ns: int | None = None
 
     @property
     def area(self) -> Area:
         """It as results hold it, its first corner not repeated."""
         closed = self.polygon[0] == self.polygon[-1]
-        return Area(self.name, self.surface_only, self.polygon[: -1 if closed else None])
+        corners = self.polygon[: -1 if closed else None]
+        return Area(self.name, self.surface_only, corners, self.holes, self.fence)
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether it does not hold for ever."""
+        return self.begin_ns is not None or self.end_ns is not None
+
+    def holds(self, begin_ns: int, end_ns: int) -> bool:
+        """Return whether it holds at some time between two [ns, UTC]."""
+        return (self.begin_ns is None or self.begin_ns <= end_ns) and (
+            self.end_ns is None or self.end_ns >= begin_ns
+        )
 
 
 # Not slotted: the geometries are made when they are first needed.
@@ -58,6 +78,7 @@ class Ring:
         name: Its name in messages.
         surface_only: Whether it only forbids surfacing.
         drawn: Whether it is a no-go area, not an edge of the water.
+        holes: Corners of the holes, each shape (n, 2) [m].
     """
 
     corners: Array
@@ -65,18 +86,20 @@ class Ring:
     name: str
     surface_only: bool = False
     drawn: bool = False
+    holes: tuple[Array, ...] = ()
 
     @cached_property
     def area(self) -> Any:
         """The polygon within the ring; one that crosses itself encloses what the even-odd rule gives."""
-        area = shapely.make_valid(shapely.Polygon(self.corners))
+        area = shapely.make_valid(shapely.Polygon(self.corners, self.holes))
         shapely.prepare(area)
         return area
 
     @cached_property
     def line(self) -> Any:
-        """The ring as a closed line."""
-        line = shapely.LinearRing(self.corners)
+        """The ring, and those of its holes, as closed lines."""
+        rings = [shapely.LinearRing(corners) for corners in (self.corners, *self.holes)]
+        line = shapely.MultiLineString(rings) if self.holes else rings[0]
         shapely.prepare(line)
         return line
 
@@ -95,7 +118,7 @@ class Ring:
 
     @cached_property
     def _tree(self) -> cKDTree:
-        return cKDTree(self.corners)
+        return cKDTree(np.concatenate([self.corners, *self.holes]))
 
     def is_corner(self, points: Array) -> NDArray[np.bool_]:
         """Return which points of the ring, shape (n, 2) [m], are corners."""
@@ -111,43 +134,52 @@ def no_go_rings(projection: Projection, area: NoGo) -> tuple[Ring, ...]:
     """Return an area as rings in the local frame: one, or several where its outline crosses itself.
 
     An edge may be meant as the straight line between longitudes and latitudes (RFC 7946) or as the shortest line on the ellipsoid. On long
-    edges these are kilometres apart: what either encloses is forbidden.
+    edges these are kilometres apart: what either encloses is forbidden, and what both enclose is allowed.
 
     Raises:
         PlanError: It has fewer than three corners, or one is not a number, or it encloses nothing.
     """
+    whole, holes = (
+        [_outline(projection, corners, area.name, either) for corners in rings]
+        for rings, either in (((area.polygon,), not area.fence), (area.holes, area.fence))
+    )
+    enclosed = shapely.difference(whole[0], shapely.union_all(holes))
+    parts = [part for part in shapely.get_parts(enclosed) if part.geom_type == "Polygon"]
+    if not parts or (area.fence and len(parts) > 1):
+        what = "no water" if not parts else f"{len(parts)} separate waters"
+        raise PlanError(
+            f"{area.name} encloses {what}: draw it as one polygon that does not cross itself"
+        )
+    return tuple(
+        Ring(
+            shapely.get_coordinates(part.exterior)[:-1],
+            area.fence,
+            area.name,
+            area.surface_only and not area.fence,
+            drawn=not area.fence,
+            holes=tuple(shapely.get_coordinates(hole)[:-1] for hole in part.interiors),
+        )
+        for part in parts
+    )
+
+
+def _outline(
+    projection: Projection, ring: Sequence[tuple[float, float]], name: str, either: bool
+) -> Any:
+    """Return what a ring of longitudes and latitudes [degrees] encloses in the local frame, by either meaning of its edges or by both."""
     corners = np.array(
-        [corner for k, corner in enumerate(area.polygon) if k == 0 or corner != area.polygon[0]],
-        dtype=np.float64,
+        [corner for k, corner in enumerate(ring) if k == 0 or corner != ring[0]], dtype=np.float64
     )
     if corners.ndim != 2 or len(corners) < 3 or not np.all(np.isfinite(corners)):
         raise PlanError(
-            f"{area.name} has {len(corners)} corners that are numbers; a no-go area needs three pairs of longitude and latitude"
+            f"{name} has {len(corners)} corners that are numbers; a no-go area needs three pairs of longitude and latitude"
         )
     corners[:, 0] = unwrap_longitude(corners[:, 0], projection.longitude)
     outlines = [
         shapely.make_valid(shapely.Polygon(np.column_stack(to_local(projection, *line.T))))
         for line in _densified(corners)
     ]
-    parts = [
-        part
-        for part in shapely.get_parts(shapely.union_all(outlines))
-        if part.geom_type == "Polygon"
-    ]
-    if not parts:
-        raise PlanError(
-            f"{area.name} encloses no water: its {len(corners)} corners lie on one line; draw it as a polygon"
-        )
-    return tuple(
-        Ring(
-            shapely.get_coordinates(part.exterior)[:-1],
-            False,
-            area.name,
-            area.surface_only,
-            drawn=True,
-        )
-        for part in parts
-    )
+    return (shapely.union_all if either else shapely.intersection_all)(outlines)
 
 
 def _densified(corners: Array) -> tuple[Array, ...]:

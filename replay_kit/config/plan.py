@@ -40,9 +40,10 @@ class PlanRequest(Section):
     goal: Annotated[tuple[str, ...], Option("--goal", PLACE.form, _INPUTS, True), PLACE] = Field(
         default=(), description="Where to go [degrees, degrees, m]; may be repeated, in order."
     )
-    no_go: Annotated[Path | None, Option("--no-go", "GEOJSON", _INPUTS)] = Field(
+    no_go: Annotated[Path | None, Option("--no-go", "FILE", _INPUTS)] = Field(
         default=None,
-        description="No-go polygons; those with the property surface_only may be passed below.",
+        description="No-go polygons (GeoJSON, KML, GeoPackage). By their properties: surface_only may be passed below, fence must not be "
+        "left, begin and end are times between which one holds.",
     )
     bathymetry: Annotated[Path | None, Option("--bathymetry", "FILE.nc", _INPUTS)] = Field(
         default=None, description="Depth of the bottom on a grid."

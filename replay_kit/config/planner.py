@@ -1,11 +1,11 @@
 """``[planner]``: what a replay plans, and when."""
 
-from dataclasses import dataclass
-from math import inf
+from dataclasses import dataclass, replace
+from math import inf, sqrt
 from pathlib import Path
 from typing import Annotated, Literal, Self, get_args
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from replay_kit.config.option import Option
 from replay_kit.config.section import Section
@@ -32,6 +32,11 @@ class DiveSettings:
         depth: Of a mission's dives [m].
         min_angle: Shallowest glide [degrees].
         max_angle: Steepest glide [degrees].
+        depths: Least and greatest depth where a range is stated [m]; None without.
+        speeds: Lowest and highest speed where a range is stated [m/s]; None without.
+        surface_time: Drift at each surfacing [s].
+        speed_spread: Of the speed from dive to dive, as a share of it; 0 where it is stated or not known.
+        speed_error: Standard error of the speed, as a share of it.
         origin: Which of these no setting states, and whether they are as flown or assumed, in words; empty where all are stated.
     """
 
@@ -39,7 +44,18 @@ class DiveSettings:
     depth: float
     min_angle: float
     max_angle: float
+    depths: tuple[float, float] | None
+    speeds: tuple[float, float] | None
+    surface_time: float
+    speed_spread: float
+    speed_error: float
     origin: str
+
+
+def _ends(text: str) -> tuple[float, float]:
+    """Return the ends of a range such as 100:700."""
+    least, _, most = text.partition(":")
+    return float(least), float(most)
 
 
 class PlannerConfig(Section):
@@ -55,10 +71,10 @@ class PlannerConfig(Section):
         description="When a plan is made: at intervals, a mission at the first surfacing after each; or at each surfacing, and after an "
         "interval without one.",
     )
-    speed: float | None = Field(
+    speed: Annotated[float | str | None, Option("--speed", "M/S|MIN:MAX")] = Field(
         default=None,
-        gt=0.0,
-        description="Speed through water [m/s]. Default: as flown, the median of the log's dives, else 0.3.",
+        description="Speed through water [m/s]; of a vehicle with --thrust a range too, as 0.5:1.5, in which it is chosen. Default: as "
+        "flown, the median of the log's dives, else 0.3.",
     )
     tolerance: float = Field(
         default=250.0, gt=0.0, description="Distance from the goal within which it is reached [m]."
@@ -73,10 +89,10 @@ class PlannerConfig(Section):
         gt=0.0,
         description="Longest glide or mission considered [s] (plan: 1200000).",
     )
-    depth: float | None = Field(
+    depth: Annotated[float | str | None, Option("--depth", "METRES|MIN:MAX")] = Field(
         default=None,
-        gt=0.0,
-        description="Depth of a mission's dives [m]. Default: as flown, the median of the log's dives, else 500.",
+        description="Depth of a mission's dives [m], or a range, as 100:700, in which it is chosen leg by leg. Default: as flown, the "
+        "median of the log's dives, else 500.",
     )
     max_depth: float | None = Field(
         default=None,
@@ -88,8 +104,10 @@ class PlannerConfig(Section):
         ge=1,
         description="Number of a mission's dives between surfacings; heading and glide angle are held.",
     )
-    surface_time: float = Field(
-        default=0.0, ge=0.0, description="Time that a mission drifts at each surfacing [s]."
+    surface_time: float | None = Field(
+        default=None,
+        ge=0.0,
+        description="Time that a mission drifts at each surfacing [s]. Default: as flown, else 0.",
     )
     legs: int | None = Field(
         default=None,
@@ -117,6 +135,14 @@ class PlannerConfig(Section):
         lt=90.0,
         description="Steepest glide angle of a mission [degrees]. Default: 35, or as flown where that is more.",
     )
+    hotel: float = Field(
+        default=1.0, gt=0.0, description="Power of all but pump and propeller [W]."
+    )
+    thrust: float = Field(
+        default=0.0,
+        ge=0.0,
+        description="Power of a propeller at 1 m/s [W], which grows with the cube of the speed; above 0 the vehicle has no pump.",
+    )
     margin: float = Field(
         default=50.0,
         ge=0.0,
@@ -142,11 +168,29 @@ class PlannerConfig(Section):
     )
     seed: int = Field(default=0, ge=0, description="Seed of the samples.")
 
+    @field_validator("speed", "depth", mode="before")
+    @classmethod
+    def _number_or_range(cls, value: object) -> object:
+        if value is None:
+            return None
+        if not isinstance(value, str) or ":" not in value:
+            value = float(value)  # type: ignore[arg-type]
+            least = most = value
+        else:
+            least, most = _ends(value)
+        if not 0.0 < least <= most < inf:
+            raise ValueError(f"expected a number above 0, or a range as 100:700, got {value!r}")
+        return value
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         least, most = self.min_angle or _MIN_ANGLE, self.max_angle or _MAX_ANGLE
         if least > most:
             raise ValueError(f"min_angle {least:g} is above max_angle {most:g}; give them in order")
+        if isinstance(self.speed, str) and not self.thrust:
+            raise ValueError(
+                "a range of speeds needs thrust: a glider's speed follows from its glide"
+            )
         if self.samples in (1, 2):
             raise ValueError(f"samples: an ellipse needs three or more, got {self.samples}")
         return self
@@ -174,27 +218,56 @@ class PlannerConfig(Section):
             goal_depth: [m].
             deepest: Level of the forecast [m].
         """
-        angle = _MIN_ANGLE if flown is None or self.speed is not None else flown.glide_angle_deg
+        # a speed that no glider has says nothing of its glide either, while a depth is measured
+        gliding = flown if self.speed is None and flown is not None and flown.is_plausible else None
+        angle = _MIN_ANGLE if gliding is None else gliding.glide_angle_deg
         most = self.max_angle or max(_MAX_ANGLE, angle)
         usual = max(_DEPTH if flown is None else flown.depth, goal_depth)
-        speed = self.speed or (_SPEED if flown is None else flown.speed)
-        depth = self.depth or min(usual, deepest, self.depth_limit)
-        least = self.min_angle or min(angle, most)
-        return DiveSettings(speed, depth, least, most, self._origin(flown, speed, depth, least))
+        (speeds, speed), (depths, stated) = (
+            ((_ends(value), _ends(value)[1]) if isinstance(value, str) else (None, value))
+            for value in (self.speed, self.depth)
+        )
+        depth = stated or min(usual, deepest, self.depth_limit)
+        if depths is not None:
+            depth = min(depth, deepest, self.depth_limit)
+        spread = 0.0 if gliding is None else (gliding.speed_std or 0.0) / gliding.speed
+        drift = None if flown is None or self.kind == "glide" else flown.surface_time
+        dives = DiveSettings(
+            speed=speed or (_SPEED if gliding is None else gliding.speed),
+            depth=depth,
+            min_angle=self.min_angle or min(angle, most),
+            max_angle=most,
+            depths=depths,
+            speeds=speeds,
+            surface_time=(drift or 0.0) if self.surface_time is None else self.surface_time,
+            speed_spread=spread,
+            speed_error=spread / sqrt(1 if gliding is None else gliding.dives),
+            origin="",
+        )
+        return replace(dives, origin=self._origin(flown, dives))
 
-    def _origin(self, flown: AsFlown | None, speed: float, depth: float, angle: float) -> str:
+    def _origin(self, flown: AsFlown | None, dives: DiveSettings) -> str:
         """Return what of some dives no setting states."""
-        parts = [] if self.speed else [f"{speed:.2f} m/s"]
-        if self.depth is None and self.kind != "glide":
-            went = (
+        asked = [] if self.speed else [f"{dives.speed:.2f} m/s"]
+        shape = list[str]()
+        if self.kind != "glide" and self.depth is None:
+            other = (
                 ""
-                if flown is None or depth == flown.depth
-                else f" (dives went to {flown.depth:.0f} m)"
+                if flown is None or dives.depth == flown.depth
+                else f" (flown to {flown.depth:.0f} m)"
             )
-            parts.append(f"{depth:.0f} m{went}")
-        if flown is not None and not (self.speed or self.min_angle) and self.kind != "glide":
-            parts.append(f"{angle:.0f} degrees")
-        return f"{'assumed' if flown is None else 'as flown'}: {', '.join(parts)}" if parts else ""
+            shape.append(f"dives to {dives.depth:.0f} m{other}")
+        if flown is None:
+            return f"assumed: {', '.join(asked + shape)}" if asked + shape else ""
+        of = "as flown" if flown.dives > 1 else "as flown in a single dive"
+        if asked and not flown.is_plausible:
+            wrong = f"assumed: {asked[0]}, as the log's dives show {flown.speed:.2f} m/s, which no glider flies (set --speed)"
+            return "; ".join([wrong, *(f"{of}: {part}" for part in shape)])
+        if self.kind != "glide" and asked:
+            if shape and dives.depth == flown.depth:
+                shape.append(f"{flown.duration / 3600.0:.1f} h")
+            shape += [] if self.min_angle else [f"{dives.min_angle:.0f} degrees"]
+        return f"{of}: {', '.join(asked + shape)}" if asked + shape else ""
 
     def resolved(self, of_glider: bool) -> Self:
         """Return the settings with a kind for ``auto``: a mission for a glider's log, a glide for others."""

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
-from math import atan2, degrees, hypot, isfinite
+from math import atan2, degrees, hypot, isfinite, radians, sin
 from statistics import median
 from typing import Self
 
@@ -15,6 +15,10 @@ AS_FLOWN = "replay_kit.as_flown"
 _DEEP = 100.0
 # degrees; a steeper dive does not show how the vehicle makes its way
 _STEEPEST = 75.0
+# m/s; speeds through water of gliders, a thruster's included: others come of a wrong flight model, or of a vehicle that does not glide
+_SLOWEST, _FASTEST = 0.04, 1.0
+# standard deviation of a normal distribution over its median absolute deviation
+_OF_MAD = 1.4826
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,16 +30,22 @@ class FlownDive:
         depth: Its greatest depth [m].
         along: Horizontal speed through the water [m/s]: of the mean velocity, turns shorten it.
         vertical: Mean vertical speed, down and up alike [m/s].
+        begin_ns: Time of the fix before it [ns, UTC]; 0 where it is not known.
     """
 
     seconds: float
     depth: float
     along: float
     vertical: float
+    begin_ns: int = 0
 
 
 def flown_dive(
-    seconds: float, way: Iterable[float], depths: Iterable[float], deepest: float
+    seconds: float,
+    way: Iterable[float],
+    depths: Iterable[float],
+    deepest: float,
+    begin_ns: int = 0,
 ) -> FlownDive | None:
     """Return a dive; None for one that does not show how the vehicle makes its way: its numbers are not known, or it goes up and down only.
 
@@ -44,12 +54,13 @@ def flown_dive(
         way: shape (2,) [m/s], mean horizontal velocity through the water.
         depths: shape (n,) [m], along its path.
         deepest: Its greatest depth [m], which ``depths`` need not hold.
+        begin_ns: Time of the fix before it [ns, UTC]; 0 where it is not known.
     """
     # from the surface and back
     climbed = max(
         sum(abs(after - before) for before, after in pairwise([0.0, *depths, 0.0])), 2.0 * deepest
     )
-    dive = FlownDive(seconds, deepest, hypot(*way), climbed / seconds)
+    dive = FlownDive(seconds, deepest, hypot(*way), climbed / seconds, begin_ns)
     known = isfinite(deepest) and isfinite(dive.along) and isfinite(dive.vertical)
     return (
         dive
@@ -68,6 +79,10 @@ class AsFlown:
         depth: Greatest depth of a dive, to 10 m, or to 1 m below 100 m [m].
         duration: Of a dive, from surfacing to surfacing [s].
         dives: Their number.
+        speed_std: Spread of the speed from dive to dive [m/s]; None, as the next two, of a single dive.
+        depth_std: Spread of the depth [m].
+        duration_std: Spread of the duration [s].
+        surface_time: Between dives [s]; None where the log does not show it.
     """
 
     speed: float
@@ -75,6 +90,10 @@ class AsFlown:
     depth: float
     duration: float
     dives: int
+    speed_std: float | None = None
+    depth_std: float | None = None
+    duration_std: float | None = None
+    surface_time: float | None = None
 
     @classmethod
     def of(cls, dives: Sequence[FlownDive]) -> Self | None:
@@ -84,17 +103,51 @@ class AsFlown:
         along, vertical, depth = (
             median(getattr(dive, name) for dive in dives) for name in ("along", "vertical", "depth")
         )
+        speeds = [hypot(dive.along, dive.vertical) for dive in dives]
         return cls(
             speed=max(round(hypot(along, vertical), 2), 0.01),
             glide_angle_deg=max(float(round(degrees(atan2(vertical, along)))), 1.0),
             depth=round(depth, -1) if depth >= _DEEP else max(float(round(depth)), 1.0),
             duration=median(dive.seconds for dive in dives),
             dives=len(dives),
+            speed_std=_spread(speeds),
+            depth_std=_spread([dive.depth for dive in dives]),
+            duration_std=_spread([dive.seconds for dive in dives]),
+            surface_time=_surface_time(dives),
+        )
+
+    @property
+    def vertical(self) -> float:
+        """Vertical speed [m/s]."""
+        return self.speed * sin(radians(self.glide_angle_deg))
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether a glider flies at this speed."""
+        return _SLOWEST <= self.speed <= _FASTEST
+
+    def notes(self) -> tuple[str, ...]:
+        """Return what of the dives a user of a plan should know: their number and spread, and what the log does not show."""
+        if self.speed_std is None or self.depth_std is None or self.duration_std is None:
+            return (
+                ("the vehicle is known from a single dive: its spread is not known",)
+                if self.dives == 1
+                else ()
+            )
+        drift = (
+            "is not in the log"
+            if self.surface_time is None
+            else f"{self.surface_time / 60.0:.0f} min"
+        )
+        return (
+            f"{self.dives} dives: speed {self.speed:.2f} ± {self.speed_std:.2f} m/s, vertical {self.vertical:.2f} m/s, depth ± "
+            f"{self.depth_std:.0f} m, {self.duration / 3600.0:.1f} ± {self.duration_std / 3600.0:.1f} h; time at the surface {drift}; "
+            "energy per dive is not in the log",
         )
 
     def to_record(self) -> dict[str, str]:
         """Return it as results hold it."""
-        return {name: repr(value) for name, value in asdict(self).items()}
+        return {name: str(value) for name, value in asdict(self).items() if value is not None}
 
     @classmethod
     def in_metadata(cls, metadata: Mapping[str, Mapping[str, str]]) -> Self | None:
@@ -109,11 +162,37 @@ class AsFlown:
             speed, angle, depth, duration = (
                 float(record[name]) for name in ("speed", "glide_angle_deg", "depth", "duration")
             )
-            return cls(speed, angle, depth, duration, int(record["dives"]))
+            # results of earlier versions state no spread
+            spread = {
+                name: float(record[name])
+                for name in ("speed_std", "depth_std", "duration_std", "surface_time")
+                if name in record
+            }
+            return cls(speed, angle, depth, duration, int(record["dives"]), **spread)
         except (KeyError, ValueError) as error:
             raise LogError(
                 f"{AS_FLOWN}: expected numbers of how the vehicle flew, got {dict(record)}; replay the log again"
             ) from error
+
+
+def _spread(values: Sequence[float]) -> float | None:
+    """Return the standard deviation of values by their median absolute deviation; None of fewer than two."""
+    if len(values) < 2:
+        return None
+    middle = median(values)
+    return _OF_MAD * median(abs(value - middle) for value in values)
+
+
+def _surface_time(dives: Sequence[FlownDive]) -> float | None:
+    """Return the median time between dives that follow each other [s]; None where fixes are shared or no times are known."""
+    gaps = [
+        (after.begin_ns - before.begin_ns) / 1e9 - before.seconds
+        for before, after in pairwise(dives)
+        if before.begin_ns
+    ]
+    # longer ones hold dives that show nothing; a fix that ends one dive and begins the next hides the time between them
+    near = [gap for gap, dive in zip(gaps, dives, strict=False) if 0.0 <= gap < 0.5 * dive.seconds]
+    return (median(near) if near else 0.0) or None
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,17 +32,21 @@ PlanStatus = Literal["reached", "uncertain", "partial", "unreachable", "unsafe",
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """An area that a plan keeps out of.
+    """An area that a plan keeps out of, or a fence that it does not leave.
 
     Attributes:
         name: Its name.
         surface_only: Whether only surfacing is forbidden in it.
         corners: Longitude and latitude [degrees] of each, the first not repeated.
+        holes: Those of its holes.
+        fence: Whether it is a fence.
     """
 
     name: str
     surface_only: bool
     corners: tuple[tuple[float, float], ...]
+    holes: tuple[tuple[tuple[float, float], ...], ...] = ()
+    fence: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +90,8 @@ class Plan:
         track_time: shape (n,) [s] since the start.
         track: shape (n, 3) [m], predicted local east, north, depth.
         message: Words for a person, with the limit that binds if any.
-        statistics: What the solver did: iterations, starts, return status; of a mission its legs too (``plan_legs``).
+        statistics: What the solver did: iterations, starts, return status.
+        legs: Of a mission, each by name: commands, times, place of the surfacing and its ellipse; none of a glide.
         energy: [J]; NaN when it is not known.
         battery: Energy that the vehicle has [J]; NaN when it is not stated.
         odds: Of arriving; None without samples.
@@ -108,6 +113,7 @@ class Plan:
     track: Array
     message: str
     statistics: Mapping[str, float | int | str] = field(default_factory=dict)
+    legs: tuple[Mapping[str, Any], ...] = ()
     energy: float = float("nan")
     battery: float = float("nan")
     odds: Odds | None = None
@@ -131,10 +137,10 @@ class Plan:
 
 
 def leg_statistics(legs: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """Return the legs of a mission as the statistics of its plan hold them: JSON by number."""
+    """Return the legs of a mission as a result holds them among the statistics of its plan: JSON by number."""
     return {f"leg_{leg['leg']:03d}": json.dumps(leg) for leg in legs}
 
 
 def plan_legs(statistics: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the legs of a mission from the statistics of its plan, in order; none of a glide."""
+    """Return the legs of a mission from the statistics of its plan in a result, in order; none of a glide."""
     return [json.loads(statistics[name]) for name in sorted(statistics) if name.startswith("leg_")]

@@ -3,6 +3,9 @@
 A ping waits until a position at or after its own time is known, then takes the position interpolated between its neighbours.
 """
 
+# keeps the signature in help() short
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import filterfalse

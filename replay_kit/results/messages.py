@@ -18,7 +18,7 @@ from replay_kit.core.geodesy import to_geographic, unwrap_longitude
 from replay_kit.core.geojson import collection_text, feature, positions
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Innovation, VehicleState
-from replay_kit.core.plan import Plan, plan_legs
+from replay_kit.core.plan import Plan, leg_statistics
 from replay_kit.core.surfacing import DiveForecast, DiveOutcome, SurfacingOutcome, planned_ellipses
 from replay_kit.results.flight_correction import mean_current_values
 from replay_kit.results.schemas import encode
@@ -205,7 +205,7 @@ def plan_controls(plan: Plan) -> bytes:
             "track_depth": track_depth,
             "statistics": [
                 {"name": name, "value": str(value)}
-                for name, value in sorted(plan.statistics.items())
+                for name, value in sorted({**plan.statistics, **leg_statistics(plan.legs)}.items())
             ],
             "track_bottom": () if plan.bottom is None else plan.bottom,
         }
@@ -272,15 +272,16 @@ def plan_geojson(plan: Plan, projection: Projection) -> fox.GeoJson:
         feature("Point", end, {"name": name, "depth_m": _finite(place.depth)})
         for name, end, place in zip(("start", "goal"), ends, places, strict=True)
     ]
-    for number, ellipse in enumerate(planned_ellipses(plan_legs(plan.statistics)), start=1):
+    for number, ellipse in enumerate(planned_ellipses(plan.legs), start=1):
         ring = line(*to_geographic(projection, *ellipse.outline(projection).T))
         features.append(
             feature("Polygon", [ring], {"name": f"90 % of surfacings {number}", "kind": "ellipse"})
         )
     for area in plan.areas:
-        corners = np.array([*area.corners, area.corners[0]])
-        about = {"name": area.name, "kind": "no_go", "surface_only": area.surface_only}
-        features.append(feature("Polygon", [line(*corners.T)], about))
+        rings = [np.array([*ring, ring[0]]) for ring in (area.corners, *area.holes)]
+        kind = "fence" if area.fence else "no_go"
+        about = {"name": area.name, "kind": kind, "surface_only": area.surface_only}
+        features.append(feature("Polygon", [line(*ring.T) for ring in rings], about))
     # A line of fewer than two positions is not GeoJSON; a failed plan may have none.
     if len(plan.track) > 1:
         track = line(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]))

@@ -24,6 +24,7 @@ from replay_kit.estimator.basis.modes import embed_member
 from replay_kit.forecast import read_ensemble
 from tests.benchmarks import planners_mission, planners_scenario
 from tests.benchmarks.measure import Row, row, seconds
+from tests.benchmarks.planners_depth import depth_row
 from tests.benchmarks.planners_masked import bounds, masked_row
 from tests.benchmarks.planners_search import closest_by_search
 from tests.places import DATA
@@ -45,6 +46,7 @@ def rows(tiny: bool) -> list[Row]:
         *glide_rows(tiny),
         flow_row(tiny),
         masked_row(1 if tiny else 200),
+        depth_row(1 if tiny else 40),
     ]
     made += planners_mission.rows(_flows(tiny)[0], 1 if tiny else 6, tiny)
     made += planners_scenario.rows(

@@ -1,4 +1,5 @@
 import tomllib
+from dataclasses import replace
 
 import pytest
 
@@ -189,9 +190,14 @@ FLOWN = AsFlown(speed=0.21, glide_angle_deg=57.0, depth=980.0, duration=6000.0, 
 @pytest.mark.parametrize(
     ("stated", "flown", "deepest", "diving"),
     [
-        ({}, None, 2000.0, (0.3, 500.0, 15.0, 35.0, "assumed: 0.30 m/s, 500 m")),
-        ({}, None, 300.0, (0.3, 300.0, 15.0, 35.0, "assumed: 0.30 m/s, 300 m")),
-        ({}, FLOWN, 2000.0, (0.21, 980.0, 57.0, 57.0, "as flown: 0.21 m/s, 980 m, 57 degrees")),
+        ({}, None, 2000.0, (0.3, 500.0, 15.0, 35.0, "assumed: 0.30 m/s, dives to 500 m")),
+        ({}, None, 300.0, (0.3, 300.0, 15.0, 35.0, "assumed: 0.30 m/s, dives to 300 m")),
+        (
+            {},
+            FLOWN,
+            2000.0,
+            (0.21, 980.0, 57.0, 57.0, "as flown: 0.21 m/s, dives to 980 m, 1.7 h, 57 degrees"),
+        ),
         (
             {},
             FLOWN,
@@ -201,7 +207,7 @@ FLOWN = AsFlown(speed=0.21, glide_angle_deg=57.0, depth=980.0, duration=6000.0, 
                 700.0,
                 57.0,
                 57.0,
-                "as flown: 0.21 m/s, 700 m (dives went to 980 m), 57 degrees",
+                "as flown: 0.21 m/s, dives to 700 m (flown to 980 m), 57 degrees",
             ),
         ),
         (
@@ -213,11 +219,11 @@ FLOWN = AsFlown(speed=0.21, glide_angle_deg=57.0, depth=980.0, duration=6000.0, 
                 300.0,
                 57.0,
                 57.0,
-                "as flown: 0.21 m/s, 300 m (dives went to 980 m), 57 degrees",
+                "as flown: 0.21 m/s, dives to 300 m (flown to 980 m), 57 degrees",
             ),
         ),
         # the speed of another dive than the one flown
-        ({"speed": 0.25}, FLOWN, 2000.0, (0.25, 980.0, 15.0, 35.0, "as flown: 980 m")),
+        ({"speed": 0.25}, FLOWN, 2000.0, (0.25, 980.0, 15.0, 35.0, "as flown: dives to 980 m")),
         (
             {"depth": 400.0},
             FLOWN,
@@ -228,17 +234,46 @@ FLOWN = AsFlown(speed=0.21, glide_angle_deg=57.0, depth=980.0, duration=6000.0, 
             {"min_angle": 20.0, "max_angle": 30.0},
             FLOWN,
             2000.0,
-            (0.21, 980.0, 20.0, 30.0, "as flown: 0.21 m/s, 980 m"),
+            (0.21, 980.0, 20.0, 30.0, "as flown: 0.21 m/s, dives to 980 m, 1.7 h"),
         ),
         (
             {"max_angle": 40.0},
             FLOWN,
             2000.0,
-            (0.21, 980.0, 40.0, 40.0, "as flown: 0.21 m/s, 980 m, 40 degrees"),
+            (0.21, 980.0, 40.0, 40.0, "as flown: 0.21 m/s, dives to 980 m, 1.7 h, 40 degrees"),
         ),
         ({"speed": 0.3, "depth": 500.0}, FLOWN, 2000.0, (0.3, 500.0, 15.0, 35.0, "")),
         ({"kind": "glide"}, FLOWN, 2000.0, (0.21, 980.0, 57.0, 57.0, "as flown: 0.21 m/s")),
         ({"kind": "glide"}, None, 2000.0, (0.3, 500.0, 15.0, 35.0, "assumed: 0.30 m/s")),
+        (
+            {},
+            replace(FLOWN, dives=1),
+            2000.0,
+            (
+                *(0.21, 980.0, 57.0, 57.0),
+                "as flown in a single dive: 0.21 m/s, dives to 980 m, 1.7 h, 57 degrees",
+            ),
+        ),
+        # a flight model gone wrong, or a vehicle with a propeller
+        *(
+            (
+                {},
+                replace(FLOWN, speed=speed),
+                2000.0,
+                (
+                    *(0.3, 980.0, 15.0, 35.0),
+                    f"assumed: 0.30 m/s, as the log's dives show {speed:.2f} m/s, which no glider flies (set --speed); "
+                    "as flown: dives to 980 m",
+                ),
+            )
+            for speed in (0.01, 2.0)
+        ),
+        (
+            {"speed": 1.5, "depth": 50.0},
+            replace(FLOWN, speed=2.0),
+            2000.0,
+            (1.5, 50.0, 15.0, 35.0, ""),
+        ),
     ],
 )
 def test_what_no_setting_states_of_the_dives_is_as_flown_or_else_assumed(
@@ -270,3 +305,20 @@ def test_a_duration_is_a_number_in_the_unit_of_its_setting_or_a_text_with_its_ow
 
 def test_a_setting_in_hours_takes_days():
     assert PlanRequest.model_validate({"blind": "2d"}).blind == 48.0
+
+
+@pytest.mark.parametrize(
+    ("stated", "depth", "depths"),
+    [("100:700", 700.0, (100.0, 700.0)), ("450", 450.0, None), (450.0, 450.0, None)],
+)
+def test_a_depth_is_a_number_or_a_range(stated, depth, depths):
+    found = PlannerConfig(depth=stated).diving(FLOWN)
+    assert (found.depth, found.depths) == (depth, depths)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"depth": "700:100"}, {"depth": "a:b"}, {"depth": -5}, {"speed": "0.3:0.4"}]
+)
+def test_what_is_no_range_is_refused(wrong):
+    with pytest.raises(ValueError, match=r"expected a number above 0|convert|thrust"):
+        PlannerConfig(**wrong)

@@ -1,7 +1,9 @@
 """How dives were flown, from what is known of each, and what their median is."""
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from replay_kit.core.as_flown import AS_FLOWN, AsFlown, FlownDive, flown_dive
@@ -40,7 +42,9 @@ def test_how_a_vehicle_flew_is_the_median_of_its_dives_in_the_digits_in_which_it
         for seconds, depth in ((3600.0, 20.0), (7000.0, 984.0), (7200.0, 986.0))
     ]
     flown = AsFlown.of(dives)
-    assert flown == AsFlown(speed=0.22, glide_angle_deg=27.0, depth=980.0, duration=7000.0, dives=3)
+    assert (flown.speed, flown.glide_angle_deg, flown.depth) == (0.22, 27.0, 980.0)
+    assert (flown.duration, flown.dives, flown.surface_time) == (7000.0, 3, None)
+    assert flown.vertical == pytest.approx(0.1, abs=0.001)
     assert AsFlown.of(dives[:1]).depth == 20.0
     assert AsFlown.of([]) is None
     assert AsFlown.in_metadata({AS_FLOWN: flown.to_record()}) == flown
@@ -48,3 +52,33 @@ def test_how_a_vehicle_flew_is_the_median_of_its_dives_in_the_digits_in_which_it
     for damaged in ({"speed": "0.2"}, flown.to_record() | {"dives": "many"}):
         with pytest.raises(LogError, match=r"replay_kit\.as_flown: expected numbers"):
             AsFlown.in_metadata({AS_FLOWN: damaged})
+
+
+def test_the_spread_of_the_dives_is_that_of_a_normal_distribution_whatever_one_of_them_did():
+    rng = np.random.default_rng(3)
+    ways, seconds = rng.normal(0.2, 0.02, 400), rng.normal(7200.0, 300.0, 400)
+    ways[7] = 5.0
+    dives = [FlownDive(lasts, 500.0, way, 0.0) for lasts, way in zip(seconds, ways, strict=True)]
+    flown = AsFlown.of(dives)
+    assert flown.speed_std == pytest.approx(0.02, rel=0.1)
+    assert flown.duration_std == pytest.approx(300.0, rel=0.1)
+    assert flown.depth_std == 0.0
+    alone = AsFlown.of(dives[:1])
+    assert (alone.speed_std, alone.surface_time) == (None, None)
+    assert "single dive" in alone.notes()[0]
+    assert AsFlown.in_metadata({AS_FLOWN: alone.to_record()}) == alone
+
+
+def test_the_time_at_the_surface_is_between_dives_that_follow_each_other():
+    begins = [10**18 + round(k * 7800e9) for k in (0, 1, 2, 9, 10)]
+    dives = [FlownDive(7200.0, 500.0, 0.2, 0.1, begin) for begin in begins]
+    assert AsFlown.of(dives).surface_time == pytest.approx(600.0)
+    assert "10 min" in AsFlown.of(dives).notes()[0]
+    # the fix that ends a dive begins the next one
+    shared = [replace(one, begin_ns=10**18 + round(k * 7200e9)) for k, one in enumerate(dives)]
+    assert AsFlown.of(shared).surface_time is None
+
+
+@pytest.mark.parametrize(("speed", "plausible"), [(0.0, False), (0.17, True), (2.0, False)])
+def test_a_speed_that_no_glider_has_is_told_from_one_that_it_has(speed, plausible):
+    assert AsFlown.of([FlownDive(7200.0, 500.0, speed, 0.0)] * 3).is_plausible == plausible

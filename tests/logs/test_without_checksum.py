@@ -17,7 +17,7 @@ from tests.logs.log_samples import json_mcap, tlog
 
 DATAFLASH, VALUES, STAMPS = (
     "records of a DataFlash log",
-    "values of NetCDF or text files",
+    "values of NetCDF, text or Slocum files",
     "stamps of frames",
 )
 

@@ -138,3 +138,13 @@ def test_an_area_over_the_start_or_the_goal_is_refused(east, named):
                     HERE, (THERE,), settings=MissionSettings(depth=300.0), no_go=(turned,)
                 ),
             )
+
+
+def test_the_speed_of_legs_errs_by_what_the_dives_show_and_less_over_many_of_them():
+    glider = Glider(speed_spread=0.1, speed_error=0.03)
+    for n_legs, std in ((1, np.hypot(0.1, 0.03)), (100, np.hypot(0.01, 0.03))):
+        paces = glider.paces(400, n_legs)
+        assert paces.mean() == pytest.approx(1.0)
+        assert paces.std() == pytest.approx(std, rel=0.02)
+    np.testing.assert_array_equal(Glider().paces(5, 3), 1.0)
+    assert glider == Glider()

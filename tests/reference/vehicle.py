@@ -4,13 +4,12 @@ import csv
 import io
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from planners import MissionPlan
-from planners.mission.waypoint_flight import heading_for
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import rate_in_frame, rotate_to_geographic, to_geographic, to_local
@@ -138,22 +137,22 @@ def follow_waypoints(
     wanted = np.column_stack(to_local(sea.flows[0].grid.projection, *places.T))
     for leg in range(3 * len(plan.headings_deg) + 3):
         row, (at, depth, now) = rows[target], path[-1]
-        angle, settings = (
-            np.deg2rad(row["glide_angle_deg"]),
-            replace(plan.settings, depth=row["depth_m"], yos=int(row["dives"])),
-        )
-        local, share = heading_for(
-            replace(plan, settings=settings), wanted[target] - at, float(angle), current
+        angle = np.deg2rad(row["glide_angle_deg"])
+        local, share = steer(
+            wanted[target] - at,
+            (plan.vehicle.speed, angle, 2.0 * row["dives"] * row["depth_m"]),
+            plan.settings.surface_time,
+            current,
         )
         heading, begin = local - _true_north(sea, at), plan.yo_depths[0][0] if leg == 0 else 0.0
-        turns = (begin, *(max(share * row["depth_m"], begin), 0.0) * settings.yos)
+        turns = (begin, *(max(share * row["depth_m"], begin), 0.0) * int(row["dives"]))
         path += sea.dive((at, depth, now), plan, heading, float(angle), turns)
         arrived = float(np.linalg.norm(path[-1][0] - wanted[target])) <= row["radius_m"]
         if arrived and target == len(rows) - 1:
             break
         target += arrived
-        if settings.surface_time > 0.0:
-            path += sea.drift(path[-1], np.zeros(2), 0.0, settings.surface_time)
+        if plan.settings.surface_time > 0.0:
+            path += sea.drift(path[-1], np.zeros(2), 0.0, plan.settings.surface_time)
         current = _current(
             sea,
             plan,
@@ -164,6 +163,41 @@ def follow_waypoints(
             row["glide_angle_deg"],
         )
     return _track(path)
+
+
+def steer(
+    way: Array, dives: tuple[float, float, float], drift: float, current: Array
+) -> tuple[float, float]:
+    """Return the heading from local north [rad] that leads straight to a place, and the share of the full depth that is enough, by trial.
+
+    Of the headings that lead ahead the one is taken whose way over ground is nearest to the direction; on the way the drift after the dive
+    counts, in the last dive it does not.
+
+    Args:
+        way: shape (2,), to the place [m].
+        dives: Speed through water [m/s], glide angle [rad], height of the dives and climbs [m].
+        drift: At the surface after them [s].
+        current: shape (2,) [m/s], expected.
+    """
+    speed, angle, height = dives
+    under = height / (speed * np.sin(angle))
+    distance = float(np.hypot(*way))
+    ahead = way / distance
+    heading, share = 0.0, 1.0
+    for lasts in (under + drift, under):
+        tried = np.arctan2(*way) + np.linspace(-0.5 * np.pi, 0.5 * np.pi, 361)
+        step = np.pi / 360.0
+        for _ in range(4):
+            through = speed * np.cos(angle) * under / lasts
+            over = through * np.column_stack([np.sin(tried), np.cos(tried)]) + current
+            across = np.abs(over @ [-ahead[1], ahead[0]])
+            best = int(np.argmin(across))
+            heading, made_good = float(tried[best]), float(over[best] @ ahead)
+            tried, step = heading + np.linspace(-step, step, 41), step / 20.0
+        share = distance / (made_good * lasts) if made_good > 0.0 else 1.0
+        if share >= 1.0:
+            break
+    return heading, float(min(max(share, 0.1), 1.0))
 
 
 def planned_current(sea: Sea, plan: MissionPlan) -> Array:

@@ -69,12 +69,16 @@ class Currents:
         latent: shape (K, M, Z T).
         times: shape (T,) [s]; None for flows that do not change.
         beside: The current beside each flow; None without.
+        pace: shape (K,), speed through water in each over the vehicle's; None for that itself.
+        numbers: Of the flows at the places asked for; None for all in turn.
     """
 
     flow: FlowEstimate
     latent: Array
     times: Array | None
     beside: Courses | None = None
+    pace: Array | None = None
+    numbers: NDArray[np.intp] | None = None
 
     def clock(self, time_ns: int) -> float:
         """Return a time [ns, UTC] on the clock of ``times`` [s]; 0 for currents that do not change, and for no time."""
@@ -89,6 +93,19 @@ class Currents:
             times=None if self.times is None else self.times - begin,
             beside=None if beside is None else replace(beside, times=beside.times - begin),
         )
+
+    def some(self, numbers: NDArray[np.intp]) -> "Currents":
+        """Return the currents at places in some of the flows, by their numbers, without a copy of these."""
+        beside, pace = self.beside, self.pace
+        found = replace(
+            self,
+            beside=None if beside is None else replace(beside, velocity=beside.velocity[numbers]),
+            pace=None if pace is None else pace[numbers],
+            numbers=numbers,
+        )
+        # the cache of the same flows
+        found.__dict__["columns"] = self.columns
+        return found
 
     @cached_property
     def columns(self) -> Array:
@@ -123,11 +140,13 @@ class Currents:
         used, functions = np.flatnonzero(weights), self.flow.horizontal
         if isinstance(functions, StreamFunctionLattice):
             rows, design = functions.windows(place)
-            flows = np.arange(len(self.latent))[:, None]
+            numbers = np.arange(len(self.latent)) if self.numbers is None else self.numbers
+            flows = numbers[:, None]
             near = sum(weights[i] * self.columns[i][flows, rows] for i in used)
             return np.asarray(np.einsum("cpon,pn->pc", design, near))
         assert isinstance(functions, NodeKernel)
-        return _from_nodes(functions, place, sum(weights[i] * self.columns[i] for i in used))
+        each = slice(None) if self.numbers is None else self.numbers
+        return _from_nodes(functions, place, sum(weights[i] * self.columns[i][each] for i in used))
 
 
 def _from_nodes(functions: NodeKernel, place: Array, latent: Array) -> Array:

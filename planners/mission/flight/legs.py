@@ -6,7 +6,7 @@ A leg leads from one surfacing to the next: heading and glide angle held, throug
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -140,9 +140,8 @@ def fly_legs(
             np.abs(np.diff(steps)) / down,
         )
         frame = leg_frame(currents, path[-1][0], through, float(np.sum(durations)))
-        flown = fly_leg(
-            currents, frame, path[-1], steps, durations, float(legs.drifts[k]), start_time, method
-        )
+        profile = LegProfile(steps, durations, float(legs.drifts[k]))
+        flown = fly_leg(currents, frame, path[-1], profile, start_time, method)
         path += flown
         depths += [*steps[1:], *[0.0] * (len(flown) - steps.size + 1)]
         number += [k] * len(flown)
@@ -157,13 +156,19 @@ def fly_legs(
     )
 
 
+class LegProfile(NamedTuple):
+    """The steps of a leg: depths of their ends, shape (n + 1,) [m]; durations, one or shape (K, 1) each [s]; the drift after them [s]."""
+
+    depths: Array
+    durations: Any
+    drift: float
+
+
 def fly_leg(
     currents: Currents,
     frame: "LegFrame",
     begin: tuple[Array, Any],
-    steps: Array,
-    durations: Any,
-    drift: float,
+    profile: LegProfile,
     start_time: float,
     method: Integrator,
 ) -> list[tuple[Array, Any]]:
@@ -173,12 +178,11 @@ def fly_leg(
         currents: K flows.
         frame: Along the leg.
         begin: Places and time where it begins.
-        steps: shape (n + 1,), depths of its steps' ends [m].
-        durations: Of its steps [s]; each one, or shape (K, 1).
-        drift: At the surface after it [s].
+        profile: Its steps.
         start_time: On the clock of the currents' times, of time zero [s].
         method: ``fly_steps`` or ``fly_midpoints``.
     """
+    steps, durations, drift = profile
     middles = 0.5 * (steps[:-1] + steps[1:])
     rate = rate_over_ground(currents, frame, start_time, np.concatenate([steps, middles]))
     flown = method(rate, *begin, steps, durations, steps.size - 1)
@@ -220,6 +224,8 @@ def leg_frame(
         duration: Under water, one or shape (K,) [s].
     """
     count = len(begin)
+    if currents.pace is not None:
+        through = currents.pace[:, None] * through
     given = begin.T, np.broadcast_to(through, (count, 2)).T, np.broadcast_to(duration, (1, count))
     rate, turn, stretch = (
         np.asarray(value) for value in frame_function(currents.flow.grid.projection)(*given)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planners.mission.flight.currents import Currents
-from planners.mission.flight.legs import Flight, Legs, fly_leg, fly_midpoints, leg_frame
+from planners.mission.flight.legs import Flight, LegProfile, Legs, fly_leg, fly_midpoints, leg_frame
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -53,7 +53,7 @@ class CorrectedFlight:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Leg:
+class HeldLeg:
     """A leg of K gliders, each with its own heading and glide angle, shape (K,) [rad]."""
 
     vehicle: Glider
@@ -89,9 +89,8 @@ class _Leg:
         frame = leg_frame(currents, at, through, self.height / down)
         durations = [(height / down)[:, None] for height in heights]
         zero = np.zeros((len(at), 1))
-        return fly_leg(
-            currents, frame, (at, zero), self.depths, durations, self.drift, began, fly_midpoints
-        )
+        profile = LegProfile(self.depths, durations, self.drift)
+        return fly_leg(currents, frame, (at, zero), profile, began, fly_midpoints)
 
 
 def fly_corrected(
@@ -125,7 +124,7 @@ def fly_corrected(
     headings, angles = (np.tile(planned, (count, 1)) for planned in (legs.headings, legs.angles))
     for k, steps in enumerate(legs.depths):
         leg, (begin, began) = (
-            _Leg(vehicle, steps, float(legs.drifts[k]), headings[:, k], angles[:, k]),
+            HeldLeg(vehicle, steps, float(legs.drifts[k]), headings[:, k], angles[:, k]),
             path[-1],
         )
         expected = np.zeros((count, 2))

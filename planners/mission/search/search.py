@@ -15,8 +15,8 @@ nearer to when the route does; the last one by a dive that ends there.
 touch the three nearest of them: first along the route, then following each place as it moves and the steps between, until there is no
 more gain. Where that takes clearly longer than the route, one leg more is tried.
 
-5. Bottom. Where no way round shallows is found, or the mission begins or ends in them, the quickest route through all water is cut into
-legs that turn above the bottom along them (``turning.py``).
+5. Bottom. Where no way round shallows is found or one across them is clearly shorter, or the mission begins or ends in them, the quickest
+route through all water is cut into legs that turn above the bottom along them (``turning.py``).
 
 6. Habit. A pilot who heads at the goal at each surfacing is flown in the same current; where that is quicker, its course is solved from.
 
@@ -62,7 +62,7 @@ from planners.mission.solve.goals import (
     to_some,
 )
 from planners.mission.solve.legs import solve_legs
-from planners.mission.task import MissionTask, turns_of
+from planners.mission.task import LEAST_DIVE, MissionTask, turns_of
 from planners.mission.values import MissionPlan
 from planners.route.hazards import Ring
 from planners.shooting.program import MissionGuess
@@ -79,6 +79,8 @@ _SHORTER = 1.25, 1.5, 2.0
 _DETOUR = 1.015
 # The rest of an earlier plan that takes so many times as long as the route is reconsidered.
 _RECONSIDERED = 1.02
+# Share of its time that a way across shallows takes at most to be tried beside the way round them.
+_ACROSS = 0.97
 # Share of a route's time on the lattice that it takes off it at least.
 _ON_LATTICE = 0.985
 
@@ -116,7 +118,21 @@ def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[A
         return [_without(task, water, bound)]
     attempts += _solve_anew(task, water, bound)
     attempts += _from_habit(task, water, attempts)
-    return [replace(attempt, bound=bound) for attempt in attempts]
+    attempts = [replace(attempt, bound=bound) for attempt in attempts]
+    return _without_spoilers(task, attempts)
+
+
+def _without_spoilers(task: MissionTask, attempts: list[Attempt]) -> list[Attempt]:
+    """Return the mission to fewer goals where it meets more of them than one to all; else the attempts to all."""
+    best = best_of(task, attempts)
+    met = best.miss <= task.settings.tolerance
+    if met.all() or len(met) == 1 or task.settings.weighs_distance or task.is_late:
+        return attempts
+    # the goal missed by most takes the time that others need
+    kept = tuple(k for k in range(len(met)) if k != int(np.argmax(best.miss)))
+    fewer = _to_some(task, kept)
+    more = int(np.sum(fewer.miss <= task.settings.tolerance)) > int(np.sum(met))
+    return [fewer] if more and fewer.violation is None else attempts
 
 
 def _to_some(task: MissionTask, kept: tuple[int, ...], warm: MissionPlan | None = None) -> Attempt:
@@ -149,11 +165,18 @@ def _solve_anew(task: MissionTask, water: Water, bound: Bound | None) -> list[At
     attempts, places = list[Attempt](), np.vstack([task.start, task.goals])[:, :2]
     if task.bottom.limit_at(places).min() >= task.settings.depth:
         attempts += _search_at_full_depth(task, water, bound)
-    if _goes_on(task, attempts) and task.bottom.shallowest < task.settings.depth:
-        # no way leads round the shallows, or none is quick enough: dives turn above them
+    shallow = task.bottom.shallowest < task.settings.depth and not task.is_late
+    if shallow and (_goes_on(task, attempts) or _is_detour(task, water, attempts)):
         attempts += solve_turning(task, water, task.rings)
     # where all routes take more legs than are allowed: as near as those come
     return attempts or approach_turning(task, water, task.rings)
+
+
+def _is_detour(task: MissionTask, water: Water, attempts: list[Attempt]) -> bool:
+    """Return whether a mission round shallows takes clearly longer than the way across them."""
+    across = passage_past_goals(task, water, task.rings, depth=LEAST_DIVE, quick=True)
+    lasts = float(best_of(task, attempts).flight.time[-1])
+    return across.route.arrives and across.passed[-1] < _ACROSS * lasts
 
 
 def _search_at_full_depth(task: MissionTask, water: Water, bound: Bound | None) -> list[Attempt]:

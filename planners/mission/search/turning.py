@@ -23,8 +23,8 @@ _STEP = 5.0
 _PACES = 1.0, 0.9, 0.8, 0.65
 # Shares of a route to a goal out of reach that are cut, one after the other until the legs are enough.
 _PARTS = 1.0, 0.5, 0.25, 0.1
-# The times at which legs begin and end [s], shape (L + 1,); the depths at which they turn [m]; after which leg each goal is met.
-_Cut = tuple[Array, tuple[float, ...], tuple[int, ...]]
+#: The times at which legs begin and end [s], shape (L + 1,); the depths at which they turn [m]; after which leg each goal is met.
+Cut = tuple[Array, tuple[float, ...], tuple[int, ...]]
 
 
 def solve_turning(task: MissionTask, water: Water, rings: tuple[Ring, ...]) -> list[Attempt]:
@@ -45,7 +45,7 @@ def solve_turning(task: MissionTask, water: Water, rings: tuple[Ring, ...]) -> l
             or any(is_feasible(task, attempt) for attempt in attempts)
         ):
             break
-        attempts.append(_solve_cut(task, water, route, cut))
+        attempts.append(solve_cut(task, water, route, cut))
         if task.settings.legs is not None:
             break
     return attempts
@@ -80,7 +80,7 @@ def approach_turning(task: MissionTask, water: Water, rings: tuple[Ring, ...]) -
     return []
 
 
-def _flown_clear(task: MissionTask, water: Water, route: Route, cut: _Cut) -> Attempt:
+def _flown_clear(task: MissionTask, water: Water, route: Route, cut: Cut) -> Attempt:
     """Return the course along a route that is cut, without the legs from the first that is not clear."""
     ends, turns, _ = cut
 
@@ -104,7 +104,7 @@ def _flown_clear(task: MissionTask, water: Water, route: Route, cut: _Cut) -> At
     return course
 
 
-def _solve_cut(task: MissionTask, water: Water, route: Route, cut: _Cut) -> Attempt:
+def solve_cut(task: MissionTask, water: Water, route: Route, cut: Cut) -> Attempt:
     """Return the attempt with the legs of a route that is cut."""
     ends, turns, goal_legs = cut
     limited = replace(task, turns=turns)
@@ -120,7 +120,7 @@ def _solve_cut(task: MissionTask, water: Water, route: Route, cut: _Cut) -> Atte
     return solve_legs(limited, guess, goals, even)
 
 
-def _cut(task: MissionTask, route: Route, passed: Array, pace: float) -> _Cut | None:
+def _cut(task: MissionTask, route: Route, passed: Array, pace: float) -> Cut | None:
     """Return a route cut into legs that are as deep as the water along them allows.
 
     Args:

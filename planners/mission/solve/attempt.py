@@ -205,8 +205,13 @@ def energy_of(task: MissionTask, attempt: Attempt) -> float:
     return float(task.vehicle.energy(attempt.flight.time[-1], apogee_depths(attempt.yo_depths)))
 
 
+def lacking_energy(task: MissionTask, attempt: Attempt) -> float:
+    """Return by how much an attempt takes more energy than the battery holds [J]."""
+    return max(energy_of(task, attempt) - task.settings.battery, 0.0)
+
+
 def ranking_key(task: MissionTask, attempt: Attempt) -> tuple[bool, float, float]:
-    """Return the key that attempts are sorted by: feasible ones first, by cost; the others by miss distance and deviation."""
+    """Return the key that attempts are sorted by: feasible ones that the battery allows first, by cost; the others by what is missing."""
     settings, duration, feasible = (
         task.settings,
         float(attempt.flight.time[-1]),
@@ -224,7 +229,8 @@ def ranking_key(task: MissionTask, attempt: Attempt) -> tuple[bool, float, float
     if task.reference_path is not None:
         cost += task.reference_path.weight * duration / HOUR * (attempt.deviation[1] / KM) ** 2
         miss += excess_deviation(task, attempt)
-    return not feasible, miss, cost
+    lacking = lacking_energy(task, attempt)
+    return not feasible or lacking > 0.0, miss + lacking / 1e3, cost
 
 
 def best_of(task: MissionTask, attempts: list[Attempt]) -> Attempt:

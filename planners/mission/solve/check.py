@@ -90,13 +90,13 @@ def bends(flight: Flight) -> Array:
     A path whose velocity changes by dv over a step of duration T is dv T / 8 off its chord; dv is taken from the steps before and after in
     the same part of a leg, and twice that is returned.
     """
-    steps, velocity = (
-        np.diff(flight.time),
-        np.diff(flight.place[0], axis=0) / np.diff(flight.time)[:, None],
-    )
+    steps = np.diff(flight.time)
+    # a step without a duration, as from a goal at full depth to it, goes nowhere
+    velocity = np.diff(flight.place[0], axis=0) / np.where(steps > 0.0, steps, 1.0)[:, None]
     # heading and glide angle change between legs, and the velocity through water ends with the dive
     drifting = (flight.depth[:-1] <= DEPTH_TOLERANCE) & (flight.depth[1:] <= DEPTH_TOLERANCE)
     joined = (flight.leg[1:-1] == flight.leg[2:]) & (drifting[:-1] == drifting[1:])
+    joined &= (steps[:-1] > 0.0) & (steps[1:] > 0.0)
     change = np.where(joined, np.linalg.norm(np.diff(velocity, axis=0), axis=1), 0.0)
     return np.asarray(np.maximum(np.append(change, 0.0), np.append(0.0, change)) * steps / 4.0)
 

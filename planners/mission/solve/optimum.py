@@ -106,7 +106,7 @@ def _strays(problem: LegsProblem, angles: Array) -> float:
 def _weights(task: MissionTask) -> tuple[float, float | None, float]:
     """Return the weights of an hour, of a kilometre missed and of an hour a kilometre off the reference path, the largest of them 1."""
     weights = task.settings.weights
-    hourly = weights.time + weights.energy * task.vehicle.hotel * HOUR / 1e3
+    hourly = weights.time + weights.energy * task.vehicle.power * HOUR / 1e3
     reference = 0.0 if task.reference_path is None else task.reference_path.weight
     largest = max(hourly, weights.closest or 0.0, reference)
     return (

@@ -32,7 +32,7 @@ class NetcdfRows(LogFile):
 
     format = "netcdf"
 
-    without_checksum = "values of NetCDF or text files"
+    without_checksum = "values of NetCDF, text or Slocum files"
 
     def _prepare(self) -> None:
         """Read the file.

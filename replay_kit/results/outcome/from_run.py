@@ -12,7 +12,7 @@ from replay_kit.core.as_flown import FlightCorrection
 from replay_kit.core.errors import ReplayKitError, finding_json
 from replay_kit.core.evidence import BlockEvidence, Evidence, compare
 from replay_kit.core.observation import Fix
-from replay_kit.core.plan import Plan
+from replay_kit.core.plan import Plan, leg_statistics
 from replay_kit.core.surfacing import (
     DiveForecast,
     DiveOutcome,
@@ -41,7 +41,7 @@ def plan_json(plan: Plan | None, note: str = "") -> dict[str, Any] | None:
         "start": [plan.start.longitude, plan.start.latitude, plan.start.depth],
         "goal": [plan.goal.longitude, plan.goal.latitude, plan.goal.depth],
         "message": plan.message,
-        "statistics": dict(plan.statistics),
+        "statistics": {**plan.statistics, **leg_statistics(plan.legs)},
         "energy_j": _finite(plan.energy),
         "battery_j": _finite(plan.battery),
         "odds": None if plan.odds is None else asdict(plan.odds),

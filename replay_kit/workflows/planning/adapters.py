@@ -173,7 +173,7 @@ class MissionPlanner:
         settings = planners.MissionSettings(
             depth=dives.depth,
             yos=config.dives,
-            surface_time=config.surface_time,
+            surface_time=dives.surface_time,
             objective=config.objective,
             tolerance=config.tolerance,
             legs=config.legs,
@@ -183,7 +183,15 @@ class MissionPlanner:
             clearance=config.clearance,
         )
         glider = planners.Glider(
-            dives.speed, None, dives.min_angle, dives.max_angle, max_depth=config.depth_limit
+            dives.speed,
+            None,
+            dives.min_angle,
+            dives.max_angle,
+            # a propeller needs no pump
+            volume=0.0 if config.thrust else planners.Glider().volume,
+            hotel=config.hotel,
+            thrust=config.thrust,
+            max_depth=config.depth_limit,
         )
         return cls(glider, settings, config)
 
@@ -199,11 +207,21 @@ class MissionPlanner:
             float(flow.grid.levels[-1]),
         )
         vehicle = replace(
-            self.vehicle, speed=dives.speed, min_angle=dives.min_angle, max_angle=dives.max_angle
+            self.vehicle,
+            speed=dives.speed,
+            min_angle=dives.min_angle,
+            max_angle=dives.max_angle,
+            speed_spread=dives.speed_spread,
+            speed_error=dives.speed_error,
         )
-        return replace(
-            self, vehicle=vehicle, settings=replace(self.settings, depth=dives.depth)
-        ), dives.origin
+        settings = replace(
+            self.settings,
+            depth=dives.depth,
+            depths=dives.depths,
+            speeds=dives.speeds,
+            surface_time=dives.surface_time,
+        )
+        return replace(self, vehicle=vehicle, settings=settings), dives.origin
 
     def request(
         self,

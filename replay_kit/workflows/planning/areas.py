@@ -1,39 +1,73 @@
-"""No-go areas from GeoJSON, and what about them a user should know."""
+"""No-go areas and fences from GeoJSON, KML and GeoPackage, and what about them a user should know.
+
+KML and GeoPackage are made features of GeoJSON. References: RFC 7946; OGC 12-007r2, KML 2.3; OGC 12-128r18, GeoPackage 1.3, 2.1.3.
+"""
 
 import json
-from collections.abc import Iterator, Mapping
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import shapely
 
 from planners import NoGo
 from replay_kit.core.arrays import Array
-from replay_kit.core.errors import PlanError
+from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.grid import Grid
+from replay_kit.core.time import parse_time
 
 _LEAST_CORNERS = 3
 
 
-def read_areas(path: Path) -> tuple[NoGo, ...]:
-    """Return the polygons of a GeoJSON file, and what its lines enclose, as no-go areas.
+# Bytes of the envelope of a GeoPackage's geometry, by the code in its flags.
+_ENVELOPES = {0: 0, 1: 32, 2: 48, 3: 48, 4: 64}
+# Of KML, in which all values are words.
+_WORDS: dict[Any, Any] = {
+    "true": True,
+    "True": True,
+    "1": True,
+    "false": False,
+    "False": False,
+    "0": False,
+}
+_SQLITE = b"SQLite format 3"
+# Codes of geographic coordinates in a GeoPackage: unknown ones, WGS 84, CRS 84.
+_GEOGRAPHIC = (0, 4326, 84)
 
-    A hole counts as part of its area, and heights are left out.
+
+def read_areas(path: Path) -> tuple[NoGo, ...]:
+    """Return the polygons of a file, and what its lines enclose, as no-go areas; with the property ``fence`` true as fences.
+
+    What holds in an area does not hold in its holes; a fence's holes may not be entered. ``begin`` and ``end`` are the times between which
+    an area holds. Heights are left out.
 
     Raises:
-        PlanError: It is not GeoJSON, or holds a geometry that encloses nothing.
+        PlanError: It is no GeoJSON, KML or GeoPackage, or holds a geometry that encloses nothing.
     """
     return tuple(
-        NoGo(tuple(map(tuple, one.corners.tolist())), one.name, one.surface_only)
+        NoGo(
+            _pairs(one.corners),
+            one.name,
+            one.surface_only,
+            tuple(map(_pairs, one.holes)),
+            one.fence,
+            *one.times_ns,
+        )
         for one in _outlines(path)
     )
 
 
+def _pairs(corners: Array) -> tuple[tuple[float, float], ...]:
+    return tuple((float(x), float(y)) for x, y in corners)
+
+
 def area_notes(path: Path, grid: Grid) -> tuple[str, ...]:
-    """Return what about the areas of a file a user of them in a region should know: lines, open or crossing outlines, holes, far away.
+    """Return what about the areas of a file a user of them in a region should know: lines, open or crossing outlines, times, far away.
 
     Raises:
         PlanError: An area lies in the region only if its corners are latitude and longitude.
@@ -47,8 +81,8 @@ def area_notes(path: Path, grid: Grid) -> tuple[str, ...]:
             notes.append(
                 f"{name}: its outline is open; it is closed from the last corner to the first"
             )
-        if outline.holes:
-            notes.append(f"{name}: its {outline.holes} holes count as part of the area")
+        if any(time is not None for time in outline.times_ns):
+            notes.append(f"{name}: a mission that lasts into its time keeps out of it throughout")
         if len(corners) > 3 and not shapely.is_valid(shapely.Polygon(corners)):
             notes.append(
                 f"{name}: its outline crosses itself; what it winds around an odd number of times is forbidden"
@@ -81,22 +115,26 @@ class _Outline:
         name: Its name in messages.
         surface_only: Whether only surfacing is forbidden in it.
         corners: shape (n, 2), longitude and latitude [degrees].
-        holes: Their number.
+        holes: Corners of its holes, each shape (n, 2).
+        fence: Whether it must not be left.
+        times_ns: Between which it holds [ns, UTC]; None for ever.
         of_line: Whether the file draws it as a line.
     """
 
     name: str
     surface_only: bool
     corners: Array
-    holes: int
+    holes: tuple[Array, ...]
+    fence: bool
+    times_ns: tuple[int | None, int | None]
     of_line: bool
 
 
 def _outlines(path: Path) -> list[_Outline]:
-    """Return the outlines of a GeoJSON file: a FeatureCollection, a Feature or a geometry alone.
+    """Return the outlines of a file; of GeoJSON a FeatureCollection, a Feature or a geometry alone.
 
     Raises:
-        PlanError: It is not GeoJSON, or holds a geometry that encloses nothing.
+        PlanError: As for ``read_areas``.
     """
     try:
         content = path.read_bytes()
@@ -105,18 +143,101 @@ def _outlines(path: Path) -> list[_Outline]:
     try:
         return [
             outline
-            for number, feature in enumerate(_features(_document(content)), 1)
+            for number, feature in enumerate(_features_of(path, content), 1)
             for outline in _of_feature(feature, number)
         ]
     except _NoAreaError as error:
         raise PlanError(
-            f"{path}: expected GeoJSON with polygons of longitude and latitude, or lines around areas, got {error}; convert it with a GIS, "
-            "or correct it"
+            f"{path}: expected GeoJSON, KML or GeoPackage with polygons of longitude and latitude, or lines around areas, got {error}; "
+            "convert it with a GIS, or correct it"
         ) from error
 
 
 class _NoAreaError(ValueError):
     """What was found instead of areas."""
+
+
+def _features_of(path: Path, content: bytes) -> Sequence[Mapping[str, Any]]:
+    """Return the features of a file by its first bytes."""
+    head = content[:2000].lower()
+    if content.startswith(_SQLITE):
+        kind, found = "a GeoPackage", list(_of_geopackage(path))
+    elif head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<") and b"<kml" in head:
+        kind, found = "KML", list(_of_kml(content))
+    else:
+        return _features(_document(content))
+    if not found:
+        raise _NoAreaError(f"{kind} without polygons or lines")
+    return found
+
+
+def _of_kml(content: bytes) -> Iterator[Mapping[str, Any]]:
+    """Yield the placemarks of KML with polygons or lines."""
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise _NoAreaError("KML with a document type, which may expand without end")
+    try:
+        root = ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise _NoAreaError(f"KML that is no XML ({error})") from error
+
+    def ring(line: ElementTree.Element) -> list[list[str]]:
+        text = line.findtext("{*}coordinates") or ""
+        return [corner.split(",")[:2] for corner in text.split()]
+
+    for place in root.iter():
+        if place.tag.rpartition("}")[2] != "Placemark":
+            continue
+        polygons = [
+            [
+                ring(line)
+                for side in ("outerBoundaryIs", "innerBoundaryIs")
+                for line in polygon.iterfind(f"{{*}}{side}/{{*}}LinearRing")
+            ]
+            for polygon in place.iterfind(".//{*}Polygon")
+        ]
+        lines = [ring(line) for line in place.iterfind(".//{*}LineString")]
+        about: dict[str, Any] = {
+            str(data.get("name")): _WORDS.get(text := data.findtext("{*}value") or data.text, text)
+            for kind in ("Data", "SimpleData")
+            for data in place.iterfind(f".//{{*}}{kind}")
+        } | {"name": place.findtext("{*}name")}
+        for kind, coordinates in (("MultiPolygon", polygons), ("MultiLineString", lines)):
+            if coordinates:
+                geometry = {"type": kind, "coordinates": coordinates}
+                yield {"type": "Feature", "properties": about, "geometry": geometry}
+
+
+def _of_geopackage(path: Path) -> Iterator[Mapping[str, Any]]:
+    """Yield the rows of a GeoPackage's tables of geometries."""
+    try:
+        with sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True) as opened:
+            opened.row_factory = sqlite3.Row
+            tables = opened.execute(
+                "SELECT table_name, column_name, srs_id FROM gpkg_geometry_columns"
+            ).fetchall()
+            for table, column, system in tables:
+                if system not in _GEOGRAPHIC:
+                    raise _NoAreaError(f"a GeoPackage in coordinate system {system}, not WGS 84")
+                quoted = str(table).replace('"', '""')
+                for row in opened.execute(f'SELECT * FROM "{quoted}"'):
+                    about = {name: row[name] for name in row.keys() if name != column}  # noqa: SIM118
+                    yield {
+                        "type": "Feature",
+                        "properties": about,
+                        "geometry": _of_blob(row[column]),
+                    }
+    except (sqlite3.Error, shapely.GEOSException, IndexError, TypeError) as error:
+        raise _NoAreaError(f"a GeoPackage that cannot be read ({error})") from error
+
+
+def _of_blob(blob: bytes) -> Mapping[str, Any]:
+    """Return the geometry of a GeoPackage's binary: a header with an envelope, then well-known binary."""
+    code = blob[3] >> 1 & 7
+    if blob[:2] != b"GP" or code not in _ENVELOPES:
+        raise _NoAreaError("a GeoPackage with a geometry that is none")
+    geometry = shapely.from_wkb(blob[8 + _ENVELOPES[code] :])
+    found: Mapping[str, Any] = json.loads(shapely.to_geojson(geometry))
+    return found
 
 
 def _document(content: bytes) -> Any:
@@ -126,7 +247,6 @@ def _document(content: bytes) -> Any:
     except (ValueError, RecursionError) as error:
         head = content[:1000].lstrip(b"\xef\xbb\xbf \t\r\n").lower()
         known = (
-            (b"<kml" in head, "KML"),
             (head.startswith(b"<"), "XML"),
             (head.startswith(b"pk\x03\x04"), "a zip file, such as KMZ"),
         )
@@ -164,16 +284,32 @@ def _of_feature(feature: Mapping[str, Any], number: int) -> Iterator[_Outline]:
     properties = feature.get("properties") or {}
     if not isinstance(properties, Mapping):
         raise _NoAreaError(f"feature {number} with properties that are no object")
-    name, surface_only = (
-        str(properties.get("name", f"no-go area {number}")),
-        properties.get("surface_only") or False,
-    )
-    if surface_only not in (True, False):
-        raise _NoAreaError(
-            f"{name} with surface_only {surface_only!r:.100}, neither true nor false"
-        )
+    name = str(properties.get("name") or f"no-go area {number}")
+    surface_only, fence = (_flag(properties, key, name) for key in ("surface_only", "fence"))
+    begin, end = (_time(properties.get(key), name) for key in ("begin", "end"))
+    if begin is not None and end is not None and end < begin:
+        raise _NoAreaError(f"{name} that ends before it begins")
     for of_line, rings in _rings(feature.get("geometry"), name):
-        yield _Outline(name, bool(surface_only), _corners(rings[0], name), len(rings) - 1, of_line)
+        corners, *holes = (_corners(ring, name) for ring in rings)
+        yield _Outline(name, surface_only, corners, tuple(holes), fence, (begin, end), of_line)
+
+
+def _flag(properties: Mapping[str, Any], key: str, name: str) -> bool:
+    """Return a property that is true or false."""
+    value = properties.get(key) or False
+    if value not in (True, False):
+        raise _NoAreaError(f"{name} with {key} {value!r:.100}, neither true nor false")
+    return bool(value)
+
+
+def _time(value: Any, name: str) -> int | None:
+    """Return a time [ns, UTC]; None for none."""
+    if value in (None, ""):
+        return None
+    try:
+        return parse_time(str(value))
+    except ConfigError as error:
+        raise _NoAreaError(f"{name} with the time {value!r:.100}: {error}") from error
 
 
 def _rings(geometry: Any, name: str) -> Iterator[tuple[bool, list[Any]]]:

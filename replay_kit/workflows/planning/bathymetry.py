@@ -1,11 +1,13 @@
 """Depth of the bottom from NetCDF, under the names and signs of GEBCO, ETOPO, NEMO and ROMS files; on a grid and under tracks."""
 
+# xarray, which is slow to load, is needed for a file alone
+from __future__ import annotations
+
 from collections.abc import Hashable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 
@@ -14,6 +16,9 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import inside_grid, to_local, unwrap_longitude
 from replay_kit.core.grid import Grid, Projection, Seabed
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 # Standard names before the short ones: of models (NEMO: deptho, Bathymetry, bathy_metry; ROMS: h), positive down.
 _DEPTHS = (
@@ -72,6 +77,8 @@ def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
     Raises:
         ForecastError: There is no such variable on longitude and latitude, its unit is not one of length, or it holds no water.
     """
+    import xarray as xr
+
     try:
         with xr.open_dataset(path, engine="h5netcdf") as opened:
             return _in_region(path, opened.squeeze(), region)

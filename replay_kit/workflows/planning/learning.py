@@ -10,6 +10,7 @@ import numpy as np
 from planners.learning.maps import plan_map
 from planners.learning.survey import plan_survey
 from planners.learning.values import Box, LearnPlan, LearnRequest, LearnSettings, OtherProfiles
+from planners.mission.values import MissionSettings
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.errors import PlanError
@@ -65,7 +66,7 @@ def make_learning(job: PlanRequest, config: PlannerConfig) -> Learnt:
         job.start_place,
         job.then_places,
         bound.vehicle,
-        _settings(job, config, bound.settings.depth),
+        _settings(job, config, bound.settings),
         on.no_go,
         on.bathymetry,
         begin_ns,
@@ -92,11 +93,11 @@ def _planned(job: PlanRequest, flow: FlowEstimate, request: LearnRequest) -> Lea
     return plan_survey(flow, request, 3600.0 * (job.survey or _SURVEY_H), 3600.0 * job.blind)
 
 
-def _settings(job: PlanRequest, config: PlannerConfig, depth: float) -> LearnSettings:
+def _settings(job: PlanRequest, config: PlannerConfig, dives: MissionSettings) -> LearnSettings:
     return LearnSettings(
-        depth=depth,
+        depth=dives.depth,
         dives=config.dives,
-        surface_time=config.surface_time,
+        surface_time=dives.surface_time,
         error=job.profile_error,
         margin=config.margin,
         clearance=config.clearance,

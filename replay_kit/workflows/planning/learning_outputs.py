@@ -13,7 +13,7 @@ from planners.learning.values import LearnPlan
 from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.geojson import collection_text, feature
-from replay_kit.core.plan import Plan, leg_statistics
+from replay_kit.core.plan import Plan
 from replay_kit.core.text import csv_text, time_text
 from replay_kit.show.text import print_table
 from replay_kit.workflows.planning.learning import Learnt
@@ -241,6 +241,7 @@ def _published(plan: LearnPlan) -> Plan:
         track_time=plan.track_time,
         track=plan.track,
         message=plan.message,
-        statistics={**plan.figures, **leg_statistics(rows)},
+        statistics=plan.figures,
+        legs=tuple(rows),
         energy=nan,
     )

@@ -43,6 +43,9 @@ from replay_kit.workflows.planning.inputs import PlannedOn, planned_on
 from replay_kit.workflows.planning.local import local_notes
 from replay_kit.workflows.planning.request import check_samples, line_of, mooring_of, objective_of
 
+# An area counts that holds within so many times the duration of a mission, as samples of it may last longer.
+_LATE = 1.2
+
 
 @dataclass(frozen=True, slots=True)
 class Departure:
@@ -125,12 +128,14 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
     bound, origin = mission_planner(job, config, on.flown).bound(known.first, job.goals)
     request, notes = _request(job, replace(bound, bathymetry=on.bathymetry), on)
     notes += on.notes
+    if origin and on.flown is not None:
+        notes += on.flown.notes()
     begin_ns, seconds = request.start_time_ns, _seconds(job, bound)
     flow, drawn = (
         known.flow(begin_ns, seconds),
         known.samples(begin_ns, seconds, count, config.seed),
     )
-    made, compared = _planned(job, request, flow, drawn)
+    request, made, compared = _within_times(job, request, flow, drawn)
     if compared:
         request = replace(request, start_time_ns=made.start_time_ns)
     few = None
@@ -138,7 +143,12 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
         notes += ("no waypoints are written: the plan has no legs",)
     elif job.waypoints:
         few = waypoints_of(
-            flow, made, job.waypoint_tolerance, no_go=request.no_go, bathymetry=request.bathymetry
+            flow,
+            made,
+            job.waypoint_tolerance,
+            no_go=request.no_go,
+            bathymetry=request.bathymetry,
+            samples=drawn,
         )
     notes += known.notes(
         made.start_time_ns, made.start_time_ns + round(made.duration * 1e9)
@@ -191,10 +201,38 @@ def _seconds(job: PlanRequest, bound: MissionPlanner) -> float:
     return span if job.horizon_s is None else min(span, job.horizon_s)
 
 
+def _within_times(
+    job: PlanRequest, request: MissionRequest, flow: Flow, drawn: Sequence[Sample]
+) -> tuple[MissionRequest, MissionPlan, tuple[MissionPlan, ...]]:
+    """Return the mission that keeps out of areas whose time it lasts into, throughout; its request, and the plans of all departures."""
+    areas, counted = request.no_go, tuple(area for area in request.no_go if not area.is_timed)
+    while True:
+        request = replace(request, no_go=counted)
+        made, compared = _planned(job, request, flow, drawn)
+        late = (
+            area
+            for area in areas
+            if area not in counted
+            and any(
+                area.holds(one.start_time_ns, one.start_time_ns + round(_LATE * one.duration * 1e9))
+                for one in compared or (made,)
+            )
+        )
+        if (further := next(late, None)) is None:
+            return request, made, compared
+        counted = (*counted, further)
+
+
 def _planned(
     job: PlanRequest, request: MissionRequest, flow: Flow, drawn: Sequence[Sample]
 ) -> tuple[MissionPlan, tuple[MissionPlan, ...]]:
     """Return the mission, and the plans of all departures where several are compared."""
+    ranges = request.settings.depths, request.settings.speeds
+    if any(ranges) and (job.departures_ns or job.risk is not None):
+        # depth and speed of the mission that neither compares departures nor keeps a margin
+        best = plan_mission(flow, request)
+        settings = replace(best.settings, depths=None, speeds=None)
+        request = replace(request, vehicle=best.vehicle, settings=settings)
     if job.departures_ns:
         plans = plan_departures(flow, request, job.departures_ns)
         return plans[best_departure(plans)], plans
@@ -279,5 +317,6 @@ def mission_planner(
         if "max_duration" in config.model_fields_set
         else MissionSettings().max_duration,
         time_limit=inf if job.time_limit is None else job.time_limit,
+        battery=inf if job.battery is None else job.battery * 1e6,
     )
     return replace(planner, settings=settings, flown=flown)

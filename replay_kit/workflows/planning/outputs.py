@@ -17,7 +17,6 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.text import time_text
 from replay_kit.show.text import print_table
 from replay_kit.workflows.planning.mission import PlannedMission, mission_planner
-from replay_kit.workflows.planning.record import write_plan
 
 
 def print_mission(planned: PlannedMission, console: Console, battery: float | None = None) -> None:
@@ -156,9 +155,12 @@ def energy_text(energy: float, battery: float | None) -> str:
 def unsafe_reason(planned: PlannedMission, job: PlanRequest) -> str | None:
     """Return why a mission must not be handed to a vehicle unasked; None when it may be."""
     figures, made = planned.samples, planned.plan
-    if planned.waypoints is not None and planned.waypoints.violation is not None:
+    few = planned.waypoints
+    if few is not None and few.violation is not None:
         return "the waypoints are not safe"
-    if planned.waypoints is not None and made.status == "unsafe":
+    if few is not None and few.risk is not None and few.risk.violating > job.accepted_risk:
+        return f"the waypoints are not safe in {100.0 * few.risk.violating:.0f} % of the samples"
+    if few is not None and made.status == "unsafe":
         return "waypoints of a plan that is not safe"
     if (
         job.risk is None
@@ -222,6 +224,8 @@ def write_mission(
         ConfigError: The result exists and may not be replaced, or cannot be written.
         ReplayKitError: It could not be written whole.
     """
+    from replay_kit.workflows.planning.record import write_plan  # with what it records of a replay
+
     mission, battery = planned.plan, config.plan.battery
     records = {
         "legs": {str(row["leg"]): json.dumps(row) for row in legs_table(mission, planned.ellipses)}

@@ -1,10 +1,12 @@
 """The result of ``plan``: written with what it was made of, and what was asked for read back from it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+import numpy as np
+from pydantic import TypeAdapter
 
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.run import RunConfig
@@ -102,12 +104,44 @@ def recorded_request(record: Mapping[str, str], found: Mapping[str, Path]) -> Pl
     # all of them: a record of somebody else names no file to read
     files = {**lists, **{name: found.get(name) for name in _FILES}}
     try:
-        asked = TypeAdapter(dict[str, object]).validate_json(record["request"])
-        return PlanRequest.model_validate({**asked, **files})
-    except (KeyError, ValidationError) as error:
+        asked = TypeAdapter(dict[str, Any]).validate_json(record.get("request") or record["job"])
+        return PlanRequest.model_validate(
+            {**(asked if "request" in record else _renamed(asked)), **files}
+        )
+    except (KeyError, TypeError, ValueError) as error:
         raise LogError(
-            f"{PLAN_RECORD}: expected what a plan of this version was asked for, got {dict(record)}; plan again"
+            f"{PLAN_RECORD}: expected what a plan was asked for, got {dict(record)}; plan again"
         ) from error
+
+
+def _renamed(job: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what was asked for as results before the table ``[plan]`` hold it, in today's names and forms."""
+
+    def place(one: Mapping[str, float]) -> str:
+        return ",".join(repr(one[name]) for name in ("longitude", "latitude", "depth"))
+
+    def time(time_ns: int) -> str:
+        return f"{np.datetime64(time_ns, 'ns')}Z"
+
+    def listed(values: Sequence[float] | None) -> str | None:
+        return ",".join(map(repr, values)) if values else None
+
+    asked = {**job, **job.get("kind", {})}
+    times, then = asked.pop("departures_ns", ()), asked.get("then") or ()
+    step_ns = times[1] - times[0] if len(times) > 1 else 10**9
+    horizon, begin_ns = asked.get("horizon"), asked.pop("start_time_ns", None)
+    asked |= {
+        "start": place(asked["start"]),
+        "goal": [place(one) for one in asked.pop("goals", ())],
+        "then": ",".join(map(place, then)) or None,
+        "box": listed(asked.get("box")),
+        "mooring": listed(asked.get("mooring")),
+        "start_time": None if begin_ns is None else time(begin_ns),
+        "depart": f"{time(times[0])},{time(times[-1])},{step_ns / 1e9!r}s" if times else None,
+        "horizon": None if horizon is None else f"{horizon!r}s",
+        "profile_error": asked.pop("error", PlanRequest.model_fields["profile_error"].default),
+    }
+    return {name: value for name, value in asked.items() if name != "kind" and value is not None}
 
 
 def _numbered(found: Mapping[str, Path], key: str) -> list[str]:

@@ -81,6 +81,8 @@ def _check(request: PlanRequest) -> None:
     refusals = _learning_refusals(request) if request.learns else _mission_refusals(request)
     if message := next((message for refused, message in refusals if refused), None):
         raise ConfigError(message)
+    if request.risk is not None and not 0.0 <= request.risk < 1.0:
+        raise ConfigError(f"--risk: expected a share from 0 to below 1, got {request.risk:g}")
     if not 0.0 <= request.arrive <= 1.0:
         raise ConfigError(f"--arrive: expected a share from 0 to 1, got {request.arrive:g}")
     for name in (
@@ -185,11 +187,9 @@ def _mission_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
 
 
 def check_samples(request: PlanRequest, count: int) -> None:
-    """Raise ConfigError when the risk is not a share, or comes without samples, of which there are ``count``."""
-    if request.risk is not None and not (0.0 <= request.risk < 1.0 and count > 0):
-        raise ConfigError(
-            f"--risk: expected a share from 0 to below 1 and --samples, got {request.risk:g} and {count}"
-        )
+    """Raise ConfigError when a risk is to be kept without samples, of which there are ``count``."""
+    if request.risk is not None and count == 0:
+        raise ConfigError("--risk: expected --samples beside it, got 0 of them")
 
 
 def objective_of(text: str) -> "str | Weights":

@@ -12,12 +12,15 @@ from planners import (
     plan_scenarios,
     waypoints_of,
 )
+from planners.mission.search import search
 from planners.mission.search.search import _more_legs
+from planners.mission.solve.attempt import Bound
 from planners.mission.task import mission_task
 from tests.planners.flow_samples import (
     eddying_flow,
     forbidden,
     place,
+    plan_between,
     request_between,
     still_flow,
     uniform_flow,
@@ -160,3 +163,16 @@ def test_legs_over_a_shelf_that_are_too_few_are_named():
     more = plan_mission(STILL, MissionRequest(*ends, settings=SETTINGS, bathymetry=bottom))
     assert more.status == "reached"
     assert len(more.headings_deg) > 30
+
+
+def test_a_goal_that_no_bound_tells_to_be_out_of_reach_does_not_spoil_the_others(monkeypatch):
+    # as in a current of about the vehicle's own speed, in which the bound is not to be trusted
+    unknown = Bound(0.0, np.inf, is_tight=False)
+    monkeypatch.setattr(search, "bound_of", lambda task: (search.water_of(task), unknown))
+    goals = (3e3, 0.0), (32e3, 0.0), (6e3, 0.0)
+    settings = MissionSettings(depth=300.0, max_legs=6)
+    plan = plan_between(still_flow(), (0.0, 0.0), *goals, settings=settings)
+    met = plan.closest_approach <= settings.tolerance
+    assert met.tolist() == [True, False, True]
+    assert plan.status == "unreachable"
+    assert "misses goal 2 by" in plan.message

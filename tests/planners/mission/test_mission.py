@@ -15,8 +15,9 @@ from planners import (
     plan_mission,
 )
 from planners.mission.flight.currents import currents_of, currents_of_samples
-from planners.mission.flight.legs import Legs, fly_legs, fly_midpoints, fly_steps
+from planners.mission.flight.legs import Flight, Legs, fly_legs, fly_midpoints, fly_steps
 from planners.mission.search.bound import bound_of
+from planners.mission.solve.check import bends
 from planners.mission.solve.goals import add_leg, goal_legs_of
 from planners.mission.task import leg_depths, mission_task, refine_steps, steps_needed
 from planners.route.hazards import NearRings, Ring, near_rings, no_go_rings
@@ -449,3 +450,12 @@ def test_a_sliver_between_two_areas_does_not_hide_the_way_round_them():
     assert plan.status == "reached"
     # round the corner at 3 km with the margin of 50 m
     assert plan.track[:, 1].max() == pytest.approx(3050.0, abs=2.0)
+
+
+def test_a_step_without_a_duration_bends_no_path():
+    time, places = np.array([0.0, 10.0, 10.0, 20.0]), np.array([[0.0, 0.0]] * 4)
+    places[1:3, 0], places[3, 0] = 3.0, 6.0
+    flight = Flight(
+        time, np.array([0.0, 9.0, 9.0, 0.0]), places[None], np.zeros(4, int), np.array([3])
+    )
+    np.testing.assert_array_equal(bends(flight), np.zeros(3))

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, Mooring, plan_mission, plan_mooring
-from planners.mission import waypoint_flight, waypoints
+from planners.mission import waypoints
+from planners.mission.flight.pilot import HeldLeg
 from planners.mission.flights import legs_of_plan
 from planners.mission.task import mission_task
 from planners.mission.waypoint_flight import dead_reckoned_current, heading_for
@@ -18,7 +19,14 @@ from planners.mission.waypoints import _distance_to_legs, kept_surfacings, waypo
 from planners.output.waypoints import waypoint_json, waypoint_text
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
-from tests.planners.flow_samples import eddying_flow, place, plan_between, still_flow, uniform_flow
+from tests.planners.flow_samples import (
+    eddying_flow,
+    forbidden,
+    place,
+    plan_between,
+    still_flow,
+    uniform_flow,
+)
 from tests.reference.reference_path import farthest_left_out
 
 SETTINGS = MissionSettings(depth=300.0, surface_time=600.0)
@@ -106,11 +114,13 @@ def test_in_still_water_no_leg_reckons_a_current(monkeypatch):
         place(flow, -20e3, 15e3, 0.0), (place(flow, 20e3, 15e3, 0.0),), settings=SETTINGS
     )
 
-    def noting(*given):
-        found.append(dead_reckoned_current(*given))
-        return found[-1]
+    reckoned = HeldLeg.mean_current
 
-    monkeypatch.setattr(waypoint_flight, "dead_reckoned_current", noting)
+    def noting(*given):
+        found.append(reckoned(*given)[0])
+        return found[-1][None]
+
+    monkeypatch.setattr(HeldLeg, "mean_current", noting)
     waypoints_of(flow, plan_mission(flow, asked))
     assert len(found) > 4
     # true north turns by 0.0004 rad in half a leg, and a compass heading is held
@@ -244,3 +254,23 @@ def test_the_radius_that_ends_within_the_tolerance_and_then_the_one_that_loses_l
         for one in alone.values()
         if one.off_end <= tolerance and one.times.size == chosen.times.size
     )
+
+
+def test_a_list_is_judged_in_samples_with_and_without_the_gliders_own_correction():
+    # an error of a uniform current of 6 cm/s each way, of which the glider knows nothing before its first surfacing
+    flow = uniform_flow(0.0, 0.05)
+    modes = np.column_stack([uniform_flow(*one).latent[:, 0] for one in np.eye(2)])
+    n_levels = flow.levels.size
+    covariance = 0.06**2 * np.kron(np.ones((n_levels, n_levels)), np.eye(2))
+    flow = replace(flow, modes=modes, covariance=covariance)
+    plan = plan_between(flow, (-6e3, -3e3), (6e3, 3e3), settings=SETTINGS)
+    found = waypoints_of(flow, plan, samples=flow.sample(12, 0))
+    assert found.risk.count == 12
+    assert found.risk.violating == 0.0
+    assert found.risk.reached > 0.5
+    assert found.message.endswith(found.risk.text())
+    assert waypoint_json(found)["samples"]["reached"] == found.risk.reached
+    # an area beside the way is entered where the first current is not the one expected
+    area = forbidden(flow, -4e3, -9e3, 6e3, -3e3)
+    beside = waypoints_of(flow, plan, samples=flow.sample(12, 0), no_go=(area,))
+    assert beside.risk.violating > 0.0

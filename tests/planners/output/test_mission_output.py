@@ -164,7 +164,7 @@ def test_what_is_counted_is_written_as_an_integer():
         *told,
         *answer["legs"],
         *answer["goals"],
-        json.loads(str(as_glide(planned(), FLOW.grid.projection).statistics["leg_001"])),
+        as_glide(planned(), FLOW.grid.projection).legs[0],
     ]
     assert {type(row[name]) for row in rows for name in ("leg", "dives") if name in row} == {int}
     assert to_csv(planned(), None).splitlines()[1].startswith("1,")
@@ -178,7 +178,7 @@ def test_a_mission_is_also_a_plan_for_the_result_s_messages():
         planned().duration,
     )
     assert np.linalg.norm(glide.velocity_through_water) == pytest.approx(0.3)
-    assert json.loads(str(glide.statistics["leg_001"]))["heading_deg"] == planned().headings_deg[0]
+    assert glide.legs[0]["heading_deg"] == planned().headings_deg[0]
     none = as_glide(failed(), FLOW.grid.projection)
     assert (none.status, none.duration) == ("failed", 0.0)
     assert to_csv(failed(), None) == "leg\n"

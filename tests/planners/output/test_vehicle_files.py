@@ -10,6 +10,7 @@ import pytest
 
 from planners import waypoints_of
 from planners.output.waypoints import waypoint_text
+from replay_kit.core.plan import Area
 from tests.planners.mission.test_waypoints import FLOW, PLAN
 from tests.reference.vehicle import read_mission_arguments, read_targets
 
@@ -32,6 +33,19 @@ def test_a_qgroundcontrol_plan_has_each_waypoint_and_its_radius():
     np.testing.assert_allclose(
         read["mission"]["plannedHomePosition"], [PLACES[0, 1], PLACES[0, 0], 0.0], atol=6e-8
     )
+
+
+def test_a_qgroundcontrol_plan_has_the_fence_and_the_areas_that_hold_at_any_depth():
+    corners = ((152.0, -40.0), (152.1, -40.0), (152.1, -39.9))
+    areas = (
+        Area("range", False, corners),
+        Area("lane", True, corners),
+        Area("bay", False, corners[::-1], fence=True),
+    )
+    read = json.loads(waypoint_text(replace(FEW, areas=areas), Path("mission.plan")))
+    polygons = read["geoFence"]["polygons"]
+    assert [one["inclusion"] for one in polygons] == [False, True]
+    assert polygons[0]["polygon"] == [[y, x] for x, y in corners]
 
 
 def test_a_kml_has_each_waypoint_and_the_way():
@@ -73,6 +87,7 @@ def test_a_slocum_s_yo_has_the_dives():
     assert arguments["d_pitch_value(X)"] == pytest.approx(
         -np.deg2rad(FEW.pitches_deg.mean()), abs=5e-5
     )
+    assert arguments["d_target_altitude(m)"] == PLAN.settings.clearance
     assert arguments["c_pitch_value(X)"] == -arguments["d_pitch_value(X)"]
 
 

@@ -3,7 +3,6 @@
 # fixtures of other modules are imported by their names
 # ruff: noqa: F811
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -211,7 +210,7 @@ def test_a_plan_alone_is_drawn(write: Write, plan: Plan) -> None:
         "longitude": 5.1,
         "latitude": 62.0,
     }
-    planned = replace(plan, statistics={"leg_001": json.dumps(leg)})
+    planned = replace(plan, legs=(leg,))
     page = write(lambda writer: writer.plan(planned, Projection(5.0, 62.0)))
     found = figures(page)
     assert list(found) == ["current-map", "plan-profile"]

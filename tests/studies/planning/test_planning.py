@@ -50,7 +50,16 @@ def lenient(monkeypatch):
 
 
 def test_odds_are_of_samples_and_of_a_truth(lenient, monkeypatch):
+    first, real = [], planners.mission_odds
+
+    def judged(flow, samples, plan, request):
+        first.append(samples[0].latent)
+        return real(flow, samples, plan, request)
+
+    monkeypatch.setattr(planners, "mission_odds", judged)
     found = final(odds.run_planning(MEMBERS, None, CONFIG, JOB))
+    # a plan is flown in other samples than those that judged it
+    assert not np.allclose(first[0], first[1])
     assert [one.truth for one in found.missions] == [1, 1]
     reached = [one for one in found.missions if one.status == "reached"]
     assert reached

@@ -1,8 +1,12 @@
 """No-go areas as people draw them: open, crossing, holed, far away, latitude first."""
 
 import json
+import sqlite3
+from dataclasses import replace
 
+import numpy as np
 import pytest
+import shapely
 
 from replay_kit.core.errors import PlanError
 from replay_kit.workflows.planning.areas import area_notes, read_areas
@@ -30,7 +34,7 @@ def written(path, rings):
         ([[[*corner, 12.0] for corner in RING]], None),
         ([[[x - 360.0, y] for x, y in RING]], None),
         ([RING[:-1]], "range: its outline is open; it is closed from the last corner to the first"),
-        ([RING, RING[::-1], RING[::-1]], "range: its 2 holes count as part of the area"),
+        ([RING, RING[::-1]], None),
         (
             [[RING[0], RING[2], RING[1], RING[3], RING[0]]],
             "range: its outline crosses itself; what it winds around an odd number",
@@ -103,13 +107,13 @@ def test_geometries_alone_and_lines_are_read_as_areas(document, count, tmp_path)
 
 
 KML = """<?xml version="1.0" encoding="UTF-8"?>
-<kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><Polygon/></Placemark></kml>"""
+<kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><name>range</name></Placemark></kml>"""
 
 
 @pytest.mark.parametrize(
     ("text", "found"),
     [
-        (KML, "got KML; convert it"),
+        (KML, "got KML without polygons or lines; convert it"),
         ("<gpx/>", "got XML;"),
         ("PK\x03\x04areas", "got a zip file, such as KMZ;"),
         ("", "got nothing;"),
@@ -154,7 +158,91 @@ def test_what_is_no_area_is_refused_in_words(text, found, tmp_path):
     with pytest.raises(PlanError) as refused:
         read_areas(path)
     assert (
-        f"{path}: expected GeoJSON with polygons of longitude and latitude, or lines around areas, {found}"
+        f"{path}: expected GeoJSON, KML or GeoPackage with polygons of longitude and latitude, or lines around areas, {found}"
         in str(refused.value)
     )
     assert "Error" not in str(refused.value)
+
+
+HOLE = [[152.43, -40.07], [152.47, -40.07], [152.47, -40.03], [152.43, -40.03], [152.43, -40.07]]
+TIMES = {"begin": "2026-05-01T00:00Z", "end": "2026-05-02T00:00Z"}
+
+
+def as_geojson(path, properties):
+    geometry = {"type": "Polygon", "coordinates": [RING, HOLE]}
+    path.write_text(json.dumps({"type": "Feature", "properties": properties, "geometry": geometry}))
+
+
+def as_kml(path, properties):
+    def ring(corners):
+        line = " ".join(f"{x},{y},0" for x, y in corners)
+        return f"<LinearRing><coordinates>{line}</coordinates></LinearRing>"
+
+    data = "".join(
+        f'<Data name="{name}"><value>{value}</value></Data>' for name, value in properties.items()
+    )
+    path.write_text(
+        '<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2"><Document><Placemark>'
+        f"<name>range</name><ExtendedData>{data}</ExtendedData><Polygon><outerBoundaryIs>{ring(RING)}"
+        f"</outerBoundaryIs><innerBoundaryIs>{ring(HOLE)}</innerBoundaryIs></Polygon></Placemark></Document></kml>"
+    )
+
+
+def as_geopackage(path, properties, system=4326):
+    polygon = shapely.Polygon(RING, [HOLE])
+    envelope = np.array([152.4, 152.5, -40.1, -40.0]).tobytes()
+    blob = b"GP\0" + bytes([0b11]) + np.int32(system).tobytes() + envelope + polygon.wkb
+    with sqlite3.connect(path) as opened:
+        opened.execute(
+            "CREATE TABLE gpkg_geometry_columns (table_name, column_name, srs_id INTEGER)"
+        )
+        opened.execute("INSERT INTO gpkg_geometry_columns VALUES ('areas', 'geom', ?)", (system,))
+        names = ", ".join(f'"{name}"' for name in properties)
+        opened.execute(f"CREATE TABLE areas (geom BLOB, {names})")
+        marks = ", ".join("?" * len(properties))
+        opened.execute(f"INSERT INTO areas VALUES (?, {marks})", (blob, *properties.values()))
+    opened.close()
+
+
+@pytest.mark.parametrize("write", [as_geojson, as_kml, as_geopackage])
+def test_each_format_holds_the_same_area(write, tmp_path):
+    path = tmp_path / "areas"
+    write(path, {"name": "range", "fence": True, **TIMES})
+    (area,) = read_areas(path)
+    assert area.polygon == tuple(map(tuple, RING))
+    assert area.holes == (tuple(map(tuple, HOLE)),)
+    assert (area.name, area.fence, area.surface_only) == ("range", True, False)
+    assert area.end_ns - area.begin_ns == 86400 * 10**9
+    assert area.holds(area.end_ns, area.end_ns + 1)
+    assert not area.holds(area.end_ns + 1, area.end_ns + 2)
+    assert not area.holds(0, area.begin_ns - 1)
+    assert replace(area, begin_ns=None).holds(0, 1)
+    assert "lasts into its time" in area_notes(path, GRID)[0]
+
+
+@pytest.mark.parametrize(
+    ("properties", "found"),
+    [
+        ({"begin": "soon"}, "with the time 'soon'"),
+        ({"begin": TIMES["end"], "end": TIMES["begin"]}, "ends before it begins"),
+        ({"fence": "perhaps"}, "fence 'perhaps', neither true nor false"),
+    ],
+)
+def test_properties_that_are_none_are_refused(properties, found, tmp_path):
+    as_geojson(tmp_path / "areas", properties)
+    with pytest.raises(PlanError, match=found):
+        read_areas(tmp_path / "areas")
+
+
+def test_damaged_files_of_areas_are_refused(tmp_path):
+    path = tmp_path / "areas"
+    as_geopackage(path, {"name": "range"}, 3857)
+    with pytest.raises(PlanError, match="coordinate system 3857"):
+        read_areas(path)
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(PlanError, match="GeoPackage that cannot be read"):
+        read_areas(path)
+    for text in ("<kml", "<!DOCTYPE kml [<!ENTITY a 'b'>]><kml/>"):
+        path.write_text(text)
+        with pytest.raises(PlanError, match="got KML"):
+            read_areas(path)

@@ -4,9 +4,13 @@ from types import SimpleNamespace
 
 import pytest
 
+from replay_kit.config.plan import PlanRequest
 from replay_kit.workflows.planning.outputs import energy_text, unsafe_reason
 
-SAFE, CROSSING = SimpleNamespace(violation=None), SimpleNamespace(violation="crosses land")
+SAFE, CROSSING = (
+    SimpleNamespace(violation=violation, risk=None) for violation in (None, "crosses land")
+)
+RISKY = SimpleNamespace(violation=None, risk=SimpleNamespace(violating=0.2))
 
 
 @pytest.mark.parametrize(
@@ -18,6 +22,8 @@ SAFE, CROSSING = SimpleNamespace(violation=None), SimpleNamespace(violation="cro
         (SAFE, "unsafe", None, None, "waypoints of a plan that is not safe"),
         (CROSSING, "reached", 0.1, 1.0, "the waypoints are not safe"),
         (SAFE, "reached", 0.1, 0.9, None),
+        (RISKY, "reached", None, 1.0, "the waypoints are not safe in 20 % of the samples"),
+        (RISKY, "reached", 0.3, 1.0, None),
         (
             SAFE,
             "reached",
@@ -42,7 +48,7 @@ def test_a_mission_is_handed_over_where_it_is_safe_or_no_one_asked(
     planned = SimpleNamespace(
         waypoints=waypoints, samples=samples, plan=SimpleNamespace(status=status)
     )
-    assert unsafe_reason(planned, SimpleNamespace(risk=risk)) == why
+    assert unsafe_reason(planned, PlanRequest(risk=risk)) == why
 
 
 def test_energy_is_told_with_its_share_of_the_battery():

@@ -152,7 +152,8 @@ def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(
     path, words = stopped[0], "as flown: 0.30 m/s, 19 degrees"
     plans, held = decoded(path, "/plan/controls"), read_held(path)
     # the first one is made when the first dive has ended
-    assert all(plan.message.endswith(f"; {words}") for plan in plans)
+    assert plans[0].message.endswith("; as flown in a single dive: 0.30 m/s, 19 degrees")
+    assert all(plan.message.endswith(f"; {words}") for plan in plans[1:])
     legs = [leg for plan in plans for leg in plan_legs(statistics_of(plan))]
     assert min(leg["glide_angle_deg"] for leg in legs) >= 19.0 - 0.01
     flown = AsFlown.in_metadata(held.metadata)
@@ -191,7 +192,7 @@ def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(
         False,
     )
     # the dives went as deep, and so do those of a plan that states nothing
-    assert said()["message"].endswith("; as flown: 0.30 m/s, 290 m, 19 degrees")
+    assert said()["message"].endswith("; as flown: 0.30 m/s, dives to 290 m, 1.6 h, 19 degrees")
 
 
 @pytest.mark.full

@@ -121,7 +121,7 @@ def _dives(contents: Contents) -> Dives:
         diving.speed,
         diving.min_angle,
         depth,
-        settings.surface_time,
+        diving.surface_time,
         settings.tolerance,
         settings.max_duration,
     )

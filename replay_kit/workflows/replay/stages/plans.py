@@ -157,7 +157,7 @@ def finish_surfacing(
     state = replace(state, surfaced=None)
     if not problem.plans_at(fix.time_ns, state.next_plan_ns):
         return state, outputs
-    flow, seconds = flow_at(fix.time_ns), problem.settings.surface_time
+    flow, seconds = flow_at(fix.time_ns), problem.settings.surface_time or 0.0
     state = replace(state, next_plan_ns=fix.time_ns + problem.interval_ns)
     state, plan = make_plan(
         problem, state, flow, fix.time_ns + int(seconds * 1e9), _after_drift(flow, fix, seconds)

@@ -202,7 +202,7 @@ def flown_of(mean: PathMean) -> FlownDive | None:
     if mean.kind != "dac" or mean.fixes is None:
         return None
     dive = dive_mean(ForecastState(), mean, _UNKNOWN)
-    return flown_dive(dive.seconds, dive.way, mean.depth, mean.deepest)
+    return flown_dive(dive.seconds, dive.way, mean.depth, mean.deepest, mean.fixes[0].time_ns)
 
 
 def with_profile(state: ForecastState, profile: Observation) -> ForecastState:

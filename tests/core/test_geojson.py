@@ -1,0 +1,49 @@
+"""Features across the antimeridian, cut there."""
+
+import numpy as np
+import pytest
+import shapely
+
+from replay_kit.core.geojson import cut_at_antimeridian, feature
+
+RING = [[178.0, -1.0], [182.0, -1.0], [182.0, 3.0], [178.0, 3.0], [178.0, -1.0]]
+
+
+def cut(kind, coordinates):
+    return cut_at_antimeridian(feature(kind, coordinates, {"name": "one"}))["geometry"]
+
+
+def test_what_is_within_180_degrees_stays_as_it_is():
+    one = feature("LineString", [[-180.0, 0.0], [179.9, 0.0]], {})
+    assert cut_at_antimeridian(one) is one
+
+
+@pytest.mark.parametrize("offset", [0.0, -360.0])
+def test_a_line_is_cut_where_it_crosses(offset):
+    line = [[179.0 + offset, 0.0], [181.0 + offset, 2.0], [182.0 + offset, 2.0]]
+    parts = cut("LineString", line)
+    assert parts["type"] == "MultiLineString"
+    assert sorted(parts["coordinates"]) == [
+        [[-180.0, 1.0], [-179.0, 2.0], [-178.0, 2.0]],
+        [[179.0, 0.0], [180.0, 1.0]],
+    ]
+
+
+def test_a_polygon_is_cut_into_two_of_the_same_area_and_turn():
+    parts = cut("Polygon", [RING])
+    assert parts["type"] == "MultiPolygon"
+    shapes = [shapely.Polygon(rings[0]) for rings in parts["coordinates"]]
+    assert sum(shape.area for shape in shapes) == pytest.approx(16.0)
+    assert all(shapely.is_ccw(shape.exterior) for shape in shapes)
+    assert (
+        np.abs(np.concatenate([np.array(rings[0]) for rings in parts["coordinates"]]))[:, 0].max()
+        == 180.0
+    )
+
+
+def test_points_are_turned_round():
+    assert cut("Point", [181.0, 2.0])["coordinates"] == [-179.0, 2.0]
+    assert cut("MultiPoint", [[181.0, 2.0], [179.0, 2.0]])["coordinates"] == [
+        [-179.0, 2.0],
+        [179.0, 2.0],
+    ]
