@@ -103,11 +103,22 @@ def seconds_to_first_picture(browser: Any, path: Path) -> float:
     began = spent()
     tab.add_init_script(_HOLD)
     tab.goto(path.as_uri(), wait_until="commit")
-    tab.wait_for_selector(".plot[data-drawn] svg.main-svg", timeout=120_000)
+    tab.wait_for_selector(".plot[data-drawn]:has(svg.main-svg, canvas)", timeout=120_000)
     found = spent() - began
     assert len(tab.query_selector_all(".plot[data-drawn]")) == 1
     tab.close()
     return found
+
+
+def unfold(tab: Any) -> None:
+    """Open all folded parts of a page, and wait for their figures."""
+    tab.evaluate(
+        "() => document.querySelectorAll('details').forEach((part) => { part.open = true; })"
+    )
+    tab.wait_for_function(
+        "() => [...document.querySelectorAll('.plot')].every((plot) => plot.dataset.drawn)",
+        timeout=120_000,
+    )
 
 
 def check_drawn(tab: Any, width: int) -> int:
@@ -120,7 +131,7 @@ def check_drawn(tab: Any, width: int) -> int:
         assert box["height"] > 100
         assert box["width"] <= width
         # a picture that is not decoded has no width
-        assert figure.query_selector("svg.main-svg") or place.evaluate(
+        assert figure.query_selector("svg.main-svg, canvas") or place.evaluate(
             "(image) => image.naturalWidth > 0"
         )
     assert tab.evaluate("() => document.documentElement.scrollWidth") <= width

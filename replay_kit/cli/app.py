@@ -105,6 +105,10 @@ _COMMANDS = {
         "MISSIONS.toml|LOG... -o DIR",
         "Replay many missions in parallel: one result each, and a summary table and page.",
     ),
+    "fetch": (
+        "[LOG...] --ensemble ADDRESS...",
+        "Fetch the part of a forecast on a server that a replay of the logs needs, for later replays without a link.",
+    ),
     "verify": (
         "OUT.mcap",
         "Reproduce a result from its recorded inputs and report differences (exit code 5).",

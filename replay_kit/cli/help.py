@@ -229,7 +229,8 @@ def repeat_ensembles(arguments: Sequence[str]) -> list[str]:
 
 
 def _looks_like_forecast(word: str) -> bool:
-    return word.lower().endswith(_ENDINGS) or has_magic(word) or Path(word).is_dir()
+    named = word.lower().endswith(_ENDINGS) or has_magic(word) or Path(word).is_dir()
+    return named or "://" in word or word.startswith("cmems:")
 
 
 def refuse_unknown(

@@ -1,16 +1,17 @@
 """What the commands share: option groups, the endings of outputs, and the reading of values with several parts."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
 
-from cyclopts import App, ArgumentCollection, Group, Parameter
+from cyclopts import App, ArgumentCollection, Group, Parameter, Token
 from cyclopts.validators import Number
 
 from replay_kit.cli import reporting
 from replay_kit.config.option import PLACE, Numbers, numbers
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.paths import is_stream
+from replay_kit.core.paths import is_stream, path_of
 
 if TYPE_CHECKING:
     from replay_kit.core.plan import Place
@@ -165,7 +166,10 @@ def _is(path: Path, value: str) -> bool:
 
 
 # Settings of the forecast that do not need a log.
-_OF_FORECAST = ("members", "axes", "region", "levels", "lead", "time", "reference_time")
+_OF_FORECAST = (
+    *("members", "axes", "region", "levels", "lead", "time", "reference_time"),
+    *("offline", "max_download", "cache"),
+)
 PART_OF_FORECAST = tuple(f"forecast.{key}" for key in _OF_FORECAST)
 _LOGS = (
     "Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP), other glider NetCDF files, "
@@ -174,10 +178,23 @@ _LOGS = (
 Log = Annotated[Path, argument("LOG", _LOGS)]
 LogIfAny = Annotated[Path, Parameter(name="LOG", help=_LOGS, group=INPUTS, required=False)]
 MCAP, NETCDF, HTML = Ending((".mcap",)), Ending((".nc",)), Ending((".html",))
-ENSEMBLE_HELP = "NetCDF files, Zarr stores, folders or patterns; may be repeated. --members defines what a member is."
+ENSEMBLE_HELP = (
+    "NetCDF files, Zarr stores, folders, patterns, or addresses (https:// of Zarr, OPeNDAP or griddap; cmems:DATASET); may be repeated. "
+    "--members defines what a member is."
+)
+
+
+def _paths(_: object, tokens: Sequence[Token]) -> tuple[Path, ...]:
+    """Return files and addresses."""
+    return tuple(path_of(token.value) for token in tokens)
+
+
+#: Of an option whose values are files or addresses.
+SOURCES = Parameter(converter=_paths)
 Ensemble = Annotated[
     tuple[Path, ...],
     option("--ensemble", f"Ensemble forecast: {ENSEMBLE_HELP}", metavar="FILE...", group=INPUTS),
+    SOURCES,
 ]
 Truth = Annotated[
     str | None, option("--truth", "Known truth to score against.", metavar="T.nc[#member]")

@@ -244,6 +244,24 @@ class ForecastConfig(Section):
     place: Annotated[bool, Option("--place-ensemble")] = Field(
         default=False, description="Move the ensemble's centre to the mean fix of the log."
     )
+    # how a forecast comes here changes no result, so results do not record it
+    offline: Annotated[bool, Option("--offline")] = Field(
+        default=False,
+        exclude=True,
+        description="Ask no server: forecasts given by address are those fetched before.",
+    )
+    max_download: Annotated[
+        Annotated[float, Field(gt=0.0)] | None, Option("--max-download", "MB")
+    ] = Field(
+        default=None,
+        exclude=True,
+        description="Largest download of a forecast given by address [MB]. Default: 1000, and no more than 10 times the values needed.",
+    )
+    cache: str | None = Field(
+        default=None,
+        exclude=True,
+        description="Folder of fetched forecasts. Default: .cache/replay-kit in the home folder.",
+    )
 
     @field_validator("region", mode="before")
     @classmethod

@@ -159,7 +159,7 @@ class LinearMeasurement:
 
     Attributes:
         time_ns: When it was known [ns, UTC].
-        point_time_ns: shape (P,) [ns, UTC], or (1,) for all points.
+        point_time_ns: shape (P,) [ns, UTC]; None for that time at all points.
         longitude: shape (P,) [degrees east], or (1,) for points at one place.
         latitude: shape (P,) [degrees north], or (1,).
         depth: shape (P,) [m], positive down.
@@ -176,7 +176,7 @@ class LinearMeasurement:
     """
 
     time_ns: int
-    point_time_ns: NDArray[np.int64]
+    point_time_ns: NDArray[np.int64] | None
     longitude: Array
     latitude: Array
     depth: Array
@@ -288,7 +288,7 @@ class Observation:
         """The same as sums of components: each bin is the current at a point, all points lie at one place."""
         return LinearMeasurement(
             self.time_ns,
-            np.array([self.time_ns]),
+            None,
             np.array([self.longitude]),
             np.array([self.latitude]),
             self.depth,

@@ -1,14 +1,85 @@
 """Checks of files: outputs before any work begins; inputs for changes while they are read, and for the array sizes they declare."""
 
 import os
+import re
+import sys
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PosixPath
+from typing import Any
 
 from replay_kit.core.atomic import part_of
 from replay_kit.core.errors import ConfigError, LogError, PlanError
 
 #: One path, or several, of which those in a sequence of their own belong together.
 Paths = str | Path | Sequence[str | Path | Sequence[str | Path]]
+
+_ADDRESS = re.compile(r"(?:(?:icechunk::)?https?://|cmems:)[^/\s]\S*", re.IGNORECASE)
+_SCHEME = re.compile(r"(?:[a-z][a-z0-9.+-]+::)?[a-z][a-z0-9.+-]+://", re.IGNORECASE)
+
+
+class Address(PosixPath):
+    """The address of a forecast on a server; no such file exists, so that checks of paths leave it out.
+
+    As text it has neither a login nor a query, which may hold a key: messages, logs and results show no more.
+
+    Attributes:
+        url: The address as it was given.
+    """
+
+    url: str = ""
+
+    def __new__(cls, url: str) -> "Address":
+        """Return the address of a text that ``path_of`` takes for one."""
+        made = super().__new__(cls, public(url))
+        made.url = url
+        return made
+
+    def __init__(self, url: str) -> None:
+        if sys.version_info >= (3, 12):
+            super().__init__(public(url))
+
+    def __str__(self) -> str:
+        return public(self.url) if self.url else super().__str__()
+
+    def __reduce__(self) -> Any:
+        return Address, (self.url,)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Address) and self.url == other.url
+
+    def __hash__(self) -> int:
+        return hash(self.url)
+
+    def resolve(self, strict: bool = False) -> "Address":
+        """Return itself."""
+        return self
+
+    def absolute(self) -> "Address":
+        """Return itself."""
+        return self
+
+
+def public(url: str) -> str:
+    """Return an address without login, query and fragment."""
+    whole = re.sub(r"(?<=//)[^/?#]*@", "", url)
+    return re.split(r"[?#]", whole, maxsplit=1)[0]
+
+
+def path_of(text: str) -> Path:
+    """Return the path, or the ``Address``, that a text names; ``file://`` stands for a path.
+
+    Raises:
+        ConfigError: It is an address that nothing here reads.
+    """
+    if _ADDRESS.fullmatch(text):
+        return Address(text)
+    if text.startswith("file:///"):
+        return Path(text.removeprefix("file://"))
+    if _SCHEME.match(text):
+        raise ConfigError(
+            f"{public(text)}: expected https://, http://, cmems:DATASET or icechunk::https://; give the https address of the same data"
+        )
+    return Path(text)
 
 
 def check_paths(
@@ -70,8 +141,10 @@ def as_path(value: object, what: str) -> Path:
     Raises:
         ConfigError: It is something else.
     """
-    if isinstance(value, str | Path):
-        return Path(value)
+    if isinstance(value, str):
+        return path_of(value)
+    if isinstance(value, Path):
+        return value
     raise ConfigError(
         f"{what}: expected a path (str or Path), got {type(value).__name__}; give the name of the file"
     )
@@ -98,6 +171,12 @@ def as_groups(value: object, what: str) -> tuple[tuple[Path, ...], ...]:
     """
     each = value if isinstance(value, list | tuple) and value else as_paths(value, what)
     return tuple(as_paths(one, what) for one in each)
+
+
+def addresses_in(given: Paths) -> tuple[Address, ...]:
+    """Return the addresses among paths, also in groups."""
+    groups = as_groups(given, "ensemble")
+    return tuple(path for group in groups for path in group if isinstance(path, Address))
 
 
 def check_folder(out: Path) -> None:
@@ -146,7 +225,8 @@ def exceeds_claim(path: Path, size: int) -> str:
         size: What its arrays take in memory [bytes].
     """
     needed = (size - _FREE) / _RATIO
-    if needed <= 0.0 or (held := _bytes(path, needed)) >= needed:
+    # what is on a server has limits of its own
+    if needed <= 0.0 or not path.exists() or (held := _bytes(path, needed)) >= needed:
         return ""
     return f"it claims {size / 1e6:.0f} MB of values in a file of {held / 1e6:.3f} MB, more than {_RATIO} times its bytes"
 

@@ -34,6 +34,7 @@ from replay_kit.forecast.names import (
     without_partner,
 )
 from replay_kit.forecast.pairs import OpenedFile, Part, pair_files
+from replay_kit.forecast.times import runs_of
 
 #: What xarray, HDF5, pyproj and numpy raise on contents that are none of a forecast.
 _FOREIGN = (
@@ -144,7 +145,10 @@ def _identified(
             found.append(OpenedFile(path, ds, current, number, label))
         if not pairs:
             whole = None if by_suffix else find_current(ds, str(path))
-            found.append(OpenedFile(path, ds, whole, number))
+            runs = [ds]
+            if whole is not None and kind_of(rule) == "lags":
+                runs = runs_of(ds, ds[whole.u or whole.v].dims)
+            found += [OpenedFile(path, run, whole, number) for run in runs]
     return found, rule
 
 

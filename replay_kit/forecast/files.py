@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.paths import Paths, as_groups, exceeds_claim
+from replay_kit.core.paths import Address, Paths, as_groups, exceeds_claim
 from replay_kit.core.text import count_text
 
 _ENDINGS = (".nc", ".nc4", ".nc3", ".cdf", ".netcdf", ".zarr")
@@ -93,6 +93,8 @@ def natural(path: Path) -> list[tuple[int, int | str]]:
 
 def _files_of(path: Path) -> tuple[tuple[Path, ...], list[Path]]:
     """Return the files of one argument, and the results left out."""
+    if isinstance(path, Address):
+        return (path,), []
     if not path.exists() and glob.has_magic(str(path)):
         found = [Path(name) for name in glob.glob(str(path), recursive=True)]
         what = "no file matches this pattern; check the folder and the pattern, and quote it if the shell changes it"
@@ -146,6 +148,11 @@ def open_file(path: Path) -> xr.Dataset:
     Raises:
         ForecastError: It is missing, or neither NetCDF nor Zarr.
     """
+    if isinstance(path, Address):
+        # loads a client of servers
+        from replay_kit.forecast.remote.datasets import open_address
+
+        return with_dates(open_address(path))
     if not path.exists():
         raise ForecastError(f"{path}: no such file; {_HINT}")
     if path.is_dir():
@@ -178,6 +185,11 @@ def open_file(path: Path) -> xr.Dataset:
         BadZipFile,
     ) as error:
         raise ForecastError(f"{path}: cannot be read as {engine}: {error}; {_HINT}") from error
+    return with_dates(ds)
+
+
+def with_dates(ds: xr.Dataset) -> xr.Dataset:
+    """Return a dataset with dates for its times, where they have any."""
     dates = {
         name: dated for name in ds.variables if (dated := _dated(ds.variables[name])) is not None
     }

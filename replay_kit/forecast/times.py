@@ -10,7 +10,7 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.time import parse_time
 from replay_kit.forecast.files import undated
-from replay_kit.forecast.names import find_lead, find_time
+from replay_kit.forecast.names import find_dimension, find_lead, find_time
 
 _LEAD_UNITS = {
     **dict.fromkeys(("days", "day", "d"), 86400.0),
@@ -18,6 +18,7 @@ _LEAD_UNITS = {
     **dict.fromkeys(("minutes", "minute", "mins", "min"), 60.0),
     **dict.fromkeys(("seconds", "second", "secs", "sec", "s"), 1.0),
 }
+_STARTS = ("forecast_reference_time", "reference_time", "init_time", "run")
 _DAY_NS = 86_400 * 10**9
 
 
@@ -102,6 +103,43 @@ def dated_leads(ds: xr.Dataset, lead: str, config: ForecastConfig) -> list[tuple
         (float(value), int(reference + period))
         for value, period in zip(ds[lead].values, valid, strict=True)
     ]
+
+
+def runs_of(ds: xr.Dataset, dims: Sequence[Hashable]) -> list[xr.Dataset]:
+    """Return the runs of a dataset with a dimension of starts and one of leads, each with the times it is valid for; else itself.
+
+    Args:
+        ds: Its dates are decoded.
+        dims: Of its velocities.
+    """
+    found = valid_times(ds, dims)
+    if found is None:
+        return [ds]
+    valid, (start, lead) = found
+    named = {"standard_name": "forecast_reference_time"}
+    return [
+        ds.isel({start: k})
+        .drop_vars([start, lead])
+        .rename_dims({lead: "time"})
+        .assign_coords(
+            time=("time", times.astype("M8[ns]"), {"standard_name": "time"}),
+            forecast_reference_time=((), ds[start].values[k], named),
+        )
+        for k, times in enumerate(valid)
+    ]
+
+
+def valid_times(
+    ds: xr.Dataset, dims: Sequence[Hashable]
+) -> tuple[NDArray[np.int64], tuple[str, str]] | None:
+    """Return the times that leads of several starts are valid for [ns, UTC], shape (starts, leads), and the dimensions; None without."""
+    start = find_dimension(ds, dims, ("forecast_reference_time",), _STARTS) or find_time(ds, dims)
+    lead = find_lead(ds, dims)
+    if start is None or lead is None or start not in ds.coords or ds[start].dtype.kind != "M":
+        return None
+    periods = _periods_ns(ds[lead])
+    starts = ds[start].values.astype("M8[ns]").astype(np.int64)
+    return None if periods is None else (starts[:, None] + periods, (start, lead))
 
 
 def _reference(ds: xr.Dataset, config: ForecastConfig) -> int | None:

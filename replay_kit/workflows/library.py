@@ -21,7 +21,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
 from replay_kit.core.observation import Observation, PathMean
-from replay_kit.core.paths import Paths, as_groups, as_path, check_paths
+from replay_kit.core.paths import Paths, addresses_in, as_groups, as_path, check_paths
 from replay_kit.core.plan import Place, Plan
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.time import to_time_ns
@@ -129,6 +129,11 @@ def replay(
             estimator=None if estimator is None and prior is None else given(estimator, prior),
             provided=tuple(name for name in _PARTS if options.get(name) is not None),
         )
+        if addresses_in(job.ensemble):
+            # loads a client of servers
+            from replay_kit.workflows.fetch import with_local_forecasts
+
+            job = with_local_forecasts([(job, config)])[0]
         with _notebook_progress() as progress:
             summary, flow = replay_job(
                 job, config, planner_factory(options.get("planner")), progress

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from replay_kit.core.errors import LogError, ReplayKitError
 from replay_kit.core.message import Loss
@@ -21,8 +22,9 @@ from replay_kit.logs.mcap.writer import open_mcap_log
 from replay_kit.results.compare import DAMAGED
 from replay_kit.results.losses import loss_words
 from replay_kit.results.readback import checksums_fit
-from replay_kit.show import Result
-from replay_kit.show import open_result as open_whole
+
+if TYPE_CHECKING:
+    from replay_kit.show import Result
 
 # What readers raise on what could be recovered of a result, beside what they raise on any damaged file.
 _INCOMPLETE = (*DAMAGED, TypeError, AttributeError, RuntimeError)
@@ -102,7 +104,7 @@ def recover(path: Path, folder: Path) -> Sound:
     return Sound(copy, path, losses) if losses else Sound(path, path, unchecked=True)
 
 
-def open_result(path: str | Path) -> Result:
+def open_result(path: str | Path) -> "Result":
     """Return a result that ``replay`` wrote, with its estimate and tables; they are read when first asked for.
 
     Of a damaged file a copy of what could be recovered is opened, and a warning says what was lost.
@@ -111,6 +113,9 @@ def open_result(path: str | Path) -> Result:
         LogError: The file is missing, or is no result.
         ConfigError: The path is neither text nor a ``Path``.
     """
+    # here, because tables and estimates take half a second to load
+    from replay_kit.show import open_result as open_whole
+
     given, folder = as_path(path, "result"), tempfile.mkdtemp(prefix="replay_kit_")
     try:
         sound = recover(given, Path(folder))

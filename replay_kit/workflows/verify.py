@@ -22,6 +22,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.version import __version__
+from replay_kit.forecast.remote.record import CACHE
 from replay_kit.results import (
     CONTRACT_VERSION,
     Difference,
@@ -118,7 +119,7 @@ def verify(
         settings.write_text(recorded.config_toml, encoding="utf-8")
         config = load_config(settings)
         again = Path(folder) / "again.mcap"
-        found = _inputs(result, recorded, [*folders, result.parent, Path()])
+        found = _inputs(result, recorded, [*folders, result.parent, Path(), CACHE])
         if planned:
             assert plan_again is not None, "the result of a plan needs plan_again"
             plan_again(recorded, config, found, again)

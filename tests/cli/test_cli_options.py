@@ -76,6 +76,7 @@ def test_the_outputs_of_every_command_are_known() -> None:
             ("fit",),
             ("fleet",),
             ("layout",),
+            ("fetch",),
         ),
         *(("experiment", name) for name in ("accuracy", "dives", "paper", "missions", "planning")),
     }
@@ -246,7 +247,7 @@ def test_an_option_with_one_value_is_given_once(words, step) -> None:
 def test_every_command_that_reads_an_ensemble_takes_several_files() -> None:
     assert {words for words, option in SINGLE if option.name == "--ensemble"} == {("synthesize",)}
     assert {words for words, name, option in OPTIONS if option.name == "--ensemble"} == {
-        *(("replay",), ("smooth",), ("info",), ("synthesize",), ("fleet",)),
+        *(("replay",), ("smooth",), ("info",), ("synthesize",), ("fleet",), ("fetch",)),
         *(("experiment", name) for name in ("accuracy", "paper", "missions", "planning", "dives")),
     }
 

@@ -14,7 +14,7 @@ from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.views.contents import Contents
 from replay_kit.show import open_result
-from replay_kit.show.report.sections.warnings import what_looks_wrong
+from replay_kit.show.report.sections.warnings import found_warnings
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.page import status_page
 from replay_kit.show.status.status import status_of
@@ -77,7 +77,9 @@ def test_a_plan_that_must_not_be_flown_is_the_first_alarm_wherever_it_is_shown(
     assert page.index(f"<b>plan</b> {said}") < page.index("<b>consistency</b>")
     assert "arrives after" not in text + page
     assert open_result(path).outcome == outcome_of(replace(SUMMARY, plan=plan))
-    assert what_looks_wrong(Contents(open_result(path)))[0] == said[:1].upper() + said[1:] + "."
+    shown = found_warnings(Contents(open_result(path)))
+    assert shown[0][1] == said[:1].upper() + said[1:] + "."
+    assert shown[0][0] == ("stop" if plan.status in ("unsafe", "failed") else "care")
     made = replace(SUMMARY, plan=plan)
     assert [one["kind"] for one in outcome_of(made).to_json()["alarms"]] == ["plan", "consistency"]
     assert (
@@ -98,7 +100,7 @@ def test_a_plan_that_arrives_is_no_alarm(plan, tmp_path):
     assert status.alarms == ()
     assert "plan reached: arrives after 1.0 h, 12 m off" in status_text(status)
     assert outcome_of(replace(SUMMARY, plan=plan, findings=())).alarms == ()
-    assert not any("plan" in text for text in what_looks_wrong(Contents(open_result(path))))
+    assert not any("plan" in text for _, text in found_warnings(Contents(open_result(path))))
 
 
 def test_a_replay_that_could_make_no_plan_in_the_end_says_so_first():

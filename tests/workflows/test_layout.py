@@ -34,7 +34,7 @@ SHOWN = {
         "foxglove.FrameTransform",
     },
     "RosOut": {"foxglove.Log"},
-    "Plot": {"replay_kit.Innovation", "replay_kit.AtVehicle"},
+    "Plot": {"replay_kit.Innovation", "replay_kit.AtVehicle", "replay_kit.PlanOutcome"},
     "Table": {"replay_kit.Consistency"},
 }
 
@@ -172,7 +172,7 @@ def test_the_status_of_a_result_is_told_written_and_given_as_numbers(result, tmp
     assert done.exit_code == 0
     assert max(map(len, done.stdout.splitlines())) <= 80
     assert "Steer" in done.stdout
-    assert 'http-equiv="refresh"' in page.read_text()
+    assert "location.reload()" in page.read_text()
     assert json.loads(figures.read_text())["now"] == "2018-11-17 00:00:00Z"
     wrong = invoke(f"status {result} --now noon")
     assert wrong.exit_code == 2

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+from replay_kit.cli.commands.fetch import local_ensemble
 from replay_kit.cli.console import console_beside, progress, write_json
 from replay_kit.cli.options import (
     PART_OF_FORECAST,
@@ -51,7 +52,7 @@ def fit(
     from replay_kit.workflows.fit import fit_json, fit_prior, print_fit, write_fit
     from replay_kit.workflows.fleet.workers import calls_made_by
 
-    members = read_ensemble(ensemble, config.forecast)
+    members = read_ensemble(local_ensemble(ensemble, (), config), config.forecast)
     with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads):
         fitted = fit_prior(members, config.estimator, left_out)
     write_fit(fitted, outputs.out)

@@ -8,6 +8,7 @@ from replay_kit.cli.console import console_beside, keep_json, progress, write_js
 from replay_kit.cli.options import (
     ENSEMBLE_HELP,
     INPUTS,
+    SOURCES,
     TO_INPUTS,
     TO_OPTIONS,
     TO_OUTPUTS,
@@ -21,7 +22,7 @@ from replay_kit.cli.options import (
 )
 from replay_kit.config.run import laid_over
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.paths import check_folder, check_paths
+from replay_kit.core.paths import Address, check_folder, check_paths
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -44,6 +45,7 @@ class Inputs:
             metavar="FILE...",
             group=INPUTS,
         ),
+        SOURCES,
     ] = ()
     config: ConfigFile = None
     place: Annotated[
@@ -92,7 +94,11 @@ def fleet(
     check_paths([*missions, inputs.config], [outputs.json_file], outputs.overwrite)
 
     from replay_kit.workflows.fleet.cluster import open_cluster
-    from replay_kit.workflows.fleet.missions import check_missions, missions_of
+    from replay_kit.workflows.fleet.missions import (
+        check_missions,
+        missions_of,
+        with_local_forecasts,
+    )
     from replay_kit.workflows.fleet.page import PAGE, TABLE
     from replay_kit.workflows.fleet.workers import check_workers
 
@@ -107,6 +113,8 @@ def fleet(
     # before the results are checked, and the workers asked whether they see it
     out.mkdir(exist_ok=True)
     try:
+        with progress():
+            each = with_local_forecasts(each)
         check_missions(each, outputs.overwrite, resume)
         check_paths(missions, (out / TABLE, out / PAGE), outputs.overwrite or resume)
         with progress() as advance:
@@ -139,8 +147,13 @@ def _table(missions: tuple[Path, ...], inputs: Inputs) -> "tuple[FleetTable, Pat
         return load_fleet(missions[0]), missions[0].parent
     if not inputs.ensemble:
         raise ConfigError("fleet: expected a table (TOML), or logs with --ensemble FILE")
-    entry = MissionEntry(each=tuple(map(str, missions)), ensemble=tuple(map(str, inputs.ensemble)))
+    entry = MissionEntry(each=tuple(map(str, missions)), ensemble=_texts(inputs.ensemble))
     return FleetTable(mission=(entry,)), Path()
+
+
+def _texts(paths: tuple[Path, ...]) -> tuple[str, ...]:
+    """Return paths as a table states them."""
+    return tuple(path.url if isinstance(path, Address) else str(path) for path in paths)
 
 
 def _name(cluster: "Cluster", console: "Console") -> None:

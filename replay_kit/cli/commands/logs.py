@@ -4,11 +4,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+from replay_kit.cli.commands.fetch import local_ensemble, print_price
 from replay_kit.cli.console import console_beside, progress, write_json, write_text
 from replay_kit.cli.options import (
     ENSEMBLE_HELP,
     INPUTS,
     PART_OF_FORECAST,
+    SOURCES,
     TO_OUTPUTS,
     Answer,
     Ending,
@@ -18,7 +20,7 @@ from replay_kit.cli.options import (
 )
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.paths import check_paths
+from replay_kit.core.paths import addresses_in, check_paths
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,6 +46,7 @@ _Ensemble = Annotated[
         metavar="FILE...",
         group=INPUTS,
     ),
+    SOURCES,
 ]
 _Full = Annotated[
     bool,
@@ -99,10 +102,14 @@ def info(
             from replay_kit.workflows.replay.inputs.scan import look_ahead
 
             advance(0, 1, "checking against the ensemble" if logs else "reading the forecast")
+            if not logs and config.forecast.region is None and addresses_in(ensemble):
+                write_json(json_file, print_price(ensemble, config, console_beside(json_file)))
+                return 0
+            files = local_ensemble(ensemble, logs, config)
             # as a replay of the logs would read it
             near_ns = look_ahead(logs, config)[1] if logs else None
-            forecast = describe_ensemble(ensemble, config.forecast, near_ns)
-            check = check_logs(logs, ensemble, config) if logs else None
+            forecast = describe_ensemble(files, config.forecast, near_ns)
+            check = check_logs(logs, files, config) if logs else None
     console = console_beside(json_file, suggest)
     if forecast is not None:
         print_ensemble(forecast, console)

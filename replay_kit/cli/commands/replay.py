@@ -4,11 +4,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from replay_kit.cli.commands.fetch import with_local_forecast
 from replay_kit.cli.commands.following import Following
 from replay_kit.cli.console import console_beside, part_named, progress, write_json
 from replay_kit.cli.options import (
     MCAP,
     NETCDF,
+    SOURCES,
     TO_INPUTS,
     TO_OPTIONS,
     TO_OUTPUTS,
@@ -47,6 +49,7 @@ class Inputs:
             "Competing forecast (file, folder or pattern); the summary reports which fits the log better. May be repeated.",
             metavar="FILE",
         ),
+        SOURCES,
     ] = ()
     goal: Annotated[
         str | None,
@@ -176,9 +179,13 @@ def replay(
 
     job = _job(logs, inputs, outputs, goal)
     console = console_beside(outputs.json_file)
+    if not following.follow:
+        check_outputs(
+            job, also_read=[settings.file], also_written=[outputs.json_file, outputs.smooth]
+        )
+    job = with_local_forecast(job, config)
     if following.follow:
         return following.run(job, config, console, outputs.page, outputs.json_file)
-    check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file, outputs.smooth])
     if dry_run:
         return _dry_run(job, config, outputs, console)
     try:

@@ -99,15 +99,17 @@ def status(
 
     each = [read_status(path, moment) for path in results]
     if not reporting.current().quiet and str(answer.json_file) != "-":
+        from replay_kit.show.status.brief import brief_text
         from replay_kit.show.status.text import status_text
 
+        show = status_text if reporting.current().verbose else brief_text
         width = (
             min(shutil.get_terminal_size((_WIDTH, 24)).columns, _WIDEST)
             if sys.stdout.isatty()
             else _WIDTH
         )
         text = "\n".join(
-            "".join(f"{line}\n" for line in sound.lines) + status_text(found, width)
+            "".join(f"{line}\n" for line in sound.lines) + show(found, width)
             for found, sound in each
         )
         reporting.keep(text)

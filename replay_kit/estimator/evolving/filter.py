@@ -159,7 +159,7 @@ class EvolvingEstimator(GroupedEstimator[EvolvingState]):
         before = self.predict(state, observation.time_ns)
         predicted = predict_observation(before.means, before.cov, rows.design)
         evaluated, bias_rows = self.evaluated(before, screened, rows, predicted)
-        return Candidate(screened, before, rows, evaluated, predicted.cross_covariance, bias_rows)
+        return Candidate(screened, before, rows, evaluated, bias_rows)
 
     def linearised(self, observation: Measurement) -> tuple[Screened, LinearObservation | None]:
         """Return a measurement after screening, and its rows; None without a usable bin."""
@@ -328,7 +328,6 @@ class Candidate:
         before: The state at its time.
         rows: Its rows.
         evaluated: Their evaluation.
-        cross_covariance: shape (m, n), the rows times the covariance of the state at its time.
         bias_rows: shape (m, 3), effect of instrument errors of one unit on the rows; None where the log does not state it.
     """
 
@@ -336,7 +335,6 @@ class Candidate:
     before: EvolvingState
     rows: LinearObservation
     evaluated: ObservationUpdate[tuple[Array, Array]]
-    cross_covariance: Array
     bias_rows: Array | None
 
     @property

@@ -123,9 +123,6 @@ class Oscillations:
         return np.stack(turned, axis=2).reshape(rows.shape)
 
 
-NO_OSCILLATIONS = Oscillations(np.empty(0), np.empty((0, 0)), np.empty(0), (), ())
-
-
 def oscillations(config: TimeConfig, latitude: float, deepest: float) -> Oscillations:
     """Return the configured oscillations.
 
@@ -192,7 +189,6 @@ class ObservationOperator:
         oscillations: Uniform over the region.
         biases: Of the instrument.
         representation_std: shape (Z,) [m/s], representation error of the basis, by level.
-        dive_error: Structure in depth of an error that all profiles of a dive share, one pair (east, north) that does not rotate.
     """
 
     basis: Basis
@@ -200,7 +196,6 @@ class ObservationOperator:
     oscillations: Oscillations
     biases: Biases
     representation_std: Array
-    dive_error: Oscillations = NO_OSCILLATIONS
 
     def current(self, place: Array, time_ns: int) -> tuple[Array, Array]:
         """Return the current at a place level by level: without the unknowns, shape (Z, 2), and of each of them, (F + B, Z, 2) [m/s]."""
@@ -224,7 +219,6 @@ class ObservationOperator:
             unknown.transpose(2, 1, 0),
             np.stack([self.oscillations.factor(c) for c in range(2)]),
             self.biases.factor(relative),
-            np.stack([self.dive_error.factor(c) for c in range(2)]),
         )
         _, height, width = np.sum([block.shape for block in blocks], axis=0)
         design, row, column = np.zeros((2, height, width)), 0, 0
@@ -241,7 +235,6 @@ class ObservationOperator:
                 self.basis.depth_weights(depth),
                 self.oscillations.weights(depth),
                 self.biases.functions(depth),
-                self.dive_error.weights(depth),
             ]
         )
 
@@ -274,7 +267,8 @@ class ObservationOperator:
         assert mean.weights is not None, "each value is a sum over places"
         velocity = self.basis.horizontal.velocity
         modes, offset = velocity(places, self.basis.modes), velocity(places, self.basis.offset)
-        times_ns = np.broadcast_to(mean.point_time_ns, len(places))
+        stated = mean.time_ns if mean.point_time_ns is None else mean.point_time_ns
+        times_ns = np.broadcast_to(stated, len(places))
         shares = process.shares(times_ns)
         back = (times_ns - mean.time_ns) / _NS
         at_levels, at_knots = (
@@ -293,8 +287,8 @@ class ObservationOperator:
             rows.append(np.hstack([of_process.T, turned]))
         noise = measurement_noise(mean, used, self.basis, self.representation_std, places)
         values, components = local_values(mean, used, grid.projection)
-        # an instrument's biases and the error of an inversion are not in it
-        others = np.zeros((used.size, 2, self.biases.size + self.dive_error.size))
+        # an instrument's biases are not in it
+        others = np.zeros((used.size, 2, self.biases.size))
         design = np.einsum(
             "ki,cd,idn->ckn",
             noise.whiten,

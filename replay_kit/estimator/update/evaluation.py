@@ -74,18 +74,9 @@ class PredictedObservation(Generic[After]):
         return normalised_square(innovation, self.cov + np.eye(innovation.size))
 
 
-@dataclass(frozen=True, eq=False)
-class StatePrediction(PredictedObservation[tuple[Array, Array]]):
-    """The prediction of rows by a state.
-
-    Attributes:
-        cross_covariance: shape (m, n), the rows times the state's covariance.
-    """
-
-    cross_covariance: Array
-
-
-def predict_observation(means: Array, cov: Array, design: Array) -> StatePrediction:
+def predict_observation(
+    means: Array, cov: Array, design: Array
+) -> PredictedObservation[tuple[Array, Array]]:
     """Return the prediction of rows, whose update gives means and covariance.
 
     Args:
@@ -100,8 +91,8 @@ def predict_observation(means: Array, cov: Array, design: Array) -> StatePredict
         return means + gain.T @ whitened, cov - gain.T @ gain
 
     of_rows = cross @ design.T
-    return StatePrediction(
-        design @ means[:, 0], design @ means[:, 1:], 0.5 * (of_rows + of_rows.T), update, cross
+    return PredictedObservation(
+        design @ means[:, 0], design @ means[:, 1:], 0.5 * (of_rows + of_rows.T), update
     )
 
 
@@ -161,11 +152,6 @@ class ObservationUpdate(Generic[After]):
     def innovation_cov(self) -> Array:
         """Covariance of the innovation, with the errors of the update, shape (m, m)."""
         return self.predicted.cov + self.inflation * np.eye(self.innovation.size)
-
-    @property
-    def log_likelihood(self) -> float:
-        """Logarithm of the measured values' density under the prediction, with the stated errors; without the constant of 2 pi."""
-        return self._fit()[1]
 
     def _fit(self) -> tuple[float, float]:
         """Return the normalised innovation squared of all measured values and their log-likelihood, with the stated errors."""

@@ -11,7 +11,7 @@ normalised innovations, by two at once and four in all, and the run reports it: 
 wrong ensemble, and a covariance without bounds would follow it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any
@@ -170,9 +170,9 @@ def gate_innovations(
     if config is not None and config.gate != "off":
         threshold = _thresholds(config.gate_probability, dof)
         # where the prior has no part in the variance, directions are arbitrary, and their sum is tested already
-        one = [chi_square_threshold(config.gate_probability / rows, 1) for rows in dof.tolist()]
+        one = _of_each(dof, lambda rows: chi_square_threshold(config.gate_probability / rows, 1))
         significant = values > _SIGNIFICANT_SHARE * scale[:, None]
-        beyond = significant & (squared > np.array(one)[:, None])
+        beyond = significant & (squared > one[:, None])
         exceeds = (statistic > threshold) | np.any(beyond, axis=1)
         decision = np.where(exceeds, REJECTED, 0)
         soft = np.full(n, config.gate == "soften") | (exceeds & (not is_consistent))
@@ -183,9 +183,16 @@ def gate_innovations(
     return Gates(decision, statistic, threshold, exceeds, scale, dof, values, vectors, along)
 
 
+def _of_each(numbers: NDArray[np.intp], function: Callable[[int], float]) -> Array:
+    """Return a function of numbers, most often all the same, shape (n,)."""
+    if np.all(numbers == numbers[0]):
+        return np.full(numbers.shape, function(int(numbers[0])))
+    return np.array([function(each) for each in numbers.tolist()])
+
+
 def _thresholds(probability: float, dof: NDArray[np.intp]) -> Array:
-    return np.array(
-        [chi_square_threshold(probability, each) if each else np.inf for each in dof.tolist()]
+    return _of_each(
+        dof, lambda each: chi_square_threshold(probability, each) if each else float("inf")
     )
 
 

@@ -129,9 +129,11 @@ def compress(noise: BinNoise, functions: Array) -> tuple[Array, Array]:
     """
     q, r = np.linalg.qr(noise.whiten @ functions)
     known, bins = noise.whiten.shape
+    if known in (0, bins):
+        return q, r
     size = np.abs(r).max(axis=1)
-    kept = size > _ROUNDING * size.max(initial=0.0) if known < bins else np.ones(len(r), np.bool_)
-    return (q, r) if kept.all() or not kept.any() else (q[:, kept], r[kept])
+    kept = size > _ROUNDING * size.max()
+    return (q[:, kept], r[kept]) if kept.any() else (q, r)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

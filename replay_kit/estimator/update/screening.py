@@ -170,8 +170,10 @@ def is_duplicate(last: LinearMeasurement | None, observation: Measurement) -> bo
 
 def _places(measurements: Sequence[LinearMeasurement]) -> tuple[Array, Array]:
     """Return longitude and latitude of measurements, shape (n,) each [degrees]."""
-    longitude, latitude = np.array([each.middle for each in measurements]).T
-    return longitude, latitude
+    places = np.empty((2, len(measurements)))
+    for k, each in enumerate(measurements):
+        places[:, k] = each.middle
+    return places[0], places[1]
 
 
 def local_values(

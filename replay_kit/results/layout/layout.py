@@ -9,14 +9,21 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from replay_kit.core.colors import DARK, SYMBOLS, scale
 from replay_kit.core.errors import LogError
 
 _DEPTH = re.compile(r"/flow/grid/(.+)m")
-# Colours that colour-blind people tell apart.
-_COLORS = ("#4e98e2", "#f5774d", "#a395e2", "#f7df71")
+# Of lines, the track and the plan, as on a dark page: viewers are dark.
+_COLORS = tuple(DARK[role] for role in ("one", "two", "three", "four"))
+_TRACK, _PLAN = (DARK[SYMBOLS[name][0]] for name in ("track", "plan"))
 # Standard errors and speeds of the colour scales [m/s].
 _ERROR, _SPEED = 0.2, 0.5
 _GRID = "/flow/grid/"
+_TITLES = {
+    "speed": "Vehicle, plan and speed of the current",
+    "u_standard_error": "Standard error, along local east",
+    "v_standard_error": "Standard error, along local north",
+}
 
 
 def layout_of(topics: Iterable[str]) -> dict[str, Any]:
@@ -24,7 +31,8 @@ def layout_of(topics: Iterable[str]) -> dict[str, Any]:
     has = frozenset(topics)
     panels: dict[str, dict[str, Any]] = {
         "map!track": _map(has),
-        "3D!scene": _scene(has, "u_standard_error", _ERROR),
+        "3D!speed": _scene(has, "speed", _SPEED),
+        **{f"3D!error_{axis}": _scene(has, f"{axis}_standard_error", _ERROR) for axis in "uv"},
         "Plot!innovations": _innovations(),
         "Plot!vehicle": _at_vehicle(),
         "RosOut!log": {
@@ -38,8 +46,12 @@ def layout_of(topics: Iterable[str]) -> dict[str, Any]:
             "foxglovePanelTitle": "Contradictions",
         },
     }
-    pictures = _split("map!track", "3D!scene", "row", 42)
+    errors = _split("3D!error_u", "3D!error_v", "column", 50)
+    pictures = _split("map!track", _split("3D!speed", errors, "row", 60), "row", 36)
     plots = _split("Plot!innovations", "Plot!vehicle", "row", 50)
+    if "/plan/outcome" in has:
+        panels["Plot!surfacings"] = _surfacings()
+        plots = _split(plots, "Plot!surfacings", "row", 66)
     words = _split("RosOut!log", "Table!consistency", "row", 50)
     return {
         "configById": panels,
@@ -70,7 +82,7 @@ def _split(first: Any, second: Any, direction: str, percentage: int) -> dict[str
 def _map(has: frozenset[str]) -> dict[str, Any]:
     colors = {
         topic: color
-        for topic, color in zip(("/vehicle/fix", "/plan/geojson"), _COLORS, strict=False)
+        for topic, color in (("/vehicle/fix", _TRACK), ("/plan/geojson", _PLAN))
         if topic in has
     }
     follow = "/vehicle/fix" if "/vehicle/fix" in has else ""
@@ -90,9 +102,10 @@ def _scene(has: frozenset[str], field: str, most: float) -> dict[str, Any]:
         (topic for topic in has if _DEPTH.fullmatch(topic)),
         key=lambda topic: float(topic[len(_GRID) : -1]),
     )
+    colors = scale("speed-dark" if field == "speed" else "amp")
     shown = {
-        "colorMode": "colormap",
-        "colorMap": "turbo",
+        "colorMode": "gradient",
+        "gradient": [f"{colors[k][1]}ff" for k in (0, -1)],
         "colorField": field,
         "minValue": 0.0,
         "maxValue": most,
@@ -108,7 +121,7 @@ def _scene(has: frozenset[str], field: str, most: float) -> dict[str, Any]:
             "visible": True,
             "type": "line",
             "lineWidth": 300.0,
-            "gradient": [_COLORS[1], _COLORS[1]],
+            "gradient": [_PLAN, _PLAN],
         }
     if "/plan/seabed" in has:
         topics["/plan/seabed"] = {
@@ -145,7 +158,7 @@ def _scene(has: frozenset[str], field: str, most: float) -> dict[str, Any]:
         "layers": {},
         "publish": {},
         "imageMode": {},
-        "foxglovePanelTitle": "Vehicle, plan, current and standard error",
+        "foxglovePanelTitle": _TITLES[field],
     }
 
 
@@ -161,6 +174,12 @@ def _innovations() -> dict[str, Any]:
         [("/flow/innovation", field) for field in fields],
         lines=False,
     )
+
+
+def _surfacings() -> dict[str, Any]:
+    fields = ("distance", "delay")
+    title = "Surfacings beside their predictions: distance [m], delay [s]"
+    return _plot(title, [("/plan/outcome", field) for field in fields], lines=False)
 
 
 def _at_vehicle() -> dict[str, Any]:
@@ -182,7 +201,7 @@ def _plot(title: str, paths: Sequence[tuple[str, str]], lines: bool) -> dict[str
             "color": color,
             "showLine": lines,
         }
-        for (topic, field), color in zip(paths, _COLORS, strict=True)
+        for (topic, field), color in zip(paths, _COLORS, strict=False)
     ]
     legend = {
         "showLegend": True,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
@@ -18,6 +19,8 @@ from replay_kit.results.views.slices import CurrentSlices
 
 # Share of a depth within which a published one is the same.
 _SAME_DEPTH = 0.01
+# Steps of a mean over depth, and points at which a flow is evaluated at once.
+_STEPS, _CHUNK = 24, 512
 
 
 class EstimateHistory:
@@ -157,6 +160,39 @@ def series_at(
     return Series(
         place, float(slices.depths[level]), slices.time_ns, u, v, values[:, 2], values[:, 3]
     )
+
+
+def mean_to_depth(slices: CurrentSlices, history: EstimateHistory, depth: float) -> Array:
+    """Return the mean current from the surface to a depth at the published times, shape (T, 4, J, I) [m/s] as ``CurrentSlices.fields``.
+
+    The velocity is that of all levels of the estimate where it is known after each measurement and the water is deep enough, elsewhere of
+    the published depths. The error is the mean of the published ones: the mean current has at most this.
+
+    Args:
+        slices: The published current.
+        history: Of the estimate.
+        depth: [m].
+    """
+    below = depth * (np.arange(_STEPS) + 0.5) / _STEPS
+    rows = np.stack([np.interp(below, slices.depths, row) for row in np.eye(slices.depths.size)])
+    share, fields = rows.mean(axis=1)[:, None, None, None, None], slices.fields
+    wet = np.isfinite(fields) & (share > 0.0)
+    total = np.where(wet, share * np.where(wet, fields, 0.0), 0.0).sum(axis=0)
+    weight = (share * wet).sum(axis=0)
+    mean = np.divide(total, weight, out=np.full(total.shape, np.nan), where=weight > 0.0)
+    each = [*map(history.after, slices.time_ns.tolist()[:-1]), history.estimate]
+    flows = [flow for flow in each if flow is not None]
+    deep = wet[(share > 0.0).ravel(), -1, 0].all(axis=0)
+    if len(flows) < len(each) or not deep.any():
+        return np.asarray(mean)
+    weights = depth_weights(flows[-1].depth_functions, below, flows[-1].levels).mean(axis=0)
+    latent = np.column_stack([flow.latent @ weights for flow in flows])
+    points = np.column_stack([axis[deep] for axis in np.meshgrid(slices.east, slices.north)])
+    for first in range(0, len(points), _CHUNK):
+        part = tuple(each[first : first + _CHUNK] for each in np.nonzero(deep))
+        velocity = flows[-1].horizontal.velocity(points[first : first + _CHUNK], latent)
+        mean[:, :2, part[0], part[1]] = np.moveaxis(velocity, 2, 0)
+    return np.asarray(mean)
 
 
 def typical_depth(slices: CurrentSlices | None, depths: Array) -> float:

@@ -7,37 +7,34 @@ from xml.sax.saxutils import escape
 import numpy as np
 import pandas as pd
 
+from replay_kit.core.colors import LIGHT, SYMBOLS
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.geojson import Feature, collection_text, feature, positions
 from replay_kit.core.grid import Projection
 from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.track import outlines_of, thinned
-from replay_kit.show.colors import LIGHT
 
 #: Tables that have places on a map.
 FEATURES = ("series", "track", "surfacings", "plans")
 _POINTS = 20_000
-# Simplestyle 1.1: colours that colour-blind people tell apart.
-_BLUE, _ORANGE, _GREY, _PURPLE = (LIGHT[role] for role in ("one", "two", "three", "four"))
+# Simplestyle 1.1, in the colours of maps.
+_ROLES = ("track", "plan", "predicted", "actual", "no_go")
+_TRACK, _PLAN, _PREDICTED, _ACTUAL, _NO_GO = (
+    LIGHT.get(color, color) for color, _ in (SYMBOLS[role] for role in _ROLES)
+)
 _STYLES: Mapping[str, Mapping[str, Any]] = {
-    "track": {"stroke": _BLUE, "stroke-width": 3, "stroke-opacity": 1.0},
-    "plans": {"stroke": _ORANGE, "stroke-width": 3, "stroke-opacity": 1.0},
-    "place": {"marker-color": _GREY, "marker-size": "small"},
-    "predicted": {"marker-color": _ORANGE, "marker-size": "small"},
-    "actual": {"marker-color": _BLUE, "marker-size": "small"},
+    "track": {"stroke": _TRACK, "stroke-width": 3, "stroke-opacity": 1.0},
+    "plans": {"stroke": _PLAN, "stroke-width": 3, "stroke-opacity": 1.0},
+    "place": {"marker-color": LIGHT["three"], "marker-size": "small"},
+    "predicted": {"marker-color": _PREDICTED, "marker-size": "small"},
+    "actual": {"marker-color": _ACTUAL, "marker-size": "small"},
     "ellipse": {
-        "stroke": _ORANGE,
-        "stroke-width": 1,
-        "stroke-opacity": 1.0,
-        "fill": _ORANGE,
-        "fill-opacity": 0.15,
+        **{"stroke": _PREDICTED, "stroke-width": 1, "stroke-opacity": 1.0},
+        **{"fill": _PREDICTED, "fill-opacity": 0.15},
     },
     "no_go": {
-        "stroke": _PURPLE,
-        "stroke-width": 2,
-        "stroke-opacity": 1.0,
-        "fill": _PURPLE,
-        "fill-opacity": 0.25,
+        **{"stroke": _NO_GO, "stroke-width": 2, "stroke-opacity": 1.0},
+        **{"fill": _NO_GO, "fill-opacity": 0.25},
     },
 }
 _STYLE_KEYS = frozenset(key for style in _STYLES.values() for key in style)

@@ -17,14 +17,14 @@ from matplotlib.dates import (
 )
 
 from replay_kit.core.arrays import Array
-from replay_kit.show.colors import PRINT
+from replay_kit.core.colors import PRINT
 from replay_kit.show.figures.values import Axis, Chart, Mark, Panel, Tables, values_of
 
 #: Where a point of a map lies in its axes: of east and north [km].
 Place = Callable[[Array, Array], tuple[Array, Array]]
 # Points of a printed figure for a pixel of a page, of the width of lines and of the size of marks.
 _WIDTH, _SIZE = 0.55, 0.45
-_SYMBOLS = {"diamond": "D", "square": "s", "triangle-up": "^", "x": "x", "star": "*"}
+_SYMBOLS = {"diamond": "D", "square": "s", "triangle-up": "^", "x": "x", "cross": "+", "star": "*"}
 _DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}
 # Labels of an axis of time in a figure of two panels beside each other.
 _TIMES = 7
@@ -81,6 +81,11 @@ def draw_mark(axes: Axes, mark: Mark, tables: Tables, place: Place | None = None
         "markerfacecolor": "none" if mark.symbol.endswith("-open") else color,
     }
     look |= {"markeredgecolor": color_of(mark.edge), "markeredgewidth": 0.6} if mark.edge else {}
+    look |= {"alpha": 0.45} if mark.kind == "ring" else {}
+    if mark.symbol == "cross":
+        # a cross of lines on a light one is seen on any field and hides little
+        axes.plot(x, y, "+", color="white", markersize=_SIZE * mark.size, markeredgewidth=2.2)
+        look |= {"markeredgewidth": 1.2}
     if mark.error is None:
         axes.plot(x, y, **look)
     else:
@@ -91,7 +96,7 @@ def _draw_rings(axes: Axes, x: Array, y: Array, color: str) -> None:
     """Fill closed lines with gaps between them."""
     for ring in np.split(np.column_stack([x, y]), np.flatnonzero(np.isnan(x))):
         known = ring[np.isfinite(ring[:, 0])]
-        axes.fill(known[:, 0], known[:, 1], facecolor=color, alpha=0.2, zorder=2.5)
+        axes.fill(known[:, 0], known[:, 1], facecolor=color_of(color), alpha=0.06, zorder=2.5)
 
 
 def color_of(color: str) -> str:

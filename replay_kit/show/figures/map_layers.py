@@ -1,16 +1,17 @@
 """What lies on a map of the current: the track and its fixes, surfacings, the last plan and what it keeps clear of."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.colors import ON_FIELD, SYMBOLS
 from replay_kit.core.geodesy import to_local
 from replay_kit.results.views.contents import Contents
+from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.results.views.track import outlines_of, thinned
-from replay_kit.show.colors import NO_GO, ON_FIELD, PRINT
 from replay_kit.show.figures.plan import plan_table
 from replay_kit.show.figures.values import Layer, Mark
 
@@ -21,13 +22,8 @@ _FIXES = 150
 #: Contours of the bottom are about this many.
 _CONTOURS = 7
 _GAP = np.full((1, 2), np.nan)
-# The field below has the same colours on every page and in print.
-_TRACK, _PLAN, _SURFACING = PRINT["two"], PRINT["one"], PRINT["four"]
-
-
-def contrast(contents: Contents) -> str:
-    """Return the colour of marks that must be seen on the field, or on the page where there is no field."""
-    return "ink" if contents.slices is None else ON_FIELD
+# Around what must be seen on the field.
+_EDGE = "paper"
 
 
 def track_layer(contents: Contents) -> Layer:
@@ -46,31 +42,48 @@ def track_layer(contents: Contents) -> Layer:
         "hours": (track.time_ns - track.time_ns[0])[kept] / 3.6e12,
         "dead_reckoned": track.dead_reckoned[kept],
     }
-    look: Any = {"color": _TRACK, "halo": True, "hover": "skip"}
-    marks = [Mark("line", "track.east_km", "track.north_km", "track", **look)]
-    for name, end, symbol in (("begin", slice(1), "circle"), ("end", slice(-1, None), "square")):
-        place = table["east_km"][end], table["north_km"][end]
-        look = {"size": 8.0, "edge": "#ffffff", "hover": f"{name}<extra></extra>"}
-        marks.append(Mark("points", *place, name, _TRACK, symbol, **look))
+    color, _ = SYMBOLS["track"]
+    time, begin, end = table["time"], slice(1), slice(-1, None)
+    marks = [
+        Mark(
+            "line",
+            "track.east_km",
+            "track.north_km",
+            "track",
+            color,
+            halo=True,
+            hover="skip",
+            when="track.time",
+        )
+    ]
+    for name, at, size, label in (("begin", begin, 6.0, ""), ("vehicle", end, 11.0, "vehicle")):
+        x, y = table["east_km"][at], table["north_km"][at]
+        about: Any = {
+            "hover": f"{name} %{{text}}<extra></extra>",
+            "text": time[at],
+            "when": time[at],
+        }
+        look: Any = {"size": size, "edge": _EDGE, "label": label}
+        marks.append(Mark("points", x, y, name, *SYMBOLS["vehicle"], **(look | about)))
     return Layer(marks, {"track": table})
 
 
 def position_layer(track: Layer) -> Layer:
-    """Return the positions of a track coloured by time, and the fixes among them, for a page that shows their times."""
+    """Return the positions of a track and the fixes among them, for a page that shows their times."""
     if not track.marks:
         return track
     table, x, y = track.tables["track"], "track.east_km", "track.north_km"
     hover = "%{text}<br>depth %{customdata} m<extra>track</extra>"
-    about: Any = {"hover": hover, "text": "track.time", "detail": "track.depth_m", "size": 5.0}
-    marks = [Mark("points", x, y, "positions", shade=("track.hours", "thermal", ""), **about)]
+    about: Any = {"hover": hover, "text": "track.time", "detail": "track.depth_m", "size": 3.0}
+    marks = [Mark("points", x, y, "positions", *SYMBOLS["track"], **about, when="track.time")]
     fixes = ~table["dead_reckoned"]
     # of a vessel every position is a fix, and circles around all hide the track
     if 0 < fixes.sum() < 0.5 * fixes.size:
-        place = table["east_km"][fixes], table["north_km"][fixes]
-        about = {"hover": "fix %{text}<extra></extra>", "text": table["time"][fixes], "size": 9.0}
+        place, time = (table["east_km"][fixes], table["north_km"][fixes]), table["time"][fixes]
+        about = {"hover": "fix %{text}<extra></extra>", "text": time, "size": 6.0, "when": time}
         shown = bool(fixes.sum() <= _FIXES)
-        marks.append(Mark("points", *place, "fixes", ON_FIELD, "circle-open", shown=shown, **about))
-    return Layer(marks)
+        marks.append(Mark("points", *place, "fixes", *SYMBOLS["fix"], shown=shown, **about))
+    return Layer(marks, {"track": table})
 
 
 def surfacing_layer(contents: Contents) -> Layer:
@@ -80,10 +93,8 @@ def surfacing_layer(contents: Contents) -> Layer:
         return Layer()
     columns: dict[str, Any] = {"time": table.index.to_numpy()}
     marks = []
-    for kind, symbol, color in (
-        ("predicted", "diamond", _SURFACING),
-        ("actual", "x", contrast(contents)),
-    ):
+    for kind in ("predicted", "actual"):
+        color, symbol = SYMBOLS[kind]
         places = [
             table[f"{kind}_{name}"].to_numpy(np.float64) for name in ("longitude", "latitude")
         ]
@@ -94,13 +105,24 @@ def surfacing_layer(contents: Contents) -> Layer:
             "hover": f"{kind} %{{text}}<br>%{{customdata:.0f}} m apart<extra></extra>",
             "text": "surfacings.time",
             "detail": "surfacings.distance_m",
+            "when": "surfacings.time",
         }
         x, y = (f"surfacings.{name}" for name in names[2:])
         marks.append(Mark("points", x, y, f"surfacing, {kind}", color, symbol, **about))
+    # each predicted surfacing, the actual one, a gap
+    ends = [
+        np.column_stack([columns[f"{kind}_{axis}_km"] for kind in ("predicted", "actual")])
+        for axis in ("east", "north")
+    ]
+    lines = [np.insert(each, 2, np.nan, axis=1).ravel() for each in ends]
+    about = {"width": 1.2, "dash": "dot", "hover": "skip", "when": np.repeat(columns["time"], 3)}
+    marks.insert(0, Mark("line", lines[0], lines[1], "", SYMBOLS["actual"][0], **about))
     columns["distance_m"] = table["distance"].to_numpy(np.float64)
     columns["delay_s"] = table["delay"].to_numpy(np.float64)
     if outlines := outlines_of(table, projection):
-        marks.append(_rings(outlines, "90 % ellipse", _SURFACING))
+        known = np.isfinite(table["ellipse_major"].to_numpy(np.float64))
+        look = SYMBOLS["predicted"][0], columns["time"][known]
+        marks.append(_rings(outlines, "90 % of past surfacings", *look))
     return Layer(marks, {"surfacings": columns})
 
 
@@ -111,13 +133,45 @@ def plan_layer(contents: Contents) -> Layer:
         return Layer()
     hover = "plan %{text}<br>depth %{customdata} m<extra></extra>"
     about: Any = {"hover": hover, "text": "plan.time", "detail": "plan.depth_m", "halo": True}
-    path = Mark("line", "plan.east_km", "plan.north_km", "last plan", _PLAN, width=2.5, **about)
-    ends = []
-    for name, at, symbol in (("start", plan.start, "circle"), ("goal", plan.goal, "star")):
-        about = {"edge": ON_FIELD, "hover": f"{name}<extra></extra>"}
-        about["size"] = 16.0 if symbol == "star" else 9.0
-        ends.append(Mark("points", at[:1] / 1e3, at[1:] / 1e3, name, _SURFACING, symbol, **about))
-    return Layer([path, *ends], {"plan": plan_table(plan)}) if len(plan.track) else Layer(ends)
+    color, _ = SYMBOLS["plan"]
+    made = _made(plan)
+    marks = []
+    if len(plan.track):
+        every = np.repeat(made, len(plan_table(plan)["time"]))
+        path = "plan.east_km", "plan.north_km"
+        marks.append(Mark("line", *path, "last plan", color, width=2.5, when=every, **about))
+    if plan.legs:
+        places = [[leg["longitude"], leg["latitude"]] for leg in plan.legs[:-1]]
+        x, y = (
+            each / 1e3 for each in to_local(contents.projection, *np.reshape(places, (-1, 2)).T)
+        )
+        texts = np.array([leg_text(leg, plan.row.name) for leg in plan.legs[:-1]])
+        said: Any = {"hover": "%{text}<extra></extra>", "text": texts, "edge": _EDGE, "size": 7.0}
+        when = np.repeat(made, len(places))
+        marks.append(
+            Mark("points", x, y, "planned surfacings", *SYMBOLS["plan"], when=when, **said)
+        )
+    begin = plan.start[:1] / 1e3, plan.start[1:] / 1e3
+    said = {"hover": "start of the plan<extra></extra>", "size": 8.0, "edge": _EDGE}
+    marks.append(Mark("points", *begin, "start", *SYMBOLS["vehicle"], when=made, **said))
+    depth = plan.row["goal_depth"]
+    label = f"goal, {depth:.0f} m" if np.isfinite(depth) else "goal"
+    place = plan.goal[:1] / 1e3, plan.goal[1:] / 1e3
+    said = {"hover": f"{label}<extra></extra>", "size": 18.0, "width": 2.5, "label": label}
+    marks.append(Mark("points", *place, "goal", *SYMBOLS["goal"], when=made, **said))
+    return Layer(marks, {"plan": plan_table(plan)} if len(plan.track) else {})
+
+
+def leg_text(leg: Any, begin: Any) -> str:
+    """Return a leg of a mission in words: when it surfaces, and what is steered until then."""
+    time = str((begin + np.timedelta64(round(leg["surfacing_s"]), "s")).to_numpy())[:16]
+    steer = f"{leg['heading_deg']:03.0f}° true, to {leg['depth_m']:.0f} m"
+    return f"surfacing {leg['leg']}, {time.replace('T', ' ')}<br>{steer}"
+
+
+def _made(plan: LastPlan) -> Any:
+    """Return when the plan begins, shape (1,)."""
+    return np.array([plan.row.name.to_datetime64()])
 
 
 def hazard_layer(contents: Contents) -> Layer:
@@ -136,9 +190,11 @@ def hazard_layer(contents: Contents) -> Layer:
         tables["no_go_areas"] = {"area": area_column, "longitude": longitude, "latitude": latitude}
         text = np.insert(area_column.astype(object), np.cumsum(sizes), "").astype(str)
         local = [np.column_stack(to_local(contents.projection, *ring.T)) for ring in rings]
-        marks.append(_rings(local, "no-go area", NO_GO, "ring", text))
+        marks.append(_rings(local, "no-go area", SYMBOLS["no_go"][0], None, text))
     if plan.ellipses:
-        marks.append(_rings(plan.ellipses, "90 % of planned surfacings", _PLAN))
+        times = np.repeat(_made(plan), len(plan.ellipses))
+        name = "90 % of planned surfacings"
+        marks.append(_rings(plan.ellipses, name, SYMBOLS["plan"][0], times))
     return Layer(marks, tables)
 
 
@@ -192,9 +248,11 @@ def contour_step(span: float) -> float:
 
 
 def _rings(
-    rings: Iterable[Array], name: str, color: str, kind: Any = "line", text: Any = None
+    rings: Sequence[Array], name: str, color: str, times: Any = None, text: Any = None
 ) -> Mark:
-    """Return closed lines [m], each shape (n, 2), as one mark with gaps."""
+    """Return closed lines [m], each shape (n, 2), with the time of each, as one mark with gaps."""
     x, y = np.concatenate([points for ring in rings for points in (ring / 1e3, _GAP)]).T
-    hover = "skip" if text is None else ""
-    return Mark(kind, x, y, name, color, width=1.2, hover=hover, text=text)
+    when = None if times is None else np.repeat(times, [len(ring) + 1 for ring in rings])
+    hover = "skip" if text is None else "%{text}<extra></extra>"
+    look: Any = {"width": 1.2, "hover": hover, "text": text, "when": when}
+    return Mark("ring", x, y, name, color, **look)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.show.colors import LIGHT, scale
+from replay_kit.core.colors import LIGHT, scale
 from replay_kit.show.figures.values import Axis, Chart, Mark, Panel, Tables, Values
 from replay_kit.show.page.section import Figure, column, times
 

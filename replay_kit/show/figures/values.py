@@ -32,7 +32,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mark:
-    """Values drawn in one look. Colours are roles of ``show.colors`` or ``#rrggbb``, sizes and widths pixels of a page.
+    """Values drawn in one look. Colours are roles of ``core.colors`` or ``#rrggbb``, sizes and widths pixels of a page.
 
     Attributes:
         kind: ``line``; ``points``; ``joined``, points on a line; ``bars``; ``area`` between y and ``base``; ``ring``, a filled closed line.
@@ -54,6 +54,8 @@ class Mark:
         text: Column or texts that the template calls ``text``.
         detail: Column that the template calls ``customdata``.
         shown: Whether it is drawn before its entry of the legend is chosen.
+        label: Beside the last point of a map.
+        when: Times of the points: a map with a time draws none that is later; None for what holds at all times.
     """
 
     kind: Literal["line", "points", "joined", "bars", "area", "ring"]
@@ -75,6 +77,8 @@ class Mark:
     text: Values | None = None
     detail: Values | None = None
     shown: bool = True
+    label: str = ""
+    when: Values | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

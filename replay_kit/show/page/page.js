@@ -2,9 +2,8 @@
 //   "$table.column"                          a column of its data
 //   {"$choose": k, "of": [...]}              by the k-th control
 //   {"$field": name, "at": [...]}            two last axes of a packed array; "c0" is the choice of the control 0
-//   {"$op": "hypot"|"rms"|"dry", "of": [..]} of fields, cell by cell; "dry" where the first is missing and the second, if any, too
 //   {"$color": name}                         a colour of the page's style, which changes between light and dark
-// A trace of the type "arrows" becomes lines along u and v.
+// A figure with a map is drawn by map.js and explore.js.
 const MISSING = -32768;
 // The loop takes a tenth of the time of Uint8Array.from with a function.
 function bytesOf(base64) {
@@ -23,7 +22,16 @@ const state = { figures: [], choices: {}, arrays: {} };
 function packedArray(figure, name) {
   const key = `${figure.key}.${name}`;
   if (!state.arrays[key]) {
-    state.arrays[key] = new Int16Array(bytesOf(figure.packed[name].data).buffer);
+    const { data, shape, along } = figure.packed[name];
+    const bytes = bytesOf(data);
+    const values = new Int16Array(bytes.length / 2);
+    const stride = shape.slice(along + 1).reduce((product, size) => product * size, 1);
+    // low bytes, then high ones, of differences along an axis; the array wraps as the packing did
+    for (let i = 0; i < values.length; i += 1) {
+      const step = bytes[i] | (bytes[values.length + i] << 8);
+      values[i] = Math.floor(i / stride) % shape[along] ? step + values[i - stride] : step;
+    }
+    state.arrays[key] = values;
   }
   return state.arrays[key];
 }
@@ -50,12 +58,6 @@ function field(figure, name, at) {
   return out;
 }
 
-const OPERATIONS = {
-  hypot: (u, v) => (u === null || v === null ? null : Math.hypot(u, v)),
-  rms: (u, v) => (u === null || v === null ? null : Math.hypot(u, v) / Math.SQRT2),
-  dry: (u, outside) => (u === null && !outside ? 1 : null),
-};
-
 function resolved(figure, value) {
   if (typeof value === "string" && value.startsWith("$")) {
     const dot = value.indexOf(".");
@@ -66,30 +68,7 @@ function resolved(figure, value) {
   if ("$choose" in value) return resolved(figure, value.of[state.choices[figure.key][value.$choose]]);
   if ("$field" in value) return field(figure, value.$field, value.at);
   if ("$color" in value) return styled(`--${value.$color}`);
-  if ("$op" in value) {
-    const [first, second] = value.of.map((item) => resolved(figure, item));
-    const combine = OPERATIONS[value.$op];
-    return first.map((row, j) => row.map((u, i) => combine(u, second && second[j][i])));
-  }
   return Object.fromEntries(Object.entries(value).map(([key, item]) => [key, resolved(figure, item)]));
-}
-
-// Each arrow is a shaft and two strokes of its head, as one line with gaps.
-function arrows(trace) {
-  const { u, v, step, length, ...rest } = trace;
-  const x = [];
-  const y = [];
-  for (let j = Math.floor(step / 2); j < trace.y.length; j += step) {
-    for (let i = Math.floor(step / 2); i < trace.x.length; i += step) {
-      if (u[j][i] === null) continue;
-      const [dx, dy] = [u[j][i] * length, v[j][i] * length];
-      const [x0, y0] = [trace.x[i] - dx / 2, trace.y[j] - dy / 2];
-      const [x1, y1] = [x0 + dx, y0 + dy];
-      x.push(x0, x1, null, x1 - 0.32 * dx + 0.16 * dy, x1, x1 - 0.32 * dx - 0.16 * dy, null);
-      y.push(y0, y1, null, y1 - 0.32 * dy - 0.16 * dx, y1, y1 - 0.32 * dy + 0.16 * dx, null);
-    }
-  }
-  return { ...rest, type: "scatter", mode: "lines", hoverinfo: "skip", x, y };
 }
 
 function layoutOf(figure) {
@@ -117,7 +96,7 @@ function layoutOf(figure) {
 
 const isNarrow = () => document.documentElement.clientWidth < 560;
 
-// A map is as high as its region asks for; on a phone its colour bar lies above it, and it has fewer arrows.
+// A figure whose axes have one scale is as high as its ranges ask for; on a phone its colour bar lies above it.
 function fitMap(figure, place, traces, layout) {
   const [west, east] = layout.xaxis.range;
   const [south, north] = layout.yaxis.range;
@@ -131,24 +110,54 @@ function fitMap(figure, place, traces, layout) {
       Object.assign(trace.colorbar, { orientation: "h", x: 0.5, xanchor: "center", y: 1.01, yanchor: "bottom", len: 0.95, thickness: 10 });
       trace.colorbar.title.side = "top";
     }
-    if (trace.type === "arrows") Object.assign(trace, { step: 2 * trace.step, length: 1.5 * trace.length });
   }
 }
 
 async function draw(figure) {
   const place = document.querySelector(`#${figure.key} .plot`);
   if (!place) return; // a finished picture
+  if (figure.map.frame) {
+    if (state.map) sizeMap(state.map); else startMap(figure);
+    return;
+  }
+  // of a closed part nothing is seen, and nothing has a width
+  if (!place.clientWidth) return;
+  await plotly();
   const layout = layoutOf(figure);
-  let traces = figure.traces.map((trace) => resolved(figure, trace));
+  const traces = figure.traces.map((trace) => resolved(figure, trace));
   if (layout.yaxis.scaleanchor && layout.yaxis.range) fitMap(figure, place, traces, layout);
-  traces = traces.map((trace) => (trace.type === "arrows" ? arrows(trace) : trace));
-  if (figure.flight.places) traces.push(...flights(figure));
   place.style.height = `${layout.height}px`;
   layout.width = place.clientWidth;
+  layout.shapes = [...(layout.shapes || []), ...cursorOf(figure)];
   if (!place.dataset.drawn) place.textContent = "";
   await Plotly.react(place, traces, layout, { displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"] });
+  if (!place.dataset.drawn && isTimed(figure)) place.on("plotly_click", ({ points: [{ x }] }) => chooseNearest(x));
   place.dataset.drawn = "yes";
   place.dataset.choices = state.choices[figure.key].join(",");
+}
+
+// One time for the map and all figures through time: a line in each, and a click in one chooses another.
+const isTimed = ({ layout }) => /UTC/.test(layout.xaxis?.title?.text || "");
+function cursorOf(figure) {
+  if (!state.cursor || !isTimed(figure)) return [];
+  const x = new Date(state.cursor).toISOString().slice(0, 19).replace("T", " ");
+  return [{ type: "line", xref: "x", x0: x, x1: x, yref: "paper", y0: 0, y1: 1, line: { color: styled("--two"), width: 1.5 } }];
+}
+
+function moveCursors() {
+  for (const figure of state.figures) {
+    const place = document.querySelector(`#${figure.key} .plot`);
+    if (place?.dataset.drawn && isTimed(figure)) Plotly.relayout(place, { shapes: [...(resolved(figure, figure.layout).shapes || []), ...cursorOf(figure)] });
+  }
+}
+
+function chooseNearest(x) {
+  const { map } = state;
+  if (!map?.drawn.times) return;
+  const [at, { times }] = [Date.parse(`${String(x).replace(" ", "T")}Z`), map.drawn];
+  if (!Number.isFinite(at)) return;
+  show(document.getElementById(`${map.figure.key}-2`), times.reduce((best, time, k) => (Math.abs(time - at) < Math.abs(times[best] - at) ? k : best), 0));
+  obey(map, 2);
 }
 
 const csvCell = (value) => (value === null || value === undefined ? "" : /[",\n]/.test(value) ? `"${String(value).replaceAll('"', '""')}"` : value);
@@ -179,9 +188,13 @@ function save(button) {
   const names = Object.keys(columns);
   const lines = [names.join(",")];
   for (let row = 0; row < columns[names[0]].length; row += 1) lines.push(names.map((name) => csvCell(columns[name][row])).join(","));
+  saveText(`${figure.key}-${button.dataset.table}.csv`, `${lines.join("\n")}\n`, "text/csv");
+}
+
+function saveText(name, text, type) {
   const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([`${lines.join("\n")}\n`], { type: "text/csv" }));
-  link.download = `${figure.key}-${button.dataset.table}.csv`;
+  link.href = URL.createObjectURL(new Blob([text], { type }));
+  link.download = name;
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }
@@ -199,25 +212,43 @@ function show(input, value) {
   input.parentElement.querySelector("output").textContent = text;
 }
 
-// Set a control to a choice, and do what it is for beside a new drawing; returns its figure.
-function set(input, value) {
-  const figure = figureOf(input);
-  show(input, value);
-  if (figure.flight.places) setWaypoint(figure, numberOf(input), value);
-  return figure;
+const inside = (part) => state.figures.filter(({ key }) => part.querySelector(`#${key}`));
+
+// A link to a part that is folded opens it, and lands there when its figures have their heights.
+async function openTarget() {
+  const target = document.getElementById(location.hash.slice(1));
+  if (!target) return;
+  const folded = target.querySelector(":scope > details.main");
+  for (let part = folded || target; part; part = part.parentElement) if (part.tagName === "DETAILS") part.open = true;
+  for (const figure of inside(target)) await draw(figure);
+  target.scrollIntoView({ behavior: "instant" });
+}
+
+// The charts' library is read when the first chart is seen: the map does without it.
+let loading = null;
+function plotly() {
+  loading ??= unpacked("plotly").then((text) => {
+    const script = document.createElement("script");
+    script.textContent = text;
+    document.head.append(script);
+  });
+  return loading;
 }
 
 async function start() {
-  const [figures, plotly] = await Promise.all(["figures", "plotly"].map(unpacked));
-  state.figures = JSON.parse(figures);
+  state.figures = JSON.parse(await unpacked("figures"));
   const inputs = [...document.querySelectorAll("[data-figure][id]")];
   for (const figure of state.figures) {
     state.choices[figure.key] = inputs.filter((input) => input.dataset.figure === figure.key).map((input) => Number(input.value));
   }
-  const script = document.createElement("script");
-  script.textContent = plotly;
-  document.head.append(script);
-  for (const input of inputs) input.addEventListener("input", () => draw(set(input, Number(input.value))));
+  for (const input of inputs) {
+    input.addEventListener("input", () => {
+      show(input, Number(input.value));
+      const figure = figureOf(input);
+      if (figure.map.frame) obey(state.map, numberOf(input)); else draw(figure);
+    });
+  }
+  for (const part of document.querySelectorAll("details")) part.addEventListener("toggle", () => { if (part.open) inside(part).forEach(draw); });
   for (const button of document.querySelectorAll("button[data-table]")) button.addEventListener("click", () => save(button));
   const all = async () => { for (const figure of state.figures) await draw(figure); };
   // the browser shows each figure before the next is drawn
@@ -225,15 +256,19 @@ async function start() {
     await draw(figure);
     await new Promise((shown) => { requestAnimationFrame(() => setTimeout(shown)); });
   }
-  state.figures.filter(({ flight }) => flight.places).forEach(dragWaypoint);
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", all);
+  window.addEventListener("hashchange", openTarget);
+  openTarget();
   let due = 0;
   window.addEventListener("resize", () => {
     clearTimeout(due);
     due = setTimeout(all, 150);
   });
   for (const [event, printing] of [["beforeprint", true], ["afterprint", false]]) {
-    window.addEventListener(event, () => { document.documentElement.classList.toggle("printing", printing); all(); });
+    window.addEventListener(event, () => { document.documentElement.classList.toggle("printing", printing);
+      if (printing) document.querySelectorAll("details").forEach((part) => { part.open = true; });
+      all();
+    });
   }
   document.body.dataset.ready = "yes";
 }

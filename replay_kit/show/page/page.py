@@ -8,25 +8,30 @@ from html import escape
 from importlib.resources import files
 from typing import Any
 
+from replay_kit.core.colors import palette_css
 from replay_kit.core.version import __version__
-from replay_kit.show.colors import palette_css
 from replay_kit.show.page.section import Control, Figure, Section
 
+_SCRIPTS = ("flight", "page", "map", "marks", "particles", "explore", "waypoint")
 
-def page_html(title: str, sections: list[Section]) -> str:
+
+def page_html(title: str, sections: list[Section], subtitle: str = "") -> str:
     """Return sections as one HTML page.
 
     Args:
         title: Of the page.
+        subtitle: Beside the title; empty for none.
         sections: From top to bottom. Their keys and those of their figures are ids of the page: none is another's, or one of ``page.html``.
     """
     figures = [figure for section in sections for figure in section.figures]
     parts = {
         "title": escape(title),
+        "subtitle": escape(subtitle),
         "version": escape(__version__),
         "css": palette_css() + _text("page.css"),
         "links": "".join(
-            f'<li><a href="#{section.key}">{escape(section.title)}</a></li>' for section in sections
+            f'<li><a href="#{section.key}">{escape(section.menu or section.title)}</a></li>'
+            for section in sections
         ),
         "sections": "\n".join(map(_section_html, sections)),
         "figures": _packed(
@@ -37,7 +42,7 @@ def page_html(title: str, sections: list[Section]) -> str:
         "plotly": b64encode(
             files("replay_kit.show.page").joinpath("plotly-cartesian.min.js.gz").read_bytes()
         ).decode(),
-        "js": "".join(_text(name) for name in ("flight.js", "waypoint.js", "page.js")),
+        "js": "".join(_text(f"{name}.js") for name in _SCRIPTS),
     }
     page = _text("page.html")
     _check_ids(page + parts["sections"])
@@ -66,11 +71,23 @@ def _packed(data: bytes) -> str:
 
 def _section_html(section: Section) -> str:
     missing = "".join(f'<p class="missing">{escape(text)}</p>' for text in section.missing)
-    figures = "".join(map(_figure_html, section.figures))
-    return f'<section id="{section.key}"><h2>{escape(section.title)}</h2>{section.html}{missing}{figures}</section>'
+    figures = "" if section.placed else "".join(map(figure_html, section.figures))
+    title = escape(section.title)
+    if section.beside:
+        return (
+            f'<section id="{section.key}" class="first"><h2 class="unseen">{title}</h2>'
+            f'<div class="seen">{figures}{missing}</div><div class="card">{section.beside}</div></section>'
+        )
+    if section.answer:
+        return (
+            f'<section id="{section.key}"><details class="main"><summary><h2>{title}</h2><span>{section.answer}</span></summary>'
+            f"{section.html}{missing}{figures}</details></section>"
+        )
+    return f'<section id="{section.key}"><h2>{title}</h2>{section.html}{missing}{figures}</section>'
 
 
-def _figure_html(figure: Figure) -> str:
+def figure_html(figure: Figure) -> str:
+    """Return a figure with its controls, its caption and its data, for the script to draw."""
     controls = "".join(
         _control_html(figure.key, number, control) for number, control in enumerate(figure.controls)
     )
@@ -78,23 +95,66 @@ def _figure_html(figure: Figure) -> str:
         f'<button type="button" data-figure="{figure.key}" data-table="{escape(name)}">Data: {escape(name)} (CSV)</button>'
         for name in figure.tables
     )
-    readout = (
-        f'<p class="readout" aria-live="polite">{escape(figure.readout)}</p>'
-        if figure.readout
+    about = f'<figcaption>{figure.caption}</figcaption><div class="data">{buttons}</div>'
+    if figure.map:
+        return _map_html(figure, controls, about)
+    return (
+        f'<figure id="{figure.key}"><h3>{escape(figure.title)}</h3><div class="controls">{controls}</div>{_shown_html(figure)}'
+        f"{about}</figure>"
+    )
+
+
+_VIEWS = {"plan": "Vehicle and plan", "track": "Track", "region": "Region"}
+_EDIT = """<div class="edit" hidden><p class="difference"></p><p class="readout" aria-live="polite">{readout}</p><div>
+<label for="edit-waypoint">Waypoint <select id="edit-waypoint"></select></label>
+<label for="edit-longitude">Longitude <input id="edit-longitude" type="number" step="0.005"></label>
+<label for="edit-latitude">Latitude <input id="edit-latitude" type="number" step="0.005"></label></div><div>{buttons}</div></div>"""
+_ACTIONS = {
+    **{"add": "Add", "remove": "Remove", "undo": "Undo", "reset": "Plan's own way"},
+    "save": "Download (GeoJSON)",
+}
+
+
+def _map_html(figure: Figure, controls: str, about: str) -> str:
+    """Return a map with its controls above and below, and what it shows in words as a folded part."""
+    views = "".join(
+        f'<button type="button" data-view="{key}" aria-pressed="false">{text}</button>'
+        for key, text in _VIEWS.items()
+        if key in figure.map["views"]
+    )
+    zoom = "".join(
+        f'<button type="button" data-zoom="{factor}" aria-label="{text}">{sign}</button>'
+        for factor, text, sign in ((1.5, "Zoom in", "+"), (0.6667, "Zoom out", "−"))
+    )
+    edit, panel = "", ""
+    if figure.flight:
+        buttons = "".join(
+            f'<button type="button" data-action="{key}">{text}</button>'
+            for key, text in _ACTIONS.items()
+        )
+        edit = '<button type="button" data-edit aria-expanded="false">Edit the plan</button>'
+        panel = _EDIT.format(readout=escape(figure.readout), buttons=buttons)
+    play = (
+        '<button type="button" class="play" aria-label="Play" aria-pressed="false">▶</button>'
+        if controls
         else ""
     )
     return (
-        f'<figure id="{figure.key}"><h3>{escape(figure.title)}</h3><div class="controls">{controls}</div>{readout}{_shown_html(figure)}'
-        f'<figcaption>{figure.caption}</figcaption><div class="data">{buttons}</div></figure>'
+        f'<figure id="{figure.key}" class="map"><h3 class="unseen">{escape(figure.title)}</h3>'
+        f'<div class="stage">{_shown_html(figure)}<div class="tools">{views}{zoom}{edit}'
+        '<details class="layers"><summary>Layers</summary><ul></ul></details></div>'
+        f'<div class="keys" aria-hidden="true"></div>{panel}<div class="controls">{play}{controls}</div></div>'
+        f'<details class="about"><summary>About this map, and its data</summary>{about}</details></figure>'
     )
 
 
 def _shown_html(figure: Figure) -> str:
     if figure.image:
         return f'<img class="picture" alt="{escape(figure.alternative)}" src="{figure.image}">'
+    height = "" if figure.map else f' style="height:{figure.layout.get("height", 420)}px"'
     return (
-        f'<div class="plot" tabindex="0" role="group" aria-label="{escape(figure.alternative)}" '
-        f'style="height:{figure.layout.get("height", 420)}px"><p class="waiting">This figure is drawn by JavaScript.</p></div>'
+        f'<div class="plot" tabindex="0" role="group" aria-label="{escape(figure.alternative)}"{height}>'
+        '<p class="waiting">This figure is drawn by JavaScript.</p></div>'
     )
 
 
@@ -123,4 +183,5 @@ def _figure_data(figure: Figure) -> dict[str, Any]:
         "choices": [list(control.choices) for control in figure.controls],
         "packed": figure.packed,
         "flight": figure.flight,
+        "map": figure.map,
     }

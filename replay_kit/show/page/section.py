@@ -48,6 +48,7 @@ class Figure:
         packed: Large numeric arrays, see ``pack``.
         flight: What ``flight.js`` flies; empty for other figures.
         readout: Text below the controls, which the script keeps up to date; empty without one.
+        map: What the map's scripts draw: axes, frame, views, marks (``figures/on_canvas.py``); empty for charts.
         image: A finished picture as a data URL, shown instead of traces; empty without one.
     """
 
@@ -62,6 +63,7 @@ class Figure:
     packed: Mapping[str, Any] = field(default_factory=dict)
     flight: Mapping[str, Any] = field(default_factory=dict)
     readout: str = ""
+    map: Mapping[str, Any] = field(default_factory=dict)
     image: str = ""
 
 
@@ -75,6 +77,10 @@ class Section:
         html: Text before its figures, already escaped.
         figures: In order.
         missing: What the result does not hold, and what would give it, as sentences.
+        menu: In the menu; empty for the title.
+        answer: The section in a sentence, as HTML; with it the section is folded, and opens on demand.
+        beside: HTML beside a map, which then fills the first screen.
+        placed: Whether ``html`` holds the figures already.
     """
 
     key: str
@@ -82,6 +88,10 @@ class Section:
     html: str = ""
     figures: Sequence[Figure] = ()
     missing: Sequence[str] = ()
+    menu: str = ""
+    answer: str = ""
+    beside: str = ""
+    placed: bool = False
 
 
 def column(values: ArrayLike, digits: int = _DIGITS) -> list[float | None]:
@@ -102,22 +112,28 @@ def times(time_ns: NDArray[np.int64]) -> list[str]:
     ]
 
 
-def pack(values: NDArray[np.float64], scale: float) -> dict[str, Any]:
+def pack(values: NDArray[np.float64], scale: float, along: int = 0) -> dict[str, Any]:
     """Return an array as 16-bit integers in base64 for the page's script: half a ``scale`` is the largest error.
+
+    What is kept are differences along an axis, all low bytes before all high ones: both make long runs that gzip shortens.
 
     Args:
         values: Any shape; NaN becomes -32768, which the script reads as missing.
         scale: Value of one step.
+        along: Axis along which neighbours are most alike.
     """
     from base64 import b64encode
 
     whole = np.where(
         np.isfinite(values), np.clip(np.rint(np.nan_to_num(values) / scale), -32767, 32767), -32768
-    )
+    ).astype("<i2")
+    # modulo 65536, so that the sum restores every value
+    steps = np.diff(whole, axis=along, prepend=np.zeros_like(whole.take([0], axis=along)))
     return {
         "scale": scale,
         "shape": list(values.shape),
-        "data": b64encode(whole.astype("<i2").tobytes()).decode(),
+        "along": along,
+        "data": b64encode(steps.reshape(-1).view(np.uint8).reshape(-1, 2).T.tobytes()).decode(),
     }
 
 
@@ -126,11 +142,11 @@ def number(key: str, value: float | int | None, text: str) -> str:
 
     Args:
         key: Its path in the summary, such as ``rms_innovation.before``.
-        value: As in the summary; None when undefined.
+        value: As in the summary; None when unknown.
         text: What is shown.
     """
     if value is None:
-        return "undefined"
+        return "unknown"
     return f'<data data-key="{escape(key)}" value="{escape(repr(value))}">{escape(text)}</data>'
 
 

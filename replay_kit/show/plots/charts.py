@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.colors import PRINT
 from replay_kit.core.text import place_text
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.history import Series, typical_depth
-from replay_kit.show.colors import PRINT
 from replay_kit.show.figures import values as figures
 from replay_kit.show.figures.along_track import (
     COMPONENTS,

@@ -11,12 +11,12 @@ from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.colors import PRINT
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, unwrap_longitude
 from replay_kit.core.text import time_text
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.history import typical_depth
 from replay_kit.results.views.slices import CurrentSlices, slices_of
-from replay_kit.show.colors import PRINT
 from replay_kit.show.figures.in_print import draw_mark
 from replay_kit.show.figures.map_layers import (
     coast_layer,

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from replay_kit.show.colors import PRINT
+from replay_kit.core.colors import PRINT
 from replay_kit.show.plots.style import WIDTHS, styled
 
 # Height of the notes and of the legend below a figure [inches a line], and the letters that fit into an inch.

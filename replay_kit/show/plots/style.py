@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from replay_kit.show.colors import scale
+from replay_kit.core.colors import scale
 
 #: Width of a figure over one and over two columns of a page [inches].
 WIDTHS = {1: 3.35, 2: 6.9}
@@ -45,7 +45,7 @@ _NO_DATES: dict[str, dict[str, None]] = {
 
 
 def colormap(name: str) -> LinearSegmentedColormap:
-    """Return one of cmocean's colour maps: ``speed``, ``balance``, ``amp`` or ``thermal``."""
+    """Return one of cmocean's colour maps: ``speed``, ``balance`` or ``amp``."""
     return LinearSegmentedColormap.from_list(name, scale(name))
 
 

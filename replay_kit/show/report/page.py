@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pkgutil import resolve_name
 
 from replay_kit.core.extensions import additions
+from replay_kit.core.text import count_text, time_text
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.page import page_html
@@ -11,8 +12,8 @@ from replay_kit.show.page.section import Section
 
 # Module and function of each section, from top to bottom.
 _LISTED = (
-    "answer:words_section",
     "current_map:map_section",
+    "answer:words_section",
     "sections_along_track:along_track_section",
     "trust:trust_section",
     "plan:plan_section",
@@ -33,6 +34,14 @@ def report_html(result: ResultFile, notes: tuple[str, ...] = ()) -> str:
     """
     contents = Contents(result, notes)
     added = additions("sections", callable, "a function").values()
-    return page_html(
-        f"Report on {result.path.name}", [section(contents) for section in (*SECTIONS, *added)]
-    )
+    sections = [section(contents) for section in (*SECTIONS, *added)]
+    return page_html(f"Report on {result.path.name}", sections, _subtitle(contents))
+
+
+def _subtitle(contents: Contents) -> str:
+    span, dives = contents.span_ns, int((contents.result.dives.index > 0).sum())
+    if span is None:
+        return ""
+    begin, end = (time_text(each)[:16] for each in span)
+    parts = [f"{begin} to {end} UTC", *([count_text(dives, "dive")] if dives else [])]
+    return " · ".join([*parts, count_text(contents.outcome.observations["used"], "measurement")])

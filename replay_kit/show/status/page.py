@@ -1,11 +1,33 @@
-"""A status as a page that fetches nothing and loads itself again."""
+"""A status as a page that fetches nothing and loads itself again, with what is focused and unfolded kept."""
 
+from base64 import b64encode
+from hashlib import sha256
 from html import escape
 from importlib.resources import files
 
+from replay_kit.core.colors import palette_css
+from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.text import time_text
+from replay_kit.show.status.brief import brief_lines
 from replay_kit.show.status.status import Line, Status
 from replay_kit.show.status.text import line_age
+from replay_kit.show.svg import compass, small_map
+
+# What is focused and unfolded is kept for the next look; nothing is loaded while no one looks.
+_SCRIPT = """
+const key = `status ${location.pathname}`;
+const parts = () => [...document.querySelectorAll("details")];
+const kept = JSON.parse(sessionStorage.getItem(key) || "{}");
+parts().forEach((part) => { part.open = (kept.open || []).includes(part.id); });
+document.getElementById(kept.focus)?.focus({ preventScroll: true });
+scrollTo(0, kept.top || 0);
+setInterval(() => {
+  if (document.hidden) return;
+  const open = parts().filter((part) => part.open).map((part) => part.id);
+  sessionStorage.setItem(key, JSON.stringify({ open, focus: document.activeElement.id, top: scrollY }));
+  location.reload();
+}, 1000 * document.documentElement.dataset.again);
+"""
 
 
 def status_page(status: Status, refresh_s: int = 60) -> str:
@@ -18,17 +40,36 @@ def status_page(status: Status, refresh_s: int = 60) -> str:
     page = files("replay_kit.show.status").joinpath("status.html").read_text(encoding="utf-8")
     parts = {
         "refresh": str(refresh_s),
+        "digest": b64encode(sha256(_SCRIPT.encode()).digest()).decode(),
+        "palette": palette_css(),
+        "script": _SCRIPT,
         "title": escape(status.name),
         "now": escape(time_text(status.now_ns)),
         "iso": escape(time_text(status.now_ns).replace(" ", "T")),
         "alarms": "".join(
             f"<li><b>{escape(alarm.kind)}</b> {escape(alarm.text)}</li>" for alarm in status.alarms
         ),
+        "map": _drawn(status),
+        "brief": "".join(
+            f"<dt>{escape(one.label)}</dt><dd>{one.html}</dd>" for one in brief_lines(status)
+        ),
         "lines": "\n".join(_line_html(status, line) for line in status.lines),
     }
     for name, text in parts.items():
         page = page.replace(f"<!--{name}-->", text)
     return page
+
+
+def _drawn(status: Status) -> str:
+    """Return a small map, and the current at the vehicle as an arrow."""
+    current = status.figures.get("current", {})
+    one = current.get("corrected") or current.get("measured") or current.get("predicted")
+    arrow = ""
+    if one:
+        toward = float(heading_deg(one["east"], one["north"]))
+        what = f"The current at the vehicle goes toward {toward:.0f} degrees"
+        arrow = f"<figure>{compass(toward, what)}<figcaption>current</figcaption></figure>"
+    return small_map(status.places) + arrow
 
 
 def _line_html(status: Status, line: Line) -> str:

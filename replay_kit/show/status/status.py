@@ -1,12 +1,14 @@
 """A status: the answers to a pilot's questions as lines of text, as alarms, and as figures for JSON."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from replay_kit.core.errors import severity_word
-from replay_kit.core.plan import ORIGIN
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.plan import ORIGIN, plan_legs
+from replay_kit.core.surfacing import planned_ellipses
 from replay_kit.core.text import place_text, time_text
 from replay_kit.results.outcome.verdict import plan_alarm
 from replay_kit.show.status import figures
@@ -47,6 +49,7 @@ class Status:
         lines: The answers.
         alarms: What should wake a person.
         figures: The numbers of the answers, for JSON.
+        places: Of ``track``, ``plan``, ``goal`` and ``ellipse`` that are known, each (east, north) [m] of points, local frame.
     """
 
     name: str
@@ -54,6 +57,7 @@ class Status:
     lines: tuple[Line, ...]
     alarms: tuple[Alarm, ...]
     figures: Mapping[str, Any]
+    places: Mapping[str, Sequence[tuple[float, float]]] = field(default_factory=dict)
 
 
 def status_of(held: Held, now_ns: int | None = None) -> Status:
@@ -94,7 +98,29 @@ def status_of(held: Held, now_ns: int | None = None) -> Status:
         "last": time_text(held.last_ns),
         "alarms": [alarm.record() for alarm in alarms],
     }
-    return Status(held.name, now, tuple(lines), alarms, {**about, **numbers})
+    places = _places(held)
+    return Status(held.name, now, tuple(lines), alarms, {**about, **numbers}, places)
+
+
+def _places(held: Held) -> dict[str, Sequence[tuple[float, float]]]:
+    """Return what a small map shows; see ``Status``."""
+    goal, following = figures.goal_of(held), figures.next_surfacing(held)
+    legs = plan_legs(figures.statistics_of(held.plans[-1])) if held.plans else []
+    known = {
+        "track": [(fix.longitude, fix.latitude) for fix in held.fixes],
+        "plan": [(leg["longitude"], leg["latitude"]) for leg in legs],
+        "goal": [goal[:2]] if goal else [],
+    }
+    found: dict[str, Sequence[tuple[float, float]]] = {}
+    for name, points in known.items():
+        if points:
+            east, north = to_local(held.projection, *zip(*points, strict=True))
+            found[name] = list(zip(east.tolist(), north.tolist(), strict=True))
+    if following is not None and (ellipses := planned_ellipses([following.leg])):
+        found["ellipse"] = [
+            (east, north) for east, north in ellipses[0].outline(held.projection).tolist()
+        ]
+    return found
 
 
 # Which alarms belong to which answer.
@@ -304,6 +330,11 @@ def _command(held: Held) -> _Answer:
         "heading_deg": _finite(leg.get("heading_deg", plan.heading_deg)),
         "glide_angle_deg": _finite(leg.get("glide_angle_deg", plan.glide_angle_deg)),
         "depth_m": leg.get("depth_m"),
+        "speed": _finite(plan.speed),
+        "message": plan.message,
+        "dives": figures.statistics_of(plan).get(ORIGIN, ""),
+        "longitude": leg.get("longitude"),
+        "latitude": leg.get("latitude"),
         "why": list(change),
     }
     return Line("command", "Steer", tuple(text), plan.timestamp.ToNanoseconds()), values
@@ -313,7 +344,7 @@ def _odds(held: Held) -> _Answer:
     said, since_ns = figures.last_plan(held)
     if said is None:
         return Line("odds", "Odds", ()), {}
-    values: dict[str, Any] = {"status": said["status"]}
+    values: dict[str, Any] = {"status": said["status"], "message": said["message"]}
     if said["status"] == "failed":
         return Line("odds", "Odds", (f"plan failed: {said['message']}",), since_ns), values
     plan = held.plans[-1]
@@ -327,6 +358,8 @@ def _odds(held: Held) -> _Answer:
             f"{100.0 * odds.reached:.0f} ± {100.0 * error:.0f} % of {odds.n_samples} samples arrive, {100.0 * odds.safe:.0f} % safe"
         )
         values |= {
+            "duration_s": _finite(plan.duration),
+            "closest_approach_m": _finite(plan.closest_approach),
             "reached": odds.reached,
             "error": error,
             "safe": odds.safe,

@@ -2,14 +2,14 @@
 
 import glob
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
 from replay_kit.config.fleet import FleetTable, MissionEntry
 from replay_kit.config.run import RunConfig, laid_over, load_config
 from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
-from replay_kit.core.paths import check_paths, truth_path
+from replay_kit.core.paths import Address, addresses_in, check_paths, path_of, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.registry import logs_in
@@ -175,6 +175,29 @@ def _logs(entry: MissionEntry, folder: Path) -> Iterator[tuple[str, tuple[Path, 
         )
 
 
+def with_local_forecasts(missions: Sequence[Mission]) -> tuple[Mission, ...]:
+    """Return missions whose forecasts are files; a box that several need of an address is fetched once.
+
+    Raises:
+        ForecastError: A forecast cannot be fetched.
+    """
+    jobs = [(mission.job, mission.config) for mission in missions]
+    if not any(addresses_in(job.ensemble) for job, _ in jobs):
+        return tuple(missions)
+    # loads a client of servers
+    from replay_kit.workflows.fetch import with_local_forecasts as fetched
+
+    return tuple(
+        replace(mission, job=job) for mission, job in zip(missions, fetched(jobs), strict=True)
+    )
+
+
+def _source(folder: Path, text: str) -> Path:
+    """Return a file of a table, or an address."""
+    path = path_of(text)
+    return path if isinstance(path, Address) else (folder / path).absolute()
+
+
 def _job(
     entry: MissionEntry, name: str, logs: tuple[Path, ...], folder: Path, out: Path
 ) -> ReplayJob:
@@ -188,7 +211,7 @@ def _job(
         truth = f"{(folder / path).absolute()}{mark}{member}"
     return ReplayJob(
         logs,
-        tuple((folder / path).absolute() for path in entry.ensemble),
+        tuple(_source(folder, text) for text in entry.ensemble),
         out / f"{name}.mcap",
         goal=None if entry.goal is None else Place(*entry.goal),
         truth=truth,

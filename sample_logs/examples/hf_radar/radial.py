@@ -28,7 +28,7 @@ def radial(
     angle = np.deg2rad(heading)
     return LinearMeasurement(
         time_ns=source.time_ns,
-        point_time_ns=np.array([source.time_ns]),
+        point_time_ns=None,
         longitude=np.array(place[:1]),
         latitude=np.array(place[1:]),
         depth=np.array([depth]),

@@ -162,7 +162,7 @@ def test_features_are_styled_for_maps_and_kml_has_the_same_colours_in_its_own_or
         for feature in json.loads((tmp_path / "x.geojson").read_text())["features"]
     ]
     assert [style.get("stroke", style.get("marker-color")) for style in styles] == [
-        "#00618f",
+        "#1b2530",
         "#b8500f",
         "#5b6b78",
         "#5b6b78",
@@ -174,7 +174,7 @@ def test_features_are_styled_for_maps_and_kml_has_the_same_colours_in_its_own_or
         .getroot()
         .iter("{http://www.opengis.net/kml/2.2}color")
     ]
-    assert colors == ["ff8f6100", "ff0f50b8", "ff786b5b", "ff786b5b"]
+    assert colors == ["ff30251b", "ff0f50b8", "ff786b5b", "ff786b5b"]
 
 
 def test_across_the_antimeridian_lines_are_continuous_in_geojson_and_within_180_in_kml(

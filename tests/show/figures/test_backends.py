@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from replay_kit.show.colors import PRINT
+from replay_kit.core.colors import PRINT
 from replay_kit.show.figures.in_print import drawing_of
 from replay_kit.show.figures.on_page import figure_of
 from replay_kit.show.figures.values import Axis, Chart, Mark, Panel

@@ -316,4 +316,4 @@ def test_an_axis_of_time_has_a_step_for_every_span(minutes, most):
 
 def test_colours_are_cmoceans():
     assert [to_hex(colormap("balance")(end)) for end in (0.0, 1.0)] == ["#171c42", "#3c0911"]
-    assert [to_hex(colormap("speed")(end)) for end in (0.0, 1.0)] == ["#fefccd", "#172312"]
+    assert [to_hex(colormap("speed")(end)) for end in (0.0, 1.0)] == ["#eafdfd", "#3e478f"]

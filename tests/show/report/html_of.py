@@ -57,7 +57,9 @@ def figures(page: str) -> dict[str, dict[str, Any]]:
 
 def unpacked(packed: dict[str, Any]) -> np.ndarray:
     """Return a packed array as the page's script reads it."""
-    whole = np.frombuffer(base64.b64decode(packed["data"]), "<i2").reshape(packed["shape"])
+    low, high = np.frombuffer(base64.b64decode(packed["data"]), np.uint8).reshape(2, -1)
+    steps = np.stack([low, high], axis=1).reshape(-1).view("<i2").reshape(packed["shape"])
+    whole = np.cumsum(steps, axis=packed["along"], dtype=np.int16)
     return np.where(whole == -32768, np.nan, whole * packed["scale"])
 
 

@@ -21,7 +21,7 @@ from replay_kit.show import open_result
 from replay_kit.show.report import report_html
 from tests.results.conftest import innovation, plan, state  # noqa: F401 - fixtures
 from tests.results.result_samples import CONFIG, METADATA
-from tests.show.report.html_of import figures, table, text_of
+from tests.show.report.html_of import figures, table, text_of, unpacked
 from tests.synthetic_flow import TIME_NS, synthetic_flow
 
 SECOND = 10**9
@@ -86,12 +86,13 @@ def test_an_estimate_alone_is_drawn_at_its_levels(write: Write, flow: FlowEstima
     figure = figures(page)["current-map"]
     assert figure["choices"] == [
         ["speed", "standard error"],
-        ["0.5 m", "50 m", "200 m"],
+        ["mean to 200 m", "0.5 m", "50 m", "200 m"],
         ["2023-11-14 22:13"],
     ]
-    # land has a coast: two edges of the dry corner, each two points and a gap
-    (coast,) = (trace for trace in figure["traces"] if trace.get("name") == "coast")
-    assert len(coast["x"]) == 6
+    assert figure["map"]["dry"] == "land, or below the bottom"
+    # the deepest level is dry in a corner, where the mean is over the water above it
+    mean, shallow = unpacked(figure["packed"]["current"])[:2, -1, 0]
+    np.testing.assert_array_equal(np.isfinite(mean), np.isfinite(shallow))
     assert "The result holds no position of the vehicle." in text_of(page, "map")
 
 
@@ -125,17 +126,15 @@ def test_anywhere_on_the_globe(
     figure = figures(page)["current-map"]
     np.testing.assert_allclose(figure["tables"]["track"]["east_km"], [-4.0, 4.0], atol=1e-4)
     np.testing.assert_allclose(figure["tables"]["track"]["north_km"], [-2.0, 2.0], atol=1e-4)
-    lines = next(
-        trace
-        for trace in figure["traces"]
-        if trace.get("mode") == "lines" and trace.get("line", {}).get("dash") == "dot"
-    )
-    drawn = np.array([value for value in lines["x"] if value is not None])
-    assert drawn.size > 50
-    west, east = figure["layout"]["xaxis"]["range"]["of"][0]
-    assert west <= drawn.min() < drawn.max() <= east
-    labels = figure["traces"][-1]["text"]
-    assert any(label.endswith(("E", "W")) for label in labels)
+    drawn = figure["map"]
+    west, east = drawn["views"]["region"][:2]
+    assert west < -4.0 < 4.0 < east
+    frame = drawn["frame"]
+    nodes = np.array([frame["longitude"], frame["latitude"]]).reshape(2, frame["nodes"], -1)
+    # between nodes the script interpolates
+    middle = nodes.mean(axis=(1, 2)) if latitude < 85.0 else nodes[:, 16, 16]
+    np.testing.assert_allclose(middle[1], latitude, atol=0.05)
+    assert abs((middle[0] - longitude + 180.0) % 360.0 - 180.0) < 0.05
     assert "The vehicle travelled 8.9 km" in text_of(page, "answer")
 
 
@@ -179,9 +178,9 @@ def test_plans_that_failed_and_surfacings_with_and_without_ellipses(
     assert "no <way>" not in page.split("<script")[0]
     found = figures(page)
     assert "plan-profile" not in found
-    assert "waypoint" not in found
-    names = [trace.get("name") for trace in found["current-map"]["traces"]]
-    assert names.count("90 % ellipse") == 1
+    assert found["current-map"]["flight"] == {}
+    names = [mark["name"] for mark in found["current-map"]["map"]["marks"]]
+    assert names.count("90 % of past surfacings") == 1
     assert "last plan" not in names
     assert found["surfacing-errors"]["tables"]["surfacing_errors"]["east_km"] == [
         0.872923,
@@ -216,7 +215,7 @@ def test_a_plan_alone_is_drawn(write: Write, plan: Plan) -> None:
     found = figures(page)
     assert list(found) == ["current-map", "plan-profile"]
     assert found["current-map"]["tables"]["plan"]["east_km"] == [0.0, 0.5, 1.0]
-    west, east = found["current-map"]["layout"]["xaxis"]["range"]
+    west, east = found["current-map"]["map"]["views"]["plan"][:2]
     assert west < 0.0 < 1.0 < east
     assert "The result holds a plan alone." in text_of(page, "answer")
     assert "--no-estimate" not in text_of(page, "answer")

@@ -1,6 +1,7 @@
 """The page of a short replay: what is in it, without a browser."""
 
 import json
+import re
 
 import numpy as np
 
@@ -12,22 +13,22 @@ from replay_kit.show.report.page import SECTIONS
 from tests.show.page.checks import check_figures
 from tests.show.report.html_of import elements, figures, text_of, unpacked
 
-KNOWN = ["answer", "map", "section", "trust", "plan", "again"]
+KNOWN = ["map", "answer", "section", "trust", "plan", "again"]
 KEYS = [
-    *("current-map", "profiles", "mean-currents", "innovations", "calibration", "error", "dives"),
-    *("plan-profile", "waypoint", "surfacing-errors"),
+    *("current-map", "profiles", "mean-currents", "innovations", "dives", "error", "calibration"),
+    *("plan-profile", "surfacing-errors"),
 ]
 
 
 def test_the_sections_are_an_answer_from_top_to_bottom(page: str) -> None:
     keys = [attrs["id"] for attrs, _ in elements(page, "section")]
     assert [key for key in keys if key in KNOWN] == KNOWN
-    assert (keys[0], keys[-1], len(keys)) == ("answer", "again", len(SECTIONS))
+    assert (keys[0], keys[-1], len(keys)) == ("map", "again", len(SECTIONS))
     links = [attrs["href"] for attrs, _ in elements(page, "a")]
-    assert links == [f"#{attrs['id']}" for attrs, _ in elements(page, "section")]
-    titles = [text for _, text in elements(page, "h3")][:7]
-    assert titles[:2] == ["How far to trust it", "What was measured"]
-    assert titles[6] == "What to do next"
+    assert links[: len(keys)] == [f"#{key}" for key in keys]
+    asked = [text for _, text in elements(page, "h2")]
+    assert asked[0] == "Map"
+    assert all(text.endswith("?") for text in asked[1:])
 
 
 def test_every_figure_has_caption_text_alternative_data_and_units_and_nothing_is_fetched(
@@ -60,20 +61,38 @@ def test_the_numbers_are_those_of_json(page: str, replayed: rk.Result) -> None:
     assert len(numbers) > 40
     carried: dict[str, set[str]] = {}
     for attrs, text in elements(page, "data"):
-        value = json.loads(attrs["value"] or "")
-        assert value == expected[attrs["data-key"] or ""], attrs
-        carried.setdefault(attrs["data-key"] or "", set()).add(text)
-        shown, _, unit = text.replace(",", "").partition(" ")
-        factor = {"cm/s": 100.0, "%": 100.0, "kJ": 1e-3, "MJ": 1e-6}.get(unit, 1.0)
-        if attrs["data-key"] != "surfacings.delay_median_s":
-            digits = len(shown.partition(".")[2]) if "e" not in shown else 17
-            assert abs(float(shown) - factor * value) <= 0.5000001 * 10.0**-digits, attrs
-    assert set(carried) == set(numbers)
+        key, value = attrs["data-key"] or "", json.loads(attrs["value"] or "")
+        path, _, part = key.partition("#")
+        # a leg is text of its own in the summary
+        assert value == (json.loads(expected[path])[part] if part else expected[path]), attrs
+        carried.setdefault(key, set()).add(text)
+        assert "-0.0" not in text.replace("-0.0", "x", 0) or float(text.split()[0]) != 0.0, attrs
+        if (
+            not re.search(r"surfacing_s|time_ns|delay_median_s|duration_s", key)
+            or text[0].isdigit()
+        ):
+            _check_rounded(key, value, text)
+    assert {key for key in carried if "#" not in key} == set(numbers)
     assert all(
         str(value) in text_of(page, "again")
         for value in expected.values()
         if isinstance(value, str)
     )
+
+
+def _check_rounded(key: str, value: float, text: str) -> None:
+    """Check that a text is the number in its unit, rounded to the digits that it shows."""
+    shown, _, unit = text.replace(",", "").partition(" ")
+    if re.search(r"[A-Za-z]{3}", unit):
+        # a time of the clock
+        return
+    factors = {"cm/s": 100.0, "%": 100.0, "kJ": 1e-3, "MJ": 1e-6}
+    digits = len(shown.partition(".")[2]) if "e" not in shown else 17
+    # where no unit stands beside it, it is that of the summary, cm/s, km or kilometres of an ellipse
+    wanted = [factors[unit]] if unit in factors else [1.0, 100.0, 1e-3]
+    error = min(abs(float(shown) - factor * value) for factor in wanted)
+    # six digits in the table of all numbers
+    assert error <= max(0.5000001 * 10.0**-digits, 1e-5 * abs(value)), (key, value, text)
 
 
 def test_words_say_what_was_measured_found_and_not_used(page: str, replayed: rk.Result) -> None:
@@ -94,27 +113,34 @@ def test_words_say_what_was_measured_found_and_not_used(page: str, replayed: rk.
     assert "1 measurement was rejected as a whole. Bins not used" in words
     assert f"{summary.bins_rejected['below_grid']:,} below grid" in words
     assert summary.plan is not None
-    assert f"teer {summary.plan.heading_deg:.0f}° true through water" in words
+    card = " ".join(text_of(page, "map").split())
+    assert f"{round(summary.plan.heading_deg) % 360:03d}°" in card
+    assert f"{100.0 * summary.plan.odds.reached:.0f} % of 4 samples" in card.replace("%of", "% of")
     assert "The estimated current at the last position" in words
 
 
 def test_the_map_holds_the_published_current(page: str, replayed: rk.Result) -> None:
     figure = figures(page)["current-map"]
     current, axes = unpacked(figure["packed"]["current"]), figure["tables"]["current"]["axes"]
-    assert axes["depth_m"] == [5.0, 150.0]
-    assert figure["choices"][1] == ["5 m", "150 m"]
+    assert axes["depth_m"][1:] == [5.0, 150.0]
+    assert figure["choices"][1] == [f"{axes['depth_m'][0]} m", "5 m", "150 m"]
     assert len(axes["time"]) == current.shape[1] == len(figure["choices"][2]) == 5
     flow = replayed.estimate
-    field = figure["traces"][0]
-    east, north = np.meshgrid(np.array(field["x"]) * 1e3, np.array(field["y"]) * 1e3)
-    got = np.moveaxis(current[1, -1], 0, -1)
+    drawn = figure["map"]
+    east, north = np.meshgrid(np.array(drawn["east"]) * 1e3, np.array(drawn["north"]) * 1e3)
+    got = np.moveaxis(current[2, -1], 0, -1)
     wet = np.isfinite(got[..., 0])
     np.testing.assert_allclose(got[wet][:, :2], flow.velocity(east, north, 150.0)[wet], atol=3e-4)
     known = np.isfinite(got[..., 2])
     np.testing.assert_allclose(
         got[known][:, 2:], flow.standard_error(east, north, 150.0)[known], atol=3e-4
     )
-    names = [trace.get("name") for trace in figure["traces"]]
+    deep = float(axes["depth_m"][0].split()[-1])
+    below = deep * (np.arange(200) + 0.5) / 200
+    each = np.mean([flow.velocity(east, north, depth) for depth in below], axis=0)
+    mean = np.moveaxis(current[0, -1], 0, -1)
+    np.testing.assert_allclose(mean[wet][:, :2], each[wet], atol=2e-3)
+    names = [mark["name"] for mark in drawn["marks"]]
     assert {"track", "fixes", "last plan", "goal"} <= set(names)
     track = figure["tables"]["track"]
     assert len(track["time"]) == len(replayed.fixes)

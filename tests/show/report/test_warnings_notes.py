@@ -9,7 +9,7 @@ import pytest
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.verdict import nis_sentence
 from replay_kit.show.report.sections.answer import _depths, _values
-from replay_kit.show.report.sections.warnings import next_steps, what_was_chosen
+from replay_kit.show.report.sections.warnings import found_warnings, next_steps
 
 
 def test_notes_of_what_was_chosen_stand_apart() -> None:
@@ -23,11 +23,22 @@ def test_notes_of_what_was_chosen_stand_apart() -> None:
     ]
     contents = SimpleNamespace(
         outcome=Outcome(notes=notes),
-        result=SimpleNamespace(events=pd.DataFrame({"level": [], "message": []})),
+        result=SimpleNamespace(
+            events=pd.DataFrame({"level": [], "message": []}),
+            innovations=pd.DataFrame(
+                {
+                    f"innovation{std}_{axis}": []
+                    for std in ("", "_std")
+                    for axis in ("east", "north")
+                }
+            ),
+        ),
     )
     magnetic = "headings are magnetic; no declination was added to them"
     notes.append(magnetic)
-    said = what_was_chosen(contents)  # type: ignore[arg-type]
+    found = found_warnings(contents)  # type: ignore[arg-type]
+    assert [text for kind, text in found if kind != "note"] == ["A fix &lt;b&gt; jumps."]
+    said = [text for kind, text in found if kind == "note"]
     recorder = "3 logs: the recorder&#x27;s stamps are +0.000 s from UTC."
     # the name of a file stays as it is
     assert said == [

@@ -1,5 +1,8 @@
 """A result on one screen: each answer against what was put in, and what wakes a person."""
 
+import base64
+import hashlib
+import json
 import re
 import subprocess
 import sys
@@ -16,6 +19,7 @@ from replay_kit.core.plan import ORIGIN
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.show.status import figures
 from replay_kit.show.status.alarms import alarms_of
+from replay_kit.show.status.brief import brief_text
 from replay_kit.show.status.change import change_of
 from replay_kit.show.status.held import Fix, _positions
 from replay_kit.show.status.page import status_page
@@ -312,11 +316,50 @@ def test_the_page_holds_the_same_answers_loads_itself_again_and_runs_nothing_of_
         )
     )
     page = status_page(status, 30)
-    assert '<meta http-equiv="refresh" content="30">' in page
-    assert "<script" not in page
+    assert 'http-equiv="refresh"' not in page
+    assert 'data-again="30"' in page
+    assert page.count("<script") == 1
+    script = page.partition("<script>")[2].partition("</script>")[0]
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'" in page
     assert "&lt;b&gt;crosses&lt;/b&gt;" in page
     assert page.count("<section") == len(status.lines)
     assert '<section id="odds" class="alarm">' in page
+
+
+def test_ten_lines_say_the_alarm_first_then_what_to_steer():
+    unsafe = plan(END_NS, status="unsafe", message="crosses a shipping lane " * 9)
+    text = brief_text(status_of(held(plans=[unsafe])))
+    lines = text.splitlines()
+    assert len(lines) <= 10
+    assert max(map(len, lines)) <= 80
+    assert lines[0].startswith("! PLAN: the plan is unsafe: crosses a shipping lane")
+    assert lines[1] == "Steer      080° true, glide angle 20°, to 500 m, 0.30 m/s (as set)"
+    assert "62° 00.0′ N, 5° 06.0′ E (5.1000 E, 62.0000 N)" in lines[2]
+    many = {"name": "headings", "evidence": "off", "set": "check", "severity": "inconsistent"}
+    four = brief_text(status_of(held(plans=[unsafe], outcome=Outcome(consistency=[many] * 3))))
+    assert len(four.splitlines()) <= 11
+    assert four.splitlines()[1] == "! and 3 more alarms; -v shows them"
+
+
+def test_each_number_of_the_brief_status_is_a_figure_of_it_and_rounded_alike():
+    status = status_of(held())
+    page = status_page(status)
+    shown = re.findall(r'<data data-key="([^"]*)" value="([^"]*)">([^<]*)</data>', page)
+    assert len(shown) > 12
+    for key, value, text in shown:
+        path, _, derived = key.partition("#")
+        found = status.figures
+        for part in path.split("."):
+            found = found[int(part)] if part.isdigit() else found[part]
+        expected = np.hypot(found["east"], found["north"]) if derived else found
+        assert json.loads(value) == pytest.approx(expected, rel=1e-12), key
+        digits = re.match(r"[+-]?([\d,]+)(\.\d+)?", text)
+        if digits and not text.endswith(("E", "N", "h", "days")):
+            decimals = len(digits[2] or ".") - 1
+            rounded = float(digits[0].replace(",", ""))
+            each = [abs(rounded - factor * expected) for factor in (1.0, 100.0, 1e-3)]
+            assert min(each) <= 0.50001 * 10.0**-decimals, (key, text)
 
 
 def test_figures_are_numbers_for_json():

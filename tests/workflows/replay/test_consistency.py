@@ -29,7 +29,7 @@ from replay_kit.measurements.consistency.monitor import ConsistencyState, Instru
 from replay_kit.results.outcome.from_run import failed, outcome_of
 from replay_kit.results.views.contents import Contents
 from replay_kit.show import Result, open_result
-from replay_kit.show.report.sections.warnings import what_looks_wrong
+from replay_kit.show.report.sections.warnings import found_warnings
 from replay_kit.studies.twins import Faults, Twin, make_twin
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
@@ -413,7 +413,8 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
     assert finding_line(finding_json(finding)).startswith(
         f"{'WARNING' if place else 'MISFIT'}: {name}: "
     )
-    wrong = what_looks_wrong(Contents(open_result(ocean / "out.mcap")))
+    shown = found_warnings(Contents(open_result(ocean / "out.mcap")))
+    wrong = [text for kind, text in shown if kind != "note"]
     assert [
         f"{name[:1].upper()}{name[1:]}: {finding.evidence}; {finding.advice}." in text
         for text in wrong

@@ -13,6 +13,7 @@ from replay_kit.cli.commands.experiment.study import (
     parts,
     run_study,
 )
+from replay_kit.cli.commands.fetch import local_ensemble
 from replay_kit.cli.options import (
     PART_OF_FORECAST,
     TO_INPUTS,
@@ -117,6 +118,7 @@ def dives(
         )
     place_at, first_ns = look_ahead(logs, config)
     found = read_dives(list(logs), config)
+    ensemble = local_ensemble(ensemble, logs, config)
     region = find_region(logs, ensemble, config, first_ns, None, may_follow=False)
     forecasts = read_forecasts(ensemble, config, first_ns, place_at, region)
 

@@ -2,11 +2,16 @@
 
 import json
 import shlex
+from collections.abc import Mapping
 from html import escape
+from typing import Any
 
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import changed_settings, leaves
 from replay_kit.show.page.section import Section, number, table_html
+
+# Entries of a list of the summary that are shown.
+_LONG = 40
 
 
 def again_section(contents: Contents) -> Section:
@@ -51,7 +56,11 @@ def again_section(contents: Contents) -> Section:
     ]
     html += table_html(["what", "value"], rows, "Region, basis and options") if rows else ""
     html += _numbers(contents)
-    return Section("again", "Reproduce this result", html, missing=missing)
+    title, answer = (
+        "How was it made?",
+        "Files, versions, settings, and every number of the summary.",
+    )
+    return Section("again", title, html, missing=missing, menu="Files", answer=answer)
 
 
 def _command(contents: Contents) -> str:
@@ -101,14 +110,24 @@ def _settings(contents: Contents, missing: list[str]) -> str:
     )
 
 
+def _shortened(value: Any) -> Any:
+    """Return nested values with a sentence in place of each long list: of a month they would be most of the page."""
+    if isinstance(value, Mapping):
+        return {key: _shortened(item) for key, item in value.items()}
+    if isinstance(value, list):
+        long = f"{len(value)} entries, in the JSON of replay-kit replay --json"
+        return long if len(value) > _LONG else [_shortened(item) for item in value]
+    return value
+
+
 def _numbers(contents: Contents) -> str:
     rows = []
-    for path, value in leaves(contents.outcome.to_json()):
+    for path, value in leaves(_shortened(contents.outcome.to_json())):
         exact = isinstance(value, int | float) and not isinstance(value, bool)
         shown = (
-            number(path, value, repr(value))
+            number(path, value, f"{value:,}" if isinstance(value, int) else f"{value:.6g}")
             if exact
-            else escape("undefined" if value is None else str(value))
+            else escape("unknown" if value is None else str(value))
         )
         rows.append([f"<code>{escape(path)}</code>", shown])
     return table_html(

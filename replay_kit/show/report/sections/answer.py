@@ -11,35 +11,36 @@ from replay_kit.results.outcome.verdict import LEAST_NIS, MOST_NIS
 from replay_kit.results.views.along_track import mean_current_topics
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.page.section import Section, cm, items_html, number, table_html
-from replay_kit.show.report.sections.warnings import (
-    next_steps,
-    what_looks_wrong,
-    what_was_chosen,
-)
+from replay_kit.show.report.sections.warnings import next_steps
 from replay_kit.show.words import flight_correction_sentence
 
 
 def words_section(contents: Contents) -> Section:
     """Return the answer in words."""
-    wrong, chosen = what_looks_wrong(contents), what_was_chosen(contents)
     html = (
-        _part("How far to trust it", [_decision(contents)])
-        + _part("What was measured", [_measured(contents)])
+        _part("What was measured", [_measured(contents)])
         + _part("What was found", _found(contents))
         + _part("How sure it is", [_sure(contents)])
         + _part("What was not used, and why", _not_used(contents))
-        + "<h3>What looks wrong</h3>"
-        + (
-            f'<div class="wrong">{items_html(wrong)}</div>'
-            if wrong
-            else "<p>No problems detected.</p>"
-        )
         + f"<h3>What to do next</h3>{items_html(next_steps(contents))}"
         + _current_here(contents)
-        + (f"<h3>How it was read and set up</h3>{items_html(chosen)}" if chosen else "")
     )
     missing = [*contents.notes, *([contents.without_estimate] if contents.without_estimate else [])]
-    return Section("answer", "The answer", html, missing=missing)
+    title = "What was measured and found?"
+    return Section(
+        "answer", title, html, missing=missing, menu="Answer", answer=_in_short(contents)
+    )
+
+
+def _in_short(contents: Contents) -> str:
+    used = contents.outcome.observations["used"]
+    parts = [f"{used:,} {'measurement' if used == 1 else 'measurements'} of the current used"]
+    rms = contents.outcome.rms_innovation
+    if rms["before"] is not None and rms["prior"]:
+        parts.append(
+            f"misfit {100.0 * rms['prior']:.1f} cm/s of the forecast, {100.0 * rms['before']:.1f} cm/s of the estimate"
+        )
+    return f"{'; '.join(parts)}."
 
 
 def _part(title: str, paragraphs: list[str]) -> str:
@@ -49,12 +50,6 @@ def _part(title: str, paragraphs: list[str]) -> str:
         if text
     )
     return f"<h3>{escape(title)}</h3>{''.join(texts)}"
-
-
-def _decision(contents: Contents) -> str:
-    if not contents.outcome.complete:
-        return "No verdict: the run did not finish, or an earlier version made the result."
-    return f"{escape(str(contents.outcome.decision).capitalize())}."
 
 
 def _measured(contents: Contents) -> str:

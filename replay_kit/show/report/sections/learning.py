@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from replay_kit.core.colors import ON_FIELD
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.colors import ON_FIELD
 from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
 from replay_kit.show.page.section import table_html
 

@@ -12,7 +12,6 @@ from replay_kit.show.figures.on_page import figure_of
 from replay_kit.show.figures.plan import profile_chart, surfacing_chart
 from replay_kit.show.page.section import Section, number, table_html
 from replay_kit.show.report.sections.learning import learning_html, value_chart
-from replay_kit.show.report.sections.waypoint import waypoint_figure
 
 _STATUS = {
     "reached": "the predicted path passes the goal within the tolerance",
@@ -70,16 +69,14 @@ def _odds(plan: LastPlan) -> str:
         return ""
     said = {
         name: number(f"plan.odds.{name}", odds[name], f"{100.0 * odds[name]:.0f} %")
-        for name in ("reached", "reached_held", "safe")
+        for name in ("reached_held", "safe")
     }
-    count = number("plan.odds.n_samples", odds["n_samples"], f"{odds['n_samples']:.0f}")
     median, most = (
         number(f"plan.odds.{name}", odds[name], f"{odds[name]:,.0f} m")
         for name in ("miss_median", "miss_90_percent")
     )
     return (
-        f"{said['reached']} of {count} samples of the estimate arrive with headings corrected at each surfacing, "
-        f"{said['reached_held']} with headings held; "
+        f"those beside the map, with headings corrected at each surfacing; {said['reached_held']} with headings held; "
         f"{said['safe']} violate no constraint; median miss {median}, 90 % within {most}"
     )
 
@@ -102,7 +99,7 @@ def what_is_missing(plan: LastPlan) -> list[str]:
     return out
 
 
-_PLANS = 30
+_PLANS, _TITLE = 30, "How does the plan turn out?"
 
 
 def plan_section(contents: Contents) -> Section:
@@ -116,13 +113,15 @@ def plan_section(contents: Contents) -> Section:
             else "The result holds no plan: no goal was given, or none was due"
         )
         return Section(
-            "plan", "Plan", missing=[f"{why}; replay-kit plan makes one on this estimate."]
+            "plan",
+            _TITLE,
+            missing=[f"{why}; replay-kit plan makes one on this estimate."],
+            menu="Plan",
+            answer="There is none.",
         )
     figures = [figure_of(profile_chart(contents, plan))] if len(plan.track) else []
     if (value := value_chart(contents)) is not None:
         figures.append(figure_of(value))
-    if (waypoint := waypoint_figure(contents)) is not None:
-        figures.append(waypoint)
     if len(contents.result.surfacings):
         figures.append(figure_of(surfacing_chart(contents)))
     html = (
@@ -133,7 +132,9 @@ def plan_section(contents: Contents) -> Section:
         + _plans_html(contents)
         + _figures_of_surfacings(contents)
     )
-    return Section("plan", "Plan", html, figures, what_is_missing(plan))
+    status = str(plan.row["status"])
+    answer = f"{escape(status.capitalize())}: {_STATUS.get(status, '')}."
+    return Section("plan", _TITLE, html, figures, what_is_missing(plan), "Plan", answer)
 
 
 def _legs_html(plan: LastPlan) -> str:

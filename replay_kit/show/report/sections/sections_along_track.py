@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from replay_kit.core.colors import scale
 from replay_kit.results.views.along_track import BinsAlongTrack
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.colors import scale
 from replay_kit.show.figures.along_track import (
     COMPONENTS,
     SectionGrid,
@@ -49,7 +49,15 @@ def along_track_section(contents: Contents) -> Section:
         figures.append(figure_of(mean_current_chart(means)))
     else:
         missing.append("The result holds no mean current of a dive that was used.")
-    return Section("section", "Section along the track", figures=figures, missing=missing)
+    dives, profiles = means.time_ns.size, contents.bins.profiles
+    return Section(
+        "section",
+        "How does it change along the track, with depth and time?",
+        figures=figures,
+        missing=missing,
+        menu="Section",
+        answer=f"{profiles:,} profiles and {dives:,} mean currents of dives beside the estimate.",
+    )
 
 
 def _profiles(bins: BinsAlongTrack) -> Figure:
@@ -108,7 +116,7 @@ def _profiles(bins: BinsAlongTrack) -> Figure:
         layout,
         (Control("Component", "select", COMPONENTS),),
         # the script reads a table's fields by three indices, a panel and a component being two
-        {"section": pack(grid.values, _STEP)},
+        {"section": pack(grid.values, _STEP, 3)},
     )
 
 

@@ -2,18 +2,92 @@
 
 from collections.abc import Mapping, Sequence
 from html import escape
-from typing import Any
+from typing import Any, NamedTuple
 
+from replay_kit.core.errors import severity_word
+from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.results.outcome.verdict import LEAST_NIS, MOST_NIS, nis_sentence
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import EXPECTED, Calibration, calibration, information_by_dive
 from replay_kit.show.figures.on_page import figure_of
 from replay_kit.show.figures.trust import trust_charts
-from replay_kit.show.page.section import Section, cm, number, table_html
+from replay_kit.show.page.page import figure_html
+from replay_kit.show.page.section import Figure, Section, cm, number, table_html
+from replay_kit.show.report.sections.warnings import warnings_html
 from replay_kit.show.words import (
     evidence_sentence,
     referee_sentences,
     surfacings_sentences,
 )
+
+_ITSELF = {
+    "good": "log fits itself",
+    "care": "log raises doubts",
+    "stop": "log contradicts itself",
+}
+
+
+class Light(NamedTuple):
+    """The answer to a question of trust.
+
+    Attributes:
+        name: What holds, or does not, in a few words.
+        color: ``good``, ``care``, ``stop`` or ``none`` where nothing tells.
+        text: Why, as a sentence.
+        figures: Keys of the figures that show it.
+    """
+
+    name: str
+    color: str
+    text: str
+    figures: tuple[str, ...]
+
+
+def lights(contents: Contents) -> tuple[Light, Light, Light]:
+    """Return whether the log fits itself, whether it fits the forecast, and whether the stated errors hold."""
+    outcome = contents.outcome
+    clashes = [one for one in outcome.consistency if one["severity"] != "misfit"]
+    words = {severity_word(one["severity"]) for one in clashes}
+    worst = "stop" if "contradiction" in words else "care" if clashes else "good"
+    said = "; ".join(f"{one['name']}: {one['evidence']}" for one in clashes)
+    itself = Light(
+        _ITSELF[worst],
+        worst if outcome.complete else "none",
+        said or "No contradiction was found in the log.",
+        ("innovations",),
+    )
+    return itself, _against_forecast(outcome), _errors_hold(outcome)
+
+
+def _against_forecast(outcome: Outcome) -> Light:
+    misfits = [one["evidence"] for one in outcome.consistency if one["severity"] == "misfit"]
+    rms, outside = outcome.rms_innovation, "; ".join([*outcome.outside, *misfits])
+    before, prior = rms["before"], rms["prior"]
+    if before is None or not prior:
+        return Light("forecast not compared", "none", "No measurement was compared with it.", ())
+    gain = (
+        f"RMS misfit of the forecast {100.0 * prior:.1f}, of the estimate {100.0 * before:.1f} cm/s"
+    )
+    fits = before <= prior and not outside
+    return Light(
+        "fits the forecast" if fits else "misfits the forecast",
+        "good" if fits else "care",
+        f"{gain}{f'; {outside}' if outside else ''}.",
+        ("dives", "error"),
+    )
+
+
+def _errors_hold(outcome: Outcome) -> Light:
+    nis = outcome.nis_per_dof
+    if nis is None:
+        return Light("errors not tested", "none", "No measurement tested them.", ())
+    hold = LEAST_NIS <= nis <= MOST_NIS
+    return Light(
+        "stated errors hold" if hold else "stated errors do not hold",
+        "good" if hold else "care",
+        f"{nis_sentence(nis)[:1].upper()}{nis_sentence(nis)[1:]}.",
+        ("calibration",),
+    )
 
 
 def trust_section(contents: Contents) -> Section:
@@ -21,19 +95,46 @@ def trust_section(contents: Contents) -> Section:
     if not len(contents.result.observations):
         return Section(
             "trust",
-            "Trust",
+            "How far can it be trusted?",
+            warnings_html(contents),
             missing=["The result holds no measurement to compare the estimate with."],
+            menu="Trust",
+            answer=_answer(contents),
         )
     charts, missing = trust_charts(contents)
-    dives = contents.outcome.by_dive
-    html = (
+    shown = {key: figure_of(chart) for key, chart in charts.items()}
+    blocks, placed = [], list[Figure]()
+    for light in lights(contents):
+        figures = [shown[key] for key in light.figures if key in shown]
+        own = "".join(map(figure_html, figures))
+        placed += figures
+        head = f'<summary><span class="light {light.color}">{escape(light.name)}</span> {escape(light.text)}</summary>'
+        blocks.append(f'<details class="lit">{head}{own}</details>')
+    tables = (
         _coverage_html(calibration(contents.result.innovations))
         + _gate_html(contents)
-        + _dives_html(contents, dives)
+        + _dives_html(contents, contents.outcome.by_dive)
         + _evidence_html(contents)
         + surfacings_html(contents.outcome.expected_surfacings)
     )
-    return Section("trust", "Trust", html, [figure_of(chart) for chart in charts.values()], missing)
+    html = warnings_html(contents) + "".join(blocks)
+    html += f'<details class="lit"><summary>The figures as tables</summary>{tables}</details>'
+    return Section(
+        "trust",
+        "How far can it be trusted?",
+        html,
+        placed,
+        missing,
+        menu="Trust",
+        answer=_answer(contents),
+        placed=True,
+    )
+
+
+def _answer(contents: Contents) -> str:
+    if not contents.outcome.complete:
+        return "No verdict: the run did not finish, or an earlier version made the result."
+    return f"{escape(str(contents.outcome.decision).capitalize())}."
 
 
 def _coverage_html(found: Calibration) -> str:

@@ -4,6 +4,7 @@ from html import escape
 
 import numpy as np
 
+from replay_kit.core.errors import severity_word
 from replay_kit.results.outcome.verdict import LEAST_NIS, MOST_NIS
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import calibration
@@ -29,63 +30,52 @@ _NEUTRAL = (
 )
 
 
-#: What a plan's status asks for; without an entry, its goal is not reached.
-_VERBS = {
-    "reached": "Steer",
-    "uncertain": "The plan is uncertain: too few samples of the estimate arrive. It is to steer",
-    "partial": "The plan ends at its horizon, before the goal. It is to steer",
-    "unsafe": "The plan is unsafe: change the goal or the constraints before a vehicle follows it. It is to steer",
-}
+_KINDS = {"stop": "Stop", "care": "Care", "note": "Note"}
 
 
-def what_looks_wrong(contents: Contents) -> list[str]:
-    """Return what a reader should look into, as escaped sentences; first a plan that is not to be flown."""
+def warnings_html(contents: Contents) -> str:
+    """Return what a reader should look into, sorted: what stops, what asks for care, what only tells how the log was read."""
+    rows = [
+        f'<li class="{kind}"><b>{_KINDS[kind]}</b> {text}</li>'
+        for wanted in _KINDS
+        for kind, text in found_warnings(contents)
+        if kind == wanted
+    ]
+    return f'<ul class="warnings">{"".join(rows)}</ul>' if rows else "<p>No problems detected.</p>"
+
+
+def found_warnings(contents: Contents) -> list[tuple[str, str]]:
+    """Return what a reader should look into, each with its kind and as an escaped sentence."""
     outcome = contents.outcome
-    out = [
-        text
-        for test in (_losses, _nis, _bias, _improvement, _rejections, _surfacings)
-        if (text := test(contents))
-    ]
-    out += [escape(_sentence(note)) for note in outcome.notes if not _is_neutral(note)]
+    tests = (_losses, _nis, _bias, _improvement, _rejections, _surfacings)
+    notes = outcome.notes
+    care = [text for test in tests if (text := test(contents))]
+    care += [escape(_sentence(note)) for note in notes if not _is_neutral(note)]
     events = contents.result.events
-    known = set(outcome.notes)
-    told = [
-        text
-        for text in dict.fromkeys(events["message"][events["level"].isin(["warning", "error"])])
-        if text not in known
-    ]
-    out += [escape(_sentence(text)) for text in told]
-    # what was found with the last message alone is no event
+    told = dict.fromkeys(events["message"][events["level"].isin(["warning", "error"])])
+    said = [text for text in told if text not in notes]
+    care += [escape(_sentence(text)) for text in said]
+    severity = {one["name"]: severity_word(one["severity"]) for one in outcome.consistency}
     alarms = [
-        one
+        (
+            "stop"
+            if one.about in ("unsafe", "failed") or severity.get(one.about) == "contradiction"
+            else "care",
+            escape(_sentence(one.text)),
+        )
         for one in outcome.alarms
-        if one.kind == "plan" or not any(text.startswith(one.about) for text in told)
+        # what was found with the last message alone is no event
+        if one.kind == "plan" or not any(text.startswith(one.about) for text in said)
     ]
-    return [*(escape(_sentence(one.text)) for one in alarms), *out]
-
-
-def what_was_chosen(contents: Contents) -> list[str]:
-    """Return how the inputs were read and what was chosen, as escaped sentences."""
-    return [escape(_sentence(note)) for note in contents.outcome.notes if _is_neutral(note)]
+    neutral = [("note", escape(_sentence(note))) for note in notes if _is_neutral(note)]
+    return [*alarms, *(("care", text) for text in care), *neutral]
 
 
 def next_steps(contents: Contents) -> list[str]:
     """Return what to do next, as escaped sentences."""
     outcome, plans, out = contents.outcome, contents.result.plans, []
     plan = outcome.plan
-    if plan and plan.get("heading_deg") is not None and plan["status"] != "failed":
-        verb = _VERBS.get(
-            plan["status"], "The goal is not reached; the closest way found is to steer"
-        )
-        # the alarm above has it
-        message = "" if outcome.plan_alarm else f": {escape(plan['message'])}"
-        out.append(
-            f"{verb} {number('plan.heading_deg', plan['heading_deg'], format(plan['heading_deg'], '.0f'))}° true "
-            "through water, glide angle "
-            f"{number('plan.glide_angle_deg', plan['glide_angle_deg'], format(plan['glide_angle_deg'], '.1f'))}°, at "
-            f"{number('plan.speed', plan['speed'], format(plan['speed'], '.2f'))} m/s{message}."
-        )
-    elif plan:
+    if plan and (plan["status"] == "failed" or plan.get("heading_deg") is None):
         why = "Nothing to steer" if plan["status"] == "reached" else "No plan was found"
         out.append(f"{why}: {escape(plan['message'])}.")
     elif not len(plans):

@@ -11,6 +11,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.version import __version__
+from replay_kit.forecast.remote.record import record_of
 from replay_kit.results.losses import iso_time
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob
@@ -100,8 +101,14 @@ def run_metadata(
         "members": str(ensemble.n_members),
     }
     members = {str(number): label for number, label in enumerate(ensemble.members)}
+    fetched = {
+        key: json.dumps(record, sort_keys=True)
+        for key, path in named.items()
+        if (record := record_of(path))
+    }
     return {
         "replay_kit.inputs": inputs,
+        **({"replay_kit.fetched": fetched} if fetched else {}),
         "replay_kit.options": options,
         "replay_kit.region": region,
         "replay_kit.members": members,

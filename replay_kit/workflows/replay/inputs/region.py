@@ -123,7 +123,7 @@ def find_region(
     with open_extent(ensemble, settings, near_ns) as extent:
         if extent is None or np.prod(extent.shape) <= _SMALL:
             return None
-        places = _inside(extent, places_of(logs, config))
+        places = inside_extent(extent, places_of(logs, config))
         if not len(places):
             return None
         length = _length_near(extent, places)
@@ -151,7 +151,7 @@ def _is_static(extent: Extent, config: RunConfig) -> bool:
     return own and not asked and (time.scale == "static" or not extent.has_several_times)
 
 
-def _inside(extent: Extent, places: Array) -> Array:
+def inside_extent(extent: Extent, places: Array) -> Array:
     """Return the places, shape (n, 2), that lie in the box of a forecast's grid.
 
     Raises:

@@ -1,6 +1,7 @@
 """Logs opened, and scanned before a replay for where and when they begin."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -88,6 +89,43 @@ def places_of(logs: Sequence[Path], config: RunConfig) -> Array:
         for event in events:
             found[round(event.longitude * _PER_DEGREE), round(event.latitude * _PER_DEGREE)] = None
     return np.array(list(found), dtype=np.float64).reshape(-1, 2) / _PER_DEGREE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reach:
+    """Where, how deep and when logs are.
+
+    Attributes:
+        places: shape (n, 2), longitude and latitude [degrees] to a hundredth, each place once.
+        deepest: Greatest depth of the vehicle or of a measurement [m]; None without one.
+        first_ns: First time [ns, UTC]; None without a message.
+        last_ns: Last time [ns, UTC].
+    """
+
+    places: Array
+    deepest: float | None
+    first_ns: int | None
+    last_ns: int | None
+
+
+def reach_of(logs: Sequence[Path], config: RunConfig) -> Reach:
+    """Return where, how deep and when a replay places the vehicle and its measurements.
+
+    Raises:
+        LogError: A log cannot be opened.
+    """
+    found, deepest, times = dict[tuple[int, int], None](), [0.0], list[int]()
+    for time_ns, events in _placed(logs, config):
+        times = [min([time_ns, *times]), max([time_ns, *times])]
+        for event in events:
+            found[round(event.longitude * _PER_DEGREE), round(event.latitude * _PER_DEGREE)] = None
+            deepest.append(float(np.fmax.reduce(np.ravel(event.depth), initial=0.0)))
+    places = np.array(list(found), dtype=np.float64).reshape(-1, 2) / _PER_DEGREE
+    start_ns, end_ns = config.logs.start_ns, config.logs.end_ns
+    if not times:
+        return Reach(places, None, start_ns, end_ns)
+    # messages that come once may be older than the span
+    return Reach(places, max(deepest), max(times[0], start_ns or times[0]), times[1])
 
 
 def _placed(

@@ -1,0 +1,304 @@
+"""The part of a data set that is received: its variables and bytes; piece by piece into a NetCDF file, and checked."""
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise, product
+from pathlib import Path
+from typing import Any
+
+import h5netcdf
+import h5py
+import numpy as np
+
+from replay_kit.config.run import ForecastConfig
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.paths import Address
+from replay_kit.core.progress import announce
+from replay_kit.forecast.blocks import Collection
+from replay_kit.forecast.members import kind_of
+from replay_kit.forecast.names import SEA_LEVEL, find_depth
+from replay_kit.forecast.remote.datasets import Served, Session, fingerprint
+from replay_kit.forecast.remote.parts import Parts, Wanted, parts_of
+from replay_kit.forecast.remote.record import RECORD
+
+# Values received at once [bytes].
+_PIECE = 1 << 25
+# Values of an axis, whatever it is of.
+_SMALL = 100_000
+# A field is received a second time, to see whether the data changed, where that costs at most this share, or so many bytes.
+_PROBE, _CHEAP = 0.05, 1e6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cut:
+    """The part of one data set that is received.
+
+    Attributes:
+        served: The data set.
+        parts: Of its dimensions.
+        names: Of the variables that are taken.
+        current: Of them the velocities.
+    """
+
+    served: Served
+    parts: Parts
+    names: tuple[str, ...]
+    current: tuple[str, ...]
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Return the shape of what is taken of a variable."""
+        variable = self.served.ds.variables[name]
+        return tuple(_length(self._taken(dim, size)) for dim, size in variable.sizes.items())
+
+    def _taken(self, dim: Any, size: int) -> tuple[slice, ...]:
+        return self.parts.get(str(dim), (slice(0, size),))
+
+    @property
+    def values(self) -> int:
+        """Bytes of the values."""
+        variables = self.served.ds.variables
+        return sum(
+            math.prod(self.shape(name)) * variables[name].dtype.itemsize for name in self.names
+        )
+
+    def first_object(self, name: str) -> str:
+        """Return the address of the first chunk of a variable that is received, or of the file that holds all."""
+        chunks, sizes = self.served.chunks(name) or (), self.served.ds.variables[name].sizes
+        position = tuple(
+            self._taken(dim, size)[0].start // chunk
+            for (dim, size), chunk in zip(sizes.items(), chunks, strict=False)
+        )
+        return self.served.object_url(name, position)
+
+    def fingerprint(self, served: Served, session: Session) -> str:
+        """Return what shows that a data set, opened now, was changed; see ``datasets.fingerprint``."""
+        urls = [self.first_object(name) for name in self.current] if served.url else []
+        return fingerprint(served, session, urls)
+
+    def received(self, session: Session) -> float:
+        """Return the bytes that the server is expected to send, from the size of one chunk of each large variable."""
+        total, variables = 0.0, self.served.ds.variables
+        for name in self.names:
+            size = math.prod(self.shape(name)) * variables[name].dtype.itemsize
+            chunks = self.served.chunks(name)
+            if chunks is not None:
+                count = math.prod(
+                    len(
+                        {
+                            i // chunk
+                            for part in self._taken(dim, length)
+                            for i in _ends(part, chunk)
+                        }
+                    )
+                    for (dim, length), chunk in zip(
+                        variables[name].sizes.items(), chunks, strict=True
+                    )
+                )
+                each = math.prod(chunks) * variables[name].dtype.itemsize
+                packed = self.served.key is not None and not variables[name].encoding.get("shards")
+                if packed and count * each > 1e5:
+                    each = session.client.head(self.first_object(name))[0] or each
+                size = count * each
+            total += size
+        return total
+
+    def pieces(self, name: str) -> Iterator[tuple[tuple[slice, ...], tuple[slice, ...]]]:
+        """Yield parts of a variable that are received at once: where in the data set, and where in the file."""
+        variable = self.served.ds.variables[name]
+        chunks = self.served.chunks(name) or (1,) * variable.ndim
+        axes = []
+        left = _PIECE / variable.dtype.itemsize
+        for (dim, size), chunk in reversed(list(zip(variable.sizes.items(), chunks, strict=True))):
+            taken = self._taken(dim, size)
+            # whole chunks along the slower dimensions, so that none is received twice
+            most = max(1, int(left) // chunk) * chunk
+            pairs, at = [], 0
+            for part in taken:
+                for start, stop in _steps(part, most, chunk):
+                    pairs.append((slice(start, stop), slice(at, at + stop - start)))
+                    at += stop - start
+            axes.append(pairs)
+            left = max(1.0, left / max(1, at))
+        for combined in product(*reversed(axes)):
+            yield tuple(pair[0] for pair in combined), tuple(pair[1] for pair in combined)
+
+
+def plan_cuts(
+    found: Collection, wanted: Wanted, config: ForecastConfig, session: Session
+) -> tuple[Cut, ...]:
+    """Return the parts of the data sets of an opened forecast that are needed; nothing but coordinates is received.
+
+    Raises:
+        ForecastError: The forecast is of another place or time.
+    """
+    blocks = (*found.blocks, *([] if found.background is None else [found.background]))
+    parts = [part for block in blocks for part in block.parts]
+    kind, alone = kind_of(found.rule), len({part.paths for part in parts}) == 1
+    taken: dict[Address, dict[str, tuple[slice, ...]]] = {}
+    currents: dict[Address, list[str]] = {}
+    for part in parts:
+        of_part = parts_of(part, wanted, config, kind, alone)
+        for path in part.paths:
+            if isinstance(path, Address):
+                taken.setdefault(path, {}).update(of_part)
+                currents.setdefault(path, []).extend(
+                    name for name in (part.current.u, part.current.v) if name
+                )
+    for grid in found.grids:
+        if isinstance(grid, Address):
+            taken[grid] = parts_of(parts[0], wanted, config, kind, alone)
+    cuts = []
+    for address, of_dims in taken.items():
+        served = session.served(address)
+        ds = served.ds
+        known = {dim: part for dim, part in of_dims.items() if dim in ds.sizes}
+        current = tuple(
+            dict.fromkeys(name for name in currents.get(address, ()) if name in ds.variables)
+        )
+        cuts.append(Cut(served, known, _names(served, known, current), current))
+    return tuple(cuts)
+
+
+def _names(served: Served, parts: Parts, current: Sequence[str]) -> tuple[str, ...]:
+    """Return the velocities, what of the grid belongs to them, and the height of the surface."""
+    ds = served.ds
+    dims = {dim for name in current for dim in ds.variables[name].dims}
+    grid = {dim for name in current for dim in ds.variables[name].dims[-2:]}
+    changing = dims - grid - {find_depth(ds, dims)}
+    names = list(current)
+    for name, variable in ds.variables.items():
+        fits = all(dim in dims or dim in parts for dim in variable.dims)
+        fixed = name in SEA_LEVEL or not changing & set(variable.dims)
+        small = variable.ndim <= 1 and variable.size <= _SMALL
+        numbers = variable.dtype.kind in "iuf"
+        if name not in current and (small or (numbers and fits and fixed)):
+            names.append(str(name))
+    return tuple(names)
+
+
+def write_cut(
+    cut: Cut, out: Path, record: Mapping[str, object], done: float, total: float
+) -> float:
+    """Receive a cut into a NetCDF-4 file, piece by piece.
+
+    Args:
+        cut: What is received.
+        out: The file, which is written beside and renamed by the caller.
+        record: Where it comes from.
+        done: Bytes of values received before [bytes].
+        total: Of all [bytes].
+
+    Returns:
+        ``done`` after it.
+
+    Raises:
+        ForecastError: The server fails, or sends other values for the same part.
+    """
+    ds, what = cut.served.ds, f"fetching {cut.served.address.name}"
+    with h5netcdf.File(out, "w", track_order=False) as file:
+        file.dimensions = {
+            str(dim): _length(cut.parts.get(str(dim), (slice(0, size),)))
+            for dim, size in ds.sizes.items()
+            if any(dim in ds.variables[name].dims for name in cut.names)
+        }
+        for name, value in ds.attrs.items():
+            _set(file.attrs, str(name), value)
+        file.attrs[RECORD] = json.dumps(record, sort_keys=True)
+        for name in cut.names:
+            variable = ds.variables[name]
+            fill = variable.attrs.get("_FillValue")
+            numbers = variable.dtype.kind in "iufb"
+            made = file.create_variable(
+                name,
+                tuple(map(str, variable.dims)),
+                variable.dtype.newbyteorder("=") if numbers else h5py.string_dtype(),
+                fillvalue=None if fill is None else np.asarray(fill, variable.dtype).item(),
+            )
+            for key, value in variable.attrs.items():
+                if key != "_FillValue":
+                    _set(made.attrs, str(key), value)
+            for source, target in cut.pieces(name):
+                values = variable[source].values
+                made[target] = values if numbers else values.astype(object)
+                done += values.nbytes
+                announce(what, done, total)
+    return done
+
+
+def _set(attributes: Any, name: str, value: object) -> None:
+    """Set an attribute, but for those that HDF5 keeps for itself and those that no file can hold."""
+    if name in (
+        "DIMENSION_LIST",
+        "REFERENCE_LIST",
+        "CLASS",
+        "NAME",
+        "_NCProperties",
+        "_Netcdf4Dimid",
+    ):
+        return
+    if isinstance(value, str | int | float | np.generic) or (
+        isinstance(value, list | tuple | np.ndarray) and np.asarray(value).dtype.kind in "iufSU"
+    ):
+        attributes[name] = list(value) if isinstance(value, tuple) else value
+
+
+def check_same(cut: Cut, file: Path, session: Session, before: str) -> None:
+    """Check that a data set is still what it was when the cut began.
+
+    Args:
+        cut: What was received.
+        file: Where it was written.
+        session: By which it was received.
+        before: The data set's ``fingerprint`` before.
+
+    Raises:
+        ForecastError: It changed.
+    """
+    again = session.again()
+    try:
+        served = again.served(cut.served.address)
+        same = cut.fingerprint(served, again) == before
+        if same and cut.current and served.url:
+            same = _same_field(cut, served, file)
+    finally:
+        again.close()
+    if not same:
+        raise ForecastError(
+            f"{cut.served.address}: the data changed while they were received; fetch again, when the provider has finished"
+        )
+
+
+def _same_field(cut: Cut, served: Served, file: Path) -> bool:
+    """Return whether the first field received is the same once more, where that costs little."""
+    name = cut.current[0]
+    shape, taken = cut.shape(name), cut.served.ds.variables[name]
+    chunks = cut.served.chunks(name) or (1,) * taken.ndim
+    first = [cut.parts.get(str(dim), (slice(0, n),))[0] for dim, n in taken.sizes.items()]
+    part = [slice(one.start, one.start + 1) for one in first[:-2]] + first[-2:]
+    share = math.prod(
+        chunk / max(chunk, n) for n, chunk in zip(shape[:-2], chunks[:-2], strict=True)
+    )
+    if share > _PROBE and share * cut.values > _CHEAP:
+        return True
+    again = served.ds.variables[name][tuple(part)].values
+    with h5netcdf.File(file, "r") as held:
+        where = tuple(slice(0, one.stop - one.start) for one in part)
+        return np.array_equal(np.asarray(held[name][where]).view("u1"), again.view("u1"))
+
+
+def _length(parts: Sequence[slice]) -> int:
+    return sum(part.stop - part.start for part in parts)
+
+
+def _ends(part: slice, chunk: int) -> range:
+    """Return an index in each chunk that a part touches."""
+    return range(part.start // chunk * chunk, part.stop, chunk)
+
+
+def _steps(part: slice, most: int, chunk: int) -> Iterator[tuple[int, int]]:
+    """Yield the ends of pieces of a part that do not divide a chunk."""
+    first = part.start // chunk * chunk
+    marks = [part.start, *range(first + most, part.stop, most), part.stop]
+    yield from pairwise(marks)

@@ -1,0 +1,220 @@
+"""Forecasts fetched: what it costs is said first, then received, checked and kept."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+
+from replay_kit.config.run import ForecastConfig
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.paths import Address, Paths, addresses_in, as_groups
+from replay_kit.core.region import inside
+from replay_kit.forecast.blocks import open_collection
+from replay_kit.forecast.files import with_dates
+from replay_kit.forecast.members import parse_rule
+from replay_kit.forecast.names import find_time
+from replay_kit.forecast.remote.client import Limits
+from replay_kit.forecast.remote.cut import Cut, check_same, plan_cuts, write_cut
+from replay_kit.forecast.remote.datasets import Session
+from replay_kit.forecast.remote.kept import Kept, key_of
+from replay_kit.forecast.remote.parts import Wanted
+from replay_kit.forecast.remote.record import CACHE
+
+_LOG = logging.getLogger(__name__)
+# Without --max-download no more is received [bytes].
+_MOST = 1e9
+# From this on a download whose chunks make it ten times as large as its values must be asked for [bytes].
+_WASTE, _LARGE = 10.0, 5e7
+
+
+def limits_of(config: ForecastConfig) -> Limits:
+    """Return what a server may send."""
+    return Limits(_MOST if config.max_download is None else 1e6 * config.max_download)
+
+
+def cache_of(config: ForecastConfig) -> Kept:
+    """Return where fetched forecasts are kept."""
+    return Kept(CACHE if config.cache is None else Path(config.cache))
+
+
+def with_files(given: Paths, files: dict[Address, Path]) -> tuple[tuple[Path, ...], ...]:
+    """Return arguments with files instead of addresses."""
+    return tuple(
+        tuple(files[path] if isinstance(path, Address) else path for path in group)
+        for group in as_groups(given, "ensemble")
+    )
+
+
+def cuts_of(
+    given: Paths, wanted: Wanted, config: ForecastConfig, session: Session
+) -> tuple[Cut, ...]:
+    """Return what of the addresses of an ensemble is received, in their order.
+
+    Raises:
+        ForecastError: The forecast cannot be used, or is of another place or time.
+    """
+    with open_collection(given, parse_rule(config.members)) as found:
+        cuts = {cut.served.address: cut for cut in plan_cuts(found, wanted, config, session)}
+    return tuple(cuts[address] for address in addresses_in(given))
+
+
+def prints_of(cuts: Sequence[Cut], session: Session) -> tuple[str, ...]:
+    """Return the fingerprints of the data sets of cuts."""
+    return tuple(cut.fingerprint(cut.served, session) for cut in cuts)
+
+
+def cost(cuts: Sequence[Cut], session: Session) -> tuple[list[dict[str, Any]], float]:
+    """Return what each cut holds and costs, and the bytes of all.
+
+    Raises:
+        ForecastError: The server cannot be asked.
+    """
+    rows: list[dict[str, Any]] = []
+    for cut in cuts:
+        name = (cut.current or cut.names)[0]
+        dims = cut.served.ds.variables[name].dims
+        received = cut.received(session)
+        rows.append(
+            {
+                "address": str(cut.served.address),
+                "form": cut.served.form,
+                "variables": list(cut.names),
+                "shape": dict(zip(map(str, dims), cut.shape(name), strict=True)),
+                "chunks": cut.served.chunks(name),
+                "bytes": cut.values,
+                "download_bytes": received,
+            }
+        )
+    return rows, sum(row["download_bytes"] for row in rows)
+
+
+def cost_text(row: dict[str, Any]) -> str:
+    """Return what a cut holds and costs, in words."""
+    shape = " x ".join(f"{size} {dim}" for dim, size in row["shape"].items())
+    ratio, chunks = row["download_bytes"] / max(row["bytes"], 1), ""
+    if row["chunks"] and ratio > 2.0:
+        each = " x ".join(map(str, row["chunks"]))
+        chunks = f"; its chunks ({each}) make that {ratio:.3g} times the values"
+    return (
+        f"{row['address']} ({row['form']}): {shape}, {row['bytes'] / 1e6:.4g} MB of values, {row['download_bytes'] / 1e6:.4g} MB to "
+        f"receive{chunks}"
+    )
+
+
+def receive(
+    cuts: Sequence[Cut], wanted: Wanted, config: ForecastConfig, session: Session, kept: Kept
+) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Return the files of cuts, received and kept, and the fingerprints of their data sets.
+
+    Raises:
+        ForecastError: It is more than is allowed, the server fails, or the data change meanwhile.
+    """
+    rows, total = cost(cuts, session)
+    values = sum(row["bytes"] for row in rows)
+    for row in rows:
+        _LOG.warning("fetching %s", cost_text(row))
+    if total > session.limits.bytes:
+        raise ForecastError(
+            f"{rows[0]['address']}: {total / 1e6:.4g} MB are to be received, more than --max-download {session.limits.bytes / 1e6:.4g} MB; "
+            "choose less with --region, --levels and --start, --end, or allow more"
+        )
+    if config.max_download is None and total > max(_WASTE * values, _LARGE):
+        raise ForecastError(
+            f"{rows[0]['address']}: {values / 1e6:.4g} MB of values cost {total / 1e6:.4g} MB, because of the chunks of the store; if that "
+            f"is meant, ask for it: --max-download {int(total / 1e6 * 1.1) + 1}"
+        )
+    prints = prints_of(cuts, session)
+    files, done, size = [], 0.0, float(values)
+    for cut, before in zip(cuts, prints, strict=True):
+        first = session.received
+        record = _record(cut, wanted, config)
+
+        def write(part: Path, cut: Cut = cut, before: str = before, record: Any = record) -> None:
+            nonlocal done
+            with zarr.config.set({"async.concurrency": _at_once(cut)}):
+                done = write_cut(cut, part, record, done, size)
+                check_same(cut, part, session, before)
+
+        try:
+            files.append(kept.add(_readable(cut), write))
+        except (
+            ValueError,
+            LookupError,
+            TypeError,
+            RuntimeError,
+            ArithmeticError,
+            OSError,
+        ) as error:
+            words = " ".join(str(error).split())[:200]
+            raise ForecastError(
+                f"{cut.served.address}: what the server sends cannot be read: {type(error).__name__}: {words}; try again later"
+            ) from error
+        absent = 0 if cut.served.store is None else getattr(cut.served.store, "absent", 0)
+        more = f", {absent} absent chunks read as missing values" if absent else ""
+        _LOG.warning("received %.4g MB%s: %s", (session.received - first) / 1e6, more, files[-1])
+    return tuple(files), prints
+
+
+def covers(
+    record: dict[str, Any],
+    places: np.ndarray,
+    deepest: float | None,
+    span: tuple[int | None, int | None],
+) -> bool:
+    """Return whether a fetched file, by its record, holds places, a depth [m] and a span of time [ns, UTC]."""
+    try:
+        wanted, times = record["wanted"], record["times"]
+        region = wanted["region"]
+        if region is not None and len(places) and not inside(tuple(region), *places.T).all():
+            return False
+        if deepest is not None and wanted["deepest"] is not None and wanted["deepest"] < deepest:
+            return False
+        if times is None or span[0] is None or span[1] is None:
+            return True
+        day = 86_400 * 10**9
+        return bool(times[0] - day <= span[0] and span[1] <= times[1] + day)
+    except (LookupError, TypeError, ValueError):
+        return False
+
+
+def _at_once(cut: Cut) -> int:
+    """Return how many chunks are received at once."""
+    sizes = [
+        np.prod(chunks) * cut.served.ds.variables[name].dtype.itemsize
+        for name in cut.names
+        if (chunks := cut.served.chunks(name))
+    ]
+    return int(np.clip(1.28e8 / max([1.0, *map(float, sizes)]), 1, 10))
+
+
+def _readable(cut: Cut) -> str:
+    """Return a name for the file of a cut: the host and the last part of the address."""
+    text = str(cut.served.address).partition("://")[2] or str(cut.served.address)
+    host, _, path = text.partition("/")
+    return f"{host.partition(':')[0]}-{path.rstrip('/').rpartition('/')[2] or path}"
+
+
+def _record(cut: Cut, wanted: Wanted, config: ForecastConfig) -> dict[str, object]:
+    """Return where the values of a cut come from."""
+    ds, times = cut.served.ds, None
+    dims = ds.variables[cut.current[0]].dims if cut.current else ()
+    time = find_time(ds, dims)
+    if time is not None and time in ds.variables and time in cut.parts:
+        part = with_dates(ds[[time]].isel({time: cut.parts[time][0]}))
+        if part[time].dtype.kind == "M":
+            dates = part[time].values.astype("M8[ns]").astype(np.int64)
+            times = [int(dates.min()), int(dates.max())]
+    settings = {"levels": config.levels, "lead": config.lead, "time": config.time}
+    return {
+        "address": str(cut.served.address),
+        "key": key_of(cut.served.address),
+        "form": cut.served.form,
+        "fetched": datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
+        "wanted": {**asdict(wanted), **settings},
+        "times": times,
+    }

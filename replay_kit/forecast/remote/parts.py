@@ -1,0 +1,198 @@
+"""Which part of a forecast is needed: rows, columns, levels and times, from its coordinates alone."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from replay_kit.config.run import ForecastConfig
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.paths import Address
+from replay_kit.core.region import Region
+from replay_kit.core.text import time_text
+from replay_kit.core.time import parse_time
+from replay_kit.forecast.depths import choose_levels
+from replay_kit.forecast.files import with_dates
+from replay_kit.forecast.grid import region_block
+from replay_kit.forecast.layout import Layout, U, V, lay_out
+from replay_kit.forecast.members import MADE
+from replay_kit.forecast.names import find_depth, find_lead, find_time
+from replay_kit.forecast.pairs import Part
+from replay_kit.forecast.remote.datasets import open_address
+from replay_kit.forecast.s_levels import find_s_coordinate
+from replay_kit.forecast.times import dated_leads, valid_times
+
+# Cells beyond the box on each side of staggered grids, and of members that are interpolated to the grid of the first.
+_MARGIN = 2
+_DAY_NS = 86_400 * 10**9
+
+#: Parts of each dimension that are taken, in order.
+Parts = Mapping[str, tuple[slice, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What is needed of a forecast.
+
+    Attributes:
+        region: West, south, east, north [degrees]; None for everywhere.
+        deepest: Depth [m] below which nothing is needed; None for all depths.
+        first_ns: First time [ns, UTC]; None for all times.
+        last_ns: Last time [ns, UTC]; None for all times.
+    """
+
+    region: Region | None = None
+    deepest: float | None = None
+    first_ns: int | None = None
+    last_ns: int | None = None
+
+
+def parts_of(
+    part: Part, wanted: Wanted, config: ForecastConfig, kind: str, alone: bool
+) -> dict[str, tuple[slice, ...]]:
+    """Return which indices of each dimension of a file, or of a pair of files, are needed.
+
+    Args:
+        part: Opened; nothing but its coordinates is received.
+        wanted: What is needed.
+        config: Levels, lead and time, where they are chosen.
+        kind: Of the rule of the members.
+        alone: Whether no other file has members, which would be interpolated to this one's grid.
+
+    Raises:
+        ForecastError: The forecast is of another place or time.
+    """
+    where, ds = str(part.paths[0]), part.ds
+    # as the server has it, where a part is one of its runs
+    whole = with_dates(open_address(part.paths[0])) if isinstance(part.paths[0], Address) else ds
+    current = part.current.u if whole is not ds else U
+    taken = _of_times(whole, whole[current].dims, wanted, config, kind, where)
+    layout = lay_out(ds, part.current, where)
+    for dims in (layout.centre_dims, layout.u_dims, layout.v_dims):
+        taken |= {dim: (slice(0, ds.sizes[dim]),) for dim in dims}
+    if wanted.region is not None:
+        taken |= _of_region(layout, ds, wanted.region, alone, where)
+    depths = tuple(find_depth(ds, ds[name].dims) for name in (U, V))
+    if depths[0] is not None and find_s_coordinate(ds, depths[0], where) is None:
+        everything = config.model_copy(update={"levels": None})
+        levels = choose_levels(ds, depths, everything, float(np.mean(layout.latitude)), where)
+        order = levels.position[_of_depths(levels.depth, wanted.deepest, config.levels)]
+        for dim in dict.fromkeys(filter(None, depths)):
+            taken[dim] = (slice(int(order.min()), int(order.max()) + 1),)
+    # files of u and v apart may have dimensions of one name and other sizes
+    return {dim.removesuffix("_of_v"): parts for dim, parts in taken.items()}
+
+
+def _of_depths(depth: np.ndarray, deepest: float | None, levels: tuple[float, ...] | None) -> slice:
+    """Return which levels are needed, in order of depth: one more on each side of those asked for."""
+    if levels is not None:
+        nearest = [int(np.argmin(np.abs(depth - level))) for level in levels]
+        return slice(max(0, min(nearest) - 1), max(nearest) + 2)
+    if deepest is None:
+        return slice(None)
+    return slice(0, max(int(np.searchsorted(depth, deepest)) + 1, 2))
+
+
+def _of_region(
+    layout: Layout, ds: Any, region: Region, alone: bool, where: str
+) -> dict[str, tuple[slice, ...]]:
+    """Return the rows and columns that hold a region and a margin, of each of the staggered dimensions."""
+    x, y = layout.places
+    block = region_block(x, y, region)
+    if block is None:
+        raise ForecastError(
+            f"{where}: no grid point inside the region {region} (west, south, east, north); the forecast covers "
+            f"{x.min():.3f}..{x.max():.3f} E, "
+            f"{y.min():.3f}..{y.max():.3f} N; nothing of its currents was received"
+        )
+    rows, columns = block
+    margin = 0 if alone and layout.first_face is None else _MARGIN
+    taken: dict[str, tuple[slice, ...]] = {}
+    ends = (rows.start, rows.stop), (columns[0].start, columns[-1].stop)
+    for axis, (first, last) in enumerate(ends):
+        centre = layout.centre_dims[axis]
+        dims, size = {centre, layout.u_dims[axis], layout.v_dims[axis]}, ds.sizes[centre]
+        offset, period = (layout.rows, layout.columns)[axis].start, layout.period if axis else None
+        low, high = first + offset - margin, last + offset + margin
+        seam = last <= first
+        if period is not None and all(ds.sizes[dim] == size for dim in dims):
+            parts = _round(low, high + period * seam, period)
+            taken |= dict.fromkeys(dims, parts)
+        elif not seam:
+            for dim in dims:
+                stop = min(size, high) + ds.sizes[dim] - size
+                taken[dim] = (slice(max(0, low), max(1, stop)),)
+    return taken
+
+
+def _round(low: int, high: int, period: int) -> tuple[slice, ...]:
+    """Return columns of a grid that goes round the globe, in their order in space."""
+    if high - low >= period:
+        return (slice(0, period),)
+    low, high = low % period, high % period or period
+    if low < high:
+        return (slice(low, high),)
+    return slice(low, period), slice(0, high)
+
+
+def _of_times(
+    ds: Any, dims: tuple[Any, ...], wanted: Wanted, config: ForecastConfig, kind: str, where: str
+) -> dict[str, tuple[slice, ...]]:
+    """Return the times, or leads, from the last before the first time needed to the first after the last one.
+
+    Raises:
+        ForecastError: The forecast is of other times.
+    """
+    lead, time = find_lead(ds, dims), find_time(ds, dims)
+    if time is not None and (time not in ds.coords or ds[time].dtype.kind != "M"):
+        return {}
+    # members made of the fields of other times need them all
+    if kind in MADE and kind != "lags":
+        return {}
+    if lead is not None and config.lead is not None:
+        nearest = int(np.argmin(np.abs(ds[lead].values.astype(float) - config.lead)))
+        return {lead: (slice(nearest, nearest + 1),)}
+    if (runs := valid_times(ds, dims)) is not None:
+        return _of_runs(*runs, wanted)
+    dim = time or lead
+    if dim is None:
+        return {}
+    if time is not None:
+        times = ds[time].values.astype("M8[ns]").astype(np.int64)
+    else:
+        times = np.array([valid for _, valid in dated_leads(ds, str(lead), config)], np.int64)
+    chosen = config.time if time is not None else None
+    first, last = (parse_time(chosen),) * 2 if chosen else (wanted.first_ns, wanted.last_ns)
+    if not times.size or first is None or last is None:
+        return {}
+    if not chosen and (last < times.min() - _DAY_NS or first > times.max() + _DAY_NS):
+        raise ForecastError(
+            f"{where}: the forecast is of {time_text(int(times.min()))} to {time_text(int(times.max()))}, the log of {time_text(first)} to "
+            f"{time_text(last)}; nothing of its currents was received: give one of that time, or choose one of these with forecast.time"
+        )
+    before, after = np.flatnonzero(times <= first), np.flatnonzero(times >= last)
+    low = int(before[np.argmax(times[before])]) if before.size else int(np.argmin(times))
+    high = int(after[np.argmin(times[after])]) if after.size else int(np.argmax(times))
+    low, high = min(low, high), max(low, high)
+    # what changes in time is read as such only where there are two
+    if low == high and times.size > 1 and not chosen:
+        low, high = (low, high + 1) if high + 1 < times.size else (low - 1, high)
+    return {str(dim): (slice(low, high + 1),)}
+
+
+def _of_runs(
+    valid: np.ndarray, dims: tuple[str, str], wanted: Wanted
+) -> dict[str, tuple[slice, ...]]:
+    """Return the starts and leads of which a time valid then is needed, or is the nearest to one that is."""
+    if wanted.first_ns is None or wanted.last_ns is None:
+        return {}
+    step = np.diff(valid, axis=1).max(initial=0)
+    needed = (valid > wanted.first_ns - step) & (valid < wanted.last_ns + step)
+    kept = [np.flatnonzero(needed.any(axis=axis)) for axis in (1, 0)]
+    if not kept[0].size:
+        return {}
+    return {
+        dim: (slice(int(found[0]), int(found[-1]) + 1),)
+        for dim, found in zip(dims, kept, strict=True)
+    }

@@ -1,0 +1,313 @@
+"""The card of the first screen: how far to trust the answer, what to steer, when and where, and the current at the vehicle."""
+
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.as_flown import AsFlown
+from replay_kit.core.geodesy import distance, heading_deg, to_geographic
+from replay_kit.core.plan import ORIGIN
+from replay_kit.results.views.contents import Contents
+from replay_kit.results.views.history import mean_to_depth
+from replay_kit.results.views.last_plan import LastPlan
+from replay_kit.results.views.steering import Arrival
+from replay_kit.show.numbers import clock_text, error_text, fixed, hours_text, minutes_text
+from replay_kit.show.page.section import number
+from replay_kit.show.svg import compass
+
+_CLASSES = {"trust": "good", "with care": "care", "do not use": "stop"}
+_WORDS = {"trust": "Trust", "with care": "Use with care", "do not use": "Do not use"}
+#: Standard deviations of a band that holds 90 %.
+_NINETY = 1.645
+# Of the profile's drawing [px].
+_WIDE, _HIGH, _LEFT = 330, 150, 46
+
+
+def card_html(contents: Contents, arrivals: Sequence[Arrival] = ()) -> str:
+    """Return the card.
+
+    Args:
+        contents: Of the result.
+        arrivals: Of the plan's way flown in the mean of the estimate, then in samples; none without a plan.
+    """
+    plan = contents.last_plan
+    steered = plan is not None and np.isfinite(plan.row["heading_deg"])
+    answer = (
+        _steer(plan) + _arrival(contents, plan, arrivals) if steered and plan else _water(contents)
+    )
+    parts = [_chip(contents), answer, _surfacing(contents), _profile(contents), _lights(contents)]
+    return "".join(f"<div>{part}</div>" for part in parts if part)
+
+
+def dive_depth(contents: Contents) -> float:
+    """Return the depth of the vehicle's dives [m]: of the plan's, as flown, of the track, or of the deepest published current."""
+    plan, slices, track = contents.last_plan, contents.slices, contents.track
+    flown = AsFlown.in_metadata(contents.record.metadata)
+    if plan is not None and plan.legs:
+        return max(float(leg["depth_m"]) for leg in plan.legs)
+    if flown is not None and flown.depth > 1.0:
+        return float(flown.depth)
+    if np.isfinite(track.depth).any() and np.nanmax(track.depth) > 1.0:
+        return float(np.ceil(np.nanmax(track.depth)))
+    return 10.0 if slices is None else float(max(slices.depths[-1], 1.0))
+
+
+def _chip(contents: Contents) -> str:
+    outcome = contents.outcome
+    if not outcome.complete:
+        return '<p class="chip care">No verdict: the run did not finish, or an earlier version made the result</p>'
+    decision = outcome.decision
+    reason = f": {decision.reasons[0]}" if decision.reasons else ""
+    more = f" (and {len(decision.reasons) - 1} more)" if len(decision.reasons) > 1 else ""
+    text = escape(f"{_WORDS[decision.word]}{reason}{more}")
+    return f'<p class="chip {_CLASSES[decision.word]}"><a href="#trust">{text}</a></p>'
+
+
+def _steer(plan: LastPlan) -> str:
+    """Return heading, place to steer for and dive."""
+    row, leg = plan.row, plan.legs[0] if plan.legs else {}
+    heading, speed = float(row["heading_deg"]), float(row["speed"])
+    place = minutes_text(leg["longitude"], leg["latitude"]) if leg else ""
+    dive = (
+        f"dive to {_leg(1, 'depth_m', leg['depth_m'], fixed(leg['depth_m'], 0))} m, " if leg else ""
+    )
+    angle = number(
+        "plan.glide_angle_deg", float(row["glide_angle_deg"]), fixed(row["glide_angle_deg"], 0)
+    )
+    origin = plan.statistics.get(ORIGIN, "").partition(":")[0]
+    shown = number("plan.heading_deg", heading, f"{round(heading) % 360:03d}")
+    return (
+        f'<div class="steer">{compass(heading, f"Steer {heading:.0f} degrees true")}<div><p class="big">{shown}°</p>'
+        f"<p>{f'for {place}, ' if place else ''}{dive}glide angle {angle}°, "
+        f"{number('plan.speed', speed, fixed(speed, 2))} m/s through water{f' ({escape(origin)})' if origin else ''}</p></div></div>"
+    )
+
+
+def _leg(count: int, name: str, value: float, text: str) -> str:
+    return number(f"plan.statistics.leg_{count:03d}#{name}", value, text)
+
+
+def _arrival(contents: Contents, plan: LastPlan, arrivals: Sequence[Arrival]) -> str:
+    begin, duration = int(plan.row.name.value), float(plan.row["duration"])
+    end = clock_text(begin + round(1e9 * duration))
+    status, miss = str(plan.row["status"]), float(plan.row["closest_approach"])
+    arrives = status in ("reached", "uncertain")
+    title = "Arrives (UTC)" if arrives else "Nearest to the goal (UTC)"
+    off = number(
+        "plan.closest_approach_m", miss, f"{miss:.0f} m" if miss < 2e3 else f"{miss / 1e3:.1f} km"
+    )
+    below = _range(begin, duration, arrivals) if arrives else f"{off} from it"
+    first = _fact(title, number("plan.duration_s", duration, end), below)
+    odds = plan.odds
+    if odds is None:
+        return f'<div class="facts">{first}{_fact("Odds of arriving", "unknown", "no samples were flown")}</div>'
+    share = float(odds["reached"])
+    count = number("plan.odds.n_samples", odds["n_samples"], str(odds["n_samples"]))
+    text = number("plan.odds.reached", share, f"{100.0 * share:.0f} %")
+    bar = f'of {count} samples<span class="meter"><i style="width:{100.0 * share:.0f}%"></i></span>'
+    return f'<div class="facts">{first}{_fact("Odds of arriving", text, bar)}</div>'
+
+
+def _range(begin: int, duration: float, arrivals: Sequence[Arrival]) -> str:
+    """Return between which times nine of ten samples arrive: the plan's time, with what flights in samples differ by from that in the mean.
+
+    Args:
+        begin: Of the plan [ns, UTC].
+        duration: Of the plan [s].
+        arrivals: Flights that steer from surfacing to surfacing, in the mean and in samples.
+    """
+    samples = sorted(one.duration if one.arrived else np.inf for one in arrivals[1:])
+    if not samples or not arrivals[0].arrived:
+        return "range unknown without samples"
+    beyond = duration - arrivals[0].duration
+    ends = [samples[round(share * (len(samples) - 1))] + beyond for share in (0.05, 0.95)]
+    early, late = (
+        clock_text(begin + round(1e9 * each)) if np.isfinite(each) else "never" for each in ends
+    )
+    return f"90 %: {early} to {late}"
+
+
+def _fact(title: str, value: str, below: str = "") -> str:
+    return f'<div><p class="title">{title}</p><p class="value">{value}</p><p class="below">{below}</p></div>'
+
+
+def _surfacing(contents: Contents) -> str:
+    """Return time and ellipse of the next surfacing: of the plan, else as the last dive."""
+    plan, expected = contents.last_plan, contents.outcome.expected_surfacings or {}
+    now = max((int(contents.track.time_ns[-1]),) if contents.track.time_ns.size else (0,))
+    if plan is not None and plan.legs:
+        table, count = contents.result.surfacings, len(plan.legs)
+        done = int((table["planned_time"] == plan.row.name).sum()) if len(table) else 0
+        leg = plan.legs[min(done, count - 1)]
+        time, basis = int(plan.row.name.value) + round(1e9 * leg["surfacing_s"]), "by the plan"
+        shown = _leg(leg["leg"], "surfacing_s", leg["surfacing_s"], clock_text(time))
+        axes: list[Any] = [leg.get(f"ellipse_{name}_m") for name in ("major", "minor")]
+        keys = [
+            f"plan.statistics.leg_{leg['leg']:03d}#ellipse_{name}_m" for name in ("major", "minor")
+        ]
+    elif following := expected.get("next"):
+        time, basis = following["time_ns"], "as the last dive"
+        shown = number("expected_surfacings.next.time_ns", time, clock_text(time))
+        axes = [following["ellipse_90"][f"{name}_m"] for name in ("major", "minor")]
+        keys = [f"expected_surfacings.next.ellipse_90.{name}_m" for name in ("major", "minor")]
+    else:
+        return ""
+    ahead = (time - now) / 1e9
+    when = f"in {hours_text(ahead)}" if ahead >= 0.0 else f"{hours_text(ahead)} ago"
+    size = "unknown"
+    if None not in axes:
+        texts = [
+            number(key, axis, fixed(axis / 1e3, 1)) for key, axis in zip(keys, axes, strict=True)
+        ]
+        size = f"± {' × '.join(texts)} km"
+    return (
+        f'<div class="facts">{_fact("Next surfacing (UTC)", shown, f"{when}, {basis}")}'
+        f"{_fact('Within (90 %)', size, 'semi-axes of the ellipse')}</div>"
+    )
+
+
+def _water(contents: Contents) -> str:
+    """Return where the water goes at the vehicle, how well it is known, and what to measure next."""
+    flow, track, depth = contents.estimate, contents.track, dive_depth(contents)
+    if contents.slices is None:
+        return ""
+    mean = mean_to_depth(contents.slices, contents.history, depth)[-1]
+    parts = ""
+    if track.time_ns.size:
+        here = _cell(contents, mean, float(track.east[-1]), float(track.north[-1]))
+        if np.isfinite(here[0]):
+            bearing, speed = float(heading_deg(here[0], here[1])), float(np.hypot(*here[:2]))
+            error = float(np.hypot(*here[2:]) / np.sqrt(2.0))
+            said = f"± {error_text(error)} m/s at most" if np.isfinite(error) else "error unknown"
+            parts = (
+                f'<div class="steer">{compass(bearing, f"The water goes toward {bearing:.0f} degrees")}<div>'
+                f'<p class="big">{fixed(speed, 2)}<small> m/s</small></p><p>the water goes toward {round(bearing) % 360:03d}°, '
+                f"{said}; mean to {depth:.0f} m at the vehicle</p></div></div>"
+            )
+    rms, facts = contents.outcome.rms_innovation, ""
+    if rms["before"] is not None and rms["prior"]:
+        gain = 100.0 * (1.0 - rms["before"] / rms["prior"])
+        value = f"{abs(gain):.0f} % {'closer' if gain >= 0.0 else 'farther'}"
+        missed = number("rms_innovation.before", rms["before"], f"{100.0 * rms['before']:.1f}")
+        prior = number("rms_innovation.prior", rms["prior"], f"{100.0 * rms['prior']:.1f}")
+        facts = _fact(
+            "Against the forecast", value, f"misses measurements by {missed}, it by {prior} cm/s"
+        )
+    facts += _least_known(contents, mean) if flow is not None else ""
+    return parts + (f'<div class="facts">{facts}</div>' if facts else "")
+
+
+def _cell(contents: Contents, fields: Array, east: float, north: float) -> Array:
+    """Return the values of the cell that holds a place [m], local frame; NaN outside."""
+    slices = contents.slices
+    assert slices is not None
+    i, j = (int(np.argmin(np.abs(a - v))) for a, v in ((slices.east, east), (slices.north, north)))
+    far = abs(slices.east[i] - east) > slices.east[1] - slices.east[0]
+    return np.full(4, np.nan) if far else np.asarray(fields[:, j, i])
+
+
+def _least_known(contents: Contents, mean: Array) -> str:
+    """Return where a measurement would tell most: where the standard error is largest."""
+    error, slices = np.hypot(mean[2], mean[3]) / np.sqrt(2.0), contents.slices
+    assert slices is not None
+    if not np.isfinite(error).any():
+        return ""
+    j, i = np.unravel_index(int(np.nanargmax(error)), error.shape)
+    place = [
+        float(each) for each in to_geographic(contents.projection, slices.east[i], slices.north[j])
+    ]
+    track = contents.track
+    far = ""
+    if track.time_ns.size:
+        away = float(distance(track.longitude[-1], track.latitude[-1], *place)) / 1e3
+        far = f", {fixed(away, 0)} km away"
+    return _fact(
+        "Measure next at",
+        minutes_text(*place),
+        f"± {error_text(error[j, i])} m/s, least known{far}",
+    )
+
+
+def _lights(contents: Contents) -> str:
+    from replay_kit.show.report.sections.trust import lights
+
+    return (
+        '<p class="lights">'
+        + "".join(
+            f'<a href="#trust" class="{light.color}">{escape(light.name)}</a>'
+            for light in lights(contents)
+        )
+        + "</p>"
+    )
+
+
+def _profile(contents: Contents) -> str:
+    """Return the current at the vehicle by depth, with bands of 90 %, as SVG."""
+    flow, track = contents.estimate, contents.track
+    if flow is None or not track.time_ns.size:
+        return ""
+    found = flow.velocity_at(track.longitude[-1], track.latitude[-1], flow.levels)
+    known = np.isfinite(found.u)
+    if not known.any():
+        return ""
+    depth = flow.levels[known]
+    parts = [
+        (name, color, each[known], np.nan_to_num(_NINETY * error[known]))
+        for name, color, each, error in (
+            ("east", "two", found.u, found.u_standard_error),
+            ("north", "one", found.v, found.v_standard_error),
+        )
+    ]
+    reach = _round_up(max(float((np.abs(value) + band).max()) for _, _, value, band in parts))
+    return (
+        '<p class="title">Current at the vehicle by depth (bands: 90 %)</p>'
+        f'<svg class="profile" viewBox="0 0 {_WIDE} {_HIGH + 30}" role="img" aria-label="{_profile_words(parts, depth)}">'
+        f"{_profile_svg(parts, depth, reach)}</svg>"
+    )
+
+
+def _profile_words(parts: Any, depth: Array) -> str:
+    ends = [f"{name} {fixed(v[0], 2)} to {fixed(v[-1], 2)} m/s" for name, _, v, _ in parts]
+    return f"Current from {depth[0]:g} to {depth[-1]:g} m: {', '.join(ends)}"
+
+
+def _profile_svg(parts: Any, depth: Array, reach: float) -> str:
+    deepest = max(float(depth[-1]), 1.0)
+    wide = _WIDE - _LEFT - 12
+
+    def x(value: Array | float) -> Any:
+        return _LEFT + 0.5 * wide * (1.0 + np.asarray(value) / reach)
+
+    def line(values: Array, depths: Array) -> str:
+        return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x(values), y(depths), strict=True))
+
+    def y(value: Array | float) -> Any:
+        return 8.0 + _HIGH * np.asarray(value) / deepest
+
+    out = []
+    for share in (-1.0, -0.5, 0.0, 0.5, 1.0):
+        at, unit = float(x(share * reach)), " m/s" if share == 0.0 else ""
+        out.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="8" y2="{_HIGH + 8}"/>')
+        out.append(f'<text x="{at:.1f}" y="{_HIGH + 24}">{share * reach:.3g}{unit}</text>')
+    for share in (0.0, 0.5, 1.0):
+        out.append(
+            f'<text class="depth" x="{_LEFT - 6}" y="{float(y(share * deepest)) + 4:.1f}">{share * deepest:.0f} m</text>'
+        )
+    for number_, (name, color, value, band) in enumerate(parts):
+        both = f"{line(value + band, depth)} {line((value - band)[::-1], depth[::-1])}"
+        out.append(f'<polygon style="fill:var(--{color})" points="{both}"/>')
+        out.append(f'<polyline style="stroke:var(--{color})" points="{line(value, depth)}"/>')
+        side = _WIDE - 32 if value.mean() < 0.0 else _LEFT + 22
+        out.append(
+            f'<text class="name" style="fill:var(--{color})" x="{side}" y="{_HIGH - 18 + 16 * number_}">{name}</text>'
+        )
+    return "".join(out)
+
+
+def _round_up(value: float) -> float:
+    """Return 1, 2 or 5 times a power of ten that is no less than a value."""
+    power = 10.0 ** np.floor(np.log10(max(value, 1e-3)))
+    return float(power * next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value))

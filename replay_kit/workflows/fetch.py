@@ -1,0 +1,338 @@
+"""Forecasts given by address become files: cut to what logs need, fetched once, and found again without a link."""
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from replay_kit.config.run import EVERYWHERE, RunConfig
+from replay_kit.core.atomic import atomic_file
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.paths import Address, Paths, addresses_in
+from replay_kit.core.plan import Place
+from replay_kit.core.region import Region, around, degree_of_longitude, width
+from replay_kit.core.region import text as region_text
+from replay_kit.core.text import time_text
+from replay_kit.forecast.describe import open_extent
+from replay_kit.forecast.remote.datasets import Session, asking
+from replay_kit.forecast.remote.fetch import (
+    cache_of,
+    cost,
+    covers,
+    cuts_of,
+    limits_of,
+    prints_of,
+    receive,
+    with_files,
+)
+from replay_kit.forecast.remote.kept import Answer, Kept, key_of
+from replay_kit.forecast.remote.parts import Wanted
+from replay_kit.workflows.replay.inputs.job import Against, ReplayJob
+from replay_kit.workflows.replay.inputs.region import (
+    FoundRegion,
+    find_region,
+    from_record,
+    inside_extent,
+)
+from replay_kit.workflows.replay.inputs.scan import Reach, reach_of
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Request:
+    """What several missions need of one forecast.
+
+    Attributes:
+        jobs: The missions; one without logs stands for what the settings state.
+        config: Their settings.
+        reaches: Where and when each is.
+    """
+
+    jobs: tuple[ReplayJob, ...]
+    config: RunConfig
+    reaches: tuple[Reach, ...]
+
+    @property
+    def ensemble(self) -> Paths:
+        """The files and addresses of the forecast."""
+        return self.jobs[0].ensemble
+
+    @property
+    def addresses(self) -> tuple[Address, ...]:
+        """The addresses."""
+        return addresses_in(self.ensemble)
+
+    @property
+    def goals(self) -> list[Place]:
+        """Where the missions go."""
+        return [job.goal for job in self.jobs if job.goal is not None]
+
+    @property
+    def key(self) -> dict[str, Any]:
+        """What decides which part is fetched."""
+        config = self.config
+        return {
+            "addresses": [key_of(address) for address in self.addresses],
+            "forecast": config.forecast.model_dump(mode="json"),
+            "time": config.time.model_dump(mode="json"),
+            "estimator": [config.estimator.name, config.estimator.preset],
+            "goals": [repr(job.goal) for job in self.jobs],
+            "reaches": [
+                [reach.places.tolist(), reach.deepest, reach.first_ns, reach.last_ns]
+                for reach in self.reaches
+            ],
+        }
+
+    @property
+    def deepest(self) -> float | None:
+        """Depth below which nothing is needed [m]; None where that is not known."""
+        depths = [reach.deepest for reach in self.reaches if reach.deepest is not None]
+        if len(depths) < len(self.reaches):
+            return None
+        planner = self.config.planner
+        stated = None if planner.depth is None else planner.diving().depth
+        planned = [depth for depth in (stated, planner.max_depth) if self.goals and depth]
+        return max(depths + [goal.depth for goal in self.goals] + planned)
+
+    @property
+    def span(self) -> tuple[int | None, int | None]:
+        """First and last time [ns, UTC]; None where they are not known."""
+        firsts = [reach.first_ns for reach in self.reaches if reach.first_ns is not None]
+        lasts = [reach.last_ns for reach in self.reaches if reach.last_ns is not None]
+        return min(firsts, default=None), max(lasts, default=None)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fetched:
+    """A forecast that is here.
+
+    Attributes:
+        ensemble: Its files.
+        regions: The part that each mission needs; None where that is found anew.
+        files: Those that stand for addresses.
+        asked: Whether values were received for it.
+    """
+
+    ensemble: tuple[tuple[Path, ...], ...]
+    regions: tuple[FoundRegion | None, ...]
+    files: tuple[Path, ...]
+    asked: bool
+
+
+def with_local_forecasts(jobs: Sequence[tuple[ReplayJob, RunConfig]]) -> list[ReplayJob]:
+    """Return jobs whose forecasts are files; what is at an address is fetched, a box that jobs share once.
+
+    Args:
+        jobs: Jobs with their settings.
+
+    Raises:
+        LogError: A log cannot be opened.
+        ForecastError: A forecast cannot be fetched or used, or without asking a server there is none.
+    """
+    done = [job for job, _ in jobs]
+    groups: dict[str, list[int]] = {}
+    for number, (job, config) in enumerate(jobs):
+        if addresses_in(job.ensemble):
+            shared = job.ensemble, config.forecast, config.time, config.estimator, config.logs
+            groups.setdefault(repr(shared), []).append(number)
+    for members in groups.values():
+        requests = [request_of(*jobs[k]) for k in members]
+        for together in _sharing(requests):
+            found = fetch(_joined([requests[k] for k in together]))
+            for k, region in zip(together, found.regions, strict=True):
+                job = done[members[k]]
+                done[members[k]] = replace(
+                    job, ensemble=found.ensemble, region=job.region or region
+                )
+    return [
+        replace(job, against=tuple(_rival(job, each, config) for each in job.against))
+        for job, (_, config) in zip(done, jobs, strict=True)
+    ]
+
+
+def _rival(job: ReplayJob, each: Against, config: RunConfig) -> Against:
+    """Return another forecast as files."""
+    if not addresses_in((each,)):
+        return each
+    return fetch(request_of(replace(job, ensemble=(each,)), config)).ensemble[0]
+
+
+def request_of(job: ReplayJob, config: RunConfig) -> Request:
+    """Return what a job needs of its forecast; without logs what the settings state.
+
+    Raises:
+        LogError: A log cannot be opened.
+    """
+    return Request((job,), config, (reach_of(job.logs, config),))
+
+
+def _joined(requests: Sequence[Request]) -> Request:
+    """Return what several missions with the same settings need together."""
+    jobs = tuple(job for request in requests for job in request.jobs)
+    reaches = tuple(reach for request in requests for reach in request.reaches)
+    return Request(jobs, requests[0].config, reaches)
+
+
+def _sharing(requests: Sequence[Request]) -> list[list[int]]:
+    """Return which requests are answered together: those whose common box is hardly larger than their own boxes."""
+    boxes = [_box(request) for request in requests]
+    groups: list[tuple[list[int], Region | None, float]] = []
+    for number, box in enumerate(boxes):
+        own = 0.0 if box is None else _area(box)
+        for k, (members, other, areas) in enumerate(groups):
+            both = (
+                None
+                if box is None or other is None
+                else around([*_corners(box), *_corners(other)], 0.0)
+            )
+            if both is None or _area(both) <= 1.5 * (own + areas):
+                groups[k] = [*members, number], both, areas + own
+                break
+        else:
+            groups.append(([number], box, own))
+    return [members for members, _, _ in groups]
+
+
+def _box(request: Request) -> Region | None:
+    """Return the box of the places of a request, and half a degree around."""
+    places = request.reaches[0].places
+    return around(places, 55_000.0) if len(places) else None
+
+
+def _corners(box: Region) -> list[tuple[float, float]]:
+    west, south, east, north = box
+    return [(west, south), (west + 0.5 * width(box), south), (east, north)]
+
+
+def _area(box: Region) -> float:
+    return width(box) * (box[3] - box[1])
+
+
+def fetch(request: Request) -> Fetched:
+    """Return a forecast as files: those fetched before where the server's are still the same, or where none may be asked.
+
+    Raises:
+        ForecastError: The forecast cannot be fetched or used, or without asking a server there is none.
+    """
+    config = request.config.forecast
+    kept = cache_of(config)
+    answer = kept.find(request.key)
+    if config.offline:
+        return _of_answer(request, answer) if answer is not None else _covering(request, kept)
+    with asking(limits_of(config)) as session:
+        if answer is not None and _is_current(request, answer, session):
+            return _of_answer(request, answer)
+        wanted, regions = wanted_of(request, session)
+        cuts = cuts_of(request.ensemble, wanted, config, session)
+        files, prints = receive(cuts, wanted, config, session, kept)
+    records = [None if region is None else region.to_record() for region in regions]
+    answer = Answer(files, prints, asdict(wanted), tuple(records))
+    kept.remember(request.key, answer)
+    return replace(_of_answer(request, answer), asked=True)
+
+
+def price(request: Request) -> list[dict[str, Any]]:
+    """Return what each address of a request holds and would cost; values are not received, but for a patch that gives the margin.
+
+    Raises:
+        ForecastError: As in ``fetch``.
+    """
+    config = request.config.forecast
+    with asking(limits_of(config)) as session:
+        wanted, _ = wanted_of(request, session)
+        return cost(cuts_of(request.ensemble, wanted, config, session), session)[0]
+
+
+def copy_whole(source: Path, out: Path) -> None:
+    """Copy a file; the copy is whole or absent."""
+    with source.open("rb") as held, atomic_file(out) as file:
+        shutil.copyfileobj(held, file)
+
+
+def _is_current(request: Request, answer: Answer, session: Session) -> bool:
+    """Return whether the data sets of an answer are still as they were."""
+    held = {**answer.wanted, "region": _region(answer.wanted["region"])}
+    cuts = cuts_of(request.ensemble, Wanted(**held), request.config.forecast, session)
+    return prints_of(cuts, session) == answer.prints
+
+
+def _region(values: Any) -> Region | None:
+    if values is None:
+        return None
+    west, south, east, north = map(float, values)
+    return west, south, east, north
+
+
+def _of_answer(request: Request, answer: Answer) -> Fetched:
+    files = dict(zip(request.addresses, answer.files, strict=True))
+    regions = tuple(None if record is None else from_record(record) for record in answer.regions)
+    return Fetched(with_files(request.ensemble, files), regions, answer.files, asked=False)
+
+
+def wanted_of(request: Request, session: Session) -> tuple[Wanted, tuple[FoundRegion | None, ...]]:
+    """Return what is asked of the servers, and the part that each mission needs; None where that is all.
+
+    Raises:
+        ForecastError: The forecast is of another place.
+    """
+    config = request.config
+    stated, span = config.forecast.region, request.span
+    if stated is not None or config.forecast.place:
+        region = None if stated in (None, EVERYWHERE) else stated
+        return Wanted(region, request.deepest, *span), (None,) * len(request.jobs)
+    found, boxes = list[FoundRegion | None](), list[Region | None]()
+    for job, reach in zip(request.jobs, request.reaches, strict=True):
+        one = None
+        if len(reach.places):
+            with open_extent(request.ensemble, config.forecast, reach.first_ns) as extent:
+                if extent is not None:
+                    inside_extent(extent, reach.places)
+            one = find_region(job.logs, request.ensemble, config, reach.first_ns, job.goal)
+        found.append(one)
+        boxes.append(None if one is None else _reached(one, reach))
+    whole = None
+    if None not in boxes:
+        corners = [corner for box in boxes if box is not None for corner in _corners(box)]
+        whole = around(corners, 0.0)
+    return Wanted(whole, request.deepest, *span), tuple(found)
+
+
+def _reached(region: FoundRegion, reach: Reach) -> Region:
+    """Return the box of a region; where windows follow the vehicle, of all that they can reach."""
+    if not region.follows:
+        return region.region
+    high = region.region[3] - region.region[1]
+    across = width(region.region) * degree_of_longitude(region.region[1])
+    return around(reach.places, max(high * 111_195.0, across))
+
+
+def _covering(request: Request, kept: Kept) -> Fetched:
+    """Return files that were fetched for something else and hold what is needed; the part that the logs need is found in them.
+
+    Raises:
+        ForecastError: There are none.
+    """
+    places = np.concatenate([reach.places for reach in request.reaches])
+    files, span = {}, request.span
+    for address in request.addresses:
+        copies = kept.copies(address)
+        chosen = next(
+            (path for path, record in copies if covers(record, places, request.deepest, span)),
+            None,
+        )
+        if chosen is None:
+            where = f" in {region_text(around(places, 0.0))}" if len(places) else ""
+            when = f", {time_text(span[0])} to {time_text(span[1])}" if span[0] is not None else ""
+            held = "; ".join(
+                f"{path.name}, fetched {record.get('fetched')}" for path, record in copies[:3]
+            )
+            raise ForecastError(
+                f"{address}: nothing fetched before holds what is needed{where}{when} "
+                f"({held or f'none of this address in {kept.folder}'}); fetch it while there is a link: replay-kit fetch LOG... --ensemble "
+                "ADDRESS, or with --region W,S,E,N --start TIME --end TIME"
+            )
+        files[address] = chosen
+    everything = with_files(request.ensemble, files)
+    return Fetched(everything, (None,) * len(request.jobs), tuple(files.values()), asked=False)

@@ -1,0 +1,136 @@
+"""Commands with a forecast on a server: the same estimate as with the file, again without a link, and one download for many logs."""
+
+import json
+import logging
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from replay_kit.forecast.remote.record import record_of
+from replay_kit.results import read_recorded
+from tests.command import invoke
+from tests.forecast.remote.servers import Files, griddap, opendap, serving, zarr_objects
+from tests.forecast.remote.test_forms import needs
+from tests.places import SAMPLES
+
+pytest.importorskip("urllib3", reason="the extra 'remote' is not installed")
+pytestmark = pytest.mark.filterwarnings("ignore:Consolidated metadata is currently not part")
+LOG = str(SAMPLES / "survey.mcap")
+QUICK = ("--end", "2018-11-16T01:00Z", "--modes", "5", "--levels", "5,50")
+
+
+@pytest.fixture(autouse=True)
+def quiet():
+    logging.disable(logging.WARNING)
+    yield
+    logging.disable(logging.NOTSET)
+
+
+@pytest.fixture(scope="module")
+def ensemble():
+    with xr.open_dataset(SAMPLES / "ensemble.nc") as ds:
+        held = ds.drop_vars("time").isel(member=slice(6)).load()
+    for variable in held.variables.values():
+        variable.encoding = {}
+    return held
+
+
+def replayed(folder, name, forecast, *more):
+    """Replay on a forecast; return the bytes of the result and of the lossless estimate."""
+    out, flow = folder / f"{name}.mcap", folder / f"{name}.nc"
+    words = ["replay", LOG, "--ensemble", forecast, "-o", str(out), "--save-estimate", str(flow)]
+    done = invoke([*words, *QUICK, f"--forecast.cache={folder / 'cache'}", *more])
+    assert done.exit_code == 0, done.output
+    return out.read_bytes(), flow.read_bytes()
+
+
+def test_a_replay_by_address_is_that_of_the_file_and_the_same_without_a_link(tmp_path, ensemble):
+    ensemble.to_netcdf(tmp_path / "e.nc", engine="h5netcdf")
+    _, expected = replayed(tmp_path, "file", str(tmp_path / "e.nc"))
+    with serving(Files(zarr_objects(ensemble, zarr_format=2))) as files:
+        result, flow = replayed(tmp_path, "zarr", files.url)
+        assert flow == expected
+    assert replayed(tmp_path, "offline", files.url, "--offline") == (result, expected)
+    recorded = read_recorded(tmp_path / "zarr.mcap")
+    fetched = json.loads(recorded.metadata["replay_kit.fetched"]["ensemble"])
+    assert fetched["address"] == files.url
+    name, _, digest = recorded.metadata["replay_kit.inputs"]["ensemble"].rpartition(" sha256:")
+    assert fetched == record_of(tmp_path / "cache" / name)
+    assert digest.startswith(name.removesuffix(".nc").rpartition("-")[2])
+    assert "offline" not in recorded.config_toml
+    folders = ["--inputs", str(tmp_path / "cache"), "--inputs", str(SAMPLES)]
+    verified = invoke(["verify", str(tmp_path / "zarr.mcap"), *folders])
+    assert "made again bit for bit" in verified.output
+
+
+@pytest.mark.full
+def test_a_replay_over_opendap_and_griddap_is_that_of_the_file(tmp_path, ensemble):
+    needs("pydap")
+    needs("xpublish_erddap")
+    ensemble.to_netcdf(tmp_path / "e.nc", engine="h5netcdf")
+    _, expected = replayed(tmp_path, "file", str(tmp_path / "e.nc"))
+    for name, server in (("opendap", opendap), ("griddap", griddap)):
+        with server(ensemble) as url:
+            assert replayed(tmp_path, name, url)[1] == expected
+
+
+def test_fetch_says_what_it_costs_and_gives_a_file_for_the_boat(tmp_path, ensemble):
+    cache, out = f"--forecast.cache={tmp_path / 'cache'}", tmp_path / "boat.nc"
+    with serving(Files(zarr_objects(ensemble, zarr_format=2))) as files:
+        asked = ["fetch", "--ensemble", files.url, "--region", "152,-40.2,153,-39.8", cache]
+        priced = invoke([*asked, "--dry-run", "--json", "-"])
+        (row,) = json.loads(priced.stdout)["addresses"]
+        assert row["shape"] == {"member": 6, "depth": 6, "latitude": 5, "longitude": 9}
+        assert row["bytes"] > 2 * 8 * 6 * 6 * 5 * 9
+        assert not (tmp_path / "cache").exists()
+        done = invoke([*asked, "-o", str(out), "--json", str(tmp_path / "a.json")])
+        assert done.exit_code == 0, done.output
+        assert "received" in done.output
+        described = invoke(["info", "--ensemble", files.url, cache])
+        assert "6 member x 6 depth x 13 latitude x 21 longitude" in described.output
+        count = len(files.asked)
+    (held,) = json.loads((tmp_path / "a.json").read_text())["files"]
+    assert held["address"] == files.url
+    with xr.open_dataset(out) as ds:
+        expected = ensemble.sel(longitude=slice(152, 153), latitude=slice(-40.2, -39.8))
+        np.testing.assert_array_equal(ds.uo, expected.uo)
+    told = invoke(
+        ["info", "--ensemble", files.url, "--region", "152,-40.2,153,-39.8", cache, "--offline"]
+    )
+    assert "an ensemble of 6 members" in told.output
+    assert len(files.asked) == count
+    missing = invoke(["info", "--ensemble", files.url, "--region", "1,2,3,4", cache])
+    assert "the connection is refused" in missing.stderr
+    refused = invoke(["fetch", "--ensemble", str(out)])
+    assert "expected an address, such as https://" in refused.stderr
+    other = invoke(["experiment", "accuracy", "--ensemble", files.url, "--leave-out", "1"])
+    assert "fetch the forecast first: replay-kit fetch --ensemble http://127.0.0.1" in other.stderr
+
+
+def test_a_fleet_fetches_what_its_missions_share_once(tmp_path, ensemble, monkeypatch):
+    from replay_kit.config.fleet import load_fleet
+    from replay_kit.workflows.fleet.missions import missions_of, with_local_forecasts
+
+    files = Files(zarr_objects(ensemble, zarr_format=2))
+    with serving(files):
+        (tmp_path / "table.toml").write_text(
+            f"""[all]
+ensemble = "{files.url}"
+settings.forecast.cache = "{tmp_path / "cache"}"
+settings.logs.end = "2018-11-16T02:00Z"
+[[mission]]
+name = "one"
+logs = ["{LOG}"]
+[[mission]]
+name = "two"
+logs = ["{SAMPLES / "glider.mcap"}"]
+"""
+        )
+        table = load_fleet(tmp_path / "table.toml")
+        each = with_local_forecasts(missions_of(table, tmp_path, None, tmp_path / "out"))
+    assert len({mission.job.ensemble for mission in each}) == 1
+    (file,) = (tmp_path / "cache").glob("*.nc")
+    assert each[0].job.ensemble == ((file,),)
+    # once for its size, twice for its state, once for its values
+    assert files.counts["uo/0.0.0.0"] <= 5

@@ -1,0 +1,198 @@
+"""A forecast on a server in each form: the same values, and no more of them than asked for."""
+
+import importlib.util
+import io
+import json
+import sys
+import zipfile
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from replay_kit.forecast.remote.record import record_of
+from tests.forecast.remote.conftest import refused, sea
+from tests.forecast.remote.servers import Files, griddap, opendap, serving, zarr_objects
+
+pytestmark = pytest.mark.filterwarnings("ignore:Consolidated metadata is currently not part")
+SPAN = {"start": "2018-11-16T06:00Z", "end": "2018-11-17T12:00Z"}
+
+
+def needs(package):
+    """Skip where a server is not installed; importing it would warn."""
+    if importlib.util.find_spec(package) is None:
+        pytest.skip(f"{package} is not installed")
+
+
+def expected():
+    """The part in the box, at the levels down to one below 60 m, from the time before the span to the one after it."""
+    part = sea().sel(lat=slice(-39.5001, -38.4999), lon=slice(152.9999, 154.5001))
+    return part.isel(depth=slice(0, 3), time=slice(1, 4))
+
+
+def assert_same(found):
+    # griddap has these names for its axes
+    found = found.rename({"latitude": "lat", "longitude": "lon"}) if "latitude" in found else found
+    for name in ("uo", "vo", "time", "depth", "lat", "lon", "member"):
+        np.testing.assert_array_equal(found[name].values, expected()[name].values)
+    assert found.uo.attrs["standard_name"] == "eastward_sea_water_velocity"
+
+
+@pytest.mark.parametrize("zarr_format", [2, 3])
+def test_zarr_over_https_is_cut_to_box_depths_and_times(asker, zarr_format):
+    chunks = {name: {"chunks": (1, 3, 2, 10, 10)} for name in ("uo", "vo")}
+    files = Files(zarr_objects(sea(), zarr_format=zarr_format, encoding=chunks))
+    with serving(files):
+        assert_same(asker(files.url + "/", logs=SPAN, levels=(5.0, 60.0)))
+        values = [path for path in files.asked if path.startswith(("uo/", "vo/"))]
+        # of 4 x 2 x 3 x 4 chunks of each: 3 times, 2 pairs of levels, 2 x 3 in the box
+        assert len({path for path in values if not path.endswith("zarray")}) <= 2 * 3 * 2 * 2 * 3
+    record = record_of(asker.state.fetched.files[0])
+    assert record["address"].startswith("http://127.0.0.1")
+    assert record["form"] == "Zarr"
+    assert record["wanted"]["region"] == [153.0, -39.5, 154.5, -38.5]
+    assert record["fetched"].endswith("Z")
+
+
+def test_a_sharded_store_gives_parts_of_its_shards(asker):
+    options = {"chunks": (1, 3, 1, 10, 10), "shards": (2, 3, 4, 30, 40)}
+    ds = zarr_objects(sea(), zarr_format=3, encoding={"uo": options, "vo": options})
+    with serving(Files(ds)) as files:
+        assert_same(asker(files.url, logs=SPAN, levels=(5.0, 60.0)))
+        assert files.sent < 0.5 * sum(map(len, ds.values()))
+
+
+def test_a_zipped_store_is_received_in_parts(asker):
+    with io.BytesIO() as held:
+        with zipfile.ZipFile(held, "w") as archive:
+            for key, value in zarr_objects(sea(), zarr_format=2).items():
+                archive.writestr(key, value)
+        data = held.getvalue()
+    with serving(Files({"e.zarr.zip": data})) as files:
+        assert_same(asker(files.url + "/e.zarr.zip", logs=SPAN, levels=(5.0, 60.0)))
+
+
+def test_references_into_other_files_are_followed(asker):
+    objects, data, refs = zarr_objects(sea(), zarr_format=2), b"", {}
+    for key, value in objects.items():
+        if key.rpartition("/")[2].startswith(".z"):
+            refs[key] = value.decode()
+        else:
+            refs[key] = ["{{u}}", len(data), len(value)]
+            data += value
+    text = json.dumps({"version": 1, "templates": {"u": "data.bin"}, "refs": refs}).encode()
+    with serving(Files({"f/refs.json": text, "f/data.bin": data})) as files:
+        assert_same(asker(files.url + "/f/refs.json", logs=SPAN, levels=(5.0, 60.0)))
+        away = text.replace(b'"data.bin"', b'"file:///etc/passwd"')
+        files.objects = {"f/away.json": away}
+        with pytest.raises(Exception, match="leads to file:///etc/passwd, which is no address"):
+            asker(files.url + "/f/away.json")
+
+
+def test_icechunk_is_asked_through_its_own_client(asker, tmp_path):
+    needs("icechunk")
+    import icechunk
+
+    storage = icechunk.local_filesystem_storage(str(tmp_path / "bucket" / "repository"))
+    session = icechunk.Repository.create(storage).writable_session("main")
+    sea().to_zarr(session.store, consolidated=False, zarr_format=3)
+    session.commit("a forecast")
+    held = {
+        str(path.relative_to(tmp_path)): path.read_bytes()
+        for path in (tmp_path / "bucket").rglob("*")
+        if path.is_file()
+    }
+    with serving(Files(lambda path: held.get(path.partition("?")[0]))) as files:
+        url = f"icechunk::{files.url}/bucket/repository"
+        assert_same(asker(url, logs=SPAN, levels=(5.0, 60.0)))
+        with pytest.raises(Exception, match="cannot be opened as an Icechunk repository"):
+            asker(url.replace("repository", "nothing"))
+
+
+def test_a_netcdf_file_is_received_in_parts(asker, tmp_path):
+    sea().to_netcdf(tmp_path / "e.nc", engine="h5netcdf")
+    with serving(Files({"e.nc": (tmp_path / "e.nc").read_bytes()})) as files:
+        assert_same(asker(files.url + "/e.nc", logs=SPAN, levels=(5.0, 60.0)))
+
+
+def test_opendap_gives_the_same_part(asker):
+    needs("pydap")
+    ds = sea()
+    numbers = ds.assign_coords(
+        time=("time", np.arange(4) * 24.0, {"units": "hours since 2018-11-15", "axis": "T"})
+    )
+    with opendap(numbers) as url:
+        assert_same(asker(url, logs=SPAN, levels=(5.0, 60.0)))
+    assert asker.state.fetched.files[0].stat().st_size < 4e5
+
+
+def test_griddap_gives_the_same_part(asker):
+    needs("xpublish_erddap")
+    with griddap(sea()) as url:
+        assert_same(asker(url, logs=SPAN, levels=(5.0, 60.0)))
+        assert_same(asker(url + ".html", logs=SPAN, levels=(5.0, 60.0)))
+
+
+def test_a_box_across_the_seam_of_a_global_grid(asker):
+    ds = sea(times=1, shape=(20, 360), step=1.0).isel(time=0)
+    ds = ds.assign_coords(lon=("lon", np.arange(-180.0, 180.0), ds.lon.attrs))
+    with serving(Files(zarr_objects(ds, zarr_format=2))) as files:
+        found = asker(files.url, region="178,-39,-177,-35")
+    np.testing.assert_array_equal(found.lon, [178.0, 179.0, -180.0, -179.0, -178.0, -177.0])
+    np.testing.assert_array_equal(found.uo, ds.uo.isel(lat=slice(1, 6)).sel(lon=found.lon))
+
+
+def test_copernicus_marine_is_asked_through_its_own_client(asker, monkeypatch):
+    asked = []
+
+    def open_dataset(dataset_id, **_):
+        asked.append(dataset_id)
+        if dataset_id != "cmems_mod_glo_phy":
+            raise ValueError("DatasetNotFound: see https://user:secret@host/x")
+        return sea()
+
+    monkeypatch.setitem(sys.modules, "copernicusmarine", SimpleNamespace(open_dataset=open_dataset))
+    assert_same(asker("cmems:cmems_mod_glo_phy", logs=SPAN, levels=(5.0, 60.0)))
+    assert set(asked) == {"cmems_mod_glo_phy"}
+    with pytest.raises(Exception, match="client answers: DatasetNotFound") as raised:
+        asker("cmems:other")
+    assert "secret" not in str(raised.value)
+
+
+def test_without_the_extras_the_command_that_adds_them_is_named(asker, monkeypatch):
+    monkeypatch.setitem(sys.modules, "copernicusmarine", None)
+    assert "pip install 'replay-kit[cmems]'" in refused(asker, "cmems:any")
+    monkeypatch.setitem(sys.modules, "urllib3", None)
+    assert "pip install 'replay-kit[remote]'" in refused(asker, "https://example.org/e.zarr")
+
+
+def test_a_second_run_asks_only_whether_the_data_changed_and_offline_nothing(asker):
+    with serving(Files(zarr_objects(sea(), zarr_format=2))) as files:
+        first = asker(files.url, logs=SPAN)
+        name = asker.state.fetched.files[0]
+        before = files.sent
+        asker(files.url, logs=SPAN)
+        assert not asker.state.fetched.asked
+        assert files.sent - before < 10_000
+        count = len(files.asked)
+        again = asker(files.url, logs=SPAN, offline=True)
+        assert len(files.asked) == count
+        assert asker.state.fetched.files == (name,)
+        xr.testing.assert_identical(first, again)
+        # what was fetched for more does for less
+        assert asker(files.url, logs=SPAN, offline=True, region="153.5,-39.2,154,-39").equals(first)
+        files.objects = zarr_objects(1.5 * sea(), zarr_format=2)
+        changed = asker(files.url, logs=SPAN)
+        assert asker.state.fetched.asked
+        np.testing.assert_allclose(changed.uo, 1.5 * first.uo, rtol=1e-6)
+    with pytest.raises(Exception, match="nothing fetched before holds what is needed"):
+        asker("http://127.0.0.1:9/other", offline=True)
+
+
+def test_a_damaged_copy_is_fetched_anew(asker):
+    with serving(Files(zarr_objects(sea(), zarr_format=2))) as files:
+        first = asker(files.url, logs=SPAN)
+        asker.state.fetched.files[0].write_bytes(b"x")
+        assert asker(files.url, logs=SPAN).equals(first)
+        assert asker.state.fetched.asked

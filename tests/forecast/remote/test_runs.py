@@ -1,0 +1,56 @@
+"""A store of several runs: their leads valid at one time are members, in a file and on a server alike."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from replay_kit.config.run import ForecastConfig
+from replay_kit.forecast import read_ensemble
+from tests.forecast.remote.conftest import sea
+from tests.forecast.remote.servers import Files, serving, zarr_objects
+
+pytestmark = pytest.mark.filterwarnings("ignore:Consolidated metadata is currently not part")
+
+
+def runs(start: str) -> xr.Dataset:
+    """Five runs a day apart, each of six leads a day apart; the current grows with the start and falls with the lead."""
+    one = sea(times=1).isel(time=0, member=0, drop=True)
+    first = np.datetime64("2018-11-10T00", "ns")
+    each = [
+        xr.concat([one * (1 + 0.1 * k - 0.01 * lead) for lead in range(6)], "lead")
+        for k in range(5)
+    ]
+    ds = xr.concat(each, start).assign_coords(
+        {
+            start: (start, first + np.arange(5) * np.timedelta64(1, "D")),
+            "lead": ("lead", np.arange(6), {"units": "days", "standard_name": "forecast_period"}),
+        }
+    )
+    for name in ("uo", "vo"):
+        ds[name].attrs = one[name].attrs
+    return ds
+
+
+@pytest.mark.parametrize("start", ["time", "forecast_reference_time"])
+def test_lags_of_a_store_of_runs(tmp_path, asker, start):
+    ds = runs(start)
+    ds.to_netcdf(tmp_path / "runs.nc", engine="h5netcdf")
+    config = ForecastConfig(members="lags", time="2018-11-14T00:00Z", levels=(5.0,))
+    found = read_ensemble(tmp_path / "runs.nc", config)
+    assert found.n_members == 5
+    assert found.members[0].endswith("started 2018-11-10T00:00")
+    for k in range(5):
+        np.testing.assert_allclose(
+            found.velocity[k], (1 + 0.1 * k - 0.01 * (4 - k)) / 0.96 * found.velocity[0], rtol=1e-6
+        )
+    with serving(Files(zarr_objects(ds, zarr_format=2))) as files:
+        span = {"start": "2018-11-14T00:00Z", "end": "2018-11-14T06:00Z"}
+        part = asker(files.url, members="lags", logs=span)
+    # the last start's first leads, the first start's last ones
+    assert dict(part.sizes)[start] == 5
+    again = read_ensemble(
+        asker.state.fetched.files[0],
+        config.model_copy(update={"region": (153.0, -39.5, 154.5, -38.5)}),
+    )
+    assert again.n_members == 5
+    assert again.time_ns == found.time_ns
