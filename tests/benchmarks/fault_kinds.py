@@ -173,7 +173,7 @@ FAULTS = (
     Fault("mean currents: both signs", _mean_current(_BOTH), _DIRECTION, ("glider",), 68),
     Fault("cm/s", _velocity(100.0 * np.eye(2)), (findings.UNIT,), _TWINS, 30),
     Fault("mm/s", _velocity(1000.0 * np.eye(2)), (findings.UNIT,), _TWINS, 30),
-    Fault("knots", _velocity(1.943844 * np.eye(2)), (findings.KNOTS,), ("glider",), 101),
+    Fault("knots", _velocity(1.943844 * np.eye(2)), (findings.SCALE,), ("glider",), 101),
     Fault("sign of depth", _pings(_depth_sign), (findings.DEPTH,), _TWINS, 5),
     Fault("up for down", _pings(_up), (findings.DEPTH,), _TWINS, 5),
     Fault("frozen positions", _frozen, (findings.FROZEN,), ("glider",), 5),

@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-from replay_kit.core.errors import Finding
+from replay_kit.core.errors import Finding, Severity
 from replay_kit.core.geodesy import distance
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.core.text import place_text, time_text
-from replay_kit.measurements.consistency.pairs import Explanation
+from replay_kit.measurements.consistency.pairs import SCALES, Explanation
 from replay_kit.measurements.consistency.raw import RawHistory
 from replay_kit.measurements.consistency.tracks import Passages
 
@@ -14,7 +14,9 @@ DEAD = "dead or stale instrument"
 COMPASS = "compass or instrument turned"
 CONTRADICTION = "two sources of the current contradict each other"
 UNIT = "unit of the velocities"
-KNOTS = "velocities in knots"
+SCALE = "scale of the velocities"
+OFFSET = "constant offset between two sources of the current"
+DRIFT = "drift between two sources of the current"
 DEPTH = "depths above the surface"
 FROZEN = "frozen positions"
 PLACES = "positions of several missions"
@@ -23,8 +25,17 @@ ENSEMBLE_UNIT = "unit of the ensemble"
 ENSEMBLE = "log and ensemble contradict each other"
 MISFIT = "the forecast does not fit this water"
 MISFIT_OF_MOVED = "the ensemble that was moved here does not fit this water"
+#: What two sources of the current may be found to be; while none of them is known to be right, the gate rejects neither.
+OF_SOURCES = frozenset({CONTRADICTION, SCALE, OFFSET, DRIFT})
 # Scale from which no slip but that of a unit explains a ratio.
 _GROSS = 8.0
+# What measurements.velocity_unit can be.
+_STATED = ("knots", "cm/s", "mm/s")
+# Probability below which a cause is not given, and from which rivals are not.
+_LEAST_SHARE, _SURE = 0.01, 0.99
+
+#: Causes with their probabilities, the likeliest first.
+Rivals = Sequence[tuple[str, float]]
 
 OF_MOTION = "changes of the measured velocity follow those of the platform's velocity"
 OF_TRACK = "the platform's stated velocity contradicts that of its positions"
@@ -43,42 +54,59 @@ def dead(history: RawHistory, ping: Observation) -> Finding:
     )
 
 
-def unit(explanation: Explanation, mean: PathMean, topic: str) -> Finding:
-    """Return the finding of velocities in another unit than the mean currents'."""
-    scale, name = explanation.map.scale, explanation.map.unit
-    gross, stated, about = scale >= _GROSS, f' = "{name}"' if name else "", "" if name else "about "
-    return Finding(
-        UNIT if gross else KNOTS,
-        mean.time_ns,
-        f"{topic}: the profiles are {about}{scale:.4g} times as fast as the {_SOURCE[mean.kind]} ({_strength(explanation)})",
-        f"the velocities are in {name}, taken for m/s"
-        if name
-        else "a wrong unit or scale of the profiles",
-        f"state measurements.velocity_unit{stated}, or check both sources",
-        "unusable" if gross else "inconsistent",
-    )
+def of_sources(explanation: Explanation, rivals: Rivals, mean: PathMean, topic: str) -> Finding:
+    """Return the finding of profiles and mean currents, or drifts, of which either may be wrong.
 
-
-def contradiction(explanation: Explanation, mean: PathMean, topic: str) -> Finding:
-    """Return the finding of two sources of which either may be wrong."""
-    other = _SOURCE[mean.kind]
-    return Finding(
+    Args:
+        explanation: What explains the profiles by the other source.
+        rivals: Causes with their probabilities, the likeliest first.
+        mean: The last one of the other source.
+        topic: Of the profiles.
+    """
+    fault, other = explanation.fault, _SOURCE[mean.kind]
+    severity: Severity = "inconsistent"
+    name, evidence, cause, advice = (
         CONTRADICTION,
-        mean.time_ns,
-        f"profiles of {topic} and {other}: the profiles look {_names(explanation)} ({_strength(explanation)})",
+        f"profiles of {topic} and {other}: the profiles look {_names(explanation)}",
         f"the axes or signs of the profiles, or those of the {other}",
         f"the gate is relaxed for both; check their frames and withhold the wrong one (--without {mean.kind}, or profiles)",
     )
+    if fault.kind in SCALES:
+        gross, about = fault.scale >= _GROSS, "" if fault.unit else "about "
+        name, severity = (UNIT, "unusable") if gross else (SCALE, severity)
+        evidence = (
+            f"{topic}: the profiles are {about}{fault.scale:.4g} times as fast as the {other}"
+        )
+        of = "velocities" if fault.scale > 1.0 else other
+        units = [each.unit for each in (fault, *explanation.alike) if each.unit]
+        cause = f"a wrong unit or scale of the profiles, or of the {other}"
+        if units:
+            cause = f"the {of} are in {' or '.join(units)}, taken for m/s"
+        stated = f' = "{fault.unit}"' if fault.unit in _STATED and fault.scale > 1.0 else ""
+        advice = f"state measurements.velocity_unit{stated}, or check both sources"
+    elif fault.kind in ("offset", "drift"):
+        name, unit = (OFFSET, "m/s") if fault.kind == "offset" else (DRIFT, "m/s an hour")
+        east, north = explanation.amount
+        evidence = f"profiles of {topic} less {other}: {east:+.3f} east, {north:+.3f} north {unit}"
+        cause = f"the velocity of the platform that is in the profiles, an instrument's offset, or the flight model behind the {other}"
+    if rivals[0][1] < _SURE:
+        chances = (f"{one} {100.0 * share:.0f} %" for one, share in rivals if share >= _LEAST_SHARE)
+        cause = f"{cause}; odds of the causes: {', '.join(chances)}"
+    evidence, since_ns = f"{evidence} ({_strength(explanation)})", explanation.since_ns
+    return Finding(name, since_ns or mean.time_ns, evidence, cause, advice, severity)
 
 
 def turned(explanation: Explanation, what: str, time_ns: int, topic: str) -> Finding:
-    """Return the finding of an instrument that is turned."""
+    """Return the finding of an instrument that is turned, or otherwise wrong relative to the vehicle."""
+    is_unit = explanation.fault.kind == "unit"
     return Finding(
-        COMPASS,
-        time_ns,
+        SCALE if is_unit else COMPASS,
+        explanation.since_ns or time_ns,
         f"{topic}: {what}; relative to the vehicle the profiles look {_names(explanation)} ({_strength(explanation)})",
-        "the compass, the sign of the heading or of the declination, or how the instrument is mounted",
-        "its profiles are not used, the estimate is rebuilt without them; correct the heading or the mounting and replay again",
+        "the unit or scale of the profiles"
+        if is_unit
+        else "the compass, the sign of the heading or of the declination, the order of the beams, or how the instrument is mounted",
+        "its profiles are not used, the estimate is rebuilt without them; correct the instrument's settings and replay again",
         distrusts=True,
     )
 
@@ -162,7 +190,7 @@ def forecast_misfit(evidence: str, moved: bool) -> Finding:
 
 
 def _names(explanation: Explanation) -> str:
-    return ", or ".join(each.name for each in (explanation.map, *explanation.alike))
+    return ", or ".join(each.name for each in (explanation.fault, *explanation.alike))
 
 
 def _strength(explanation: Explanation) -> str:

@@ -13,15 +13,21 @@ import numpy as np
 from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.measurements.consistency import checks, findings
+from replay_kit.measurements.consistency.pairs import PairStatistics, odds
 from replay_kit.measurements.consistency.raw import RawHistory
 from replay_kit.measurements.consistency.sources import SourceStatistics
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
 
 # Pairs before which nothing is said: of mean currents, of dives relative to the vehicle, of the platform's motion, of gross units.
 _LEAST_MEANS, _LEAST_DIVES, _LEAST_MOTIONS, _LEAST_UNITS = 3, 2, 4, 1
-# Log-likelihood ratios: of a turn relative to the vehicle; and by which it must be likelier than other causes.
-_TURN_GAIN, _LIKELIER = 7.0, 2.0
-_ANY, _TURNED, _UNIT = ("turn", "mirror", "unit"), ("turn", "mirror"), ("unit",)
+# Log-likelihood ratio of a turn relative to the vehicle, and the probability that the named cause has among all. Pairs after which a less
+# likely one is named, with its rivals: more of them would not tell.
+_TURN_GAIN, _LIKELY, _ENOUGH = 7.0, 0.9, 10
+_TURNED, _UNIT = ("turn", "mirror"), ("unit",)
+# Relative to the vehicle an offset and small scales are also those of its way.
+_RELATIVE, _ANY = ("turn", "mirror", "unit"), ("turn", "mirror", "unit", "scale", "offset", "drift")
+
+_OF_VEHICLE = " relative to the vehicle"
 
 #: What is checked.
 Checked = VehicleState | Observation | PathMean
@@ -74,13 +80,13 @@ class ConsistencyState:
         believed = [
             instrument for instrument in self.instruments.values() if instrument.is_believed
         ]
-        return any(findings.CONTRADICTION in instrument.named for instrument in believed)
+        return any(findings.OF_SOURCES & instrument.named for instrument in believed)
 
     @property
     def can_tell_directions(self) -> bool:
         """Whether anything in the log shows, or has shown, that directions are right or wrong."""
         return any(
-            instrument.named & {findings.COMPASS, findings.CONTRADICTION}
+            instrument.named & {findings.COMPASS, *findings.OF_SOURCES}
             or _tell_directions(instrument.sources)
             for instrument in self.instruments.values()
         )
@@ -225,26 +231,42 @@ def _after_mean(
     instrument = replace(instrument, sources=sources)
     if not instrument.is_believed:
         return instrument, ()
-    vehicle = sources.vehicle.explanation(
-        _TURNED, _LEAST_DIVES, _TURN_GAIN
-    ) or sources.blocks.explanation(_TURNED, _LEAST_MOTIONS)
     current = sources.drift if mean.kind == "drift" else sources.current
-    contradiction = current.explanation(_UNIT, _LEAST_UNITS) or current.explanation(
-        _ANY, _LEAST_MEANS
-    )
-    rival = current.best_gain() if current.pairs else 0.0
-    if vehicle is not None and vehicle.gain > rival + _LIKELIER:
-        finding = findings.turned(vehicle, findings.OF_VEHICLE, mean.time_ns, topic)
-        return replace(instrument, is_believed=False, named=instrument.named | {finding.name}), (
-            finding,
-        )
-    if contradiction is None:
+    finding = _of_means(sources, current, mean, topic)
+    known = findings.OF_SOURCES | {findings.COMPASS}
+    if finding is None or finding.name in instrument.named or known & instrument.named:
         return instrument, ()
-    of = findings.unit if contradiction.map.kind == "unit" else findings.contradiction
-    finding = of(contradiction, mean, topic)
-    if finding.name in instrument.named:
-        return instrument, ()
-    return replace(instrument, named=instrument.named | {finding.name}), (finding,)
+    believed = not finding.distrusts
+    named = instrument.named | {finding.name}
+    return replace(instrument, is_believed=believed, named=named), (finding,)
+
+
+def _of_means(
+    sources: SourceStatistics, current: PairStatistics, mean: PathMean, topic: str
+) -> Finding | None:
+    """Return what a mean current established: of all causes the likeliest, once it is likely enough or there are many pairs."""
+    vehicle = sources.vehicle.explanation(_RELATIVE, _LEAST_DIVES, _TURN_GAIN)
+    blocks = sources.blocks.explanation(_TURNED, _LEAST_MOTIONS)
+    both = current.explanation(_UNIT, _LEAST_UNITS) or current.explanation(_ANY, _LEAST_MEANS)
+    if vehicle is None and blocks is None and both is None:
+        return None
+    causes = dict(current.causes(_ANY, _LEAST_MEANS))
+    for cause, gain in sources.vehicle.causes(_RELATIVE, _LEAST_DIVES).items():
+        causes[f"{cause}{_OF_VEHICLE}"] = gain
+    rivals = odds(causes)
+    of_vehicle_is_likelier = vehicle is not None and (both is None or vehicle.gain > both.gain)
+    best = vehicle if of_vehicle_is_likelier else both
+    if best is None:
+        assert blocks is not None
+        return findings.turned(blocks, findings.OF_VEHICLE, mean.time_ns, topic)
+    of = _OF_VEHICLE if best is vehicle else ""
+    likely = dict(rivals)[f"{best.fault.cause}{of}"] >= _LIKELY
+    if best is vehicle:
+        # what excludes an instrument must be certain
+        return findings.turned(best, findings.OF_VEHICLE, mean.time_ns, topic) if likely else None
+    if not likely and best.pairs < _ENOUGH:
+        return None
+    return findings.of_sources(best, rivals, mean, topic)
 
 
 def unused(ping: Observation, reason: Reason) -> Observation:
