@@ -18,7 +18,14 @@ SCALE = "scale of the velocities"
 OFFSET = "constant offset between two sources of the current"
 DRIFT = "drift between two sources of the current"
 DEPTH = "depths above the surface"
+DEPTHS = "depth of the instrument and depth of the vehicle"
+CLOCK = "clock of the instrument"
+ERRORS = "stated errors"
+BEAM = "a beam of the instrument"
+MEANS = "mean currents"
+DUPLICATES = "messages logged twice"
 FROZEN = "frozen positions"
+DISPLACED = "displaced positions"
 PLACES = "positions of several missions"
 TRACKS = "these logs hold two tracks that no one vehicle can join"
 ENSEMBLE_UNIT = "unit of the ensemble"
@@ -94,6 +101,18 @@ def of_sources(explanation: Explanation, rivals: Rivals, mean: PathMean, topic: 
         cause = f"{cause}; odds of the causes: {', '.join(chances)}"
     evidence, since_ns = f"{evidence} ({_strength(explanation)})", explanation.since_ns
     return Finding(name, since_ns or mean.time_ns, evidence, cause, advice, severity)
+
+
+def equal_means(mean: PathMean, since_ns: int, number: int) -> Finding:
+    """Return the finding of mean currents that are equal to the last digit, dive after dive."""
+    east, north = mean.velocity
+    return Finding(
+        MEANS,
+        since_ns,
+        f"{mean.source.topic}: {number} dives in a row have the mean current {east:g} east, {north:g} north m/s",
+        "a mean current that was never computed, and is logged as zero or as the last one",
+        "withhold them (--without dac), or compute them from dead reckoning",
+    )
 
 
 def turned(explanation: Explanation, what: str, time_ns: int, topic: str) -> Finding:

@@ -13,10 +13,12 @@ import numpy as np
 from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.measurements.consistency import checks, findings
+from replay_kit.measurements.consistency.depths import Depth, DepthRecord, found_of_depths
 from replay_kit.measurements.consistency.pairs import PairStatistics, odds
 from replay_kit.measurements.consistency.raw import RawHistory
 from replay_kit.measurements.consistency.sources import SourceStatistics
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
+from replay_kit.measurements.consistency.usual_faults import UNIT_CAUSE, kinds_of
 
 # Pairs before which nothing is said: of mean currents, of dives relative to the vehicle, of the platform's motion, of gross units.
 _LEAST_MEANS, _LEAST_DIVES, _LEAST_MOTIONS, _LEAST_UNITS = 3, 2, 4, 1
@@ -41,6 +43,7 @@ class Instrument:
         raw: Of its raw values.
         sources: Of its profiles and other measurements of the current.
         pings: What each check of pings remembers.
+        depths: By its pressure.
         is_believed: Whether its profiles are used.
         named: Names of what was found.
     """
@@ -48,6 +51,7 @@ class Instrument:
     raw: RawHistory = field(default_factory=RawHistory)
     sources: SourceStatistics = field(default_factory=SourceStatistics)
     pings: tuple[checks.PingCheck, ...] = field(default_factory=lambda: checks.PING_CHECKS)
+    depths: DepthRecord = field(default_factory=DepthRecord)
     is_believed: bool = True
     named: frozenset[str] = frozenset()
 
@@ -59,7 +63,9 @@ class ConsistencyState:
     Attributes:
         instruments: By topic.
         positions: What each check of positions remembers.
+        depths: Of the vehicle, at its positions.
         named: Names of what was found of the positions.
+        equal_means: The last mean current of a dive, and since when and how often it has come without another between.
         pings: Pings judged.
         absolute_pings: Number of those that are not relative to a platform of unknown velocity.
         findings: What was found, in order.
@@ -69,7 +75,9 @@ class ConsistencyState:
     positions: tuple[checks.PositionCheck, ...] = field(
         default_factory=lambda: checks.POSITION_CHECKS
     )
+    depths: DepthRecord = field(default_factory=DepthRecord)
     named: frozenset[str] = frozenset()
+    equal_means: tuple[tuple[float, float], int, int] = ((math.nan, math.nan), 0, 0)
     pings: int = 0
     absolute_pings: int = 0
     findings: tuple[Finding, ...] = ()
@@ -122,11 +130,27 @@ def check(
     if isinstance(event, VehicleState):
         return _after_position(state, event), event
     if isinstance(event, PathMean):
+        state = _after_equal_mean(state, event)
         for topic, instrument in state.instruments.items():
             after, found = _after_mean(instrument, event, topic)
-            state = _with(state, topic, after, found)
+            if not (found and findings.MEANS in state.named):
+                state = _with(state, topic, after, found)
         return state, event
     return _after_ping(state, event, summary or summaries([event], ensemble)[0], through_water)
+
+
+def _after_equal_mean(state: ConsistencyState, mean: PathMean) -> ConsistencyState:
+    """Return the state after a mean current, which no two dives have to the last digit."""
+    if mean.kind != "dac":
+        return state
+    velocity, since_ns, number = state.equal_means
+    number = number + 1 if velocity == mean.velocity else 1
+    since_ns = since_ns if number > 1 else mean.time_ns
+    state = replace(state, equal_means=(mean.velocity, since_ns, number))
+    if number < _LEAST_MEANS or findings.MEANS in state.named:
+        return state
+    found = findings.equal_means(mean, since_ns, number)
+    return replace(state, named=state.named | {found.name}, findings=(*state.findings, found))
 
 
 def _with(
@@ -142,11 +166,13 @@ def _with(
 def _after_position(state: ConsistencyState, vehicle: VehicleState) -> ConsistencyState:
     positions = tuple(each.after(vehicle) for each in state.positions)
     found = _new((each.found(vehicle, state.named) for each in positions), state.named)
+    depths = state.depths.after(Depth(vehicle.time_ns, vehicle.depth, vehicle.dead_reckoned))
     if not found:
-        return replace(state, positions=positions)
+        return replace(state, positions=positions, depths=depths)
     return replace(
         state,
         positions=positions,
+        depths=depths,
         named=state.named | {each.name for each in found},
         findings=state.findings + found,
     )
@@ -173,6 +199,9 @@ def _after_ping(
     else:
         instrument = _measured(instrument, raw, ping, summary)
         found += _of_ping(instrument, ping)
+        if instrument.depths.is_due and not instrument.named & {findings.DEPTHS, findings.CLOCK}:
+            of_depths = found_of_depths(instrument.depths, state.depths, topic)
+            found += [] if of_depths is None else [of_depths]
     if found:
         named = frozenset(finding.name for finding in found)
         distrusted = any(finding.distrusts for finding in found)
@@ -203,7 +232,8 @@ def _measured(
         instrument.sources if summary.near is None else instrument.sources.after_ping(summary.near)
     )
     after = tuple(each.after(ping, summary) for each in instrument.pings)
-    return Instrument(raw, sources, after, instrument.is_believed, instrument.named)
+    depths = instrument.depths.after_ping(ping.time_ns, ping.raw.depth)
+    return Instrument(raw, sources, after, depths, instrument.is_believed, instrument.named)
 
 
 def _of_ping(instrument: Instrument, ping: Observation) -> list[Finding]:
@@ -245,26 +275,25 @@ def _of_means(
     sources: SourceStatistics, current: PairStatistics, mean: PathMean, topic: str
 ) -> Finding | None:
     """Return what a mean current established: of all causes the likeliest, once it is likely enough or there are many pairs."""
-    vehicle = sources.vehicle.explanation(_RELATIVE, _LEAST_DIVES, _TURN_GAIN)
     blocks = sources.blocks.explanation(_TURNED, _LEAST_MOTIONS)
-    both = current.explanation(_UNIT, _LEAST_UNITS) or current.explanation(_ANY, _LEAST_MEANS)
-    if vehicle is None and blocks is None and both is None:
-        return None
-    causes = dict(current.causes(_ANY, _LEAST_MEANS))
-    for cause, gain in sources.vehicle.causes(_RELATIVE, _LEAST_DIVES).items():
-        causes[f"{cause}{_OF_VEHICLE}"] = gain
-    rivals = odds(causes)
-    of_vehicle_is_likelier = vehicle is not None and (both is None or vehicle.gain > both.gain)
-    best = vehicle if of_vehicle_is_likelier else both
-    if best is None:
-        assert blocks is not None
+    if blocks is not None:
         return findings.turned(blocks, findings.OF_VEHICLE, mean.time_ns, topic)
-    of = _OF_VEHICLE if best is vehicle else ""
-    likely = dict(rivals)[f"{best.fault.cause}{of}"] >= _LIKELY
-    if best is vehicle:
+    causes = current.causes(_ANY, _LEAST_MEANS)
+    of_vehicle = sources.vehicle.causes(_RELATIVE, _LEAST_DIVES)
+    rivals = odds(causes | {f"{cause}{_OF_VEHICLE}": gain for cause, gain in of_vehicle.items()})
+    if not rivals:
+        return None
+    cause, share = rivals[0]
+    if cause.endswith(_OF_VEHICLE):
+        kinds = kinds_of(cause.removesuffix(_OF_VEHICLE), _RELATIVE)
+        best = sources.vehicle.explanation(kinds, _LEAST_DIVES, _TURN_GAIN)
         # what excludes an instrument must be certain
-        return findings.turned(best, findings.OF_VEHICLE, mean.time_ns, topic) if likely else None
-    if not likely and best.pairs < _ENOUGH:
+        if best is not None and share >= _LIKELY:
+            return findings.turned(best, findings.OF_VEHICLE, mean.time_ns, topic)
+    else:
+        best = current.explanation(_UNIT, _LEAST_UNITS) if cause == UNIT_CAUSE else None
+        best = best or current.explanation(kinds_of(cause, _ANY), _LEAST_MEANS)
+    if best is None or (share < _LIKELY and best.pairs < _ENOUGH):
         return None
     return findings.of_sources(best, rivals, mean, topic)
 

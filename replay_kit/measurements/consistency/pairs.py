@@ -175,20 +175,22 @@ class PairStatistics:
         return _Fits(gain, (as_logged + self.floor) / latest, favoured / count, amount)
 
     def causes(self, kinds: Sequence[str], least_pairs: int) -> dict[str, float]:
-        """Return the largest gain of each cause of some kinds, whether or not it may be named; none without pairs.
+        """Return the log-likelihood ratio to equality of each cause of some kinds, all its hypotheses together; none without pairs.
 
         Args:
             kinds: Of hypotheses.
             least_pairs: Number of pairs that a fault which began during the log must explain.
         """
-        best: dict[str, float] = {}
+        found: dict[str, float] = {}
         if not self.pairs:
-            return best
-        gains = self.fits().gain[: max(1, len(self.pairs) - least_pairs + 1)].max(axis=0)
-        for each, gain in zip(hypotheses(), gains.tolist(), strict=True):
+            return found
+        gains = self.fits().gain[: max(1, len(self.pairs) - least_pairs + 1)]
+        of_each = np.logaddexp.reduce(gains, axis=0)
+        for each, gain in zip(hypotheses(), of_each.tolist(), strict=True):
             if each.kind in kinds:
-                best[each.cause] = max(gain, best.get(each.cause, -math.inf))
-        return best
+                more = gain + math.log(each.prior)
+                found[each.cause] = float(np.logaddexp(found.get(each.cause, -math.inf), more))
+        return found
 
     def tell_directions(self, least_pairs: int) -> bool:
         """Return whether these pairs, which agree, would contradict each other if the first vectors were turned by a right angle.
@@ -262,6 +264,8 @@ def _squared(pair: Pair) -> float:
 
 def odds(causes: Mapping[str, float]) -> list[tuple[str, float]]:
     """Return the probability of each of some causes by their log-likelihood ratios and equal odds before, the likeliest first."""
+    if not causes:
+        return []
     ranked = sorted(causes.items(), key=lambda each: -each[1])
     shares = np.exp(np.array([gain - ranked[0][1] for _, gain in ranked]))
     total = float(shares.sum())

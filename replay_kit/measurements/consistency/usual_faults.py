@@ -36,6 +36,7 @@ _CAUSES = {
     "offset": "a constant offset",
     "drift": "a drift",
 }
+UNIT_CAUSE = _CAUSES["unit"]
 # Smaller ones are not told from a vehicle's error of its own speed, where velocities are relative to it.
 _LEAST_UNIT = 3.0
 _MIRRORS = {
@@ -88,6 +89,13 @@ class Hypothesis:
         return _CAUSES[self.kind]
 
     @property
+    def prior(self) -> float:
+        """Its probability among those of its cause, before any pair: of directions half is that of the slips."""
+        if self.cause == _CAUSES["turn"]:
+            return 0.125 if self.is_slip else 0.5 / 65.0
+        return 0.5 / len(_SCALES) if self.cause == _CAUSES["unit"] else 1.0
+
+    @property
     def matrix(self) -> Array:
         """Its matrix M, shape (2, 2); that of equality for what is added."""
         cosine, sine = math.cos(math.radians(self.angle)), math.sin(math.radians(self.angle))
@@ -95,6 +103,11 @@ class Hypothesis:
             return np.array([[cosine, sine], [sine, -cosine]])
         # what was turned clockwise is turned back counter-clockwise
         return np.array([[cosine, -sine], [sine, cosine]]) / self.scale
+
+
+def kinds_of(cause: str, among: Sequence[str]) -> tuple[str, ...]:
+    """Return the kinds of hypotheses of a cause, of some kinds, in their order."""
+    return tuple(kind for kind in among if _CAUSES[kind] == cause)
 
 
 @cache

@@ -289,7 +289,9 @@ def _together(
             common_std,
             ping.correlation_depth if ping.correlation_depth >= 0.0 else config.correlation_depth,
             platform_velocity,
-            raw=waiting.raw,
+            raw=replace(waiting.raw, depth=tops[i])
+            if math.isfinite(ping.pressure)
+            else waiting.raw,
             position_std=each.position_std,
         )
         carriers = [Used(source.topic)] * (waiting.n_messages - 1)
