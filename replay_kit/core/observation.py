@@ -122,6 +122,7 @@ class RawValues:
         texture: shape (n - 2, k), second differences along the profile of each component or beam [m/s]; None with too few cells.
         along_beams: Whether the velocities were along beams.
         depth: Of the transducer, by the ping's own pressure [m]; NaN where it states none.
+        error_velocity: Mean over the profile of what no velocity explains in the beams [m/s]; NaN where it is not known.
     """
 
     kind: Literal["varied", "constant", "zero"] = "varied"
@@ -129,6 +130,7 @@ class RawValues:
     texture: Array | None = field(default=None, compare=False)
     along_beams: bool = False
     depth: float = math.nan
+    error_velocity: float = math.nan
 
 
 #: Of a ping that has too few of them.

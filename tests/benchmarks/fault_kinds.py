@@ -387,7 +387,7 @@ FAULTS = (
     Fault(
         "beams 1 and 3 exchanged",
         _beams(lambda c, rng: [c[2], c[1], c[0], c[3]]),
-        _DIRECTION,
+        (findings.BEAM,),
         _IN_BEAMS,
         68,
     ),

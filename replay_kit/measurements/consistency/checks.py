@@ -34,6 +34,8 @@ _LEAST_NOISE, _MOST_NOISE = 0.05, 6.0
 _OTHER_DEPTH, _OTHER_PLACE, _LEAST_ALIKE, _ALIKE = 20.0, 1000.0, 8, 0.7
 # How many times as large as that of the others the variance of a beam's noise is, or how many times as small, when the beam is bad.
 _UNLIKE = 25.0
+# m/s; a mean error velocity that no noise and no error of a beam's angle makes
+_MOST_ERROR = 0.1
 
 
 class PingCheck(Protocol):
@@ -273,13 +275,15 @@ class Noise:
 
 @dataclass(frozen=True, slots=True)
 class Beams:
-    """The noise of each beam, by the second differences along it.
+    """The noise of each beam, by the second differences along it, and whether the beams fit each other.
 
     Attributes:
         variances: Of the beams, of the latest pings [m^2/s^2].
+        errors: Mean error velocity of the latest pings [m/s].
     """
 
     variances: tuple[tuple[float, ...], ...] = ()
+    errors: tuple[float, ...] = ()
 
     def after(self, ping: Observation, summary: PingSummary) -> "Beams":
         """Return the noise after a ping that came along beams."""
@@ -287,7 +291,8 @@ class Beams:
         if not raw.along_beams or raw.texture is None or not np.isfinite(raw.texture).all(1).any():
             return self
         variances = tuple(np.nanmean(raw.texture**2, axis=0).tolist())
-        return Beams((*self.variances, variances)[-_LEAST_PINGS:])
+        errors = (*self.errors, raw.error_velocity) if math.isfinite(raw.error_velocity) else self.errors  # fmt: skip
+        return Beams((*self.variances, variances)[-_LEAST_PINGS:], errors[-_LEAST_PINGS:])
 
     def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
         """Return that one beam is unlike the others, if it is."""
@@ -296,13 +301,20 @@ class Beams:
         beams = np.median(self.variances, axis=0)
         ratios = beams / np.array([np.median(np.delete(beams, k)) for k in range(len(beams))])
         worst = int(np.argmax(np.abs(np.log(np.maximum(ratios, 1e-9)))))
+        error = abs(float(np.median(self.errors))) if len(self.errors) == _LEAST_PINGS else 0.0
         if 1.0 / _UNLIKE < ratios[worst] < _UNLIKE:
-            return None
+            if error < _MOST_ERROR:
+                return None
+            evidence = (
+                f"the beams contradict each other by {error:.2f} m/s in all cells (error velocity)"
+            )
+        else:
+            evidence = f"beam {worst + 1} scatters {math.sqrt(ratios[worst]):.2g} times as much as the others"
         return Finding(
             findings.BEAM,
             ping.time_ns,
-            f"{ping.source.topic}: beam {worst + 1} scatters {math.sqrt(ratios[worst]):.2g} times as much as the others",
-            "a beam that is dead, blocked, or out of order",
+            f"{ping.source.topic}: {evidence}",
+            "the order or the directions of the beams, or one that is dead, blocked or disturbed",
             "its profiles are not used; leave that beam out, so that velocities are solved from the other three",
             distrusts=True,
         )

@@ -13,6 +13,7 @@ from replay_kit.measurements.consistency.tracks import Passages
 DEAD = "dead or stale instrument"
 COMPASS = "compass or instrument turned"
 CONTRADICTION = "two sources of the current contradict each other"
+UNDECIDED = "two sources of the current contradict each other, and the cause is not certain"
 UNIT = "unit of the velocities"
 SCALE = "scale of the velocities"
 OFFSET = "constant offset between two sources of the current"
@@ -33,7 +34,7 @@ ENSEMBLE = "log and ensemble contradict each other"
 MISFIT = "the forecast does not fit this water"
 MISFIT_OF_MOVED = "the ensemble that was moved here does not fit this water"
 #: What two sources of the current may be found to be; while none of them is known to be right, the gate rejects neither.
-OF_SOURCES = frozenset({CONTRADICTION, SCALE, OFFSET, DRIFT})
+OF_SOURCES = frozenset({CONTRADICTION, UNDECIDED, SCALE, OFFSET, DRIFT})
 # Scale from which no slip but that of a unit explains a ratio.
 _GROSS = 8.0
 # What measurements.velocity_unit can be.
@@ -97,10 +98,26 @@ def of_sources(explanation: Explanation, rivals: Rivals, mean: PathMean, topic: 
         evidence = f"profiles of {topic} less {other}: {east:+.3f} east, {north:+.3f} north {unit}"
         cause = f"the velocity of the platform that is in the profiles, an instrument's offset, or the flight model behind the {other}"
     if rivals[0][1] < _SURE:
-        chances = (f"{one} {100.0 * share:.0f} %" for one, share in rivals if share >= _LEAST_SHARE)
-        cause = f"{cause}; odds of the causes: {', '.join(chances)}"
+        cause = f"{cause}; {_odds(rivals)}"
     evidence, since_ns = f"{evidence} ({_strength(explanation)})", explanation.since_ns
     return Finding(name, since_ns or mean.time_ns, evidence, cause, advice, severity)
+
+
+def undecided(best: Explanation, rivals: Rivals, mean: PathMean, topic: str) -> Finding:
+    """Return the finding of profiles and mean currents that contradict each other in a way that several causes explain."""
+    other = _SOURCE[mean.kind]
+    return Finding(
+        UNDECIDED,
+        best.since_ns or mean.time_ns,
+        f"profiles of {topic} and {other}: {best.pairs} pairs are not of one current (likelihood ratio e^{best.gain:.0f})",
+        f"not known yet, as the current and the heading hardly change; {_odds(rivals)}",
+        f"the gate is relaxed for both; check both, and withhold the wrong one (--without {mean.kind}, or profiles)",
+    )
+
+
+def _odds(rivals: Rivals) -> str:
+    chances = (f"{one} {100.0 * share:.0f} %" for one, share in rivals if share >= _LEAST_SHARE)
+    return f"odds of the causes: {', '.join(chances)}"
 
 
 def equal_means(mean: PathMean, since_ns: int, number: int) -> Finding:

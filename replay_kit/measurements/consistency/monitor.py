@@ -22,9 +22,9 @@ from replay_kit.measurements.consistency.usual_faults import UNIT_CAUSE, kinds_o
 
 # Pairs before which nothing is said: of mean currents, of dives relative to the vehicle, of the platform's motion, of gross units.
 _LEAST_MEANS, _LEAST_DIVES, _LEAST_MOTIONS, _LEAST_UNITS = 3, 2, 4, 1
-# Log-likelihood ratio of a turn relative to the vehicle, and the probability that the named cause has among all. Pairs after which a less
-# likely one is named, with its rivals: more of them would not tell.
-_TURN_GAIN, _LIKELY, _ENOUGH = 7.0, 0.9, 10
+# Log-likelihood ratio of a turn relative to the vehicle, and the probability that the named cause has among all. Pairs after which a
+# contradiction is named without a cause, but with the odds of all.
+_TURN_GAIN, _LIKELY, _ENOUGH = 7.0, 0.98, 6
 _TURNED, _UNIT = ("turn", "mirror"), ("unit",)
 # Relative to the vehicle an offset and small scales are also those of its way.
 _RELATIVE, _ANY = ("turn", "mirror", "unit"), ("turn", "mirror", "unit", "scale", "offset", "drift")
@@ -263,7 +263,8 @@ def _after_mean(
         return instrument, ()
     current = sources.drift if mean.kind == "drift" else sources.current
     finding = _of_means(sources, current, mean, topic)
-    known = findings.OF_SOURCES | {findings.COMPASS}
+    # that something is wrong may come before what it is
+    known = (findings.OF_SOURCES - {findings.UNDECIDED}) | {findings.COMPASS}
     if finding is None or finding.name in instrument.named or known & instrument.named:
         return instrument, ()
     believed = not finding.distrusts
@@ -295,6 +296,8 @@ def _of_means(
         best = best or current.explanation(kinds_of(cause, _ANY), _LEAST_MEANS)
     if best is None or (share < _LIKELY and best.pairs < _ENOUGH):
         return None
+    if share < _LIKELY:
+        return findings.undecided(best, rivals, mean, topic)
     return findings.of_sources(best, rivals, mean, topic)
 
 

@@ -1,13 +1,15 @@
 """Two measurements of one vector, compared: which hypothesis explains one by the other much better than equality, and since when?
 
 Pairs (a, b) of horizontal vectors should be equal. Each of ``usual_faults.hypotheses`` says what a may be instead: M a = b + e for a
-turn, a mirror or a scale, a = b + x c + e for an offset (x = 1) or a drift (x the time since it began). With independent Gaussian errors e
-whose common variance is not known (a conjugate prior of ``floor`` with two degrees of freedom), and a c of which each component has a
-variance v times that of e, the density of the a with both integrated out gives the log-likelihood ratio of a hypothesis to equality,
+turn, a mirror or a scale, a = b + x c + e for an offset (x = 1) or a drift (x the time since it began). With Gaussian errors e whose
+common variance is not known (a conjugate prior of ``floor`` with two degrees of freedom), that share a bias of v0 times that variance, and
+a c of which each component has v times that variance, the density of the a with all of them integrated out gives the log-likelihood ratio
+of a hypothesis to equality,
 
-    (K + 1) ln[(sum |a - b|^2 + floor) / (sum |r|^2 + floor)] + K ln |det M| - ln(1 + v sum x^2),
+    (K + 1) ln[(Q(a - b) + floor) / (Q(r) + floor)] + K ln |det M| - ln(v det G / (K + 1 / v0)),
 
-r what a hypothesis leaves: M a - b, or a - b less its regression on x. A fault that began during the log explains the pairs since then;
+r what a hypothesis leaves, M a - b or a - b, Q the sum of its squares less its regression on the bias and on x, and G the normal matrix of
+that regression (without x the last term is zero). A fault that began during the log explains the pairs since then;
 those before are equal. All beginnings are compared, each as likely before. As outliers could carry a ratio, at least two thirds of the
 pairs must agree with the hypothesis better than with equality, each alone; and as pairs of poor data are explained by nothing, it must
 halve their RMS difference.
@@ -41,6 +43,8 @@ _ALIKE = 3.0
 _MOST_PAIRS = 128
 # m/s, and m/s an hour: how large an offset and a drift are before any pair
 _OFFSET_STD, _DRIFT_STD = 0.3, 0.03
+# m/s; of a bias that all pairs share: of a flight model, of water that is not quite the same
+_BIAS_STD = 0.03
 # m/s; a smaller offset, or a drift that comes to less, is a bias that sound sources have: of a flight model, of a compass
 _LEAST_OFFSET = 0.12
 _HOUR_NS = 3.6e12
@@ -144,35 +148,46 @@ class PairStatistics:
         (matrices, scale, kind), values = _table(), np.array(self.pairs, np.float64)
         first, second, weight = values[:, :2], values[:, 2:4], values[:, 4]
         hours, count = (values[:, 5] - values[0, 5]) / _HOUR_NS, _since(weight)[:, None]
-        difference = first - second
+        difference, bias = first - second, 2.0 * _BIAS_STD**2 / self.floor
         logged = np.sum(difference**2, axis=1)
-        left = np.sum((first @ matrices.swapaxes(1, 2) - second) ** 2, axis=2).T
+        of_pairs, of_differences = count[0, 0], _since(weight[:, None] * difference)
+        mapped = np.moveaxis(first @ matrices.swapaxes(1, 2) - second, 0, 1)
+        left = np.sum(mapped**2, axis=2)
         since = _since(weight[:, None] * left)
         favoured = _since(weight[:, None] * (left < logged[:, None]))
-        penalty = 2.0 * count * np.log(scale)
-        amount = np.zeros((*left.shape, 2))
+        as_logged = _since(weight * logged)[:, None]
+        # the sums of what a hypothesis leaves, of which the common bias takes its share
+        sums = (of_differences[0] - of_differences)[:, None] + _since(
+            weight[:, None, None] * mapped
+        )
+        share = bias / (1.0 + bias * of_pairs)
+        misfit = as_logged[0] - as_logged + since - share * np.sum(sums**2, axis=2)
+        equal = float(as_logged[0, 0] - share * np.sum(of_differences[0] ** 2))
+        penalty, amount = 2.0 * count * np.log(scale), np.zeros((*left.shape, 2))
         for name, std, power in (("offset", _OFFSET_STD, 0), ("drift", _DRIFT_STD, 1)):
             at, v = int(np.flatnonzero(kind == name)[0]), 2.0 * std**2 / self.floor
             # a drift began with the pair before the first that it moved
             began = np.concatenate([[2.0 * hours[0] - hours[min(1, len(hours) - 1)]], hours[:-1]])
             x = np.triu((hours[None, :] - began[:, None]) ** power)
-            squares = x**2 @ weight
-            amount[:, at] = v * (x * weight @ difference) / (1.0 + v * squares)[:, None]
-            added = amount[:, at, None, :] * x[..., None]
-            mine = weight * np.sum((difference - added) ** 2, axis=2)
-            # the regression is pulled towards none: the share of it that its prior resists is no misfit of the pairs
-            regular = np.sum(amount[:, at] ** 2, axis=1) / v
-            since[:, at] = np.triu(mine).sum(axis=1) + regular
+            # the regression on the bias and on x: its normal matrix, and its right side
+            both, squares, moments = x @ weight, x**2 @ weight + 1.0 / v, (x * weight) @ difference
+            det = (of_pairs + 1.0 / bias) * squares - both**2
+            c = ((of_pairs + 1.0 / bias) * moments - both[:, None] * of_differences[0]) / det[:, None]  # fmt: skip
+            b = (squares[:, None] * of_differences[0] - both[:, None] * moments) / det[:, None]
+            amount[:, at] = c
+            misfit[:, at] = as_logged[0, 0] - np.sum(b * of_differences[0] + c * moments, axis=1)
+            mine = weight * np.sum((difference - c[:, None] * x[..., None]) ** 2, axis=2)
+            since[:, at] = np.triu(mine).sum(axis=1)
             favoured[:, at] = np.triu(weight * (mine < weight * logged)).sum(axis=1)
             # the conjugate prior grows with the errors; an offset of metres per second is none, however large these are
-            far = np.sum(amount[:, at] ** 2, axis=1) / (2.0 * std**2)
-            penalty[:, at] = np.log1p(v * squares) + far
-        as_logged = _since(weight * logged)[:, None]
-        total, latest = as_logged[0] + self.floor, np.maximum(since, 0.0) + self.floor
-        gain = (count[0] + 1.0) * np.log(total / (as_logged[0] - as_logged + latest)) - penalty
+            far = np.sum(c**2, axis=1) / (2.0 * std**2)
+            penalty[:, at] = np.log(bias * v * det / (1.0 + bias * of_pairs)) + far
+        misfit = np.maximum(misfit, 0.0) + self.floor
+        gain = (of_pairs + 1.0) * np.log((equal + self.floor) / misfit) - penalty
         # of all beginnings within the log each is as likely before
         gain[1:] -= math.log(len(gain))
-        return _Fits(gain, (as_logged + self.floor) / latest, favoured / count, amount)
+        ratio = (as_logged + self.floor) / (np.maximum(since, 0.0) + self.floor)
+        return _Fits(gain, ratio, favoured / count, amount)
 
     def causes(self, kinds: Sequence[str], least_pairs: int) -> dict[str, float]:
         """Return the log-likelihood ratio to equality of each cause of some kinds, all its hypotheses together; none without pairs.

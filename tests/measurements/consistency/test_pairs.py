@@ -27,26 +27,49 @@ def currents(n=12, seed=0):
 
 
 def slow_gains(a, b, weight):
-    """Return the gains by their definition, pair by pair."""
-    matrices = [each.matrix for each in hypotheses() if each.kind not in ADDED]
-    count = weight * len(a)
-    logged = (
-        weight * sum(np.sum((first - second) ** 2) for first, second in zip(a, b, strict=True))
-        + FLOOR
-    )
-    gains = []
-    for matrix in matrices:
-        mapped = (
-            weight
-            * sum(
-                np.sum((matrix @ first - second) ** 2) for first, second in zip(a, b, strict=True)
-            )
-            + FLOOR
-        )
-        gains.append(
-            (count + 1.0) * np.log(logged / mapped) + count * np.log(abs(np.linalg.det(matrix)))
-        )
+    """Return the gains by their definition: Student densities of all differences at once, with a bias that they share."""
+    k = len(a)
+    covariance = np.eye(k) / weight + 2.0 * 0.03**2 / FLOOR
+    gains, inverse = [], np.linalg.inv(covariance)
+
+    def squares(matrix):
+        left = a @ matrix.T - b
+        return float(np.trace(left.T @ inverse @ left)) + FLOOR
+
+    for matrix in [each.matrix for each in hypotheses() if each.kind not in ADDED]:
+        ratio = np.log(squares(np.eye(2)) / squares(matrix))
+        gains.append((weight * k + 1.0) * ratio + weight * k * np.log(abs(np.linalg.det(matrix))))
     return np.array(gains)
+
+
+def slow_gain_of_added(a, b, hours, std, begin):
+    """Return the gain of an offset or a drift of some basis by the densities of all differences at once."""
+    k, v = len(a), 2.0 * std**2 / FLOOR
+    equal = np.eye(k) + 2.0 * 0.03**2 / FLOOR
+    moved = equal + v * np.outer(hours, hours)
+    d = a - b
+
+    def density(covariance):
+        squares = float(np.trace(d.T @ np.linalg.inv(covariance) @ d)) + FLOOR
+        return -(k + 1.0) * np.log(squares) - np.linalg.slogdet(covariance)[1]
+
+    c = v * hours @ np.linalg.inv(moved) @ d
+    far = float(np.sum(c**2)) / (2.0 * std**2)
+    return density(moved) - density(equal) - far - (np.log(k) if begin else 0.0)
+
+
+@pytest.mark.parametrize("begin", [0, 3])
+@pytest.mark.parametrize(("kind", "std"), [("offset", 0.3), ("drift", 0.03)])
+def test_the_gain_of_what_is_added_is_that_of_the_definition(kind, std, begin):
+    a, b, hours = currents(8), currents(8, seed=1), 2.5 * np.arange(8.0)
+    found = PairStatistics(FLOOR)
+    for one, other, hour in zip(a, b, hours, strict=True):
+        found = found.with_pair(Pair(*one, *other, 1.0, int(hour * 3.6e12)))
+    since = hours - hours[begin] + 2.5 if kind == "drift" else np.ones(8)
+    basis = np.where(np.arange(8) >= begin, since, 0.0)
+    at = [each.kind for each in hypotheses()].index(kind)
+    expected = slow_gain_of_added(a, b, basis, std, begin)
+    assert found.fits().gain[begin, at] == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("weight", [1.0, 0.5])

@@ -162,8 +162,8 @@ def turned(degrees, way=(0.25, 0.0)):
     return logged
 
 
-@pytest.mark.parametrize(("degrees", "dives"), [(30.0, 2), (-40.0, 2), (90.0, 2), (180.0, 2)])
-def test_a_turned_compass_is_named_after_two_dives(degrees, dives):
+@pytest.mark.parametrize(("degrees", "dives"), [(30.0, 4), (-40.0, 3), (90.0, 3), (180.0, 2)])
+def test_a_turned_compass_is_named_when_no_other_cause_explains_the_dives(degrees, dives):
     found, state = findings_after(CURRENTS, turned(degrees))
     assert found == [(COMPASS, dives)]
     assert f"turned by {degrees:+.0f} degrees clockwise" in state.findings[0].evidence
@@ -205,13 +205,14 @@ def test_a_unit_is_not_taken_for_a_turned_compass():
     ("factor", "dives", "words"),
     [
         (8.0, 2, "about 10 times"),
-        (20.0, 3, "about 10 times"),
+        (20.0, 4, "about 10 times"),
         (100.0, 1, ": the profiles are 100 times"),
     ],
 )
 def test_a_factor_of_eight_or_more_is_unusable(factor, dives, words):
     found, state = findings_after(
-        [(0.3, 0.1)] * 4, lambda current: (factor * current[0], factor * current[1])
+        [(0.3, 0.1), (0.25, 0.14), (0.33, 0.02), (0.2, 0.2)],
+        lambda current: (factor * current[0], factor * current[1]),
     )
     assert found == [("unit of the velocities", dives)]
     assert words in state.findings[0].evidence
