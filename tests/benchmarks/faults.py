@@ -32,7 +32,7 @@ from tests.benchmarks.fault_kinds import FAULTS, Fault, in_beams
 from tests.benchmarks.measure import Row, row
 from tests.places import DATA, SAMPLES
 
-_SEEDS, _PINGS, _TINY_PINGS = 5, 400, 60
+_SEEDS, _PINGS, _TINY_PINGS = 5, 250, 60
 # m/s: of the platform's stated velocity; of the bins of the seeds' twins
 _PLATFORM_STD, _NOISE = 0.03, (0.09, 0.05, 0.15, 0.09, 0.25)
 

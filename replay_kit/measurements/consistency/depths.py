@@ -93,6 +93,13 @@ class DepthRecord:
         return np.array(time_ns) * 1e-9, np.array(depth), np.array(under)
 
 
+def can_compare(own: DepthRecord, vehicle: DepthRecord) -> bool:
+    """Return whether a log has both depths, and one of them changes by as much as a dive."""
+    if len(vehicle.depths) < _LEAST_PINGS or len(own.depths) < _LEAST_PINGS:
+        return False
+    return max(float(np.ptp(each.arrays[1])) for each in (own, vehicle)) >= _DIVES
+
+
 def found_of_depths(own: DepthRecord, vehicle: DepthRecord, topic: str) -> Finding | None:
     """Return what the instrument's depths and the vehicle's contradict each other in, if anything.
 
@@ -101,7 +108,7 @@ def found_of_depths(own: DepthRecord, vehicle: DepthRecord, topic: str) -> Findi
         vehicle: Of the vehicle.
         topic: Of the pings.
     """
-    if len(vehicle.depths) < _LEAST_PINGS or len(own.depths) < _LEAST_PINGS:
+    if not can_compare(own, vehicle):
         return None
     return _stuck(own, vehicle, topic) or _wrong(own, vehicle, topic)
 
@@ -133,8 +140,6 @@ def _stuck(own: DepthRecord, vehicle: DepthRecord, topic: str) -> Finding | None
 def _wrong(own: DepthRecord, vehicle: DepthRecord, topic: str) -> Finding | None:
     """Return that the instrument's depths are in another unit, or late, if that explains them much better than equality."""
     (t, p, _), (times, depths, _) = own.arrays, vehicle.arrays
-    if max(np.ptp(p), np.ptp(depths)) < _DIVES:
-        return None
     none = _misfit(p, _depth_at(t, times, depths))
     if none is None or none[0] < _LEAST_RATIO * _ERROR**2 * none[1]:
         return None

@@ -31,6 +31,8 @@ PLACES = "positions of several missions"
 TRACKS = "these logs hold two tracks that no one vehicle can join"
 ENSEMBLE_UNIT = "unit of the ensemble"
 ENSEMBLE = "log and ensemble contradict each other"
+FORECAST = "components or unit of the forecast"
+PREFERRED = "the gate prefers one source of the current to another"
 MISFIT = "the forecast does not fit this water"
 MISFIT_OF_MOVED = "the ensemble that was moved here does not fit this water"
 #: What two sources of the current may be found to be; while none of them is known to be right, the gate rejects neither.
@@ -132,16 +134,24 @@ def equal_means(mean: PathMean, since_ns: int, number: int) -> Finding:
     )
 
 
-def turned(explanation: Explanation, what: str, time_ns: int, topic: str) -> Finding:
-    """Return the finding of an instrument that is turned, or otherwise wrong relative to the vehicle."""
-    is_unit = explanation.fault.kind == "unit"
+def too_fast(reason: str, number: int) -> Finding:
+    """Return the finding of a log whose mean currents are faster than any current, and are all skipped for that."""
     return Finding(
-        SCALE if is_unit else COMPASS,
+        SCALE,
+        0,
+        f"all {number} mean currents were skipped ({reason})",
+        "mean currents in cm/s or mm/s, taken for m/s",
+        "correct their unit, or withhold them (--without dac)",
+    )
+
+
+def turned(explanation: Explanation, what: str, time_ns: int, topic: str) -> Finding:
+    """Return the finding of an instrument that is turned."""
+    return Finding(
+        COMPASS,
         explanation.since_ns or time_ns,
         f"{topic}: {what}; relative to the vehicle the profiles look {_names(explanation)} ({_strength(explanation)})",
-        "the unit or scale of the profiles"
-        if is_unit
-        else "the compass, the sign of the heading or of the declination, the order of the beams, or how the instrument is mounted",
+        "the compass, the sign of the heading or of the declination, the order of the beams, or how the instrument is mounted",
         "its profiles are not used, the estimate is rebuilt without them; correct the instrument's settings and replay again",
         distrusts=True,
     )
@@ -193,6 +203,30 @@ def ensemble_contradicts(evidence: str, time_ns: int = 0) -> Finding:
         "an ensemble of another region or season, or errors of the profiles that are stated too small",
         "warning only; replay-kit info --ensemble lists faults of the log that would explain it",
         "warning",
+    )
+
+
+def forecast_fault(explanation: Explanation) -> Finding:
+    """Return the warning that a forecast looks as if its file were wrong; a forecast without skill may look so by chance."""
+    return Finding(
+        FORECAST,
+        0,
+        f"the forecast's means along the paths of dives, against the mean currents: {_names(explanation)} ({_strength(explanation)})",
+        "exchanged components, a sign or a unit in the forecast's file; or an eddy that is elsewhere than forecast",
+        "check the names, signs and units of the forecast's velocities",
+        "warning",
+    )
+
+
+def preferred(rejected: str, kept: str, evidence: str) -> Finding:
+    """Return the finding of a gate that rejects most measurements of one source, by its kind, and keeps those of another."""
+    words = {"profiles": "the profiles", **_SOURCE}
+    return Finding(
+        PREFERRED,
+        0,
+        f"{words[rejected]} were rejected and {words[kept]} kept: {evidence}",
+        f"{words[rejected]} and {words[kept]} are not of one current: either may be wrong, or its stated error is too small",
+        f"check both, and withhold the wrong one (--without {rejected} or {kept})",
     )
 
 

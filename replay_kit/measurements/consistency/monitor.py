@@ -13,17 +13,22 @@ import numpy as np
 from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.measurements.consistency import checks, findings
-from replay_kit.measurements.consistency.depths import Depth, DepthRecord, found_of_depths
-from replay_kit.measurements.consistency.pairs import PairStatistics, odds
+from replay_kit.measurements.consistency.depths import (
+    Depth,
+    DepthRecord,
+    can_compare,
+    found_of_depths,
+)
+from replay_kit.measurements.consistency.pairs import SCALES, PairStatistics, odds
 from replay_kit.measurements.consistency.raw import RawHistory
 from replay_kit.measurements.consistency.sources import SourceStatistics
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
-from replay_kit.measurements.consistency.usual_faults import UNIT_CAUSE, kinds_of
+from replay_kit.measurements.consistency.usual_faults import SCALE_CAUSE, kinds_of
 
 # Pairs before which nothing is said: of mean currents, of dives relative to the vehicle, of the platform's motion, of gross units.
 _LEAST_MEANS, _LEAST_DIVES, _LEAST_MOTIONS, _LEAST_UNITS = 3, 2, 4, 1
-# Log-likelihood ratio of a turn relative to the vehicle, and the probability that the named cause has among all. Pairs after which a
-# contradiction is named without a cause, but with the odds of all.
+# Log-likelihood ratio of a turn relative to the vehicle, and the probability that the named cause has among all. Pairs after
+# which a contradiction is named without a cause, but with the odds of all.
 _TURN_GAIN, _LIKELY, _ENOUGH = 7.0, 0.98, 6
 _TURNED, _UNIT = ("turn", "mirror"), ("unit",)
 # Relative to the vehicle an offset and small scales are also those of its way.
@@ -98,6 +103,26 @@ class ConsistencyState:
             or _tell_directions(instrument.sources)
             for instrument in self.instruments.values()
         )
+
+
+def unknowable(state: ConsistencyState) -> tuple[str, ...]:
+    """Return which faults of the profiles nothing in a log shows, and what would, as sentences; none for a log without profiles."""
+    instruments = list(state.instruments.values())
+    if not instruments:
+        return ()
+    found = []
+    sources = [instrument.sources for instrument in instruments]
+    if not any(len(each.current.pairs) + len(each.drift.pairs) >= _LEAST_MEANS for each in sources):
+        found.append(
+            "an offset, a drift or a scale of the profiles (an offset cancels in profiles relative to the platform)"
+            if not state.absolute_pings
+            else f"an offset, a drift or a scale of the profiles ({_LEAST_MEANS} mean currents of dives, or drifts, beside them would tell)"
+        )
+    if not any(can_compare(instrument.depths, state.depths) for instrument in instruments):
+        found.append(
+            "the clock and the depth of the instrument (a pressure in its pings beside depths of a vehicle that dives would tell)"
+        )
+    return tuple(f"cannot be known here: {each}" for each in found)
 
 
 def _tell_directions(sources: SourceStatistics) -> bool:
@@ -280,20 +305,28 @@ def _of_means(
     if blocks is not None:
         return findings.turned(blocks, findings.OF_VEHICLE, mean.time_ns, topic)
     causes = current.causes(_ANY, _LEAST_MEANS)
-    of_vehicle = sources.vehicle.causes(_RELATIVE, _LEAST_DIVES)
-    rivals = odds(causes | {f"{cause}{_OF_VEHICLE}": gain for cause, gain in of_vehicle.items()})
+    for cause, gain in sources.vehicle.causes(_RELATIVE, _LEAST_DIVES).items():
+        # a scale is one, whatever it is relative to
+        name = cause if cause == SCALE_CAUSE else f"{cause}{_OF_VEHICLE}"
+        causes[name] = float(np.logaddexp(causes.get(name, -math.inf), gain))
+    rivals = odds(causes)
     if not rivals:
         return None
     cause, share = rivals[0]
     if cause.endswith(_OF_VEHICLE):
-        kinds = kinds_of(cause.removesuffix(_OF_VEHICLE), _RELATIVE)
-        best = sources.vehicle.explanation(kinds, _LEAST_DIVES, _TURN_GAIN)
+        best = sources.vehicle.explanation(_TURNED, _LEAST_DIVES, _TURN_GAIN)
         # what excludes an instrument must be certain
         if best is not None and share >= _LIKELY:
             return findings.turned(best, findings.OF_VEHICLE, mean.time_ns, topic)
+    elif cause == SCALE_CAUSE:
+        scales = (
+            current.explanation(_UNIT, _LEAST_UNITS),
+            current.explanation(SCALES, _LEAST_MEANS),
+            sources.vehicle.explanation(_UNIT, _LEAST_MEANS),
+        )
+        best = max((each for each in scales if each), key=lambda each: each.gain, default=None)
     else:
-        best = current.explanation(_UNIT, _LEAST_UNITS) if cause == UNIT_CAUSE else None
-        best = best or current.explanation(kinds_of(cause, _ANY), _LEAST_MEANS)
+        best = current.explanation(kinds_of(cause, _ANY), _LEAST_MEANS)
     if best is None or (share < _LIKELY and best.pairs < _ENOUGH):
         return None
     if share < _LIKELY:

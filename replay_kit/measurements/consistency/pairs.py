@@ -190,7 +190,7 @@ class PairStatistics:
         return _Fits(gain, ratio, favoured / count, amount)
 
     def causes(self, kinds: Sequence[str], least_pairs: int) -> dict[str, float]:
-        """Return the log-likelihood ratio to equality of each cause of some kinds, all its hypotheses together; none without pairs.
+        """Return the logarithm of the odds of each cause of some kinds, all its hypotheses together, to equality; none without pairs.
 
         Args:
             kinds: Of hypotheses.
@@ -278,7 +278,7 @@ def _squared(pair: Pair) -> float:
 
 
 def odds(causes: Mapping[str, float]) -> list[tuple[str, float]]:
-    """Return the probability of each of some causes by their log-likelihood ratios and equal odds before, the likeliest first."""
+    """Return the probability of each of some causes, the likeliest first, by the logarithms of their posterior odds to none."""
     if not causes:
         return []
     ranked = sorted(causes.items(), key=lambda each: -each[1])

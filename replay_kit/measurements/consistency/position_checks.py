@@ -1,6 +1,4 @@
-"""The checks of positions: a vehicle that dives and stays on one spot to the last digit, places that no one vehicle can join, and fixes
-that its dead reckoning and its speed do not reach.
-"""
+"""The checks of positions: one spot to the last digit in dives, fixes out of reach, and places that no one vehicle can join."""
 
 import math
 from dataclasses import dataclass, replace

@@ -36,7 +36,10 @@ _CAUSES = {
     "offset": "a constant offset",
     "drift": "a drift",
 }
-UNIT_CAUSE = _CAUSES["unit"]
+# Slips of axes and units are the usual ones. Those of one cause share it: turns with mirrors, units with scales.
+_PRIORS = {"turn": 0.4, "mirror": 0.4, "unit": 0.4, "scale": 0.4, "offset": 0.15, "drift": 0.05}
+#: The cause of units and other scales.
+SCALE_CAUSE = _CAUSES["unit"]
 # Smaller ones are not told from a vehicle's error of its own speed, where velocities are relative to it.
 _LEAST_UNIT = 3.0
 _MIRRORS = {
@@ -90,10 +93,11 @@ class Hypothesis:
 
     @property
     def prior(self) -> float:
-        """Its probability among those of its cause, before any pair: of directions half is that of the slips."""
-        if self.cause == _CAUSES["turn"]:
-            return 0.125 if self.is_slip else 0.5 / 65.0
-        return 0.5 / len(_SCALES) if self.cause == _CAUSES["unit"] else 1.0
+        """Its probability before any pair, given that something is wrong: of directions half is that of the slips."""
+        of_cause = _PRIORS[self.kind]
+        if self.kind in ("turn", "mirror"):
+            return of_cause * (0.125 if self.is_slip else 0.5 / 65.0)
+        return of_cause * (0.5 / len(_SCALES) if self.kind in ("unit", "scale") else 1.0)
 
     @property
     def matrix(self) -> Array:

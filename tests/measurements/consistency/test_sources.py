@@ -162,7 +162,7 @@ def turned(degrees, way=(0.25, 0.0)):
     return logged
 
 
-@pytest.mark.parametrize(("degrees", "dives"), [(30.0, 4), (-40.0, 3), (90.0, 3), (180.0, 2)])
+@pytest.mark.parametrize(("degrees", "dives"), [(30.0, 3), (-40.0, 3), (90.0, 2), (180.0, 2)])
 def test_a_turned_compass_is_named_when_no_other_cause_explains_the_dives(degrees, dives):
     found, state = findings_after(CURRENTS, turned(degrees))
     assert found == [(COMPASS, dives)]
@@ -205,7 +205,7 @@ def test_a_unit_is_not_taken_for_a_turned_compass():
     ("factor", "dives", "words"),
     [
         (8.0, 2, "about 10 times"),
-        (20.0, 4, "about 10 times"),
+        (20.0, 3, "about 10 times"),
         (100.0, 1, ": the profiles are 100 times"),
     ],
 )
