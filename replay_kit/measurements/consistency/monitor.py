@@ -13,28 +13,22 @@ import numpy as np
 from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.measurements.consistency import checks, findings
+from replay_kit.measurements.consistency.causes import (
+    LEAST_DIVES,
+    LEAST_MEANS,
+    LEAST_MOTIONS,
+    TURNED,
+    cause_of_pairs,
+)
 from replay_kit.measurements.consistency.depths import (
     Depth,
     DepthRecord,
     can_compare,
     found_of_depths,
 )
-from replay_kit.measurements.consistency.pairs import SCALES, PairStatistics, odds
 from replay_kit.measurements.consistency.raw import RawHistory
 from replay_kit.measurements.consistency.sources import SourceStatistics
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
-from replay_kit.measurements.consistency.usual_faults import SCALE_CAUSE, kinds_of
-
-# Pairs before which nothing is said: of mean currents, of dives relative to the vehicle, of the platform's motion, of gross units.
-_LEAST_MEANS, _LEAST_DIVES, _LEAST_MOTIONS, _LEAST_UNITS = 3, 2, 4, 1
-# Log-likelihood ratio of a turn relative to the vehicle, and the probability that the named cause has among all. Pairs after
-# which a contradiction is named without a cause, but with the odds of all.
-_TURN_GAIN, _LIKELY, _ENOUGH = 7.0, 0.98, 6
-_TURNED, _UNIT = ("turn", "mirror"), ("unit",)
-# Relative to the vehicle an offset and small scales are also those of its way.
-_RELATIVE, _ANY = ("turn", "mirror", "unit"), ("turn", "mirror", "unit", "scale", "offset", "drift")
-
-_OF_VEHICLE = " relative to the vehicle"
 
 #: What is checked.
 Checked = VehicleState | Observation | PathMean
@@ -112,11 +106,11 @@ def unknowable(state: ConsistencyState) -> tuple[str, ...]:
         return ()
     found = []
     sources = [instrument.sources for instrument in instruments]
-    if not any(len(each.current.pairs) + len(each.drift.pairs) >= _LEAST_MEANS for each in sources):
+    if not any(len(each.current.pairs) + len(each.drift.pairs) >= LEAST_MEANS for each in sources):
         found.append(
             "an offset, a drift or a scale of the profiles (an offset cancels in profiles relative to the platform)"
             if not state.absolute_pings
-            else f"an offset, a drift or a scale of the profiles ({_LEAST_MEANS} mean currents of dives, or drifts, beside them would tell)"
+            else f"an offset, a drift or a scale of the profiles ({LEAST_MEANS} mean currents of dives, or drifts, beside them would tell)"
         )
     if not any(can_compare(instrument.depths, state.depths) for instrument in instruments):
         found.append(
@@ -126,14 +120,14 @@ def unknowable(state: ConsistencyState) -> tuple[str, ...]:
 
 
 def _tell_directions(sources: SourceStatistics) -> bool:
-    means = sources.current.tell_directions(_LEAST_MEANS) or sources.drift.tell_directions(
-        _LEAST_MEANS
+    means = sources.current.tell_directions(LEAST_MEANS) or sources.drift.tell_directions(
+        LEAST_MEANS
     )
     motions = any(
-        each.tell_directions(_LEAST_MOTIONS)
+        each.tell_directions(LEAST_MOTIONS)
         for each in (sources.blocks, sources.motion, sources.track)
     )
-    return means or motions or sources.vehicle.tell_directions(_LEAST_DIVES)
+    return means or motions or sources.vehicle.tell_directions(LEAST_DIVES)
 
 
 def check(
@@ -172,7 +166,7 @@ def _after_equal_mean(state: ConsistencyState, mean: PathMean) -> ConsistencySta
     number = number + 1 if velocity == mean.velocity else 1
     since_ns = since_ns if number > 1 else mean.time_ns
     state = replace(state, equal_means=(mean.velocity, since_ns, number))
-    if number < _LEAST_MEANS or findings.MEANS in state.named:
+    if number < LEAST_MEANS or findings.MEANS in state.named:
         return state
     found = findings.equal_means(mean, since_ns, number)
     return replace(state, named=state.named | {found.name}, findings=(*state.findings, found))
@@ -272,7 +266,7 @@ def _of_ping(instrument: Instrument, ping: Observation) -> list[Finding]:
             (sources.motion, findings.OF_MOTION),
             (sources.track, findings.OF_TRACK),
         ):
-            explanation = statistics.explanation(_TURNED, _LEAST_MOTIONS)
+            explanation = statistics.explanation(TURNED, LEAST_MOTIONS)
             if explanation is not None:
                 return [*found, findings.turned(explanation, what, ping.time_ns, ping.source.topic)]
     return found
@@ -287,7 +281,7 @@ def _after_mean(
     if not instrument.is_believed:
         return instrument, ()
     current = sources.drift if mean.kind == "drift" else sources.current
-    finding = _of_means(sources, current, mean, topic)
+    finding = cause_of_pairs(sources, current, mean, topic)
     # that something is wrong may come before what it is
     known = (findings.OF_SOURCES - {findings.UNDECIDED}) | {findings.COMPASS}
     if finding is None or finding.name in instrument.named or known & instrument.named:
@@ -295,43 +289,6 @@ def _after_mean(
     believed = not finding.distrusts
     named = instrument.named | {finding.name}
     return replace(instrument, is_believed=believed, named=named), (finding,)
-
-
-def _of_means(
-    sources: SourceStatistics, current: PairStatistics, mean: PathMean, topic: str
-) -> Finding | None:
-    """Return what a mean current established: of all causes the likeliest, once it is likely enough or there are many pairs."""
-    blocks = sources.blocks.explanation(_TURNED, _LEAST_MOTIONS)
-    if blocks is not None:
-        return findings.turned(blocks, findings.OF_VEHICLE, mean.time_ns, topic)
-    causes = current.causes(_ANY, _LEAST_MEANS)
-    for cause, gain in sources.vehicle.causes(_RELATIVE, _LEAST_DIVES).items():
-        # a scale is one, whatever it is relative to
-        name = cause if cause == SCALE_CAUSE else f"{cause}{_OF_VEHICLE}"
-        causes[name] = float(np.logaddexp(causes.get(name, -math.inf), gain))
-    rivals = odds(causes)
-    if not rivals:
-        return None
-    cause, share = rivals[0]
-    if cause.endswith(_OF_VEHICLE):
-        best = sources.vehicle.explanation(_TURNED, _LEAST_DIVES, _TURN_GAIN)
-        # what excludes an instrument must be certain
-        if best is not None and share >= _LIKELY:
-            return findings.turned(best, findings.OF_VEHICLE, mean.time_ns, topic)
-    elif cause == SCALE_CAUSE:
-        scales = (
-            current.explanation(_UNIT, _LEAST_UNITS),
-            current.explanation(SCALES, _LEAST_MEANS),
-            sources.vehicle.explanation(_UNIT, _LEAST_MEANS),
-        )
-        best = max((each for each in scales if each), key=lambda each: each.gain, default=None)
-    else:
-        best = current.explanation(kinds_of(cause, _ANY), _LEAST_MEANS)
-    if best is None or (share < _LIKELY and best.pairs < _ENOUGH):
-        return None
-    if share < _LIKELY:
-        return findings.undecided(best, rivals, mean, topic)
-    return findings.of_sources(best, rivals, mean, topic)
 
 
 def unused(ping: Observation, reason: Reason) -> Observation:

@@ -90,6 +90,8 @@ class PositionRun:
 # m, m/s and s: error of two positions, least and greatest speed that a vehicle reaches, how many times as fast as its steps so far, and the
 # longest time over which it is judged
 _ERROR, _LEAST_SPEED, _FASTER, _LONGEST_STEP = 300.0, 2.0, 4.0, 6 * 3600.0
+# m; by how much a fix may put right what was dead-reckoned for hours
+_MOVED = 15e3
 # Displaced positions before which nothing is said, steps and gaps that are remembered, and gaps that show how well positions are reckoned.
 _LEAST_DISPLACED, _REMEMBERED, _LEAST_GAPS = 3, 32, 3
 
@@ -140,12 +142,11 @@ class Displacements:
         if all(self._reaches(*pair) for pair in pairwise(away.beyond)):
             # it stays there
             there = replace(self, last=vehicle, fix=None, beyond=(), reached=_LEAST)
-            if self.reached < _LEAST:
-                # what came first was wrong fixes
+            far = apart(last, away.beyond[0])
+            if self.reached < _LEAST or far < _MOVED:
+                # what came first was wrong fixes, or dead reckoning that a fix put right
                 return there
-            return replace(
-                there, far=apart(last, away.beyond[0]), moved=self.moved or away.beyond[0]
-            )
+            return replace(there, far=far, moved=self.moved or away.beyond[0])
         return replace(away, beyond=away.beyond[1:])
 
     def _reached(
