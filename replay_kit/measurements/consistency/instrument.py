@@ -200,9 +200,11 @@ class Stuck:
         one, first, second = np.sum([product[1:] for product in latest], axis=0).tolist()
         if one < _ALIKE * math.sqrt(first * second) or first * second == 0.0:
             return None
+        unlike = [k for k, (_, p, a, b) in enumerate(self.products) if p < 0.5 * math.sqrt(a * b)]
+        begin = min(unlike[-1] + 1 if unlike else 0, len(self.products) - 1)
         return Finding(
             findings.DEAD,
-            latest[0][0],
+            self.products[begin][0],
             f"{ping.source.topic}: {len(latest)} profiles in a row, at other depths or places, have one shape "
             f"(correlation of second differences {one / math.sqrt(first * second):.2f})",
             "an instrument that hangs, whose last profile is logged with some noise",
